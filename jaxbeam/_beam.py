@@ -1,0 +1,235 @@
+"""What rotates: a uniform slender beam, and the rotor that carries it."""
+
+import functools
+import warnings
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar
+
+
+def real_scalar(name: str, value: Any) -> Scalar:
+    """`value` as a real floating-point scalar array, or an error that names the argument.
+
+    Python numbers are welcome. Arrays must be real, floating and without axes: an integer array
+    has no derivative, and a batch belongs outside, in `jax.vmap` or `jaxbeam.sweep`.
+    """
+    if isinstance(value, bool):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    if isinstance(value, int | float):
+        return jnp.asarray(float(value))
+    dtype = getattr(value, "dtype", None)
+    if dtype is None or not jnp.issubdtype(dtype, jnp.floating):
+        kind = type(value).__name__ if dtype is None else f"an array of {dtype}"
+        raise TypeError(f"{name} must be a real floating-point scalar, got {kind}")
+    if np.shape(value) != ():
+        raise ValueError(
+            f"{name} must be a scalar, got shape {np.shape(value)}; "
+            "batch from outside with jax.vmap or jaxbeam.sweep"
+        )
+    return jnp.asarray(value)
+
+
+def _parameter(name: str, **kwargs: Any) -> Any:
+    return eqx.field(converter=functools.partial(real_scalar, name), **kwargs)
+
+
+class _Parameters(eqx.Module):
+    """Scalars with a lower bound of zero, checked when built from concrete numbers."""
+
+    def __check_init__(self) -> None:
+        for name, (status, zero_allowed) in _RULES.items():
+            value = getattr(self, name, None)
+            if value is not None and not isinstance(value, jax.core.Tracer):
+                require(status, bool(_valid(value, zero_allowed)), value)
+
+
+class Beam(_Parameters):
+    """Uniform, initially straight, slender beam: no shear, no rotary inertia.
+
+    | field                       | symbol | unit  | allowed |
+    |-----------------------------|--------|-------|---------|
+    | length                      | L      | m     | > 0     |
+    | mass_per_length             | rho    | kg/m  | > 0     |
+    | axial_stiffness             | EA     | N     | > 0     |
+    | in_plane_bending_stiffness  | EI_zz  | N m^2 | > 0     |
+    | flap_bending_stiffness      | EI_yy  | N m^2 | > 0     |
+
+    "In plane" is bending within the plane of rotation (lag), "flap" bending out of it. Every
+    field is a scalar leaf, so any of them can be swept, fitted or differentiated.
+    """
+
+    length: Scalar = _parameter("length")
+    mass_per_length: Scalar = _parameter("mass_per_length")
+    axial_stiffness: Scalar = _parameter("axial_stiffness")
+    in_plane_bending_stiffness: Scalar = _parameter("in_plane_bending_stiffness")
+    flap_bending_stiffness: Scalar = _parameter("flap_bending_stiffness")
+
+    @classmethod
+    def from_section(
+        cls,
+        *,
+        length: Any,
+        youngs_modulus: Any,
+        density: Any,
+        area: Any,
+        in_plane_second_moment: Any,
+        flap_second_moment: Any = None,
+    ) -> Self:
+        """From material and cross-section: rho = density * area, EA, EI.
+
+        SI units: m, Pa, kg/m^3, m^2, m^4. `flap_second_moment` defaults to the in-plane one.
+        """
+        named = {
+            "youngs_modulus": youngs_modulus,
+            "density": density,
+            "area": area,
+            "in_plane_second_moment": in_plane_second_moment,
+        }
+        if flap_second_moment is not None:
+            named["flap_second_moment"] = flap_second_moment
+        section = {name: _positive(name, value) for name, value in named.items()}
+        modulus = section["youngs_modulus"]
+        in_plane = modulus * section["in_plane_second_moment"]
+        flap = in_plane
+        if flap_second_moment is not None:
+            flap = modulus * section["flap_second_moment"]
+        return cls(
+            length=length,
+            mass_per_length=section["density"] * section["area"],
+            axial_stiffness=modulus * section["area"],
+            in_plane_bending_stiffness=in_plane,
+            flap_bending_stiffness=flap,
+        )
+
+    @classmethod
+    def from_slenderness(cls, slenderness: Any, *, flap_to_in_plane: Any = 1.0) -> Self:
+        """Nondimensional beam: L = rho = EI_zz = 1, EA = slenderness^2.
+
+        slenderness = L sqrt(EA / EI_zz) = L sqrt(A / I_zz). Frequencies and speeds of such a beam
+        are in units of sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses
+        in units of the mass of the beam. `flap_to_in_plane` is EI_yy / EI_zz.
+        """
+        slenderness = _positive("slenderness", slenderness)
+        return cls(
+            length=1.0,
+            mass_per_length=1.0,
+            axial_stiffness=slenderness**2,
+            in_plane_bending_stiffness=1.0,
+            flap_bending_stiffness=_positive("flap_to_in_plane", flap_to_in_plane),
+        )
+
+    @property
+    def mass(self) -> Scalar:
+        """Mass of the beam, rho L, in kg."""
+        return self.mass_per_length * self.length
+
+    @property
+    def frequency_scale(self) -> Scalar:
+        """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L)."""
+        return jnp.sqrt(
+            self.in_plane_bending_stiffness / (self.mass_per_length * self.length**4)
+        )
+
+    @property
+    def slenderness(self) -> Scalar:
+        """L sqrt(EA / EI_zz), without unit."""
+        return self.length * jnp.sqrt(self.axial_stiffness / self.in_plane_bending_stiffness)
+
+
+class Rotor(_Parameters):
+    """A beam clamped radially to a rigid hub, with a point mass at its tip.
+
+    | field      | symbol | unit | allowed |
+    |------------|--------|------|---------|
+    | beam       |        |      |         |
+    | hub_radius | R      | m    | >= 0    |
+    | tip_mass   | m_t    | kg   | >= 0    |
+
+    The hub radius is the distance from the axis of rotation to the root of the beam.
+    """
+
+    beam: Beam
+    hub_radius: Scalar = _parameter("hub_radius", default=0.0)
+    tip_mass: Scalar = _parameter("tip_mass", default=0.0)
+
+    def tension(self, angular_speed: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Axial force that carries the undeformed beam round, as three coefficients in N.
+
+        P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
+             = c_0 + c_1 (1 - xi) + c_2 (1 - xi^2) / 2,  xi = x / L,
+
+        P of Y eqs. 19-20 for steady rotation, with the tip mass in the mass measure, and EA times
+        the strains of B eqs. 41-43.
+        """
+        beam, speed2 = self.beam, angular_speed**2
+        return (
+            speed2 * self.tip_mass * (self.hub_radius + beam.length),
+            speed2 * beam.mass * self.hub_radius,
+            speed2 * beam.mass * beam.length,
+        )
+
+    def status(self, angular_speed: Scalar) -> Code:
+        """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
+        values = {
+            **{name: getattr(self.beam, name) for name in _BEAM_NAMES},
+            "hub_radius": self.hub_radius,
+            "tip_mass": self.tip_mass,
+        }
+        code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
+        for name, value in reversed(values.items()):
+            status, zero_allowed = _RULES[name]
+            code = jnp.where(_valid(value, zero_allowed), code, status)
+        return code
+
+
+_RULES = {  # argument: (status when broken, whether zero is allowed)
+    "length": (Status.INVALID_LENGTH, False),
+    "mass_per_length": (Status.INVALID_MASS_PER_LENGTH, False),
+    "axial_stiffness": (Status.INVALID_AXIAL_STIFFNESS, False),
+    "in_plane_bending_stiffness": (Status.INVALID_IN_PLANE_BENDING_STIFFNESS, False),
+    "flap_bending_stiffness": (Status.INVALID_FLAP_BENDING_STIFFNESS, False),
+    "hub_radius": (Status.INVALID_HUB_RADIUS, True),
+    "tip_mass": (Status.INVALID_TIP_MASS, True),
+}
+_BEAM_NAMES = tuple(_RULES)[:5]
+
+
+def _valid(value: Any, zero_allowed: bool) -> Any:
+    return jnp.isfinite(value) & ((value >= 0) if zero_allowed else (value > 0))
+
+
+def require(status: Status, ok: bool, value: Any) -> None:
+    """Raise `ValueError` with the sentence of `status` unless `ok`."""
+    if not ok:
+        raise ValueError(f"{status.message}, got {value}")
+
+
+def _positive(name: str, value: Any) -> Scalar:
+    value = real_scalar(name, value)
+    if not isinstance(value, jax.core.Tracer) and not bool(_valid(value, False)):
+        raise ValueError(f"{name} must be finite and > 0, got {value}")
+    return value
+
+
+def steady_speed(angular_speed: Any) -> Scalar:
+    """`angular_speed` checked for structure and, where its value is known, for finiteness.
+
+    Also the place that warns when 64-bit floats are off, since every steady computation passes
+    through here.
+    """
+    if not jax.config.read("jax_enable_x64"):
+        warnings.warn(
+            "jax runs in 32-bit floats: frequencies will carry about three digits. Call "
+            "jax.config.update('jax_enable_x64', True) before anything else.",
+            stacklevel=3,
+        )
+    speed = real_scalar("angular_speed", angular_speed)
+    if not isinstance(speed, jax.core.Tracer):
+        require(Status.INVALID_ANGULAR_SPEED, bool(jnp.isfinite(speed)), speed)
+    return speed

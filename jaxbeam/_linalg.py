@@ -1,0 +1,142 @@
+"""Dense linear algebra that cannot hang.
+
+Two independent *batched* LAPACK calls in one XLA program can wait for each other for ever on a
+machine with two cores: each is split into tasks for the thread pool whose workers they block.
+Everything below therefore meets LAPACK one matrix at a time. `sequential_vmap` turns `vmap` into a
+loop over single calls, which costs nothing measurable for the sizes at hand (the work is in
+LAPACK), and gives each lane its own branches and its own number of iterations.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array, Float, Inexact, Int
+
+
+@sequential_vmap
+def _lapack_solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, " n"]:
+    return jnp.linalg.solve(a, b)
+
+
+def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, " n"]:
+    """x with a x = b, differentiable to any order in both modes."""
+    frozen = jax.lax.stop_gradient(a)
+    return jax.lax.custom_linear_solve(
+        lambda x: a @ x,
+        b,
+        solve=lambda _, y: _lapack_solve(frozen, y),
+        transpose_solve=lambda _, y: _lapack_solve(frozen.T, y),
+    )
+
+
+class BlockPairs(NamedTuple):
+    """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
+
+    eigenvalue: Inexact[Array, " n"]
+    right: Inexact[Array, "n n"]  # rows
+    positive: Int[Array, ""]  # whether the axial stiffness is positive definite
+
+
+def planar_eigenpairs(
+    mass: Float[Array, "n n"],
+    gyroscopic: Float[Array, "n n"],
+    stiffness: Float[Array, "n n"],
+    n_transverse: int,
+) -> BlockPairs:
+    """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda >= 0, lowest first.
+
+    The first `n_transverse` coordinates w are transverse, the others u axial; M and K do not
+    couple the two, G couples nothing else. Then w and u move in quadrature, and with g the block
+    of G that takes u' into the equations of w, two real n-by-n problems replace the complex
+    2n-by-2n one.
+
+    K positive definite (Hermitian, all modes stable). With K = L L^T and M = F F^T,
+
+        B = [[-L_w^-1 g L_u^-T, L_w^-1 F_w], [(L_u^-1 F_u)^T, 0]]
+
+    has the singular values 1 / omega. The lowest frequencies are the largest singular values, so
+    they come out to full relative accuracy however stiff the rest is.
+
+    K indefinite in w. The general problem in nu = 1 / omega^2,
+
+        [[M_w, -g], [0, M_u]] z = ... i.e. A^-1 B z = nu z,  A = [[K_w, 0], [g^T, K_u]],
+
+    gives growing and decaying modes. Of a pair +-lambda the one with Im > 0 is returned, of a real
+    pair the growing one.
+
+    K not positive in u: there is no steady state to vibrate about; `positive` is 0, results NaN.
+
+    Eigenvectors are scaled to x^T S M x = 1 with S = diag(1 on w, -1 on u). For stable modes that
+    is unit modal mass: w is real, u imaginary.
+    """
+    return BlockPairs(*_eigensolver(n_transverse)(mass, gyroscopic, stiffness))
+
+
+def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
+    def lower(a: Array, b: Array, transpose: bool = False) -> Array:
+        return jax.lax.linalg.triangular_solve(
+            a, b, left_side=True, lower=True, transpose_a=transpose
+        )
+
+    @sequential_vmap
+    def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+        n = m.shape[0]
+        na = n - nt
+        g = gyro[:nt, nt:]
+        signature = jnp.where(jnp.arange(n) < nt, 1.0, -1.0)
+        lu = jnp.linalg.cholesky(k[nt:, nt:])
+        lw = jnp.linalg.cholesky(k[:nt, :nt])
+        axial_ok = jnp.all(jnp.isfinite(lu))
+        finite = jnp.all(jnp.isfinite(m)) & jnp.all(jnp.isfinite(gyro)) & jnp.all(jnp.isfinite(k))
+
+        def hermitian(_: None) -> tuple[Array, Array]:
+            fw = lower(lw, jnp.linalg.cholesky(m[:nt, :nt]))
+            fu = lower(lu, jnp.linalg.cholesky(m[nt:, nt:]))
+            coupling = lower(lu, lower(lw, g).T).T
+            b = jnp.block([[-coupling, fw], [fu.T, jnp.zeros((na, nt), m.dtype)]])
+            u, sigma, vt = jnp.linalg.svd(b)
+            w = lower(lw, u[:nt], transpose=True)
+            a = lower(lu, vt.T[:na], transpose=True)
+            return 1j / sigma, jnp.concatenate([w + 0j, -1j * a])
+
+        def general(_: None) -> tuple[Array, Array]:
+            zero = jnp.zeros((nt, na), m.dtype)
+            a = jnp.block([[k[:nt, :nt], zero], [g.T, k[nt:, nt:]]])
+            b = jnp.block([[m[:nt, :nt], -g], [zero.T, m[nt:, nt:]]])
+            nu, z = jax.lax.linalg.eig(
+                jnp.linalg.solve(a, b), compute_left_eigenvectors=False
+            )
+            omega = jnp.sqrt(1 / nu)  # principal root: Re >= 0
+            growing = (omega.real == 0) & (omega.imag > 0)
+            lam = 1j * jnp.where(growing, -omega, omega) + 0.0  # no negative zeros
+            x = jnp.where(jnp.arange(n)[:, None] < nt, z, -lam * z)
+            order = jnp.argsort(-(lam**2).real)
+            return lam[order], x[:, order]
+
+        def nothing(_: None) -> tuple[Array, Array]:
+            nan = jnp.full((n, n), jnp.nan, m.dtype) + 0j
+            return nan[0], nan
+
+        stable = jnp.all(jnp.isfinite(lw))
+        case = jnp.where(finite & axial_ok, jnp.where(stable, 0, 1), 2)
+        lam, x = jax.lax.switch(case, [hermitian, general, nothing], None)
+        norm = jnp.sum(x * (signature[:, None] * (m @ x)), axis=0)
+        return lam, (x / jnp.sqrt(norm)).T, axial_ok.astype(int)
+
+    return solver
+
+
+@sequential_vmap
+def symmetric_modes(
+    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"]
+) -> Float[Array, "n n"]:
+    """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite."""
+    f = jnp.linalg.cholesky(mass)
+    a = jax.lax.linalg.triangular_solve(f, stiffness, left_side=True, lower=True)
+    a = jax.lax.linalg.triangular_solve(f, a.T, left_side=True, lower=True)
+    vectors = jnp.linalg.eigh((a + a.T) / 2)[1]
+    return jax.lax.linalg.triangular_solve(
+        f, vectors, left_side=True, lower=True, transpose_a=True
+    ).T

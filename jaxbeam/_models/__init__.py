@@ -1,0 +1,1 @@
+"""Theories of a rotating beam, one file each."""

@@ -1,0 +1,83 @@
+"""What every model offers to the rest of the package."""
+
+import abc
+import enum
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._beam import Rotor
+from jaxbeam._types import Code, Matrix, Scalar
+
+
+class Family(enum.IntEnum):
+    """Which way a coordinate or a mode moves."""
+
+    IN_PLANE = 0
+    FLAP = 1
+    AXIAL = 2
+
+    @property
+    def title(self) -> str:
+        return ("in-plane bending", "flap bending", "axial")[self]
+
+
+class Label(NamedTuple):
+    """Name of a mode: its family, and its number within the family, from 1."""
+
+    family: Family
+    order: int
+
+    def __str__(self) -> str:
+        return f"{self.family.title} {self.order}"
+
+
+def labels(*, in_plane: int = 0, flap: int = 0, axial: int = 0) -> tuple[Label, ...]:
+    """Labels of the first modes of each family: `labels(in_plane=2, flap=1)` is three labels."""
+    counts = {Family.IN_PLANE: in_plane, Family.FLAP: flap, Family.AXIAL: axial}
+    return tuple(Label(f, k + 1) for f, count in counts.items() for k in range(count))
+
+
+class LinearSystem(eqx.Module):
+    """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
+
+    `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is
+    N/m when coordinates are metres. In-plane and axial coordinates are coupled by `gyroscopic`
+    alone, flap coordinates are coupled to neither: true of a straight beam that turns in its
+    plane, and what the eigensolver builds on. `families` names the direction of each coordinate.
+    `steady_strain` is the largest axial strain of the steady state, without unit.
+    """
+
+    mass: Matrix
+    gyroscopic: Matrix
+    stiffness: Matrix
+    steady_strain: Scalar
+    status: Code
+    families: tuple[Family, ...] = eqx.field(static=True)
+
+    def where(self, *families: Family) -> np.ndarray:
+        """Indices of the coordinates of these families, in the order of the families given."""
+        found = [np.flatnonzero([f == g for g in self.families]) for f in families]
+        return np.concatenate(found) if found else np.zeros(0, int)
+
+
+class AbstractModel(eqx.Module):
+    """A theory with its discretisation. It holds no parameters of the beam, only static choices."""
+
+    @abc.abstractmethod
+    def linearise(self, rotor: Rotor, angular_speed: float | Scalar) -> LinearSystem:
+        """Matrices of small motion about steady rotation at `angular_speed` (rad/s)."""
+
+    @abc.abstractmethod
+    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
+        """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
+
+
+def count_functions(name: str, value: int, least: int = 0) -> None:
+    """Raise unless `value` is a whole number of functions or elements, at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"{name} must be an int, got {type(value).__name__}")
+    if value < least:
+        raise ValueError(f"{name} must be >= {least}, got {value}")

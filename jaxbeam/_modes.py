@@ -1,0 +1,297 @@
+"""Frequencies, growth rates and mode shapes about steady rotation, labelled and differentiable."""
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jaxbeam._beam import Rotor, steady_speed
+from jaxbeam._linalg import planar_eigenpairs, solve, symmetric_modes
+from jaxbeam._models.base import AbstractModel, Family, Label, LinearSystem
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar, Vectors
+
+
+Result = TypeVar("Result")
+
+
+class Modes(eqx.Module):
+    """k modes x e^(lambda t) of M q'' + G q' + K q = 0 with n coordinates.
+
+    | field        | shape  | unit  |                                                            |
+    |--------------|--------|-------|------------------------------------------------------------|
+    | eigenvalue   | (k,)   | rad/s | lambda = growth_rate + i frequency, frequency >= 0         |
+    | shape        | (k, n) | *     | x, scaled to unit modal mass; transverse part real, axial  |
+    |              |        |       | part imaginary (a quarter turn later) while stable         |
+    | family       | (k,)   |       | `Family` of the mode as an integer                         |
+    | order        | (k,)   |       | its number within the family, from 1                       |
+    | energy_share | (k, 3) |       | share of kinetic energy that is in plane, flap, axial      |
+    | residual     | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M)        |
+    |              |        |       | + abs(lambda) norm(G) + norm(K)) norm(x))                  |
+    | status       | ()     |       | `Status`; unless OK all numbers above are NaN              |
+    | steady_strain| ()     |       | largest axial strain of the steady state                   |
+
+    (*) kg^-1/2 for coordinates in metres.
+
+    **Labels** do not depend on how a speed was reached. Without Coriolis coupling the modes at any
+    speed fall into families, each with simple frequencies that never cross, so their numbers mean
+    something. A coupled mode takes the label of the uncoupled mode *at the same speed* in which it
+    has most of its kinetic energy, each label given once. Through a crossing or a veering a label
+    therefore stays with the kind of motion; inside a veering it changes branch where the two
+    branches share the motion equally. The position among the in-plane and axial modes in order of
+    frequency is the label that follows a branch instead.
+    """
+
+    eigenvalue: Complex[Array, " k"]
+    shape: Vectors
+    family: Int[Array, " k"]
+    order: Int[Array, " k"]
+    energy_share: Float[Array, "k 3"]
+    residual: Float[Array, " k"]
+    status: Code
+    steady_strain: Scalar
+
+    @property
+    def frequency(self) -> Float[Array, " k"]:
+        """Im(lambda) in rad/s; zero for a mode that diverges."""
+        return self.eigenvalue.imag
+
+    @property
+    def growth_rate(self) -> Float[Array, " k"]:
+        """Re(lambda) in 1/s: positive for a mode that grows."""
+        return self.eigenvalue.real
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """Labels of the modes, once their values are known (not under `jit`)."""
+        pairs = zip(np.asarray(self.family), np.asarray(self.order), strict=True)
+        return tuple(Label(Family(int(f)), int(k)) for f, k in pairs)
+
+
+def modes(
+    model: AbstractModel,
+    rotor: Rotor,
+    angular_speed: float | Scalar,
+    which: int | Sequence[Label] = 6,
+    *,
+    throw: bool = True,
+) -> Modes:
+    """Modes of small vibration about steady rotation at `angular_speed` (rad/s).
+
+    `which` is how many, lowest first (growing ones before all), or the labels wanted, in that
+    order (see `labels`). Real symmetric computations while the stiffness is positive definite,
+    the general eigenproblem with growth rates where it is not.
+
+    Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
+    both modes and to any order, wherever the eigenvalue is simple within its plane; crossings of
+    flap with in-plane modes are harmless. First derivatives of eigenvalues cost no linear solve:
+    d lambda = -y^T (lambda^2 dM + lambda dG + dK) x / y^T (2 lambda M + G) x.
+
+    `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps.
+
+    Raises `ValueError` for a `which` that the model does not have, and, with `throw`, a
+    `RuntimeError` that says which parameter is out of range or that no steady state exists.
+    """
+    if isinstance(which, int):
+        chosen: int | tuple[Label, ...] = which
+    else:
+        chosen = tuple(Label(Family(f), int(k)) for f, k in which)
+    result = _modes(model, rotor, steady_speed(angular_speed), chosen)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+def raise_unless_ok(result: Result, status: Code) -> Result:
+    """`result`, or the exception that belongs to `status`; works inside `jit`."""
+    if isinstance(status, jax.core.Tracer):
+        sentences = [s.message for s in Status]
+        return eqx.branched_error_if(result, status != Status.OK, status, sentences)
+    ended = Status(int(status))
+    if Status.OK < ended < Status.NO_EQUILIBRIUM:
+        raise ValueError(ended.message)
+    if ended != Status.OK:
+        raise RuntimeError(ended.message)
+    return result
+
+
+@eqx.filter_jit
+def _modes(
+    model: AbstractModel, rotor: Rotor, speed: Scalar, which: int | tuple[Label, ...]
+) -> Modes:
+    system = model.linearise(rotor, speed)
+    wanted = _check(which, system)
+    everything = [
+        _plane(system, *families)
+        for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
+        if system.where(*families).size
+    ]
+    eigenvalue, shape, family, order, positive = (
+        jnp.concatenate(parts) for parts in zip(*everything, strict=True)
+    )
+    if isinstance(wanted, int):
+        pick = jnp.argsort(-(eigenvalue**2).real)[:wanted]
+    else:
+        pick = jnp.stack([jnp.argmax((family == f) & (order == k)) for f, k in wanted])
+    eigenvalue, shape, family, order = (a[pick] for a in (eigenvalue, shape, family, order))
+
+    kinds = jnp.asarray(system.families)
+    axial = kinds == Family.AXIAL
+    signature = jnp.where(axial, -1.0, 1.0)
+    same_plane = (kinds == Family.FLAP) == (family == Family.FLAP)[:, None]
+    matrices = (system.mass, system.gyroscopic, system.stiffness)
+    eigenvalue, shape = _differentiable(
+        *matrices, eigenvalue, shape, same_plane.astype(speed.dtype), signature
+    )
+
+    kinetic = (shape.conj() * (shape @ system.mass)).real
+    share = jnp.stack([jnp.sum(kinetic * (kinds == f), -1) for f in Family], -1)
+    ended = jnp.where(jnp.all(positive), Status.OK, Status.NO_EQUILIBRIUM)
+    status = jnp.where(system.status == Status.OK, ended, system.status)
+    status = jnp.where(
+        (status == Status.OK) & ~jnp.all(jnp.isfinite(eigenvalue)), Status.NOT_FINITE, status
+    )
+    ok = status == Status.OK
+    return Modes(
+        eigenvalue=jnp.where(ok, eigenvalue, jnp.nan),
+        shape=jnp.where(ok, shape * _sign(model, shape, family)[:, None], jnp.nan),
+        family=family,
+        order=order,
+        energy_share=jnp.where(ok, share / jnp.sum(share, -1, keepdims=True), jnp.nan),
+        residual=jnp.where(ok, _residual(matrices, eigenvalue, shape), jnp.nan),
+        status=status,
+        steady_strain=system.steady_strain,
+    )
+
+
+def _check(which: int | tuple[Label, ...], system: LinearSystem) -> int | tuple[Label, ...]:
+    total = len(system.families)
+    if isinstance(which, int):
+        if not 1 <= which <= total:
+            raise ValueError(f"which must be between 1 and {total} for this model, got {which}")
+        return which
+    if not which:
+        raise ValueError("which must name at least one mode")
+    for label in which:
+        available = system.families.count(label.family)
+        if not 1 <= label.order <= available:
+            raise ValueError(
+                f"which: this model has {available} modes of {label.family.title}, "
+                f"so there is no {label}"
+            )
+    return which
+
+
+def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> tuple[Array, ...]:
+    """Eigenvalues, shapes (padded to all coordinates), labels of one plane; nothing flows back."""
+    rows = system.where(transverse, *axial)
+    n_transverse = system.where(transverse).size
+    m, g, k = (
+        jax.lax.stop_gradient(a)[np.ix_(rows, rows)]
+        for a in (system.mass, system.gyroscopic, system.stiffness)
+    )
+    n = rows.size
+    pairs = planar_eigenpairs(m, g, k, n_transverse)
+    shape = jnp.zeros((n, len(system.families)), pairs.right.dtype).at[:, rows].set(pairs.right)
+    orders = np.concatenate([np.arange(n_transverse), np.arange(n - n_transverse)]) + 1
+    kinds = np.array([int(transverse)] * n_transverse + [int(a) for a in axial] * (n - n_transverse))
+    if 0 < n_transverse < n:
+        column = _assign(_participation(m, k, pairs.right, n_transverse))
+    else:  # one family alone: no coupling, the rank is the order
+        column = jnp.arange(n)
+    return (
+        pairs.eigenvalue,
+        shape,
+        jnp.asarray(kinds)[column],
+        jnp.asarray(orders)[column],
+        jnp.full(n, pairs.positive == 1),
+    )
+
+
+def _participation(m: Array, k: Array, x: Array, n_transverse: int) -> Float[Array, "n n"]:
+    """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j."""
+    parts = []
+    for part in (slice(0, n_transverse), slice(n_transverse, None)):
+        v = symmetric_modes(m[part, part], k[part, part])
+        parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
+    share = jnp.concatenate(parts, axis=1)
+    return share / jnp.sum(share, axis=1, keepdims=True)
+
+
+def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:
+    """Column for each row: the largest entry first, each row and column used once."""
+    n = share.shape[0]
+
+    def body(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        left, column = state
+        row, col = jnp.divmod(jnp.argmax(left), n)
+        left = jnp.where((jnp.arange(n)[:, None] == row) | (jnp.arange(n) == col), -1.0, left)
+        return left, jnp.where(jnp.arange(n) == row, col, column)
+
+    return jax.lax.fori_loop(0, n, body, (share, jnp.zeros(n, int)))[1]
+
+
+@jax.custom_jvp
+def _differentiable(
+    mass: Array,
+    gyroscopic: Array,
+    stiffness: Array,
+    eigenvalue: Array,
+    shape: Array,
+    same_plane: Array,
+    signature: Array,
+) -> tuple[Array, Array]:
+    """Identity on (eigenvalue, shape) that knows their derivatives by the three matrices.
+
+    Left eigenvectors are y = S x, S = diag(`signature`), because M and K are symmetric and G is
+    skew and couples only coordinates of opposite signature.
+    """
+    return eigenvalue, shape
+
+
+@_differentiable.defjvp
+def _differentiable_jvp(
+    primals: tuple[Array, ...], tangents: tuple[Array, ...]
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    m, g, k, _, _, same_plane, signature = primals
+    dm, dg, dk = tangents[:3]
+    # Through the function itself, not its arguments: then this rule can be differentiated again.
+    eigenvalue, shape = _differentiable(*primals)
+
+    def one(lam: Array, x: Array, plane: Array) -> tuple[Array, Array]:
+        y = signature * x
+        force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
+        slope = 2 * lam * (m @ x) + g @ x
+        dlam = -(y @ force) / (y @ slope)
+        # [Q, Q'x; (S M x)^T, 0] [dx; dlam] = [-dQ x; -x^T S dM x / 2], Q = lam^2 M + lam G + K,
+        # regular for a simple eigenvalue. Rows of the other plane are replaced by dx = 0, since
+        # there Q may be singular: flap and in-plane frequencies of a square section coincide.
+        inside = plane[:, None] * plane
+        q = jnp.where(inside > 0, lam**2 * m + lam * g + k, jnp.diag(1 - plane))
+        bordered = jnp.block([[q, slope[:, None]], [(y @ m)[None], jnp.zeros((1, 1))]])
+        right = jnp.concatenate([-force * plane, -0.5 * (y @ (dm @ x))[None]])
+        return dlam, solve(bordered, right)[:-1]
+
+    return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, same_plane)
+
+
+def _residual(matrices: tuple[Array, Array, Array], lam: Array, x: Array) -> Float[Array, " k"]:
+    norm = jnp.linalg.norm
+    m, g, k = matrices
+    q = lam[:, None] ** 2 * (x @ m.T) + lam[:, None] * (x @ g.T) + x @ k.T
+    size = jnp.abs(lam)
+    return norm(q, axis=-1) / (
+        (size**2 * norm(m) + size * norm(g) + norm(k)) * norm(x, axis=-1)
+    )
+
+
+def _sign(model: AbstractModel, shape: Vectors, family: Array) -> Float[Array, " k"]:
+    """Sign that makes the tip move the positive way in the direction that names the mode."""
+    tip = jnp.einsum("cn,kn->kc", model.displacement(np.ones(1))[:, 0], shape)
+    row = jnp.asarray([1, 2, 0])[family]  # displacement is ordered axial, in plane, flap
+    own = jnp.take_along_axis(tip, row[:, None], 1)[:, 0]
+    # Stable axial parts are imaginary: x = (w, -i u).
+    own = jnp.where(family == Family.AXIAL, -own.imag, own.real)
+    return jax.lax.stop_gradient(jnp.where(own < 0, -1.0, 1.0))
