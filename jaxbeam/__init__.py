@@ -16,6 +16,16 @@ from jaxbeam._models.modal import Classical as Classical
 from jaxbeam._models.modal import Hybrid as Hybrid
 from jaxbeam._modes import Modes as Modes
 from jaxbeam._modes import modes as modes
+from jaxbeam._southwell import Campbell as Campbell
+from jaxbeam._southwell import Crossing as Crossing
+from jaxbeam._southwell import campbell as campbell
+from jaxbeam._southwell import crossing as crossing
+from jaxbeam._southwell import southwell as southwell
 from jaxbeam._status import Status as Status
+from jaxbeam._sweep import Cases as Cases
+from jaxbeam._sweep import Table as Table
+from jaxbeam._sweep import grid as grid
+from jaxbeam._sweep import listed as listed
+from jaxbeam._sweep import sweep as sweep
 
 __version__ = "0.1.0"

@@ -1,0 +1,201 @@
+"""Southwell coefficients, Campbell diagrams, and speeds at which a frequency is met."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._beam import Rotor, real_scalar, steady_speed
+from jaxbeam._models.base import AbstractModel, Label
+from jaxbeam._modes import modes, raise_unless_ok
+from jaxbeam._status import Status
+from jaxbeam._sweep import Table, grid, sweep
+from jaxbeam._types import Code, Scalar
+
+
+def southwell(
+    model: AbstractModel,
+    rotor: Rotor,
+    which: Sequence[Label],
+    angular_speed: float | Scalar = 0.0,
+    *,
+    throw: bool = True,
+) -> Float[Array, " k"]:
+    """Southwell coefficients phi = d(omega^2) / d(Omega^2), one for each label, without unit.
+
+    At rest this is phi of omega^2 = omega_0^2 + phi Omega^2 (B eq. 67); at speed it is the local
+    slope. It includes the Coriolis coupling of bending with stretch when the model has stretch.
+    By differentiation, not by differences: omega d(omega)/d(Omega) / Omega at speed, and half the
+    second derivative of omega^2 at rest, where the former is 0 / 0. Itself differentiable with
+    respect to rotor and speed. For a mode that diverges omega^2 is -growth_rate^2.
+
+    `throw=False` gives NaN where a case fails.
+    """
+    result, status = _southwell(model, rotor, tuple(which), steady_speed(angular_speed))
+    if throw:
+        return raise_unless_ok(result, status)
+    return result
+
+
+@eqx.filter_jit
+def _southwell(
+    model: AbstractModel, rotor: Rotor, which: tuple[Label, ...], speed: Scalar
+) -> tuple[Float[Array, " k"], Code]:
+    def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
+        found = modes(model, rotor, omega, which, throw=False)
+        return -(found.eigenvalue**2).real, found.status
+
+    def rate(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
+        _, slope, status = jax.jvp(square, (omega,), (jnp.ones_like(omega),), has_aux=True)
+        return slope, status
+
+    def at_rest(_: Scalar) -> Float[Array, " k"]:
+        zero, one = jnp.zeros_like(speed), jnp.ones_like(speed)
+        return jax.jvp(rate, (zero,), (one,), has_aux=True)[1] / 2
+
+    def at_speed(omega: Scalar) -> Float[Array, " k"]:
+        return rate(omega)[0] / (2 * omega)
+
+    # A safe speed, since under vmap both branches run and 0 / 0 would spoil derivatives.
+    resting = speed == 0
+    safe = jnp.where(resting, rotor.beam.frequency_scale, speed)
+    result = jax.lax.cond(resting, at_rest, at_speed, safe)
+    status = square(speed)[1]
+    return jnp.where(status == Status.OK, result, jnp.nan), status
+
+
+class Crossing(NamedTuple):
+    """A speed at which `label` is met by `harmonic` times the speed (rad/s)."""
+
+    label: Label
+    harmonic: float
+    angular_speed: float
+
+
+class Campbell(eqx.Module):
+    """Frequency over speed for labelled modes of one rotor.
+
+    `table` holds `frequency` and `growth_rate` (rad/s, 1/s; dimensions angular_speed, mode) and
+    `status`; `labels` names the modes.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    labels: tuple[Label, ...] = eqx.field(static=True)
+    table: Table = eqx.field(static=True)
+
+    def crossings(self, harmonics: Sequence[float] = (1, 2, 3, 4, 5, 6)) -> list[Crossing]:
+        """All speeds in the range of the diagram where frequency = harmonic * speed.
+
+        Sign changes between neighbouring speeds of the diagram, refined by `crossing`; two
+        crossings between two neighbours are not seen. Ordered by speed.
+        """
+        speed = self.table.coords["angular_speed"]
+        found = []
+        for column, label in enumerate(self.labels):
+            for harmonic in harmonics:
+                gap = self.table["frequency"][:, column] - harmonic * np.abs(speed)
+                # A gap that is zero at rest, in divergence, is no resonance.
+                gap = np.where(self.table["growth_rate"][:, column] > 0, np.nan, gap)
+                for i in np.flatnonzero(gap[:-1] * gap[1:] < 0):
+                    bracket = (float(speed[i]), float(speed[i + 1]))
+                    at = crossing(self.model, self.rotor, label, harmonic, bracket)
+                    found.append(Crossing(label, harmonic, float(at)))
+                found += [Crossing(label, harmonic, float(s)) for s in speed[gap == 0]]
+        return sorted(found, key=lambda c: c.angular_speed)
+
+
+def campbell(
+    model: AbstractModel,
+    rotor: Rotor,
+    angular_speeds: Float[np.ndarray, " s"],
+    which: Sequence[Label],
+) -> Campbell:
+    """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s)."""
+    which = tuple(which)
+    table = sweep(
+        _campbell_case(model, rotor, which),
+        grid(angular_speed=angular_speeds),
+        dims={
+            name: {"mode": [str(label) for label in which]}
+            for name in ("frequency", "growth_rate")
+        },
+    )
+    return Campbell(model, rotor, which, table)
+
+
+def _campbell_case(
+    model: AbstractModel, rotor: Rotor, which: tuple[Label, ...]
+) -> Callable[..., dict[str, Array]]:
+    def case(angular_speed: Scalar) -> dict[str, Array]:
+        found = modes(model, rotor, angular_speed, which, throw=False)
+        return {
+            "frequency": found.frequency,
+            "growth_rate": found.growth_rate,
+            "status": found.status,
+        }
+
+    return case
+
+
+def crossing(
+    model: AbstractModel,
+    rotor: Rotor,
+    label: Label,
+    harmonic: float | Scalar,
+    bracket: tuple[float | Scalar, float | Scalar],
+    *,
+    throw: bool = True,
+) -> Scalar:
+    """Speed in `bracket` (rad/s) at which the frequency of `label` is `harmonic` times the speed.
+
+    Newton's method with exact derivatives, kept inside the bracket by bisection, to rounding.
+    Differentiable with respect to rotor and harmonic by the implicit function theorem, and works
+    under `jit` and `vmap`. If frequency - harmonic * speed does not change sign over the bracket
+    the result is an error, or NaN with `throw=False`.
+    """
+    low, high = (real_scalar("bracket", end) for end in bracket)
+    result, status = _crossing(model, rotor, label, real_scalar("harmonic", harmonic), low, high)
+    return raise_unless_ok(result, status) if throw else result
+
+
+@eqx.filter_jit
+def _crossing(
+    model: AbstractModel, rotor: Rotor, label: Label, harmonic: Scalar, low: Scalar, high: Scalar
+) -> tuple[Scalar, Code]:
+    def gap(speed: Scalar) -> Scalar:
+        found = modes(model, rotor, speed, (label,), throw=False)
+        return found.frequency[0] - harmonic * jnp.abs(speed)
+
+    low, high = jax.lax.stop_gradient((low, high))
+    at_low, at_high = gap(low), gap(high)
+    ok = at_low * at_high <= 0  # False for NaN
+
+    def search(_: object, start: Scalar) -> Scalar:
+        def body(state: tuple[Array, ...]) -> tuple[Array, ...]:
+            speed, a, b, _, k = state
+            value, slope = jax.jvp(gap, (speed,), (jnp.ones_like(speed),))
+            left = jnp.sign(value) == jnp.sign(at_low)
+            a, b = jnp.where(left, speed, a), jnp.where(left, b, speed)
+            trial = speed - value / slope
+            inside = (trial >= jnp.minimum(a, b)) & (trial <= jnp.maximum(a, b))
+            new = jnp.where(value == 0, speed, jnp.where(inside, trial, (a + b) / 2))
+            return new, a, b, jnp.abs(new - speed), k + 1
+
+        def go_on(state: tuple[Array, ...]) -> Array:
+            speed, _, _, change, k = state
+            return ok & (change > 4 * jnp.finfo(speed.dtype).eps * jnp.abs(speed)) & (k < 100)
+
+        infinite = jnp.full_like(start, jnp.inf)
+        return jax.lax.while_loop(go_on, body, (start, low, high, infinite, 0))[0]
+
+    # A root at an end of the bracket counts.
+    start = jnp.where(at_low == 0, low, jnp.where(at_high == 0, high, (low + high) / 2))
+    speed = jax.lax.custom_root(gap, start, search, lambda g, y: y / g(jnp.ones_like(y)))
+    status = modes(model, rotor, low, (label,), throw=False).status
+    status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
+    return jnp.where(status == Status.OK, speed, jnp.nan), status
