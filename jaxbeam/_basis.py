@@ -89,12 +89,12 @@ class Polynomials(Basis):
     def stretch(self, n: int, xi: _Array) -> Functions:
         t = np.asarray(xi) ** (1 / self.grading)
         value, slope = self._integrated(n, xi, 1)[::-1]
-        # d/dxi = (dt/dxi) d/dt; for grading 2 the second derivative is singular at the clamp, and
-        # models never ask for it there (Gauss points are inside, stretch has no curvature energy).
-        with np.errstate(divide="ignore"):
-            rate = t ** (1 - self.grading) / self.grading
-        derivative = [p.deriv()(t) for p in self._highest(n)]
-        return Functions(value, slope, np.stack(derivative, -1) * rate[:, None])
+        derivative = np.stack([p.deriv()(t) for p in self._highest(n)], -1)
+        # d/dxi = (dt/dxi) d/dt. For grading 2 that is infinite at the clamp, where it is not needed:
+        # Gauss points are inside, and stretch has no curvature energy.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = t ** (1.0 - self.grading) / self.grading
+            return Functions(value, slope, derivative * rate[:, None])
 
     def quadrature(self, n: int) -> tuple[_Array, _Array]:
         m = self.grading

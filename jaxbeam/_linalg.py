@@ -110,8 +110,9 @@ def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
             )
             omega = jnp.sqrt(1 / nu)  # principal root: Re >= 0
             growing = (omega.real == 0) & (omega.imag > 0)
-            lam = 1j * jnp.where(growing, -omega, omega) + 0.0  # no negative zeros
-            x = jnp.where(jnp.arange(n)[:, None] < nt, z, -lam * z)
+            omega = jnp.where(growing, -omega, omega)
+            lam = jax.lax.complex(-omega.imag, jnp.abs(omega.real))  # i omega, no negative zero
+            x = jnp.where(jnp.arange(n)[:, None] < nt, z, -lam[None] * z)
             order = jnp.argsort(-(lam**2).real)
             return lam[order], x[:, order]
 
@@ -122,8 +123,8 @@ def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
         stable = jnp.all(jnp.isfinite(lw))
         case = jnp.where(finite & axial_ok, jnp.where(stable, 0, 1), 2)
         lam, x = jax.lax.switch(case, [hermitian, general, nothing], None)
-        norm = jnp.sum(x * (signature[:, None] * (m @ x)), axis=0)
-        return lam, (x / jnp.sqrt(norm)).T, axial_ok.astype(int)
+        norm = jnp.sum(x * signature[:, None] * (m @ x), axis=0)
+        return lam, (x / jnp.sqrt(norm)[None]).T, axial_ok.astype(int)
 
     return solver
 

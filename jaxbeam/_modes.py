@@ -140,28 +140,29 @@ def _modes(
     kinds = jnp.asarray(system.families)
     axial = kinds == Family.AXIAL
     signature = jnp.where(axial, -1.0, 1.0)
-    same_plane = (kinds == Family.FLAP) == (family == Family.FLAP)[:, None]
+    same_plane = (kinds == Family.FLAP)[None] == (family == Family.FLAP)[:, None]
     matrices = (system.mass, system.gyroscopic, system.stiffness)
     eigenvalue, shape = _differentiable(
         *matrices, eigenvalue, shape, same_plane.astype(speed.dtype), signature
     )
 
     kinetic = (shape.conj() * (shape @ system.mass)).real
-    share = jnp.stack([jnp.sum(kinetic * (kinds == f), -1) for f in Family], -1)
+    share = jnp.stack([jnp.sum(kinetic * (kinds == f)[None], -1) for f in Family], -1)
     ended = jnp.where(jnp.all(positive), Status.OK, Status.NO_EQUILIBRIUM)
     status = jnp.where(system.status == Status.OK, ended, system.status)
     status = jnp.where(
         (status == Status.OK) & ~jnp.all(jnp.isfinite(eigenvalue)), Status.NOT_FINITE, status
     )
     ok = status == Status.OK
+    nan = complex(float("nan"), float("nan"))
     return Modes(
-        eigenvalue=jnp.where(ok, eigenvalue, jnp.nan),
-        shape=jnp.where(ok, shape * _sign(model, shape, family)[:, None], jnp.nan),
+        eigenvalue=jnp.where(ok, eigenvalue, nan),
+        shape=jnp.where(ok, shape * _sign(model, shape, family)[:, None], nan),
         family=family,
         order=order,
         energy_share=jnp.where(ok, share / jnp.sum(share, -1, keepdims=True), jnp.nan),
         residual=jnp.where(ok, _residual(matrices, eigenvalue, shape), jnp.nan),
-        status=status,
+        status=status.astype(int),
         steady_strain=system.steady_strain,
     )
 
@@ -232,8 +233,8 @@ def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:
         left, column = state
         preferred = jnp.argmax(left, axis=1)
         mutual = (column < 0) & (jnp.argmax(left, axis=0)[preferred] == jnp.arange(n))
-        taken = jnp.any(mutual[:, None] & (preferred[:, None] == jnp.arange(n)), axis=0)
-        left = jnp.where(mutual[:, None] | taken, -1.0, left)
+        taken = jnp.any(mutual[:, None] & (preferred[:, None] == jnp.arange(n)[None]), axis=0)
+        left = jnp.where(mutual[:, None] | taken[None], -1.0, left)
         return left, jnp.where(mutual, preferred, column)
 
     # NaN, from a case that failed, would never settle.
@@ -278,7 +279,7 @@ def _differentiable_jvp(
         # [Q, Q'x; (S M x)^T, 0] [dx; dlam] = [-dQ x; -x^T S dM x / 2], Q = lam^2 M + lam G + K,
         # regular for a simple eigenvalue. Rows of the other plane are replaced by dx = 0, since
         # there Q may be singular: flap and in-plane frequencies of a square section coincide.
-        inside = plane[:, None] * plane
+        inside = plane[:, None] * plane[None]
         q = jnp.where(inside > 0, lam**2 * m + lam * g + k, jnp.diag(1 - plane))
         bordered = jnp.block([[q, slope[:, None]], [(y @ m)[None], jnp.zeros((1, 1))]])
         right = jnp.concatenate([-force * plane, -0.5 * (y @ (dm @ x))[None]])

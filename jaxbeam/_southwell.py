@@ -167,12 +167,18 @@ def crossing(
 def _crossing(
     model: AbstractModel, rotor: Rotor, label: Label, harmonic: Scalar, low: Scalar, high: Scalar
 ) -> tuple[Scalar, Code]:
-    def gap(speed: Scalar) -> Scalar:
+    def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
         found = modes(model, rotor, speed, (label,), throw=False)
-        return found.frequency[0] - harmonic * jnp.abs(speed)
+        return found.frequency[0] - harmonic * jnp.abs(speed), found.status
+
+    def gap(speed: Scalar) -> Scalar:
+        return gap_and_status(speed)[0]
 
     low, high = jax.lax.stop_gradient((low, high))
-    at_low, at_high = gap(low), gap(high)
+    (at_low, at_high), (status, at_high_status) = jax.lax.map(
+        gap_and_status, jnp.stack([low, high])
+    )
+    status = jnp.where(status == Status.OK, at_high_status, status)
     ok = at_low * at_high <= 0  # False for NaN
 
     def search(_: object, start: Scalar) -> Scalar:
@@ -193,9 +199,8 @@ def _crossing(
         infinite = jnp.full_like(start, jnp.inf)
         return jax.lax.while_loop(go_on, body, (start, low, high, infinite, 0))[0]
 
-    # A root at an end of the bracket counts.
-    start = jnp.where(at_low == 0, low, jnp.where(at_high == 0, high, (low + high) / 2))
-    speed = jax.lax.custom_root(gap, start, search, lambda g, y: y / g(jnp.ones_like(y)))
-    status = modes(model, rotor, low, (label,), throw=False).status
+    speed = jax.lax.custom_root(
+        gap, (low + high) / 2, search, lambda g, y: y / g(jnp.ones_like(y))
+    )
     status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
     return jnp.where(status == Status.OK, speed, jnp.nan), status

@@ -1,0 +1,47 @@
+"""Tools shared by the tests."""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+import jaxbeam as jb
+
+NAMES = (
+    "length",
+    "mass_per_length",
+    "axial_stiffness",
+    "in_plane_bending_stiffness",
+    "flap_bending_stiffness",
+    "hub_radius",
+    "tip_mass",
+    "angular_speed",
+)
+
+
+def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.ndarray:
+    """Jacobian of f at the vector x by six-point central differences, last axis over x.
+
+    Truncation is h^6, round-off eps / h: for functions that vary on the scale of x the best step
+    is near eps^(1/7) = 6e-3 relative and the error then near 1e-13 relative.
+    """
+    x = jnp.asarray(x)
+    columns = []
+    for i in range(x.size):
+        h = relative * float(jnp.abs(x[i]))
+        step = jnp.zeros_like(x).at[i].set(h)
+        weights = {1: 45, 2: -9, 3: 1}
+        total = sum(w * (f(x + k * step) - f(x - k * step)) for k, w in weights.items())
+        columns.append(np.asarray(total) / (60 * h))
+    return np.stack(columns, -1)
+
+
+def build(parameters: ArrayLike) -> tuple[jb.Rotor, jnp.ndarray]:
+    """Rotor and speed from the vector of all parameters, in the order of NAMES."""
+    p = jnp.asarray(parameters)
+    return jb.Rotor(jb.Beam(*p[:5]), p[5], p[6]), p[7]
+
+
+def slender(slenderness: float = 216.2125, hub: float = 0.0, tip: float = 0.0) -> jb.Rotor:
+    return jb.Rotor(jb.Beam.from_slenderness(slenderness), hub, tip)

@@ -1,0 +1,135 @@
+"""Frequencies of the rotating cantilever, computed without the package.
+
+Nondimensional: L = rho L = EI_zz = 1, slenderness^2 = EA. With W cos(wt), S sin(wt), g the speed,
+p(x) = R (1 - x) + (1 - x^2) / 2 + N (R + 1):
+
+    W'''' - g^2 (p W')' - (w^2 + c g^2) W + 2 g w S = 0          (c = 1 in plane, 0 flap)
+    a^2 S'' + (w^2 + g^2) S - 2 g w W = 0
+    W(0) = W'(0) = S(0) = 0,  W''(1) = 0
+    W''' - g^2 p(1) W' + N [(w^2 + c g^2) W - 2 g w S] = 0       at 1
+    a^2 S' - N [(w^2 + g^2) S - 2 g w W] = 0                     at 1
+
+Coefficients are polynomials, so solutions from the root are everywhere convergent power series. A
+Galerkin method with B-splines finds the roots and their order, Newton steps on the determinant in
+multiple precision make them exact to 20 digits.
+"""
+
+import functools
+
+import mpmath
+import numpy as np
+import scipy.interpolate
+import scipy.linalg
+
+
+def _splines(intervals: int = 48, degree: int = 6) -> tuple[np.ndarray, ...]:
+    """x, weights, and values, slopes, curvatures of clamped B-splines graded towards the root."""
+    breaks = np.linspace(0, 1, intervals + 1) ** 2
+    knots = np.concatenate([[0.0] * degree, breaks, [1.0] * degree])
+    t, w = np.polynomial.legendre.leggauss(degree + 3)
+    x = (breaks[:-1, None] + np.diff(breaks)[:, None] * (t + 1) / 2).ravel()
+    weight = (np.diff(breaks)[:, None] * w / 2).ravel()
+    spline = scipy.interpolate.BSpline(knots, np.eye(len(knots) - degree - 1), degree)
+    return x, weight, *(spline.derivative(d)(x) if d else spline(x) for d in range(3))
+
+
+def _galerkin(gamma: float, hub: float, tip: float, slenderness: float | None, plane: str):
+    x, weight, f, df, ddf = _splines()
+    p = hub * (1 - x) + (1 - x**2) / 2 + tip * (hub + 1)
+    end = np.zeros(f.shape[1])
+    end[-1] = 1.0  # a clamped B-spline basis interpolates its end
+
+    def gram(table: np.ndarray, q: np.ndarray | float) -> np.ndarray:
+        return table.T @ ((weight * q)[:, None] * table)
+
+    mass = gram(f, 1.0) + tip * np.outer(end, end)
+    c = 1.0 if plane == "in plane" else 0.0
+    bending = gram(ddf, 1.0) + gamma**2 * gram(df, p) - c * gamma**2 * mass
+    bending, mass_w = bending[2:, 2:], mass[2:, 2:]
+    if slenderness is None:
+        nu = scipy.linalg.eigh(mass_w, bending, eigvals_only=True)
+        return np.sort(nu[nu > 0] ** -0.5)
+    axial = slenderness**2 * gram(df, 1.0) - gamma**2 * mass
+    stiffness = scipy.linalg.block_diag(bending, axial[1:, 1:])
+    inertia = scipy.linalg.block_diag(mass_w, mass[1:, 1:])
+    n, nw = len(stiffness), len(bending)
+    coriolis = np.zeros((n, n))
+    coriolis[:nw, nw:] = 2 * gamma * mass[2:, 1:]
+    coriolis[nw:, :nw] = -2 * gamma * mass[1:, 2:]
+    # Hermitian pencil in 1 / omega: [[-i G, M], [M, 0]] z = nu diag(K, M) z
+    left = np.block([[-1j * coriolis, inertia], [inertia, np.zeros((n, n))]])
+    nu = scipy.linalg.eigh(left, scipy.linalg.block_diag(stiffness, inertia), eigvals_only=True)
+    return np.sort(1 / nu[nu > 1e-7])
+
+
+def _determinant(omega, gamma, hub, tip, slenderness, plane):
+    """Boundary determinant of the power-series solutions at the tip."""
+    w, g, r, n = (mpmath.mpf(v) for v in (omega, gamma, hub, tip))
+    c = 1 if plane == "in plane" else 0
+    p0, p1, p2 = r + mpmath.mpf(1) / 2 + n * (r + 1), -r, -mpmath.mpf(1) / 2
+    a2 = None if slenderness is None else mpmath.mpf(slenderness) ** 2
+    g2, bending, axial, cross = g**2, w**2 + c * g**2, w**2 + g**2, 2 * g * w
+    columns = []
+    for start in range(2 if a2 is None else 3):
+        a = [mpmath.mpf(0)] * 4
+        b = [mpmath.mpf(0)] * 2
+        if start < 2:
+            a[2 + start] = mpmath.mpf(1)
+        else:
+            b[1] = mpmath.mpf(1)
+        k, quiet = 0, 0
+        tiny = mpmath.mpf(10) ** (-mpmath.mp.dps)
+        while quiet < 12:
+            j = k + 1  # coefficient j of p W' is c_j, and (k + 1) c_{k+1} is that of its derivative
+            flow = p0 * (j + 1) * a[j + 1] + p1 * j * a[j] + p2 * (j - 1) * a[j - 1]
+            new = g2 * (k + 1) * flow + bending * a[k]
+            if a2 is not None:
+                new -= cross * b[k]
+                b.append((cross * a[k] - axial * b[k]) / (a2 * (k + 2) * (k + 1)))
+            a.append(new / ((k + 4) * (k + 3) * (k + 2) * (k + 1)))
+            small = abs(a[-1]) * k**4 < tiny and (a2 is None or abs(b[-1]) * k**4 < tiny)
+            quiet = quiet + 1 if small else 0
+            k += 1
+
+        def at_tip(series, d):
+            return mpmath.fsum(
+                v * mpmath.ff(i, d) for i, v in enumerate(series) if i >= d
+            )
+
+        value, slope, curve, third = (at_tip(a, d) for d in range(4))
+        s, ds = (at_tip(b, 0), at_tip(b, 1)) if a2 is not None else (0, 0)
+        shear = third - g2 * (p0 + p1 + p2) * slope + n * (bending * value - cross * s)
+        column = [curve, shear]
+        if a2 is not None:
+            column.append(a2 * ds - n * (axial * s - cross * value))
+        columns.append(column)
+    return mpmath.det(mpmath.matrix(columns))
+
+
+@functools.cache
+def frequencies(
+    gamma: float,
+    hub: float = 0.0,
+    tip: float = 0.0,
+    slenderness: float | None = None,
+    plane: str = "in plane",
+    count: int = 3,
+) -> tuple[float, ...]:
+    """Lowest frequencies over sqrt(EI / (rho L^4)), to double precision."""
+    guesses = _galerkin(gamma, hub, tip, slenderness, plane)[:count]
+    growth = gamma * float(np.sqrt(hub + 0.5 + tip * (hub + 1))) + float(np.sqrt(max(guesses)))
+    with mpmath.workdps(40 + int(1.8 * growth)):
+        found = []
+        for guess in guesses:
+            args = (gamma, hub, tip, slenderness, plane)
+            low, high = mpmath.mpf(guess) * (1 - mpmath.mpf(10) ** -7), mpmath.mpf(guess)
+            at_low, at_high = _determinant(low, *args), _determinant(high, *args)
+            for _ in range(8):
+                if abs(high - low) < abs(high) * mpmath.mpf(10) ** -18:
+                    break
+                new = high - at_high * (high - low) / (at_high - at_low)
+                low, at_low = high, at_high
+                high, at_high = new, _determinant(new, *args)
+            assert abs(high - guess) < 1e-6 * guess, "the Galerkin guess was not near a root"
+            found.append(float(high))
+    return tuple(found)

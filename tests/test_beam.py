@@ -1,0 +1,139 @@
+"""Parameters: meaning, checks, errors that name the argument."""
+
+import subprocess
+import sys
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+
+GOOD = {
+    "length": 8.0,
+    "mass_per_length": 0.2,
+    "axial_stiffness": 5e6,
+    "in_plane_bending_stiffness": 566.0,
+    "flap_bending_stiffness": 300.0,
+}
+
+
+def test_from_section_gives_products():
+    beam = jb.Beam.from_section(
+        length=8.0,
+        youngs_modulus=6.895e10,
+        density=2767.0,
+        area=7.299e-5,
+        in_plane_second_moment=8.214e-9,
+        flap_second_moment=1e-9,
+    )
+    # B Table 1, column "Ref. 21"
+    assert float(beam.mass) == pytest.approx(1.615, rel=1e-3)
+    assert float(beam.in_plane_bending_stiffness) == pytest.approx(566.4, rel=1e-4)
+    assert float(beam.flap_bending_stiffness) == pytest.approx(68.95)
+    assert float(beam.axial_stiffness) == pytest.approx(6.895e10 * 7.299e-5)
+    assert float(beam.slenderness) == pytest.approx(8 * np.sqrt(7.299e-5 / 8.214e-9))
+
+
+def test_from_slenderness_is_nondimensional():
+    beam = jb.Beam.from_slenderness(100.0, flap_to_in_plane=0.25)
+    assert float(beam.slenderness) == pytest.approx(100.0)
+    assert float(beam.frequency_scale) == 1.0
+    assert float(beam.flap_bending_stiffness) == 0.25
+
+
+@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
+def test_beam_rejects_bad_values(name, bad):
+    with pytest.raises(ValueError, match=f"{name} must be finite and > 0"):
+        jb.Beam(**GOOD | {name: bad})
+
+
+@pytest.mark.parametrize("name", ["hub_radius", "tip_mass"])
+@pytest.mark.parametrize("bad", [-1e-9, float("nan"), float("inf")])
+def test_rotor_rejects_bad_values(name, bad):
+    with pytest.raises(ValueError, match=f"{name} must be finite and >= 0"):
+        jb.Rotor(jb.Beam(**GOOD), **{name: bad})
+
+
+@pytest.mark.parametrize("bad", [jnp.array(1), jnp.array(1 + 1j), np.int64(3), "1", None, True])
+@pytest.mark.parametrize("name", [*GOOD, "hub_radius", "tip_mass", "angular_speed"])
+def test_not_a_real_number(name, bad):
+    with pytest.raises(TypeError, match=f"{name} must be a real"):
+        _with(name, bad)
+
+
+@pytest.mark.parametrize("name", [*GOOD, "hub_radius", "tip_mass", "angular_speed"])
+def test_not_a_scalar(name):
+    with pytest.raises(ValueError, match=f"{name} must be a scalar, got shape"):
+        _with(name, jnp.ones(3))
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_speed_must_be_finite(bad):
+    with pytest.raises(ValueError, match="angular_speed must be finite"):
+        _with("angular_speed", bad)
+
+
+@pytest.mark.parametrize("name", [*GOOD, "hub_radius", "tip_mass"])
+def test_bad_value_inside_jit_names_the_argument(name):
+    @eqx.filter_jit
+    def traced(value):
+        return _with(name, value).frequency
+
+    with pytest.raises(RuntimeError, match=f"{name} must be finite"):
+        traced(jnp.asarray(-1.0))
+
+
+def test_bad_sections_name_the_argument():
+    section = {
+        "length": 1.0,
+        "youngs_modulus": 1.0,
+        "density": 1.0,
+        "area": 1.0,
+        "in_plane_second_moment": 1.0,
+    }
+    for name in section:
+        with pytest.raises(ValueError, match=f"{name} must be finite and > 0"):
+            jb.Beam.from_section(**section | {name: -1.0})
+    with pytest.raises(ValueError, match="slenderness must be finite and > 0"):
+        jb.Beam.from_slenderness(0.0)
+
+
+def _with(name, value):
+    model = jb.Hybrid(2, 2, 2)
+    if name in GOOD:
+        return jb.modes(model, jb.Rotor(jb.Beam(**GOOD | {name: value})), 1.0)
+    rotor = jb.Beam(**GOOD)
+    if name == "angular_speed":
+        return jb.modes(model, jb.Rotor(rotor), value)
+    return jb.modes(model, jb.Rotor(rotor, **{name: value}), 1.0)
+
+
+def test_import_leaves_jax_configuration_alone_and_32_bits_bring_a_warning():
+    program = """
+import warnings, jax, jaxbeam as jb
+assert not jax.config.read("jax_enable_x64")
+rotor = jb.Rotor(jb.Beam.from_slenderness(100.0))
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    found = jb.modes(jb.Hybrid(2, 6, 0), rotor, 1.0, 1)
+assert any("32-bit" in str(w.message) for w in caught)
+assert abs(float(found.frequency[0]) - 3.54) < 0.01
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
+
+
+def test_tension_is_the_integral_of_the_centrifugal_load():
+    rotor = jb.Rotor(jb.Beam(**GOOD), hub_radius=0.7, tip_mass=0.3)
+    x = np.linspace(0, 8, 9)
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    for speed in (0.0, 2.5):
+        c0, c1, c2 = rotor.tension(jnp.asarray(speed))
+        xi = x / 8
+        p = c0 + c1 * (1 - xi) + c2 * (1 - xi**2) / 2
+        for xk, pk in zip(x, p, strict=True):
+            y = xk + (8 - xk) * (nodes + 1) / 2
+            beam = 0.2 * np.sum(weights * (8 - xk) / 2 * (0.7 + y))
+            np.testing.assert_allclose(pk, speed**2 * (beam + 0.3 * 8.7), rtol=1e-13)

@@ -1,0 +1,492 @@
+"""Frequencies, growth rates, shapes, labels, derivatives."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+
+import jaxbeam as jb
+from jaxbeam._linalg import planar_eigenpairs
+from tests import reference
+from tests.helpers import NAMES, build, finite_difference, slender
+
+DATA = Path(__file__).parent / "data"
+IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
+
+
+# --- the printed tables of B ---------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tables():
+    rows = np.genfromtxt(DATA / "berzeri_1999_tables_3_4_5.csv", delimiter=",", names=True)
+    model, beam = jb.SmallStrainANCF(10), jb.Beam.from_slenderness(216.21246)
+
+    @jax.jit
+    @jax.vmap
+    def evaluate(hub, tip, speed):
+        found = jb.modes(model, jb.Rotor(beam, hub, tip), speed, 30, throw=False)
+        labelled = jb.modes(
+            model, jb.Rotor(beam, hub, tip), speed, jb.labels(in_plane=3), throw=False
+        )
+        return found.frequency, found.energy_share, labelled.frequency
+
+    columns = (jnp.asarray(rows[c]) for c in ("R_over_L", "N", "gamma"))
+    return rows, *(np.asarray(a) for a in evaluate(*columns))
+
+
+def test_720_printed_frequencies(tables):
+    """B Tables 3-5: the k-th mode whose kinetic energy is mostly transverse."""
+    rows, frequency, share, labelled = tables
+    assert len(rows) == 720
+    exceptions = 0
+    for i, row in enumerate(rows):
+        order = int(row["mode"]) - 1
+        mostly = frequency[i][share[i, :, IN_PLANE] > 0.5][order]
+        assert labelled[i, order] == pytest.approx(mostly, rel=1e-12)
+        if (row["N"], row["R_over_L"], row["gamma"], order) == (3, 3, 10, 1):
+            # In this veering pair the printed branch is the one with 39 % transverse energy.
+            partner = np.argmin(np.abs(frequency[i] - row["omega_printed"]))
+            assert share[i, partner, IN_PLANE] == pytest.approx(0.39, abs=0.01)
+            mostly = frequency[i, partner]
+            exceptions += 1
+        assert abs(mostly - row["omega_printed"]) < 6e-4
+    assert exceptions == 1
+
+
+def test_axial_modes_lie_below_printed_transverse_ones(tables):
+    rows, frequency, share, _ = tables
+    below = 0
+    for i, row in enumerate(rows):
+        place = np.argmin(np.abs(frequency[i] - row["omega_printed"]))
+        below += bool((share[i, :place, AXIAL] > 0.5).any())
+    assert below == 127
+
+
+@pytest.mark.parametrize(
+    ("slenderness", "model", "column"),
+    [
+        (216.21246, jb.SmallStrainANCF(10), "omega_simulation"),
+        (216.2162, jb.Hybrid(12, 14, 0), "omega_exact"),
+    ],
+    ids=["simulation", "exact"],
+)
+def test_table_2(slenderness, model, column):
+    rows = np.genfromtxt(
+        DATA / "berzeri_1999_table_2.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
+    )
+    beam = jb.Beam.from_slenderness(slenderness)
+    which = jb.labels(in_plane=3, axial=1)
+    for tip in range(5):
+        found = np.array(jb.modes(model, jb.Rotor(beam, 0.0, float(tip)), 0.0, which).frequency)
+        printed = rows[column][rows["N"] == tip]
+        if (column, tip) == ("omega_exact", 3):
+            # Off by one in the last printed digit, if the slenderness is to fit N = 0, 1, 2, 4.
+            assert found[3] == pytest.approx(118.3050, abs=5e-5)
+            found[3] = printed[3]
+        np.testing.assert_allclose(found, printed, rtol=0, atol=5.01e-5)
+
+
+@pytest.mark.slow
+def test_converged_value_behind_a_printed_one():
+    """At gamma = 50, N = R = 0 the printed 10.278 is ten elements, not the beam."""
+    rotor, label = slender(), jb.labels(in_plane=1)
+
+    def first(model):
+        return float(jb.modes(model, rotor, 50.0, label).frequency[0])
+
+    by_elements = [first(jb.SmallStrainANCF(n)) for n in (10, 20, 40, 80)]
+    np.testing.assert_allclose(by_elements, [10.278, 10.065, 10.040, 10.038], atol=6e-4)
+    assert first(jb.Hybrid(0, 24, 0)) == pytest.approx(10.447, abs=6e-4)
+
+
+# --- converged frequencies -----------------------------------------------------------------------
+
+HUBS_AND_TIPS = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (2.0, 0.5)]
+
+
+@pytest.mark.parametrize("gamma", [0.0, 1.0, 10.0, 50.0])
+@pytest.mark.parametrize(("hub", "tip"), HUBS_AND_TIPS)
+@pytest.mark.parametrize(
+    ("plane", "slenderness"), [("in plane", None), ("flap", None), ("in plane", 70.0)]
+)
+def test_against_power_series(gamma, hub, tip, plane, slenderness):
+    """Lowest three to 1e-9: 14 Legendre functions to gamma = 10, 24 graded ones beyond."""
+    expected = reference.frequencies(gamma, hub, tip, slenderness, plane)
+    basis, n = (jb.Polynomials(), 14) if gamma <= 10 else (jb.Polynomials(2), 24)
+    stretch = 0 if slenderness is None else n
+    model = jb.Hybrid(stretch, n, 0, basis) if plane == "in plane" else jb.Hybrid(0, 0, n, basis)
+    found = jb.modes(model, slender(slenderness or 70.0, hub, tip), gamma, 3)
+    np.testing.assert_allclose(found.frequency, expected, rtol=1.1e-9)
+    assert float(jnp.max(found.residual)) < 1e-14
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plane", "slenderness"), [("in plane", None), ("flap", None), ("in plane", 216.2125)]
+)
+def test_against_power_series_where_the_boundary_layer_is_thinnest(plane, slenderness):
+    """gamma = 50, R = 5 L, N = 4: a layer of 0.4 % of the length. 28 graded functions."""
+    expected = reference.frequencies(50.0, 5.0, 4.0, slenderness, plane)
+    graded, plain = jb.Polynomials(2), jb.Polynomials()
+    for basis, n, tolerance in ((graded, 28, 1e-9), (plain, 48, 1e-9)):
+        stretch = 0 if slenderness is None else n
+        sizes = (stretch, n, 0) if plane == "in plane" else (0, 0, n)
+        rotor = slender(slenderness or 70.0, 5.0, 4.0)
+        found = jb.modes(jb.Hybrid(*sizes, basis), rotor, 50.0, 3)
+        np.testing.assert_allclose(found.frequency, expected, rtol=tolerance)
+
+
+def test_cantilever_modes_converge_but_slowly():
+    expected = np.array(reference.frequencies(10.0, 1.0, 0.0))
+    error = []
+    for n in (10, 20, 40):
+        model = jb.Hybrid(0, n, 0, jb.CantileverModes())
+        error.append(np.abs(jb.modes(model, slender(70.0, 1.0), 10.0, 3).frequency / expected - 1))
+    order = -np.polyfit(np.log([10, 20, 40]), np.log(np.max(error, 1)), 1)[0]
+    assert 2.5 < order < 6  # algebraic: this is why polynomials are the default
+    assert np.max(error[-1]) < 1e-4
+
+
+def _order(counts, errors):
+    return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+
+
+@pytest.mark.parametrize(
+    ("make", "gamma"),
+    [
+        (jb.SmallStrainANCF, 0.0),
+        (jb.ANCF, 5.0),
+        pytest.param(jb.SmallStrainANCF, 5.0, marks=pytest.mark.slow),
+        pytest.param(jb.ANCF, 0.0, marks=pytest.mark.slow),
+    ],
+)
+def test_order_of_convergence_of_elements_in_bending(make, gamma):
+    """Cubic Hermite: h^4, with the steady state and its tension being part of the error."""
+    rotor, counts, which = slender(60.0, 0.5, 0.3), (4, 6, 9, 13), jb.labels(in_plane=3)
+
+    def frequencies(n):
+        return np.asarray(jb.modes(make(n), rotor, gamma, which).frequency)
+
+    limit = np.array(reference.frequencies(0.0, 0.5, 0.3)) if gamma == 0 else frequencies(52)
+    errors = np.stack([np.abs(frequencies(n) - limit) for n in counts])
+    for column in errors.T:
+        assert _order(counts, column) == pytest.approx(4, abs=0.25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [jb.SmallStrainANCF, jb.ANCF])
+def test_order_of_convergence_of_elements_in_stretch(make):
+    """h^6, to beta tan(beta) = m / m_t, for a beam so slender that the EI u''^2 of K_t is nil.
+
+    (For ordinary beams that term, an artefact of Model A, makes a layer of thickness sqrt(I / A) at
+    both ends that no sensible mesh resolves.)
+    """
+    tip, slenderness = 0.3, 1e6
+    third = 2 * np.pi, 2.5 * np.pi  # where the third root lies
+    beta = scipy.optimize.brentq(lambda b: b * np.sin(b) * tip - np.cos(b), *third)
+    counts, errors = (14, 18, 24, 32), []
+    for n in counts:
+        found = jb.modes(make(n), slender(slenderness, 0.5, tip), 0.0, [jb.Label(AXIAL, 3)])
+        errors.append(abs(float(found.frequency[0]) / (slenderness * beta) - 1))
+    assert _order(counts, errors) == pytest.approx(6, abs=0.25)
+
+
+def test_elements_converge_to_the_rest_frequencies_of_the_continuum():
+    expected = np.array(reference.frequencies(0.0, 0.0, 0.3))
+    model = jb.ANCF(40)
+    found = jb.modes(model, slender(60.0, 0.5, 0.3), 0.0, jb.labels(in_plane=3)).frequency
+    np.testing.assert_allclose(found, expected, rtol=3e-6)
+
+
+# --- the eigensolver itself ----------------------------------------------------------------------
+
+
+def _random_planar(seed, n_transverse, n_axial, negative):
+    rng = np.random.default_rng(seed)
+
+    def spd(n, shift):
+        a = rng.normal(size=(n, n))
+        return a @ a.T + shift * np.eye(n)
+
+    k_w = spd(n_transverse, 1.0)
+    for i in range(negative):
+        v = np.linalg.eigh(k_w)[1][:, i]
+        k_w -= (1.5 + i) * (v @ k_w @ v) * np.outer(v, v)
+    mass = scipy.linalg.block_diag(spd(n_transverse, 1.0), spd(n_axial, 1.0))
+    stiffness = scipy.linalg.block_diag(k_w, 10 * spd(n_axial, 1.0))
+    gyroscopic = np.zeros_like(mass)
+    gyroscopic[:n_transverse, n_transverse:] = 2 * rng.normal(size=(n_transverse, n_axial))
+    return mass, gyroscopic - gyroscopic.T, stiffness
+
+
+@pytest.mark.parametrize("negative", [0, 1, 2])
+@pytest.mark.parametrize("sizes", [(3, 2), (4, 4), (5, 0), (2, 6)])
+@pytest.mark.parametrize("seed", range(4))
+def test_eigenpairs_against_scipy(seed, sizes, negative):
+    m, g, k = _random_planar(seed, *sizes, negative)
+    n = len(m)
+    pairs = planar_eigenpairs(jnp.asarray(m), jnp.asarray(g), jnp.asarray(k), sizes[0])
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, g)]])
+    expected = scipy.linalg.eigvals(a)
+    mine = np.concatenate([pairs.eigenvalue, -np.asarray(pairs.eigenvalue)])
+    distance = np.abs(expected[:, None] - mine)
+    rows, columns = scipy.optimize.linear_sum_assignment(distance)
+    assert distance[rows, columns].max() < 1e-9 * np.abs(expected).max()
+    for lam, x in zip(pairs.eigenvalue, np.asarray(pairs.right), strict=True):
+        assert lam.imag >= 0
+        q = lam**2 * m + lam * g + k
+        assert np.linalg.norm(q @ x) < 1e-10 * np.linalg.norm(q) * np.linalg.norm(x)
+        signed = np.where(np.arange(n) < sizes[0], x, -x)
+        assert abs(signed @ m @ x - 1) < 1e-10
+
+
+def test_classical_growth_rates():
+    """Without stretch, in plane: lambda^2 = Omega^2 - omega_0^2, mode by mode."""
+    rest = np.array(reference.frequencies(0.0))
+    for hub in (0.0, 2.0):
+        for speed in (3.0, 3.6, 25.0):
+            found = jb.modes(jb.Classical(0, 14, 0), slender(hub=hub), speed, 3)
+            square = rest**2 - speed**2
+            np.testing.assert_allclose(found.frequency, np.sqrt(np.maximum(square, 0)), rtol=1e-8)
+            np.testing.assert_allclose(
+                found.growth_rate, np.sqrt(np.maximum(-square, 0)), rtol=1e-8
+            )
+            assert not np.signbit(found.frequency).any()
+    flap = jb.modes(jb.Classical(4, 4, 14), slender(), 25.0, jb.labels(flap=3))
+    np.testing.assert_allclose(flap.frequency, rest, rtol=1e-9)  # neither stiffens nor diverges
+
+
+def test_classical_with_stretch_against_scipy():
+    system = jb.Classical(5, 6, 0).linearise(slender(20.0, 0.5, 0.2), 6.0)
+    m, g, k = (np.asarray(a) for a in (system.mass, system.gyroscopic, system.stiffness))
+    n = len(m)
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, g)]])
+    expected = scipy.linalg.eigvals(a)
+    found = jb.modes(jb.Classical(5, 6, 0), slender(20.0, 0.5, 0.2), 6.0, 4)
+    for lam in np.asarray(found.eigenvalue):
+        assert np.abs(expected - lam).min() < 1e-8
+    assert float(found.growth_rate[0]) == pytest.approx(expected.real.max(), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "model", [jb.Hybrid(12, 16, 16), jb.SmallStrainANCF(8), jb.ANCF(8)], ids=repr
+)
+def test_shapes(model):
+    """Unit modal mass, tip positive, in quadrature, eigenvectors, and orthogonal as they must be."""
+    rotor, speed = slender(70.0, 0.5, 0.3), 7.0
+    system = model.linearise(rotor, speed)
+    found = jb.modes(model, rotor, speed, 8)
+    x, lam = np.asarray(found.shape), np.asarray(found.eigenvalue)
+    m, g, k = (np.asarray(a) for a in (system.mass, system.gyroscopic, system.stiffness))
+    axial = np.asarray(system.families) == AXIAL
+    assert np.abs(x[:, axial].real).max() == 0
+    assert np.abs(x[:, ~axial].imag).max() == 0
+    np.testing.assert_allclose(np.einsum("ki,ij,kj->k", x.conj(), m, x), 1, rtol=1e-10)
+    q = lam[:, None] ** 2 * (x @ m.T) + lam[:, None] * (x @ g.T) + x @ k.T
+    assert np.abs(q).max() < 1e-7 * np.abs(k).max() * np.abs(x).max()
+    np.testing.assert_allclose(found.energy_share.sum(1), 1, rtol=1e-12)
+    # conservative gyroscopic systems: x_i^* (K + conj(lam_i) lam_j M) x_j = 0 for i != j
+    energy = x.conj() @ k @ x.T + np.outer(lam.conj(), lam) * (x.conj() @ m @ x.T)
+    scale = np.sqrt(np.outer(np.diag(energy).real, np.diag(energy).real))
+    assert np.abs(energy / scale - np.eye(8)).max() < 1e-9
+    tip = np.asarray(model.displacement(np.ones(1)))[:, 0] @ x.T
+    row = {IN_PLANE: 1, FLAP: 2, AXIAL: 0}
+    for i, label in enumerate(found.labels):
+        value = tip[row[label.family], i]
+        assert (-value.imag if label.family == AXIAL else value.real) > 0
+
+
+# --- labels --------------------------------------------------------------------------------------
+
+
+def test_labels_count_within_families():
+    found = jb.modes(jb.Hybrid(6, 8, 8), slender(216.0), 0.0, 9)
+    titles = [str(label) for label in found.labels]
+    for k in (1, 2, 3, 4):  # flap and in-plane coincide at rest, so either may be first
+        assert set(titles[2 * k - 2 : 2 * k]) == {f"in-plane bending {k}", f"flap bending {k}"}
+    every = jb.modes(jb.Hybrid(6, 8, 8), slender(216.0), 9.0, 22).labels
+    assert sorted(every) == sorted(jb.labels(in_plane=8, flap=8, axial=6))
+
+
+@pytest.mark.parametrize("steps", [9, 60, 600])
+def test_labels_survive_veering_and_crossing(steps):
+    """Slenderness 70: in-plane 3 veers with stretch 1 at gamma = 25.5, flap 3 crosses stretch 1.
+
+    Whatever the sampling, a label keeps its kind of motion, its frequencies are those of the beam
+    without Coriolis coupling but for the repulsion of the veering, and nothing depends on the path.
+    """
+    model, rotor = jb.Hybrid(10, 16, 16), slender(70.0)
+    which = jb.labels(in_plane=3, flap=3, axial=1)
+    speeds = np.linspace(0.01, 40.0, steps)
+    found = jax.jit(jax.vmap(lambda s: jb.modes(model, rotor, s, which, throw=False)))(
+        jnp.asarray(speeds)
+    )
+    assert not np.any(found.status)
+    families = np.array([label.family for label in which])
+    np.testing.assert_array_equal(found.family, np.tile(families, (steps, 1)))
+    frequency, share = np.asarray(found.frequency), np.asarray(found.energy_share)
+    own = np.take_along_axis(share, np.asarray(found.family)[..., None], 2)[..., 0]
+    middle = np.abs(speeds - 25.51) < 2
+    assert (own[~middle, :6] > 0.9).all()
+    assert (own[~middle, 6] > 0.7).all()  # Coriolis coupling mixes stretch with bending 1 and 2
+    assert (own > 0.45).all()
+    # smooth but for the jump across the gap of the veering, which is a few per cent
+    flat = jb.Hybrid(0, 16, 0)
+    without = np.stack([jb.modes(flat, rotor, s, 3).frequency for s in speeds[:: steps // 9]])
+    coupled = frequency[:: steps // 9, :3]
+    assert (np.abs(coupled / without - 1) < np.array([0.5, 0.1, 0.05])).all()
+    # crossings and veering were met: the ranks among all modes change
+    rank = (frequency[:, :, None] > frequency[:, None, :]).sum(2)
+    flap3, axial1, plane3 = 5, 6, 2
+    assert rank[0, flap3] < rank[0, axial1]
+    assert rank[-1, flap3] > rank[-1, axial1]
+    assert rank[0, plane3] < rank[0, axial1]
+    assert rank[-1, plane3] > rank[-1, axial1]
+    # the definition has no memory: one speed alone gives the same
+    for i in (0, steps // 2, steps - 1):
+        single = jb.modes(model, rotor, speeds[i], which).frequency
+        np.testing.assert_allclose(frequency[i], single, rtol=1e-12)
+
+
+# --- derivatives ---------------------------------------------------------------------------------
+
+PLAIN = jnp.array([1.3, 0.8, 4.9e3, 1.1, 1.7, 0.3, 0.25, 5.0])
+DIFFERENTIABLE = [
+    (jb.Hybrid(8, 12, 12), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
+    (jb.Hybrid(8, 12, 0, jb.Polynomials(2)), PLAIN, jb.labels(in_plane=3, axial=1)),
+    (jb.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    (jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    (jb.Classical(8, 12, 12), PLAIN.at[7].set(1.2), jb.labels(in_plane=3, flap=2, axial=1)),
+    (jb.Classical(8, 12, 12), PLAIN.at[7].set(4.0), jb.labels(in_plane=3, flap=2, axial=1)),
+]
+
+
+def _agree(exact, fd, at):
+    """To 1e-7 relative; entries that are zero but for the round-off of differences (eps f / h with
+    h = 2e-3 at) to that round-off."""
+    floor = 1e-10 * np.abs(exact * at).max() / np.abs(at)
+    wrong = np.abs(exact - fd) > 1e-7 * np.abs(fd) + floor
+    assert not wrong.any(), (NAMES, exact[wrong], fd[wrong])
+
+
+@pytest.mark.parametrize(("model", "at", "which"), DIFFERENTIABLE)
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
+def test_gradients_with_respect_to_every_parameter(model, at, which, mode):
+    def eigenvalue(p):
+        found = jb.modes(model, *build(p), which)
+        return jnp.concatenate([found.frequency, found.growth_rate])
+
+    exact = np.asarray(jax.jit(mode(eigenvalue))(at))
+    fd = finite_difference(jax.jit(eigenvalue), at)
+    _agree(exact, fd, np.asarray(at))
+
+
+def test_gradients_next_to_a_veering():
+    """In-plane 3 and stretch 1 sharing their motion about equally: gradients stay exact."""
+    model, which = jb.Hybrid(8, 14, 0), jb.labels(in_plane=3)
+
+    @jax.jit
+    @jax.vmap
+    def axial_share(speed):
+        return jb.modes(model, slender(70.0, 0.0, 0.0), speed, which).energy_share[2, AXIAL]
+
+    speeds = np.linspace(25, 26, 301)
+    mixed = np.asarray(axial_share(jnp.asarray(speeds)))
+    assert mixed.max() > 0.4  # the veering was met
+    at = np.array([1.0, 1.0, 4900.0, 1.0, 1.0, 1e-2, 1e-3, speeds[np.argmax(mixed)]])
+
+    def ordered(p):  # by frequency, smooth through the veering; curvature scale there is 1e-2
+        return jb.modes(model, *build(p), 5).frequency
+
+    exact = np.asarray(jax.jit(jax.jacrev(ordered))(at))
+    fd = finite_difference(jax.jit(ordered), at, relative=2e-4)
+    floor = 1e-9 * np.abs(exact * at).max() / np.abs(at)
+    assert (np.abs(exact - fd) <= 1e-7 * np.abs(fd) + floor).all()
+
+
+def test_gradients_where_flap_and_in_plane_coincide():
+    """A square section at rest: doubly degenerate, yet every derivative is finite and right."""
+    model = jb.Hybrid(6, 12, 12)
+    at = jnp.array([1.0, 1.0, 4900.0, 1.0, 1.0, 0.3, 0.2])
+
+    def frequency(p):
+        rotor, _ = build(jnp.append(p, 0.0))
+        return jb.modes(model, rotor, 0.0, jb.labels(in_plane=2, flap=2)).frequency
+
+    exact = np.asarray(jax.jacrev(frequency)(at))
+    fd = finite_difference(frequency, at)
+    np.testing.assert_allclose(exact, fd, rtol=1e-8, atol=1e-10)
+
+
+def test_second_derivatives_and_shapes():
+    model, which = jb.Hybrid(6, 10, 8), jb.labels(in_plane=2, flap=1, axial=1)
+
+    def frequency(p):
+        return jb.modes(model, *build(p), which).frequency
+
+    def tips(p):
+        shape = jb.modes(model, *build(p), which).shape
+        out = jnp.einsum("cn,kn->kc", model.displacement(np.ones(1))[:, 0], shape)
+        return jnp.concatenate([out.real.ravel(), out.imag.ravel()])
+
+    first = jax.jit(jax.jacrev(frequency))
+    second = np.asarray(jax.jit(jax.jacfwd(jax.jacrev(frequency)))(PLAIN))
+    fd = finite_difference(first, PLAIN)
+    _agree(second, fd, np.asarray(PLAIN))
+    exact = np.asarray(jax.jit(jax.jacfwd(tips))(PLAIN))
+    fd = finite_difference(jax.jit(tips), PLAIN)
+    _agree(exact, fd, np.asarray(PLAIN))
+
+
+# --- limits and errors ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tip", [0.0, 0.7])
+@pytest.mark.parametrize("make", [jb.Hybrid, jb.Classical])
+def test_speed_at_which_the_rod_tears(make, tip):
+    """beta tan(beta) = m / m_t, beta = Omega L sqrt(rho / EA): pi / 2 without tip mass."""
+    slenderness = 12.0
+    beta = np.pi / 2
+    if tip:
+        beta = scipy.optimize.brentq(lambda b: b * np.sin(b) * tip - np.cos(b), 0.1, np.pi / 2)
+    model, rotor = make(10, 12, 0), slender(slenderness, 0.3, tip)
+    assert int(jb.modes(model, rotor, slenderness * beta * (1 - 1e-9), 3, throw=False).status) == 0
+    above = slenderness * beta * (1 + 1e-9)
+    with pytest.raises(RuntimeError, match="no stable steady rotation at this angular_speed"):
+        jb.modes(model, rotor, above, 3)
+    failed = jb.modes(model, rotor, above, 3, throw=False)
+    assert jb.Status(int(failed.status)) is jb.Status.NO_EQUILIBRIUM
+    assert jnp.isnan(failed.frequency).all()
+
+
+def test_which_is_checked():
+    model = jb.Hybrid(2, 3, 0)
+    for bad in (0, 6, -1):
+        with pytest.raises(ValueError, match="which must be between 1 and 5"):
+            jb.modes(model, slender(), 1.0, bad)
+    with pytest.raises(ValueError, match="3 modes of in-plane bending, so there is no"):
+        jb.modes(model, slender(), 1.0, [jb.Label(IN_PLANE, 4)])
+    with pytest.raises(ValueError, match="0 modes of flap"):
+        jb.modes(model, slender(), 1.0, jb.labels(flap=1))
+    with pytest.raises(ValueError, match="at least one"):
+        jb.modes(model, slender(), 1.0, [])
+
+
+def test_ten_thousand_cases_equal_single_ones():
+    model, which = jb.Hybrid(6, 12, 0), jb.labels(in_plane=3)
+    cases = np.random.default_rng(0).uniform([0, 0, 0], [12, 2, 2], (10_000, 3))
+
+    @jax.jit
+    def one(case):
+        rotor = slender(70.0)
+        rotor = jb.Rotor(rotor.beam, case[1], case[2])
+        return jb.modes(model, rotor, case[0], which, throw=False).frequency
+
+    batched = np.asarray(jax.jit(jax.vmap(one))(jnp.asarray(cases)))
+    loop = np.stack([np.asarray(one(case)) for case in cases])
+    np.testing.assert_allclose(batched, loop, rtol=1e-12)

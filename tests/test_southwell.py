@@ -1,0 +1,229 @@
+"""Southwell coefficients, Campbell diagrams, crossings."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from tests import reference
+from tests.helpers import finite_difference, slender
+
+IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
+PLANAR = jb.labels(in_plane=3)
+MODELS = [
+    (jb.Hybrid(0, 14, 0), None),
+    (jb.Hybrid(12, 14, 0), 150.0),
+]
+
+
+@pytest.mark.parametrize(("model", "slenderness"), MODELS)
+@pytest.mark.parametrize(
+    ("hub", "tip", "speed"),
+    [
+        (0.0, 0.0, 0.0),
+        (0.5, 0.8, 2.0),
+        pytest.param(0.5, 0.8, 0.0, marks=pytest.mark.slow),
+        pytest.param(1.5, 0.0, 6.0, marks=pytest.mark.slow),
+    ],
+)
+def test_against_differences_of_converged_frequencies(model, slenderness, hub, tip, speed):
+    """d(omega^2) / d(Omega^2) of the power-series reference, to 1e-6."""
+    found = jb.southwell(model, slender(slenderness or 70.0, hub, tip), PLANAR, speed)
+
+    def square(s2):
+        return np.array(reference.frequencies(float(np.sqrt(s2)), hub, tip, slenderness)) ** 2
+
+    h = 1e-2  # omega^2 is analytic in Omega^2 and bends on the scale of 10; six points, h^6
+    if speed:
+        weights = dict(zip((-3, -2, -1, 1, 2, 3), (-1, 9, -45, 45, -9, 1), strict=True))
+    else:  # one-sided of order 6: no speed has a negative square
+        weights = dict(enumerate((-147, 360, -450, 400, -225, 72, -10)))
+    fd = sum(w * square(speed**2 + k * h) for k, w in weights.items()) / (60 * h)
+    np.testing.assert_allclose(found, fd, rtol=1e-6)
+
+
+@pytest.mark.parametrize("label", [jb.Label(IN_PLANE, 1), jb.Label(IN_PLANE, 2)])
+@pytest.mark.parametrize("tip", [0.0, 0.6])
+def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
+    """Inextensible, at rest: phi = int p W'^2 dx / int W^2 dm - 1, linear in R / L.
+
+    W from the clamped-free frequency of the reference, integrated as an initial-value problem.
+    """
+    model = jb.Hybrid(0, 16, 0)
+    omega = reference.frequencies(0.0, 0.0, tip)[label.order - 1]
+    b = np.sqrt(omega)
+    x, w = np.polynomial.legendre.leggauss(60)
+    x, w = (x + 1) / 2, w / 2
+
+    def shape(x):  # clamped at 0, W''(1) = 0
+        c = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
+        value = np.cosh(b * x) - np.cos(b * x) - c * (np.sinh(b * x) - np.sin(b * x))
+        slope = b * (np.sinh(b * x) + np.sin(b * x) - c * (np.cosh(b * x) - np.cos(b * x)))
+        return value, slope
+
+    value, slope = shape(x)
+    mass = np.sum(w * value**2) + tip * shape(1.0)[0] ** 2
+
+    def closed(hub):
+        p = hub * (1 - x) + (1 - x**2) / 2 + tip * (1 + hub)
+        return np.sum(w * p * slope**2) / mass - 1
+
+    hubs = np.array([0.0, 0.3, 1.0, 4.0])
+    found = [float(jb.southwell(model, slender(70.0, r, tip), [label])[0]) for r in hubs]
+    np.testing.assert_allclose(found, [closed(r) for r in hubs], rtol=1e-9)
+    line = found[0] + (found[2] - found[0]) * hubs
+    np.testing.assert_allclose(found, line, rtol=1e-11)
+
+
+def test_known_values():
+    """0.1933 for R = N = 0 (Schilhansl's 0.173, B eq. 68, is an approximation)."""
+    found = jb.southwell(jb.Hybrid(0, 16, 0), slender(), jb.labels(in_plane=1))
+    assert float(found[0]) == pytest.approx(0.1933, abs=5e-5)
+
+
+@pytest.mark.parametrize("hub", [0.0, 2.0])
+@pytest.mark.parametrize("tip", [0.0, 1.0])
+@pytest.mark.parametrize("speed", [0.0, 3.0])
+def test_flap_exceeds_in_plane_by_one(hub, tip, speed):
+    which = jb.labels(in_plane=3, flap=3)
+    phi = jb.southwell(jb.Hybrid(0, 16, 16), slender(70.0, hub, tip), which, speed)
+    np.testing.assert_allclose(phi[3:] - phi[:3], 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("model", [jb.Hybrid(8, 12, 12), jb.ANCF(5), jb.SmallStrainANCF(5)])
+def test_continuous_at_rest(model):
+    which = jb.labels(in_plane=2, axial=1)
+    at_rest = jb.southwell(model, slender(40.0, 0.3, 0.2), which)
+    nearly = jb.southwell(model, slender(40.0, 0.3, 0.2), which, 1e-3)
+    np.testing.assert_allclose(at_rest, nearly, rtol=1e-4)
+
+
+def test_classical_never_stiffens():
+    phi = jb.southwell(jb.Classical(0, 12, 12), slender(), jb.labels(in_plane=2, flap=2))
+    np.testing.assert_allclose(phi, [-1, -1, 0, 0], atol=1e-9)
+    beyond = jb.southwell(jb.Classical(0, 12, 0), slender(), jb.labels(in_plane=1), 5.0)
+    assert float(beyond[0]) == pytest.approx(-1)
+
+
+def test_derivatives_of_coefficients():
+    model, which = jb.Hybrid(8, 12, 12), jb.labels(in_plane=2, flap=1)
+
+    for speed in (0.0, 4.0):
+
+        def phi(p, speed=speed):
+            rotor = jb.Rotor(jb.Beam.from_slenderness(p[0]), p[1], p[2])
+            return jb.southwell(model, rotor, which, speed)
+
+        at = jnp.array([40.0, 0.4, 0.3])
+        for jacobian in (jax.jacfwd, jax.jacrev):
+            np.testing.assert_allclose(
+                jax.jit(jacobian(phi))(at), finite_difference(jax.jit(phi), at), rtol=1e-6,
+                atol=1e-9,
+            )  # fmt: skip
+
+
+def test_rest_and_speed_in_one_batch():
+    model, which = jb.Hybrid(6, 10, 0), jb.labels(in_plane=2)
+    speeds = jnp.array([0.0, 1.0, 0.0, 3.0])
+
+    def phi(s):
+        return jb.southwell(model, slender(50.0), which, s)
+
+    batch = jax.jit(jax.vmap(phi))(speeds)
+    np.testing.assert_allclose(batch, np.stack([phi(s) for s in speeds]), rtol=1e-12)
+    slope = jax.jit(jax.vmap(jax.jacfwd(phi)))(speeds)
+    assert np.isfinite(slope).all()
+
+
+# --- crossings -----------------------------------------------------------------------------------
+
+
+def test_first_resonance():
+    """First in-plane mode meets the speed at gamma = 3.88 (B, section 7), to 1e-10 by solver.
+
+    Checked by the reference: at that speed its own first frequency is the speed.
+    """
+    model, label = jb.Hybrid(0, 16, 0), jb.Label(IN_PLANE, 1)
+    at = jb.crossing(model, slender(), label, 1.0, (2.0, 6.0))
+    assert float(at) == pytest.approx(3.88, abs=5e-3)
+    assert reference.frequencies(float(at))[0] == pytest.approx(float(at), rel=1e-10)
+    extensible = jb.crossing(jb.Hybrid(12, 16, 0), slender(70.0), label, 1.0, (2.0, 6.0))
+    assert reference.frequencies(float(extensible), 0.0, 0.0, 70.0)[0] == pytest.approx(
+        float(extensible), rel=1e-10
+    )
+
+
+def test_derivatives_of_the_resonance():
+    model, label = jb.Hybrid(8, 12, 0), jb.Label(IN_PLANE, 1)
+
+    def at(p):
+        rotor = jb.Rotor(jb.Beam.from_slenderness(p[0]), p[1], p[2])
+        return jb.crossing(model, rotor, label, p[3], (0.5, 9.0))
+
+    p = jnp.array([60.0, 0.05, 0.1, 1.0])
+    exact = jax.jit(jax.jacrev(at))(p)
+    np.testing.assert_allclose(exact, finite_difference(at, p), rtol=1e-7)
+    np.testing.assert_allclose(exact, jax.jacfwd(at)(p), rtol=1e-10)
+    second = jax.jacfwd(jax.jacrev(at))(p)
+    np.testing.assert_allclose(second, second.T, rtol=1e-6, atol=1e-8)
+    # in the limit of small R and N the derivatives with respect to them by direct differences
+    for i in (1, 2):
+        h = jnp.zeros(4).at[i].set(1e-4)
+        fd = (at(p + h) - at(p - h)) / 2e-4
+        assert float(exact[i]) == pytest.approx(float(fd), rel=1e-4)
+
+
+def test_crossings_under_vmap():
+    model, label = jb.Hybrid(6, 10, 0), jb.Label(IN_PLANE, 1)
+    hubs = jnp.array([0.0, 0.05, 0.1, 3.0])
+
+    def at(hub):
+        return jb.crossing(model, slender(60.0, hub), label, 1.0, (0.5, 9.0), throw=False)
+
+    batch = np.asarray(jax.jit(jax.vmap(at))(hubs))
+    single = np.stack([at(h) for h in hubs])
+    np.testing.assert_allclose(batch, single, rtol=1e-12)
+    assert np.isnan(batch[3])  # with that hub the first mode stays above the speed
+    assert np.isfinite(batch[:3]).all()
+    with pytest.raises(RuntimeError, match="no crossing in bracket"):
+        jb.crossing(model, slender(60.0, 3.0), label, 1.0, (0.5, 9.0))
+
+
+def test_crossing_of_the_classical_beam():
+    """omega^2 = omega_0^2 - Omega^2 meets Omega at omega_0 / sqrt(2)."""
+    at = jb.crossing(jb.Classical(0, 12, 0), slender(), jb.Label(IN_PLANE, 1), 1.0, (1.0, 3.4))
+    assert float(at) == pytest.approx(reference.frequencies(0.0)[0] / np.sqrt(2), rel=1e-10)
+
+
+def test_campbell_diagram():
+    model, rotor = jb.Hybrid(8, 12, 12), slender(60.0)
+    which = jb.labels(in_plane=2, flap=2)
+    speeds = np.linspace(0.0, 12.0, 25)
+    diagram = jb.campbell(model, rotor, speeds, which)
+    column = diagram.table.sel(mode="flap bending 2")["frequency"]
+    single = [jb.modes(model, rotor, s, [jb.Label(FLAP, 2)]).frequency[0] for s in speeds]
+    np.testing.assert_allclose(column, single, rtol=1e-12)
+    found = diagram.crossings((1, 2, 3))
+    assert found
+    assert [c.angular_speed for c in found] == sorted(c.angular_speed for c in found)
+    for c in found:
+        f = jb.modes(model, rotor, c.angular_speed, [c.label]).frequency[0]
+        assert float(f) == pytest.approx(c.harmonic * c.angular_speed, rel=1e-12)
+    # every sign change of the finely sampled curves is there
+    fine = jb.campbell(model, rotor, np.linspace(0.0, 12.0, 200), which)
+    for i, label in enumerate(which):
+        for harmonic in (1, 2, 3):
+            gap = fine.table["frequency"][:, i] - harmonic * fine.table.coords["angular_speed"]
+            changes = int((gap[:-1] * gap[1:] < 0).sum())
+            assert changes == sum(c.label == label and c.harmonic == harmonic for c in found)
+
+
+def test_divergence_is_no_resonance():
+    diagram = jb.campbell(
+        jb.Classical(0, 8, 0), slender(), np.linspace(0.5, 10, 20), jb.labels(in_plane=1)
+    )
+    assert [c.harmonic for c in diagram.crossings((1,))] == [1]
+    growing = diagram.table["growth_rate"][:, 0] > 0
+    assert growing.any()
+    assert (diagram.table["frequency"][growing, 0] == 0).all()
