@@ -90,7 +90,7 @@ class Polynomials(Basis):
         t = np.asarray(xi) ** (1 / self.grading)
         value, slope = self._integrated(n, xi, 1)[::-1]
         derivative = np.stack([p.deriv()(t) for p in self._highest(n)], -1)
-        # d/dxi = (dt/dxi) d/dt. For grading 2 that is infinite at the clamp, where it is not needed:
+        # d/dxi = (dt/dxi) d/dt. For grading 2 that is infinite at the clamp, where nobody asks:
         # Gauss points are inside, and stretch has no curvature energy.
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = t ** (1.0 - self.grading) / self.grading

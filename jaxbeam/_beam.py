@@ -1,6 +1,5 @@
 """What rotates: a uniform slender beam, and the rotor that carries it."""
 
-import functools
 import warnings
 from typing import Any, Self
 
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar
+from jaxbeam._types import Code, Real, Scalar
 
 
 def real_scalar(name: str, value: Any) -> Scalar:
@@ -33,10 +32,6 @@ def real_scalar(name: str, value: Any) -> Scalar:
             "batch from outside with jax.vmap or jaxbeam.sweep"
         )
     return jnp.asarray(value)
-
-
-def _parameter(name: str, **kwargs: Any) -> Any:
-    return eqx.field(converter=functools.partial(real_scalar, name), **kwargs)
 
 
 class _Parameters(eqx.Module):
@@ -64,22 +59,38 @@ class Beam(_Parameters):
     field is a scalar leaf, so any of them can be swept, fitted or differentiated.
     """
 
-    length: Scalar = _parameter("length")
-    mass_per_length: Scalar = _parameter("mass_per_length")
-    axial_stiffness: Scalar = _parameter("axial_stiffness")
-    in_plane_bending_stiffness: Scalar = _parameter("in_plane_bending_stiffness")
-    flap_bending_stiffness: Scalar = _parameter("flap_bending_stiffness")
+    length: Scalar
+    mass_per_length: Scalar
+    axial_stiffness: Scalar
+    in_plane_bending_stiffness: Scalar
+    flap_bending_stiffness: Scalar
+
+    def __init__(
+        self,
+        length: Real,
+        mass_per_length: Real,
+        axial_stiffness: Real,
+        in_plane_bending_stiffness: Real,
+        flap_bending_stiffness: Real,
+    ) -> None:
+        self.length = real_scalar("length", length)
+        self.mass_per_length = real_scalar("mass_per_length", mass_per_length)
+        self.axial_stiffness = real_scalar("axial_stiffness", axial_stiffness)
+        self.in_plane_bending_stiffness = real_scalar(
+            "in_plane_bending_stiffness", in_plane_bending_stiffness
+        )
+        self.flap_bending_stiffness = real_scalar("flap_bending_stiffness", flap_bending_stiffness)
 
     @classmethod
     def from_section(
         cls,
         *,
-        length: Any,
-        youngs_modulus: Any,
-        density: Any,
-        area: Any,
-        in_plane_second_moment: Any,
-        flap_second_moment: Any = None,
+        length: Real,
+        youngs_modulus: Real,
+        density: Real,
+        area: Real,
+        in_plane_second_moment: Real,
+        flap_second_moment: Real | None = None,
     ) -> Self:
         """From material and cross-section: rho = density * area, EA, EI.
 
@@ -108,18 +119,18 @@ class Beam(_Parameters):
         )
 
     @classmethod
-    def from_slenderness(cls, slenderness: Any, *, flap_to_in_plane: Any = 1.0) -> Self:
+    def from_slenderness(cls, slenderness: Real, *, flap_to_in_plane: Real = 1.0) -> Self:
         """Nondimensional beam: L = rho = EI_zz = 1, EA = slenderness^2.
 
         slenderness = L sqrt(EA / EI_zz) = L sqrt(A / I_zz). Frequencies and speeds of such a beam
         are in units of sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses
         in units of the mass of the beam. `flap_to_in_plane` is EI_yy / EI_zz.
         """
-        slenderness = _positive("slenderness", slenderness)
+        ratio = _positive("slenderness", slenderness)
         return cls(
             length=1.0,
             mass_per_length=1.0,
-            axial_stiffness=slenderness**2,
+            axial_stiffness=ratio**2,
             in_plane_bending_stiffness=1.0,
             flap_bending_stiffness=_positive("flap_to_in_plane", flap_to_in_plane),
         )
@@ -132,9 +143,7 @@ class Beam(_Parameters):
     @property
     def frequency_scale(self) -> Scalar:
         """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L)."""
-        return jnp.sqrt(
-            self.in_plane_bending_stiffness / (self.mass_per_length * self.length**4)
-        )
+        return jnp.sqrt(self.in_plane_bending_stiffness / (self.mass_per_length * self.length**4))
 
     @property
     def slenderness(self) -> Scalar:
@@ -155,8 +164,15 @@ class Rotor(_Parameters):
     """
 
     beam: Beam
-    hub_radius: Scalar = _parameter("hub_radius", default=0.0)
-    tip_mass: Scalar = _parameter("tip_mass", default=0.0)
+    hub_radius: Scalar
+    tip_mass: Scalar
+
+    def __init__(self, beam: Beam, hub_radius: Real = 0.0, tip_mass: Real = 0.0) -> None:
+        if not isinstance(beam, Beam):
+            raise TypeError(f"beam must be a Beam, got {type(beam).__name__}")
+        self.beam = beam
+        self.hub_radius = real_scalar("hub_radius", hub_radius)
+        self.tip_mass = real_scalar("tip_mass", tip_mass)
 
     def tension(self, angular_speed: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Axial force that carries the undeformed beam round, as three coefficients in N.

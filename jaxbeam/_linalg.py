@@ -31,6 +31,10 @@ def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, "
     )
 
 
+def _cholesky(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    return jax.lax.linalg.cholesky(a, symmetrize_input=False)
+
+
 class BlockPairs(NamedTuple):
     """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
 
@@ -86,28 +90,32 @@ def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
         na = n - nt
         g = gyro[:nt, nt:]
         signature = jnp.where(jnp.arange(n) < nt, 1.0, -1.0)
-        lu = jnp.linalg.cholesky(k[nt:, nt:])
-        lw = jnp.linalg.cholesky(k[:nt, :nt])
+        lu = _cholesky(k[nt:, nt:])
+        lw = _cholesky(k[:nt, :nt])
         axial_ok = jnp.all(jnp.isfinite(lu))
         finite = jnp.all(jnp.isfinite(m)) & jnp.all(jnp.isfinite(gyro)) & jnp.all(jnp.isfinite(k))
 
         def hermitian(_: None) -> tuple[Array, Array]:
-            fw = lower(lw, jnp.linalg.cholesky(m[:nt, :nt]))
-            fu = lower(lu, jnp.linalg.cholesky(m[nt:, nt:]))
+            fw = lower(lw, _cholesky(m[:nt, :nt]))
+            fu = lower(lu, _cholesky(m[nt:, nt:]))
             coupling = lower(lu, lower(lw, g).T).T
             b = jnp.block([[-coupling, fw], [fu.T, jnp.zeros((na, nt), m.dtype)]])
-            u, sigma, vt = jnp.linalg.svd(b)
+            u, sigma, vt = jax.lax.linalg.svd(b, full_matrices=False)
             w = lower(lw, u[:nt], transpose=True)
             a = lower(lu, vt.T[:na], transpose=True)
             return 1j / sigma, jnp.concatenate([w + 0j, -1j * a])
+
+        def symmetric(_: None) -> tuple[Array, Array]:  # general, where no axial part is there
+            v = symmetric_modes(m, k)
+            mu = jnp.sum(v * (v @ k), axis=1)
+            root = jnp.sqrt(jnp.abs(mu))
+            return jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root)), v.T + 0j
 
         def general(_: None) -> tuple[Array, Array]:
             zero = jnp.zeros((nt, na), m.dtype)
             a = jnp.block([[k[:nt, :nt], zero], [g.T, k[nt:, nt:]]])
             b = jnp.block([[m[:nt, :nt], -g], [zero.T, m[nt:, nt:]]])
-            nu, z = jax.lax.linalg.eig(
-                jnp.linalg.solve(a, b), compute_left_eigenvectors=False
-            )
+            nu, z = jax.lax.linalg.eig(jnp.linalg.solve(a, b), compute_left_eigenvectors=False)
             omega = jnp.sqrt(1 / nu)  # principal root: Re >= 0
             growing = (omega.real == 0) & (omega.imag > 0)
             omega = jnp.where(growing, -omega, omega)
@@ -122,7 +130,7 @@ def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
 
         stable = jnp.all(jnp.isfinite(lw))
         case = jnp.where(finite & axial_ok, jnp.where(stable, 0, 1), 2)
-        lam, x = jax.lax.switch(case, [hermitian, general, nothing], None)
+        lam, x = jax.lax.switch(case, [hermitian, general if na else symmetric, nothing], None)
         norm = jnp.sum(x * signature[:, None] * (m @ x), axis=0)
         return lam, (x / jnp.sqrt(norm)[None]).T, axial_ok.astype(int)
 
@@ -134,10 +142,10 @@ def symmetric_modes(
     mass: Float[Array, "n n"], stiffness: Float[Array, "n n"]
 ) -> Float[Array, "n n"]:
     """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite."""
-    f = jnp.linalg.cholesky(mass)
+    f = _cholesky(mass)
     a = jax.lax.linalg.triangular_solve(f, stiffness, left_side=True, lower=True)
     a = jax.lax.linalg.triangular_solve(f, a.T, left_side=True, lower=True)
-    vectors = jnp.linalg.eigh((a + a.T) / 2)[1]
+    vectors = jax.lax.linalg.eigh((a + a.T) / 2, symmetrize_input=False)[0]
     return jax.lax.linalg.triangular_solve(
         f, vectors, left_side=True, lower=True, transpose_a=True
     ).T

@@ -13,8 +13,7 @@ from jaxbeam._beam import Rotor, steady_speed
 from jaxbeam._linalg import planar_eigenpairs, solve, symmetric_modes
 from jaxbeam._models.base import AbstractModel, Family, Label, LinearSystem
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar, Vectors
-
+from jaxbeam._types import Code, Real, Scalar, Vectors
 
 Result = TypeVar("Result")
 
@@ -75,7 +74,7 @@ class Modes(eqx.Module):
 def modes(
     model: AbstractModel,
     rotor: Rotor,
-    angular_speed: float | Scalar,
+    angular_speed: Real,
     which: int | Sequence[Label] = 6,
     *,
     throw: bool = True,
@@ -96,12 +95,35 @@ def modes(
     Raises `ValueError` for a `which` that the model does not have, and, with `throw`, a
     `RuntimeError` that says which parameter is out of range or that no steady state exists.
     """
-    if isinstance(which, int):
-        chosen: int | tuple[Label, ...] = which
-    else:
-        chosen = tuple(Label(Family(f), int(k)) for f, k in which)
-    result = _modes(model, rotor, steady_speed(angular_speed), chosen)
+    result = find(model, rotor, steady_speed(angular_speed), choose(model, which))
     return raise_unless_ok(result, result.status) if throw else result
+
+
+# How many modes, or family and order of each wanted mode: arrays, so that asking for other labels
+# does not compile anew.
+Choice = int | tuple[Int[Array, " k"], Int[Array, " k"]]
+
+
+def choose(model: AbstractModel, which: int | Sequence[Label]) -> Choice:
+    """`which` of `modes`, checked against what the model has."""
+    if isinstance(which, bool):
+        raise TypeError("which must be an int or labels")
+    if isinstance(which, int):
+        total = len(model.families)
+        if not 1 <= which <= total:
+            raise ValueError(f"which must be between 1 and {total} for this model, got {which}")
+        return which
+    if not len(which):
+        raise ValueError("which must name at least one mode")
+    for family, order in which:
+        available = model.families.count(Family(family))
+        if not 1 <= order <= available:
+            label = Label(Family(family), order)
+            raise ValueError(
+                f"which: this model has {available} modes of {label.family.title}, "
+                f"so there is no {label}"
+            )
+    return jnp.array([int(f) for f, _ in which]), jnp.array([int(k) for _, k in which])
 
 
 def raise_unless_ok(result: Result, status: Code) -> Result:
@@ -118,11 +140,9 @@ def raise_unless_ok(result: Result, status: Code) -> Result:
 
 
 @eqx.filter_jit
-def _modes(
-    model: AbstractModel, rotor: Rotor, speed: Scalar, which: int | tuple[Label, ...]
-) -> Modes:
+def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Modes:
+    """`modes` without its checks."""
     system = model.linearise(rotor, speed)
-    wanted = _check(which, system)
     everything = [
         _plane(system, *families)
         for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
@@ -131,10 +151,13 @@ def _modes(
     eigenvalue, shape, family, order, positive = (
         jnp.concatenate(parts) for parts in zip(*everything, strict=True)
     )
-    if isinstance(wanted, int):
-        pick = jnp.argsort(-(eigenvalue**2).real)[:wanted]
+    if isinstance(choice, int):
+        pick = jnp.argsort(-(eigenvalue**2).real)[:choice]
     else:
-        pick = jnp.stack([jnp.argmax((family == f) & (order == k)) for f, k in wanted])
+        right_family, right_order = (
+            have[None] == want[:, None] for have, want in zip((family, order), choice, strict=True)
+        )
+        pick = jnp.argmax(right_family & right_order, axis=1)
     eigenvalue, shape, family, order = (a[pick] for a in (eigenvalue, shape, family, order))
 
     kinds = jnp.asarray(system.families)
@@ -167,24 +190,6 @@ def _modes(
     )
 
 
-def _check(which: int | tuple[Label, ...], system: LinearSystem) -> int | tuple[Label, ...]:
-    total = len(system.families)
-    if isinstance(which, int):
-        if not 1 <= which <= total:
-            raise ValueError(f"which must be between 1 and {total} for this model, got {which}")
-        return which
-    if not which:
-        raise ValueError("which must name at least one mode")
-    for label in which:
-        available = system.families.count(label.family)
-        if not 1 <= label.order <= available:
-            raise ValueError(
-                f"which: this model has {available} modes of {label.family.title}, "
-                f"so there is no {label}"
-            )
-    return which
-
-
 def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> tuple[Array, ...]:
     """Eigenvalues, shapes (padded to all coordinates), labels of one plane; nothing flows back."""
     rows = system.where(transverse, *axial)
@@ -197,7 +202,7 @@ def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> tuple[Ar
     pairs = planar_eigenpairs(m, g, k, n_transverse)
     shape = jnp.zeros((n, len(system.families)), pairs.right.dtype).at[:, rows].set(pairs.right)
     orders = np.concatenate([np.arange(n_transverse), np.arange(n - n_transverse)]) + 1
-    kinds = np.array([int(transverse)] * n_transverse + [int(a) for a in axial] * (n - n_transverse))
+    kinds = np.asarray([int(system.families[row]) for row in rows])
     if 0 < n_transverse < n:
         column = _assign(_participation(m, k, pairs.right, n_transverse))
     else:  # one family alone: no coupling, the rank is the order
@@ -239,9 +244,9 @@ def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:
 
     # NaN, from a case that failed, would never settle.
     start = jnp.where(jnp.isnan(share), 0.0, share)
-    return jax.lax.while_loop(
-        lambda state: jnp.any(state[1] < 0), body, (start, jnp.full(n, -1))
-    )[1]
+    return jax.lax.while_loop(lambda state: jnp.any(state[1] < 0), body, (start, jnp.full(n, -1)))[
+        1
+    ]
 
 
 @jax.custom_jvp
@@ -293,9 +298,7 @@ def _residual(matrices: tuple[Array, Array, Array], lam: Array, x: Array) -> Flo
     m, g, k = matrices
     q = lam[:, None] ** 2 * (x @ m.T) + lam[:, None] * (x @ g.T) + x @ k.T
     size = jnp.abs(lam)
-    return norm(q, axis=-1) / (
-        (size**2 * norm(m) + size * norm(g) + norm(k)) * norm(x, axis=-1)
-    )
+    return norm(q, axis=-1) / ((size**2 * norm(m) + size * norm(g) + norm(k)) * norm(x, axis=-1))
 
 
 def _sign(model: AbstractModel, shape: Vectors, family: Array) -> Float[Array, " k"]:

@@ -1,6 +1,6 @@
 """Southwell coefficients, Campbell diagrams, and speeds at which a frequency is met."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -11,17 +11,17 @@ from jaxtyping import Array, Float
 
 from jaxbeam._beam import Rotor, real_scalar, steady_speed
 from jaxbeam._models.base import AbstractModel, Label
-from jaxbeam._modes import modes, raise_unless_ok
+from jaxbeam._modes import Choice, choose, find, raise_unless_ok
 from jaxbeam._status import Status
 from jaxbeam._sweep import Table, grid, sweep
-from jaxbeam._types import Code, Scalar
+from jaxbeam._types import Code, Real, Scalar
 
 
 def southwell(
     model: AbstractModel,
     rotor: Rotor,
     which: Sequence[Label],
-    angular_speed: float | Scalar = 0.0,
+    angular_speed: Real = 0.0,
     *,
     throw: bool = True,
 ) -> Float[Array, " k"]:
@@ -35,7 +35,8 @@ def southwell(
 
     `throw=False` gives NaN where a case fails.
     """
-    result, status = _southwell(model, rotor, tuple(which), steady_speed(angular_speed))
+    choice = choose(model, tuple(which))
+    result, status = _southwell(model, rotor, steady_speed(angular_speed), choice)
     if throw:
         return raise_unless_ok(result, status)
     return result
@@ -43,10 +44,10 @@ def southwell(
 
 @eqx.filter_jit
 def _southwell(
-    model: AbstractModel, rotor: Rotor, which: tuple[Label, ...], speed: Scalar
+    model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice
 ) -> tuple[Float[Array, " k"], Code]:
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
-        found = modes(model, rotor, omega, which, throw=False)
+        found = find(model, rotor, omega, choice)
         return -(found.eigenvalue**2).real, found.status
 
     def rate(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
@@ -118,36 +119,33 @@ def campbell(
     """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s)."""
     which = tuple(which)
     table = sweep(
-        _campbell_case(model, rotor, which),
+        # the rotor as an argument: diagrams of other rotors reuse the compiled code
+        jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which)),
         grid(angular_speed=angular_speeds),
         dims={
-            name: {"mode": [str(label) for label in which]}
-            for name in ("frequency", "growth_rate")
+            name: {"mode": [str(label) for label in which]} for name in ("frequency", "growth_rate")
         },
     )
     return Campbell(model, rotor, which, table)
 
 
 def _campbell_case(
-    model: AbstractModel, rotor: Rotor, which: tuple[Label, ...]
-) -> Callable[..., dict[str, Array]]:
-    def case(angular_speed: Scalar) -> dict[str, Array]:
-        found = modes(model, rotor, angular_speed, which, throw=False)
-        return {
-            "frequency": found.frequency,
-            "growth_rate": found.growth_rate,
-            "status": found.status,
-        }
-
-    return case
+    model: AbstractModel, rotor: Rotor, choice: Choice, *, angular_speed: Scalar
+) -> dict[str, Array]:
+    found = find(model, rotor, angular_speed, choice)
+    return {
+        "frequency": found.frequency,
+        "growth_rate": found.growth_rate,
+        "status": found.status,
+    }
 
 
 def crossing(
     model: AbstractModel,
     rotor: Rotor,
     label: Label,
-    harmonic: float | Scalar,
-    bracket: tuple[float | Scalar, float | Scalar],
+    harmonic: Real,
+    bracket: tuple[Real, Real],
     *,
     throw: bool = True,
 ) -> Scalar:
@@ -159,16 +157,17 @@ def crossing(
     the result is an error, or NaN with `throw=False`.
     """
     low, high = (real_scalar("bracket", end) for end in bracket)
-    result, status = _crossing(model, rotor, label, real_scalar("harmonic", harmonic), low, high)
+    ratio, choice = real_scalar("harmonic", harmonic), choose(model, (label,))
+    result, status = _crossing(model, rotor, choice, ratio, low, high)
     return raise_unless_ok(result, status) if throw else result
 
 
 @eqx.filter_jit
 def _crossing(
-    model: AbstractModel, rotor: Rotor, label: Label, harmonic: Scalar, low: Scalar, high: Scalar
+    model: AbstractModel, rotor: Rotor, choice: Choice, harmonic: Scalar, low: Scalar, high: Scalar
 ) -> tuple[Scalar, Code]:
     def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
-        found = modes(model, rotor, speed, (label,), throw=False)
+        found = find(model, rotor, speed, choice)
         return found.frequency[0] - harmonic * jnp.abs(speed), found.status
 
     def gap(speed: Scalar) -> Scalar:
@@ -181,8 +180,10 @@ def _crossing(
     status = jnp.where(status == Status.OK, at_high_status, status)
     ok = at_low * at_high <= 0  # False for NaN
 
+    State = tuple[Array, Array, Array, Array, Array]  # speed, bracket, last change, count
+
     def search(_: object, start: Scalar) -> Scalar:
-        def body(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        def body(state: State) -> State:
             speed, a, b, _, k = state
             value, slope = jax.jvp(gap, (speed,), (jnp.ones_like(speed),))
             left = jnp.sign(value) == jnp.sign(at_low)
@@ -192,15 +193,13 @@ def _crossing(
             new = jnp.where(value == 0, speed, jnp.where(inside, trial, (a + b) / 2))
             return new, a, b, jnp.abs(new - speed), k + 1
 
-        def go_on(state: tuple[Array, ...]) -> Array:
+        def go_on(state: State) -> Array:
             speed, _, _, change, k = state
             return ok & (change > 4 * jnp.finfo(speed.dtype).eps * jnp.abs(speed)) & (k < 100)
 
         infinite = jnp.full_like(start, jnp.inf)
-        return jax.lax.while_loop(go_on, body, (start, low, high, infinite, 0))[0]
+        return jax.lax.while_loop(go_on, body, (start, low, high, infinite, jnp.asarray(0)))[0]
 
-    speed = jax.lax.custom_root(
-        gap, (low + high) / 2, search, lambda g, y: y / g(jnp.ones_like(y))
-    )
+    speed = jax.lax.custom_root(gap, (low + high) / 2, search, lambda g, y: y / g(jnp.ones_like(y)))
     status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
     return jnp.where(status == Status.OK, speed, jnp.nan), status

@@ -35,7 +35,7 @@ class Cases:
 
 
 def grid(**axes: Any) -> Cases:
-    """Cartesian product: `grid(angular_speed=[0.0, 1.0], tip_mass=[0.0])`; the last runs fastest."""
+    """Cartesian product, the last axis fastest: `grid(angular_speed=[0.0, 1.0], tip_mass=[0])`."""
     coords = {name: _column(name, values) for name, values in _some(axes).items()}
     mesh = np.meshgrid(*coords.values(), indexing="ij")
     return Cases({n: m.ravel() for n, m in zip(coords, mesh, strict=True)}, coords)
@@ -160,12 +160,10 @@ class Table:
         """Write all of it to a NumPy archive (.npz), without pickling."""
         meta = {"dims": self.dims, "errors": self.errors}
         with open(path, "wb") as file:
-            np.savez_compressed(
-                file,
-                **{f"value:{n}": v for n, v in self.values.items()},
-                **{f"coord:{n}": c for n, c in self.coords.items()},
-                meta=np.asarray(json.dumps(meta)),
-            )
+            arrays: dict[str, Any] = {"meta": np.asarray(json.dumps(meta))}
+            arrays |= {f"value:{n}": v for n, v in self.values.items()}
+            arrays |= {f"coord:{n}": c for n, c in self.coords.items()}
+            np.savez_compressed(file, **arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -245,8 +243,9 @@ def sweep(
 
     The function is written for one case: it takes the parameters of `cases` as scalars, by name,
     and returns an array, or a dictionary, dataclass or `eqx.Module` of arrays. It is compiled once
-    (again only if it is another function object) and vectorised over `chunk` cases at a time, which
-    bounds the memory that it needs; results are moved to NumPy as they come.
+    (again only for another function object; arrays that change between sweeps are best bound with
+    `jax.tree_util.Partial(function, *arrays)`, which reuses the code) and vectorised over `chunk`
+    cases at a time, which bounds the memory that it needs; results are moved to NumPy as they come.
 
     One failing case never touches another. If the result has an entry `status` it is the status of
     the case; otherwise a case is `NOT_FINITE` when any of its results is not. A case that raises
@@ -383,8 +382,9 @@ class _Progress:
 
     def __call__(self, done: int) -> None:
         elapsed = time.perf_counter() - self.start
-        due = done == self.total or elapsed > self.next
-        if due and (self.wanted or (self.wanted is None and elapsed > 2)):
+        last = done == self.total
+        wanted = self.wanted or (self.wanted is None and (self.shown or (elapsed > 2 and not last)))
+        if wanted and (last or elapsed > self.next):
             left = elapsed / done * (self.total - done)
             text = f"\r{done}/{self.total} cases, {done / elapsed:.0f}/s, {left:.0f} s left "
             print(text, end="", file=sys.stderr, flush=True)

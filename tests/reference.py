@@ -92,9 +92,7 @@ def _determinant(omega, gamma, hub, tip, slenderness, plane):
             k += 1
 
         def at_tip(series, d):
-            return mpmath.fsum(
-                v * mpmath.ff(i, d) for i, v in enumerate(series) if i >= d
-            )
+            return mpmath.fsum(v * mpmath.ff(i, d) for i, v in enumerate(series) if i >= d)
 
         value, slope, curve, third = (at_tip(a, d) for d in range(4))
         s, ds = (at_tip(b, 0), at_tip(b, 1)) if a2 is not None else (0, 0)

@@ -1,5 +1,7 @@
 """Functions and integrals that the models are made of."""
 
+import itertools
+
 import mpmath
 import numpy as np
 import pytest
@@ -76,7 +78,7 @@ def test_integrals_against_adaptive_quadrature(basis):
         breaks = np.linspace(0, 1, 4)  # nodes of the elements
         pieces = [
             scipy.integrate.quad_vec(integrand, a, b, epsabs=1e-13, epsrel=1e-13)[0]
-            for a, b in zip(breaks[:-1], breaks[1:], strict=True)
+            for a, b in itertools.pairwise(breaks)
         ]
         expected = sum(pieces)
         np.testing.assert_allclose(got, expected, atol=1e-11 * np.abs(expected).max())

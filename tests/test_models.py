@@ -138,9 +138,7 @@ def test_one_element_mass_and_coriolis_are_those_printed():
     scalar = mass[np.ix_(axial, axial)]
     c[np.ix_(axial, transverse)] = -4.0 * scalar[:, 1:]
     c -= c.T
-    np.testing.assert_allclose(
-        system.gyroscopic, TO_PAPER.T @ c @ TO_PAPER, rtol=1e-12, atol=1e-15
-    )
+    np.testing.assert_allclose(system.gyroscopic, TO_PAPER.T @ c @ TO_PAPER, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("speed", [0.0, 3.0, 12.0])

@@ -277,7 +277,7 @@ def test_classical_with_stretch_against_scipy():
     "model", [jb.Hybrid(12, 16, 16), jb.SmallStrainANCF(8), jb.ANCF(8)], ids=repr
 )
 def test_shapes(model):
-    """Unit modal mass, tip positive, in quadrature, eigenvectors, and orthogonal as they must be."""
+    """Unit modal mass, tip positive, in quadrature, eigenvectors, orthogonal as they must be."""
     rotor, speed = slender(70.0, 0.5, 0.3), 7.0
     system = model.linearise(rotor, speed)
     found = jb.modes(model, rotor, speed, 8)

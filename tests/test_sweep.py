@@ -111,9 +111,7 @@ def test_failing_cases_leave_others_alone(function, chunk):
                     assert got.startswith("no stable steady rotation at this angular_speed")
                 else:
                     assert status is jb.Status.OK
-                    alone = jb.modes(
-                        MODEL, slender(30.0, hub, tip), speed, jb.labels(in_plane=2)
-                    )
+                    alone = jb.modes(MODEL, slender(30.0, hub, tip), speed, jb.labels(in_plane=2))
                     np.testing.assert_allclose(
                         table["frequency"][i, j, k], alone.frequency, rtol=1e-12
                     )
@@ -194,7 +192,8 @@ def test_csv(table, tmp_path):
         if np.isnan(row["tip_mass"]):
             continue
         at = {n: row[n] for n in ("angular_speed", "hub_radius", "tip_mass")}
-        np.testing.assert_array_equal(row["frequency[first]"], table.sel(**at, mode="first")["frequency"])
+        expected = table.sel(**at, mode="first")["frequency"]
+        np.testing.assert_array_equal(row["frequency[first]"], expected)
     complex_table = jb.sweep(product, jb.listed(a=[1, 2], b=[3, 4]))
     complex_table.to_csv(tmp_path / "c.csv")
     header = (tmp_path / "c.csv").read_text().splitlines()[0]

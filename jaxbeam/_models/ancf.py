@@ -34,7 +34,7 @@ from jaxbeam._beam import Rotor, steady_speed
 from jaxbeam._linalg import solve
 from jaxbeam._models.base import AbstractModel, Family, LinearSystem, count_functions
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Matrix, Scalar
+from jaxbeam._types import Code, Matrix, Real, Scalar
 
 
 class _ANCF(AbstractModel):
@@ -49,17 +49,22 @@ class _ANCF(AbstractModel):
         count_functions("n_elements", self.n_elements, least=1)
 
     @property
+    def families(self) -> tuple[Family, ...]:
+        """Axial, then in plane; the model is planar."""
+        return (Family.AXIAL,) * (2 * self.n_elements + 1) + (Family.IN_PLANE,) * (
+            2 * self.n_elements
+        )
+
+    @property
     def _basis(self) -> HermiteElements:
         return HermiteElements(self.n_elements)
 
     @abc.abstractmethod
-    def steady_tension(
-        self, rotor: Rotor, speed: Scalar
-    ) -> tuple[Matrix, Matrix, Scalar, Code]:
+    def steady_tension(self, rotor: Rotor, speed: Scalar) -> tuple[Matrix, Matrix, Scalar, Code]:
         """Stiffness of the steady tension EA eps on axial and on in-plane coordinates (N/m),
         the largest steady strain, and how the search for it ended."""
 
-    def linearise(self, rotor: Rotor, angular_speed: float | Scalar) -> LinearSystem:
+    def linearise(self, rotor: Rotor, angular_speed: Real) -> LinearSystem:
         """Mass, gyroscopic and stiffness matrices at a steady speed in rad/s (B eqs. 53-54)."""
         speed = steady_speed(angular_speed)
         beam, length, tip_mass = rotor.beam, rotor.beam.length, rotor.tip_mass
@@ -69,9 +74,13 @@ class _ANCF(AbstractModel):
         on_axial, on_bending, strain, ended = self.steady_tension(rotor, speed)
         mass_u = beam.mass * u.mass + tip_mass * np.outer(u.tip, u.tip)
         mass_w = beam.mass * w.mass + tip_mass * np.outer(w.tip, w.tip)
-        g = 2 * speed * (
-            beam.mass * coupling_integral(self._basis, n_bending, n_axial)
-            + tip_mass * np.outer(w.tip, u.tip)
+        g = (
+            2
+            * speed
+            * (
+                beam.mass * coupling_integral(self._basis, n_bending, n_axial)
+                + tip_mass * np.outer(w.tip, u.tip)
+            )
         )
         rigidity = beam.in_plane_bending_stiffness / length**3
         stiffness_u = (
@@ -86,13 +95,11 @@ class _ANCF(AbstractModel):
 
         return LinearSystem(
             mass=pair(mass_u, mass_w),
-            gyroscopic=jnp.block(
-                [[jnp.zeros_like(mass_u), -g.T], [g, jnp.zeros_like(mass_w)]]
-            ),
+            gyroscopic=jnp.block([[jnp.zeros_like(mass_u), -g.T], [g, jnp.zeros_like(mass_w)]]),
             stiffness=pair(stiffness_u - speed**2 * mass_u, stiffness_w - speed**2 * mass_w),
             steady_strain=strain,
             status=jnp.where(status == Status.OK, ended, status),
-            families=(Family.AXIAL,) * n_axial + (Family.IN_PLANE,) * n_bending,
+            families=self.families,
         )
 
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
@@ -113,9 +120,7 @@ class SmallStrainANCF(_ANCF):
     `ANCF` says what they become.
     """
 
-    def steady_tension(
-        self, rotor: Rotor, speed: Scalar
-    ) -> tuple[Matrix, Matrix, Scalar, Code]:
+    def steady_tension(self, rotor: Rotor, speed: Scalar) -> tuple[Matrix, Matrix, Scalar, Code]:
         """Integrals of P(x) in closed form."""
         c = jnp.stack(rotor.tension(speed))
         u = stretch_integrals(self._basis, 2 * self.n_elements + 1)
@@ -135,7 +140,7 @@ class ANCF(_ANCF):
     full load.
     """
 
-    def steady_state(self, rotor: Rotor, angular_speed: float | Scalar) -> tuple[Array, Code]:
+    def steady_state(self, rotor: Rotor, angular_speed: Real) -> tuple[Array, Code]:
         """Axial coordinates (2 n + 1, in metres) of the steady state, and how the search ended.
 
         Differentiable to any order by the implicit function theorem.
@@ -174,12 +179,16 @@ class ANCF(_ANCF):
             def go_on(state: tuple[Array, Array, Array]) -> Array:
                 return (state[1] > 1e-13) & (state[2] < 20)  # NaN ends it too
 
-            u, change, _ = jax.lax.while_loop(go_on, body, (u, jnp.asarray(jnp.inf), 0))
+            u, change, _ = jax.lax.while_loop(
+                go_on, body, (u, jnp.asarray(jnp.inf), jnp.asarray(0))
+            )
             # At round-off the step stalls slightly above the tolerance: accept that.
             return u, (change < 1e-10) & jnp.all(slope @ u > -0.5)
 
         def continuation(_: object, start: Array) -> tuple[Array, Array]:
-            def body(state: tuple[Array, Array, Array, Array]) -> tuple[Array, ...]:
+            def body(
+                state: tuple[Array, Array, Array, Array],
+            ) -> tuple[Array, Array, Array, Array]:
                 u, done, step, k = state
                 target = jnp.minimum(done + step, 1.0)
                 new, ok = newton(u, target)
@@ -194,9 +203,7 @@ class ANCF(_ANCF):
                 return (state[1] < 1) & (state[2] > 1e-9) & (state[3] < 100)
 
             one = jnp.ones((), start.dtype)
-            u, done, _, _ = jax.lax.while_loop(
-                go_on, body, (start, 0 * one, one, jnp.asarray(0))
-            )
+            u, done, _, _ = jax.lax.while_loop(go_on, body, (start, 0 * one, one, jnp.asarray(0)))
             return u, done
 
         u, done = jax.lax.custom_root(
@@ -209,14 +216,10 @@ class ANCF(_ANCF):
         return u * length, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
     def _interpolate_xi(self) -> np.ndarray:
-        nodes = np.stack(
-            [np.linspace(0, 1, self.n_elements + 1), np.ones(self.n_elements + 1)], 1
-        )
+        nodes = np.stack([np.linspace(0, 1, self.n_elements + 1), np.ones(self.n_elements + 1)], 1)
         return nodes.ravel()[1:]
 
-    def steady_tension(
-        self, rotor: Rotor, speed: Scalar
-    ) -> tuple[Matrix, Matrix, Scalar, Code]:
+    def steady_tension(self, rotor: Rotor, speed: Scalar) -> tuple[Matrix, Matrix, Scalar, Code]:
         """Integrals of EA eps over each element by Gauss points, exact for cubic shapes."""
         u, ended = self._steady_state(rotor, speed)
         n, length = self.n_elements, rotor.beam.length

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._beam import Rotor
-from jaxbeam._types import Code, Matrix, Scalar
+from jaxbeam._types import Code, Matrix, Real, Scalar
 
 
 class Family(enum.IntEnum):
@@ -66,8 +66,13 @@ class LinearSystem(eqx.Module):
 class AbstractModel(eqx.Module):
     """A theory with its discretisation. It holds no parameters of the beam, only static choices."""
 
+    @property
     @abc.abstractmethod
-    def linearise(self, rotor: Rotor, angular_speed: float | Scalar) -> LinearSystem:
+    def families(self) -> tuple[Family, ...]:
+        """Direction of each of the n coordinates."""
+
+    @abc.abstractmethod
+    def linearise(self, rotor: Rotor, angular_speed: Real) -> LinearSystem:
         """Matrices of small motion about steady rotation at `angular_speed` (rad/s)."""
 
     @abc.abstractmethod

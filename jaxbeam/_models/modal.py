@@ -28,7 +28,7 @@ from jaxbeam._basis import (
 )
 from jaxbeam._beam import Rotor, steady_speed
 from jaxbeam._models.base import AbstractModel, Family, LinearSystem, count_functions
-from jaxbeam._types import Matrix, Scalar
+from jaxbeam._types import Matrix, Real, Scalar
 
 
 class _Modal(AbstractModel):
@@ -45,13 +45,22 @@ class _Modal(AbstractModel):
         if self.n_stretch + self.n_in_plane + self.n_flap == 0:
             raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
 
+    @property
+    def families(self) -> tuple[Family, ...]:
+        """Stretch, then in plane, then flap."""
+        return (
+            (Family.AXIAL,) * self.n_stretch
+            + (Family.IN_PLANE,) * self.n_in_plane
+            + (Family.FLAP,) * self.n_flap
+        )
+
     @abc.abstractmethod
     def motion_stiffness(
         self, tension: Float[np.ndarray, "3 n n"], rotor: Rotor, speed: Scalar
     ) -> Matrix:
         """Stiffness that the steady motion adds to bending, beside the inertia terms."""
 
-    def linearise(self, rotor: Rotor, angular_speed: float | Scalar) -> LinearSystem:
+    def linearise(self, rotor: Rotor, angular_speed: Real) -> LinearSystem:
         """Mass, gyroscopic and stiffness matrices at a steady speed (Y eqs. 18-20).
 
         `angular_speed` in rad/s, any sign. Coordinates in metres, so stiffness in N/m.
@@ -94,7 +103,7 @@ class _Modal(AbstractModel):
             stiffness=stiffness,
             steady_strain=(c0 + c1 + c2 / 2) / beam.axial_stiffness,
             status=rotor.status(speed),
-            families=(Family.AXIAL,) * ns + (Family.IN_PLANE,) * n2 + (Family.FLAP,) * n3,
+            families=self.families,
         )
 
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:

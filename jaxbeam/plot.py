@@ -1,0 +1,59 @@
+"""Figures that many studies want. Needs matplotlib; not imported by `import jaxbeam`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jaxbeam import Campbell, Family, Label, Modes
+from jaxbeam._models.base import AbstractModel
+
+COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
+
+
+def campbell(
+    diagram: Campbell,
+    ax: Axes,
+    *,
+    harmonics: Sequence[float] = (),
+    scale: float = 1.0,
+    linestyle: str = "-",
+) -> None:
+    """Frequencies over speed, both divided by `scale`; lines of harmonics and their crossings.
+
+    One colour a family, named in the legend; growing modes are left out.
+    """
+    speed = diagram.table.coords["angular_speed"] / scale
+    named = set()
+    for i, label in enumerate(diagram.labels):
+        frequency = diagram.table["frequency"][:, i] / scale
+        frequency = np.where(diagram.table["growth_rate"][:, i] > 0, np.nan, frequency)
+        title = None if label.family in named else label.family.title
+        named.add(label.family)
+        ax.plot(speed, frequency, linestyle, color=COLOURS[label.family], lw=1.3, label=title)
+    top = np.nanmax(diagram.table["frequency"]) / scale * 1.05
+    for harmonic in harmonics:
+        ax.plot(speed, harmonic * speed, color="0.75", lw=0.8, zorder=0)
+        end = min(speed[-1], top / harmonic)
+        ax.annotate(
+            f"{harmonic:g}P", (end, harmonic * end), (2, -9), textcoords="offset points",
+            color="0.5", fontsize=8,
+        )  # fmt: skip
+    if harmonics:
+        found = [c.angular_speed / scale for c in diagram.crossings(harmonics)]
+        ks = [c.harmonic for c in diagram.crossings(harmonics)]
+        ax.plot(found, np.multiply(found, ks), "o", color="tab:red", ms=4, label="resonance")
+    ax.set_ylim(0, top)
+    ax.set_xlim(speed[0], speed[-1])
+
+
+def mode_shape(
+    model: AbstractModel, found: Modes, mode: Label, ax: Axes, points: int = 201, **style: object
+) -> None:
+    """Displacement of one mode in the direction that names it over x / L, largest value one."""
+    row, turn = {Family.AXIAL: (0, 1j), Family.IN_PLANE: (1, 1), Family.FLAP: (2, 1)}[mode.family]
+    xi = np.linspace(0, 1, points)
+    table = np.asarray(model.displacement(xi))[row]
+    # Stable axial parts are -i times a real shape, see `Modes`.
+    shape = (turn * (table @ np.asarray(found.shape[found.labels.index(mode)]))).real
+    ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]

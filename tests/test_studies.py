@@ -1,0 +1,61 @@
+"""Studies run through, write where they are told, and print numbers that the tests stand behind."""
+
+import csv
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+STUDIES = Path(__file__).parents[1] / "studies"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The main study, as a user runs it: in another folder, without environment variables."""
+    out = tmp_path_factory.mktemp("study")
+    done = subprocess.run(
+        [sys.executable, STUDIES / "rotating_cantilever.py", "--quick", "--out", out / "made"],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=True,
+        cwd=out,
+        env={k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_", "MPL"))},
+    )
+    return out / "made", done.stdout, set(out.iterdir())
+
+
+def test_files(run):
+    out, printed, beside = run
+    assert beside == {out}
+    assert str(out) in printed
+    for name in ("campbell", "mode_shapes", "southwell_lines", "southwell_map"):
+        assert (out / f"{name}.png").stat().st_size > 20_000
+    for name in ("table_2", "tables_3_4_5", "resonances", "southwell", "southwell_map"):
+        assert len((out / f"{name}.csv").read_text().splitlines()) > 5
+
+
+def test_numbers(run):
+    out, printed, _ = run
+    with open(out / "tables_3_4_5.csv") as file:
+        rows = list(csv.DictReader(file))
+    gap = [abs(float(r["printed" if "printed" in r else "omega_printed"]) - float(r["ten elements"]))
+           for r in rows]  # fmt: skip
+    assert len(gap) == 720
+    assert sorted(gap)[-2] < 6e-4  # all but the partner of the veering pair
+    assert "gamma = 3.8774421952" in printed
+    assert "entries with an axial mode below the printed bending mode: 127" in printed
+    southwell = np.genfromtxt(out / "southwell.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(southwell["phi_1"][0], 0.1933, atol=1e-3)
+
+
+def test_every_study_has_a_main():
+    for path in STUDIES.glob("*.py"):
+        text = path.read_text()
+        assert "def main(quick: bool" in text
+        assert '"--quick"' in text
+        assert importlib.util.spec_from_file_location(path.stem, path)
