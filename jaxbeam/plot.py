@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxbeam import Campbell, Family, Label, Modes
-from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.base import AbstractModel, Family, Label
+from jaxbeam._modes import Modes
+from jaxbeam._southwell import Campbell
 
 COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
 
