@@ -142,7 +142,7 @@ def raise_unless_ok(result: Result, status: Code) -> Result:
 @eqx.filter_jit
 def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Modes:
     """`modes` without its checks."""
-    system = model.linearise(rotor, speed)
+    system = model.matrices(rotor, speed)
     everything = [
         _plane(system, *families)
         for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))

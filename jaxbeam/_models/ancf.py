@@ -64,9 +64,8 @@ class _ANCF(AbstractModel):
         """Stiffness of the steady tension EA eps on axial and on in-plane coordinates (N/m),
         the largest steady strain, and how the search for it ended."""
 
-    def linearise(self, rotor: Rotor, angular_speed: Real) -> LinearSystem:
-        """Mass, gyroscopic and stiffness matrices at a steady speed in rad/s (B eqs. 53-54)."""
-        speed = steady_speed(angular_speed)
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        """Mass, gyroscopic and stiffness matrices (B eqs. 53-54)."""
         beam, length, tip_mass = rotor.beam, rotor.beam.length, rotor.tip_mass
         n_axial, n_bending = 2 * self.n_elements + 1, 2 * self.n_elements
         u = stretch_integrals(self._basis, n_axial)
@@ -145,7 +144,7 @@ class ANCF(_ANCF):
 
         Differentiable to any order by the implicit function theorem.
         """
-        return self._steady_state(rotor, steady_speed(angular_speed))
+        return _jitted_steady_state(self, rotor, steady_speed(angular_speed))
 
     def _steady_state(self, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         beam, length = rotor.beam, rotor.beam.length
@@ -233,3 +232,8 @@ class ANCF(_ANCF):
         full = full.at[rows, np.swapaxes(rows, 1, 2)].add(blocks)
         full = full * rotor.beam.axial_stiffness / length
         return full[1:, 1:], full[2:, 2:], jnp.max(strain), ended
+
+
+@eqx.filter_jit
+def _jitted_steady_state(model: ANCF, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+    return model._steady_state(rotor, speed)

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import Rotor
+from jaxbeam._beam import Rotor, steady_speed
 from jaxbeam._types import Code, Matrix, Real, Scalar
 
 
@@ -71,13 +71,25 @@ class AbstractModel(eqx.Module):
     def families(self) -> tuple[Family, ...]:
         """Direction of each of the n coordinates."""
 
-    @abc.abstractmethod
     def linearise(self, rotor: Rotor, angular_speed: Real) -> LinearSystem:
-        """Matrices of small motion about steady rotation at `angular_speed` (rad/s)."""
+        """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
+
+        Failures are in `status`, nothing raises but a malformed speed.
+        """
+        return _linearised(self, rotor, steady_speed(angular_speed))
+
+    @abc.abstractmethod
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        """`linearise` for a speed that has been checked; what a theory has to say."""
 
     @abc.abstractmethod
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
+
+
+@eqx.filter_jit
+def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
+    return model.matrices(rotor, speed)
 
 
 def count_functions(name: str, value: int, least: int = 0) -> None:

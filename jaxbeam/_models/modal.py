@@ -26,9 +26,9 @@ from jaxbeam._basis import (
     coupling_integral,
     stretch_integrals,
 )
-from jaxbeam._beam import Rotor, steady_speed
+from jaxbeam._beam import Rotor
 from jaxbeam._models.base import AbstractModel, Family, LinearSystem, count_functions
-from jaxbeam._types import Matrix, Real, Scalar
+from jaxbeam._types import Matrix, Scalar
 
 
 class _Modal(AbstractModel):
@@ -60,12 +60,8 @@ class _Modal(AbstractModel):
     ) -> Matrix:
         """Stiffness that the steady motion adds to bending, beside the inertia terms."""
 
-    def linearise(self, rotor: Rotor, angular_speed: Real) -> LinearSystem:
-        """Mass, gyroscopic and stiffness matrices at a steady speed (Y eqs. 18-20).
-
-        `angular_speed` in rad/s, any sign. Coordinates in metres, so stiffness in N/m.
-        """
-        speed = steady_speed(angular_speed)
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        """Mass, gyroscopic and stiffness matrices (Y eqs. 18-20); coordinates in metres."""
         beam, length, tip_mass = rotor.beam, rotor.beam.length, rotor.tip_mass
         ns, n2, n3 = self.n_stretch, self.n_in_plane, self.n_flap
         size = ns + n2 + n3
