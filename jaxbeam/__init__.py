@@ -1,7 +1,6 @@
 """Differentiable simulation of flexible beams that rotate, in pure JAX."""
 
 from jaxbeam._basis import CantileverModes as CantileverModes
-from jaxbeam._basis import HermiteElements as HermiteElements
 from jaxbeam._basis import Polynomials as Polynomials
 from jaxbeam._beam import Beam as Beam
 from jaxbeam._beam import Rotor as Rotor
@@ -18,6 +17,8 @@ from jaxbeam._modes import Modes as Modes
 from jaxbeam._modes import modes as modes
 from jaxbeam._southwell import Campbell as Campbell
 from jaxbeam._southwell import Crossing as Crossing
+from jaxbeam._southwell import Resonance as Resonance
+from jaxbeam._southwell import Southwell as Southwell
 from jaxbeam._southwell import campbell as campbell
 from jaxbeam._southwell import crossing as crossing
 from jaxbeam._southwell import southwell as southwell

@@ -74,13 +74,14 @@ class Polynomials(Basis):
 
     grading = 1 gives Legendre polynomials and is right for ordinary speeds. At high speed a
     boundary layer of width sqrt(EI / P(0)) grows at the clamp; grading = 2 packs the resolution
-    quadratically towards it and then needs about half as many functions.
+    quadratically towards it. It needs a few functions more than grading = 1 while the layer is
+    thick, and far fewer when it is thin: 28 against 48 for a layer of 0.4 % of the length.
     """
 
     grading: int = 1
 
     def __post_init__(self) -> None:
-        if self.grading not in (1, 2):
+        if type(self.grading) is not int or self.grading not in (1, 2):
             raise ValueError(f"grading must be 1 or 2, got {self.grading!r}")
 
     def bending(self, n: int, xi: _Array) -> Functions:

@@ -12,16 +12,21 @@ from jaxbeam._status import Status
 from jaxbeam._types import Code, Real, Scalar
 
 
+def _default_float() -> Any:
+    return jnp.result_type(float)
+
+
 def real_scalar(name: str, value: Any) -> Scalar:
     """`value` as a real floating-point scalar array, or an error that names the argument.
 
     Python numbers are welcome. Arrays must be real, floating and without axes: an integer array
-    has no derivative, and a batch belongs outside, in `jax.vmap` or `jaxbeam.sweep`.
+    has no derivative, and a batch belongs outside, in `jax.vmap` or `jaxbeam.sweep`. Shorter
+    floats are promoted to the default float, so that one of them does not spoil a result.
     """
     if isinstance(value, bool):
         raise TypeError(f"{name} must be a real number, got {value!r}")
     if isinstance(value, int | float):
-        return jnp.asarray(float(value))
+        return jnp.asarray(float(value), _default_float())
     dtype = getattr(value, "dtype", None)
     if dtype is None or not jnp.issubdtype(dtype, jnp.floating):
         kind = type(value).__name__ if dtype is None else f"an array of {dtype}"
@@ -31,7 +36,7 @@ def real_scalar(name: str, value: Any) -> Scalar:
             f"{name} must be a scalar, got shape {np.shape(value)}; "
             "batch from outside with jax.vmap or jaxbeam.sweep"
         )
-    return jnp.asarray(value)
+    return jnp.asarray(value, _default_float())
 
 
 class _Parameters(eqx.Module):
@@ -228,24 +233,30 @@ def require(status: Status, ok: bool, value: Any) -> None:
 
 def _positive(name: str, value: Any) -> Scalar:
     value = real_scalar(name, value)
-    if not isinstance(value, jax.core.Tracer) and not bool(_valid(value, False)):
+    if isinstance(value, jax.core.Tracer):
+        # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
+        return jnp.where(_valid(value, False), value, jnp.nan)
+    if not bool(_valid(value, False)):
         raise ValueError(f"{name} must be finite and > 0, got {value}")
     return value
 
 
-def steady_speed(angular_speed: Any) -> Scalar:
-    """`angular_speed` checked for structure and, where its value is known, for finiteness.
+def steady_case(rotor: Any, angular_speed: Any) -> tuple[Rotor, Scalar]:
+    """Rotor and speed, checked for structure and, where values are known, for range.
 
-    Also the place that warns when 64-bit floats are off, since every steady computation passes
-    through here.
+    Every public function comes through here, also with rotors made by `eqx.tree_at` or `vmap`,
+    which no constructor has seen. Also the place that warns when 64-bit floats are off.
     """
     if not jax.config.read("jax_enable_x64"):
         warnings.warn(
             "jax runs in 32-bit floats: frequencies will carry about three digits. Call "
             "jax.config.update('jax_enable_x64', True) before anything else.",
-            stacklevel=3,
+            stacklevel=4,
         )
+    if not isinstance(rotor, Rotor):
+        raise TypeError(f"rotor must be a Rotor, got {type(rotor).__name__}")
+    beam = Beam(*(getattr(rotor.beam, name) for name in _BEAM_NAMES))
     speed = real_scalar("angular_speed", angular_speed)
     if not isinstance(speed, jax.core.Tracer):
         require(Status.INVALID_ANGULAR_SPEED, bool(jnp.isfinite(speed)), speed)
-    return speed
+    return Rotor(beam, rotor.hub_radius, rotor.tip_mass), speed

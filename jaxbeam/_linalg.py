@@ -106,10 +106,10 @@ def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
             return 1j / sigma, jnp.concatenate([w + 0j, -1j * a])
 
         def symmetric(_: None) -> tuple[Array, Array]:  # general, where no axial part is there
-            v = symmetric_modes(m, k)
-            mu = jnp.sum(v * (v @ k), axis=1)
+            v, mu = _symmetric_modes(m, k)
             root = jnp.sqrt(jnp.abs(mu))
-            return jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root)), v.T + 0j
+            lam = jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root))
+            return lam, v.T + 0j
 
         def general(_: None) -> tuple[Array, Array]:
             zero = jnp.zeros((nt, na), m.dtype)
@@ -141,11 +141,18 @@ def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
 def symmetric_modes(
     mass: Float[Array, "n n"], stiffness: Float[Array, "n n"]
 ) -> Float[Array, "n n"]:
-    """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite."""
+    """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite.
+
+    From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
+    """
+    return _symmetric_modes(mass, stiffness)[0]
+
+
+def _symmetric_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
     f = _cholesky(mass)
-    a = jax.lax.linalg.triangular_solve(f, stiffness, left_side=True, lower=True)
-    a = jax.lax.linalg.triangular_solve(f, a.T, left_side=True, lower=True)
-    vectors = jax.lax.linalg.eigh((a + a.T) / 2, symmetrize_input=False)[0]
-    return jax.lax.linalg.triangular_solve(
-        f, vectors, left_side=True, lower=True, transpose_a=True
-    ).T
+    flexible = jnp.linalg.solve(stiffness, f)
+    a = f.T @ flexible
+    y, nu = jax.lax.linalg.eigh((a + a.T) / 2, symmetrize_input=False)
+    order = jnp.argsort(1 / nu)
+    v = (flexible @ y)[:, order].T
+    return v / jnp.sqrt(jnp.sum(v * (v @ mass), axis=1))[:, None], 1 / nu[order]

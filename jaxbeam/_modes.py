@@ -1,7 +1,7 @@
 """Frequencies, growth rates and mode shapes about steady rotation, labelled and differentiable."""
 
+import operator
 from collections.abc import Sequence
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -9,13 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._beam import Rotor, steady_speed
+from jaxbeam._beam import Rotor, steady_case
 from jaxbeam._linalg import planar_eigenpairs, solve, symmetric_modes
-from jaxbeam._models.base import AbstractModel, Family, Label, LinearSystem
-from jaxbeam._status import Status
+from jaxbeam._models.base import (
+    AbstractModel,
+    Family,
+    Label,
+    LinearSystem,
+    guarded_matrices,
+)
+from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vectors
-
-Result = TypeVar("Result")
 
 
 class Modes(eqx.Module):
@@ -31,8 +35,8 @@ class Modes(eqx.Module):
     | energy_share | (k, 3) |       | share of kinetic energy that is in plane, flap, axial      |
     | residual     | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M)        |
     |              |        |       | + abs(lambda) norm(G) + norm(K)) norm(x))                  |
-    | status       | ()     |       | `Status`; unless OK all numbers above are NaN              |
-    | steady_strain| ()     |       | largest axial strain of the steady state                   |
+    | status       | ()     |       | `Status`; unless OK the numbers are NaN, but for residual  |
+    | steady_strain| ()     |       | see `LinearSystem`                                         |
 
     (*) kg^-1/2 for coordinates in metres.
 
@@ -75,15 +79,15 @@ def modes(
     model: AbstractModel,
     rotor: Rotor,
     angular_speed: Real,
-    which: int | Sequence[Label] = 6,
+    which: int | Sequence[Label] | None = None,
     *,
     throw: bool = True,
 ) -> Modes:
     """Modes of small vibration about steady rotation at `angular_speed` (rad/s).
 
-    `which` is how many, lowest first (growing ones before all), or the labels wanted, in that
-    order (see `labels`). Real symmetric computations while the stiffness is positive definite,
-    the general eigenproblem with growth rates where it is not.
+    `which` is how many, lowest first (growing ones before all), six by default, or the labels
+    wanted, in that order (see `labels`). Real symmetric computations while the stiffness is
+    positive definite, the general eigenproblem with growth rates where it is not.
 
     Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
     both modes and to any order, wherever the eigenvalue is simple within its plane; crossings of
@@ -92,10 +96,11 @@ def modes(
 
     `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps.
 
-    Raises `ValueError` for a `which` that the model does not have, and, with `throw`, a
-    `RuntimeError` that says which parameter is out of range or that no steady state exists.
+    Raises `ValueError` or `TypeError` for a malformed argument, and, with `throw`, `ValueError` for
+    a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where no steady state
+    exists or is found.
     """
-    result = find(model, rotor, steady_speed(angular_speed), choose(model, which))
+    result = find(model, *steady_case(rotor, angular_speed), choose(model, which))
     return raise_unless_ok(result, result.status) if throw else result
 
 
@@ -104,45 +109,40 @@ def modes(
 Choice = int | tuple[Int[Array, " k"], Int[Array, " k"]]
 
 
-def choose(model: AbstractModel, which: int | Sequence[Label]) -> Choice:
+def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
     """`which` of `modes`, checked against what the model has."""
-    if isinstance(which, bool):
-        raise TypeError("which must be an int or labels")
-    if isinstance(which, int):
-        total = len(model.families)
-        if not 1 <= which <= total:
-            raise ValueError(f"which must be between 1 and {total} for this model, got {which}")
-        return which
-    if not len(which):
+    total = len(model.families)
+    if which is None:
+        return min(6, total)
+    if isinstance(which, Label):
+        which = (which,)
+    if not isinstance(which, Sequence):
+        if isinstance(which, bool) or not hasattr(which, "__index__"):
+            raise TypeError(f"which must be an int or labels, got {which!r}")
+        count = operator.index(which)
+        if not 1 <= count <= total:
+            raise ValueError(f"which must be between 1 and {total} for this model, got {count}")
+        return count
+    if not which:
         raise ValueError("which must name at least one mode")
-    for family, order in which:
-        available = model.families.count(Family(family))
-        if not 1 <= order <= available:
-            label = Label(Family(family), order)
+    for label in which:
+        if not isinstance(label, Label) or not isinstance(label.family, Family):
+            raise TypeError(f"which: not a Label: {label!r}; make them with jaxbeam.labels")
+        if isinstance(label.order, bool) or not isinstance(label.order, int):
+            raise TypeError(f"which: the order of a Label must be an int, got {label.order!r}")
+        available = model.families.count(label.family)
+        if not 1 <= label.order <= available:
             raise ValueError(
                 f"which: this model has {available} modes of {label.family.title}, "
                 f"so there is no {label}"
             )
-    return jnp.array([int(f) for f, _ in which]), jnp.array([int(k) for _, k in which])
-
-
-def raise_unless_ok(result: Result, status: Code) -> Result:
-    """`result`, or the exception that belongs to `status`; works inside `jit`."""
-    if isinstance(status, jax.core.Tracer):
-        sentences = [s.message for s in Status]
-        return eqx.branched_error_if(result, status != Status.OK, status, sentences)
-    ended = Status(int(status))
-    if Status.OK < ended < Status.NO_EQUILIBRIUM:
-        raise ValueError(ended.message)
-    if ended != Status.OK:
-        raise RuntimeError(ended.message)
-    return result
+    return jnp.array([int(f) for f, _ in which]), jnp.array([k for _, k in which])
 
 
 @eqx.filter_jit
 def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Modes:
     """`modes` without its checks."""
-    system = model.matrices(rotor, speed)
+    system = guarded_matrices(model, rotor, speed)
     everything = [
         _plane(system, *families)
         for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
@@ -160,23 +160,33 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
         pick = jnp.argmax(right_family & right_order, axis=1)
     eigenvalue, shape, family, order = (a[pick] for a in (eigenvalue, shape, family, order))
 
-    kinds = jnp.asarray(system.families)
-    axial = kinds == Family.AXIAL
-    signature = jnp.where(axial, -1.0, 1.0)
-    same_plane = (kinds == Family.FLAP)[None] == (family == Family.FLAP)[:, None]
     matrices = (system.mass, system.gyroscopic, system.stiffness)
+    residual = jax.lax.stop_gradient(_residual(matrices, eigenvalue, shape))
+    status = jnp.where(residual.max() > 1e-9, Status.INACCURATE, Status.OK)
+    status = jnp.where(jnp.all(jnp.isfinite(eigenvalue)), status, Status.NOT_FINITE)
+    status = jnp.where(jnp.all(positive), status, Status.NO_EQUILIBRIUM)
+    status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
+    ok = status == Status.OK
+
+    kinds = jnp.asarray(system.families)
+    signature = jnp.where(kinds == Family.AXIAL, -1.0, 1.0)
+    same_plane = ((kinds == Family.FLAP)[None] == (family == Family.FLAP)[:, None]).astype(
+        speed.dtype
+    )
+    # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
+    # below is the end of it: gradients of other cases by shared parameters stay finite.
+    identity = jnp.eye(len(system.families), dtype=speed.dtype)
+    instead = (identity, 0 * identity, 2 * identity)
     eigenvalue, shape = _differentiable(
-        *matrices, eigenvalue, shape, same_plane.astype(speed.dtype), signature
+        *(jnp.where(ok, a, b) for a, b in zip(matrices, instead, strict=True)),
+        jnp.where(ok, eigenvalue, 1j),
+        jnp.where(ok, shape, identity[jnp.argmax(same_plane, axis=1)]),
+        same_plane,
+        signature,
     )
 
     kinetic = (shape.conj() * (shape @ system.mass)).real
     share = jnp.stack([jnp.sum(kinetic * (kinds == f)[None], -1) for f in Family], -1)
-    ended = jnp.where(jnp.all(positive), Status.OK, Status.NO_EQUILIBRIUM)
-    status = jnp.where(system.status == Status.OK, ended, system.status)
-    status = jnp.where(
-        (status == Status.OK) & ~jnp.all(jnp.isfinite(eigenvalue)), Status.NOT_FINITE, status
-    )
-    ok = status == Status.OK
     nan = complex(float("nan"), float("nan"))
     return Modes(
         eigenvalue=jnp.where(ok, eigenvalue, nan),
@@ -184,9 +194,9 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
         family=family,
         order=order,
         energy_share=jnp.where(ok, share / jnp.sum(share, -1, keepdims=True), jnp.nan),
-        residual=jnp.where(ok, _residual(matrices, eigenvalue, shape), jnp.nan),
-        status=status.astype(int),
-        steady_strain=system.steady_strain,
+        residual=residual,
+        status=status,
+        steady_strain=jnp.where(ok, system.steady_strain, jnp.nan),
     )
 
 

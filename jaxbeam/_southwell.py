@@ -9,23 +9,30 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import Rotor, real_scalar, steady_speed
+from jaxbeam._beam import Rotor, real_scalar, steady_case
 from jaxbeam._models.base import AbstractModel, Label
-from jaxbeam._modes import Choice, choose, find, raise_unless_ok
-from jaxbeam._status import Status
+from jaxbeam._modes import Choice, choose, find
+from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._sweep import Table, grid, sweep
 from jaxbeam._types import Code, Real, Scalar
+
+
+class Southwell(eqx.Module):
+    """`coefficient`: phi = d(omega^2) / d(Omega^2), shape (k,), without unit; and a `status`."""
+
+    coefficient: Float[Array, " k"]
+    status: Code
 
 
 def southwell(
     model: AbstractModel,
     rotor: Rotor,
-    which: Sequence[Label],
+    which: int | Sequence[Label],
     angular_speed: Real = 0.0,
     *,
     throw: bool = True,
-) -> Float[Array, " k"]:
-    """Southwell coefficients phi = d(omega^2) / d(Omega^2), one for each label, without unit.
+) -> Southwell:
+    """Southwell coefficients phi = d(omega^2) / d(Omega^2) of the modes `which` (see `modes`).
 
     At rest this is phi of omega^2 = omega_0^2 + phi Omega^2 (B eq. 67); at speed it is the local
     slope. It includes the Coriolis coupling of bending with stretch when the model has stretch.
@@ -33,19 +40,15 @@ def southwell(
     second derivative of omega^2 at rest, where the former is 0 / 0. Itself differentiable with
     respect to rotor and speed. For a mode that diverges omega^2 is -growth_rate^2.
 
-    `throw=False` gives NaN where a case fails.
+    Raises as `modes` does; `throw=False` gives NaN and a status where a case fails.
     """
-    choice = choose(model, tuple(which))
-    result, status = _southwell(model, rotor, steady_speed(angular_speed), choice)
-    if throw:
-        return raise_unless_ok(result, status)
-    return result
+    choice = choose(model, which)
+    result = _southwell(model, *steady_case(rotor, angular_speed), choice)
+    return raise_unless_ok(result, result.status) if throw else result
 
 
 @eqx.filter_jit
-def _southwell(
-    model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice
-) -> tuple[Float[Array, " k"], Code]:
+def _southwell(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Southwell:
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
         found = find(model, rotor, omega, choice)
         return -(found.eigenvalue**2).real, found.status
@@ -66,7 +69,7 @@ def _southwell(
     safe = jnp.where(resting, rotor.beam.frequency_scale, speed)
     result = jax.lax.cond(resting, at_rest, at_speed, safe)
     status = square(speed)[1]
-    return jnp.where(status == Status.OK, result, jnp.nan), status
+    return Southwell(jnp.where(status == Status.OK, result, jnp.nan), status)
 
 
 class Crossing(NamedTuple):
@@ -93,7 +96,8 @@ class Campbell(eqx.Module):
         """All speeds in the range of the diagram where frequency = harmonic * speed.
 
         Sign changes between neighbouring speeds of the diagram, refined by `crossing`; two
-        crossings between two neighbours are not seen. Ordered by speed.
+        crossings between two neighbours are not seen. Where a label changes branch in a veering and
+        the line passes through the gap, there is no crossing. Ordered by speed.
         """
         speed = self.table.coords["angular_speed"]
         found = []
@@ -102,11 +106,12 @@ class Campbell(eqx.Module):
                 gap = self.table["frequency"][:, column] - harmonic * np.abs(speed)
                 # A gap that is zero at rest, in divergence, is no resonance.
                 gap = np.where(self.table["growth_rate"][:, column] > 0, np.nan, gap)
-                for i in np.flatnonzero(gap[:-1] * gap[1:] < 0):
+                # The right end belongs to the next interval: a root on a sample counts once.
+                for i in np.flatnonzero((gap[:-1] * gap[1:] < 0) | (gap[:-1] == 0)):
                     bracket = (float(speed[i]), float(speed[i + 1]))
-                    at = crossing(self.model, self.rotor, label, harmonic, bracket)
-                    found.append(Crossing(label, harmonic, float(at)))
-                found += [Crossing(label, harmonic, float(s)) for s in speed[gap == 0]]
+                    at = crossing(self.model, self.rotor, label, harmonic, bracket, throw=False)
+                    if at.status == Status.OK:
+                        found.append(Crossing(label, harmonic, float(at.angular_speed)))
         return sorted(found, key=lambda c: c.angular_speed)
 
 
@@ -118,6 +123,7 @@ def campbell(
 ) -> Campbell:
     """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s)."""
     which = tuple(which)
+    rotor, _ = steady_case(rotor, 0.0)
     table = sweep(
         # the rotor as an argument: diagrams of other rotors reuse the compiled code
         jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which)),
@@ -140,6 +146,13 @@ def _campbell_case(
     }
 
 
+class Resonance(eqx.Module):
+    """`angular_speed` (rad/s) at which a frequency is a multiple of it, and a `status`."""
+
+    angular_speed: Scalar
+    status: Code
+
+
 def crossing(
     model: AbstractModel,
     rotor: Rotor,
@@ -148,24 +161,36 @@ def crossing(
     bracket: tuple[Real, Real],
     *,
     throw: bool = True,
-) -> Scalar:
+) -> Resonance:
     """Speed in `bracket` (rad/s) at which the frequency of `label` is `harmonic` times the speed.
 
     Newton's method with exact derivatives, kept inside the bracket by bisection, to rounding.
     Differentiable with respect to rotor and harmonic by the implicit function theorem, and works
-    under `jit` and `vmap`. If frequency - harmonic * speed does not change sign over the bracket
-    the result is an error, or NaN with `throw=False`.
+    under `jit` and `vmap`. If frequency - harmonic * speed does not change sign over the bracket,
+    or only jumps because the label changes branch in a veering, that is an error, or `NO_CROSSING`
+    and NaN with `throw=False`.
     """
-    low, high = (real_scalar("bracket", end) for end in bracket)
-    ratio, choice = real_scalar("harmonic", harmonic), choose(model, (label,))
-    result, status = _crossing(model, rotor, choice, ratio, low, high)
-    return raise_unless_ok(result, status) if throw else result
+    if not isinstance(label, Label):
+        raise TypeError(f"label must be a Label, got {label!r}")
+    if not isinstance(bracket, tuple | list) or len(bracket) != 2:
+        raise ValueError(f"bracket must be two speeds, got {bracket!r}")
+    ends = tuple(real_scalar("bracket", end) for end in bracket)
+    ratio = real_scalar("harmonic", harmonic)
+    for name, value, least in (("harmonic", ratio, 0), *(("bracket", e, -jnp.inf) for e in ends)):
+        known = not isinstance(value, jax.core.Tracer)
+        if known and not (jnp.isfinite(value) and value > least):
+            raise ValueError(
+                f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
+            )
+    rotor, _ = steady_case(rotor, 0.0)
+    result = _crossing(model, rotor, choose(model, (label,)), ratio, *ends)
+    return raise_unless_ok(result, result.status) if throw else result
 
 
 @eqx.filter_jit
 def _crossing(
     model: AbstractModel, rotor: Rotor, choice: Choice, harmonic: Scalar, low: Scalar, high: Scalar
-) -> tuple[Scalar, Code]:
+) -> Resonance:
     def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
         found = find(model, rotor, speed, choice)
         return found.frequency[0] - harmonic * jnp.abs(speed), found.status
@@ -201,5 +226,8 @@ def _crossing(
         return jax.lax.while_loop(go_on, body, (start, low, high, infinite, jnp.asarray(0)))[0]
 
     speed = jax.lax.custom_root(gap, (low + high) / 2, search, lambda g, y: y / g(jnp.ones_like(y)))
+    # Bisection also ends at a jump, where a label changes branch: the gap says which it was.
+    miss = jnp.abs(gap(jax.lax.stop_gradient(speed)))
+    ok &= miss <= 1e-9 * jnp.abs(harmonic * speed)
     status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
-    return jnp.where(status == Status.OK, speed, jnp.nan), status
+    return Resonance(jnp.where(status == Status.OK, speed, jnp.nan), status)

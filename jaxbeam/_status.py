@@ -1,6 +1,12 @@
 """What became of a case: a code that travels through `jit` and `vmap`, and its sentence."""
 
 import enum
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+
+Result = TypeVar("Result")
 
 
 class Status(enum.IntEnum):
@@ -20,6 +26,7 @@ class Status(enum.IntEnum):
     NO_CROSSING = 11
     NOT_FINITE = 12
     RAISED = 13
+    INACCURATE = 14
 
     @property
     def message(self) -> str:
@@ -50,8 +57,28 @@ _MESSAGES = {
     ),
     Status.NO_CROSSING: (
         "no crossing in bracket: frequency minus harmonic times angular_speed must change "
-        "sign between its ends"
+        "sign between its ends, and not by a jump where the label changes branch in a veering"
     ),
     Status.NOT_FINITE: "the result is not finite",
     Status.RAISED: "the case raised an exception; see `errors`",
+    Status.INACCURATE: (
+        "eigenvectors miss their equation by more than 1e-9 (see residual): use fewer functions"
+    ),
 }
+
+
+def raise_unless_ok(result: Result, status: Any) -> Result:
+    """`result`, or the exception that belongs to `status`; works inside `jit`.
+
+    `ValueError` where a parameter is out of range, else `RuntimeError`; inside `jit` always the
+    latter, with the same sentence.
+    """
+    if isinstance(status, jax.core.Tracer):
+        sentences = [s.message for s in Status]
+        return eqx.branched_error_if(result, status != Status.OK, status, sentences)
+    ended = Status(int(status))
+    if Status.OK < ended < Status.NO_EQUILIBRIUM:
+        raise ValueError(ended.message)
+    if ended != Status.OK:
+        raise RuntimeError(ended.message)
+    return result

@@ -37,6 +37,9 @@ class Cases:
 def grid(**axes: Any) -> Cases:
     """Cartesian product, the last axis fastest: `grid(angular_speed=[0.0, 1.0], tip_mass=[0])`."""
     coords = {name: _column(name, values) for name, values in _some(axes).items()}
+    for name, column in coords.items():
+        if len(np.unique(column)) < len(column):
+            raise ValueError(f"{name} must not repeat values in a grid")
     mesh = np.meshgrid(*coords.values(), indexing="ij")
     return Cases({n: m.ravel() for n, m in zip(coords, mesh, strict=True)}, coords)
 
@@ -65,7 +68,9 @@ def _column(name: str, values: Any) -> np.ndarray:
         column = column.astype(float)  # [0, 1, 2] typed by hand means numbers
     if not np.issubdtype(column.dtype, np.floating):
         raise TypeError(f"{name} must be real floating-point numbers, got {column.dtype}")
-    return column
+    if name == "status":
+        raise ValueError("status is the name of the outcome, not of a parameter")
+    return column.astype(float)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,14 +113,17 @@ class Table:
         else:
             raise KeyError(f"no dimension named {name!r}; there are {sorted(self.coords)}")
         if isinstance(wanted, slice):
-            keep = np.ones(column.shape, bool)
+            if wanted.step is not None or column.dtype.kind == "U":
+                raise ValueError(f"{name}: a slice is from one number to another, without step")
+            keep, slack = np.ones(column.shape, bool), _slack(column)
             if wanted.start is not None:
-                keep &= column >= wanted.start
+                keep &= column >= wanted.start - slack
             if wanted.stop is not None:
-                keep &= column <= wanted.stop
+                keep &= column <= wanted.stop + slack
             index: Any = np.flatnonzero(keep)
-        elif np.ndim(wanted):
-            index = np.concatenate([_find(name, column, w) for w in wanted])
+        elif isinstance(wanted, list | np.ndarray) or type(wanted) is tuple:  # a Label is one name
+            found = [_find(name, column, w) for w in wanted]
+            index = np.concatenate(found) if found else np.zeros(0, int)
         else:
             index = _find(name, column, wanted)
             if dim == name:
@@ -216,19 +224,26 @@ class Table:
         return xarray.Dataset({n: (self.dims[n], v) for n, v in self.values.items()}, self.coords)
 
 
+def _slack(column: np.ndarray) -> float:
+    """How far a number may be from a coordinate: 1e-9 of the smallest distance between two."""
+    gaps = np.diff(np.unique(column[np.isfinite(column)]))
+    scale = float(gaps.min()) if gaps.size else float(np.abs(column[:1]).max(initial=0.0))
+    return 1e-9 * scale
+
+
 def _find(name: str, column: np.ndarray, wanted: Any) -> np.ndarray:
-    if column.dtype.kind in "UO":
-        found = np.flatnonzero(column == wanted)
-    else:
-        found = np.flatnonzero(np.isclose(column, wanted, rtol=1e-9, atol=1e-300))
+    if column.dtype.kind == "U":
+        found = np.flatnonzero(column == str(wanted))
+        if not found.size:
+            raise KeyError(f"{name} has no coordinate {str(wanted)!r}; there are {column.tolist()}")
+        return found
+    if isinstance(wanted, bool) or not isinstance(wanted, int | float | np.number):
+        raise TypeError(f"{name} must be selected by numbers, got {wanted!r}")
+    found = np.flatnonzero(np.isclose(column, wanted, rtol=1e-9, atol=_slack(column)))
     if not found.size:
-        near = "" if column.dtype.kind in "UO" else f", nearest {_nearest(column, wanted)}"
-        raise KeyError(f"{name} has no coordinate {wanted!r}{near}")
+        near = float(column[np.nanargmin(np.abs(column - wanted))])
+        raise KeyError(f"{name} has no coordinate {wanted!r}, nearest {near}")
     return found
-
-
-def _nearest(column: np.ndarray, wanted: float) -> float:
-    return float(column[np.nanargmin(np.abs(column - wanted))])
 
 
 def sweep(
@@ -243,9 +258,9 @@ def sweep(
 
     The function is written for one case: it takes the parameters of `cases` as scalars, by name,
     and returns an array, or a dictionary, dataclass or `eqx.Module` of arrays. It is compiled once
-    (again only for another function object; arrays that change between sweeps are best bound with
-    `jax.tree_util.Partial(function, *arrays)`, which reuses the code) and vectorised over `chunk`
-    cases at a time, which bounds the memory that it needs; results are moved to NumPy as they come.
+    (again only for another function object, so what it reads from outside is frozen: bind arrays
+    that change between sweeps with `jax.tree_util.Partial(function, *arrays)`) and vectorised over
+    `chunk` cases at a time, which bounds the memory it needs; results go to NumPy as they come.
 
     One failing case never touches another. If the result has an entry `status` it is the status of
     the case; otherwise a case is `NOT_FINITE` when any of its results is not. A case that raises
@@ -300,7 +315,7 @@ def _isolated(
     """Results of the cases in `index` in parts, a message for each case that raises alone."""
     try:
         return [(index, run(index))]
-    except RuntimeError as error:
+    except eqx.EquinoxRuntimeError as error:  # not other errors of the machine, say of memory
         if len(index) == 1:
             return [(index, _said(error))]
         half = len(index) // 2
@@ -345,6 +360,8 @@ def _table(
             if np.issubdtype(value.dtype, np.inexact):
                 finite &= np.isfinite(value).reshape(n, -1).all(1)
         collected["status"] = np.where(finite, Status.OK, Status.NOT_FINITE)
+    if collected["status"].shape != (n,) or collected["status"].dtype.kind != "i":
+        raise ValueError("the entry status of a result must be an integer scalar, see Status")
     for i in errors:
         collected["status"][i] = Status.RAISED
     coords = dict(cases.axes)
@@ -356,21 +373,34 @@ def _table(
     unknown = set(extra) - set(collected)
     if unknown:
         raise ValueError(f"dims: no results named {sorted(unknown)}; there are {sorted(collected)}")
+    taken = set(collected) & {*coords, *values}
+    if taken:
+        raise ValueError(f"results and parameters share the names {sorted(taken)}")
     for name, value in collected.items():
         rest = value.shape[1:]
-        named = {d: np.asarray(c) for d, c in extra.get(name, {}).items()}
-        if name in extra and tuple(len(c) for c in named.values()) != rest:
-            given = {d: len(c) for d, c in named.items()}
-            raise ValueError(f"dims: {name} has further dimensions {rest}, dims says {given}")
-        if name not in extra:
+        if name in extra:
+            named = {d: _coordinate(d, c) for d, c in extra[name].items()}
+            if tuple(len(c) for c in named.values()) != rest:
+                given = {d: len(c) for d, c in named.items()}
+                raise ValueError(f"dims: {name} has further dimensions {rest}, dims says {given}")
+        else:
             named = {f"{name}_{i}": np.arange(size) for i, size in enumerate(rest)}
         for dim, coordinate in named.items():
-            if dim in coords and not np.array_equal(coords[dim], coordinate):
+            if dim in lead or (dim in coords and not np.array_equal(coords[dim], coordinate)):
                 raise ValueError(f"dims: two different sets of coordinates for {dim!r}")
             coords[dim] = coordinate
         values[name] = value.reshape(shape + rest)
         dims[name] = (*lead, *named)
     return Table(values, dims, coords, errors)
+
+
+def _coordinate(dim: str, given: Sequence[Any]) -> np.ndarray:
+    """Numbers as they are, anything else (labels of modes, say) by its text."""
+    numbers = all(isinstance(g, int | float | np.number) for g in given)
+    column = np.asarray(given) if numbers else np.asarray([str(g) for g in given])
+    if column.ndim != 1:
+        raise ValueError(f"dims: coordinates of {dim!r} must be one-dimensional")
+    return column
 
 
 class _Progress:

@@ -41,8 +41,9 @@ def campbell(
             color="0.5", fontsize=8,
         )  # fmt: skip
     if harmonics:
-        found = [c.angular_speed / scale for c in diagram.crossings(harmonics)]
-        ks = [c.harmonic for c in diagram.crossings(harmonics)]
+        crossings = diagram.crossings(harmonics)
+        found = [c.angular_speed / scale for c in crossings]
+        ks = [c.harmonic for c in crossings]
         ax.plot(found, np.multiply(found, ks), "o", color="tab:red", ms=4, label="resonance")
     ax.set_ylim(0, top)
     ax.set_xlim(speed[0], speed[-1])

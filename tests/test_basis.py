@@ -24,7 +24,7 @@ def test_clamped_at_the_root(basis, n):
     assert np.abs(g.value).max() < 1e-13 * scale
 
 
-@pytest.mark.parametrize("basis", [*BASES, jb.HermiteElements(5)])
+@pytest.mark.parametrize("basis", [*BASES, _basis.HermiteElements(5)])
 def test_derivatives(basis):
     x = np.linspace(0.05, 0.99, 25)
     x = x[np.abs(5 * x - np.round(5 * x)) > 0.02]  # away from the nodes of five elements
@@ -67,9 +67,9 @@ def test_roots_against_multiple_precision():
             assert abs(root - exact) <= 4e-16 * exact
 
 
-@pytest.mark.parametrize("basis", [*BASES, jb.HermiteElements(3)])
+@pytest.mark.parametrize("basis", [*BASES, _basis.HermiteElements(3)])
 def test_integrals_against_adaptive_quadrature(basis):
-    n, ns = (6, 7) if isinstance(basis, jb.HermiteElements) else (5, 4)
+    n, ns = (6, 7) if isinstance(basis, _basis.HermiteElements) else (5, 4)
     f, g = _basis.bending_integrals(basis, n), _basis.stretch_integrals(basis, ns)
     c = _basis.coupling_integral(basis, n, ns)
     t = (lambda x: 1 + 0 * x, lambda x: 1 - x, lambda x: (1 - x**2) / 2)
@@ -116,7 +116,10 @@ def test_hermite_shapes_interpolate_cubics():
 
 
 def test_bad_sizes():
-    with pytest.raises(ValueError, match="grading"):
-        jb.Polynomials(grading=3)
+    for bad in (3, 0, 1.0, True):
+        with pytest.raises(ValueError, match="grading must be 1 or 2"):
+            jb.Polynomials(grading=bad)
+    with pytest.raises(TypeError, match="basis must be a Basis"):
+        jb.Hybrid(2, 2, 2, "polynomials")
     with pytest.raises(ValueError, match="Hermite elements have 6 functions, not 5"):
-        jb.HermiteElements(3).bending(5, np.zeros(1))
+        _basis.HermiteElements(3).bending(5, np.zeros(1))

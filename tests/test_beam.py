@@ -101,6 +101,25 @@ def test_bad_sections_name_the_argument():
         jb.Beam.from_slenderness(0.0)
 
 
+def test_signs_do_not_cancel_in_a_sweep():
+    model = jb.Hybrid(2, 4, 0)
+
+    def of_slenderness(slenderness):
+        return jb.modes(model, jb.Rotor(jb.Beam.from_slenderness(slenderness)), 1.0, throw=False)
+
+    table = jb.sweep(of_slenderness, jb.grid(slenderness=[-60.0, 60.0]))
+    assert table["status"].tolist() == [jb.Status.INVALID_AXIAL_STIFFNESS, jb.Status.OK]
+
+    def of_material(density, area):
+        beam = jb.Beam.from_section(
+            length=1.0, youngs_modulus=1.0, density=density, area=area, in_plane_second_moment=1.0
+        )
+        return jb.modes(model, jb.Rotor(beam), 0.1, throw=False)
+
+    table = jb.sweep(of_material, jb.listed(density=[-1.0, 1.0], area=[-1.0, 1.0]))
+    assert table["status"].tolist() == [jb.Status.INVALID_MASS_PER_LENGTH, jb.Status.OK]
+
+
 def _with(name, value):
     model = jb.Hybrid(2, 2, 2)
     if name in GOOD:

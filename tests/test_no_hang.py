@@ -43,7 +43,8 @@ def everything(c):
     g = jax.grad(lambda c: jb.modes(models[0], rotor(c), c[0], 3, throw=False).frequency[0])(c)
     h = jax.grad(lambda c: jb.modes(models[2], rotor(c), c[0], 3, throw=False).frequency[0])(c)
     p = jb.southwell(models[0], rotor(c), jb.labels(in_plane=2), c[0], throw=False)
-    return f, g, h, p
+    x = jb.crossing(models[0], rotor(c), jb.labels(in_plane=1)[0], 4.0, (0.1, 9.0), throw=False)
+    return f, g, h, p, x
 for _ in range(8):
     jax.block_until_ready(everything(jnp.asarray(cases[:100])))
 """

@@ -11,6 +11,16 @@ from tests.helpers import finite_difference, slender
 
 IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
 PLANAR = jb.labels(in_plane=3)
+
+
+def phi_of(*args, **kwargs):
+    return jb.southwell(*args, **kwargs).coefficient
+
+
+def crossing_at(*args, **kwargs):
+    return jb.crossing(*args, **kwargs).angular_speed
+
+
 MODELS = [
     (jb.Hybrid(0, 14, 0), None),
     (jb.Hybrid(12, 14, 0), 150.0),
@@ -29,7 +39,7 @@ MODELS = [
 )
 def test_against_differences_of_converged_frequencies(model, slenderness, hub, tip, speed):
     """d(omega^2) / d(Omega^2) of the power-series reference, to 1e-6."""
-    found = jb.southwell(model, slender(slenderness or 70.0, hub, tip), PLANAR, speed)
+    found = phi_of(model, slender(slenderness or 70.0, hub, tip), PLANAR, speed)
 
     def square(s2):
         return np.array(reference.frequencies(float(np.sqrt(s2)), hub, tip, slenderness)) ** 2
@@ -70,7 +80,7 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
         return np.sum(w * p * slope**2) / mass - 1
 
     hubs = np.array([0.0, 0.3, 1.0, 4.0])
-    found = [float(jb.southwell(model, slender(70.0, r, tip), [label])[0]) for r in hubs]
+    found = [float(phi_of(model, slender(70.0, r, tip), [label])[0]) for r in hubs]
     np.testing.assert_allclose(found, [closed(r) for r in hubs], rtol=1e-9)
     line = found[0] + (found[2] - found[0]) * hubs
     np.testing.assert_allclose(found, line, rtol=1e-11)
@@ -78,7 +88,7 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
 
 def test_known_values():
     """0.1933 for R = N = 0 (Schilhansl's 0.173, B eq. 68, is an approximation)."""
-    found = jb.southwell(jb.Hybrid(0, 16, 0), slender(), jb.labels(in_plane=1))
+    found = phi_of(jb.Hybrid(0, 16, 0), slender(), jb.labels(in_plane=1))
     assert float(found[0]) == pytest.approx(0.1933, abs=5e-5)
 
 
@@ -87,22 +97,22 @@ def test_known_values():
 @pytest.mark.parametrize("speed", [0.0, 3.0])
 def test_flap_exceeds_in_plane_by_one(hub, tip, speed):
     which = jb.labels(in_plane=3, flap=3)
-    phi = jb.southwell(jb.Hybrid(0, 16, 16), slender(70.0, hub, tip), which, speed)
+    phi = phi_of(jb.Hybrid(0, 16, 16), slender(70.0, hub, tip), which, speed)
     np.testing.assert_allclose(phi[3:] - phi[:3], 1.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", [jb.Hybrid(8, 12, 12), jb.ANCF(5), jb.SmallStrainANCF(5)])
 def test_continuous_at_rest(model):
     which = jb.labels(in_plane=2, axial=1)
-    at_rest = jb.southwell(model, slender(40.0, 0.3, 0.2), which)
-    nearly = jb.southwell(model, slender(40.0, 0.3, 0.2), which, 1e-3)
+    at_rest = phi_of(model, slender(40.0, 0.3, 0.2), which)
+    nearly = phi_of(model, slender(40.0, 0.3, 0.2), which, 1e-3)
     np.testing.assert_allclose(at_rest, nearly, rtol=1e-4)
 
 
 def test_classical_never_stiffens():
-    phi = jb.southwell(jb.Classical(0, 12, 12), slender(), jb.labels(in_plane=2, flap=2))
+    phi = phi_of(jb.Classical(0, 12, 12), slender(), jb.labels(in_plane=2, flap=2))
     np.testing.assert_allclose(phi, [-1, -1, 0, 0], atol=1e-9)
-    beyond = jb.southwell(jb.Classical(0, 12, 0), slender(), jb.labels(in_plane=1), 5.0)
+    beyond = phi_of(jb.Classical(0, 12, 0), slender(), jb.labels(in_plane=1), 5.0)
     assert float(beyond[0]) == pytest.approx(-1)
 
 
@@ -113,7 +123,7 @@ def test_derivatives_of_coefficients(speed, jacobian):
     @jax.jit
     def phi(p):
         rotor = jb.Rotor(jb.Beam.from_slenderness(p[0]), p[1], p[2])
-        return jb.southwell(model, rotor, which, speed)
+        return phi_of(model, rotor, which, speed)
 
     at = jnp.array([40.0, 0.4, 0.3])
     exact = jax.jit(jacobian(phi))(at)
@@ -125,7 +135,7 @@ def test_rest_and_speed_in_one_batch():
     speeds = jnp.array([0.0, 1.0, 0.0, 3.0])
 
     def phi(s):
-        return jb.southwell(model, slender(50.0), which, s)
+        return phi_of(model, slender(50.0), which, s)
 
     batch = jax.jit(jax.vmap(phi))(speeds)
     np.testing.assert_allclose(batch, np.stack([phi(s) for s in speeds]), rtol=1e-12)
@@ -140,10 +150,10 @@ def test_first_resonance():
     Checked by the reference: at that speed its own first frequency is the speed.
     """
     model, label = jb.Hybrid(0, 16, 0), jb.Label(IN_PLANE, 1)
-    at = jb.crossing(model, slender(), label, 1.0, (2.0, 6.0))
+    at = crossing_at(model, slender(), label, 1.0, (2.0, 6.0))
     assert float(at) == pytest.approx(3.88, abs=5e-3)
     assert reference.frequencies(float(at))[0] == pytest.approx(float(at), rel=1e-10)
-    extensible = jb.crossing(jb.Hybrid(12, 16, 0), slender(70.0), label, 1.0, (2.0, 6.0))
+    extensible = crossing_at(jb.Hybrid(12, 16, 0), slender(70.0), label, 1.0, (2.0, 6.0))
     assert reference.frequencies(float(extensible), 0.0, 0.0, 70.0)[0] == pytest.approx(
         float(extensible), rel=1e-10
     )
@@ -154,7 +164,7 @@ def test_derivatives_of_the_resonance():
 
     def at(p):
         rotor = jb.Rotor(jb.Beam.from_slenderness(p[0]), p[1], p[2])
-        return jb.crossing(model, rotor, label, p[3], (0.5, 9.0))
+        return crossing_at(model, rotor, label, p[3], (0.5, 9.0))
 
     p = jnp.array([60.0, 0.05, 0.1, 1.0])
     exact = jax.jit(jax.jacrev(at))(p)
@@ -167,7 +177,7 @@ def test_crossings_under_vmap():
     hubs = jnp.array([0.0, 0.05, 0.1, 3.0])
 
     def at(hub):
-        return jb.crossing(model, slender(60.0, hub), label, 1.0, (0.5, 9.0), throw=False)
+        return crossing_at(model, slender(60.0, hub), label, 1.0, (0.5, 9.0), throw=False)
 
     batch = np.asarray(jax.jit(jax.vmap(at))(hubs))
     single = np.stack([at(h) for h in hubs])
@@ -175,12 +185,12 @@ def test_crossings_under_vmap():
     assert np.isnan(batch[3])  # with that hub the first mode stays above the speed
     assert np.isfinite(batch[:3]).all()
     with pytest.raises(RuntimeError, match="no crossing in bracket"):
-        jb.crossing(model, slender(60.0, 3.0), label, 1.0, (0.5, 9.0))
+        crossing_at(model, slender(60.0, 3.0), label, 1.0, (0.5, 9.0))
 
 
 def test_crossing_of_the_classical_beam():
     """omega^2 = omega_0^2 - Omega^2 meets Omega at omega_0 / sqrt(2)."""
-    at = jb.crossing(jb.Classical(0, 12, 0), slender(), jb.Label(IN_PLANE, 1), 1.0, (1.0, 3.4))
+    at = crossing_at(jb.Classical(0, 12, 0), slender(), jb.Label(IN_PLANE, 1), 1.0, (1.0, 3.4))
     assert float(at) == pytest.approx(reference.frequencies(0.0)[0] / np.sqrt(2), rel=1e-10)
 
 
@@ -215,3 +225,49 @@ def test_divergence_is_no_resonance():
     growing = diagram.table["growth_rate"][:, 0] > 0
     assert growing.any()
     assert (diagram.table["frequency"][growing, 0] == 0).all()
+
+
+def test_no_resonance_where_a_label_changes_branch():
+    """The line passes through the gap of the veering of in-plane 3 with stretch 1 at 25.53."""
+    model, rotor, harmonic = jb.Hybrid(8, 14, 0), slender(70.0), 4.6487
+    for label, bracket in (
+        (jb.Label(AXIAL, 1), (25.4, 25.6)),
+        (jb.Label(IN_PLANE, 3), (25.45, 25.6)),
+    ):
+        with pytest.raises(RuntimeError, match="not by a jump where the label changes branch"):
+            jb.crossing(model, rotor, label, harmonic, bracket)
+    diagram = jb.campbell(model, rotor, np.linspace(20, 30, 41), jb.labels(in_plane=3, axial=1))
+    for c in diagram.crossings((harmonic,)):
+        frequency = jb.modes(model, rotor, c.angular_speed, [c.label]).frequency[0]
+        assert float(frequency) == pytest.approx(harmonic * c.angular_speed, rel=1e-9)
+        assert abs(c.angular_speed - 25.5325) > 1e-3
+
+
+def test_status_in_sweeps():
+    model, label = jb.Hybrid(4, 8, 0), jb.Label(IN_PLANE, 1)
+
+    def coefficient(hub_radius):
+        return jb.southwell(model, slender(60.0, hub_radius), (label,), throw=False)
+
+    def resonance(hub_radius):
+        return jb.crossing(model, slender(60.0, hub_radius), label, 1.0, (0.5, 9.0), throw=False)
+
+    cases, status = jb.grid(hub_radius=[0.0, -1.0, 3.0]), jb.Status
+    table = jb.sweep(coefficient, cases)
+    assert table["status"].tolist() == [status.OK, status.INVALID_HUB_RADIUS, status.OK]
+    table = jb.sweep(resonance, cases)
+    assert table["status"].tolist() == [status.OK, status.INVALID_HUB_RADIUS, status.NO_CROSSING]
+
+
+def test_bad_arguments_of_crossing():
+    good = (jb.Hybrid(0, 4, 0), slender(), jb.Label(IN_PLANE, 1))
+    for harmonic in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValueError, match="harmonic must be finite and > 0"):
+            jb.crossing(*good, harmonic, (1.0, 5.0))
+    for bracket in (1.0, (1.0,), (1.0, 2.0, 3.0)):
+        with pytest.raises(ValueError, match="bracket must be two speeds"):
+            jb.crossing(*good, 1.0, bracket)
+    with pytest.raises(ValueError, match="bracket must be finite"):
+        jb.crossing(*good, 1.0, (1.0, float("nan")))
+    with pytest.raises(TypeError, match="label must be a Label"):
+        jb.crossing(*good[:2], "flap 1", 1.0, (1.0, 5.0))

@@ -41,6 +41,32 @@ def test_index_by_value():
         table["total"]
 
 
+def test_selection_has_tolerance():
+    table = jb.sweep(lambda a: a, jb.grid(a=np.arange(-0.3, 0.35, 0.1)))
+    assert abs(float(table.sel(a=0.0)["value"])) < 1e-15
+    assert table.sel(a=slice(-0.1, 0.1))["value"].size == 3
+    assert table.sel(a=[])["value"].size == 0
+    for bad in ("x", None, True):
+        with pytest.raises(TypeError, match="a must be selected by numbers"):
+            table.sel(a=bad)
+    with pytest.raises(ValueError, match="without step"):
+        table.sel(a=slice(0, 1, 2))
+
+
+def test_labels_as_coordinates(tmp_path):
+    which = jb.labels(in_plane=2, axial=1)
+    table = jb.sweep(
+        lambda a: a * jnp.arange(3.0), jb.grid(a=[1, 2]), dims={"value": {"mode": which}}
+    )
+    table.save(tmp_path / "t.npz")
+    for t in (table, jb.Table.load(tmp_path / "t.npz")):
+        np.testing.assert_array_equal(t.sel(mode=which[1])["value"], [1, 2])
+        np.testing.assert_array_equal(t.sel(mode="axial 1", a=2)["value"], 4)
+        assert t.sel(mode=[which[0], which[2]])["value"].shape == (2, 2)
+    with pytest.raises(KeyError, match="mode has no coordinate 'flap bending 1'"):
+        table.sel(mode=jb.Label(jb.Family.FLAP, 1))
+
+
 def test_explicit_list():
     table = jb.sweep(product, jb.listed(a=[1, 2, 1], b=[5, 6, 7]))
     np.testing.assert_array_equal(table["sum"], [6, 8, 8])
@@ -137,6 +163,16 @@ def test_all_cases_raise():
 
 
 def test_errors_of_the_function_itself_pass_through():
+    traces = 0
+
+    def broken(a):
+        nonlocal traces
+        traces += 1
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"):
+        jb.sweep(broken, jb.grid(a=np.arange(8.0)))
+    assert traces == 1
     with pytest.raises(TypeError, match="unexpected keyword argument 'b'"):
         jb.sweep(lambda a: a, jb.grid(a=[1], b=[2]))
     with pytest.raises(TypeError, match="at least one array"):
@@ -161,6 +197,16 @@ def test_bad_arguments():
             jb.sweep(lambda a: a, jb.grid(a=[1]), chunk=bad)
     with pytest.raises(ValueError, match="no results named"):
         jb.sweep(lambda a: a, jb.grid(a=[1]), dims={"x": {"y": [1]}})
+    with pytest.raises(ValueError, match="a must not repeat values in a grid"):
+        jb.grid(a=[1, 1])
+    with pytest.raises(ValueError, match="share the names"):
+        jb.sweep(lambda a: {"a": a}, jb.listed(a=[1]))
+    with pytest.raises(ValueError, match="status is the name"):
+        jb.listed(status=[1])
+    with pytest.raises(ValueError, match="status of a result must be an integer"):
+        jb.sweep(lambda a: {"x": a, "status": a}, jb.listed(a=[1]))
+    with pytest.raises(ValueError, match="two different sets of coordinates for 'a'"):
+        jb.sweep(product, jb.grid(a=[1, 2], b=[1]), dims={"pair": {"a": ["x", "y"]}})
     with pytest.raises(ValueError, match="further dimensions"):
         jb.sweep(product, jb.grid(a=[1], b=[1]), dims={"pair": {"which": ["a"]}})
 

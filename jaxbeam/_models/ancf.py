@@ -30,10 +30,10 @@ from jaxbeam._basis import (
     hermite,
     stretch_integrals,
 )
-from jaxbeam._beam import Rotor, steady_speed
+from jaxbeam._beam import Rotor, steady_case
 from jaxbeam._linalg import solve
 from jaxbeam._models.base import AbstractModel, Family, LinearSystem, count_functions
-from jaxbeam._status import Status
+from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar
 
 
@@ -86,7 +86,6 @@ class _ANCF(AbstractModel):
             beam.axial_stiffness / length * u.tension[0] + rigidity * u.curvature + 2 * on_axial
         )
         stiffness_w = rigidity * w.curvature + on_bending
-        status = rotor.status(speed)
         zero = jnp.zeros((n_axial, n_bending), speed.dtype)
 
         def pair(a: Array, b: Array) -> Array:
@@ -97,7 +96,7 @@ class _ANCF(AbstractModel):
             gyroscopic=jnp.block([[jnp.zeros_like(mass_u), -g.T], [g, jnp.zeros_like(mass_w)]]),
             stiffness=pair(stiffness_u - speed**2 * mass_u, stiffness_w - speed**2 * mass_w),
             steady_strain=strain,
-            status=jnp.where(status == Status.OK, ended, status),
+            status=ended,
             families=self.families,
         )
 
@@ -139,12 +138,12 @@ class ANCF(_ANCF):
     full load.
     """
 
-    def steady_state(self, rotor: Rotor, angular_speed: Real) -> tuple[Array, Code]:
-        """Axial coordinates (2 n + 1, in metres) of the steady state, and how the search ended.
+    def steady_state(self, rotor: Rotor, angular_speed: Real) -> Array:
+        """Axial coordinates (2 n + 1, in metres) of the steady state.
 
-        Differentiable to any order by the implicit function theorem.
+        Differentiable to any order by the implicit function theorem. Raises if the search fails.
         """
-        return _jitted_steady_state(self, rotor, steady_speed(angular_speed))
+        return raise_unless_ok(*_jitted_steady_state(self, *steady_case(rotor, angular_speed)))
 
     def _steady_state(self, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         beam, length = rotor.beam, rotor.beam.length
@@ -231,7 +230,7 @@ class ANCF(_ANCF):
         full = jnp.zeros((2 * n + 2, 2 * n + 2), u.dtype)
         full = full.at[rows, np.swapaxes(rows, 1, 2)].add(blocks)
         full = full * rotor.beam.axial_stiffness / length
-        return full[1:, 1:], full[2:, 2:], jnp.max(strain), ended
+        return full[1:, 1:], full[2:, 2:], u[0] / length, ended
 
 
 @eqx.filter_jit

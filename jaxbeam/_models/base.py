@@ -5,10 +5,13 @@ import enum
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import Rotor, steady_speed
+from jaxbeam._beam import Rotor, steady_case
+from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar
 
 
@@ -47,7 +50,9 @@ class LinearSystem(eqx.Module):
     N/m when coordinates are metres. In-plane and axial coordinates are coupled by `gyroscopic`
     alone, flap coordinates are coupled to neither: true of a straight beam that turns in its
     plane, and what the eigensolver builds on. `families` names the direction of each coordinate.
-    `steady_strain` is the largest axial strain of the steady state, without unit.
+    `steady_strain` is the axial strain at the root, the largest of the steady state, without
+    unit: that of the steady state in `ANCF`, elsewhere the estimate P(0) / EA from the tension on
+    the undeformed beam.
     """
 
     mass: Matrix
@@ -71,16 +76,20 @@ class AbstractModel(eqx.Module):
     def families(self) -> tuple[Family, ...]:
         """Direction of each of the n coordinates."""
 
-    def linearise(self, rotor: Rotor, angular_speed: Real) -> LinearSystem:
+    def linearise(self, rotor: Rotor, angular_speed: Real, *, throw: bool = True) -> LinearSystem:
         """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
 
-        Failures are in `status`, nothing raises but a malformed speed.
+        `throw=False` leaves failures in `LinearSystem.status` instead of raising.
         """
-        return _linearised(self, rotor, steady_speed(angular_speed))
+        system = _linearised(self, *steady_case(rotor, angular_speed))
+        return raise_unless_ok(system, system.status) if throw else system
 
     @abc.abstractmethod
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
-        """`linearise` for a speed that has been checked; what a theory has to say."""
+        """`linearise` for parameters in range: what a theory has to say.
+
+        `status` is that of the search for the steady state, if there is one.
+        """
 
     @abc.abstractmethod
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
@@ -89,7 +98,22 @@ class AbstractModel(eqx.Module):
 
 @eqx.filter_jit
 def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    return model.matrices(rotor, speed)
+    return guarded_matrices(model, rotor, speed)
+
+
+def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
+    """`model.matrices`, with parameters out of range reported in `status`.
+
+    They are replaced by harmless ones: a NaN in one lane of a batch would otherwise end up in the
+    gradient of parameters that all lanes share.
+    """
+    given = rotor.status(speed)
+    fine = given == Status.OK
+    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    system = model.matrices(rotor, jnp.where(fine, speed, 0.0))
+    status = jnp.where(fine, system.status, given)
+    strain = jnp.where(status == Status.OK, system.steady_strain, jnp.nan)
+    return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
 
 
 def count_functions(name: str, value: int, least: int = 0) -> None:

@@ -28,6 +28,7 @@ from jaxbeam._basis import (
 )
 from jaxbeam._beam import Rotor
 from jaxbeam._models.base import AbstractModel, Family, LinearSystem, count_functions
+from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Scalar
 
 
@@ -44,6 +45,8 @@ class _Modal(AbstractModel):
             count_functions(name, getattr(self, name))
         if self.n_stretch + self.n_in_plane + self.n_flap == 0:
             raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
+        if not isinstance(self.basis, Basis):
+            raise TypeError(f"basis must be a Basis, got {type(self.basis).__name__}")
 
     @property
     def families(self) -> tuple[Family, ...]:
@@ -98,7 +101,7 @@ class _Modal(AbstractModel):
             gyroscopic=gyroscopic,
             stiffness=stiffness,
             steady_strain=(c0 + c1 + c2 / 2) / beam.axial_stiffness,
-            status=rotor.status(speed),
+            status=jnp.asarray(Status.OK),
             families=self.families,
         )
 
@@ -117,7 +120,10 @@ class _Modal(AbstractModel):
 
 
 class Hybrid(_Modal):
-    """Arc-length stretch and two Cartesian deflections: the method of Y, right at every speed.
+    """Arc-length stretch and two Cartesian deflections: the method of Y.
+
+    Stiffens as it must at any speed. The tension acts on the undeformed beam, so frequencies are
+    right to first order in the steady strain: compare `ANCF` where that is not small.
 
     `n_stretch`, `n_in_plane`, `n_flap` functions of `basis`; zero leaves a direction out.
     `Hybrid(n_stretch=0)` is the inextensible (prestressed, bending-only) beam.
