@@ -46,7 +46,7 @@ class _Parameters(eqx.Module):
         for name, (status, zero_allowed) in _RULES.items():
             value = getattr(self, name, None)
             if value is not None and not isinstance(value, jax.core.Tracer):
-                require(status, bool(_valid(value, zero_allowed)), value)
+                require(status, _known_valid(value, zero_allowed), value)
 
 
 class Beam(_Parameters):
@@ -225,6 +225,12 @@ def _valid(value: Any, zero_allowed: bool) -> Any:
     return jnp.isfinite(value) & ((value >= 0) if zero_allowed else (value > 0))
 
 
+def _known_valid(value: Any, zero_allowed: bool) -> bool:
+    """The same for a value that is known, in NumPy: under `jit` jax would trace even constants."""
+    number = float(np.asarray(value))
+    return bool(np.isfinite(number)) and (number >= 0 if zero_allowed else number > 0)
+
+
 def require(status: Status, ok: bool, value: Any) -> None:
     """Raise `ValueError` with the sentence of `status` unless `ok`."""
     if not ok:
@@ -236,7 +242,7 @@ def _positive(name: str, value: Any) -> Scalar:
     if isinstance(value, jax.core.Tracer):
         # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
         return jnp.where(_valid(value, False), value, jnp.nan)
-    if not bool(_valid(value, False)):
+    if not _known_valid(value, False):
         raise ValueError(f"{name} must be finite and > 0, got {value}")
     return value
 
@@ -258,5 +264,5 @@ def steady_case(rotor: Any, angular_speed: Any) -> tuple[Rotor, Scalar]:
     beam = Beam(*(getattr(rotor.beam, name) for name in _BEAM_NAMES))
     speed = real_scalar("angular_speed", angular_speed)
     if not isinstance(speed, jax.core.Tracer):
-        require(Status.INVALID_ANGULAR_SPEED, bool(jnp.isfinite(speed)), speed)
+        require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)
     return Rotor(beam, rotor.hub_radius, rotor.tip_mass), speed

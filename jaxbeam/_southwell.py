@@ -176,9 +176,9 @@ def crossing(
         raise ValueError(f"bracket must be two speeds, got {bracket!r}")
     ends = tuple(real_scalar("bracket", end) for end in bracket)
     ratio = real_scalar("harmonic", harmonic)
-    for name, value, least in (("harmonic", ratio, 0), *(("bracket", e, -jnp.inf) for e in ends)):
+    for name, value, least in (("harmonic", ratio, 0), *(("bracket", e, -np.inf) for e in ends)):
         known = not isinstance(value, jax.core.Tracer)
-        if known and not (jnp.isfinite(value) and value > least):
+        if known and not (np.isfinite(number := float(np.asarray(value))) and number > least):
             raise ValueError(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )

@@ -62,7 +62,8 @@ _MESSAGES = {
     Status.NOT_FINITE: "the result is not finite",
     Status.RAISED: "the case raised an exception; see `errors`",
     Status.INACCURATE: (
-        "eigenvectors miss their equation by more than 1e-9 (see residual): use fewer functions"
+        "eigenvectors miss their equation by more than 1e-9 (see residual): use fewer functions, "
+        "or keep away from a critical speed"
     ),
 }
 
