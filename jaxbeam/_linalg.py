@@ -3,10 +3,11 @@
 Two independent *batched* LAPACK calls in one XLA program can wait for each other for ever on a
 machine with two cores: each is split into tasks for the thread pool whose workers they block.
 Everything below therefore meets LAPACK one matrix at a time. `sequential_vmap` turns `vmap` into a
-loop over single calls, which costs nothing measurable for the sizes at hand (the work is in
-LAPACK), and gives each lane its own branches and its own number of iterations.
+loop over single calls, which leaves LAPACK to one core but costs little besides (it is where
+the time goes), and gives each lane its own branches and its own number of iterations.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -63,12 +64,12 @@ def planar_eigenpairs(
     has the singular values 1 / omega. The lowest frequencies are the largest singular values, so
     they come out to full relative accuracy however stiff the rest is.
 
-    K indefinite in w. The general problem in nu = 1 / omega^2,
+    K indefinite in w. The general problem in nu = 1 / omega^2, z = (w, -u / lambda),
 
-        [[M_w, -g], [0, M_u]] z = ... i.e. A^-1 B z = nu z,  A = [[K_w, 0], [g^T, K_u]],
+        A^-1 B z = nu z,  A = [[K_w, 0], [g^T, K_u]],  B = [[M_w, -g], [0, M_u]],
 
-    gives growing and decaying modes. Of a pair +-lambda the one with Im > 0 is returned, of a real
-    pair the growing one.
+    gives growing and decaying modes (without axial coordinates a symmetric problem does). Of a pair
+    +-lambda the one with Im > 0 is returned, of a real pair the growing one.
 
     K not positive in u: there is no steady state to vibrate about; `positive` is 0, results NaN.
 
@@ -78,7 +79,7 @@ def planar_eigenpairs(
     return BlockPairs(*_eigensolver(n_transverse)(mass, gyroscopic, stiffness))
 
 
-def _eigensolver(nt: int):  # type: ignore[no-untyped-def]
+def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
     def lower(a: Array, b: Array, transpose: bool = False) -> Array:
         return jax.lax.linalg.triangular_solve(
             a, b, left_side=True, lower=True, transpose_a=transpose

@@ -106,8 +106,10 @@ class Campbell(eqx.Module):
                 gap = self.table["frequency"][:, column] - harmonic * np.abs(speed)
                 # A gap that is zero at rest, in divergence, is no resonance.
                 gap = np.where(self.table["growth_rate"][:, column] > 0, np.nan, gap)
-                # The right end belongs to the next interval: a root on a sample counts once.
-                for i in np.flatnonzero((gap[:-1] * gap[1:] < 0) | (gap[:-1] == 0)):
+                # A root on a sample counts once, for the interval that it begins.
+                change = (gap[:-1] * gap[1:] < 0) | (gap[:-1] == 0)
+                change[-1:] |= gap[-1:] == 0
+                for i in np.flatnonzero(change):
                     bracket = (float(speed[i]), float(speed[i + 1]))
                     at = crossing(self.model, self.rotor, label, harmonic, bracket, throw=False)
                     if at.status == Status.OK:
@@ -122,6 +124,9 @@ def campbell(
     which: Sequence[Label],
 ) -> Campbell:
     """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s)."""
+    which = (which,) if isinstance(which, Label) else which
+    if not isinstance(which, Sequence):
+        raise TypeError(f"which must be labels, got {which!r}")
     which = tuple(which)
     rotor, _ = steady_case(rotor, 0.0)
     table = sweep(

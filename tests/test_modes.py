@@ -514,6 +514,13 @@ def test_which_is_checked():
     assert jb.modes(model, slender(), 1.0, jb.Label(IN_PLANE, 2)).frequency.shape == (1,)
 
 
+def test_stretch_alone():
+    """omega^2 = (EA / rho) beta^2 - Omega^2 with beta L = (k - 1/2) pi."""
+    found = jb.modes(jb.Hybrid(14, 0, 0), slender(20.0), 3.0, jb.labels(axial=3))
+    beta = (np.arange(3) + 0.5) * np.pi
+    np.testing.assert_allclose(found.frequency, np.sqrt((20 * beta) ** 2 - 9), rtol=1e-8)
+
+
 def test_many_functions():
     """A hundred functions, stable and unstable: numbers and labels stay right."""
     rest = np.array(reference.frequencies(0.0))
