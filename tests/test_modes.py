@@ -183,7 +183,7 @@ def _order(counts, errors):
     ("make", "gamma"),
     [
         (jb.SmallStrainANCF, 0.0),
-        (jb.ANCF, 5.0),
+        pytest.param(jb.ANCF, 5.0, marks=pytest.mark.slow),
         pytest.param(jb.SmallStrainANCF, 5.0, marks=pytest.mark.slow),
         pytest.param(jb.ANCF, 0.0, marks=pytest.mark.slow),
     ],
@@ -337,7 +337,7 @@ def test_labels_count_within_families():
     assert sorted(every) == sorted(jb.labels(in_plane=8, flap=8, axial=6))
 
 
-@pytest.mark.parametrize("steps", [9, 60, 600])
+@pytest.mark.parametrize("steps", [9, 600])
 def test_labels_survive_veering_and_crossing(steps):
     """Slenderness 70: in-plane 3 veers with stretch 1 at gamma = 25.5, flap 3 crosses stretch 1.
 
@@ -382,10 +382,20 @@ def test_labels_survive_veering_and_crossing(steps):
 PLAIN = jnp.array([1.3, 0.8, 4.9e3, 1.1, 1.7, 0.3, 0.25, 5.0])
 DIFFERENTIABLE = [
     (jb.Hybrid(8, 12, 12), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
-    (jb.Hybrid(8, 12, 0, jb.Polynomials(2)), PLAIN, jb.labels(in_plane=3, axial=1)),
+    pytest.param(
+        jb.Hybrid(8, 12, 0, jb.Polynomials(2)),
+        PLAIN,
+        jb.labels(in_plane=3, axial=1),
+        marks=pytest.mark.slow,
+    ),
     (jb.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
     (jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
-    (jb.Classical(8, 12, 12), PLAIN.at[7].set(1.2), jb.labels(in_plane=3, flap=2, axial=1)),
+    pytest.param(
+        jb.Classical(8, 12, 12),
+        PLAIN.at[7].set(1.2),
+        jb.labels(in_plane=3, flap=2, axial=1),
+        marks=pytest.mark.slow,
+    ),
     (jb.Classical(8, 12, 12), PLAIN.at[7].set(4.0), jb.labels(in_plane=3, flap=2, axial=1)),
 ]
 

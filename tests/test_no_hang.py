@@ -54,7 +54,7 @@ for _ in range(8):
     "body",
     [
         SWEEP.replace("MODEL", "jb.Hybrid(8, 12, 12)"),
-        SWEEP.replace("MODEL", "jb.ANCF(10)"),
+        pytest.param(SWEEP.replace("MODEL", "jb.ANCF(10)"), marks=pytest.mark.slow),
         SWEEP.replace("MODEL", "jb.Classical(6, 8, 0)"),
         MIXED,
     ],

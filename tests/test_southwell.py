@@ -116,7 +116,10 @@ def test_classical_never_stiffens():
     assert float(beyond[0]) == pytest.approx(-1)
 
 
-@pytest.mark.parametrize(("speed", "jacobian"), [(0.0, jax.jacrev), (4.0, jax.jacfwd)])
+@pytest.mark.parametrize(
+    ("speed", "jacobian"),
+    [(0.0, jax.jacrev), pytest.param(4.0, jax.jacfwd, marks=pytest.mark.slow)],
+)
 def test_derivatives_of_coefficients(speed, jacobian):
     model, which = jb.Hybrid(8, 12, 12), jb.labels(in_plane=2, flap=1)
 
