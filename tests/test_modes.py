@@ -388,7 +388,9 @@ DIFFERENTIABLE = [
         jb.labels(in_plane=3, axial=1),
         marks=pytest.mark.slow,
     ),
-    (jb.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    pytest.param(
+        jb.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow
+    ),
     (jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
     pytest.param(
         jb.Classical(8, 12, 12),
@@ -531,6 +533,7 @@ def test_stretch_alone():
     np.testing.assert_allclose(found.frequency, np.sqrt((20 * beta) ** 2 - 9), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_many_functions():
     """A hundred functions, stable and unstable: numbers and labels stay right."""
     rest = np.array(reference.frequencies(0.0))

@@ -133,6 +133,7 @@ def test_derivatives_of_coefficients(speed, jacobian):
     np.testing.assert_allclose(exact, finite_difference(phi, at), rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_rest_and_speed_in_one_batch():
     model, which = jb.Hybrid(6, 10, 0), jb.labels(in_plane=2)
     speeds = jnp.array([0.0, 1.0, 0.0, 3.0])

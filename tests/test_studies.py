@@ -28,6 +28,7 @@ def run(tmp_path_factory):
     return out / "made", done.stdout, set(out.iterdir())
 
 
+@pytest.mark.slow
 def test_files(run):
     out, printed, beside = run
     assert beside == {out}
@@ -38,6 +39,7 @@ def test_files(run):
         assert len((out / f"{name}.csv").read_text().splitlines()) > 5
 
 
+@pytest.mark.slow
 def test_numbers(run):
     out, printed, _ = run
     with open(out / "tables_3_4_5.csv") as file:
