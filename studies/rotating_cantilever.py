@@ -259,9 +259,9 @@ def campbell_figure(out: Path, quick: bool) -> None:
     )
 
 
-def mode_shape_figure(out: Path) -> None:
+def mode_shape_figure(out: Path, quick: bool) -> None:
     """B Figs. 11 and 12."""
-    model = jb.Hybrid(28, 28, 0, jb.Polynomials(grading=2))
+    model = jb.Hybrid(0 if quick else 28, 28, 0, jb.Polynomials(grading=2))
     figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained", sharey=True)
     for ax, (hub, tip) in zip(axes, ((0.0, 0.0), (2.0, 3.0)), strict=True):
         for gamma, style in ((0.0, "-"), (50.0, "--")):
@@ -301,7 +301,7 @@ def southwell_coefficients(out: Path, quick: bool) -> jb.Table:
     return table
 
 
-def southwell_lines_figure(out: Path, coefficients: jb.Table) -> None:
+def southwell_lines_figure(out: Path, coefficients: jb.Table, quick: bool) -> None:
     """B Figs. 13 and 14: frequency squared over speed squared."""
     model, which = jb.Hybrid(8, 16, 0), jb.labels(in_plane=2)
     hubs = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
@@ -341,6 +341,8 @@ def southwell_lines_figure(out: Path, coefficients: jb.Table) -> None:
             for i, r in enumerate(hubs)
         ],
     )  # fmt: skip
+    if quick:
+        return
     thin = jb.southwell(jb.Hybrid(0, 16, 0), rotor(0.0, 0.0), which).coefficient
     slope = jb.southwell(jb.Hybrid(0, 16, 0), rotor(1.0, 0.0), which).coefficient - thin
     print("\nSouthwell coefficients at rest, N = 0, inextensible (exactly linear in R / L)")
@@ -378,9 +380,9 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     table_2(out)
     tables_3_to_5(out, quick)
     campbell_figure(out, quick)
-    mode_shape_figure(out)
+    mode_shape_figure(out, quick)
     coefficients = southwell_coefficients(out, quick)
-    southwell_lines_figure(out, coefficients)
+    southwell_lines_figure(out, coefficients, quick)
     southwell_map_figure(out, coefficients)
     print(f"\n{time.perf_counter() - start:.0f} s; figures and tables are in {out}")
     return out
