@@ -57,18 +57,19 @@ def _southwell(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice
         _, slope, status = jax.jvp(square, (omega,), (jnp.ones_like(omega),), has_aux=True)
         return slope, status
 
-    def at_rest(_: Scalar) -> Float[Array, " k"]:
+    def at_rest(_: Scalar) -> tuple[Float[Array, " k"], Code]:
         zero, one = jnp.zeros_like(speed), jnp.ones_like(speed)
-        return jax.jvp(rate, (zero,), (one,), has_aux=True)[1] / 2
+        _, curvature, status = jax.jvp(rate, (zero,), (one,), has_aux=True)
+        return curvature / 2, status
 
-    def at_speed(omega: Scalar) -> Float[Array, " k"]:
-        return rate(omega)[0] / (2 * omega)
+    def at_speed(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
+        slope, status = rate(omega)
+        return slope / (2 * omega), status
 
     # A safe speed, since under vmap both branches run and 0 / 0 would spoil derivatives.
     resting = speed == 0
     safe = jnp.where(resting, rotor.beam.frequency_scale, speed)
-    result = jax.lax.cond(resting, at_rest, at_speed, safe)
-    status = square(speed)[1]
+    result, status = jax.lax.cond(resting, at_rest, at_speed, safe)
     return Southwell(jnp.where(status == Status.OK, result, jnp.nan), status)
 
 

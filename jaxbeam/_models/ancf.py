@@ -32,7 +32,14 @@ from jaxbeam._basis import (
 )
 from jaxbeam._beam import Rotor, steady_case
 from jaxbeam._linalg import solve
-from jaxbeam._models.base import AbstractModel, Family, LinearSystem, count_functions
+from jaxbeam._models.base import (
+    AbstractModel,
+    Family,
+    LinearSystem,
+    count_functions,
+    inertia,
+    tension_stiffness,
+)
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar
 
@@ -71,8 +78,7 @@ class _ANCF(AbstractModel):
         u = stretch_integrals(self._basis, n_axial)
         w = bending_integrals(self._basis, n_bending)
         on_axial, on_bending, strain, ended = self.steady_tension(rotor, speed)
-        mass_u = beam.mass * u.mass + tip_mass * np.outer(u.tip, u.tip)
-        mass_w = beam.mass * w.mass + tip_mass * np.outer(w.tip, w.tip)
+        mass_u, mass_w = inertia(rotor, u), inertia(rotor, w)
         g = (
             2
             * speed
@@ -120,13 +126,15 @@ class SmallStrainANCF(_ANCF):
 
     def steady_tension(self, rotor: Rotor, speed: Scalar) -> tuple[Matrix, Matrix, Scalar, Code]:
         """Integrals of P(x) in closed form."""
-        c = jnp.stack(rotor.tension(speed))
         u = stretch_integrals(self._basis, 2 * self.n_elements + 1)
         w = bending_integrals(self._basis, 2 * self.n_elements)
-        length = rotor.beam.length
-        strain = (c[0] + c[1] + c[2] / 2) / rotor.beam.axial_stiffness
-        on_axial = jnp.tensordot(c / length, u.tension, 1)
-        return on_axial, jnp.tensordot(c / length, w.tension, 1), strain, jnp.asarray(Status.OK)
+        c0, c1, c2 = rotor.tension(speed)
+        return (
+            tension_stiffness(rotor, speed, u),
+            tension_stiffness(rotor, speed, w),
+            (c0 + c1 + c2 / 2) / rotor.beam.axial_stiffness,
+            jnp.asarray(Status.OK),
+        )
 
 
 class ANCF(_ANCF):
@@ -154,19 +162,19 @@ class ANCF(_ANCF):
         # Divided by EA / L and by the length, so that unknowns and residuals are of order one.
         bending = beam.in_plane_bending_stiffness / (beam.axial_stiffness * length**2)
         load = speed**2 * length / beam.axial_stiffness
-        inertia = load * (beam.mass * f.mass + rotor.tip_mass * np.outer(f.tip, f.tip))
+        mass = load * inertia(rotor, f)
         # Loads on the undeformed beam: int (R + x) psi dm / L. x is in the span of the functions
         # (nodal values of xi with slope one), R times the first moment of the functions is not.
         linear = self._interpolate_xi()
         moment = self._basis.stretch(n_axial, xi).value.T @ weight
-        rigid = inertia @ linear + load * rotor.hub_radius / length * (
+        rigid = mass @ linear + load * rotor.hub_radius / length * (
             beam.mass * moment + rotor.tip_mass * f.tip
         )
 
         def residual(u: Array, fraction: Array | float = 1.0) -> Array:
             strain = slope @ u
             elastic = slope.T @ (weight * strain * (1 + strain)) + bending * (f.curvature @ u)
-            return elastic - fraction * (rigid + inertia @ u)
+            return elastic - fraction * (rigid + mass @ u)
 
         def newton(u: Array, fraction: Array) -> tuple[Array, Array]:
             def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:

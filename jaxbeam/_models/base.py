@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._basis import Integrals
 from jaxbeam._beam import Rotor, steady_case
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar
@@ -94,6 +95,16 @@ class AbstractModel(eqx.Module):
     @abc.abstractmethod
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
+
+
+def inertia(rotor: Rotor, f: Integrals) -> Matrix:
+    """int f f^T dm over beam and tip mass, in kg."""
+    return rotor.beam.mass * f.mass + rotor.tip_mass * np.outer(f.tip, f.tip)
+
+
+def tension_stiffness(rotor: Rotor, speed: Scalar, f: Integrals) -> Matrix:
+    """int P f' f'^T dx of the tension P on the undeformed beam (`Rotor.tension`), in N/m."""
+    return jnp.tensordot(jnp.stack(rotor.tension(speed)) / rotor.beam.length, f.tension, 1)
 
 
 @eqx.filter_jit

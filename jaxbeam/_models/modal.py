@@ -21,13 +21,21 @@ from jaxtyping import Array, Float
 
 from jaxbeam._basis import (
     Basis,
+    Integrals,
     Polynomials,
     bending_integrals,
     coupling_integral,
     stretch_integrals,
 )
 from jaxbeam._beam import Rotor
-from jaxbeam._models.base import AbstractModel, Family, LinearSystem, count_functions
+from jaxbeam._models.base import (
+    AbstractModel,
+    Family,
+    LinearSystem,
+    count_functions,
+    inertia,
+    tension_stiffness,
+)
 from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Scalar
 
@@ -58,9 +66,7 @@ class _Modal(AbstractModel):
         )
 
     @abc.abstractmethod
-    def motion_stiffness(
-        self, tension: Float[np.ndarray, "3 n n"], rotor: Rotor, speed: Scalar
-    ) -> Matrix:
+    def motion_stiffness(self, f: Integrals, rotor: Rotor, speed: Scalar) -> Matrix:
         """Stiffness that the steady motion adds to bending, beside the inertia terms."""
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
@@ -72,21 +78,21 @@ class _Modal(AbstractModel):
         mass, gyroscopic, stiffness = (jnp.zeros((size, size), speed.dtype) for _ in range(3))
         if ns:
             f = stretch_integrals(self.basis, ns)
-            inertia = beam.mass * f.mass + tip_mass * np.outer(f.tip, f.tip)
+            own = inertia(rotor, f)
             elastic = beam.axial_stiffness / length * f.tension[0]
-            mass = mass.at[at_s, at_s].set(inertia)
-            stiffness = stiffness.at[at_s, at_s].set(elastic - speed**2 * inertia)
+            mass = mass.at[at_s, at_s].set(own)
+            stiffness = stiffness.at[at_s, at_s].set(elastic - speed**2 * own)
         for n, at, rigidity, centrifugal in (
             (n2, at_2, beam.in_plane_bending_stiffness, speed**2),
             (n3, at_3, beam.flap_bending_stiffness, 0.0),
         ):
             if n:
                 f = bending_integrals(self.basis, n)
-                inertia = beam.mass * f.mass + tip_mass * np.outer(f.tip, f.tip)
+                own = inertia(rotor, f)
                 elastic = rigidity / length**3 * f.curvature
-                motion = self.motion_stiffness(f.tension, rotor, speed)
-                mass = mass.at[at, at].set(inertia)
-                stiffness = stiffness.at[at, at].set(elastic + motion - centrifugal * inertia)
+                motion = self.motion_stiffness(f, rotor, speed)
+                mass = mass.at[at, at].set(own)
+                stiffness = stiffness.at[at, at].set(elastic + motion - centrifugal * own)
         if ns and n2:
             tips = np.outer(
                 bending_integrals(self.basis, n2).tip, stretch_integrals(self.basis, ns).tip
@@ -129,12 +135,9 @@ class Hybrid(_Modal):
     `Hybrid(n_stretch=0)` is the inextensible (prestressed, bending-only) beam.
     """
 
-    def motion_stiffness(
-        self, tension: Float[np.ndarray, "3 n n"], rotor: Rotor, speed: Scalar
-    ) -> Matrix:
+    def motion_stiffness(self, f: Integrals, rotor: Rotor, speed: Scalar) -> Matrix:
         """int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
-        parts = zip(rotor.tension(speed), tension, strict=True)
-        return sum((c / rotor.beam.length * t for c, t in parts), jnp.zeros_like(tension[0]))
+        return tension_stiffness(rotor, speed, f)
 
 
 class Classical(_Modal):
@@ -145,8 +148,6 @@ class Classical(_Modal):
     where the tension is small against the bending stiffness.
     """
 
-    def motion_stiffness(
-        self, tension: Float[np.ndarray, "3 n n"], rotor: Rotor, speed: Scalar
-    ) -> Matrix:
+    def motion_stiffness(self, f: Integrals, rotor: Rotor, speed: Scalar) -> Matrix:
         """Zero: what this theory leaves out."""
-        return jnp.zeros_like(tension[0])
+        return jnp.zeros_like(f.mass)
