@@ -109,7 +109,7 @@ class Beam(_Parameters):
         }
         if flap_second_moment is not None:
             named["flap_second_moment"] = flap_second_moment
-        section = {name: _positive(name, value) for name, value in named.items()}
+        section = {name: positive(name, value) for name, value in named.items()}
         modulus = section["youngs_modulus"]
         in_plane = modulus * section["in_plane_second_moment"]
         flap = in_plane
@@ -131,13 +131,13 @@ class Beam(_Parameters):
         are in units of sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses
         in units of the mass of the beam. `flap_to_in_plane` is EI_yy / EI_zz.
         """
-        ratio = _positive("slenderness", slenderness)
+        ratio = positive("slenderness", slenderness)
         return cls(
             length=1.0,
             mass_per_length=1.0,
             axial_stiffness=ratio**2,
             in_plane_bending_stiffness=1.0,
-            flap_bending_stiffness=_positive("flap_to_in_plane", flap_to_in_plane),
+            flap_bending_stiffness=positive("flap_to_in_plane", flap_to_in_plane),
         )
 
     @property
@@ -197,16 +197,58 @@ class Rotor(_Parameters):
 
     def status(self, angular_speed: Scalar) -> Code:
         """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
-        values = {
-            **{name: getattr(self.beam, name) for name in _BEAM_NAMES},
-            "hub_radius": self.hub_radius,
-            "tip_mass": self.tip_mass,
-        }
-        code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
-        for name, value in reversed(values.items()):
-            status, zero_allowed = _RULES[name]
-            code = jnp.where(_valid(value, zero_allowed), code, status)
-        return code
+        values = {name: getattr(self.beam, name) for name in _BEAM_NAMES}
+        values |= {"hub_radius": self.hub_radius, "tip_mass": self.tip_mass}
+        return _first_broken(values, angular_speed)
+
+    def checked(self) -> Self:
+        """Rebuilt, so that rotors from `eqx.tree_at` or `vmap` meet the checks as well."""
+        beam = Beam(*(getattr(self.beam, name) for name in _BEAM_NAMES))
+        return type(self)(beam, self.hub_radius, self.tip_mass)
+
+
+class SpringRotor(_Parameters):
+    """The discrete analogue of a rotating beam (Y, section 6, Fig. 10, Table 2).
+
+    A particle slides in a massless tube that is hinged at the distance `hub_radius` from the axis;
+    one spring acts along the tube, one at the hinge.
+
+    | field                 | symbol | unit   | allowed |
+    |-----------------------|--------|--------|---------|
+    | mass                  | m      | kg     | > 0     |
+    | length                | L      | m      | > 0     |
+    | hub_radius            | d      | m      | >= 0    |
+    | translational_spring  | k_T    | N/m    | > 0     |
+    | torsional_spring      | k_r    | N m    | > 0     |
+    """
+
+    mass: Scalar
+    length: Scalar
+    hub_radius: Scalar
+    translational_spring: Scalar
+    torsional_spring: Scalar
+
+    def __init__(
+        self,
+        mass: Real,
+        length: Real,
+        hub_radius: Real,
+        translational_spring: Real,
+        torsional_spring: Real,
+    ) -> None:
+        self.mass = real_scalar("mass", mass)
+        self.length = real_scalar("length", length)
+        self.hub_radius = real_scalar("hub_radius", hub_radius)
+        self.translational_spring = real_scalar("translational_spring", translational_spring)
+        self.torsional_spring = real_scalar("torsional_spring", torsional_spring)
+
+    def status(self, angular_speed: Scalar) -> Code:
+        """As `Rotor.status`."""
+        return _first_broken({name: getattr(self, name) for name in _SPRING_NAMES}, angular_speed)
+
+    def checked(self) -> Self:
+        """As `Rotor.checked`."""
+        return type(self)(*(getattr(self, name) for name in _SPRING_NAMES))
 
 
 _RULES = {  # argument: (status when broken, whether zero is allowed)
@@ -217,8 +259,23 @@ _RULES = {  # argument: (status when broken, whether zero is allowed)
     "flap_bending_stiffness": (Status.INVALID_FLAP_BENDING_STIFFNESS, False),
     "hub_radius": (Status.INVALID_HUB_RADIUS, True),
     "tip_mass": (Status.INVALID_TIP_MASS, True),
+    "mass": (Status.INVALID_MASS, False),
+    "translational_spring": (Status.INVALID_TRANSLATIONAL_SPRING, False),
+    "torsional_spring": (Status.INVALID_TORSIONAL_SPRING, False),
 }
 _BEAM_NAMES = tuple(_RULES)[:5]
+_SPRING_NAMES = ("mass", "length", "hub_radius", "translational_spring", "torsional_spring")
+
+
+def _first_broken(values: dict[str, Scalar], angular_speed: Scalar) -> Code:
+    code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
+    for name, value in reversed(values.items()):
+        status, zero_allowed = _RULES[name]
+        code = jnp.where(_valid(value, zero_allowed), code, status)
+    return code
+
+
+AnyRotor = Rotor | SpringRotor
 
 
 def _valid(value: Any, zero_allowed: bool) -> Any:
@@ -237,7 +294,7 @@ def require(status: Status, ok: bool, value: Any) -> None:
         raise ValueError(f"{status.message}, got {value}")
 
 
-def _positive(name: str, value: Any) -> Scalar:
+def positive(name: str, value: Any) -> Scalar:
     value = real_scalar(name, value)
     if isinstance(value, jax.core.Tracer):
         # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
@@ -247,22 +304,25 @@ def _positive(name: str, value: Any) -> Scalar:
     return value
 
 
-def steady_case(rotor: Any, angular_speed: Any) -> tuple[Rotor, Scalar]:
-    """Rotor and speed, checked for structure and, where values are known, for range.
+def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
+    """The rotor, checked for structure and, where values are known, for range.
 
-    Every public function comes through here, also with rotors made by `eqx.tree_at` or `vmap`,
-    which no constructor has seen. Also the place that warns when 64-bit floats are off.
+    Every public function comes through here. Also the place that warns when 64-bit floats are off.
     """
     if not jax.config.read("jax_enable_x64"):
         warnings.warn(
-            "jax runs in 32-bit floats: frequencies will carry about three digits. Call "
+            "jax runs in 32-bit floats: results will carry about three digits. Call "
             "jax.config.update('jax_enable_x64', True) before anything else.",
-            stacklevel=4,
+            stacklevel=5,
         )
-    if not isinstance(rotor, Rotor):
-        raise TypeError(f"rotor must be a Rotor, got {type(rotor).__name__}")
-    beam = Beam(*(getattr(rotor.beam, name) for name in _BEAM_NAMES))
+    if not isinstance(rotor, kind):
+        raise TypeError(f"rotor must be a {kind.__name__}, got {type(rotor).__name__}")
+    return rotor.checked()
+
+
+def checked_speed(angular_speed: Any) -> Scalar:
+    """The speed as a finite real scalar."""
     speed = real_scalar("angular_speed", angular_speed)
     if not isinstance(speed, jax.core.Tracer):
         require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)
-    return Rotor(beam, rotor.hub_radius, rotor.tip_mass), speed
+    return speed

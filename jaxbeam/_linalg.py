@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.custom_batching import sequential_vmap
-from jaxtyping import Array, Float, Inexact, Int
+from jaxtyping import Array, Bool, Float, Inexact, Int
 
 
 @sequential_vmap
@@ -29,6 +29,76 @@ def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, "
         b,
         solve=lambda _, y: _lapack_solve(frozen, y),
         transpose_solve=lambda _, y: _lapack_solve(frozen.T, y),
+    )
+
+
+@sequential_vmap
+def _lapack_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    return jnp.linalg.inv(a)
+
+
+@jax.custom_jvp
+def inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Inverse of a matrix that is used many times: one call of LAPACK, then products alone."""
+    return _lapack_inverse(a)
+
+
+@inverse.defjvp
+def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    b = inverse(*primals)
+    return b, -b @ tangents[0] @ b
+
+
+def find_root(
+    residual: Callable[..., Float[Array, " n"]],
+    start: Float[Array, " n"],
+    acceptable: Callable[[Float[Array, " n"]], Bool[Array, ""]] = lambda _: jnp.asarray(True),
+) -> tuple[Float[Array, " n"], Float[Array, ""]]:
+    """x with residual(x) = 0, and the share of the load that was reached (1: all of it).
+
+    Newton's method on residual(x, fraction), with the fraction raised from zero to one in adaptive
+    steps where one step will not do. Unknowns should be of order one. `acceptable` bars roots that
+    mean nothing. Differentiable to any order by the implicit function theorem.
+    """
+
+    def newton(x: Array, fraction: Array) -> tuple[Array, Array]:
+        def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            x, _, k = state
+            dx = solve(jax.jacfwd(residual)(x, fraction), residual(x, fraction))
+            return x - dx, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
+
+        def go_on(state: tuple[Array, Array, Array]) -> Array:
+            return (state[1] > 1e-13) & (state[2] < 20)  # NaN ends it too
+
+        x, change, _ = jax.lax.while_loop(go_on, body, (x, jnp.asarray(jnp.inf), jnp.asarray(0)))
+        # At round-off the step stalls slightly above the tolerance: accept that.
+        return x, (change < 1e-10) & acceptable(x)
+
+    def continuation(_: object, start: Array) -> tuple[Array, Array]:
+        def body(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+            x, done, step, k = state
+            target = jnp.minimum(done + step, 1.0)
+            new, ok = newton(x, target)
+            return (
+                jnp.where(ok, new, x),
+                jnp.where(ok, target, done),
+                jnp.where(ok, 2 * step, step / 4),
+                k + 1,
+            )
+
+        def go_on(state: tuple[Array, Array, Array, Array]) -> Array:
+            return (state[1] < 1) & (state[2] > 1e-9) & (state[3] < 100)
+
+        one = jnp.ones((), start.dtype)
+        x, done, _, _ = jax.lax.while_loop(go_on, body, (start, 0 * one, one, jnp.asarray(0)))
+        return x, done
+
+    return jax.lax.custom_root(
+        residual,
+        start,
+        continuation,
+        lambda g, y: solve(jax.jacfwd(g)(jnp.zeros_like(y)), y),
+        has_aux=True,
     )
 
 

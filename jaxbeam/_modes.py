@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._beam import Rotor, steady_case
+from jaxbeam._beam import Rotor
 from jaxbeam._linalg import planar_eigenpairs, solve, symmetric_modes
 from jaxbeam._models.base import (
     AbstractModel,
@@ -100,7 +100,7 @@ def modes(
     a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where no steady state
     exists or is found.
     """
-    result = find(model, *steady_case(rotor, angular_speed), choose(model, which))
+    result = find(model, *model.steady_case(rotor, angular_speed), choose(model, which))
     return raise_unless_ok(result, result.status) if throw else result
 
 

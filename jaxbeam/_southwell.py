@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import Rotor, real_scalar, steady_case
+from jaxbeam._beam import Rotor, real_scalar
 from jaxbeam._models.base import AbstractModel, Label
 from jaxbeam._modes import Choice, choose, find
 from jaxbeam._status import Status, raise_unless_ok
@@ -43,7 +43,7 @@ def southwell(
     Raises as `modes` does; `throw=False` gives NaN and a status where a case fails.
     """
     choice = choose(model, which)
-    result = _southwell(model, *steady_case(rotor, angular_speed), choice)
+    result = _southwell(model, *model.steady_case(rotor, angular_speed), choice)
     return raise_unless_ok(result, result.status) if throw else result
 
 
@@ -129,7 +129,7 @@ def campbell(
     if not isinstance(which, Sequence):
         raise TypeError(f"which must be labels, got {which!r}")
     which = tuple(which)
-    rotor, _ = steady_case(rotor, 0.0)
+    rotor, _ = model.steady_case(rotor, 0.0)
     table = sweep(
         # the rotor as an argument: diagrams of other rotors reuse the compiled code
         jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which)),
@@ -188,7 +188,7 @@ def crossing(
             raise ValueError(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )
-    rotor, _ = steady_case(rotor, 0.0)
+    rotor, _ = model.steady_case(rotor, 0.0)
     result = _crossing(model, rotor, choose(model, (label,)), ratio, *ends)
     return raise_unless_ok(result, result.status) if throw else result
 

@@ -21,12 +21,25 @@ class Status(enum.IntEnum):
     INVALID_HUB_RADIUS = 6
     INVALID_TIP_MASS = 7
     INVALID_ANGULAR_SPEED = 8
-    NO_EQUILIBRIUM = 9
-    NOT_CONVERGED = 10
-    NO_CROSSING = 11
-    NOT_FINITE = 12
-    RAISED = 13
-    INACCURATE = 14
+    INVALID_MASS = 9
+    INVALID_TRANSLATIONAL_SPRING = 10
+    INVALID_TORSIONAL_SPRING = 11
+    INVALID_MOTION = 12
+    INVALID_LOAD = 13
+    INVALID_DAMPING = 14
+    INVALID_TIMES = 15
+    INVALID_START = 16
+    OUT_OF_PLANE = 17
+    NO_EQUILIBRIUM = 18
+    NOT_CONVERGED = 19
+    NO_CROSSING = 20
+    NOT_FINITE = 21
+    RAISED = 22
+    INACCURATE = 23
+    MAX_STEPS = 24
+    STEP_FAILED = 25
+    DIVERGED = 26
+    UNBALANCED = 27
 
     @property
     def message(self) -> str:
@@ -46,6 +59,21 @@ _MESSAGES = {
     Status.INVALID_HUB_RADIUS: "hub_radius must be finite and >= 0",
     Status.INVALID_TIP_MASS: "tip_mass must be finite and >= 0",
     Status.INVALID_ANGULAR_SPEED: "angular_speed must be finite",
+    Status.INVALID_MASS: "mass must be finite and > 0",
+    Status.INVALID_TRANSLATIONAL_SPRING: "translational_spring must be finite and > 0",
+    Status.INVALID_TORSIONAL_SPRING: "torsional_spring must be finite and > 0",
+    Status.INVALID_MOTION: (
+        "motion must be finite over the whole run, its durations and frequencies > 0, its "
+        "rotation proper orthogonal"
+    ),
+    Status.INVALID_LOAD: "gravity and tip_force must be finite over the whole run",
+    Status.INVALID_DAMPING: "damping must be finite and >= 0",
+    Status.INVALID_TIMES: "times must be finite and increasing",
+    Status.INVALID_START: "start must be finite",
+    Status.OUT_OF_PLANE: (
+        "the motion or the loads leave the plane of rotation, and the model has no coordinates "
+        "there: take a model with flap functions"
+    ),
     Status.NO_EQUILIBRIUM: (
         "no stable steady rotation at this angular_speed: the centrifugal load grows faster "
         "with stretch than the axial stiffness carries; lower angular_speed, tip_mass or "
@@ -64,6 +92,22 @@ _MESSAGES = {
     Status.INACCURATE: (
         "eigenvectors miss their equation by more than 1e-9 (see residual): use fewer functions, "
         "or keep away from a critical speed"
+    ),
+    Status.MAX_STEPS: (
+        "the solver used up max_steps before the last time: raise max_steps, loosen the "
+        "tolerance, or look whether the model is unstable here"
+    ),
+    Status.STEP_FAILED: (
+        "the solver could not make a step: an implicit stage did not converge, or the step fell "
+        "below its minimum"
+    ),
+    Status.DIVERGED: (
+        "the tip left its place by more than ten lengths: no such beam. The model is unstable "
+        "here (Classical and LC above a critical speed are), or the step is too long"
+    ),
+    Status.UNBALANCED: (
+        "the solver called it a success, but energy is not balanced by the work done: tighten "
+        "the tolerance, shorten the step, or take an implicit solver"
     ),
 }
 

@@ -6,4 +6,6 @@ Scalar = Float[Array, ""]
 Real = float | Scalar  # what a user may give where a scalar is wanted
 Code = Int[Array, ""]
 Matrix = Float[Array, "n n"]
+Vector = Float[Array, " n"]  # one number a coordinate
 Vectors = Complex[Array, "k n"]
+Triple = Float[Array, " 3"]  # components along a1 (the beam), a2 (in plane), a3 (the axis)

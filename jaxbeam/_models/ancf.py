@@ -1,119 +1,280 @@
-"""Absolute nodal coordinate formulation, Model A of Berzeri and Shabana (B), linearised.
+"""Absolute nodal coordinates of Berzeri and Shabana (B): planar cubic cable elements.
 
-In the frame that turns with the hub, Model A is M q'' + 2 Omega J M q' - Omega^2 M (q + q_R)
-+ Q(q) = 0 with constant M, elastic forces Q = K_l(e) e + K_t e, axial strain interpolated along an
-element from eps_A, eps_M, eps_B (B eq. A-3), and r = (R, 0), r' parallel to the beam at the root:
-4 n + 1 coordinates for n elements, the axial slope at the root being free (B eqs. 18-20).
+In the frame that turns with the hub the element reads M q'' + 2 W J M q' + (W' J - W^2) M (q + q_R)
++ Q(q) = 0, exactly and with constant M, because elastic forces do not care in which frame they are
+written. At the root r = (R, 0) and r' is parallel to the beam; the axial slope stays free (B eqs.
+18-20): 4 n + 1 coordinates for n elements. Coordinates are in metres, node by node the axial
+displacement and L times the axial slope (without the first displacement), then the same in plane
+(without displacement and slope of the first node). The slopes e_3, e_4, e_7, e_8 of B are these
+divided by L, plus one along the beam.
 
-The steady beam is straight. There u' is quadratic along an element and equals the interpolated
-strain, so the tangent is, exactly and for Model A as for the Green-strain element to first order,
+What sets the models apart is the axial strain, with d = r' - a1 the displacement gradient:
 
-    axial   int [EA (1 + 2 eps) psi' psi'^T + EI psi'' psi''^T] dx - Omega^2 M
-    bending int [EA eps phi' phi'^T + EI phi'' phi''^T] dx         - Omega^2 M
-
-(one EA eps is the tension that acts on both displacement components, the other is B eq. 52
-evaluated with q_0). What is left to choose is the steady strain eps(x).
+    ANCF           eps_A (1-4s+3s^2) + eps_M (6s-6s^2) + eps_B (3s^2-2s) of B eq. A-3, and forces
+                   int EA eps S'^T r' dx that are not the gradient of an energy (Model A)
+    GreenANCF      d_1 + d.d / 2, forces from int [EA eps^2 + EI r''.r''] dx / 2
+    ChordANCF      t.r' - 1 and curvature n.r'' in the frame of the element's chord (Model 0)
+    TangentANCF    the same in a frame tangent to the element's first node (Model 0)
 """
 
 import abc
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._basis import (
-    HermiteElements,
-    bending_integrals,
-    coupling_integral,
-    hermite,
-    stretch_integrals,
+from jaxbeam._basis import HermiteElements, hermite, stretch_integrals
+from jaxbeam._beam import Rotor
+from jaxbeam._linalg import find_root
+from jaxbeam._models.base import LinearSystem, count_functions
+from jaxbeam._models.cartesian import (
+    CartesianEquations,
+    CartesianModel,
+    Elasticity,
+    LinearElasticity,
+    linear_system,
 )
-from jaxbeam._beam import Rotor, steady_case
-from jaxbeam._linalg import solve
-from jaxbeam._models.base import (
-    AbstractModel,
-    Family,
-    LinearSystem,
-    count_functions,
-    inertia,
-    tension_stiffness,
-)
+from jaxbeam._motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Real, Scalar
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
+
+Nodes = Float[Array, "4 2"]  # of an element: displacement and slope of its two ends, over L
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
+_POINTS, _WEIGHTS = (1 + _POINTS) / 2, _WEIGHTS / 2
 
 
-class _ANCF(AbstractModel):
-    """Coordinates in metres: node by node the axial displacement and L times the axial slope
-    (without the first displacement), then the same in plane (without displacement and slope of
-    the first node). The slopes e_3, e_4, e_7, e_8 of B are these divided by L.
-    """
-
+class _ANCF(CartesianModel):
     n_elements: int = eqx.field(static=True, default=10)
 
     def __check_init__(self) -> None:
         count_functions("n_elements", self.n_elements, least=1)
 
     @property
-    def families(self) -> tuple[Family, ...]:
-        """Axial, then in plane; the model is planar."""
-        return (Family.AXIAL,) * (2 * self.n_elements + 1) + (Family.IN_PLANE,) * (
-            2 * self.n_elements
-        )
-
-    @property
-    def _basis(self) -> HermiteElements:
+    def functions_from(self) -> HermiteElements:
         return HermiteElements(self.n_elements)
 
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        return 2 * self.n_elements + 1, 2 * self.n_elements, 0
+
     @abc.abstractmethod
-    def steady_tension(self, rotor: Rotor, speed: Scalar) -> tuple[Matrix, Matrix, Scalar, Code]:
-        """Stiffness of the steady tension EA eps on axial and on in-plane coordinates (N/m),
-        the largest steady strain, and how the search for it ended."""
+    def equations(self, rotor: Rotor) -> CartesianEquations: ...
+
+    def steady_state(self, rotor: Rotor, angular_speed: Real) -> Array:
+        """Axial coordinates (2 n + 1, in metres) of the steady state; the beam stays straight.
+
+        Differentiable to any order by the implicit function theorem. Raises if the search fails.
+        """
+        return raise_unless_ok(*_jitted_steady_state(self, *self.steady_case(rotor, angular_speed)))
+
+    def _steady_state(self, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+        # In the axial coordinates alone, and over EA, unknowns are of order one.
+        equations, hub = self.equations(rotor), spinning(speed)
+        n, length = 2 * self.n_elements + 1, rotor.beam.length
+        straight = jnp.zeros(2 * self.n_elements, speed.dtype)
+        zero = jnp.zeros(len(self.families), speed.dtype)
+        slope = equations._at(self.functions_from.quadrature(n)[0]).slope[:, :n]
+
+        def residual(u: Array, fraction: Array | float = 1.0) -> Array:
+            part = hub._replace(angular_velocity=jnp.sqrt(fraction) * hub.angular_velocity)
+            q = jnp.concatenate([length * u, straight])
+            return -equations.force(part, q, zero, None)[:n] / rotor.beam.axial_stiffness
+
+        u, done = find_root(
+            residual, jnp.zeros(n, speed.dtype), lambda u: jnp.all(slope @ u > -0.5)
+        )
+        return u * length, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
-        """Mass, gyroscopic and stiffness matrices (B eqs. 53-54)."""
-        beam, length, tip_mass = rotor.beam, rotor.beam.length, rotor.tip_mass
-        n_axial, n_bending = 2 * self.n_elements + 1, 2 * self.n_elements
-        u = stretch_integrals(self._basis, n_axial)
-        w = bending_integrals(self._basis, n_bending)
-        on_axial, on_bending, strain, ended = self.steady_tension(rotor, speed)
-        mass_u, mass_w = inertia(rotor, u), inertia(rotor, w)
-        g = (
-            2
-            * speed
-            * (
-                beam.mass * coupling_integral(self._basis, n_bending, n_axial)
-                + tip_mass * np.outer(w.tip, u.tip)
-            )
-        )
-        rigidity = beam.in_plane_bending_stiffness / length**3
-        stiffness_u = (
-            beam.axial_stiffness / length * u.tension[0] + rigidity * u.curvature + 2 * on_axial
-        )
-        stiffness_w = rigidity * w.curvature + on_bending
-        zero = jnp.zeros((n_axial, n_bending), speed.dtype)
-
-        def pair(a: Array, b: Array) -> Array:
-            return jnp.block([[a, zero], [zero.T, b]])
-
+        """Tangents about the straight steady state (B eqs. 53-54, without small strain)."""
+        u, status = self._steady_state(rotor, speed)
+        equations = self.equations(rotor)
+        q = jnp.concatenate([u, jnp.zeros(2 * self.n_elements, u.dtype)])
+        k, c = equations.tangents(spinning(speed), q, jnp.zeros_like(q), None)
         return LinearSystem(
-            mass=pair(mass_u, mass_w),
-            gyroscopic=jnp.block([[jnp.zeros_like(mass_u), -g.T], [g, jnp.zeros_like(mass_w)]]),
-            stiffness=pair(stiffness_u - speed**2 * mass_u, stiffness_w - speed**2 * mass_w),
-            steady_strain=strain,
-            status=ended,
+            mass=equations.mass,
+            gyroscopic=c,
+            stiffness=(k + k.T) / 2,
+            steady_strain=equations.strain(q, np.zeros(1))[0],
+            status=status,
             families=self.families,
         )
 
-    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
-        """Cubic Hermite interpolation; the model is planar, so flap is zero."""
-        xi = np.asarray(xi, float)
-        n_axial, n_bending = 2 * self.n_elements + 1, 2 * self.n_elements
-        out = np.zeros((3, xi.size, n_axial + n_bending))
-        out[0, :, :n_axial] = self._basis.stretch(n_axial, xi).value
-        out[1, :, n_axial:] = self._basis.bending(n_bending, xi).value
-        return jnp.asarray(out)
+
+class _Elements(Elasticity):
+    """Elastic forces element by element; everything over EA L, lengths over L."""
+
+    axial_stiffness: Scalar
+    length: Scalar
+    bending: Scalar  # EI / (EA L^2)
+    n_elements: int = eqx.field(static=True)
+
+    def energy(self, q: Vector) -> Scalar:
+        scale = self.axial_stiffness * self.length
+        return scale * jnp.sum(jax.vmap(self.element_energy)(self._nodes(q)))
+
+    def force(self, q: Vector) -> Vector:
+        return self.axial_stiffness * self._gather(jax.vmap(self.element_force)(self._nodes(q)))
+
+    def nonconservative_force(self, q: Vector) -> Vector:
+        if type(self).element_force is _Elements.element_force:
+            return jnp.zeros_like(q)
+        return self.force(q) - jax.grad(self.energy)(q)
+
+    def tangent(self, q: Vector) -> Matrix:
+        blocks = jax.vmap(jax.jacfwd(self.element_force))(self._nodes(q))
+        n = self.n_elements
+        place = 2 * np.arange(n)[:, None] + np.arange(4)  # of an element's functions
+        rows = place[:, :, None, None, None] + (2 * n + 2) * np.arange(2)[:, None, None]
+        columns = place[:, None, None, :, None] + (2 * n + 2) * np.arange(2)
+        whole = jnp.zeros((4 * n + 4, 4 * n + 4), q.dtype).at[rows, columns].add(blocks)
+        free = np.delete(np.arange(4 * n + 4), [0, 2 * n + 2, 2 * n + 3])
+        return self.axial_stiffness / self.length * whole[np.ix_(free, free)]
+
+    @abc.abstractmethod
+    def element_energy(self, e: Nodes) -> Scalar:
+        """Strain energy of one element."""
+
+    def element_force(self, e: Nodes) -> Nodes:
+        """Elastic force of one element."""
+        return jax.grad(self.element_energy)(e)
+
+    def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
+        return _elongation(gradient)
+
+    def _nodes(self, q: Vector) -> Float[Array, "n 4 2"]:
+        n = self.n_elements
+        full = jnp.concatenate([jnp.zeros(1), q[: 2 * n + 1], jnp.zeros(2), q[2 * n + 1 :]])
+        node = (full / self.length).reshape(2, n + 1, 2).transpose(1, 2, 0)
+        return jnp.concatenate([node[:-1], node[1:]], 1)
+
+    def _gather(self, forces: Float[Array, "n 4 2"]) -> Vector:
+        n, none = self.n_elements, jnp.zeros((1, 2, 2), forces.dtype)
+        node = jnp.concatenate([forces[:, :2], none]) + jnp.concatenate([none, forces[:, 2:]])
+        full = node.transpose(2, 0, 1).reshape(-1)
+        return jnp.concatenate([full[1 : 2 * n + 2], full[2 * n + 4 :]])
+
+    @property
+    def _shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Slopes and curvatures of the four shapes at the Gauss points, and weights."""
+        shapes = hermite(_POINTS, 1 / self.n_elements)
+        return shapes.slope, shapes.curvature, _WEIGHTS / self.n_elements
+
+
+def _elongation(d: Float[Array, "... c"]) -> Float[Array, "..."]:
+    """|a1 + d| - 1, without cancellation."""
+    excess = 2 * d[..., 0] + jnp.sum(d**2, -1)
+    return excess / (1 + jnp.sqrt(1 + excess))
+
+
+class _ModelA(_Elements):
+    def _strain(self, e: Nodes) -> Float[Array, " g"]:
+        chord = (e[2] - e[0]) * self.n_elements
+        a, m, b = _elongation(jnp.stack([e[1], chord, e[3]]))
+        s = _POINTS
+        return a * (1 - 4 * s + 3 * s**2) + m * (6 * s - 6 * s**2) + b * (3 * s**2 - 2 * s)
+
+    def element_energy(self, e: Nodes) -> Scalar:
+        """B eq. 9; the forces of B are not its gradient, though close to it at small strain."""
+        _, curvature, weight = self._shapes
+        bend = jnp.sum((curvature @ e) ** 2, 1)
+        return jnp.sum(weight * (self._strain(e) ** 2 + self.bending * bend)) / 2
+
+    def element_force(self, e: Nodes) -> Nodes:
+        """(K_l + K_t) e of B eqs. 10 and A-5 (A-6, A-7 are misprinted): int EA eps S' S' e dx."""
+        slope, curvature, weight = self._shapes
+        tension = (weight * self._strain(e))[:, None]
+        along = slope @ e + np.eye(2)[:1]
+        bend = self.bending * weight[:, None] * (curvature @ e)
+        return slope.T @ (tension * along) + curvature.T @ bend
+
+
+class _Green(_Elements):
+    def element_energy(self, e: Nodes) -> Scalar:
+        slope, curvature, weight = self._shapes
+        d = slope @ e
+        bend = jnp.sum((curvature @ e) ** 2, 1)
+        return jnp.sum(weight * (self.strain(d) ** 2 + self.bending * bend)) / 2
+
+    def element_force(self, e: Nodes) -> Nodes:
+        """The gradient, written out."""
+        slope, curvature, weight = self._shapes
+        d = slope @ e
+        tension = (weight * self.strain(d))[:, None]
+        bend = self.bending * weight[:, None] * (curvature @ e)
+        return slope.T @ (tension * (d + np.eye(2)[:1])) + curvature.T @ bend
+
+    def nonconservative_force(self, q: Vector) -> Vector:
+        return jnp.zeros_like(q)
+
+    def strain(self, gradient: Float[Array, "p c"]) -> Float[Array, " p"]:
+        return gradient[:, 0] + jnp.sum(gradient**2, 1) / 2
+
+
+class _ModelZero(_Elements):
+    """Linear strain du_l/dx and curvature in a frame that moves with the element (B eq. 62)."""
+
+    @abc.abstractmethod
+    def along(self, e: Nodes) -> Float[Array, " 2"]:
+        """Tangent of the frame, less a1, before it is made a unit vector."""
+
+    def element_energy(self, e: Nodes) -> Scalar:
+        slope, curvature, weight = self._shapes
+        axis = self.along(e)
+        size = 1 + _elongation(axis)
+        # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
+        lean = (axis - (size - 1) * np.eye(2)[0]) / size
+        tangent = lean + np.eye(2)[0]
+        d = slope @ e
+        strain = (d + np.eye(2)[:1]) @ lean + d[:, 0]
+        bend = (curvature @ e) @ jnp.stack([-tangent[1], tangent[0]])
+        return jnp.sum(weight * (strain**2 + self.bending * bend**2)) / 2
+
+
+class _Chord(_ModelZero):
+    def along(self, e: Nodes) -> Float[Array, " 2"]:
+        return (e[2] - e[0]) * self.n_elements
+
+
+class _Tangent(_ModelZero):
+    def along(self, e: Nodes) -> Float[Array, " 2"]:
+        return e[1]
+
+
+def _equations(model: _ANCF, rotor: Rotor, elasticity: type[_Elements]) -> CartesianEquations:
+    beam = rotor.beam
+    ratio = beam.in_plane_bending_stiffness / (beam.axial_stiffness * beam.length**2)
+    elastic = elasticity(beam.axial_stiffness, beam.length, ratio, model.n_elements)
+    return CartesianEquations.build(model, rotor, elastic)
+
+
+class GreenANCF(_ANCF):
+    """Continuum element with an energy: Green strain, U = int EA eps^2 + EI r''.r'' dx / 2."""
+
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """Conservative, geometrically non-linear."""
+        return _equations(self, rotor, _Green)
+
+
+class ChordANCF(_ANCF):
+    """Model 0 of B in the frame of each element's chord: unstable above a speed that grows with
+    the number of elements."""
+
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """Conservative; linear strain within an element."""
+        return _equations(self, rotor, _Chord)
+
+
+class TangentANCF(_ANCF):
+    """Model 0 of B in a frame tangent to each element's first node: clamped-free substructures.
+
+    Fails at a lower speed than `ChordANCF`; with one element it is `Classical`.
+    """
+
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """Conservative; linear strain within an element."""
+        return _equations(self, rotor, _Tangent)
 
 
 class SmallStrainANCF(_ANCF):
@@ -121,126 +282,41 @@ class SmallStrainANCF(_ANCF):
 
     The steady strain is the *linear* one of B eqs. 41-43, eps = P / EA, found on the undeformed
     beam. It is wrong by about eps relative, so believe the numbers while `steady_strain` is small;
-    `ANCF` says what they become.
+    `ANCF` says what they become. The tension acts on transverse displacement and, twice, on axial
+    displacement (one EA eps is its own, the other is B eq. 52 evaluated with q_0).
     """
 
-    def steady_tension(self, rotor: Rotor, speed: Scalar) -> tuple[Matrix, Matrix, Scalar, Code]:
-        """Integrals of P(x) in closed form."""
-        u = stretch_integrals(self._basis, 2 * self.n_elements + 1)
-        w = bending_integrals(self._basis, 2 * self.n_elements)
-        c0, c1, c2 = rotor.tension(speed)
-        return (
-            tension_stiffness(rotor, speed, u),
-            tension_stiffness(rotor, speed, w),
-            (c0 + c1 + c2 / 2) / rotor.beam.axial_stiffness,
-            jnp.asarray(Status.OK),
-        )
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """Linear, with the tension P(x) of the rigid motion."""
+        elastic = LinearElasticity(self.linear_stiffness(rotor) + axial_bending(self, rotor))
+        tension = self.tables.tension + 2 * self.tables.axial_tension
+        return CartesianEquations.build(self, rotor, elastic, tension)
+
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        """Mass, gyroscopic and stiffness matrices (B eqs. 53-54)."""
+        return linear_system(self, rotor, speed)
+
+
+def axial_bending(model: _ANCF, rotor: Rotor) -> Matrix:
+    """int EI u1'' u1'' dx: elements with EI r''.r'' have it on their axial coordinates too."""
+    beam, n = rotor.beam, model.counts[0]
+    out = np.zeros((len(model.families),) * 2)
+    out[:n, :n] = stretch_integrals(model.functions_from, n).curvature
+    return beam.in_plane_bending_stiffness / beam.length**3 * out
 
 
 class ANCF(_ANCF):
-    """Model A linearised exactly about its own non-linear steady state.
+    """Model A of B: axial strain interpolated along the element from B eq. A-3.
 
-    The steady axial displacement solves int EA eps (1 + eps) psi' dx + EI int u'' psi'' dx
-    = Omega^2 M (x + R + u), eps = u', by Newton iteration with the load raised from zero in
-    adaptive steps when one step will not do. `Status.NOT_CONVERGED` where that ends short of the
-    full load.
+    The steady beam is straight. There u' is quadratic along an element and equals the interpolated
+    strain, so the tangent is that of any non-linear strain to first order, and symmetric.
     """
 
-    def steady_state(self, rotor: Rotor, angular_speed: Real) -> Array:
-        """Axial coordinates (2 n + 1, in metres) of the steady state.
-
-        Differentiable to any order by the implicit function theorem. Raises if the search fails.
-        """
-        return raise_unless_ok(*_jitted_steady_state(self, *steady_case(rotor, angular_speed)))
-
-    def _steady_state(self, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
-        beam, length = rotor.beam, rotor.beam.length
-        n_axial = 2 * self.n_elements + 1
-        f = stretch_integrals(self._basis, n_axial)
-        xi, weight = self._basis.quadrature(n_axial)
-        slope = self._basis.stretch(n_axial, xi).slope
-        # Divided by EA / L and by the length, so that unknowns and residuals are of order one.
-        bending = beam.in_plane_bending_stiffness / (beam.axial_stiffness * length**2)
-        load = speed**2 * length / beam.axial_stiffness
-        mass = load * inertia(rotor, f)
-        # Loads on the undeformed beam: int (R + x) psi dm / L. x is in the span of the functions
-        # (nodal values of xi with slope one), R times the first moment of the functions is not.
-        linear = self._interpolate_xi()
-        moment = self._basis.stretch(n_axial, xi).value.T @ weight
-        rigid = mass @ linear + load * rotor.hub_radius / length * (
-            beam.mass * moment + rotor.tip_mass * f.tip
-        )
-
-        def residual(u: Array, fraction: Array | float = 1.0) -> Array:
-            strain = slope @ u
-            elastic = slope.T @ (weight * strain * (1 + strain)) + bending * (f.curvature @ u)
-            return elastic - fraction * (rigid + mass @ u)
-
-        def newton(u: Array, fraction: Array) -> tuple[Array, Array]:
-            def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-                u, _, k = state
-                du = solve(jax.jacfwd(residual)(u, fraction), residual(u, fraction))
-                return u - du, jnp.max(jnp.abs(du)) / (1 + jnp.max(jnp.abs(u))), k + 1
-
-            def go_on(state: tuple[Array, Array, Array]) -> Array:
-                return (state[1] > 1e-13) & (state[2] < 20)  # NaN ends it too
-
-            u, change, _ = jax.lax.while_loop(
-                go_on, body, (u, jnp.asarray(jnp.inf), jnp.asarray(0))
-            )
-            # At round-off the step stalls slightly above the tolerance: accept that.
-            return u, (change < 1e-10) & jnp.all(slope @ u > -0.5)
-
-        def continuation(_: object, start: Array) -> tuple[Array, Array]:
-            def body(
-                state: tuple[Array, Array, Array, Array],
-            ) -> tuple[Array, Array, Array, Array]:
-                u, done, step, k = state
-                target = jnp.minimum(done + step, 1.0)
-                new, ok = newton(u, target)
-                return (
-                    jnp.where(ok, new, u),
-                    jnp.where(ok, target, done),
-                    jnp.where(ok, 2 * step, step / 4),
-                    k + 1,
-                )
-
-            def go_on(state: tuple[Array, Array, Array, Array]) -> Array:
-                return (state[1] < 1) & (state[2] > 1e-9) & (state[3] < 100)
-
-            one = jnp.ones((), start.dtype)
-            u, done, _, _ = jax.lax.while_loop(go_on, body, (start, 0 * one, one, jnp.asarray(0)))
-            return u, done
-
-        u, done = jax.lax.custom_root(
-            residual,
-            jnp.zeros(n_axial, speed.dtype),
-            continuation,
-            lambda g, y: solve(jax.jacfwd(g)(jnp.zeros_like(y)), y),
-            has_aux=True,
-        )
-        return u * length, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
-
-    def _interpolate_xi(self) -> np.ndarray:
-        nodes = np.stack([np.linspace(0, 1, self.n_elements + 1), np.ones(self.n_elements + 1)], 1)
-        return nodes.ravel()[1:]
-
-    def steady_tension(self, rotor: Rotor, speed: Scalar) -> tuple[Matrix, Matrix, Scalar, Code]:
-        """Integrals of EA eps over each element by Gauss points, exact for cubic shapes."""
-        u, ended = self._steady_state(rotor, speed)
-        n, length = self.n_elements, rotor.beam.length
-        xi, weight = self._basis.quadrature(2 * n + 1)
-        strain = self._basis.stretch(2 * n + 1, xi).slope @ (u / length)
-        shapes = hermite(xi[:4] * n, 1 / n).slope  # the same in every element
-        pairs = np.einsum("gi,gj->gij", shapes, shapes)
-        blocks = jnp.einsum("eg,gij->eij", (weight * strain).reshape(n, 4), pairs)
-        rows = 2 * np.arange(n)[:, None, None] + np.arange(4)[:, None]
-        full = jnp.zeros((2 * n + 2, 2 * n + 2), u.dtype)
-        full = full.at[rows, np.swapaxes(rows, 1, 2)].add(blocks)
-        full = full * rotor.beam.axial_stiffness / length
-        return full[1:, 1:], full[2:, 2:], u[0] / length, ended
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """Geometrically non-linear; not conservative, see `Equations.nonconservative_force`."""
+        return _equations(self, rotor, _ModelA)
 
 
 @eqx.filter_jit
-def _jitted_steady_state(model: ANCF, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+def _jitted_steady_state(model: _ANCF, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
     return model._steady_state(rotor, speed)

@@ -2,7 +2,7 @@
 
 import abc
 import enum
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,10 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._basis import Integrals
-from jaxbeam._beam import Rotor, steady_case
+from jaxbeam._beam import Rotor, SpringRotor, checked_rotor, checked_speed
+from jaxbeam._linalg import find_root
+from jaxbeam._motion import Hub, spinning
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Real, Scalar
+from jaxbeam._types import Code, Matrix, Real, Scalar, Triple, Vector
+
+AnyRotor = Rotor | SpringRotor
 
 
 class Family(enum.IntEnum):
@@ -69,42 +72,149 @@ class LinearSystem(eqx.Module):
         return np.concatenate(found) if found else np.zeros(0, int)
 
 
+class Equations(eqx.Module):
+    """A model of one rotor in motion: M q'' = force(hub, q, q'), in the hub frame.
+
+    Forces derive from the kinetic energy T(q, q', v, omega), v and omega being the velocity and
+    angular velocity of the hub, and from elastic forces:
+
+        d/dt dT/dq' - dT/dq + elastic_force(q) = external forces.
+
+    Then T also gives what the hub feels, the momentum dT/dv and the angular momentum dT/domega,
+    and for any T the total energy changes by exactly what hub and external forces do.
+    """
+
+    mass: eqx.AbstractVar[Matrix]
+    rigid: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
+    size: eqx.AbstractVar[Scalar]  # length, the yardstick of displacements, m
+    energy_scale: eqx.AbstractVar[Scalar]  # a natural unit of energy, J
+
+    @abc.abstractmethod
+    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
+        """What accelerates the coordinates, all but damping; tip_force in hub axes, N."""
+
+    def as_force(self, q: Vector, generalised: Vector) -> Vector:
+        """A generalised force (its power is that times q') as it enters `force`."""
+        return generalised
+
+    @abc.abstractmethod
+    def elastic_force(self, q: Vector) -> Vector:
+        """Elastic part of the left-hand side."""
+
+    @abc.abstractmethod
+    def strain_energy(self, q: Vector) -> Scalar:
+        """In J."""
+
+    def nonconservative_force(self, q: Vector) -> Vector:
+        """elastic_force minus the gradient of strain_energy: zero, but for Model A."""
+        return jnp.zeros_like(q)
+
+    @abc.abstractmethod
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+        """T without that of the rigid undeformed beam, T(0, 0, v, omega), in J."""
+
+    @abc.abstractmethod
+    def first_moment(self, q: Vector) -> Triple:
+        """int u dm: mass times the displacement of its centre, kg m."""
+
+    @abc.abstractmethod
+    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """Axial, in-plane and flap displacement in the hub frame at x = xi L, in m."""
+
+    @abc.abstractmethod
+    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        """Axial strain of the centre line at x = xi L."""
+
+    @abc.abstractmethod
+    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+        """In-plane and flap curvature at x = xi L, in 1/m."""
+
+    def tip(self, q: Vector) -> Triple:
+        """Displacement of the tip."""
+        return self.displacement(q, np.ones(1))[0]
+
+    def tangents(
+        self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
+    ) -> tuple[Matrix, Matrix]:
+        """Stiffness K = -d force / dq and damping C = -d force / dq'."""
+        k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
+        return -k, -c
+
+
 class AbstractModel(eqx.Module):
-    """A theory with its discretisation. It holds no parameters of the beam, only static choices."""
+    """A theory with its discretisation. It holds no parameters of the beam, only static choices.
+
+    A theory says what its `equations` are; frequencies, steady states and motions follow.
+    """
+
+    rotor_type: ClassVar[type[Rotor] | type[SpringRotor]] = Rotor
 
     @property
     @abc.abstractmethod
     def families(self) -> tuple[Family, ...]:
         """Direction of each of the n coordinates."""
 
-    def linearise(self, rotor: Rotor, angular_speed: Real, *, throw: bool = True) -> LinearSystem:
-        """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
-
-        `throw=False` leaves failures in `LinearSystem.status` instead of raising.
-        """
-        system = _linearised(self, *steady_case(rotor, angular_speed))
-        return raise_unless_ok(system, system.status) if throw else system
-
     @abc.abstractmethod
-    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
-        """`linearise` for parameters in range: what a theory has to say.
-
-        `status` is that of the search for the steady state, if there is one.
-        """
+    def equations(self, rotor: Any) -> Equations:
+        """Equations of motion of a rotor whose parameters are in range."""
 
     @abc.abstractmethod
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
 
+    def linearise(self, rotor: Any, angular_speed: Real, *, throw: bool = True) -> LinearSystem:
+        """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
 
-def inertia(rotor: Rotor, f: Integrals) -> Matrix:
-    """int f f^T dm over beam and tip mass, in kg."""
-    return rotor.beam.mass * f.mass + rotor.tip_mass * np.outer(f.tip, f.tip)
+        `throw=False` leaves failures in `LinearSystem.status` instead of raising.
+        """
+        system = _linearised(self, *self.steady_case(rotor, angular_speed))
+        return raise_unless_ok(system, system.status) if throw else system
+
+    def matrices(self, rotor: Any, speed: Scalar) -> LinearSystem:
+        """`linearise` for parameters in range: tangents of the equations at their equilibrium.
+
+        `status` is that of the search for the steady state, if there is one.
+        """
+        equations, hub = self.equations(rotor), spinning(speed)
+        q, status = equilibrium(equations, hub, jnp.zeros(len(self.families), speed.dtype))
+        k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
+        return LinearSystem(
+            mass=equations.mass,
+            gyroscopic=c,
+            stiffness=k,
+            steady_strain=equations.strain(q, np.zeros(1))[0],
+            status=status,
+            families=self.families,
+        )
+
+    def steady_case(self, rotor: Any, angular_speed: Any) -> tuple[Any, Scalar]:
+        """Rotor and speed, checked."""
+        return checked_rotor(self.rotor_type, rotor), checked_speed(angular_speed)
 
 
-def tension_stiffness(rotor: Rotor, speed: Scalar, f: Integrals) -> Matrix:
-    """int P f' f'^T dx of the tension P on the undeformed beam (`Rotor.tension`), in N/m."""
-    return jnp.tensordot(jnp.stack(rotor.tension(speed)) / rotor.beam.length, f.tension, 1)
+def equilibrium(
+    equations: Equations, hub: Hub, start: Vector, tip_force: Triple | None = None
+) -> tuple[Vector, Code]:
+    """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
+
+    Newton's method with the load raised from zero in adaptive steps where one step will not do;
+    differentiable by the implicit function theorem. `hub` is taken as it is at this moment.
+    """
+    rest = jnp.zeros_like(start)
+    stiffness, _ = equations.tangents(hub, rest, rest, tip_force)
+    scale = jnp.max(jnp.abs(stiffness)) * equations.size
+
+    def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
+        root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else
+        part = Hub(
+            root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,
+            fraction * hub.angular_velocity_rate, fraction * hub.gravity,
+        )  # fmt: skip
+        force = None if tip_force is None else fraction * tip_force
+        return -equations.force(part, equations.size * q, rest, force) / scale
+
+    q, done = find_root(residual, start / equations.size)
+    return equations.size * q, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
 
 @eqx.filter_jit

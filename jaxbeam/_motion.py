@@ -1,0 +1,273 @@
+"""Prescribed motion of the hub.
+
+Every motion states where the hub is or how fast it moves; rates come from `jax.jvp`. Components are
+those of the hub frame: a1 along the undeformed beam, a2 in the plane of rotation, a3 normal to it.
+Numbers in a motion are leaves: they can be swept, fitted and differentiated like those of a beam.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._beam import positive, real_scalar
+from jaxbeam._types import Real, Scalar, Triple
+
+Rotation = Float[Array, "3 3"]
+
+
+class Hub(NamedTuple):
+    """Motion of the hub at one time, components in the hub frame.
+
+    `velocity` (m/s) is that of the point on the axis from which the hub radius is measured,
+    `angular_velocity` (rad/s) that of the frame; the other two are the rates of these *components*.
+    `gravity` (m/s^2) enters like an acceleration of the hub the other way.
+    """
+
+    velocity: Triple
+    angular_velocity: Triple
+    velocity_rate: Triple
+    angular_velocity_rate: Triple
+    gravity: Triple
+
+    @property
+    def acceleration(self) -> Triple:
+        """Of the reference point, less gravity: v' + omega x v - g."""
+        turning = jnp.cross(self.angular_velocity, self.velocity)
+        return self.velocity_rate + turning - self.gravity
+
+
+def spinning(angular_speed: Scalar) -> Hub:
+    """The hub turning steadily about a3."""
+    zero = jnp.zeros(3, angular_speed.dtype)
+    return Hub(zero, zero.at[2].set(angular_speed), zero, zero, zero)
+
+
+class Motion(eqx.Module):
+    """How the hub moves: subclass it, or use `HubVelocity` and `HubPose`."""
+
+    @abc.abstractmethod
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        """Velocity and angular velocity of the hub in the hub frame at time t (s)."""
+
+    def attitude(self, t: Scalar) -> Rotation:
+        """Columns: hub axes in inertial components. Only gravity asks for it."""
+        raise ValueError(
+            f"gravity needs the attitude of the hub, which {type(self).__name__} does not state; "
+            "use HubPose, or one of the motions about a fixed axis"
+        )
+
+    def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
+        """Everything at time t; `gravity` is in inertial components."""
+        (velocity, spin), rates = jax.jvp(self.twist, (t,), (jnp.ones_like(t),))
+        pull = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
+        return Hub(velocity, spin, *rates, pull)
+
+
+class Spin(Motion):
+    """Rotation about an axis that is fixed in space and in the hub; subclasses state the angle."""
+
+    axis: eqx.AbstractVar[Triple]
+
+    @abc.abstractmethod
+    def angle(self, t: Scalar) -> Scalar:
+        """Angle turned since t = 0, in rad."""
+
+    def angular_speed(self, t: Scalar) -> Scalar:
+        """Rate of the angle, in rad/s."""
+        return jax.jvp(self.angle, (t,), (jnp.ones_like(t),))[1]
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        return jnp.zeros_like(self.axis), self.angular_speed(t) * self.axis
+
+    def attitude(self, t: Scalar) -> Rotation:
+        """By Rodrigues' formula; hub and inertial axes coincide at angle zero."""
+        angle, k = self.angle(t), skew(self.axis)
+        return jnp.eye(3, dtype=k.dtype) + jnp.sin(angle) * k + (1 - jnp.cos(angle)) * (k @ k)
+
+
+def skew(a: Triple) -> Rotation:
+    """The matrix of b -> a x b."""
+    zero = jnp.zeros_like(a[0])
+    return jnp.stack([zero, -a[2], a[1], a[2], zero, -a[0], -a[1], a[0], zero]).reshape(3, 3)
+
+
+def inclined(angle: Real) -> Triple:
+    """Axis of rotation at `angle` (rad) from the beam, in the plane of a1 and a2.
+
+    cos(angle) a1 + sin(angle) a2, the beam on a tapered hub (Y, Figs. 7-9): then a3, and with it
+    "flap", is the direction of rotation, and "in plane" the outward one. Default axes are a3.
+    """
+    angle = real_scalar("angle", angle)
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
+
+
+def _axis(axis: Any) -> Triple:
+    if axis is None:
+        return jnp.asarray([0.0, 0.0, 1.0], jnp.result_type(float))
+    vector = jnp.asarray(axis, jnp.result_type(float))
+    if vector.shape != (3,):
+        raise ValueError(f"axis must have shape (3,), got {vector.shape}")
+    if not isinstance(vector, jax.core.Tracer):
+        length = float(np.linalg.norm(np.asarray(vector)))
+        if not abs(length - 1) < 1e-9:
+            raise ValueError(f"axis must be a unit vector, got length {length}")
+    return vector
+
+
+class ConstantSpeed(Spin):
+    """Steady rotation at `angular_speed` (rad/s)."""
+
+    speed: Scalar
+    axis: Triple
+
+    def __init__(self, angular_speed: Real, axis: Any = None) -> None:
+        self.speed, self.axis = real_scalar("angular_speed", angular_speed), _axis(axis)
+
+    def angle(self, t: Scalar) -> Scalar:
+        return self.speed * t
+
+
+class SmoothSpinUp(Spin):
+    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
+
+    Omega(t) = Omega_s [t / T - sin(2 pi t / T) / (2 pi)] (Y eq. 23); its integral is B eq. 13.
+    """
+
+    speed: Scalar
+    duration: Scalar
+    axis: Triple
+
+    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
+        self.speed, self.axis = real_scalar("angular_speed", angular_speed), _axis(axis)
+        self.duration = positive("duration", duration)
+
+    def angle(self, t: Scalar) -> Scalar:
+        tau = jnp.clip(t / self.duration, 0.0, 1.0)
+        turn = 2 * jnp.pi
+        during = tau**2 / 2 + (jnp.cos(turn * tau) - 1) / turn**2
+        after = jnp.maximum(t - self.duration, 0.0)
+        return self.speed * (self.duration * during + after)
+
+
+class QuinticSpinUp(Spin):
+    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
+
+    Omega(t) = Omega_s (6 tau^5 - 15 tau^4 + 10 tau^3), tau = t / T (Y eq. 21).
+    """
+
+    speed: Scalar
+    duration: Scalar
+    axis: Triple
+
+    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
+        self.speed, self.axis = real_scalar("angular_speed", angular_speed), _axis(axis)
+        self.duration = positive("duration", duration)
+
+    def angle(self, t: Scalar) -> Scalar:
+        tau = jnp.clip(t / self.duration, 0.0, 1.0)
+        during = tau**6 - 3 * tau**5 + 2.5 * tau**4
+        after = jnp.maximum(t - self.duration, 0.0)
+        return self.speed * (self.duration * during + after)
+
+
+class ModulatedSpeed(Spin):
+    """Omega(t) = mean [1 + depth sin(frequency t)]: `mean` in rad/s, `frequency` in rad/s."""
+
+    mean: Scalar
+    depth: Scalar
+    frequency: Scalar
+    axis: Triple
+
+    def __init__(self, mean: Real, depth: Real, frequency: Real, axis: Any = None) -> None:
+        self.mean, self.depth = real_scalar("mean", mean), real_scalar("depth", depth)
+        self.frequency, self.axis = positive("frequency", frequency), _axis(axis)
+
+    def angle(self, t: Scalar) -> Scalar:
+        swing = (1 - jnp.cos(self.frequency * t)) / self.frequency
+        return self.mean * (t + self.depth * swing)
+
+
+class SpinUpThenDown(Spin):
+    """A spin-up, undone from time `down_at` (s) on: Omega(t) = up(t) - up(t - down_at)."""
+
+    up: Spin
+    down_at: Scalar
+
+    def __init__(self, up: Spin, down_at: Real) -> None:
+        if not isinstance(up, Spin):
+            raise TypeError(f"up must be a motion about a fixed axis, got {type(up).__name__}")
+        self.up, self.down_at = up, positive("down_at", down_at)
+
+    @property
+    def axis(self) -> Triple:  # type: ignore[override]
+        return self.up.axis
+
+    def angle(self, t: Scalar) -> Scalar:
+        # Angles before t = 0 are not all zero: the descent must not begin before its time.
+        return self.up.angle(t) - self.up.angle(jnp.maximum(t - self.down_at, 0.0))
+
+
+class HubVelocity(Motion):
+    """Any motion, by functions of time for velocity and angular velocity in the hub frame.
+
+    Each takes a scalar time (s) and returns shape (3,) (m/s, rad/s). Callables that are pytrees
+    (an `equinox.Module`, a `jax.tree_util.Partial`) carry their parameters as leaves.
+    """
+
+    velocity: Callable[[Scalar], Triple]
+    angular_velocity: Callable[[Scalar], Triple]
+
+    def __check_init__(self) -> None:
+        _check_shape("velocity", self.velocity, (3,))
+        _check_shape("angular_velocity", self.angular_velocity, (3,))
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        return jnp.asarray(self.velocity(t)), jnp.asarray(self.angular_velocity(t))
+
+
+class HubPose(Motion):
+    """Any motion, by functions of time for position and rotation.
+
+    `position(t)`, shape (3,), in m and inertial components; `rotation(t)`, shape (3, 3), proper
+    orthogonal, its columns the hub axes in inertial components. v = Q^T p', omega = vee(Q^T Q').
+    """
+
+    position: Callable[[Scalar], Triple]
+    rotation: Callable[[Scalar], Rotation]
+
+    def __check_init__(self) -> None:
+        _check_shape("position", self.position, (3,))
+        _check_shape("rotation", self.rotation, (3, 3))
+        start = self.rotation(jnp.zeros((), jnp.result_type(float)))
+        if not isinstance(start, jax.core.Tracer):
+            q = np.asarray(start)
+            if not (np.abs(q.T @ q - np.eye(3)).max() < 1e-6 and np.linalg.det(q) > 0):
+                raise ValueError("rotation must be a proper orthogonal matrix; at t = 0 it is not")
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        one = (jnp.ones_like(t),)
+        _, velocity = jax.jvp(lambda t: jnp.asarray(self.position(t)), (t,), one)
+        q, rate = jax.jvp(lambda t: jnp.asarray(self.rotation(t)), (t,), one)
+        w = q.T @ rate
+        spin = jnp.stack([w[2, 1] - w[1, 2], w[0, 2] - w[2, 0], w[1, 0] - w[0, 1]]) / 2
+        return q.T @ velocity, spin
+
+    def attitude(self, t: Scalar) -> Rotation:
+        return jnp.asarray(self.rotation(t))
+
+
+def _check_shape(name: str, function: Any, shape: tuple[int, ...]) -> None:
+    if not callable(function):
+        raise TypeError(f"{name} must be a function of time, got {type(function).__name__}")
+    time = jax.ShapeDtypeStruct((), jnp.result_type(float))
+    out = eqx.filter_eval_shape(lambda t: jnp.asarray(function(t)), time)
+    if out.shape != shape or not jnp.issubdtype(out.dtype, jnp.floating):
+        raise ValueError(
+            f"{name} must return real numbers of shape {shape}, got {out.dtype} {out.shape}"
+        )

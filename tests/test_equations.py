@@ -1,0 +1,151 @@
+"""Equations of motion against Lagrange's equations, by JAX, of energies stated independently."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import chebyshev
+
+import jaxbeam as jb
+from jaxbeam._motion import Hub, skew
+
+BLADE = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0)
+ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.9)
+SPRINGS = jb.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
+BEAM_MODELS = [
+    jb.Hybrid(3, 4, 3),
+    jb.Hybrid(0, 4, 3),
+    jb.Classical(3, 4, 3),
+    jb.VonKarman(5, 3, 2),
+    jb.SmallStrainANCF(2),
+    jb.ANCF(2),
+    jb.GreenANCF(2),
+    jb.ChordANCF(2),
+    jb.TangentANCF(2),
+]
+DISCRETE = [jb.DiscreteNC(), jb.DiscreteNP(), jb.DiscreteLC(), jb.DiscreteLP(), jb.DiscreteNS()]
+EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SPRINGS) for m in DISCRETE]
+
+
+def names(value):
+    return type(value).__name__ if isinstance(value, jb.AbstractModel) else ""
+
+
+def random_state(model, seed, planar):
+    """Hub motion with random velocities and rates, coordinates, rates; no symmetry left."""
+    rng = np.random.default_rng(seed)
+    flat = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0], [0, 0, 1], [1, 1, 0]])
+    hub = rng.normal(size=(5, 3)) * (flat if planar else 1)
+    q, v = 0.1 * rng.normal(size=(2, len(model.families)))
+    return Hub(*jnp.asarray(hub)), jnp.asarray(q), jnp.asarray(v)
+
+
+def lagrange(equations, hub, q, v, tip_force):
+    """Generalised acceleration from T, U and the work of external forces alone."""
+
+    def kinetic(q, v, t):
+        along = (hub.velocity + t * hub.velocity_rate, hub.angular_velocity + t * hub.angular_velocity_rate)
+        return equations.kinetic_energy(q, v, *along)
+
+    # The rigid part of T does not depend on q, v; that which the hub does to int u dm does.
+    t = jnp.zeros(())
+    momentum = jax.grad(kinetic, 1)
+    mass = jax.jacfwd(momentum, 1)(q, v, t)
+    drift = jax.jvp(lambda q, t: momentum(q, v, t), (q, t), (v, jnp.ones(())))[1]
+    work = jax.jacfwd(equations.first_moment)(q).T @ hub.gravity
+    work = work + jax.jacfwd(equations.tip)(q).T @ tip_force
+    elastic = jax.grad(equations.strain_energy)(q) + equations.nonconservative_force(q)
+    return jnp.linalg.solve(mass, jax.grad(kinetic)(q, v, t) - drift - elastic + work)
+
+
+@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=names)
+def test_equations_of_motion_follow_from_the_energies(model, rotor):
+    planar = jb.Family.FLAP not in model.families
+    hub, q, v = random_state(model, 1, planar)
+    if isinstance(model, jb.DiscreteLP):  # linear: forces times s, theta products are left out
+        q, v = q * 1e-9, v * 1e-9
+    force = jnp.array([3.0, -2.0, 0.0 if planar else 1.5])
+
+    @jax.jit
+    def both(rotor, q, v):
+        equations = model.equations(rotor)
+        given = jnp.linalg.solve(equations.mass, equations.force(hub, q, v, force))
+        return given, lagrange(equations, hub, q, v, force)
+
+    given, derived = both(rotor, q, v)
+    np.testing.assert_allclose(given, derived, rtol=1e-9, atol=1e-9 * np.abs(derived).max())
+
+
+@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=names)
+def test_tangents_are_derivatives_of_the_force(model, rotor):
+    hub, q, v = random_state(model, 2, jb.Family.FLAP not in model.families)
+    force = jnp.array([3.0, -2.0, 0.0])
+
+    @jax.jit
+    def both(rotor, q, v):
+        equations = model.equations(rotor)
+        exact = jax.jacfwd(equations.force, (1, 2))(hub, q, v, force)
+        return equations.tangents(hub, q, v, force), exact
+
+    given, exact = both(rotor, q, v)
+    for a, b in zip(given, exact, strict=True):
+        np.testing.assert_allclose(a, -b, rtol=1e-11, atol=1e-12 * np.abs(b).max())
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("model", [jb.Hybrid(3, 4, 3), jb.Classical(3, 4, 3)], ids=names)
+def test_yoo_equations_linearise_exact_kinematics(model, seed):
+    """Y eqs. 18-20: dm = rho dx + m_t delta, u1 = s - int (u2'^2 + u3'^2) / 2, any 3-D motion."""
+    x, w = np.polynomial.legendre.leggauss(40)
+    xi, w = (1 + x) / 2, w / 2
+    rho, length, radius, tip = BLADE.mass_per_length, BLADE.length, ROTOR.hub_radius, ROTOR.tip_mass
+    dm = jnp.append(rho * length * w, tip)
+    at = np.append(xi, 1.0)
+    # int_0^xi of u'^2 by a rule of its own on each interval [0, xi]
+    inner = np.outer(at, xi)
+    shapes = model.displacement(at)
+    # Slopes by differentiating the interpolant, exact for polynomials of this degree.
+    knots = np.cos(np.pi * (np.arange(12) + 0.5) / 12)
+    values = np.moveaxis(np.asarray(model.displacement((1 + knots) / 2)), 1, 0).reshape(12, -1)
+    coefficients = chebyshev.chebder(chebyshev.chebfit(knots, values, 11)) * 2 / float(length)
+    slopes = chebyshev.chebval(2 * inner - 1, coefficients)
+    slopes = np.moveaxis(slopes.reshape(3, -1, *inner.shape), 1, -1).swapaxes(0, 1)
+    short = isinstance(model, jb.Hybrid)
+
+    def place(q):
+        u = jnp.einsum("cpn,n->pc", shapes, q)
+        if short:
+            bend = jnp.sum(jnp.einsum("acpn,n->acp", slopes[:, 1:], q) ** 2, 1)
+            u = u.at[:, 0].add(-0.5 * jnp.sum(bend * w[None], 1) * at * length)
+        return u.at[:, 0].add(radius + at * length)
+
+    hub, _, _ = random_state(model, seed, False)
+    spin, rate = hub.angular_velocity, hub.angular_velocity_rate
+
+    def virtual_work(q, v, a):
+        """-int (d place / dq) . acceleration dm, the inertia part of Kane's equations."""
+        jac = jax.jacfwd(place)(q)
+        rho, velocity = place(q), jac @ v
+        curving = jax.jvp(lambda q: jax.jacfwd(place)(q) @ v, (q,), (v,))[1]
+        acceleration = (
+            hub.acceleration[None]
+            + rho @ (skew(rate) + skew(spin) @ skew(spin)).T
+            + 2 * velocity @ skew(spin).T
+            + jac @ a
+            + curving
+        )
+        return -jnp.einsum("pcn,pc,p->n", jac, acceleration, dm)
+
+    zero = jnp.zeros(len(model.families))
+    equations = model.equations(ROTOR)
+    load = virtual_work(zero, zero, zero)
+    k, c, m = (-a for a in jax.jacfwd(virtual_work, (0, 1, 2))(zero, zero, zero))
+    given_k, given_c = equations.tangents(hub, zero, zero, None)
+    given_k = given_k - model.linear_stiffness(ROTOR)
+    for given, exact in (
+        (equations.force(hub, zero, zero, None), load),
+        (given_k, k),
+        (given_c, c),
+        (equations.mass, m),
+    ):
+        np.testing.assert_allclose(given, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
