@@ -5,6 +5,8 @@ from jaxbeam._basis import Polynomials as Polynomials
 from jaxbeam._beam import Beam as Beam
 from jaxbeam._beam import Rotor as Rotor
 from jaxbeam._beam import SpringRotor as SpringRotor
+from jaxbeam._loads import Damping as Damping
+from jaxbeam._loads import Loads as Loads
 from jaxbeam._models.ancf import ANCF as ANCF
 from jaxbeam._models.ancf import ChordANCF as ChordANCF
 from jaxbeam._models.ancf import GreenANCF as GreenANCF
@@ -36,6 +38,15 @@ from jaxbeam._motion import SmoothSpinUp as SmoothSpinUp
 from jaxbeam._motion import Spin as Spin
 from jaxbeam._motion import SpinUpThenDown as SpinUpThenDown
 from jaxbeam._motion import inclined as inclined
+from jaxbeam._simulate import Scene as Scene
+from jaxbeam._simulate import Simulation as Simulation
+from jaxbeam._simulate import deflection_limit as deflection_limit
+from jaxbeam._simulate import simulate as simulate
+from jaxbeam._simulate import steady_start as steady_start
+from jaxbeam._solvers.rodas import Rodas5P as Rodas5P
+from jaxbeam._solvers.system import SecondOrderSystem as SecondOrderSystem
+from jaxbeam._solvers.system import State as State
+from jaxbeam._solvers.system import second_order_term as second_order_term
 from jaxbeam._southwell import Campbell as Campbell
 from jaxbeam._southwell import Crossing as Crossing
 from jaxbeam._southwell import Resonance as Resonance

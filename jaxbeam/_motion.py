@@ -62,6 +62,10 @@ class Motion(eqx.Module):
             "use HubPose, or one of the motions about a fixed axis"
         )
 
+    def valid(self, t: Scalar) -> Array:
+        """Whether the motion makes sense at time t, beside being finite."""
+        return jnp.asarray(True)
+
     def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
         """Everything at time t; `gravity` is in inertial components."""
         (velocity, spin), rates = jax.jvp(self.twist, (t,), (jnp.ones_like(t),))
@@ -260,6 +264,10 @@ class HubPose(Motion):
 
     def attitude(self, t: Scalar) -> Rotation:
         return jnp.asarray(self.rotation(t))
+
+    def valid(self, t: Scalar) -> Array:
+        q = self.attitude(t)
+        return jnp.max(jnp.abs(q.T @ q - jnp.eye(3, dtype=q.dtype))) < 1e-6
 
 
 def _check_shape(name: str, function: Any, shape: tuple[int, ...]) -> None:

@@ -87,6 +87,7 @@ class Equations(eqx.Module):
     mass: eqx.AbstractVar[Matrix]
     rigid: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
     size: eqx.AbstractVar[Scalar]  # length, the yardstick of displacements, m
+    end: eqx.AbstractVar[Scalar]  # distance of the undeformed tip from the axis, m
     energy_scale: eqx.AbstractVar[Scalar]  # a natural unit of energy, J
 
     @abc.abstractmethod

@@ -202,14 +202,17 @@ class CartesianEquations(Equations):
             model=model,
         )
 
+    @property
+    def end(self) -> Scalar:  # type: ignore[override]
+        return self.hub_radius + self.size
+
     def motion_stiffness(self, axial: Scalar, spin2: Scalar, tip_force: Triple | None) -> Matrix:
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
         mass, tip_mass = self.masses
-        end = self.hub_radius + self.size
         pull = 0.0 if tip_force is None else tip_force[0]
         coefficients = jnp.stack(
             [
-                tip_mass * (spin2 * end - axial) + pull,
+                tip_mass * (spin2 * self.end - axial) + pull,
                 mass * (spin2 * self.hub_radius - axial),
                 mass * spin2 * self.size,
             ]

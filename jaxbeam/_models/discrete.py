@@ -60,8 +60,12 @@ class _Particle(Equations):
 
     @property
     def rigid(self) -> Triple:  # type: ignore[override]
-        end = self.rotor.hub_radius + self.rotor.length
+        end = self.end
         return self.rotor.mass * jnp.stack([jnp.ones_like(end), end, end**2])
+
+    @property
+    def end(self) -> Scalar:  # type: ignore[override]
+        return self.rotor.hub_radius + self.rotor.length
 
     @property
     def size(self) -> Scalar:  # type: ignore[override]
@@ -117,7 +121,7 @@ class _Cartesian(_Particle):
         return out if tip_force is None else out + tip_force[:2]
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        end = jnp.zeros(3).at[0].set(self.rotor.hub_radius + self.rotor.length)
+        end = jnp.zeros(3).at[0].set(self.end)
         rigid = velocity + jnp.cross(spin, end)
         more = skew(spin) @ self.tip(q) + jnp.concatenate([v, jnp.zeros(1)])
         return self.rotor.mass * (rigid @ more + more @ more / 2)
@@ -136,7 +140,7 @@ class _Polar(_Particle):
         return jnp.stack([q[0] - 2 * (length + q[0]) * jnp.sin(q[1] / 2) ** 2, across])
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        end = jnp.zeros(3).at[0].set(self.rotor.hub_radius + self.rotor.length)
+        end = jnp.zeros(3).at[0].set(self.end)
         rigid = velocity + jnp.cross(spin, end)
         moving = jax.jvp(self.place, (q,), (v,))[1]
         more = skew(spin) @ self.tip(q) + jnp.concatenate([moving, jnp.zeros(1)])
@@ -203,7 +207,7 @@ class _LinearPolar(_Polar):
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
         """To second order in s, theta and their rates."""
         m, length = self.rotor.mass, self.rotor.length
-        end = jnp.zeros(3).at[0].set(self.rotor.hub_radius + length)
+        end = jnp.zeros(3).at[0].set(self.end)
         rigid = velocity + jnp.cross(spin, end)
         flat, none = jnp.array([1.0, length]), jnp.zeros(1)
         more = skew(spin) @ jnp.concatenate([flat * q, none]) + jnp.concatenate([flat * v, none])

@@ -1,0 +1,80 @@
+"""What acts on the beam beside its hub: gravity, a force at the tip, damping."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxbeam._beam import real_scalar, require
+from jaxbeam._status import Status
+from jaxbeam._types import Real, Scalar, Triple
+
+
+class Loads(eqx.Module):
+    """External loads, none by default.
+
+    | field     | unit  |                                                                        |
+    |-----------|-------|------------------------------------------------------------------------|
+    | gravity   | m/s^2 | shape (3,), in inertial axes: those of the hub at angle zero           |
+    | tip_force | N     | shape (3,) or a function of time to (3,), in hub axes: a1, a2, a3      |
+
+    A force along the beam stiffens it in tension and softens it in compression in every model
+    that knows of `Rotor.tension`. A callable that is a pytree carries its parameters as leaves.
+    """
+
+    gravity: Triple | None
+    tip_force: Triple | Callable[[Scalar], Triple] | None
+
+    def __init__(self, gravity: Any = None, tip_force: Any = None) -> None:
+        self.gravity = None if gravity is None else _triple("gravity", gravity)
+        if tip_force is None or callable(tip_force):
+            self.tip_force = tip_force
+        else:
+            self.tip_force = _triple("tip_force", tip_force)
+        if callable(tip_force):
+            time = jax.ShapeDtypeStruct((), jnp.result_type(float))
+            out = eqx.filter_eval_shape(lambda t: jnp.asarray(tip_force(t)), time)
+            if out.shape != (3,):
+                raise ValueError(f"tip_force must return shape (3,), got {out.shape}")
+
+    def at_tip(self, t: Scalar) -> Triple | None:
+        """Force at the tip at time t."""
+        force = self.tip_force
+        return jnp.asarray(force(t)) if callable(force) else force
+
+
+class Damping(eqx.Module):
+    """Proportional damping: forces -(mass M q' + stiffness d/dt elastic_force(q)).
+
+    `mass` in 1/s, `stiffness` in s, both >= 0: a mode of frequency w at rest has the damping ratio
+    (mass / w + stiffness w) / 2. Rates are those seen from the hub. None leaves a term out.
+    """
+
+    mass: Scalar | None
+    stiffness: Scalar | None
+
+    def __init__(self, mass: Real | None = None, stiffness: Real | None = None) -> None:
+        self.mass = _rate("mass", mass)
+        self.stiffness = _rate("stiffness", stiffness)
+
+
+def _rate(name: str, value: Any) -> Scalar | None:
+    if value is None:
+        return None
+    value = real_scalar(f"damping {name}", value)
+    if not isinstance(value, jax.core.Tracer):
+        number = float(np.asarray(value))
+        require(Status.INVALID_DAMPING, bool(np.isfinite(number)) and number >= 0, number)
+    return value
+
+
+def _triple(name: str, value: Any) -> Triple:
+    vector = jnp.asarray(value, jnp.result_type(float))
+    if vector.shape != (3,):
+        raise ValueError(f"{name} must have shape (3,), got {vector.shape}")
+    if not isinstance(vector, jax.core.Tracer):
+        require(Status.INVALID_LOAD, bool(np.isfinite(np.asarray(vector)).all()), vector)
+    return vector

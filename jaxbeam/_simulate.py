@@ -1,0 +1,580 @@
+"""Motions in time: a model on a moving hub, integrated with diffrax."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, Float
+
+from jaxbeam._beam import checked_rotor, require
+from jaxbeam._linalg import inverse
+from jaxbeam._loads import Damping, Loads
+from jaxbeam._models.base import AbstractModel, Equations, Family, equilibrium
+from jaxbeam._motion import Hub, Motion
+from jaxbeam._solvers.rodas import Rodas5P
+from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
+
+# Where diffrax objects are asked of the user.
+Solver = diffrax.AbstractSolver
+Controller = diffrax.AbstractStepSizeController
+
+
+class Scene(SecondOrderSystem):
+    """A model of one rotor, its motion, loads and damping: what diffrax gets as `args`.
+
+    The balance that is kept along the way is that of the energy relative to the hub,
+    h = q'.dT/dq' - T + U: the Jacobi integral, constant while the hub turns steadily. It changes by
+
+        h' = -(dT/dv . v' + dT/domega . omega') + power of gravity, tip force and damping
+
+    with T less that of the rigid beam, which does not need the inertia of the rigid beam and so
+    does not drown what matters.
+    """
+
+    equations: Equations
+    motion: Motion
+    loads: Loads
+    damping: Damping
+    inverse_mass: Matrix
+
+    @property
+    def mass(self) -> Matrix:  # type: ignore[override]
+        return self.equations.mass
+
+    @property
+    def work_unit(self) -> Scalar:
+        """J per unit of `State.work`."""
+        return self.equations.energy_scale / self.equations.size
+
+    def hub(self, t: Scalar) -> Hub:
+        """Motion of the hub."""
+        return self.motion.hub(t, self.loads.gravity)
+
+    def force(self, t: Scalar, q: Vector, v: Vector) -> Vector:
+        out = self.equations.force(self.hub(t), q, v, self.loads.at_tip(t))
+        damping = self._damping(q, v)
+        return out if damping is None else out - self.equations.as_force(q, damping)
+
+    def _damping(self, q: Vector, v: Vector) -> Vector | None:
+        parts = []
+        if self.damping.mass is not None:
+            parts.append(self.damping.mass * (self.mass @ v))
+        if self.damping.stiffness is not None:
+            rate = jax.jvp(self.equations.elastic_force, (q,), (v,))[1]
+            parts.append(self.damping.stiffness * rate)
+        return sum(parts[1:], parts[0]) if parts else None
+
+    def tangents(self, t: Scalar, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
+        k, c = self.equations.tangents(self.hub(t), q, v, self.loads.at_tip(t))
+        if self._damping(q, v) is not None:
+            dk, dc = jax.jacfwd(
+                lambda q, v: self.equations.as_force(q, self._damping(q, v)), argnums=(0, 1)
+            )(q, v)
+            k, c = k + dk, c + dc
+        return k, c
+
+    def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
+        return self.inverse_mass @ self.force(t, q, v)
+
+    def power(self, t: Scalar, q: Vector, v: Vector) -> Scalar:
+        """Rate of the balance of energy, in `work_unit` per second."""
+        hub, equations = self.hub(t), self.equations
+        _, moved = jax.jvp(
+            lambda *twist: equations.kinetic_energy(q, v, *twist),
+            (hub.velocity, hub.angular_velocity),
+            (hub.velocity_rate, hub.angular_velocity_rate),
+        )
+        out = -moved - equations.nonconservative_force(q) @ v
+        if self.loads.gravity is not None:
+            out = out + hub.gravity @ jax.jvp(equations.first_moment, (q,), (v,))[1]
+        force = self.loads.at_tip(t)
+        if force is not None:
+            out = out + force @ jax.jvp(equations.tip, (q,), (v,))[1]
+        damping = self._damping(q, v)
+        if damping is not None:
+            out = out - damping @ v
+        return out / self.work_unit
+
+    def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:
+        """T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is their sum."""
+        hub, zero = self.hub(t), jnp.zeros(3, y.q.dtype)
+        moving = self.equations.kinetic_energy(y.q, y.v, zero, zero)
+        carried = self.equations.kinetic_energy(
+            y.q, jnp.zeros_like(y.v), hub.velocity, hub.angular_velocity
+        )
+        return moving, -carried, self.equations.strain_energy(y.q)
+
+    def total_energy(self, t: Scalar, y: State) -> Scalar:
+        """Kinetic energy in the inertial frame, rigid beam included, plus strain energy, J."""
+        hub = self.hub(t)
+        return self.kinetic(y.q, y.v, hub.velocity, hub.angular_velocity) + (
+            self.equations.strain_energy(y.q)
+        )
+
+    def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+        """T in the inertial frame, J."""
+        mass, first, second = self.equations.rigid
+        beam = jnp.zeros(3, q.dtype).at[0].set(first)
+        rigid = (
+            mass * (velocity @ velocity) / 2
+            + velocity @ jnp.cross(spin, beam)
+            + second * (spin[1] ** 2 + spin[2] ** 2) / 2
+        )
+        return rigid + self.equations.kinetic_energy(q, v, velocity, spin)
+
+    def reaction(self, t: Scalar, y: State) -> tuple[Triple, Triple]:
+        """Force and moment about the centre of the hub by which the hub moves the beam.
+
+        F = p' + omega x p - M g - F_tip, C = H' + omega x H + v x p - S x g - r_tip x F_tip, with
+        p = dT/dv and H = dT/domega. Damping by `Damping.mass` is taken to act between hub and beam.
+        """
+        hub, q, v = self.hub(t), y.q, y.v
+        a = self.acceleration(t, q, v)
+        (p, h), (dp, dh) = jax.jvp(
+            jax.grad(self.kinetic, argnums=(2, 3)),
+            (q, v, hub.velocity, hub.angular_velocity),
+            (v, a, hub.velocity_rate, hub.angular_velocity_rate),
+        )
+        mass, first, _ = self.equations.rigid
+        along = jnp.zeros(3, q.dtype).at[0].set(1.0)
+        moment = self.equations.first_moment(q) + first * along
+        force = dp + jnp.cross(hub.angular_velocity, p) - mass * hub.gravity
+        couple = dh + jnp.cross(hub.angular_velocity, h) + jnp.cross(hub.velocity, p)
+        couple = couple - jnp.cross(moment, hub.gravity)
+        tip = self.loads.at_tip(t)
+        if tip is not None:
+            end = self.equations.tip(q) + self.equations.end * along
+            force, couple = force - tip, couple - jnp.cross(end, tip)
+        return force, couple
+
+
+class Simulation(eqx.Module):
+    """What became of a scene: T times, n coordinates, p points.
+
+    | field      | shape  | unit |                                                               |
+    |------------|--------|------|---------------------------------------------------------------|
+    | times      | (T,)   | s    | output times                                                  |
+    | state      | (T, n) | m    | coordinates `q`, rates `v`, `work` (see `Scene`); NaN where   |
+    |            |        |      | the run did not get (it failed, or an event ended it)         |
+    | imbalance  | (T,)   |      | change of energy less work done, over the largest energy      |
+    | status     | ()     |      | `Status`                                                      |
+    | end_time   | ()     | s    | the last output time that was reached                         |
+    | solution   |        |      | the solution of diffrax: statistics, interpolation, events    |
+    | scene      |        |      | what was simulated                                            |
+
+    Everything else is computed when asked for. Displacements are in the hub frame, components
+    axial, in plane, flap, from the undeformed place; points are given as xi = x / L.
+    """
+
+    times: Float[Array, " T"]
+    state: State
+    imbalance: Float[Array, " T"]
+    status: Code
+    end_time: Scalar
+    solution: diffrax.Solution
+    scene: Scene
+
+    def displacement(self, xi: Any = 1.0) -> Float[Array, "T p 3"]:
+        """Displacement of the points xi, in m."""
+        return self._each(_Displacement(_points(xi)))
+
+    @property
+    def tip(self) -> Float[Array, "T 3"]:
+        """Displacement of the tip, in m."""
+        return self.displacement()[:, 0]
+
+    def strain(self, xi: Any = 0.0) -> Float[Array, "T p"]:
+        """Axial strain of the centre line."""
+        return self._each(_Strain(_points(xi)))
+
+    def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
+        """In-plane and flap curvature, in 1/m: surface strain is the axial one less y times it."""
+        return self._each(_Curvature(_points(xi)))
+
+    @property
+    def strain_energy(self) -> Float[Array, " T"]:
+        """In J."""
+        return self._each(_strain_energy)
+
+    @property
+    def energy(self) -> Float[Array, " T"]:
+        """Kinetic energy in the inertial frame plus strain energy, in J."""
+        return self._each(Scene.total_energy)
+
+    @property
+    def jacobi_integral(self) -> Float[Array, " T"]:
+        """Kinetic energy seen from the hub, centrifugal potential and strain energy, in J."""
+        return self._each(_jacobi)
+
+    @property
+    def hub_force(self) -> Float[Array, "T 3"]:
+        """Force of the hub on the beam, in N, hub axes."""
+        return self._each(Scene.reaction)[0]
+
+    @property
+    def hub_torque(self) -> Float[Array, "T 3"]:
+        """Moment of the hub on the beam about the centre of the hub, in N m, hub axes."""
+        return self._each(Scene.reaction)[1]
+
+    def peak(self, component: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
+        """Largest deflection either way (m, with its sign) of a point, and when (s).
+
+        Between output times by cubic interpolation with the rates, exact to fourth order.
+        """
+        return _peak(self, component, xi)
+
+    def _each(self, function: Any) -> Any:
+        return _mapped(function, self.scene, self.times, self.state)
+
+
+@eqx.filter_jit
+def _mapped(function: Any, scene: Scene, times: Array, state: State) -> Any:
+    return jax.vmap(lambda t, y: function(scene, t, y))(times, state)
+
+
+def _points(xi: Any) -> tuple[float, ...]:
+    points = np.atleast_1d(np.asarray(xi, float))
+    if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
+        raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
+    return tuple(points.tolist())
+
+
+class _Displacement(eqx.Module):
+    xi: tuple[float, ...] = eqx.field(static=True)
+
+    def __call__(self, scene: Scene, t: Scalar, y: State) -> Float[Array, "p 3"]:
+        return scene.equations.displacement(y.q, np.array(self.xi))
+
+
+class _Strain(eqx.Module):
+    xi: tuple[float, ...] = eqx.field(static=True)
+
+    def __call__(self, scene: Scene, t: Scalar, y: State) -> Float[Array, " p"]:
+        return scene.equations.strain(y.q, np.array(self.xi))
+
+
+class _Curvature(eqx.Module):
+    xi: tuple[float, ...] = eqx.field(static=True)
+
+    def __call__(self, scene: Scene, t: Scalar, y: State) -> Float[Array, "p 2"]:
+        return scene.equations.curvature(y.q, np.array(self.xi))
+
+
+def _strain_energy(scene: Scene, t: Scalar, y: State) -> Scalar:
+    return scene.equations.strain_energy(y.q)
+
+
+def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
+    return sum(scene.energies(t, y))  # type: ignore[return-value]
+
+
+@eqx.filter_jit
+def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
+    def place(q: Vector) -> Scalar:
+        return run.scene.equations.displacement(q, np.array([xi]))[0, component]
+
+    def both(y: State) -> tuple[Scalar, Scalar]:
+        return jax.jvp(place, (y.q,), (y.v,))
+
+    u, rate = jax.vmap(both)(run.state)
+    t = run.times
+    h = jnp.diff(t)
+    s = jnp.linspace(0.0, 1.0, 17)[None]
+    left, right = u[:-1, None], u[1:, None]
+    fall, rise = (h * rate[:-1])[:, None], (h * rate[1:])[:, None]
+    cubic = (
+        left * (1 + 2 * s) * (1 - s) ** 2
+        + right * s**2 * (3 - 2 * s)
+        + fall * s * (1 - s) ** 2
+        - rise * s**2 * (1 - s)
+    )
+    size = jnp.where(jnp.isnan(cubic), -1.0, jnp.abs(cubic))
+    at = jnp.argmax(size)
+    return cubic.reshape(-1)[at], (t[:-1, None] + h[:, None] * s).reshape(-1)[at]
+
+
+def simulate(
+    model: AbstractModel,
+    rotor: Any,
+    motion: Motion,
+    times: Any,
+    *,
+    loads: Loads | None = None,
+    damping: Damping | None = None,
+    start: State | None = None,
+    solver: Solver | None = None,
+    stepsize_controller: Controller | None = None,
+    dt0: Any = None,
+    saveat: diffrax.SaveAt | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+    event: diffrax.Event | None = None,
+    progress_meter: diffrax.AbstractProgressMeter | None = None,
+    max_steps: int | None = 100_000,
+    balance_tolerance: float = 1e-3,
+    throw: bool = True,
+) -> Simulation:
+    """Integrate a model through a motion of its hub, from times[0] to times[-1] (s, increasing).
+
+    By default the beam starts undeformed and at rest in the hub (`start`: see `steady_start`, or
+    give a `State`), `Rodas5P` integrates with relative tolerance 1e-6, and the state is saved at
+    `times`. `solver`, `stepsize_controller`, `dt0`, `saveat`, `adjoint`, `event`, `progress_meter`
+    and `max_steps` are those of `diffrax.diffeqsolve`; functions in them see t, the `State` and the
+    `Scene`. With a `saveat` of another shape than that of a state (`fn`, `subs`), take the result
+    from `Simulation.solution`.
+
+    Reverse mode works as it is, forward mode with `adjoint=diffrax.ForwardMode()`. Write one case;
+    `jax.vmap` or `jaxbeam.sweep` batch it. `throw=False` keeps failures in `Simulation.status`:
+
+    - the parameters, the motion or the loads are out of range, or leave the plane of the model;
+    - the solver gave up (`MAX_STEPS`, `STEP_FAILED`), or its result is not finite;
+    - the tip went farther than ten lengths (`DIVERGED`; the numbers are kept);
+    - the energy is out of balance with the work done by more than `balance_tolerance` times the
+      largest energy (`UNBALANCED`; the numbers are kept): a loose tolerance with an explicit solver
+      can return a success that is nonsense.
+    """
+    if not isinstance(motion, Motion):
+        raise TypeError(f"motion must be a Motion, got {type(motion).__name__}")
+    times = _checked_times(times)
+    rotor = checked_rotor(model.rotor_type, rotor)
+    loads = Loads() if loads is None else loads
+    damping = Damping() if damping is None else damping
+    if loads.gravity is not None:
+        eqx.filter_eval_shape(motion.attitude, times[0])  # raises where it is not stated
+    if start is not None:
+        _check_start(model, start)
+    if saveat is None:
+        saveat = diffrax.SaveAt(ts=times, t1=event is not None)
+    else:
+        saveat = _checked_saveat(saveat, times)
+    result = _simulate(
+        model, rotor, motion, times, loads, damping, start,
+        Rodas5P() if solver is None else solver,
+        stepsize_controller, dt0, saveat,
+        diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
+        event,
+        diffrax.NoProgressMeter() if progress_meter is None else progress_meter,
+        max_steps,
+        balance_tolerance,
+    )  # fmt: skip
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+def scene(
+    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping
+) -> Scene:
+    """A model ready to be integrated, from parameters in range."""
+    equations = model.equations(rotor)
+    return Scene(equations, motion, loads, damping, inverse(equations.mass))
+
+
+@eqx.filter_jit
+def _simulate(
+    model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
+    start: State | None, solver: Solver, controller: Controller | None, dt0: Any,
+    saveat: diffrax.SaveAt, adjoint: diffrax.AbstractAdjoint, event: diffrax.Event | None,
+    progress_meter: diffrax.AbstractProgressMeter, max_steps: int | None, balance_tolerance: float,
+) -> Simulation:  # fmt: skip
+    given = _input_status(model, rotor, motion, loads, damping, times)
+    fine = given == Status.OK
+    # A NaN in one lane of a batch would keep all others waiting, and end up in gradients of
+    # parameters that lanes share: harmless values take its place.
+    rotor, motion, loads, damping = jax.tree.map(
+        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+        (rotor, motion, loads, damping),
+    )
+    now = scene(model, rotor, motion, loads, damping)
+    n = len(model.families)
+    if start is None:
+        zero = jnp.zeros(n, times.dtype)
+        y0 = State(zero, zero, jnp.zeros((), times.dtype))
+    else:
+        y0 = State(start.q, start.v, jnp.zeros((), times.dtype))
+        started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
+        given = jnp.where(fine & ~started, Status.INVALID_START, given)
+        y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
+    if controller is None:
+        controller = diffrax.PIDController(rtol=1e-6, atol=1e-7 * now.equations.size)
+    solution = diffrax.diffeqsolve(
+        second_order_term(), solver, times[0], times[-1], dt0, y0, now, saveat=saveat,
+        stepsize_controller=controller, adjoint=adjoint, event=event, max_steps=max_steps,
+        progress_meter=progress_meter, throw=False,
+    )  # fmt: skip
+    ended = _solver_status(solution.result)
+    at, state = _saved(solution, times)
+    reached = jnp.isfinite(at)
+    state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
+    safe = jax.tree.map(jnp.nan_to_num, state)
+    when = jnp.where(reached, at, times[0])
+    h, magnitude, far = jax.vmap(lambda t, y: _account(now, t, y))(when, safe)
+    h0, magnitude0, _ = _account(now, times[0], y0)
+    largest = jnp.maximum(jnp.max(magnitude, initial=0.0), magnitude0)
+    imbalance = (h - h0 - now.work_unit * safe.work) / jnp.where(largest > 0, largest, 1.0)
+
+    status = jnp.asarray(Status.OK)
+    unbalanced = jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance))
+    status = jnp.where(unbalanced, Status.UNBALANCED, status)
+    status = jnp.where(jnp.any(reached & far), Status.DIVERGED, status)
+    finite = jax.tree.map(lambda a: jnp.all(jnp.isfinite(a) | ~_beside(reached, a)), state)
+    status = jnp.where(jax.tree.reduce(jnp.logical_and, finite), status, Status.NOT_FINITE)
+    status = jnp.where(ended != Status.OK, ended, status)
+    status = jnp.where(given != Status.OK, given, status)
+    return Simulation(
+        times=jnp.where(reached, at, jnp.nan),
+        state=state,
+        imbalance=jnp.where(reached, imbalance, jnp.nan),
+        status=status,
+        end_time=jnp.max(when, initial=times[0]),
+        solution=solution,
+        scene=now,
+    )
+
+
+def _beside(mask: Array, values: Array) -> Array:
+    """`mask` with axes of length one, to stand beside `values`."""
+    return mask.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def _account(scene: Scene, t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
+    """Jacobi integral, the size of its parts, and whether the tip is out of this world."""
+    parts = jnp.stack(scene.energies(t, y))
+    away = jnp.linalg.norm(scene.equations.tip(y.q))
+    return jnp.sum(parts), jnp.sum(jnp.abs(parts)), away > 10 * scene.equations.size
+
+
+def _saved(solution: diffrax.Solution, times: Array) -> tuple[Array, State]:
+    if isinstance(solution.ys, State):
+        assert solution.ts is not None
+        return solution.ts, solution.ys
+    if solution.interpolation is not None:
+        return times, jax.vmap(solution.evaluate)(times)
+    none = jnp.zeros(0, times.dtype)
+    return none, State(none[:, None], none[:, None], none)
+
+
+def _solver_status(result: Any) -> Code:
+    done = (result == diffrax.RESULTS.successful) | (result == diffrax.RESULTS.event_occurred)
+    worn = result == diffrax.RESULTS.max_steps_reached
+    return jnp.where(done, Status.OK, jnp.where(worn, Status.MAX_STEPS, Status.STEP_FAILED))
+
+
+def _input_status(
+    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array
+) -> Code:
+    """The first thing that is out of range, at any of the output times."""
+
+    def one(t: Scalar) -> tuple[Array, Array, Array]:
+        hub, force = motion.hub(t, loads.gravity), loads.at_tip(t)
+        force = jnp.zeros(3, t.dtype) if force is None else force
+        turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
+        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2]])
+        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], jnp.max(jnp.abs(push)), force[1]])
+        planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
+        moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
+        return moves, jnp.all(jnp.isfinite(force)) & jnp.all(jnp.isfinite(hub.gravity)), planar
+
+    moves, loaded, planar = jax.vmap(one)(times)
+    rates = jnp.stack([jnp.zeros(()), *(r for r in (damping.mass, damping.stiffness) if r is not None)])
+    status = jnp.asarray(Status.OK)
+    if Family.FLAP not in model.families:
+        status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
+    ordered = jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
+    for ok, code in (
+        (jnp.all(loaded), Status.INVALID_LOAD),
+        (jnp.all(moves), Status.INVALID_MOTION),
+        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+        (ordered, Status.INVALID_TIMES),
+    ):
+        status = jnp.where(ok, status, code)
+    given = rotor.status(jnp.zeros((), times.dtype))
+    return jnp.where(given == Status.OK, status, given).astype(int)
+
+
+def _checked_times(times: Any) -> Array:
+    times = jnp.asarray(times, jnp.result_type(float))
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
+    if not isinstance(times, jax.core.Tracer):
+        known = np.asarray(times)
+        require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
+        require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)
+    return times
+
+
+def _checked_saveat(saveat: diffrax.SaveAt, times: Array) -> diffrax.SaveAt:
+    for at in jax.tree.leaves(saveat.subs):
+        if any(isinstance(a, jax.core.Tracer) for a in (at, times)) or not np.size(at):
+            continue
+        if np.min(at) < float(times[0]) or np.max(at) > float(times[-1]):
+            raise ValueError("saveat must save within times[0] and times[-1]")
+    return saveat
+
+
+def _check_start(model: AbstractModel, start: Any) -> None:
+    if not isinstance(start, State):
+        raise TypeError(f"start must be a State, got {type(start).__name__}")
+    n = len(model.families)
+    for name in ("q", "v"):
+        if np.shape(getattr(start, name)) != (n,):
+            raise ValueError(
+                f"start.{name} must have shape ({n},), got {np.shape(getattr(start, name))}"
+            )
+
+
+def steady_start(
+    model: AbstractModel,
+    rotor: Any,
+    motion: Motion,
+    t: Any = 0.0,
+    *,
+    loads: Loads | None = None,
+    throw: bool = True,
+) -> State:
+    """The state in which the beam rests in the hub if the hub went on as it moves at time t.
+
+    Rates of the hub's velocities are left out. Raises `RuntimeError` where no such state is found;
+    with `throw=False` its coordinates are then NaN, which `simulate` reports.
+    """
+    rotor = checked_rotor(model.rotor_type, rotor)
+    t = jnp.asarray(t, jnp.result_type(float))
+    state, status = _steady(model, rotor, motion, t, Loads() if loads is None else loads)
+    return raise_unless_ok(state, status) if throw else state
+
+
+@eqx.filter_jit
+def _steady(
+    model: AbstractModel, rotor: Any, motion: Motion, t: Scalar, loads: Loads
+) -> tuple[State, Code]:
+    hub = motion.hub(t, loads.gravity)
+    zero = jnp.zeros(3, t.dtype)
+    hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
+    rest = jnp.zeros(len(model.families), t.dtype)
+    q, status = equilibrium(model.equations(rotor), hub, rest, loads.at_tip(t))
+    q = jnp.where(status == Status.OK, q, jnp.nan)
+    return State(q, rest, jnp.zeros((), t.dtype)), status
+
+
+def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax.Event:
+    """Event that ends a run where a deflection reaches `limit` (m) either way, to rounding in time.
+
+    `component` 0, 1, 2: axial, in plane, flap, of the point xi. The last output is at the event.
+    """
+    return diffrax.Event(
+        _Limit(jnp.asarray(limit, jnp.result_type(float)), component, float(xi)),
+        optimistix.Newton(rtol=1e-10, atol=1e-10),
+    )
+
+
+class _Limit(eqx.Module):
+    limit: Scalar
+    component: int = eqx.field(static=True)
+    xi: float = eqx.field(static=True)
+
+    def __call__(self, t: Scalar, y: State, args: Scene, **_: Any) -> Scalar:
+        u = args.equations.displacement(y.q, np.array([self.xi]))[0, self.component]
+        return self.limit - jnp.abs(u)

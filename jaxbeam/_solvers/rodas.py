@@ -1,0 +1,171 @@
+"""Linearly implicit (Rosenbrock) integration of second-order systems."""
+
+from typing import Any, ClassVar
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxbeam._linalg import inverse
+from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._types import Scalar
+
+# Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
+# within the Julia Differential Equations package, BIT 63:27 (2023). In the form that saves
+# products with the Jacobian: (1/(h g) - J) U_i = f(t_i, y + sum a_ij U_j) + sum c_ij U_j / h
+# + h d_i f_t.
+_GAMMA = 0.21193756319429014
+_A = (
+    (3.0,),
+    (2.849394379747939, 0.45842242204463923),
+    (-6.954028509809101, 2.489845061869568, -10.358996098473584),
+    (2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641),
+    (
+        -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256,
+        0.030198172008377946,
+    ),
+)  # fmt: skip
+_C = (
+    (-14.155112264123755,),
+    (-17.97296035885952, -2.859693295451294),
+    (147.12150275711716, -1.41221402718213, 71.68940251302358),
+    (165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306),
+    (
+        24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125,
+        -0.6610691825249471,
+    ),
+    (
+        30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783,
+        -19.097331116725623, -28.087943162872662,
+    ),
+    (
+        37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047,
+        -40.06618937091002, -54.66780262877968, -9.48861652309627,
+    ),
+)  # fmt: skip
+_TIMES = (0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1, 1, 1)
+_D = (
+    _GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069,
+    0, 0, 0,
+)  # fmt: skip
+# Dense output of order 4: y0 + s (y1 - y0) + s (1 - s) (D_1 + s D_2 + s^2 D_3), D = _DENSE U.
+_DENSE = np.array(
+    [
+        [
+            25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204,
+            0.524948541321073, 1.1241088310450404, 0.4272876194431874, -0.17202221070155493,
+        ],
+        [
+            -9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796,
+            20.176138334709044, 15.98066361424651, -6.789040303419874, -6.710236069923372,
+        ],
+        [
+            11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643,
+            -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722,
+        ],
+    ]
+)  # fmt: skip
+
+
+def _square(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    out = np.zeros((8, 8))
+    for i, row in enumerate(rows):
+        out[i + 1, : len(row)] = row
+    return out
+
+
+_WEIGHT, _COUPLING = _square(_A), _square(_C)
+for _i in (6, 7):  # stiffly accurate: each of the last two stages starts where the one before ends
+    _WEIGHT[_i] = _WEIGHT[_i - 1]
+    _WEIGHT[_i, _i - 1] = 1.0
+
+
+class RodasInterpolation(diffrax.AbstractLocalInterpolation):
+    """Dense output of order 4 that, unlike Hermite's, does not amplify what is stiff."""
+
+    t0: Any
+    t1: Any
+    y0: Any
+    y1: Any
+    d1: Any
+    d2: Any
+    d3: Any
+
+    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
+        """As in diffrax: the value at t0, or the increment from t0 to t1."""
+        if t1 is not None:
+            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
+        width = self.t1 - self.t0
+        s = jnp.where(width == 0, 0.0, (t0 - self.t0) / jnp.where(width == 0, 1.0, width))
+
+        def one(y0: Any, y1: Any, d1: Any, d2: Any, d3: Any) -> Any:
+            return y0 + s * (y1 - y0) + s * (1 - s) * (d1 + s * (d2 + s * d3))
+
+        return jax.tree.map(one, self.y0, self.y1, self.d1, self.d2, self.d3)
+
+
+class Rodas5P(diffrax.AbstractAdaptiveSolver):
+    """Rosenbrock method of order 5 with an embedded one of order 4, for `SecondOrderSystem`.
+
+    L-stable and stiffly accurate, no Newton iteration. Stages for q are eliminated, so that the
+    one matrix of a step is n by n: M / (h g) + C + h g K. It is inverted once, which is as
+    accurate as solving here and lets stages, and a batch, run on products alone.
+    """
+
+    term_structure: ClassVar = diffrax.ODETerm
+    interpolation_cls: ClassVar = RodasInterpolation
+
+    def order(self, terms: Any) -> int:
+        """5."""
+        return 5
+
+    def error_order(self, terms: Any) -> int:
+        """Local error of the embedded method."""
+        return 5
+
+    def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> None:
+        """Nothing is kept from step to step."""
+        if not isinstance(args, SecondOrderSystem):
+            raise TypeError("Rodas5P integrates a SecondOrderSystem, given as args")
+
+    def func(self, terms: Any, t0: Any, y0: State, args: SecondOrderSystem) -> State:
+        """The first-order right-hand side."""
+        return args.rate(t0, y0)
+
+    def step(
+        self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem, solver_state: None,
+        made_jump: Any,
+    ) -> tuple[State, State, dict[str, State], None, Any]:  # fmt: skip
+        """One step."""
+        h = t1 - t0
+        q, v, g = y0.q, y0.v, _GAMMA * h
+        k, c = args.tangents(t0, q, v)
+        solve = inverse(args.mass / g + c + g * k)
+        one = (jnp.ones_like(t0),)
+        _, force_rate = jax.jvp(lambda t: args.force(t, q, v), (t0,), one)
+        power_rate, power_q, power_v = jax.grad(args.power, argnums=(0, 1, 2))(t0, q, v)
+
+        def stage(done: State, row: Any) -> tuple[State, None]:
+            i, weight, coupling, time, d = row
+            at = jax.tree.map(lambda y, u: y + jnp.tensordot(weight, u, 1), y0, done)
+            past = jax.tree.map(lambda u: jnp.tensordot(coupling, u, 1) / h, done)
+            first = at.v + past.q
+            right = args.force(t0 + time * h, at.q, at.v) + args.mass @ past.v
+            z = solve @ (right + h * d * force_rate - g * (k @ first))
+            x = g * (first + z)
+            power = args.power(t0 + time * h, at.q, at.v) + past.work + h * d * power_rate
+            w = g * (power + power_q @ x + power_v @ z)
+            return jax.tree.map(lambda u, new: u.at[i].set(new), done, State(x, z, w)), None
+
+        zero = jax.tree.map(lambda y: jnp.zeros((8, *y.shape), y.dtype), y0)
+        table = tuple(jnp.asarray(a, h.dtype) for a in (_WEIGHT, _COUPLING, _TIMES, _D))
+        u, _ = jax.lax.scan(stage, zero, (jnp.arange(8), *table))
+        last = np.append(_WEIGHT[7, :7], 1.0)
+        y1 = jax.tree.map(lambda y, a: y + jnp.tensordot(last, a, 1), y0, u)
+        error = jax.tree.map(lambda a: a[7], u)
+        dense = [
+            jax.tree.map(lambda a, row=row: jnp.tensordot(row, a, 1), u) for row in _DENSE
+        ]
+        info = {"y0": y0, "y1": y1, "d1": dense[0], "d2": dense[1], "d3": dense[2]}
+        return y1, error, info, None, diffrax.RESULTS.successful

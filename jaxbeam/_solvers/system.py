@@ -1,0 +1,64 @@
+"""Second-order systems, as solvers see them."""
+
+import abc
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxbeam._linalg import inverse
+from jaxbeam._types import Matrix, Scalar, Vector
+
+
+class State(eqx.Module):
+    """What is integrated: coordinates q, their rates v, and an integral along the way.
+
+    `work` is carried by the solver like a coordinate and acts on nothing. Beam models keep the
+    work of all forces in it, in units of EI / L^2, so that it is a length like q.
+    """
+
+    q: Vector
+    v: Vector
+    work: Scalar
+
+
+class SecondOrderSystem(eqx.Module):
+    """M q'' = force(t, q, q'), work' = power(t, q, q'), with constant M.
+
+    Subclass it, pass an instance as `args` and `second_order_term` as `terms` to
+    `diffrax.diffeqsolve`: every diffrax solver takes it as a first-order system, `Rodas5P` uses
+    its structure.
+    """
+
+    mass: eqx.AbstractVar[Matrix]
+
+    @abc.abstractmethod
+    def force(self, t: Scalar, q: Vector, v: Vector) -> Vector:
+        """Right-hand side."""
+
+    def power(self, t: Scalar, q: Vector, v: Vector) -> Scalar:
+        """Rate of `State.work`."""
+        return jnp.zeros((), q.dtype)
+
+    def tangents(self, t: Scalar, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
+        """K = -d force / dq and C = -d force / dv."""
+        k, c = jax.jacfwd(self.force, argnums=(1, 2))(t, q, v)
+        return -k, -c
+
+    def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
+        """q''. Subclasses that keep the inverse of M save its computation."""
+        return inverse(self.mass) @ self.force(t, q, v)
+
+    def rate(self, t: Scalar, y: State) -> State:
+        """The first-order system."""
+        return State(y.v, self.acceleration(t, y.q, y.v), self.power(t, y.q, y.v))
+
+
+def second_order_term() -> diffrax.ODETerm:
+    """The term for a `SecondOrderSystem` given as `args`."""
+    return diffrax.ODETerm(_rate)
+
+
+def _rate(t: Scalar, y: State, args: SecondOrderSystem) -> State:
+    return args.rate(t, y)
