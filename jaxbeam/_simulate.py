@@ -401,7 +401,7 @@ def _simulate(
     if controller is None:
         controller = diffrax.PIDController(rtol=1e-6, atol=1e-7 * now.equations.size)
     solution = diffrax.diffeqsolve(
-        second_order_term(), solver, times[0], times[-1], dt0, y0, now, saveat=saveat,
+        second_order_term(solver), solver, times[0], times[-1], dt0, y0, now, saveat=saveat,
         stepsize_controller=controller, adjoint=adjoint, event=event, max_steps=max_steps,
         progress_meter=progress_meter, throw=False,
     )  # fmt: skip

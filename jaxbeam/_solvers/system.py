@@ -1,6 +1,7 @@
 """Second-order systems, as solvers see them."""
 
 import abc
+from typing import get_origin
 
 import diffrax
 import equinox as eqx
@@ -55,10 +56,20 @@ class SecondOrderSystem(eqx.Module):
         return State(y.v, self.acceleration(t, y.q, y.v), self.power(t, y.q, y.v))
 
 
-def second_order_term() -> diffrax.ODETerm:
-    """The term for a `SecondOrderSystem` given as `args`."""
-    return diffrax.ODETerm(_rate)
+def second_order_term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
+    """The term for a `SecondOrderSystem` given as `args`.
+
+    Implicit-explicit solvers (`diffrax.KenCarp4` and others) get all of it as the implicit part.
+    """
+    term = diffrax.ODETerm(_rate)
+    if get_origin(solver.term_structure) is diffrax.MultiTerm:
+        return diffrax.MultiTerm(diffrax.ODETerm(_nothing), term)
+    return term
 
 
 def _rate(t: Scalar, y: State, args: SecondOrderSystem) -> State:
     return args.rate(t, y)
+
+
+def _nothing(t: Scalar, y: State, args: SecondOrderSystem) -> State:
+    return jax.tree.map(jnp.zeros_like, y)
