@@ -38,7 +38,7 @@ from jaxbeam._motion import SmoothSpinUp as SmoothSpinUp
 from jaxbeam._motion import Spin as Spin
 from jaxbeam._motion import SpinUpThenDown as SpinUpThenDown
 from jaxbeam._motion import inclined as inclined
-from jaxbeam._simulate import Scene as Scene
+from jaxbeam._scene import Scene as Scene
 from jaxbeam._simulate import Simulation as Simulation
 from jaxbeam._simulate import deflection_limit as deflection_limit
 from jaxbeam._simulate import simulate as simulate

@@ -68,9 +68,9 @@ class Motion(eqx.Module):
 
     def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
         """Everything at time t; `gravity` is in inertial components."""
-        (velocity, spin), rates = jax.jvp(self.twist, (t,), (jnp.ones_like(t),))
+        (velocity, spin), (rate, spin_rate) = jax.jvp(self.twist, (t,), (jnp.ones_like(t),))
         pull = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
-        return Hub(velocity, spin, *rates, pull)
+        return Hub(velocity, spin, rate, spin_rate, pull)
 
 
 class Spin(Motion):
@@ -202,15 +202,12 @@ class SpinUpThenDown(Spin):
 
     up: Spin
     down_at: Scalar
+    axis: Triple
 
     def __init__(self, up: Spin, down_at: Real) -> None:
         if not isinstance(up, Spin):
             raise TypeError(f"up must be a motion about a fixed axis, got {type(up).__name__}")
-        self.up, self.down_at = up, positive("down_at", down_at)
-
-    @property
-    def axis(self) -> Triple:  # type: ignore[override]
-        return self.up.axis
+        self.up, self.down_at, self.axis = up, positive("down_at", down_at), up.axis
 
     def angle(self, t: Scalar) -> Scalar:
         # Angles before t = 0 are not all zero: the descent must not begin before its time.

@@ -11,147 +11,18 @@ import optimistix
 from jaxtyping import Array, Float
 
 from jaxbeam._beam import checked_rotor, require
-from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
-from jaxbeam._models.base import AbstractModel, Equations, Family, equilibrium
-from jaxbeam._motion import Hub, Motion
+from jaxbeam._models.base import AbstractModel, equilibrium
+from jaxbeam._motion import Motion
+from jaxbeam._scene import Scene, input_status
 from jaxbeam._solvers.rodas import Rodas5P
-from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
+from jaxbeam._solvers.system import State, second_order_term
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
+from jaxbeam._types import Code, Scalar, Vector
 
 # Where diffrax objects are asked of the user.
 Solver = diffrax.AbstractSolver
 Controller = diffrax.AbstractStepSizeController
-
-
-class Scene(SecondOrderSystem):
-    """A model of one rotor, its motion, loads and damping: what diffrax gets as `args`.
-
-    The balance that is kept along the way is that of the energy relative to the hub,
-    h = q'.dT/dq' - T + U: the Jacobi integral, constant while the hub turns steadily. It changes by
-
-        h' = -(dT/dv . v' + dT/domega . omega') + power of gravity, tip force and damping
-
-    with T less that of the rigid beam, which does not need the inertia of the rigid beam and so
-    does not drown what matters.
-    """
-
-    equations: Equations
-    motion: Motion
-    loads: Loads
-    damping: Damping
-    inverse_mass: Matrix
-
-    @property
-    def mass(self) -> Matrix:  # type: ignore[override]
-        return self.equations.mass
-
-    @property
-    def work_unit(self) -> Scalar:
-        """J per unit of `State.work`."""
-        return self.equations.energy_scale / self.equations.size
-
-    def hub(self, t: Scalar) -> Hub:
-        """Motion of the hub."""
-        return self.motion.hub(t, self.loads.gravity)
-
-    def force(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        out = self.equations.force(self.hub(t), q, v, self.loads.at_tip(t))
-        damping = self._damping(q, v)
-        return out if damping is None else out - self.equations.as_force(q, damping)
-
-    def _damping(self, q: Vector, v: Vector) -> Vector | None:
-        parts = []
-        if self.damping.mass is not None:
-            parts.append(self.damping.mass * (self.mass @ v))
-        if self.damping.stiffness is not None:
-            rate = jax.jvp(self.equations.elastic_force, (q,), (v,))[1]
-            parts.append(self.damping.stiffness * rate)
-        return sum(parts[1:], parts[0]) if parts else None
-
-    def tangents(self, t: Scalar, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
-        k, c = self.equations.tangents(self.hub(t), q, v, self.loads.at_tip(t))
-        if self._damping(q, v) is not None:
-            dk, dc = jax.jacfwd(
-                lambda q, v: self.equations.as_force(q, self._damping(q, v)), argnums=(0, 1)
-            )(q, v)
-            k, c = k + dk, c + dc
-        return k, c
-
-    def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        return self.inverse_mass @ self.force(t, q, v)
-
-    def power(self, t: Scalar, q: Vector, v: Vector) -> Scalar:
-        """Rate of the balance of energy, in `work_unit` per second."""
-        hub, equations = self.hub(t), self.equations
-        _, moved = jax.jvp(
-            lambda *twist: equations.kinetic_energy(q, v, *twist),
-            (hub.velocity, hub.angular_velocity),
-            (hub.velocity_rate, hub.angular_velocity_rate),
-        )
-        out = -moved - equations.nonconservative_force(q) @ v
-        if self.loads.gravity is not None:
-            out = out + hub.gravity @ jax.jvp(equations.first_moment, (q,), (v,))[1]
-        force = self.loads.at_tip(t)
-        if force is not None:
-            out = out + force @ jax.jvp(equations.tip, (q,), (v,))[1]
-        damping = self._damping(q, v)
-        if damping is not None:
-            out = out - damping @ v
-        return out / self.work_unit
-
-    def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:
-        """T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is their sum."""
-        hub, zero = self.hub(t), jnp.zeros(3, y.q.dtype)
-        moving = self.equations.kinetic_energy(y.q, y.v, zero, zero)
-        carried = self.equations.kinetic_energy(
-            y.q, jnp.zeros_like(y.v), hub.velocity, hub.angular_velocity
-        )
-        return moving, -carried, self.equations.strain_energy(y.q)
-
-    def total_energy(self, t: Scalar, y: State) -> Scalar:
-        """Kinetic energy in the inertial frame, rigid beam included, plus strain energy, J."""
-        hub = self.hub(t)
-        return self.kinetic(y.q, y.v, hub.velocity, hub.angular_velocity) + (
-            self.equations.strain_energy(y.q)
-        )
-
-    def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        """T in the inertial frame, J."""
-        mass, first, second = self.equations.rigid
-        beam = jnp.zeros(3, q.dtype).at[0].set(first)
-        rigid = (
-            mass * (velocity @ velocity) / 2
-            + velocity @ jnp.cross(spin, beam)
-            + second * (spin[1] ** 2 + spin[2] ** 2) / 2
-        )
-        return rigid + self.equations.kinetic_energy(q, v, velocity, spin)
-
-    def reaction(self, t: Scalar, y: State) -> tuple[Triple, Triple]:
-        """Force and moment about the centre of the hub by which the hub moves the beam.
-
-        F = p' + omega x p - M g - F_tip, C = H' + omega x H + v x p - S x g - r_tip x F_tip, with
-        p = dT/dv and H = dT/domega. Damping by `Damping.mass` is taken to act between hub and beam.
-        """
-        hub, q, v = self.hub(t), y.q, y.v
-        a = self.acceleration(t, q, v)
-        (p, h), (dp, dh) = jax.jvp(
-            jax.grad(self.kinetic, argnums=(2, 3)),
-            (q, v, hub.velocity, hub.angular_velocity),
-            (v, a, hub.velocity_rate, hub.angular_velocity_rate),
-        )
-        mass, first, _ = self.equations.rigid
-        along = jnp.zeros(3, q.dtype).at[0].set(1.0)
-        moment = self.equations.first_moment(q) + first * along
-        force = dp + jnp.cross(hub.angular_velocity, p) - mass * hub.gravity
-        couple = dh + jnp.cross(hub.angular_velocity, h) + jnp.cross(hub.velocity, p)
-        couple = couple - jnp.cross(moment, hub.gravity)
-        tip = self.loads.at_tip(t)
-        if tip is not None:
-            end = self.equations.tip(q) + self.equations.end * along
-            force, couple = force - tip, couple - jnp.cross(end, tip)
-        return force, couple
 
 
 class Simulation(eqx.Module):
@@ -365,14 +236,6 @@ def simulate(
     return raise_unless_ok(result, result.status) if throw else result
 
 
-def scene(
-    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping
-) -> Scene:
-    """A model ready to be integrated, from parameters in range."""
-    equations = model.equations(rotor)
-    return Scene(equations, motion, loads, damping, inverse(equations.mass))
-
-
 @eqx.filter_jit
 def _simulate(
     model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
@@ -380,7 +243,7 @@ def _simulate(
     saveat: diffrax.SaveAt, adjoint: diffrax.AbstractAdjoint, event: diffrax.Event | None,
     progress_meter: diffrax.AbstractProgressMeter, max_steps: int | None, balance_tolerance: float,
 ) -> Simulation:  # fmt: skip
-    given = _input_status(model, rotor, motion, loads, damping, times)
+    given = input_status(model, rotor, motion, loads, damping, times)
     fine = given == Status.OK
     # A NaN in one lane of a batch would keep all others waiting, and end up in gradients of
     # parameters that lanes share: harmless values take its place.
@@ -388,7 +251,7 @@ def _simulate(
         lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
         (rotor, motion, loads, damping),
     )
-    now = scene(model, rotor, motion, loads, damping)
+    now = Scene(model, rotor, motion, loads, damping)
     n = len(model.families)
     if start is None:
         zero = jnp.zeros(n, times.dtype)
@@ -461,38 +324,6 @@ def _solver_status(result: Any) -> Code:
     done = (result == diffrax.RESULTS.successful) | (result == diffrax.RESULTS.event_occurred)
     worn = result == diffrax.RESULTS.max_steps_reached
     return jnp.where(done, Status.OK, jnp.where(worn, Status.MAX_STEPS, Status.STEP_FAILED))
-
-
-def _input_status(
-    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array
-) -> Code:
-    """The first thing that is out of range, at any of the output times."""
-
-    def one(t: Scalar) -> tuple[Array, Array, Array]:
-        hub, force = motion.hub(t, loads.gravity), loads.at_tip(t)
-        force = jnp.zeros(3, t.dtype) if force is None else force
-        turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
-        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2]])
-        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], jnp.max(jnp.abs(push)), force[1]])
-        planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
-        moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
-        return moves, jnp.all(jnp.isfinite(force)) & jnp.all(jnp.isfinite(hub.gravity)), planar
-
-    moves, loaded, planar = jax.vmap(one)(times)
-    rates = jnp.stack([jnp.zeros(()), *(r for r in (damping.mass, damping.stiffness) if r is not None)])
-    status = jnp.asarray(Status.OK)
-    if Family.FLAP not in model.families:
-        status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
-    ordered = jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
-    for ok, code in (
-        (jnp.all(loaded), Status.INVALID_LOAD),
-        (jnp.all(moves), Status.INVALID_MOTION),
-        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
-        (ordered, Status.INVALID_TIMES),
-    ):
-        status = jnp.where(ok, status, code)
-    given = rotor.status(jnp.zeros((), times.dtype))
-    return jnp.where(given == Status.OK, status, given).astype(int)
 
 
 def _checked_times(times: Any) -> Array:

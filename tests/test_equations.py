@@ -44,7 +44,10 @@ def lagrange(equations, hub, q, v, tip_force):
     """Generalised acceleration from T, U and the work of external forces alone."""
 
     def kinetic(q, v, t):
-        along = (hub.velocity + t * hub.velocity_rate, hub.angular_velocity + t * hub.angular_velocity_rate)
+        along = (
+            hub.velocity + t * hub.velocity_rate,
+            hub.angular_velocity + t * hub.angular_velocity_rate,
+        )
         return equations.kinetic_energy(q, v, *along)
 
     # The rigid part of T does not depend on q, v; that which the hub does to int u dm does.

@@ -14,16 +14,29 @@ ORDER = [
     "_status",
     "_linalg",
     "_beam",
+    "_motion",
+    "_loads",
     "_basis",
     "_models.base",
+    "_models.cartesian",
     "_models.modal",
     "_models.ancf",
+    "_models.discrete",
+    "_solvers.system",
+    "_scene",
+    "_solvers.rodas",
+    "_simulate",
     "_modes",
     "_sweep",
     "_southwell",
     "plot",
 ]
-OWNERS = {"matplotlib": {"plot"}, "xarray": {"_sweep"}}
+OWNERS = {
+    "matplotlib": {"plot"},
+    "xarray": {"_sweep"},
+    "diffrax": {"_simulate", "_solvers.system", "_solvers.rodas"},
+    "optimistix": {"_simulate"},
+}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -46,7 +59,7 @@ def _imports(path: Path) -> set[str]:
 def test_imports_flow_downward(path):
     name = _name(path)
     mine = {i.removeprefix("jaxbeam.") for i in _imports(path) if i.startswith("jaxbeam")}
-    if name in ("__init__", "_models"):
+    if name in ("__init__", "_models", "_solvers"):
         assert "plot" not in mine
         return
     assert mine <= set(ORDER[: ORDER.index(name)])

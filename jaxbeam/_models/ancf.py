@@ -18,6 +18,7 @@ What sets the models apart is the axial strain, with d = r' - a1 the displacemen
 """
 
 import abc
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -193,14 +194,14 @@ class _ModelA(_Elements):
 class _Green(_Elements):
     def element_energy(self, e: Nodes) -> Scalar:
         slope, curvature, weight = self._shapes
-        d = slope @ e
+        d = jnp.asarray(slope @ e)
         bend = jnp.sum((curvature @ e) ** 2, 1)
         return jnp.sum(weight * (self.strain(d) ** 2 + self.bending * bend)) / 2
 
     def element_force(self, e: Nodes) -> Nodes:
         """The gradient, written out."""
         slope, curvature, weight = self._shapes
-        d = slope @ e
+        d = jnp.asarray(slope @ e)
         tension = (weight * self.strain(d))[:, None]
         bend = self.bending * weight[:, None] * (curvature @ e)
         return slope.T @ (tension * (d + np.eye(2)[:1])) + curvature.T @ bend

@@ -161,6 +161,7 @@ class CartesianEquations(Equations):
     first: Vector
     rigid: Triple
     size: Scalar
+    end: Scalar
     energy_scale: Scalar
     masses: tuple[Scalar, Scalar]  # of the beam and at the tip
     hub_radius: Scalar
@@ -194,6 +195,7 @@ class CartesianEquations(Equations):
                 ]
             ),
             size=length,
+            end=end,
             energy_scale=beam.in_plane_bending_stiffness / length,
             masses=(mass, tip_mass),
             hub_radius=radius,
@@ -202,12 +204,9 @@ class CartesianEquations(Equations):
             model=model,
         )
 
-    @property
-    def end(self) -> Scalar:  # type: ignore[override]
-        return self.hub_radius + self.size
-
     def motion_stiffness(self, axial: Scalar, spin2: Scalar, tip_force: Triple | None) -> Matrix:
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
+        assert self.stiffening is not None
         mass, tip_mass = self.masses
         pull = 0.0 if tip_force is None else tip_force[0]
         coefficients = jnp.stack(
@@ -270,9 +269,11 @@ class CartesianEquations(Equations):
         g_moving = self.gram @ moving
         moment, rate = self.moment @ at, self.moment @ moving
         first = self.first @ at
-        second = at.T @ (self.gram @ at)
+        second = jnp.asarray(at.T @ (self.gram @ at))
         second = second.at[0].add(first).at[:, 0].add(first)
-        mixed = (at.T @ g_moving).at[0].add(self.first @ moving)  # int (X a1 + u)_c u'_d dm
+        mixed = (
+            jnp.asarray(at.T @ g_moving).at[0].add(self.first @ moving)
+        )  # int (X a1 + u)_c u'_d dm
         if self.stiffening is not None:
             zero, one = jnp.zeros_like(self.size), jnp.ones_like(self.size)
             short = self.motion_stiffness(-one, zero, None)  # -1/2 q.D q = int w dm
@@ -360,9 +361,7 @@ def _tables(basis: Basis, counts: tuple[int, int, int]) -> Tables:
         own = (stretch_integrals if k == 0 else bending_integrals)(basis, n)
         gram[rows] = own.mass
         elastic[k][rows] = own.tension[0] if k == 0 else own.curvature
-        for table, whole in zip(
-            own.tension, axial_tension if k == 0 else tension, strict=True
-        ):
+        for table, whole in zip(own.tension, axial_tension if k == 0 else tension, strict=True):
             whole[rows] = table
     return Tables(
         direction=direction,

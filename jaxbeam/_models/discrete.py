@@ -1,4 +1,4 @@
-"""The discrete analogue of a rotating beam: one particle, two springs, five theories (Y, section 6).
+"""The discrete analogue of a rotating beam: a particle, two springs, five theories (Y, section 6).
 
 Cartesian x, y (from the relaxed place, in the frame of the hub) or polar s, theta, with
 x = (L + s) cos(theta) - L, y = (L + s) sin(theta):
@@ -48,32 +48,27 @@ class _Discrete(AbstractModel):
 class _Particle(Equations):
     """The particle at (X, y) in the frame of the hub, X = d + L + x."""
 
+    mass: Matrix
+    rigid: Triple
+    size: Scalar
+    end: Scalar
+    energy_scale: Scalar
     rotor: SpringRotor
     energy: Callable[[SpringRotor, Vector], Scalar] = eqx.field(static=True)
 
-    @property
-    def mass(self) -> Matrix:  # type: ignore[override]
-        return self.rotor.mass * jnp.eye(2)
+    def __init__(self, rotor: SpringRotor, energy: Callable[[SpringRotor, Vector], Scalar]) -> None:
+        one, end = jnp.ones_like(rotor.length), rotor.hub_radius + rotor.length
+        self.mass = rotor.mass * jnp.diag(jnp.stack([one, self.arm(rotor) ** 2]))
+        self.rigid = rotor.mass * jnp.stack([one, end, end**2])
+        self.size, self.end, self.energy_scale = rotor.length, end, rotor.torsional_spring
+        self.rotor, self.energy = rotor, energy
+
+    def arm(self, rotor: SpringRotor) -> Scalar:
+        """Metres across per unit of the second coordinate."""
+        return jnp.ones_like(rotor.length)
 
     def tip(self, q: Vector) -> Triple:
         return jnp.concatenate([self.place(q), jnp.zeros(1)])
-
-    @property
-    def rigid(self) -> Triple:  # type: ignore[override]
-        end = self.end
-        return self.rotor.mass * jnp.stack([jnp.ones_like(end), end, end**2])
-
-    @property
-    def end(self) -> Scalar:  # type: ignore[override]
-        return self.rotor.hub_radius + self.rotor.length
-
-    @property
-    def size(self) -> Scalar:  # type: ignore[override]
-        return self.rotor.length
-
-    @property
-    def energy_scale(self) -> Scalar:  # type: ignore[override]
-        return self.rotor.torsional_spring
 
     def elastic_force(self, q: Vector) -> Vector:
         return jax.grad(self.strain_energy)(q)
@@ -128,10 +123,8 @@ class _Cartesian(_Particle):
 
 
 class _Polar(_Particle):
-    @property
-    def mass(self) -> Matrix:  # type: ignore[override]
-        one = jnp.ones_like(self.rotor.length)
-        return self.rotor.mass * jnp.diag(jnp.stack([one, self.rotor.length**2]))
+    def arm(self, rotor: SpringRotor) -> Scalar:
+        return rotor.length
 
     def place(self, q: Vector) -> Float[Array, " 2"]:
         length = self.rotor.length

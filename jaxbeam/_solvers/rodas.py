@@ -9,7 +9,6 @@ import numpy as np
 
 from jaxbeam._linalg import inverse
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Scalar
 
 # Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
 # within the Julia Differential Equations package, BIT 63:27 (2023). In the form that saves
@@ -44,7 +43,16 @@ _C = (
         -40.06618937091002, -54.66780262877968, -9.48861652309627,
     ),
 )  # fmt: skip
-_TIMES = (0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1, 1, 1)
+_TIMES = (
+    0,
+    0.6358126895828704,
+    0.4095798393397535,
+    0.9769306725060716,
+    0.4288403609558664,
+    1,
+    1,
+    1,
+)
 _D = (
     _GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069,
     0, 0, 0,
@@ -84,8 +92,8 @@ for _i in (6, 7):  # stiffly accurate: each of the last two stages starts where 
 class RodasInterpolation(diffrax.AbstractLocalInterpolation):
     """Dense output of order 4 that, unlike Hermite's, does not amplify what is stiff."""
 
-    t0: Any
-    t1: Any
+    t0: Any  # type: ignore[misc]
+    t1: Any  # type: ignore[misc]
     y0: Any
     y1: Any
     d1: Any
@@ -164,8 +172,6 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
         last = np.append(_WEIGHT[7, :7], 1.0)
         y1 = jax.tree.map(lambda y, a: y + jnp.tensordot(last, a, 1), y0, u)
         error = jax.tree.map(lambda a: a[7], u)
-        dense = [
-            jax.tree.map(lambda a, row=row: jnp.tensordot(row, a, 1), u) for row in _DENSE
-        ]
+        dense = [jax.tree.map(lambda a, row=row: jnp.tensordot(row, a, 1), u) for row in _DENSE]
         info = {"y0": y0, "y1": y1, "d1": dense[0], "d2": dense[1], "d3": dense[2]}
         return y1, error, info, None, diffrax.RESULTS.successful

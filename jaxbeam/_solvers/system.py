@@ -1,7 +1,7 @@
 """Second-order systems, as solvers see them."""
 
 import abc
-from typing import get_origin
+from typing import Any, get_origin
 
 import diffrax
 import equinox as eqx
@@ -67,9 +67,9 @@ def second_order_term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
     return term
 
 
-def _rate(t: Scalar, y: State, args: SecondOrderSystem) -> State:
+def _rate(t: Any, y: State, args: SecondOrderSystem) -> State:
     return args.rate(t, y)
 
 
-def _nothing(t: Scalar, y: State, args: SecondOrderSystem) -> State:
+def _nothing(t: Any, y: State, args: SecondOrderSystem) -> State:
     return jax.tree.map(jnp.zeros_like, y)
