@@ -1,8 +1,9 @@
 """A geometrically exact rotating beam, independent of the package.
 
 Unknowns are the angle phi(x) of the tangent and the strain eps(x), with
-r' = (1 + eps)(cos phi, sin phi), in shifted Legendre polynomials; U = int EA eps^2 + EI phi'^2 dx / 2; equations of motion from the
-Lagrangian by JAX, integrated by SciPy's Radau. Spectral in x: six or eight functions are converged.
+r' = (1 + eps)(cos phi, sin phi), in shifted Legendre polynomials;
+U = int EA eps^2 + EI phi'^2 dx / 2. Equations of motion come from the Lagrangian by JAX and are
+integrated by SciPy's Radau. Spectral in x: six or eight functions are converged.
 """
 
 import jax

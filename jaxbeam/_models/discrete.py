@@ -56,17 +56,6 @@ class _Particle(Equations):
     rotor: SpringRotor
     energy: Callable[[SpringRotor, Vector], Scalar] = eqx.field(static=True)
 
-    def __init__(self, rotor: SpringRotor, energy: Callable[[SpringRotor, Vector], Scalar]) -> None:
-        one, end = jnp.ones_like(rotor.length), rotor.hub_radius + rotor.length
-        self.mass = rotor.mass * jnp.diag(jnp.stack([one, self.arm(rotor) ** 2]))
-        self.rigid = rotor.mass * jnp.stack([one, end, end**2])
-        self.size, self.end, self.energy_scale = rotor.length, end, rotor.torsional_spring
-        self.rotor, self.energy = rotor, energy
-
-    def arm(self, rotor: SpringRotor) -> Scalar:
-        """Metres across per unit of the second coordinate."""
-        return jnp.ones_like(rotor.length)
-
     def tip(self, q: Vector) -> Triple:
         return jnp.concatenate([self.place(q), jnp.zeros(1)])
 
@@ -123,9 +112,6 @@ class _Cartesian(_Particle):
 
 
 class _Polar(_Particle):
-    def arm(self, rotor: SpringRotor) -> Scalar:
-        return rotor.length
-
     def place(self, q: Vector) -> Float[Array, " 2"]:
         length = self.rotor.length
         # 2 sin^2 is 1 - cos without cancellation.
@@ -209,6 +195,22 @@ class _LinearPolar(_Polar):
         return m * (rigid @ whole + more @ more / 2)
 
 
+def _particle(
+    kind: type[_Particle], rotor: SpringRotor, energy: Callable[[SpringRotor, Vector], Scalar]
+) -> _Particle:
+    one, end = jnp.ones_like(rotor.length), rotor.hub_radius + rotor.length
+    arm = rotor.length if issubclass(kind, _Polar) else one  # metres across per unit of q_2
+    return kind(
+        mass=rotor.mass * jnp.diag(jnp.stack([one, arm**2])),
+        rigid=rotor.mass * jnp.stack([one, end, end**2]),
+        size=rotor.length,
+        end=end,
+        energy_scale=rotor.torsional_spring,
+        rotor=rotor,
+        energy=energy,
+    )
+
+
 def _exact(rotor: SpringRotor, q: Vector) -> Scalar:
     length = rotor.length
     excess = (2 * q[0] * length + q @ q) / length**2
@@ -237,7 +239,7 @@ class DiscreteNC(_Discrete):
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Coordinates x, y in m."""
-        return _Cartesian(rotor, _exact)
+        return _particle(_Cartesian, rotor, _exact)
 
 
 class DiscreteLC(_Discrete):
@@ -245,7 +247,7 @@ class DiscreteLC(_Discrete):
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Coordinates x, y in m."""
-        return _Cartesian(rotor, _quadratic)
+        return _particle(_Cartesian, rotor, _quadratic)
 
 
 class DiscreteNS(_Discrete):
@@ -253,7 +255,7 @@ class DiscreteNS(_Discrete):
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Coordinates x, y in m."""
-        return _Cartesian(rotor, _second_degree)
+        return _particle(_Cartesian, rotor, _second_degree)
 
 
 class DiscreteNP(_Discrete):
@@ -261,7 +263,7 @@ class DiscreteNP(_Discrete):
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Coordinates s in m, theta in rad."""
-        return _ExactPolar(rotor, _polar)
+        return _particle(_ExactPolar, rotor, _polar)
 
 
 class DiscreteLP(_Discrete):
@@ -269,4 +271,4 @@ class DiscreteLP(_Discrete):
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Coordinates s in m, theta in rad."""
-        return _LinearPolar(rotor, _polar)
+        return _particle(_LinearPolar, rotor, _polar)
