@@ -68,6 +68,8 @@ def second_order_term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
 
 
 def _rate(t: Any, y: State, args: SecondOrderSystem) -> State:
+    if not isinstance(args, SecondOrderSystem):
+        raise TypeError(f"args must be a SecondOrderSystem, got {type(args).__name__}")
     return args.rate(t, y)
 
 

@@ -1,0 +1,391 @@
+"""Simulation: balances, outputs, loads, events, gradients, batches, and what goes wrong."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from tests.helpers import finite_difference
+
+BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)
+ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
+SPRINGS = jb.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
+PLANAR = [
+    jb.Hybrid(2, 3, 0),
+    jb.Hybrid(0, 3, 0),
+    jb.Classical(2, 3, 0),
+    jb.VonKarman(5, 3, 0),
+    jb.SmallStrainANCF(2),
+    jb.ANCF(2),
+    jb.GreenANCF(2),
+    jb.ChordANCF(2),
+    jb.TangentANCF(2),
+]
+DISCRETE = [jb.DiscreteNC(), jb.DiscreteNP(), jb.DiscreteLC(), jb.DiscreteLP(), jb.DiscreteNS()]
+EVERY = [(m, ROTOR) for m in PLANAR] + [(m, SPRINGS) for m in DISCRETE]
+FEW = [EVERY[0], EVERY[5], EVERY[-4]]
+REST = [case for case in EVERY if case not in FEW]
+
+
+def name(value):
+    if isinstance(value, jb.AbstractModel):
+        return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"
+    return ""
+
+
+def each_model(test):
+    """Quick on three models, slow on the others."""
+    slow = [pytest.param(*case, marks=pytest.mark.slow) for case in REST]
+    return pytest.mark.parametrize(("model", "rotor"), FEW + slow, ids=name)(test)
+
+
+@each_model
+def test_work_balance_during_spin_up(model, rotor):
+    """Hub torque times speed, gravity, tip force and damping give the change of total energy."""
+    times = jnp.linspace(0.0, 1.0, 401)
+    loads = jb.Loads(gravity=[0.0, -9.81, 0.0], tip_force=lambda t: jnp.array([2.0, 1.0, 0.0]) * t)
+    damping = jb.Damping(mass=0.3, stiffness=2e-3)
+    motion = jb.SmoothSpinUp(3.0, 1.0)
+    run = jb.simulate(
+        model, rotor, motion, times, loads=loads, damping=damping, stepsize_controller=TIGHT
+    )
+
+    def outside(t, y):
+        """Power of everything but the hub, and that lost to what is not conservative."""
+        scene, hub = run.scene, run.scene.hub(t)
+        equations = scene.equations
+        first = equations.first_moment(y.q) + equations.rigid[1] * jnp.eye(3)[0]
+        end = equations.tip(y.q) + equations.end * jnp.eye(3)[0]
+        rate = jax.jvp(equations.first_moment, (y.q,), (y.v,))[1]
+        tip = jax.jvp(equations.tip, (y.q,), (y.v,))[1]
+        spin = hub.angular_velocity
+        weight = hub.gravity @ (rate + jnp.cross(spin, first))
+        force = loads.at_tip(t) @ (tip + jnp.cross(spin, end))
+        elastic_rate = jax.jvp(equations.elastic_force, (y.q,), (y.v,))[1]
+        lost = (0.3 * equations.mass @ y.v + 2e-3 * elastic_rate) @ y.v
+        return weight + force - lost - equations.nonconservative_force(y.q) @ y.v
+
+    speed = jax.vmap(motion.angular_speed)(times)
+    power = run.hub_torque[:, 2] * speed + jax.jit(jax.vmap(outside))(times, run.state)
+    h = times[1] - times[0]
+    weights = h / 3 * np.r_[1, np.tile([4, 2], 199), 4, 1]  # Simpson
+    change = run.energy[-1] - run.energy[0]
+    np.testing.assert_allclose(weights @ power, change, rtol=2e-6)
+    assert np.abs(run.imbalance).max() < 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
+def test_jacobi_integral_is_constant_at_constant_speed(model, rotor):
+    """Drift below 1e-8 relative over 100 periods of bending; ANCF has no energy, but a remainder."""
+    scale = 3.5 * float(BLADE.frequency_scale) if rotor is ROTOR else np.sqrt(30 / 1.3) / 0.8
+    end = 100 * 2 * np.pi / scale
+    speed = 0.3 * scale
+    motion = jb.ConstantSpeed(speed)
+    still = jb.steady_start(model, rotor, motion)
+    n = len(model.families)
+    if rotor is SPRINGS:
+        kick = jnp.array([0.0, 0.05])
+    else:  # the first mode of bending, so that stretch does not ring
+        shape = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1)).shape[0].real
+        kick = shape * 0.05 / jnp.abs(shape[n - 1]) if n > 3 else 0.05 * shape
+        kick = 0.05 * shape / jnp.max(jnp.abs(shape))
+    start = jb.State(still.q + kick, still.v, still.work)
+    run = jb.simulate(
+        model, rotor, motion, np.linspace(0, end, 50), start=start, max_steps=10**6,
+        stepsize_controller=diffrax.PIDController(rtol=1e-11, atol=1e-13),
+    )  # fmt: skip
+    h = run.jacobi_integral
+    drift = np.abs(h - h[0]).max() / np.abs(run.strain_energy).max()
+    if isinstance(model, jb.ANCF):
+        # what the forces of B eq. A-5 do beyond the gradient of B eq. 9
+        assert 1e-8 < drift < 1e-1
+        assert np.abs(run.imbalance).max() < 1e-8
+    else:
+        assert drift < 1e-8
+
+
+def test_steady_start_stays():
+    """Spinning steadily, inclined and with gravity along the axis: nothing moves."""
+    model = jb.VonKarman(5, 3, 2)
+    motion = jb.ConstantSpeed(3.0, jb.inclined(1.2))
+    axis = np.asarray(jb.inclined(1.2))
+    loads = jb.Loads(gravity=-9.81 * axis)
+    start = jb.steady_start(model, ROTOR, motion, loads=loads)
+    run = jb.simulate(model, ROTOR, motion, [0.0, 0.5, 1.0], loads=loads, start=start)
+    assert np.abs(start.q).max() > 1e-2
+    np.testing.assert_allclose(run.state.q[-1], start.q, atol=1e-8)
+
+
+def test_steady_stretch_of_a_rod():
+    """u(L) = L (tan b / b - 1), b = Omega L sqrt(rho / EA); rho Omega^2 L^3 / (3 EA) for small b."""
+    beam = jb.Beam(10.0, 1.2, 2.8e7, 1.4e4, 1.4e4)
+    speed, length = 6.0, 10.0
+    b = speed * length * np.sqrt(1.2 / 2.8e7)
+    start = jb.steady_start(jb.Hybrid(4, 1, 0), jb.Rotor(beam), jb.ConstantSpeed(speed))
+    tip = jb.Hybrid(4, 1, 0).displacement(np.ones(1))[0, 0] @ start.q
+    np.testing.assert_allclose(tip, length * (np.tan(b) / b - 1), rtol=1e-8)
+    np.testing.assert_allclose(tip, 1.2 * speed**2 * length**3 / (3 * 2.8e7), rtol=2e-4)
+    # the linear strain measure of Model 0, cubic elements; others differ by the strain itself
+    start = jb.steady_start(jb.VonKarman(6, 1, 0), jb.Rotor(beam), jb.ConstantSpeed(speed))
+    assert np.isclose(
+        jb.VonKarman(6, 1, 0).displacement(np.ones(1))[0, 0] @ start.q, tip, rtol=1e-8
+    )
+
+
+def test_static_deflections():
+    """Cantilever under a tip force and under its weight: F L^3 / 3 EI, rho g L^4 / 8 EI."""
+    rotor, model = jb.Rotor(BLADE), jb.Hybrid(2, 5, 5)
+    still = jb.ConstantSpeed(0.0)
+    for load, expected in (
+        (jb.Loads(tip_force=[0.0, 0.02, 0.0]), [0.0, 0.02 * 8 / (3 * 11.0), 0.0]),
+        (jb.Loads(tip_force=[0.0, 0.0, 0.02]), [0.0, 0.0, 0.02 * 8 / (3 * 7.0)]),
+        (jb.Loads(gravity=[0.0, 0.0, -0.1]), [0.0, 0.0, -0.1 * 1.3 * 16 / (8 * 7.0)]),
+    ):
+        start = jb.steady_start(model, rotor, still, loads=load)
+        tip = jnp.tensordot(model.displacement(np.ones(1)), start.q, 1)[:, 0]
+        np.testing.assert_allclose(tip, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_tip_force_along_the_beam_buckles_it():
+    """Euler: the stiffness of bending vanishes at F = pi^2 EI / (4 L^2)."""
+    model, still = jb.Hybrid(0, 8, 0), jb.ConstantSpeed(0.0)
+    euler = np.pi**2 * 11.0 / (4 * 2.0**2)
+    for share in (0.999, 1.001):
+        scene = jb.Scene(model, jb.Rotor(BLADE), still, jb.Loads([0, 0, 0], [-share * euler, 0, 0]),
+                         jb.Damping())  # fmt: skip
+        zero = jnp.zeros(8)
+        k, _ = scene.tangents(jnp.zeros(()), zero, zero)
+        assert (np.linalg.eigvalsh(k)[0] > 0) == (share < 1)
+
+
+def test_damping_ratio():
+    """(mass / w + stiffness w) / 2 of the first mode, by logarithmic decrement."""
+    rotor, model = jb.Rotor(BLADE), jb.GreenANCF(3)
+    found = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1))
+    w, shape = float(found.frequency[0]), found.shape[0].real
+    ratio = 0.02
+    damping = jb.Damping(mass=ratio * w, stiffness=ratio / w)
+    period = 2 * np.pi / (w * np.sqrt(1 - ratio**2))
+    start = jb.State(1e-4 * shape, 0 * shape, jnp.zeros(()))
+    run = jb.simulate(
+        model, rotor, jb.ConstantSpeed(0.0), period * np.arange(4), damping=damping, start=start,
+        stepsize_controller=TIGHT,
+    )  # fmt: skip
+    tip = run.tip[:, 1]
+    decrement = np.log(tip[0] / tip[3]) / 3
+    np.testing.assert_allclose(decrement, 2 * np.pi * ratio / np.sqrt(1 - ratio**2), rtol=1e-5)
+
+
+def test_outputs():
+    model = jb.Hybrid(2, 3, 2)
+    run = jb.simulate(model, ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 11))
+    assert run.displacement([0.0, 0.5, 1.0]).shape == (11, 3, 3)
+    np.testing.assert_allclose(run.displacement(0.0), 0.0, atol=1e-15)
+    assert run.strain([0.0, 1.0]).shape == (11, 2)
+    assert run.curvature(0.0).shape == (11, 1, 2)
+    assert run.hub_force.shape == run.hub_torque.shape == (11, 3)
+    # foreshortening: u1 = s - int u2'^2 / 2 (Y eq. 4), here of a deflection known in closed form
+    x = np.linspace(0, 1, 2001)
+    u2 = run.displacement(x)[-1, :, 1]
+    slope = np.gradient(u2, x * 2.0, edge_order=2)
+    short = np.trapezoid(slope**2, x * 2.0) / 2
+    stretch = jnp.tensordot(model.displacement(np.ones(1)), run.state.q[-1], 1)[0, 0]
+    np.testing.assert_allclose(run.tip[-1, 0], stretch - short, rtol=1e-4)
+    # tension at the root over EA, and the moment that the hub carries at the end of the spin-up
+    centrifugal = 9.0 * (1.3 * 2.0 * (0.4 + 1.0) + 0.3 * 2.4)
+    assert abs(run.strain(0.0)[-1, 0] * 4e4 / centrifugal - 1) < 0.2
+    with pytest.raises(ValueError, match=r"in \[0, 1\]"):
+        run.displacement(1.5)
+    value, when = run.peak()
+    fine = jb.simulate(model, ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 1001)).tip[:, 1]
+    np.testing.assert_allclose(value, fine[np.abs(fine).argmax()], rtol=1e-3)
+    assert abs(float(when) - np.abs(fine).argmax() / 1000) < 0.02
+
+
+def test_event_ends_the_run_where_the_limit_is_reached():
+    run = jb.simulate(
+        jb.Hybrid(2, 3, 0), ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 21),
+        event=jb.deflection_limit(0.05),
+    )  # fmt: skip
+    reached = np.isfinite(run.times)
+    assert 0 < float(run.end_time) < 1
+    np.testing.assert_allclose(np.abs(run.tip[reached][-1, 1]), 0.05, rtol=1e-5)
+    assert np.isnan(run.tip[~reached]).all()
+    assert int(run.status) == jb.Status.OK
+
+
+def test_diffrax_objects_pass_through():
+    times = np.linspace(0, 1, 5)
+    case = (jb.Hybrid(2, 3, 0), ROTOR, jb.QuinticSpinUp(3.0, 1.0), times)
+    plain = jb.simulate(*case).tip
+    dense = jb.simulate(*case, saveat=diffrax.SaveAt(dense=True))
+    np.testing.assert_allclose(dense.tip, plain, atol=1e-7)
+    steps = jb.simulate(
+        *case, saveat=diffrax.SaveAt(steps=True), max_steps=500, solver=diffrax.Dopri8(),
+        stepsize_controller=diffrax.ConstantStepSize(), dt0=0.004,
+    )  # fmt: skip
+    reached = np.isfinite(steps.times)
+    assert reached.sum() == 250
+    np.testing.assert_allclose(steps.tip[reached][-1], plain[-1], atol=1e-6)
+    own = jb.simulate(*case, saveat=diffrax.SaveAt(t1=True, fn=lambda t, y, scene: y.q[0]))
+    assert own.solution.ys.shape == (1,)
+    assert own.times.size == 0
+
+
+PARAMETERS = ("length", "density", "EA", "EI", "hub", "tip", "speed", "duration", "alpha", "beta")
+VALUES = jnp.array([2.0, 1.3, 4e4, 11.0, 0.4, 0.3, 3.0, 1.0, 0.3, 2e-3])
+SPRING_VALUES = jnp.array([1.3, 0.8, 0.4, 6000.0, 30.0, 3.0, 1.0, 0.3, 2e-3])
+
+
+def outcome(model, p, **kwargs):
+    """Peak and final deflection as a function of every parameter."""
+    if model.rotor_type is jb.SpringRotor:
+        rotor = jb.SpringRotor(*p[:5])
+    else:
+        rotor = jb.Rotor(jb.Beam(p[0], p[1], p[2], p[3], p[3]), p[4], p[5])
+    motion, damping = jb.SmoothSpinUp(p[-4], p[-3]), jb.Damping(p[-2], p[-1])
+    run = jb.simulate(
+        model, rotor, motion, jnp.linspace(0.0, 1.2, 13), damping=damping, throw=False, **kwargs
+    )
+    return jnp.stack([run.peak()[0], run.tip[-1, 1]])
+
+
+@each_model
+def test_gradients_by_every_parameter(model, rotor):
+    """Forward and reverse mode against differences of the same discrete solution, to 1e-6."""
+    p = SPRING_VALUES if rotor is SPRINGS else VALUES
+    fixed = {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.02}
+    forward = jax.jit(
+        jax.jacfwd(lambda p: outcome(model, p, adjoint=diffrax.ForwardMode(), **fixed))
+    )(p)
+    reverse = jax.jit(jax.jacrev(lambda p: outcome(model, p, **fixed)))(p)
+    difference = finite_difference(jax.jit(lambda p: outcome(model, p, **fixed)), p, 1e-3)
+    np.testing.assert_allclose(forward * p, difference * p, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-11 * np.abs(forward).max())
+
+
+def test_gradients_of_adaptive_steps_under_vmap():
+    """Lanes that step in lock-step give the gradients of single runs, and of differences."""
+    model = jb.Hybrid(2, 3, 0)
+
+    def value(speed):
+        return outcome(model, VALUES.at[6].set(speed), stepsize_controller=TIGHT)[1]
+
+    speeds = jnp.array([1.0, 3.0, 6.0])
+    both = jax.jit(jax.vmap(jax.value_and_grad(value)))(speeds)
+    single = jax.jit(jax.value_and_grad(value))
+    for speed, *found in zip(speeds, *both, strict=True):
+        np.testing.assert_allclose(found, single(speed), rtol=1e-7)
+        change = finite_difference(jax.jit(lambda x: value(x[0])), speed[None], 3e-3)
+        np.testing.assert_allclose(found[1], change[0], rtol=1e-6)
+
+
+def run_case(**changes):
+    case = {
+        "model": jb.Hybrid(2, 3, 0), "rotor": ROTOR, "motion": jb.QuinticSpinUp(3.0, 1.0),
+        "times": np.linspace(0, 1, 5),
+    } | changes  # fmt: skip
+    return jb.simulate(case.pop("model"), case.pop("rotor"), case.pop("motion"), **case)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"times": [0.0, np.nan]}, ValueError, "times must be finite and increasing"),
+        ({"times": [0.0, 1.0, 0.5]}, ValueError, "times must be finite and increasing"),
+        ({"times": [0.0]}, ValueError, "times must be a list of two or more"),
+        (
+            {"saveat": diffrax.SaveAt(ts=jnp.array([0.5, 2.0]))},
+            ValueError,
+            r"saveat must save within times\[0\] and times\[-1\]",
+        ),
+        ({"motion": 3.0}, TypeError, "motion must be a Motion, got float"),
+        ({"rotor": SPRINGS}, TypeError, "rotor must be a Rotor, got SpringRotor"),
+        ({"start": jnp.zeros(5)}, TypeError, "start must be a State"),
+        (
+            {"start": jb.State(jnp.zeros(4), jnp.zeros(5), jnp.zeros(()))},
+            ValueError,
+            r"start.q must have shape \(5,\), got \(4,\)",
+        ),
+        (
+            {"motion": jb.QuinticSpinUp(3.0, 1.0, jb.inclined(1.0))},
+            ValueError,
+            "leave the plane of rotation",
+        ),
+        ({"loads": jb.Loads(gravity=[0, 0, -9.81])}, ValueError, "leave the plane"),
+        (
+            {
+                "motion": jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.zeros(3)),
+                "loads": jb.Loads(gravity=[0, -9.81, 0]),
+            },
+            ValueError,
+            "gravity needs the attitude of the hub",
+        ),
+        ({"max_steps": 3}, RuntimeError, "used up max_steps"),
+        (
+            {"stepsize_controller": diffrax.PIDController(rtol=1e-9, atol=1e-12, dtmin=0.05)},
+            RuntimeError,
+            "could not make a step",
+        ),
+        (
+            {"solver": diffrax.Euler(), "stepsize_controller": diffrax.ConstantStepSize(),
+             "dt0": 0.01},
+            RuntimeError,
+            "not finite|ten lengths",
+        ),
+        (
+            {"model": jb.Classical(2, 3, 0), "motion": jb.QuinticSpinUp(12.0, 0.5),
+             "times": np.linspace(0, 3, 9)},
+            RuntimeError,
+            "more than ten lengths",
+        ),
+    ],
+)  # fmt: skip
+def test_what_goes_wrong_is_told(changes, error, message):
+    with pytest.raises(error, match=message):
+        run_case(**changes)
+
+
+def test_a_success_that_is_nonsense_is_flagged():
+    """A fixed step too long for an explicit solver to follow the bending: finite, and wrong."""
+    loose = {"solver": diffrax.Heun(), "stepsize_controller": diffrax.ConstantStepSize()}
+    model = jb.Hybrid(0, 1, 0)
+    good = run_case(model=model)
+    bad = run_case(model=model, throw=False, dt0=0.25, **loose)
+    assert bad.solution.result == diffrax.RESULTS.successful
+    assert np.abs(bad.tip[-1] - good.tip[-1]).max() > 0.01
+    assert int(bad.status) == jb.Status.UNBALANCED
+    assert int(good.status) == jb.Status.OK
+
+
+def test_batch_keeps_failures_to_themselves():
+    """Bad parameters, an unstable model's lane, a step limit: a status each, neighbours exact."""
+    model = jb.Hybrid(2, 3, 0)
+
+    def case(tip_mass, duration):
+        run = jb.simulate(
+            model, jb.Rotor(BLADE, 0.4, tip_mass), jb.SmoothSpinUp(3.0, duration),
+            jnp.linspace(0.0, 1.0, 5), throw=False,
+        )  # fmt: skip
+        return run.tip[-1, 1], run.status
+
+    tips = jnp.array([0.3, -1.0, np.nan, 0.3, 0.1])
+    durations = jnp.array([1.0, 1.0, 1.0, -2.0, 0.7])
+    value, status = jax.jit(jax.vmap(case))(tips, durations)
+    ok, tip, motion = jb.Status.OK, jb.Status.INVALID_TIP_MASS, jb.Status.INVALID_MOTION
+    np.testing.assert_array_equal(status, [ok, tip, tip, motion, ok])
+    for i in (0, 4):
+        alone, _ = jax.jit(case)(tips[i], durations[i])
+        np.testing.assert_allclose(value[i], alone, rtol=1e-9)
+
+
+def test_single_precision_warns():
+    with jax.enable_x64(False), pytest.warns(UserWarning, match="32-bit"):
+        jb.simulate(
+            jb.Hybrid(0, 1, 0), jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)),
+            jb.ConstantSpeed(1.0), [0.0, 0.1],
+        )  # fmt: skip
