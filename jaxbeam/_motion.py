@@ -19,6 +19,8 @@ from jaxbeam._beam import positive, real_scalar
 from jaxbeam._types import Real, Scalar, Triple
 
 Rotation = Float[Array, "3 3"]
+# _EPSILON[i] is the matrix of b -> e_i x b.
+_EPSILON = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
 
 
 class Hub(NamedTuple):
@@ -38,7 +40,7 @@ class Hub(NamedTuple):
     @property
     def acceleration(self) -> Triple:
         """Of the reference point, less gravity: v' + omega x v - g."""
-        turning = jnp.cross(self.angular_velocity, self.velocity)
+        turning = skew(self.angular_velocity) @ self.velocity
         return self.velocity_rate + turning - self.gravity
 
 
@@ -89,6 +91,12 @@ class Spin(Motion):
     def twist(self, t: Scalar) -> tuple[Triple, Triple]:
         return jnp.zeros_like(self.axis), self.angular_speed(t) * self.axis
 
+    def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
+        speed, rate = jax.jvp(self.angular_speed, (t,), (jnp.ones_like(t),))
+        zero = jnp.zeros_like(self.axis)
+        pull = zero if gravity is None else self.attitude(t).T @ gravity
+        return Hub(zero, speed * self.axis, zero, rate * self.axis, pull)
+
     def attitude(self, t: Scalar) -> Rotation:
         """By Rodrigues' formula; hub and inertial axes coincide at angle zero."""
         angle, k = self.angle(t), skew(self.axis)
@@ -97,8 +105,7 @@ class Spin(Motion):
 
 def skew(a: Triple) -> Rotation:
     """The matrix of b -> a x b."""
-    zero = jnp.zeros_like(a[0])
-    return jnp.stack([zero, -a[2], a[1], a[2], zero, -a[0], -a[1], a[0], zero]).reshape(3, 3)
+    return jnp.tensordot(a, _EPSILON, 1)
 
 
 def inclined(angle: Real) -> Triple:
@@ -255,9 +262,7 @@ class HubPose(Motion):
         one = (jnp.ones_like(t),)
         _, velocity = jax.jvp(lambda t: jnp.asarray(self.position(t)), (t,), one)
         q, rate = jax.jvp(lambda t: jnp.asarray(self.rotation(t)), (t,), one)
-        w = q.T @ rate
-        spin = jnp.stack([w[2, 1] - w[1, 2], w[0, 2] - w[2, 0], w[1, 0] - w[0, 1]]) / 2
-        return q.T @ velocity, spin
+        return q.T @ velocity, jnp.tensordot(_EPSILON, q.T @ rate, 2) / 2
 
     def attitude(self, t: Scalar) -> Rotation:
         return jnp.asarray(self.rotation(t))

@@ -9,7 +9,7 @@ from jaxtyping import Array
 from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, Equations, Family
-from jaxbeam._motion import Hub, Motion
+from jaxbeam._motion import Hub, Motion, skew
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
@@ -116,7 +116,7 @@ class Scene(SecondOrderSystem):
         beam = jnp.zeros(3, q.dtype).at[0].set(first)
         rigid = (
             mass * (velocity @ velocity) / 2
-            + velocity @ jnp.cross(spin, beam)
+            + velocity @ skew(spin) @ beam
             + second * (spin[1] ** 2 + spin[2] ** 2) / 2
         )
         return rigid + self.equations.kinetic_energy(q, v, velocity, spin)
@@ -137,13 +137,13 @@ class Scene(SecondOrderSystem):
         mass, first, _ = self.equations.rigid
         along = jnp.zeros(3, q.dtype).at[0].set(1.0)
         moment = self.equations.first_moment(q) + first * along
-        force = dp + jnp.cross(hub.angular_velocity, p) - mass * hub.gravity
-        couple = dh + jnp.cross(hub.angular_velocity, h) + jnp.cross(hub.velocity, p)
-        couple = couple - jnp.cross(moment, hub.gravity)
+        force = dp + skew(hub.angular_velocity) @ p - mass * hub.gravity
+        couple = dh + skew(hub.angular_velocity) @ h + skew(hub.velocity) @ p
+        couple = couple - skew(moment) @ hub.gravity
         tip = self.loads.at_tip(t)
         if tip is not None:
             end = self.equations.tip(q) + self.equations.end * along
-            force, couple = force - tip, couple - jnp.cross(end, tip)
+            force, couple = force - tip, couple - skew(end) @ tip
         return force, couple
 
 

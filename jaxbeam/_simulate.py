@@ -16,7 +16,7 @@ from jaxbeam._models.base import AbstractModel, equilibrium
 from jaxbeam._motion import Motion
 from jaxbeam._scene import Scene, input_status
 from jaxbeam._solvers.rodas import Rodas5P
-from jaxbeam._solvers.system import State, second_order_term
+from jaxbeam._solvers.system import State, second_order_term, without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Scalar, Vector
 
@@ -269,15 +269,12 @@ def _simulate(
         progress_meter=progress_meter, throw=False,
     )  # fmt: skip
     ended = _solver_status(solution.result)
-    at, state = _saved(solution, times)
+    at, state = _saved(solution, times, n)
     reached = jnp.isfinite(at)
     state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
     safe = jax.tree.map(jnp.nan_to_num, state)
     when = jnp.where(reached, at, times[0])
-    h, magnitude, far = jax.vmap(lambda t, y: _account(now, t, y))(when, safe)
-    h0, magnitude0, _ = _account(now, times[0], y0)
-    largest = jnp.maximum(jnp.max(magnitude, initial=0.0), magnitude0)
-    imbalance = (h - h0 - now.work_unit * safe.work) / jnp.where(largest > 0, largest, 1.0)
+    imbalance, far = _account(*without_derivatives((now, times[0], y0, when, safe)))
 
     status = jnp.asarray(Status.OK)
     unbalanced = jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance))
@@ -303,21 +300,31 @@ def _beside(mask: Array, values: Array) -> Array:
     return mask.reshape(-1, *(1,) * (values.ndim - 1))
 
 
-def _account(scene: Scene, t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
-    """Jacobi integral, the size of its parts, and whether the tip is out of this world."""
-    parts = jnp.stack(scene.energies(t, y))
-    away = jnp.linalg.norm(scene.equations.tip(y.q))
-    return jnp.sum(parts), jnp.sum(jnp.abs(parts)), away > 10 * scene.equations.size
+def _account(
+    scene: Scene, t0: Scalar, y0: State, times: Array, states: State
+) -> tuple[Array, Array]:
+    """Change of energy less work over the largest energy, and whether the tip is too far away."""
+
+    def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
+        parts = jnp.stack(scene.energies(t, y))
+        away = jnp.linalg.norm(scene.equations.tip(y.q))
+        balance = jnp.sum(parts) - scene.work_unit * y.work
+        return balance, jnp.sum(jnp.abs(parts)), away > 10 * scene.equations.size
+
+    balance0, size0, _ = one(t0, y0)
+    balance, size, far = jax.vmap(one)(times, states)
+    largest = jnp.maximum(jnp.max(size, initial=0.0), size0)
+    return (balance - balance0) / jnp.where(largest > 0, largest, 1.0), far
 
 
-def _saved(solution: diffrax.Solution, times: Array) -> tuple[Array, State]:
+def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, State]:
     if isinstance(solution.ys, State):
         assert solution.ts is not None
         return solution.ts, solution.ys
     if solution.interpolation is not None:
         return times, jax.vmap(solution.evaluate)(times)
-    none = jnp.zeros(0, times.dtype)
-    return none, State(none[:, None], none[:, None], none)
+    none = jnp.zeros((0, n), times.dtype)
+    return none[:, 0], State(none, none, none[:, 0])
 
 
 def _solver_status(result: Any) -> Code:
@@ -338,7 +345,7 @@ def _checked_times(times: Any) -> Array:
 
 
 def _checked_saveat(saveat: diffrax.SaveAt, times: Array) -> diffrax.SaveAt:
-    for at in jax.tree.leaves(saveat.subs):
+    for at in jax.tree.leaves(eqx.filter(saveat.subs, eqx.is_array_like)):
         if any(isinstance(a, jax.core.Tracer) for a in (at, times)) or not np.size(at):
             continue
         if np.min(at) < float(times[0]) or np.max(at) > float(times[-1]):

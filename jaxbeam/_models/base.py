@@ -179,10 +179,12 @@ class AbstractModel(eqx.Module):
         equations, hub = self.equations(rotor), spinning(speed)
         q, status = equilibrium(equations, hub, jnp.zeros(len(self.families), speed.dtype))
         k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
+        # Generalised forces again where `force` scales them; at rest its own slope does not count.
+        scale = equations.as_force(q, jnp.ones_like(q))[:, None]
         return LinearSystem(
-            mass=equations.mass,
-            gyroscopic=c,
-            stiffness=k,
+            mass=equations.mass / scale,
+            gyroscopic=c / scale,
+            stiffness=k / scale,
             steady_strain=equations.strain(q, np.zeros(1))[0],
             status=status,
             families=self.families,

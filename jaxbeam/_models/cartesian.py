@@ -219,22 +219,25 @@ class CartesianEquations(Equations):
         return jnp.tensordot(coefficients / self.size, self.stiffening, 1)
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
-        out = self._loads(hub, tip_force) - self.elasticity.force(q)
-        direction = self.model.tables.direction
-        turn, w = 2 * skew(hub.angular_velocity), _turning(hub)
+        direction, w = self.model.tables.direction, _turning(hub)
+        turn = 2 * skew(hub.angular_velocity)
+        carried = hub.acceleration[None] * self.moment[:, None] + w[:, 0][None] * self.first[:, None]
         moving = self.gram @ jnp.concatenate([direction * q[:, None], direction * v[:, None]], 1)
-        inertial = moving[:, :3] @ w.T + moving[:, 3:] @ turn.T
-        out = out - jnp.sum(inertial * direction, 1)
+        inertial = moving[:, :3] @ w.T + moving[:, 3:] @ turn.T + carried
+        out = -jnp.sum(inertial * direction, 1) - self.elasticity.force(q)
+        if tip_force is not None:
+            out = out + self.model.tables.tip * (direction @ tip_force)
         if self.stiffening is not None:
-            out = out - self._tension(hub, tip_force) @ q
+            out = out - self._tension(hub, w, tip_force) @ q
         return out
 
     def tangents(
         self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
     ) -> tuple[Matrix, Matrix]:
-        k = self.inertial(_turning(hub)) + self.elasticity.tangent(q)
+        w = _turning(hub)
+        k = self.inertial(w) + self.elasticity.tangent(q)
         if self.stiffening is not None:
-            k = k + self._tension(hub, tip_force)
+            k = k + self._tension(hub, w, tip_force)
         return k, self.inertial(2 * skew(hub.angular_velocity))
 
     def inertial(self, b: Float[Array, "3 3"]) -> Matrix:
@@ -242,16 +245,8 @@ class CartesianEquations(Equations):
         direction = self.model.tables.direction
         return (direction @ b @ direction.T) * self.gram
 
-    def _loads(self, hub: Hub, tip_force: Triple | None) -> Vector:
-        direction, w = self.model.tables.direction, _turning(hub)
-        out = -(direction @ hub.acceleration) * self.moment - (direction @ w[:, 0]) * self.first
-        if tip_force is not None:
-            out = out + self.model.tables.tip * (direction @ tip_force)
-        return out
-
-    def _tension(self, hub: Hub, tip_force: Triple | None) -> Matrix:
-        spin = hub.angular_velocity
-        return self.motion_stiffness(hub.acceleration[0], spin[1] ** 2 + spin[2] ** 2, tip_force)
+    def _tension(self, hub: Hub, w: Float[Array, "3 3"], tip_force: Triple | None) -> Matrix:
+        return self.motion_stiffness(hub.acceleration[0], -w[0, 0], tip_force)
 
     def elastic_force(self, q: Vector) -> Vector:
         return self.elasticity.force(q)
@@ -281,15 +276,13 @@ class CartesianEquations(Equations):
             moment = moment.at[0].add(-q @ short @ q / 2)
             rate = rate.at[0].add(-q @ short @ v)
             second = second.at[0, 0].add(-q @ short_first @ q)
-        inertia = jnp.trace(second) * jnp.eye(3, dtype=q.dtype) - second
-        spun = jnp.stack(
-            [mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]]
-        )
+        # |omega x r|^2 = tr(w~ r r^T w~^T)
+        turning = skew(spin) @ second
         return (
-            velocity @ jnp.cross(spin, moment)
+            velocity @ (skew(spin) @ moment)
             + velocity @ rate
-            + spin @ inertia @ spin / 2
-            + spin @ spun
+            + jnp.sum(skew(spin) * turning) / 2
+            - jnp.sum(skew(spin) * mixed)  # spin . int (X a1 + u) x u' dm
             + jnp.sum(moving * g_moving) / 2
         )
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._linalg import inverse
-from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
 
 # Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
 # within the Julia Differential Equations package, BIT 63:27 (2023). In the form that saves
@@ -89,6 +89,9 @@ for _i in (6, 7):  # stiffly accurate: each of the last two stages starts where 
     _WEIGHT[_i, _i - 1] = 1.0
 
 
+Stages = tuple[Any, Any]  # of q and v
+
+
 class RodasInterpolation(diffrax.AbstractLocalInterpolation):
     """Dense output of order 4 that, unlike Hermite's, does not amplify what is stiff."""
 
@@ -144,32 +147,42 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
         made_jump: Any,
     ) -> tuple[State, State, dict[str, State], None, Any]:  # fmt: skip
         """One step."""
-        h = t1 - t0
+        # In a batch, lanes that are done go on with steps of length zero, whose results are thrown
+        # away; dividing by zero would still leave NaN in their gradients.
+        h = jnp.where(t1 == t0, 1.0, t1 - t0)
         q, v, g = y0.q, y0.v, _GAMMA * h
         k, c = args.tangents(t0, q, v)
         solve = inverse(args.mass / g + c + g * k)
-        one = (jnp.ones_like(t0),)
-        _, force_rate = jax.jvp(lambda t: args.force(t, q, v), (t0,), one)
-        power_rate, power_q, power_v = jax.grad(args.power, argnums=(0, 1, 2))(t0, q, v)
+        _, force_rate = jax.jvp(lambda t: args.force(t, q, v), (t0,), (jnp.ones_like(t0),))
 
-        def stage(done: State, row: Any) -> tuple[State, None]:
+        def stage(done: Stages, row: Any) -> tuple[Stages, Stages]:
             i, weight, coupling, time, d = row
-            at = jax.tree.map(lambda y, u: y + jnp.tensordot(weight, u, 1), y0, done)
-            past = jax.tree.map(lambda u: jnp.tensordot(coupling, u, 1) / h, done)
-            first = at.v + past.q
-            right = args.force(t0 + time * h, at.q, at.v) + args.mass @ past.v
-            z = solve @ (right + h * d * force_rate - g * (k @ first))
-            x = g * (first + z)
-            power = args.power(t0 + time * h, at.q, at.v) + past.work + h * d * power_rate
-            w = g * (power + power_q @ x + power_v @ z)
-            return jax.tree.map(lambda u, new: u.at[i].set(new), done, State(x, z, w)), None
+            at = tuple(y + weight @ u for y, u in zip((q, v), done, strict=True))
+            past = tuple(coupling @ u / h for u in done)
+            first = at[1] + past[0]
+            right = args.force(t0 + time * h, *at) + args.mass @ past[1] + h * d * force_rate
+            z = solve @ (right - g * (k @ first))
+            new = (g * (first + z), z)
+            return tuple(u.at[i].set(a) for u, a in zip(done, new, strict=True)), at
 
-        zero = jax.tree.map(lambda y: jnp.zeros((8, *y.shape), y.dtype), y0)
-        table = tuple(jnp.asarray(a, h.dtype) for a in (_WEIGHT, _COUPLING, _TIMES, _D))
-        u, _ = jax.lax.scan(stage, zero, (jnp.arange(8), *table))
+        zero = jnp.zeros((8, q.size), q.dtype)
+        table = tuple(jnp.asarray(a, q.dtype) for a in (_WEIGHT, _COUPLING, _TIMES, _D))
+        (x, z), at = jax.lax.scan(stage, (zero, zero), (jnp.arange(8), *table))
+        u = State(x, z, self._work(args, t0, h, (q, v), (x, z), at))
         last = np.append(_WEIGHT[7, :7], 1.0)
         y1 = jax.tree.map(lambda y, a: y + jnp.tensordot(last, a, 1), y0, u)
         error = jax.tree.map(lambda a: a[7], u)
         dense = [jax.tree.map(lambda a, row=row: jnp.tensordot(row, a, 1), u) for row in _DENSE]
         info = {"y0": y0, "y1": y1, "d1": dense[0], "d2": dense[1], "d3": dense[2]}
         return y1, error, info, None, diffrax.RESULTS.successful
+
+    def _work(
+        self, args: SecondOrderSystem, t: Any, h: Any, start: Stages, u: Stages, at: Stages
+    ) -> Any:
+        """Stages of the work, which drives nothing: all at once, and without derivatives."""
+        args, t, h, start, u, at = without_derivatives((args, t, h, start, u, at))
+        power = jax.vmap(args.power)(t + h * np.array(_TIMES), *at)
+        rate, by_q, by_v = jax.grad(args.power, argnums=(0, 1, 2))(t, *start)
+        power = power + h * np.array(_D) * rate + u[0] @ by_q + u[1] @ by_v
+        # U = g (power + coupling U / h), a constant matrix
+        return _GAMMA * h * (np.linalg.inv(np.eye(8) - _GAMMA * _COUPLING) @ power)

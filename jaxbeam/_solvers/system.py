@@ -1,7 +1,7 @@
 """Second-order systems, as solvers see them."""
 
 import abc
-from typing import Any, get_origin
+from typing import Any, TypeVar, get_origin
 
 import diffrax
 import equinox as eqx
@@ -10,6 +10,8 @@ import jax.numpy as jnp
 
 from jaxbeam._linalg import inverse
 from jaxbeam._types import Matrix, Scalar, Vector
+
+Tree = TypeVar("Tree")
 
 
 class State(eqx.Module):
@@ -26,6 +28,8 @@ class State(eqx.Module):
 
 class SecondOrderSystem(eqx.Module):
     """M q'' = force(t, q, q'), work' = power(t, q, q'), with constant M.
+
+    `State.work` carries no derivatives by parameters: it is there to judge a result.
 
     Subclass it, pass an instance as `args` and `second_order_term` as `terms` to
     `diffrax.diffeqsolve`: every diffrax solver takes it as a first-order system, `Rodas5P` uses
@@ -53,7 +57,19 @@ class SecondOrderSystem(eqx.Module):
 
     def rate(self, t: Scalar, y: State) -> State:
         """The first-order system."""
-        return State(y.v, self.acceleration(t, y.q, y.v), self.power(t, y.q, y.v))
+        return State(y.v, self.acceleration(t, y.q, y.v), work_rate(self, t, y.q, y.v))
+
+
+def work_rate(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> Scalar:
+    """`system.power` without derivatives, which nobody asks for and which cost compilation."""
+    system, t, q, v = without_derivatives((system, t, q, v))
+    return system.power(t, q, v)
+
+
+def without_derivatives(tree: Tree) -> Tree:
+    """`jax.lax.stop_gradient` on all arrays of a pytree, leaving all else in place."""
+    dynamic, static = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.lax.stop_gradient(dynamic), static)
 
 
 def second_order_term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
