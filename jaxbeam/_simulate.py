@@ -155,19 +155,28 @@ def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
 
     u, rate = jax.vmap(both)(run.state)
     t = run.times
+    # Cubic between output times, sampled, then Newton's method for its extremum. Where that is
+    # does not matter to the derivative of the value, so it carries none.
     h = jnp.diff(t)
-    s = jnp.linspace(0.0, 1.0, 17)[None]
-    left, right = u[:-1, None], u[1:, None]
-    fall, rise = (h * rate[:-1])[:, None], (h * rate[1:])[:, None]
-    cubic = (
-        left * (1 + 2 * s) * (1 - s) ** 2
-        + right * s**2 * (3 - 2 * s)
-        + fall * s * (1 - s) ** 2
-        - rise * s**2 * (1 - s)
-    )
-    size = jnp.where(jnp.isnan(cubic), -1.0, jnp.abs(cubic))
-    at = jnp.argmax(size)
-    return cubic.reshape(-1)[at], (t[:-1, None] + h[:, None] * s).reshape(-1)[at]
+    cubic = jnp.stack([u[:-1], h * rate[:-1], u[1:], h * rate[1:]], 1)
+    s = np.linspace(0.0, 1.0, 9)
+    sampled = jnp.abs(cubic @ _hermite(s, 0))
+    at = jnp.argmax(jnp.where(jnp.isnan(sampled), -1.0, sampled))
+    piece, best = cubic[at // 9], jnp.asarray(s)[at % 9]
+    for _ in range(4):
+        bend = piece @ _hermite(best, 2)
+        best = jnp.clip(best - piece @ _hermite(best, 1) / jnp.where(bend == 0, 1.0, bend), 0, 1)
+    best = jax.lax.stop_gradient(best)
+    return piece @ _hermite(best, 0), t[at // 9] + h[at // 9] * best
+
+
+def _hermite(s: Any, derivative: int) -> Array:
+    """Cubic on [0, 1] from value and slope at both ends: shape (4,) or (4, number of s)."""
+    powers = jnp.stack([jnp.ones_like(s), s, s**2, s**3])
+    rows = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
+    for _ in range(derivative):
+        rows = np.pad(rows[:, 1:] * np.arange(1, 4), ((0, 0), (0, 1)))
+    return rows @ powers
 
 
 def simulate(

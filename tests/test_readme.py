@@ -11,8 +11,9 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
 
-def _block(language: str) -> str:
-    return re.search(rf"```{language}\n(.*?)```", README, re.DOTALL).group(1)
+def _blocks(language: str) -> str:
+    """All blocks of a language, one after the other."""
+    return "".join(re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL))
 
 
 def _numbers(text: str) -> list[float]:
@@ -20,14 +21,17 @@ def _numbers(text: str) -> list[float]:
 
 
 def test_example_prints_what_is_printed():
-    program = _block("python")
+    program = _blocks("python")
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True
     )
-    stated, printed = _block("text").splitlines(), done.stdout.splitlines()
-    assert len(stated) == len(printed) == 4
-    for claim, line in zip(stated, printed, strict=True):
-        np.testing.assert_allclose(_numbers(line), _numbers(claim), rtol=1e-8)
+    stated, printed = _blocks("text").splitlines(), done.stdout.splitlines()
+    assert len(stated) == len(printed) == 6
+    for i, (claim, line) in enumerate(zip(stated, printed, strict=True)):
+        # adaptive steps of the simulation, in the last two lines, may differ between machines
+        tolerance = 1e-8 if i < 4 else 1e-5
+        np.testing.assert_allclose(_numbers(line), _numbers(claim), rtol=tolerance)
+        assert ("True" in line) == ("True" in claim)
 
 
 def test_continuous_integration_runs_the_test_command():
