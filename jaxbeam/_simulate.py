@@ -162,11 +162,14 @@ def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
     s = np.linspace(0.0, 1.0, 9)
     sampled = jnp.abs(cubic @ _hermite(s, 0))
     at = jnp.argmax(jnp.where(jnp.isnan(sampled), -1.0, sampled))
-    piece, best = cubic[at // 9], jnp.asarray(s)[at % 9]
+    piece, first = cubic[at // 9], jnp.asarray(s)[at % 9]
+    best = first
     for _ in range(4):
         bend = piece @ _hermite(best, 2)
         best = jnp.clip(best - piece @ _hermite(best, 1) / jnp.where(bend == 0, 1.0, bend), 0, 1)
-    best = jax.lax.stop_gradient(best)
+    # At the end of a run the largest value need not be an extremum: Newton's method then strays.
+    better = jnp.abs(piece @ _hermite(best, 0)) >= jnp.abs(piece @ _hermite(first, 0))
+    best = jax.lax.stop_gradient(jnp.where(better, best, first))
     return piece @ _hermite(best, 0), t[at // 9] + h[at // 9] * best
 
 
@@ -176,7 +179,7 @@ def _hermite(s: Any, derivative: int) -> Array:
     rows = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
     for _ in range(derivative):
         rows = np.pad(rows[:, 1:] * np.arange(1, 4), ((0, 0), (0, 1)))
-    return rows @ powers
+    return jnp.asarray(rows @ powers)
 
 
 def simulate(
@@ -205,15 +208,17 @@ def simulate(
     give a `State`), `Rodas5P` integrates with relative tolerance 1e-6, and the state is saved at
     `times`. `solver`, `stepsize_controller`, `dt0`, `saveat`, `adjoint`, `event`, `progress_meter`
     and `max_steps` are those of `diffrax.diffeqsolve`; functions in them see t, the `State` and the
-    `Scene`. With a `saveat` of another shape than that of a state (`fn`, `subs`), take the result
-    from `Simulation.solution`.
+    `Scene`. Numbers in them compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do
+    not. With an `event`, a last output at the end of the run comes on top. With a `saveat` of
+    another shape than that of a state (`fn`, `subs`), take the result from `Simulation.solution`.
 
     Reverse mode works as it is, forward mode with `adjoint=diffrax.ForwardMode()`. Write one case;
     `jax.vmap` or `jaxbeam.sweep` batch it. `throw=False` keeps failures in `Simulation.status`:
 
     - the parameters, the motion or the loads are out of range, or leave the plane of the model;
     - the solver gave up (`MAX_STEPS`, `STEP_FAILED`), or its result is not finite;
-    - the tip went farther than ten lengths (`DIVERGED`; the numbers are kept);
+    - the tip went farther than ten lengths: `DIVERGED`. The run ends there, and what came before is
+      kept. With an `event` of your own it goes on;
     - the energy is out of balance with the work done by more than `balance_tolerance` times the
       largest energy (`UNBALANCED`; the numbers are kept): a loose tolerance with an explicit solver
       can return a success that is nonsense.
@@ -270,14 +275,17 @@ def _simulate(
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = jnp.where(fine & ~started, Status.INVALID_START, given)
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
+    # Nothing is to be had beyond: do not let a batch wait for it.
+    runaway = diffrax.Event(_runaway)
     if controller is None:
         controller = diffrax.PIDController(rtol=1e-6, atol=1e-7 * now.equations.size)
     solution = diffrax.diffeqsolve(
         second_order_term(solver), solver, times[0], times[-1], dt0, y0, now, saveat=saveat,
-        stepsize_controller=controller, adjoint=adjoint, event=event, max_steps=max_steps,
+        stepsize_controller=controller, adjoint=adjoint,
+        event=runaway if event is None else event, max_steps=max_steps,
         progress_meter=progress_meter, throw=False,
     )  # fmt: skip
-    ended = _solver_status(solution.result)
+    ended = _solver_status(solution.result, event is None)
     at, state = _saved(solution, times, n)
     reached = jnp.isfinite(at)
     state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
@@ -316,9 +324,8 @@ def _account(
 
     def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
         parts = jnp.stack(scene.energies(t, y))
-        away = jnp.linalg.norm(scene.equations.tip(y.q))
         balance = jnp.sum(parts) - scene.work_unit * y.work
-        return balance, jnp.sum(jnp.abs(parts)), away > 10 * scene.equations.size
+        return balance, jnp.sum(jnp.abs(parts)), _far(scene, y)
 
     balance0, size0, _ = one(t0, y0)
     balance, size, far = jax.vmap(one)(times, states)
@@ -336,10 +343,23 @@ def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, Sta
     return none[:, 0], State(none, none, none[:, 0])
 
 
-def _solver_status(result: Any) -> Code:
-    done = (result == diffrax.RESULTS.successful) | (result == diffrax.RESULTS.event_occurred)
-    worn = result == diffrax.RESULTS.max_steps_reached
-    return jnp.where(done, Status.OK, jnp.where(worn, Status.MAX_STEPS, Status.STEP_FAILED))
+def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
+    return _far(args, y)
+
+
+def _far(scene: Scene, y: State) -> Array:
+    return jnp.linalg.norm(scene.equations.tip(y.q)) > 10 * scene.equations.size
+
+
+def _solver_status(result: Any, event_means_runaway: bool) -> Code:
+    status = jnp.asarray(Status.STEP_FAILED)
+    for code, meaning in (
+        (diffrax.RESULTS.successful, Status.OK),
+        (diffrax.RESULTS.event_occurred, Status.DIVERGED if event_means_runaway else Status.OK),
+        (diffrax.RESULTS.max_steps_reached, Status.MAX_STEPS),
+    ):
+        status = jnp.where(result == code, meaning, status)
+    return status
 
 
 def _checked_times(times: Any) -> Array:
@@ -384,8 +404,10 @@ def steady_start(
 ) -> State:
     """The state in which the beam rests in the hub if the hub went on as it moves at time t.
 
-    Rates of the hub's velocities are left out. Raises `RuntimeError` where no such state is found;
-    with `throw=False` its coordinates are then NaN, which `simulate` reports.
+    Rates of the hub's velocities are left out. Displacements of a state are
+    `model.equations(rotor).displacement(state.q, xi)`, xi an array. Raises `RuntimeError` where
+    no such state is found; with `throw=False` its coordinates are then NaN, which `simulate`
+    reports.
     """
     rotor = checked_rotor(model.rotor_type, rotor)
     t = jnp.asarray(t, jnp.result_type(float))

@@ -95,7 +95,7 @@ def test_tangents_are_derivatives_of_the_force(model, rotor):
         np.testing.assert_allclose(a, -b, rtol=1e-11, atol=1e-12 * np.abs(b).max())
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("model", [jb.Hybrid(3, 4, 3), jb.Classical(3, 4, 3)], ids=names)
 def test_yoo_equations_linearise_exact_kinematics(model, seed):
     """Y eqs. 18-20: dm = rho dx + m_t delta, u1 = s - int (u2'^2 + u3'^2) / 2, any 3-D motion."""

@@ -45,11 +45,13 @@ def gap(particle, name, speed):
     return np.abs(particle[name, speed][0] - exact).max() / np.abs(exact).max()
 
 
+@pytest.mark.xdist_group("particle")
 @pytest.mark.parametrize("speed", [10, 20])
 def test_exact_discrete_models_agree(particle, speed):
     assert gap(particle, "NP", speed) < 1e-9
 
 
+@pytest.mark.xdist_group("particle")
 def test_linear_discrete_models(particle):
     """Y Figs. 12-14: LC wrong yet plausible at 10 rad/s and unbounded at 20; LP within 2 %; NS no
     better than LP."""
@@ -122,11 +124,13 @@ def exact():
 
 def deviation(model, speed, exact):
     run = jb.simulate(model, ROTOR, jb.SmoothSpinUp(speed, 15.0), TIMES)
-    return np.abs(run.tip - np.pad(exact[speed], ((0, 0), (0, 1)))).max() / np.abs(
-        exact[speed][:, 1]
-    ).max()
+    return (
+        np.abs(run.tip - np.pad(exact[speed], ((0, 0), (0, 1)))).max()
+        / np.abs(exact[speed][:, 1]).max()
+    )
 
 
+@pytest.mark.xdist_group("exact")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "counts", "order"),
@@ -147,12 +151,15 @@ def test_elements_converge_to_the_exact_beam(exact, family, counts, order):
         assert errors[-1] < 2e-3
 
 
+@pytest.mark.xdist_group("exact")
+@pytest.mark.slow
 def test_two_elements_of_model_a_are_enough(exact):
     """B, section 3: at 2 and 4 rad/s."""
     assert deviation(jb.ANCF(2), 2.0, exact) < 2e-3
     assert deviation(jb.ANCF(2), 4.0, exact) < 4e-3
 
 
+@pytest.mark.xdist_group("exact")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("build", "limit"),
@@ -175,6 +182,7 @@ def test_modal_models_converge_exponentially_to_their_own_limit(exact, build, li
     assert slow < fast < limit
 
 
+@pytest.mark.slow
 def test_model_zero_fails_where_berzeri_says():
     """Unstable with one element at 10 rad/s and two at 40, where ten agree with Model A."""
 
@@ -228,11 +236,10 @@ def test_steady_stretch_by_every_model():
         np.testing.assert_allclose(run.tip[0, 0], exact, rtol=tolerance)
 
 
+@pytest.mark.slow
 def test_discrete_frequencies():
     """Exact models agree at speed; LC diverges at sqrt(k_r / m) / L; LP is k_r / m + d Omega^2."""
-    both = [
-        jb.modes(m, SPRINGS, 10.0, 2).frequency for m in (jb.DiscreteNC(), jb.DiscreteNP())
-    ]
+    both = [jb.modes(m, SPRINGS, 10.0, 2).frequency for m in (jb.DiscreteNC(), jb.DiscreteNP())]
     np.testing.assert_allclose(*both, rtol=1e-12)
     critical = np.sqrt(300.0)
     for speed, grows in ((0.9999 * critical, False), (1.0001 * critical, True)):

