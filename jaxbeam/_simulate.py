@@ -223,10 +223,10 @@ def simulate(
       largest energy (`UNBALANCED`; the numbers are kept): a loose tolerance with an explicit solver
       can return a success that is nonsense.
     """
+    rotor = checked_rotor(model.rotor_type, rotor)
     if not isinstance(motion, Motion):
         raise TypeError(f"motion must be a Motion, got {type(motion).__name__}")
     times = _checked_times(times)
-    rotor = checked_rotor(model.rotor_type, rotor)
     loads = Loads() if loads is None else loads
     damping = Damping() if damping is None else damping
     if loads.gravity is not None:

@@ -182,7 +182,7 @@ def _order(counts, errors):
 @pytest.mark.parametrize(
     ("make", "gamma"),
     [
-        (jb.SmallStrainANCF, 0.0),
+        pytest.param(jb.SmallStrainANCF, 0.0, marks=pytest.mark.slow),
         pytest.param(jb.ANCF, 5.0, marks=pytest.mark.slow),
         pytest.param(jb.SmallStrainANCF, 5.0, marks=pytest.mark.slow),
         pytest.param(jb.ANCF, 0.0, marks=pytest.mark.slow),
@@ -391,7 +391,7 @@ DIFFERENTIABLE = [
     pytest.param(
         jb.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow
     ),
-    (jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    pytest.param(jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow),
     pytest.param(
         jb.Classical(8, 12, 12),
         PLAIN.at[7].set(1.2),
@@ -445,6 +445,7 @@ def test_gradients_next_to_a_veering():
     _agree(exact, fd, at)
 
 
+@pytest.mark.slow
 def test_gradients_where_flap_and_in_plane_coincide():
     """A square section at rest: doubly degenerate, yet every derivative is finite and right."""
     model = jb.Hybrid(6, 12, 12)

@@ -26,7 +26,7 @@ PLANAR = [
 ]
 DISCRETE = [jb.DiscreteNC(), jb.DiscreteNP(), jb.DiscreteLC(), jb.DiscreteLP(), jb.DiscreteNS()]
 EVERY = [(m, ROTOR) for m in PLANAR] + [(m, SPRINGS) for m in DISCRETE]
-FEW = [EVERY[0], EVERY[5]]
+FEW = [EVERY[0]]
 REST = [case for case in EVERY if case not in FEW]
 
 
@@ -200,9 +200,13 @@ def test_outputs():
     with pytest.raises(ValueError, match=r"in \[0, 1\]"):
         run.displacement(1.5)
     value, when = run.peak()
-    fine = jb.simulate(model, ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 1001)).tip[:, 1]
-    np.testing.assert_allclose(value, fine[np.abs(fine).argmax()], rtol=1e-3)
-    assert abs(float(when) - np.abs(fine).argmax() / 1000) < 0.02
+    coarse = np.asarray(run.tip[:, 1])
+    assert abs(coarse).max() <= abs(float(value)) < 1.05 * abs(coarse).max()
+    assert abs(float(when) - run.times[np.abs(coarse).argmax()]) <= 0.1
+    # where the largest value is at the end, it is that one
+    early = jb.simulate(model, ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 0.3, 11))
+    np.testing.assert_allclose(early.peak()[0], early.tip[-1, 1], rtol=1e-12)
+    assert float(early.peak()[1]) == 0.3
 
 
 def test_event_ends_the_run_where_the_limit_is_reached():
@@ -403,6 +407,7 @@ def test_batch_keeps_failures_to_themselves():
 
 
 def test_single_precision_warns():
-    with jax.enable_x64(False), pytest.warns(UserWarning, match="32-bit"):
+    with jax.enable_x64(False):
         rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0))
-        jb.steady_start(jb.Hybrid(0, 1, 0), rotor, jb.ConstantSpeed(1.0))
+        with pytest.warns(UserWarning, match="32-bit"), pytest.raises(TypeError, match="motion"):
+            jb.simulate(jb.Hybrid(0, 1, 0), rotor, None, [0.0, 1.0])

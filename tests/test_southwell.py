@@ -116,9 +116,10 @@ def test_classical_never_stiffens():
     assert float(beyond[0]) == pytest.approx(-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("speed", "jacobian"),
-    [(0.0, jax.jacrev), pytest.param(4.0, jax.jacfwd, marks=pytest.mark.slow)],
+    [(0.0, jax.jacrev), (4.0, jax.jacfwd)],
 )
 def test_derivatives_of_coefficients(speed, jacobian):
     model, which = jb.Hybrid(8, 12, 12), jb.labels(in_plane=2, flap=1)
@@ -163,6 +164,7 @@ def test_first_resonance():
     )
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_resonance():
     model, label = jb.Hybrid(8, 12, 0), jb.Label(IN_PLANE, 1)
 
@@ -176,6 +178,7 @@ def test_derivatives_of_the_resonance():
     np.testing.assert_allclose(exact, jax.jit(jax.jacfwd(at))(p), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_crossings_under_vmap():
     model, label = jb.Hybrid(6, 10, 0), jb.Label(IN_PLANE, 1)
     hubs = jnp.array([0.0, 0.05, 0.1, 3.0])
