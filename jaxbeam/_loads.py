@@ -47,10 +47,12 @@ class Loads(eqx.Module):
 
 
 class Damping(eqx.Module):
-    """Proportional damping: forces -(mass M q' + stiffness d/dt elastic_force(q)).
+    """Proportional damping: forces -(mass dT/dq' + stiffness d/dt elastic_force(q)).
 
     `mass` in 1/s, `stiffness` in s, both >= 0: a mode of frequency w at rest has the damping ratio
-    (mass / w + stiffness w) / 2. Rates are those seen from the hub. None leaves a term out.
+    (mass / w + stiffness w) / 2. T is the kinetic energy seen from the hub. Stiffness damping is of
+    the coordinates of a model: `DiscreteNC` and `DiscreteNP` agree in it to first order only. None
+    leaves a term out.
     """
 
     mass: Scalar | None

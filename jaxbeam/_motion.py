@@ -97,6 +97,9 @@ class Spin(Motion):
         pull = zero if gravity is None else self.attitude(t).T @ gravity
         return Hub(zero, speed * self.axis, zero, rate * self.axis, pull)
 
+    def valid(self, t: Scalar) -> Array:
+        return jnp.abs(self.axis @ self.axis - 1) < 1e-6
+
     def attitude(self, t: Scalar) -> Rotation:
         """By Rodrigues' formula; hub and inertial axes coincide at angle zero."""
         angle, k = self.angle(t), skew(self.axis)
@@ -126,7 +129,7 @@ def _axis(axis: Any) -> Triple:
         raise ValueError(f"axis must have shape (3,), got {vector.shape}")
     if not isinstance(vector, jax.core.Tracer):
         length = float(np.linalg.norm(np.asarray(vector)))
-        if not abs(length - 1) < 1e-9:
+        if not abs(length - 1) < 1e-6:
             raise ValueError(f"axis must be a unit vector, got length {length}")
     return vector
 

@@ -2,10 +2,13 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
+from jaxbeam._beam import require
 from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, Equations, Family
@@ -59,7 +62,9 @@ class Scene(SecondOrderSystem):
         """As a generalised force."""
         out = jnp.zeros_like(q)
         if self.damping.mass is not None:
-            out = out + self.damping.mass * (self.mass @ v)
+            still = jnp.zeros(3, q.dtype)
+            momentum = jax.grad(self.equations.kinetic_energy, argnums=1)(q, v, still, still)
+            out = out + self.damping.mass * momentum
         if self.damping.stiffness is not None:
             rate = jax.jvp(self.equations.elastic_force, (q,), (v,))[1]
             out = out + self.damping.stiffness * rate
@@ -177,3 +182,39 @@ def input_status(
         status = jnp.where(ok, status, code)
     given = rotor.status(jnp.zeros((), times.dtype))
     return jnp.where(given == Status.OK, status, given).astype(int)
+
+
+def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
+    for name, value, kind in (
+        ("motion", motion, Motion), ("loads", loads, Loads), ("damping", damping, Damping)
+    ):  # fmt: skip
+        if not isinstance(value, kind):
+            article = "a" if kind is Motion else "of class"
+            raise TypeError(f"{name} must be {article} {kind.__name__}, got {type(value).__name__}")
+    shapes = [a.shape for a in eqx.filter_eval_shape(motion.twist, t)]
+    if shapes != [(3,), (3,)]:
+        raise ValueError(f"motion.twist must return two vectors of shape (3,), got {shapes}")
+    if loads.gravity is not None:
+        eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
+
+
+def checked_times(times: Any) -> Array:
+    times = jnp.asarray(times, jnp.result_type(float))
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
+    if not isinstance(times, jax.core.Tracer):
+        known = np.asarray(times)
+        require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
+        require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)
+    return times
+
+
+def check_start(model: AbstractModel, start: Any) -> None:
+    if not isinstance(start, State):
+        raise TypeError(f"start must be a State, got {type(start).__name__}")
+    n = len(model.families)
+    for name in ("q", "v"):
+        if np.shape(getattr(start, name)) != (n,):
+            raise ValueError(
+                f"start.{name} must have shape ({n},), got {np.shape(getattr(start, name))}"
+            )

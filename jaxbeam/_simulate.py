@@ -10,11 +10,11 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import checked_rotor, require
+from jaxbeam._beam import checked_rotor, positive
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, equilibrium
 from jaxbeam._motion import Motion
-from jaxbeam._scene import Scene, input_status
+from jaxbeam._scene import Scene, check_scene, check_start, checked_times, input_status
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.system import State, second_order_term, without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
@@ -33,7 +33,7 @@ class Simulation(eqx.Module):
     | times      | (T,)   | s    | output times                                                  |
     | state      | (T, n) | m    | coordinates `q`, rates `v`, `work` (see `Scene`); NaN where   |
     |            |        |      | the run did not get (it failed, or an event ended it)         |
-    | imbalance  | (T,)   |      | change of energy less work done, over the largest energy      |
+    | imbalance  | (T,)   |      | change of `jacobi_integral` less work, over its largest parts |
     | status     | ()     |      | `Status`                                                      |
     | end_time   | ()     | s    | the last output time that was reached                         |
     | solution   |        |      | the solution of diffrax: statistics, interpolation, events    |
@@ -97,8 +97,12 @@ class Simulation(eqx.Module):
         """Largest deflection either way (m, with its sign) of a point, and when (s).
 
         Between output times by cubic interpolation with the rates, exact to fourth order.
+        Components 0, 1, 2 are axial, in plane, flap. The value is differentiable; the time carries
+        no derivative.
         """
-        return _peak(self, component, xi)
+        if self.times.size < 2:
+            raise ValueError("peak needs two or more output times")
+        return _peak(self, *_checked_point(component, xi))
 
     def _each(self, function: Any) -> Any:
         return _mapped(function, self.scene, self.times, self.state)
@@ -114,6 +118,13 @@ def _points(xi: Any) -> tuple[float, ...]:
     if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
         raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
     return tuple(points.tolist())
+
+
+def _checked_point(component: int, xi: float) -> tuple[int, float]:
+    if component not in (0, 1, 2):
+        raise ValueError(f"component must be 0 (axial), 1 (in plane) or 2 (flap), got {component}")
+    (point,) = _points(xi)
+    return component, point
 
 
 class _Displacement(eqx.Module):
@@ -210,7 +221,8 @@ def simulate(
     and `max_steps` are those of `diffrax.diffeqsolve`; functions in them see t, the `State` and the
     `Scene`. Numbers in them compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do
     not. With an `event`, a last output at the end of the run comes on top. With a `saveat` of
-    another shape than that of a state (`fn`, `subs`), take the result from `Simulation.solution`.
+    another shape than that of a state (`fn`, `subs`), take the result from `Simulation.solution`;
+    nothing is then judged but whether the solver gave up.
 
     Reverse mode works as it is, forward mode with `adjoint=diffrax.ForwardMode()`. Write one case;
     `jax.vmap` or `jaxbeam.sweep` batch it. `throw=False` keeps failures in `Simulation.status`:
@@ -224,19 +236,14 @@ def simulate(
       can return a success that is nonsense.
     """
     rotor = checked_rotor(model.rotor_type, rotor)
-    if not isinstance(motion, Motion):
-        raise TypeError(f"motion must be a Motion, got {type(motion).__name__}")
-    times = _checked_times(times)
+    times = checked_times(times)
     loads = Loads() if loads is None else loads
     damping = Damping() if damping is None else damping
-    if loads.gravity is not None:
-        eqx.filter_eval_shape(motion.attitude, times[0])  # raises where it is not stated
+    check_scene(motion, loads, damping, times[0])
     if start is not None:
-        _check_start(model, start)
-    if saveat is None:
-        saveat = diffrax.SaveAt(ts=times, t1=event is not None)
-    else:
-        saveat = _checked_saveat(saveat, times)
+        check_start(model, start)
+    if saveat is not None:
+        _check_saveat(saveat, times)
     result = _simulate(
         model, rotor, motion, times, loads, damping, start,
         Rodas5P() if solver is None else solver,
@@ -254,7 +261,7 @@ def simulate(
 def _simulate(
     model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
     start: State | None, solver: Solver, controller: Controller | None, dt0: Any,
-    saveat: diffrax.SaveAt, adjoint: diffrax.AbstractAdjoint, event: diffrax.Event | None,
+    saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint, event: diffrax.Event | None,
     progress_meter: diffrax.AbstractProgressMeter, max_steps: int | None, balance_tolerance: float,
 ) -> Simulation:  # fmt: skip
     given = input_status(model, rotor, motion, loads, damping, times)
@@ -265,6 +272,9 @@ def _simulate(
         lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
         (rotor, motion, loads, damping),
     )
+    times = jnp.where(fine, times, jnp.linspace(0.0, 1.0, times.size))
+    if saveat is None:
+        saveat = diffrax.SaveAt(ts=times, t1=event is not None)
     now = Scene(model, rotor, motion, loads, damping)
     n = len(model.families)
     if start is None:
@@ -278,7 +288,12 @@ def _simulate(
     # Nothing is to be had beyond: do not let a batch wait for it.
     runaway = diffrax.Event(_runaway)
     if controller is None:
-        controller = diffrax.PIDController(rtol=1e-6, atol=1e-7 * now.equations.size)
+        controller = diffrax.PIDController(
+            rtol=1e-6,
+            atol=1e-7 * now.equations.size,
+            dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
+            force_dtmin=False,
+        )
     solution = diffrax.diffeqsolve(
         second_order_term(solver), solver, times[0], times[-1], dt0, y0, now, saveat=saveat,
         stepsize_controller=controller, adjoint=adjoint,
@@ -338,7 +353,8 @@ def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, Sta
         assert solution.ts is not None
         return solution.ts, solution.ys
     if solution.interpolation is not None:
-        return times, jax.vmap(solution.evaluate)(times)
+        reached = times <= solution.interpolation.t1
+        return jnp.where(reached, times, jnp.inf), jax.vmap(solution.evaluate)(times)
     none = jnp.zeros((0, n), times.dtype)
     return none[:, 0], State(none, none, none[:, 0])
 
@@ -362,35 +378,12 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
     return status
 
 
-def _checked_times(times: Any) -> Array:
-    times = jnp.asarray(times, jnp.result_type(float))
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
-    if not isinstance(times, jax.core.Tracer):
-        known = np.asarray(times)
-        require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
-        require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)
-    return times
-
-
-def _checked_saveat(saveat: diffrax.SaveAt, times: Array) -> diffrax.SaveAt:
-    for at in jax.tree.leaves(eqx.filter(saveat.subs, eqx.is_array_like)):
-        if any(isinstance(a, jax.core.Tracer) for a in (at, times)) or not np.size(at):
+def _check_saveat(saveat: diffrax.SaveAt, times: Array) -> None:
+    for sub in jax.tree.leaves(saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt)):
+        if sub.ts is None or any(isinstance(a, jax.core.Tracer) for a in (sub.ts, times)):
             continue
-        if np.min(at) < float(times[0]) or np.max(at) > float(times[-1]):
+        if not np.all((sub.ts >= times[0]) & (sub.ts <= times[-1])):
             raise ValueError("saveat must save within times[0] and times[-1]")
-    return saveat
-
-
-def _check_start(model: AbstractModel, start: Any) -> None:
-    if not isinstance(start, State):
-        raise TypeError(f"start must be a State, got {type(start).__name__}")
-    n = len(model.families)
-    for name in ("q", "v"):
-        if np.shape(getattr(start, name)) != (n,):
-            raise ValueError(
-                f"start.{name} must have shape ({n},), got {np.shape(getattr(start, name))}"
-            )
 
 
 def steady_start(
@@ -407,11 +400,13 @@ def steady_start(
     Rates of the hub's velocities are left out. Displacements of a state are
     `model.equations(rotor).displacement(state.q, xi)`, xi an array. Raises `RuntimeError` where
     no such state is found; with `throw=False` its coordinates are then NaN, which `simulate`
-    reports.
+    reports. An equilibrium need not be stable: ask `modes`.
     """
     rotor = checked_rotor(model.rotor_type, rotor)
     t = jnp.asarray(t, jnp.result_type(float))
-    state, status = _steady(model, rotor, motion, t, Loads() if loads is None else loads)
+    loads = Loads() if loads is None else loads
+    check_scene(motion, loads, Damping(), t)
+    state, status = _steady(model, rotor, motion, t, loads)
     return raise_unless_ok(state, status) if throw else state
 
 
@@ -419,11 +414,13 @@ def steady_start(
 def _steady(
     model: AbstractModel, rotor: Any, motion: Motion, t: Scalar, loads: Loads
 ) -> tuple[State, Code]:
+    given = input_status(model, rotor, motion, loads, Damping(), t[None])
     hub = motion.hub(t, loads.gravity)
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
     rest = jnp.zeros(len(model.families), t.dtype)
     q, status = equilibrium(model.equations(rotor), hub, rest, loads.at_tip(t))
+    status = jnp.where(given == Status.OK, status, given)
     q = jnp.where(status == Status.OK, q, jnp.nan)
     return State(q, rest, jnp.zeros((), t.dtype)), status
 
@@ -434,7 +431,7 @@ def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax
     `component` 0, 1, 2: axial, in plane, flap, of the point xi. The last output is at the event.
     """
     return diffrax.Event(
-        _Limit(jnp.asarray(limit, jnp.result_type(float)), component, float(xi)),
+        _Limit(positive("limit", limit), *_checked_point(component, xi)),
         optimistix.Newton(rtol=1e-10, atol=1e-10),
     )
 

@@ -27,11 +27,10 @@ def test_discrete_models():
     tight = diffrax.PIDController(rtol=1e-11, atol=1e-13)
     y, status = {}, {}
     for name in ("NC", "NP", "LC", "LP", "NS"):
+        model = getattr(jb, f"Discrete{name}")()
         for speed in (10, 20):
-            run = jb.simulate(
-                getattr(jb, f"Discrete{name}")(), SPRINGS, jb.SmoothSpinUp(float(speed), 1.0), times,
-                stepsize_controller=tight, throw=False,
-            )  # fmt: skip
+            motion = jb.SmoothSpinUp(float(speed), 1.0)
+            run = jb.simulate(model, SPRINGS, motion, times, stepsize_controller=tight, throw=False)
             y[name, speed], status[name, speed] = np.asarray(run.tip[:, 1]), int(run.status)
 
     def gap(name, speed):

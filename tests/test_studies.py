@@ -107,3 +107,18 @@ def test_spin_up_film(tmp_path):
     study("spin_up_film", tmp_path)
     assert any(path.suffix == ".gif" for path in tmp_path.iterdir())
     assert any(path.suffix == ".png" for path in tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_berzeri1999(tmp_path):
+    """Every figure, and the statements of B on Model 0 and Model A."""
+    study("berzeri1999", tmp_path)
+    for name in ("figures_2_3", "figures_4_5", "figures_6_7", "figure_10"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+    with open(tmp_path / "peaks.csv") as file:
+        rows = {(row["figure"], row["model"]): row for row in csv.DictReader(file)}
+    for figure in ("4", "5"):
+        assert float(rows[figure, "Model A, 2 elements"]["from_reference_percent"]) < 0.5
+    assert rows["6", "Model 0, chord, 1 element"]["status"] == "DIVERGED"
+    assert rows["7", "Model 0, chord, 2 elements"]["status"] != "OK"
+    assert rows["7", "Model A, 2 elements"]["status"] == "OK"

@@ -17,8 +17,9 @@ Tree = TypeVar("Tree")
 class State(eqx.Module):
     """What is integrated: coordinates q, their rates v, and an integral along the way.
 
-    `work` is carried by the solver like a coordinate and acts on nothing. Beam models keep the
-    work of all forces in it, in units of EI / L^2, so that it is a length like q.
+    `work` is carried by the solver like a coordinate and acts on nothing. Beam models keep in it
+    what changes their Jacobi integral (see `Scene`), in units of EI / L^2, so that it is a length
+    like q. Coordinates are lengths but for the angle of the polar discrete models.
     """
 
     q: Vector
