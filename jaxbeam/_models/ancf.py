@@ -270,7 +270,8 @@ class ChordANCF(_ANCF):
 class TangentANCF(_ANCF):
     """Model 0 of B in a frame tangent to each element's first node: clamped-free substructures.
 
-    Fails at a lower speed than `ChordANCF`; with one element it is `Classical`.
+    Fails at a lower speed than `ChordANCF`, and is far too stiff with few elements: neighbours
+    measure strain along different directions. With one element it is `Classical`.
     """
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
