@@ -233,6 +233,11 @@ def test_diffrax_objects_pass_through():
     reached = np.isfinite(steps.times)
     assert reached.sum() == 250
     np.testing.assert_allclose(steps.tip[reached][-1], plain[-1], atol=1e-6)
+    late = jb.simulate(*case[:3], [0.25, 0.5], saveat=diffrax.SaveAt(t1=True))
+    assert late.times.shape == (1,)
+    ended = jb.simulate(*case, saveat=diffrax.SaveAt(dense=True), event=jb.deflection_limit(0.05))
+    assert 0 < float(ended.end_time) < 1
+    assert np.isnan(ended.tip[-1]).all()
     own = jb.simulate(*case, saveat=diffrax.SaveAt(t1=True, fn=lambda t, y, scene: y.q[0]))
     assert own.solution.ys.shape == (1,)
     assert own.times.size == 0
@@ -301,6 +306,33 @@ def test_gradients_of_adaptive_steps_under_vmap():
         np.testing.assert_allclose(found, single(speed), rtol=1e-7)
         change = finite_difference(jax.jit(lambda x: value(x[0])), speed[None], 3e-3)
         np.testing.assert_allclose(found[1], change[0], rtol=1e-6)
+
+
+SPATIAL = jnp.array([2.0, 1.3, 4e4, 11.0, 7.0, 0.4, 0.3, 3.0, 1.4, 1.1, -2.0, 0.5])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "model", [jb.Hybrid(1, 2, 2), jb.Classical(1, 2, 2), jb.VonKarman(3, 2, 2)]
+)
+def test_gradients_in_space(model):
+    """By both bending stiffnesses, the angle of the axis, gravity and the force at the tip."""
+
+    def final(p, **kwargs):
+        run = jb.simulate(
+            model, jb.Rotor(jb.Beam(*p[:5]), p[5], p[6]),
+            jb.QuinticSpinUp(p[7], p[8], jb.inclined(p[9])), [0.0, 0.5, 1.0],
+            loads=jb.Loads(p[10] * jnp.eye(3)[2], p[11] * jnp.ones(3)), throw=False,
+            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.02, max_steps=64, **kwargs,
+        )  # fmt: skip
+        return run.tip[-1, 1:]
+
+    reverse = jax.jit(jax.jacrev(final))(SPATIAL)
+    difference = finite_difference(jax.jit(final), SPATIAL, 1e-3)
+    np.testing.assert_allclose(
+        reverse * SPATIAL[None], difference * SPATIAL[None], rtol=1e-6, atol=1e-8
+    )
+    assert (np.abs(reverse * SPATIAL[None]).max(0) > 1e-6).all()  # each of them matters
 
 
 def run_case(**changes):
