@@ -275,9 +275,6 @@ def _first_broken(values: dict[str, Scalar], angular_speed: Scalar) -> Code:
     return code
 
 
-AnyRotor = Rotor | SpringRotor
-
-
 def _valid(value: Any, zero_allowed: bool) -> Any:
     return jnp.isfinite(value) & ((value >= 0) if zero_allowed else (value > 0))
 

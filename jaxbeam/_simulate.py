@@ -20,10 +20,6 @@ from jaxbeam._solvers.system import State, second_order_term, without_derivative
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Scalar, Vector
 
-# Where diffrax objects are asked of the user.
-Solver = diffrax.AbstractSolver
-Controller = diffrax.AbstractStepSizeController
-
 
 class Simulation(eqx.Module):
     """What became of a scene: T times, n coordinates, p points.
@@ -53,7 +49,7 @@ class Simulation(eqx.Module):
 
     def displacement(self, xi: Any = 1.0) -> Float[Array, "T p 3"]:
         """Displacement of the points xi, in m."""
-        return self._each(_Displacement(_points(xi)))
+        return self._each(_displacement, *_points(xi))
 
     @property
     def tip(self) -> Float[Array, "T 3"]:
@@ -62,11 +58,11 @@ class Simulation(eqx.Module):
 
     def strain(self, xi: Any = 0.0) -> Float[Array, "T p"]:
         """Axial strain of the centre line."""
-        return self._each(_Strain(_points(xi)))
+        return self._each(_strain, *_points(xi))
 
     def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
         """In-plane and flap curvature, in 1/m: surface strain is the axial one less y times it."""
-        return self._each(_Curvature(_points(xi)))
+        return self._each(_curvature, *_points(xi))
 
     @property
     def strain_energy(self) -> Float[Array, " T"]:
@@ -104,13 +100,13 @@ class Simulation(eqx.Module):
             raise ValueError("peak needs two or more output times")
         return _peak(self, *_checked_point(component, xi))
 
-    def _each(self, function: Any) -> Any:
-        return _mapped(function, self.scene, self.times, self.state)
+    def _each(self, function: Any, *xi: float) -> Any:
+        return _mapped(function, self.scene, self.times, self.state, xi)
 
 
 @eqx.filter_jit
-def _mapped(function: Any, scene: Scene, times: Array, state: State) -> Any:
-    return jax.vmap(lambda t, y: function(scene, t, y))(times, state)
+def _mapped(function: Any, scene: Scene, times: Array, state: State, xi: tuple[float, ...]) -> Any:
+    return jax.vmap(lambda t, y: function(scene, t, y, *xi))(times, state)
 
 
 def _points(xi: Any) -> tuple[float, ...]:
@@ -127,25 +123,16 @@ def _checked_point(component: int, xi: float) -> tuple[int, float]:
     return component, point
 
 
-class _Displacement(eqx.Module):
-    xi: tuple[float, ...] = eqx.field(static=True)
-
-    def __call__(self, scene: Scene, t: Scalar, y: State) -> Float[Array, "p 3"]:
-        return scene.equations.displacement(y.q, np.array(self.xi))
+def _displacement(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 3"]:
+    return scene.equations.displacement(y.q, np.array(xi))
 
 
-class _Strain(eqx.Module):
-    xi: tuple[float, ...] = eqx.field(static=True)
-
-    def __call__(self, scene: Scene, t: Scalar, y: State) -> Float[Array, " p"]:
-        return scene.equations.strain(y.q, np.array(self.xi))
+def _strain(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
+    return scene.equations.strain(y.q, np.array(xi))
 
 
-class _Curvature(eqx.Module):
-    xi: tuple[float, ...] = eqx.field(static=True)
-
-    def __call__(self, scene: Scene, t: Scalar, y: State) -> Float[Array, "p 2"]:
-        return scene.equations.curvature(y.q, np.array(self.xi))
+def _curvature(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 2"]:
+    return scene.equations.curvature(y.q, np.array(xi))
 
 
 def _strain_energy(scene: Scene, t: Scalar, y: State) -> Scalar:
@@ -165,32 +152,23 @@ def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
         return jax.jvp(place, (y.q,), (y.v,))
 
     u, rate = jax.vmap(both)(run.state)
-    t = run.times
-    # Cubic between output times, sampled, then Newton's method for its extremum. Where that is
-    # does not matter to the derivative of the value, so it carries none.
-    h = jnp.diff(t)
-    cubic = jnp.stack([u[:-1], h * rate[:-1], u[1:], h * rate[1:]], 1)
-    s = np.linspace(0.0, 1.0, 9)
-    sampled = jnp.abs(cubic @ _hermite(s, 0))
-    at = jnp.argmax(jnp.where(jnp.isnan(sampled), -1.0, sampled))
-    piece, first = cubic[at // 9], jnp.asarray(s)[at % 9]
-    best = first
-    for _ in range(4):
-        bend = piece @ _hermite(best, 2)
-        best = jnp.clip(best - piece @ _hermite(best, 1) / jnp.where(bend == 0, 1.0, bend), 0, 1)
-    # At the end of a run the largest value need not be an extremum: Newton's method then strays.
-    better = jnp.abs(piece @ _hermite(best, 0)) >= jnp.abs(piece @ _hermite(first, 0))
-    best = jax.lax.stop_gradient(jnp.where(better, best, first))
-    return piece @ _hermite(best, 0), t[at // 9] + h[at // 9] * best
+    t, h = run.times[:-1], jnp.diff(run.times)
+    s, value = jax.vmap(_extremes)(u[:-1], h * rate[:-1], u[1:], h * rate[1:])
+    at = jnp.argmax(jnp.where(jnp.isnan(value), -1.0, jnp.abs(value)))
+    return value.ravel()[at], (t[:, None] + h[:, None] * s).ravel()[at]
 
 
-def _hermite(s: Any, derivative: int) -> Array:
-    """Cubic on [0, 1] from value and slope at both ends: shape (4,) or (4, number of s)."""
-    powers = jnp.stack([jnp.ones_like(s), s, s**2, s**3])
-    rows = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
-    for _ in range(derivative):
-        rows = np.pad(rows[:, 1:] * np.arange(1, 4), ((0, 0), (0, 1)))
-    return jnp.asarray(rows @ powers)
+def _extremes(u0: Scalar, v0: Scalar, u1: Scalar, v1: Scalar) -> tuple[Vector, Vector]:
+    """Where in [0, 1] the cubic of these values and slopes can be extreme, and its values there."""
+    rise = u1 - u0
+    a, b = v0 + v1 - 2 * rise, 3 * rise - 2 * v0 - v1
+    # Roots of v0 + 2 b s + 3 a s^2, in the form that does not cancel. They carry no derivative:
+    # where an extremum is does not matter to the derivative of its value.
+    half = -b - jnp.copysign(jnp.sqrt(jnp.maximum(b**2 - 3 * a * v0, 0.0)), b)
+    roots = half / jnp.where(a == 0, 1.0, 3 * a), v0 / jnp.where(half == 0, 1.0, half)
+    s = jax.lax.stop_gradient(jnp.stack([jnp.zeros_like(a), jnp.ones_like(a), *roots]))
+    s = jnp.clip(s, 0.0, 1.0)
+    return s, u0 + s * (v0 + s * (b + s * a))
 
 
 def simulate(
@@ -202,8 +180,8 @@ def simulate(
     loads: Loads | None = None,
     damping: Damping | None = None,
     start: State | None = None,
-    solver: Solver | None = None,
-    stepsize_controller: Controller | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     dt0: Any = None,
     saveat: diffrax.SaveAt | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
@@ -260,7 +238,8 @@ def simulate(
 @eqx.filter_jit
 def _simulate(
     model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
-    start: State | None, solver: Solver, controller: Controller | None, dt0: Any,
+    start: State | None, solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractStepSizeController | None, dt0: Any,
     saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint, event: diffrax.Event | None,
     progress_meter: diffrax.AbstractProgressMeter, max_steps: int | None, balance_tolerance: float,
 ) -> Simulation:  # fmt: skip
@@ -285,8 +264,6 @@ def _simulate(
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = jnp.where(fine & ~started, Status.INVALID_START, given)
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
-    # Nothing is to be had beyond: do not let a batch wait for it.
-    runaway = diffrax.Event(_runaway)
     if controller is None:
         controller = diffrax.PIDController(
             rtol=1e-6,
@@ -297,7 +274,7 @@ def _simulate(
     solution = diffrax.diffeqsolve(
         second_order_term(solver), solver, times[0], times[-1], dt0, y0, now, saveat=saveat,
         stepsize_controller=controller, adjoint=adjoint,
-        event=runaway if event is None else event, max_steps=max_steps,
+        event=diffrax.Event(_runaway) if event is None else event, max_steps=max_steps,
         progress_meter=progress_meter, throw=False,
     )  # fmt: skip
     ended = _solver_status(solution.result, event is None)
@@ -360,6 +337,7 @@ def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, Sta
 
 
 def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
+    """Nothing is to be had beyond: do not let a batch wait for it."""
     return _far(args, y)
 
 
@@ -418,11 +396,10 @@ def _steady(
     hub = motion.hub(t, loads.gravity)
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
-    rest = jnp.zeros(len(model.families), t.dtype)
-    q, status = equilibrium(model.equations(rotor), hub, rest, loads.at_tip(t))
+    q, status = equilibrium(model.equations(rotor), hub, loads.at_tip(t))
     status = jnp.where(given == Status.OK, status, given)
     q = jnp.where(status == Status.OK, q, jnp.nan)
-    return State(q, rest, jnp.zeros((), t.dtype)), status
+    return State(q, jnp.zeros_like(q), jnp.zeros((), t.dtype)), status
 
 
 def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax.Event:

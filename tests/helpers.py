@@ -19,6 +19,23 @@ NAMES = (
     "angular_speed",
 )
 
+# One of each theory of planar elements, and of the discrete analogue.
+ELEMENTS = [
+    jb.SmallStrainANCF(2),
+    jb.ANCF(2),
+    jb.GreenANCF(2),
+    jb.ChordANCF(2),
+    jb.TangentANCF(2),
+]
+DISCRETE = [jb.DiscreteNC(), jb.DiscreteNP(), jb.DiscreteLC(), jb.DiscreteLP(), jb.DiscreteNS()]
+
+
+def name(value: object) -> str:
+    """What a parametrised test calls a model; with and without stretch it is another one."""
+    if isinstance(value, jb.AbstractModel):
+        return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"
+    return ""
+
 
 def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.ndarray:
     """Jacobian of f at the vector x by six-point central differences, last axis over x.

@@ -8,6 +8,7 @@ from numpy.polynomial import chebyshev
 
 import jaxbeam as jb
 from jaxbeam._motion import Hub, skew
+from tests.helpers import DISCRETE, ELEMENTS, name
 
 BLADE = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.9)
@@ -17,18 +18,9 @@ BEAM_MODELS = [
     jb.Hybrid(0, 4, 3),
     jb.Classical(3, 4, 3),
     jb.VonKarman(5, 3, 2),
-    jb.SmallStrainANCF(2),
-    jb.ANCF(2),
-    jb.GreenANCF(2),
-    jb.ChordANCF(2),
-    jb.TangentANCF(2),
+    *ELEMENTS,
 ]
-DISCRETE = [jb.DiscreteNC(), jb.DiscreteNP(), jb.DiscreteLC(), jb.DiscreteLP(), jb.DiscreteNS()]
 EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SPRINGS) for m in DISCRETE]
-
-
-def names(value):
-    return type(value).__name__ if isinstance(value, jb.AbstractModel) else ""
 
 
 def random_state(model, seed, planar):
@@ -61,7 +53,7 @@ def lagrange(equations, hub, q, v, tip_force):
     return jnp.linalg.solve(mass, jax.grad(kinetic)(q, v, t) - drift - elastic + work)
 
 
-@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=names)
+@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
 def test_equations_of_motion_follow_from_the_energies(model, rotor):
     planar = jb.Family.FLAP not in model.families
     hub, q, v = random_state(model, 1, planar)
@@ -79,7 +71,7 @@ def test_equations_of_motion_follow_from_the_energies(model, rotor):
     np.testing.assert_allclose(given, derived, rtol=1e-9, atol=1e-9 * np.abs(derived).max())
 
 
-@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=names)
+@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
 def test_tangents_are_derivatives_of_the_force(model, rotor):
     hub, q, v = random_state(model, 2, jb.Family.FLAP not in model.families)
     force = jnp.array([3.0, -2.0, 0.0])
@@ -96,7 +88,7 @@ def test_tangents_are_derivatives_of_the_force(model, rotor):
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("model", [jb.Hybrid(3, 4, 3), jb.Classical(3, 4, 3)], ids=names)
+@pytest.mark.parametrize("model", [jb.Hybrid(3, 4, 3), jb.Classical(3, 4, 3)], ids=name)
 def test_yoo_equations_linearise_exact_kinematics(model, seed):
     """Y eqs. 18-20: dm = rho dx + m_t delta, u1 = s - int (u2'^2 + u3'^2) / 2, any 3-D motion."""
     x, w = np.polynomial.legendre.leggauss(40)

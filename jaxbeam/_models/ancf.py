@@ -118,11 +118,6 @@ class _Elements(Elasticity):
     def force(self, q: Vector) -> Vector:
         return self.axial_stiffness * self._gather(jax.vmap(self.element_force)(self._nodes(q)))
 
-    def nonconservative_force(self, q: Vector) -> Vector:
-        if type(self).element_force is _Elements.element_force:
-            return jnp.zeros_like(q)
-        return self.force(q) - jax.grad(self.energy)(q)
-
     def tangent(self, q: Vector) -> Matrix:
         blocks = jax.vmap(jax.jacfwd(self.element_force))(self._nodes(q))
         n = self.n_elements
@@ -169,45 +164,45 @@ def _elongation(d: Float[Array, "... c"]) -> Float[Array, "..."]:
     return excess / (1 + jnp.sqrt(1 + excess))
 
 
-class _ModelA(_Elements):
-    def _strain(self, e: Nodes) -> Float[Array, " g"]:
-        chord = (e[2] - e[0]) * self.n_elements
-        a, m, b = _elongation(jnp.stack([e[1], chord, e[3]]))
-        s = _POINTS
-        return a * (1 - 4 * s + 3 * s**2) + m * (6 * s - 6 * s**2) + b * (3 * s**2 - 2 * s)
+class _Continuum(_Elements):
+    """U = int EA eps^2 + EI r''.r'' dx / 2 and forces int EA eps S'^T r' + EI S''^T r'' dx.
+
+    The forces are the gradient of U where eps is the Green strain, d eps = S'^T r' . de.
+    """
+
+    @abc.abstractmethod
+    def element_strain(self, e: Nodes) -> Float[Array, " g"]:
+        """Axial strain at the Gauss points."""
 
     def element_energy(self, e: Nodes) -> Scalar:
-        """B eq. 9; the forces of B are not its gradient, though close to it at small strain."""
+        """B eq. 9."""
         _, curvature, weight = self._shapes
         bend = jnp.sum((curvature @ e) ** 2, 1)
-        return jnp.sum(weight * (self._strain(e) ** 2 + self.bending * bend)) / 2
+        return jnp.sum(weight * (self.element_strain(e) ** 2 + self.bending * bend)) / 2
 
     def element_force(self, e: Nodes) -> Nodes:
-        """(K_l + K_t) e of B eqs. 10 and A-5 (A-6, A-7 are misprinted): int EA eps S' S' e dx."""
+        """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
         slope, curvature, weight = self._shapes
-        tension = (weight * self._strain(e))[:, None]
+        tension = (weight * self.element_strain(e))[:, None]
         along = slope @ e + np.eye(2)[:1]
         bend = self.bending * weight[:, None] * (curvature @ e)
         return slope.T @ (tension * along) + curvature.T @ bend
 
 
-class _Green(_Elements):
-    def element_energy(self, e: Nodes) -> Scalar:
-        slope, curvature, weight = self._shapes
-        d = jnp.asarray(slope @ e)
-        bend = jnp.sum((curvature @ e) ** 2, 1)
-        return jnp.sum(weight * (self.strain(d) ** 2 + self.bending * bend)) / 2
-
-    def element_force(self, e: Nodes) -> Nodes:
-        """The gradient, written out."""
-        slope, curvature, weight = self._shapes
-        d = jnp.asarray(slope @ e)
-        tension = (weight * self.strain(d))[:, None]
-        bend = self.bending * weight[:, None] * (curvature @ e)
-        return slope.T @ (tension * (d + np.eye(2)[:1])) + curvature.T @ bend
+class _ModelA(_Continuum):
+    def element_strain(self, e: Nodes) -> Float[Array, " g"]:
+        chord = (e[2] - e[0]) * self.n_elements
+        a, m, b = _elongation(jnp.stack([e[1], chord, e[3]]))
+        s = _POINTS
+        return a * (1 - 4 * s + 3 * s**2) + m * (6 * s - 6 * s**2) + b * (3 * s**2 - 2 * s)
 
     def nonconservative_force(self, q: Vector) -> Vector:
-        return jnp.zeros_like(q)
+        return self.force(q) - jax.grad(self.energy)(q)
+
+
+class _Green(_Continuum):
+    def element_strain(self, e: Nodes) -> Float[Array, " g"]:
+        return self.strain(jnp.asarray(self._shapes[0] @ e))
 
     def strain(self, gradient: Float[Array, "p c"]) -> Float[Array, " p"]:
         return gradient[:, 0] + jnp.sum(gradient**2, 1) / 2

@@ -16,8 +16,6 @@ from jaxbeam._motion import Hub, spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Triple, Vector
 
-AnyRotor = Rotor | SpringRotor
-
 
 class Family(enum.IntEnum):
     """Which way a coordinate or a mode moves."""
@@ -177,7 +175,7 @@ class AbstractModel(eqx.Module):
         `status` is that of the search for the steady state, if there is one.
         """
         equations, hub = self.equations(rotor), spinning(speed)
-        q, status = equilibrium(equations, hub, jnp.zeros(len(self.families), speed.dtype))
+        q, status = equilibrium(equations, hub)
         k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
         # Generalised forces again where `force` scales them; at rest its own slope does not count.
         scale = equations.as_force(q, jnp.ones_like(q))[:, None]
@@ -196,14 +194,14 @@ class AbstractModel(eqx.Module):
 
 
 def equilibrium(
-    equations: Equations, hub: Hub, start: Vector, tip_force: Triple | None = None
+    equations: Equations, hub: Hub, tip_force: Triple | None = None
 ) -> tuple[Vector, Code]:
     """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
 
     Newton's method with the load raised from zero in adaptive steps where one step will not do;
     differentiable by the implicit function theorem. `hub` is taken as it is at this moment.
     """
-    rest = jnp.zeros_like(start)
+    rest = jnp.zeros_like(equations.mass[0])
     stiffness, _ = equations.tangents(hub, rest, rest, tip_force)
     scale = jnp.max(jnp.abs(stiffness)) * equations.size
 
@@ -216,7 +214,7 @@ def equilibrium(
         force = None if tip_force is None else fraction * tip_force
         return -equations.force(part, equations.size * q, rest, force) / scale
 
-    q, done = find_root(residual, start / equations.size)
+    q, done = find_root(residual, rest)
     return equations.size * q, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
 
