@@ -8,14 +8,10 @@ shapes in the hub frame and in space, coloured by time, and an animated GIF of t
 """
 
 import argparse
-import os
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
-
-# The threads of OpenBLAS gain nothing on 50 by 50 matrices, and cost tenfold on a busy machine.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 

@@ -11,16 +11,12 @@ data and equations of Y are corrected. Units are SI.
 
 import argparse
 import csv
-import os
 import tempfile
 import time
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
-
-# The threads of OpenBLAS gain nothing on 50 by 50 matrices, and cost tenfold on a busy machine.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 

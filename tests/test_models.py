@@ -62,6 +62,7 @@ def test_mass_is_the_kinetic_energy(model):
     np.testing.assert_allclose(u @ system.gyroscopic @ v, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_hybrid_against_exact_kinematics():
     """Mass, gyroscopic and stiffness matrices are the Hessians of a Lagrangian at rest in the hub.
 

@@ -108,7 +108,12 @@ def test_converged_value_behind_a_printed_one():
 
 # --- converged frequencies -----------------------------------------------------------------------
 
-HUBS_AND_TIPS = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (2.0, 0.5)]
+HUBS_AND_TIPS = [
+    (0.0, 0.0),
+    pytest.param(1.0, 0.0, marks=pytest.mark.slow),
+    pytest.param(0.0, 1.0, marks=pytest.mark.slow),
+    (2.0, 0.5),
+]
 
 
 @pytest.mark.parametrize("gamma", [0.0, 1.0, 10.0, 50.0])
@@ -164,6 +169,7 @@ def test_accuracy_table_of_the_readme(gamma, hub, tip, plain, graded):
                 np.testing.assert_allclose(found.frequency, expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_cantilever_modes_converge_but_slowly():
     expected = np.array(reference.frequencies(10.0, 1.0, 0.0))
     error = []
@@ -337,7 +343,7 @@ def test_labels_count_within_families():
     assert sorted(every) == sorted(jb.labels(in_plane=8, flap=8, axial=6))
 
 
-@pytest.mark.parametrize("steps", [9, 600])
+@pytest.mark.parametrize("steps", [9, pytest.param(600, marks=pytest.mark.slow)])
 def test_labels_survive_veering_and_crossing(steps):
     """Slenderness 70: in-plane 3 veers with stretch 1 at gamma = 25.5, flap 3 crosses stretch 1.
 
@@ -398,7 +404,12 @@ DIFFERENTIABLE = [
         jb.labels(in_plane=3, flap=2, axial=1),
         marks=pytest.mark.slow,
     ),
-    (jb.Classical(8, 12, 12), PLAIN.at[7].set(4.0), jb.labels(in_plane=3, flap=2, axial=1)),
+    pytest.param(
+        jb.Classical(8, 12, 12),
+        PLAIN.at[7].set(4.0),
+        jb.labels(in_plane=3, flap=2, axial=1),
+        marks=pytest.mark.slow,
+    ),
 ]
 
 
@@ -594,6 +605,7 @@ def test_parameters_that_no_constructor_has_seen():
         jb.modes(model, rotor.beam, 1.0)
 
 
+@pytest.mark.slow
 def test_ten_thousand_cases_equal_single_ones():
     model, which = jb.Hybrid(6, 12, 0), jb.labels(in_plane=3)
     cases = np.random.default_rng(0).uniform([0, 0, 0], [12, 2, 2], (10_000, 3))

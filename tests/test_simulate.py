@@ -1,6 +1,7 @@
 """Simulation: balances, outputs, loads, events, gradients, batches, and what goes wrong."""
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -341,6 +342,61 @@ def test_gradients_in_space(model):
         reverse * SPATIAL[None], difference * SPATIAL[None], rtol=1e-6, atol=1e-8
     )
     assert (np.abs(reverse * SPATIAL[None]).max(0) > 1e-6).all()  # each of them matters
+
+
+class Circle(eqx.Module):
+    """A turntable on a swing: radius, tilt and rates are parameters of the motion."""
+
+    p: jax.Array
+
+    def position(self, t):
+        angle = self.p[0] * t
+        return self.p[1] * jnp.stack([jnp.sin(angle), 1 - jnp.cos(angle), 0 * t])
+
+    def rotation(self, t):
+        tilt = self.p[2] * jnp.sin(t)
+        return jb.ConstantSpeed(1.0).attitude(self.p[3] * t) @ jb.ConstantSpeed(
+            1.0, [0.0, 1.0, 0.0]
+        ).attitude(tilt)
+
+
+MOTIONS = {
+    "ConstantSpeed": (lambda p: jb.ConstantSpeed(p[0]), [3.0]),
+    "Quintic": (lambda p: jb.QuinticSpinUp(p[0], p[1]), [3.0, 1.4]),
+    "Modulated": (lambda p: jb.ModulatedSpeed(p[0], p[1], p[2]), [3.0, 0.4, 5.0]),
+    "UpThenDown": (
+        lambda p: jb.SpinUpThenDown(jb.QuinticSpinUp(p[0], p[1]), p[2]), [3.0, 0.545, 0.615]
+    ),
+    "Velocity": (
+        lambda p: jb.HubVelocity(
+            jax.tree_util.Partial(lambda p, t: p * jnp.sin(3 * t) * jnp.ones(3), p[0]),
+            jax.tree_util.Partial(lambda p, t: p * jnp.cos(2 * t) * jnp.ones(3), p[1]),
+        ),
+        [0.3, 0.7],
+    ),
+    "Pose": (
+        lambda p: jb.HubPose(Circle(p).position, Circle(p).rotation), [1.2, 0.4, 0.3, 1.5]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("build", "p"), MOTIONS.values(), ids=MOTIONS.keys())
+def test_gradients_by_parameters_of_motions(build, p):
+    p = jnp.array(p)
+
+    def final(p):
+        run = jb.simulate(
+            jb.Hybrid(1, 1, 1), ROTOR, build(p), [0.0, 0.5, 1.0], throw=False,
+            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01, max_steps=128,
+        )  # fmt: skip
+        return run.tip[-1]
+
+    reverse = jax.jit(jax.jacrev(final))(p)
+    difference = finite_difference(jax.jit(final), p, 1e-3)
+    effect = reverse * p[None]
+    np.testing.assert_allclose(effect, difference * p[None], rtol=1e-6, atol=1e-9)
+    assert (np.abs(effect).max(0) > 1e-6).all()
 
 
 def run_case(**changes):

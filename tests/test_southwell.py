@@ -32,7 +32,7 @@ MODELS = [
     ("hub", "tip", "speed"),
     [
         (0.0, 0.0, 0.0),
-        (0.5, 0.8, 2.0),
+        pytest.param(0.5, 0.8, 2.0, marks=pytest.mark.slow),
         pytest.param(0.5, 0.8, 0.0, marks=pytest.mark.slow),
         pytest.param(1.5, 0.0, 6.0, marks=pytest.mark.slow),
     ],
@@ -101,7 +101,14 @@ def test_flap_exceeds_in_plane_by_one(hub, tip, speed):
     np.testing.assert_allclose(phi[3:] - phi[:3], 1.0, rtol=1e-9)
 
 
-@pytest.mark.parametrize("model", [jb.Hybrid(8, 12, 12), jb.ANCF(5), jb.SmallStrainANCF(5)])
+@pytest.mark.parametrize(
+    "model",
+    [
+        jb.Hybrid(8, 12, 12),
+        pytest.param(jb.ANCF(5), marks=pytest.mark.slow),
+        pytest.param(jb.SmallStrainANCF(5), marks=pytest.mark.slow),
+    ],
+)
 def test_continuous_at_rest(model):
     which = jb.labels(in_plane=2, axial=1)
     at_rest = phi_of(model, slender(40.0, 0.3, 0.2), which)
@@ -201,6 +208,7 @@ def test_crossing_of_the_classical_beam():
     assert float(at) == pytest.approx(reference.frequencies(0.0)[0] / np.sqrt(2), rel=1e-10)
 
 
+@pytest.mark.slow
 def test_campbell_diagram():
     model, rotor = jb.Hybrid(8, 12, 12), slender(60.0)
     which = jb.labels(in_plane=2, flap=2)
@@ -234,6 +242,7 @@ def test_divergence_is_no_resonance():
     assert (diagram.table["frequency"][growing, 0] == 0).all()
 
 
+@pytest.mark.slow
 def test_no_resonance_where_a_label_changes_branch():
     """The line passes through the gap of the veering of in-plane 3 with stretch 1 at 25.53."""
     model, rotor, harmonic = jb.Hybrid(8, 14, 0), slender(70.0), 4.6487
