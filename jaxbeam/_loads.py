@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._beam import real_scalar, require
+from jaxbeam._motion import check_function_of_time
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Triple
 
@@ -35,10 +36,7 @@ class Loads(eqx.Module):
         else:
             self.tip_force = _triple("tip_force", tip_force)
         if callable(tip_force):
-            time = jax.ShapeDtypeStruct((), jnp.result_type(float))
-            out = eqx.filter_eval_shape(lambda t: jnp.asarray(tip_force(t)), time)
-            if out.shape != (3,):
-                raise ValueError(f"tip_force must return shape (3,), got {out.shape}")
+            check_function_of_time("tip_force", tip_force, (3,))
 
     def at_tip(self, t: Scalar) -> Triple | None:
         """Force at the tip at time t."""

@@ -242,8 +242,8 @@ class HubVelocity(Motion):
     angular_velocity: Callable[[Scalar], Triple]
 
     def __check_init__(self) -> None:
-        _check_shape("velocity", self.velocity, (3,))
-        _check_shape("angular_velocity", self.angular_velocity, (3,))
+        check_function_of_time("velocity", self.velocity, (3,))
+        check_function_of_time("angular_velocity", self.angular_velocity, (3,))
 
     def twist(self, t: Scalar) -> tuple[Triple, Triple]:
         return jnp.asarray(self.velocity(t)), jnp.asarray(self.angular_velocity(t))
@@ -260,8 +260,8 @@ class HubPose(Motion):
     rotation: Callable[[Scalar], Rotation]
 
     def __check_init__(self) -> None:
-        _check_shape("position", self.position, (3,))
-        _check_shape("rotation", self.rotation, (3, 3))
+        check_function_of_time("position", self.position, (3,))
+        check_function_of_time("rotation", self.rotation, (3, 3))
         start = self.rotation(jnp.zeros((), jnp.result_type(float)))
         if not isinstance(start, jax.core.Tracer):
             q = np.asarray(start)
@@ -282,7 +282,8 @@ class HubPose(Motion):
         return jnp.max(jnp.abs(q.T @ q - jnp.eye(3, dtype=q.dtype))) < 1e-6
 
 
-def _check_shape(name: str, function: Any, shape: tuple[int, ...]) -> None:
+def check_function_of_time(name: str, function: Any, shape: tuple[int, ...]) -> None:
+    """Raise unless `function` takes a time and returns real numbers of this shape."""
     if not callable(function):
         raise TypeError(f"{name} must be a function of time, got {type(function).__name__}")
     time = jax.ShapeDtypeStruct((), jnp.result_type(float))

@@ -133,7 +133,11 @@ def test_inclined_axis():
         ),
         (lambda: jb.Loads(gravity=[1.0, 2.0]), ValueError, r"gravity must have shape \(3,\)"),
         (lambda: jb.Loads(tip_force=[1.0, np.nan, 0]), ValueError, "must be finite"),
-        (lambda: jb.Loads(tip_force=lambda t: t), ValueError, r"tip_force must return shape"),
+        (
+            lambda: jb.Loads(tip_force=lambda t: t),
+            ValueError,
+            r"tip_force must return real numbers of shape",
+        ),
         (lambda: jb.Damping(mass=-1.0), ValueError, "damping must be finite and >= 0"),
     ],
 )

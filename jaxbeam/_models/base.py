@@ -73,6 +73,9 @@ class LinearSystem(eqx.Module):
 class Equations(eqx.Module):
     """A model of one rotor in motion: M q'' = force(hub, q, q'), in the hub frame.
 
+    Coordinates q (n,) are metres, rates m/s, forces N; the angle of the polar discrete models, in
+    rad, has moments for forces.
+
     Forces derive from the kinetic energy T(q, q', v, omega), v and omega being the velocity and
     angular velocity of the hub, and from elastic forces:
 
@@ -90,19 +93,19 @@ class Equations(eqx.Module):
 
     @abc.abstractmethod
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
-        """What accelerates the coordinates, all but damping; tip_force in hub axes, N."""
+        """Right-hand side, all but damping; `tip_force` in hub axes, in N."""
 
     def as_force(self, q: Vector, generalised: Vector) -> Vector:
-        """A generalised force (its power is that times q') as it enters `force`."""
+        """A generalised force (its power, in W, is that times q') as it enters `force`."""
         return generalised
 
     @abc.abstractmethod
     def elastic_force(self, q: Vector) -> Vector:
-        """Elastic part of the left-hand side."""
+        """Generalised elastic forces; zero at q = 0, the undeformed beam."""
 
     @abc.abstractmethod
     def strain_energy(self, q: Vector) -> Scalar:
-        """In J."""
+        """U, in J; zero at q = 0."""
 
     def nonconservative_force(self, q: Vector) -> Vector:
         """elastic_force minus the gradient of strain_energy: zero, but for Model A."""
@@ -129,7 +132,7 @@ class Equations(eqx.Module):
         """In-plane and flap curvature at x = xi L, in 1/m."""
 
     def tip(self, q: Vector) -> Triple:
-        """Displacement of the tip."""
+        """Displacement of the tip, in m: shape (3,), axial, in plane, flap."""
         return self.displacement(q, np.ones(1))[0]
 
     def tangents(
