@@ -39,10 +39,10 @@ from jaxbeam._motion import Spin as Spin
 from jaxbeam._motion import SpinUpThenDown as SpinUpThenDown
 from jaxbeam._motion import inclined as inclined
 from jaxbeam._scene import Scene as Scene
-from jaxbeam._simulate import Simulation as Simulation
 from jaxbeam._simulate import deflection_limit as deflection_limit
 from jaxbeam._simulate import simulate as simulate
 from jaxbeam._simulate import steady_start as steady_start
+from jaxbeam._simulation import Simulation as Simulation
 from jaxbeam._solvers.rodas import Rodas5P as Rodas5P
 from jaxbeam._solvers.system import SecondOrderSystem as SecondOrderSystem
 from jaxbeam._solvers.system import State as State

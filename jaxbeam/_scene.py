@@ -155,7 +155,7 @@ class Scene(SecondOrderSystem):
 def input_status(
     model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array
 ) -> Code:
-    """The first thing that is out of range, at any of the output times."""
+    """The first thing that is out of range, at any of the output times or `during` the run."""
 
     def one(t: Scalar) -> tuple[Array, Array, Array]:
         hub, force = motion.hub(t, loads.gravity), loads.at_tip(t)
@@ -167,7 +167,7 @@ def input_status(
         moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
         return moves, jnp.all(jnp.isfinite(force)) & jnp.all(jnp.isfinite(hub.gravity)), planar
 
-    moves, loaded, planar = jax.vmap(one)(times)
+    moves, loaded, planar = jax.vmap(one)(jnp.concatenate([times, during(times)]))
     rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
     status = jnp.asarray(Status.OK)
     if Family.FLAP not in model.families:
@@ -182,6 +182,11 @@ def input_status(
         status = jnp.where(ok, status, code)
     given = rotor.status(jnp.zeros((), times.dtype))
     return jnp.where(given == Status.OK, status, given).astype(int)
+
+
+def during(times: Array) -> Array:
+    """Times all along a run, whatever its output times are: what is looked at on the way."""
+    return jnp.linspace(times[0], times[-1], 65)
 
 
 def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:

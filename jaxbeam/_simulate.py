@@ -8,167 +8,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jaxbeam._beam import checked_rotor, positive
+from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, equilibrium
-from jaxbeam._motion import Motion
-from jaxbeam._scene import Scene, check_scene, check_start, checked_times, input_status
+from jaxbeam._motion import Motion, spinning
+from jaxbeam._scene import Scene, check_scene, check_start, checked_times, during, input_status
+from jaxbeam._simulation import Simulation, checked_point
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.system import State, second_order_term, without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Scalar, Vector
-
-
-class Simulation(eqx.Module):
-    """What became of a scene: T times, n coordinates, p points.
-
-    | field      | shape  | unit |                                                               |
-    |------------|--------|------|---------------------------------------------------------------|
-    | times      | (T,)   | s    | output times                                                  |
-    | state      | (T, n) | m    | coordinates `q`, rates `v`, `work` (see `Scene`); NaN where   |
-    |            |        |      | the run did not get (it failed, or an event ended it)         |
-    | imbalance  | (T,)   |      | change of `jacobi_integral` less work, over its largest parts |
-    | status     | ()     |      | `Status`                                                      |
-    | end_time   | ()     | s    | the last output time that was reached                         |
-    | solution   |        |      | the solution of diffrax: statistics, interpolation, events    |
-    | scene      |        |      | what was simulated                                            |
-
-    Everything else is computed when asked for. Displacements are in the hub frame, components
-    axial, in plane, flap, from the undeformed place; points are given as xi = x / L.
-    """
-
-    times: Float[Array, " T"]
-    state: State
-    imbalance: Float[Array, " T"]
-    status: Code
-    end_time: Scalar
-    solution: diffrax.Solution
-    scene: Scene
-
-    def displacement(self, xi: Any = 1.0) -> Float[Array, "T p 3"]:
-        """Displacement of the points xi, in m."""
-        return self._each(_displacement, *_points(xi))
-
-    @property
-    def tip(self) -> Float[Array, "T 3"]:
-        """Displacement of the tip, in m."""
-        return self.displacement()[:, 0]
-
-    def strain(self, xi: Any = 0.0) -> Float[Array, "T p"]:
-        """Axial strain of the centre line."""
-        return self._each(_strain, *_points(xi))
-
-    def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
-        """In-plane and flap curvature, in 1/m: surface strain is the axial one less y times it."""
-        return self._each(_curvature, *_points(xi))
-
-    @property
-    def strain_energy(self) -> Float[Array, " T"]:
-        """In J."""
-        return self._each(_strain_energy)
-
-    @property
-    def energy(self) -> Float[Array, " T"]:
-        """Kinetic energy in the inertial frame plus strain energy, in J."""
-        return self._each(Scene.total_energy)
-
-    @property
-    def jacobi_integral(self) -> Float[Array, " T"]:
-        """Kinetic energy seen from the hub, centrifugal potential and strain energy, in J."""
-        return self._each(_jacobi)
-
-    @property
-    def hub_force(self) -> Float[Array, "T 3"]:
-        """Force of the hub on the beam, in N, hub axes."""
-        return self._each(Scene.reaction)[0]
-
-    @property
-    def hub_torque(self) -> Float[Array, "T 3"]:
-        """Moment of the hub on the beam about the centre of the hub, in N m, hub axes."""
-        return self._each(Scene.reaction)[1]
-
-    def peak(self, component: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
-        """Largest deflection either way (m, with its sign) of a point, and when (s).
-
-        Between output times by cubic interpolation with the rates, exact to fourth order.
-        Components 0, 1, 2 are axial, in plane, flap. The value is differentiable; the time carries
-        no derivative.
-        """
-        if self.times.size < 2:
-            raise ValueError("peak needs two or more output times")
-        return _peak(self, *_checked_point(component, xi))
-
-    def _each(self, function: Any, *xi: float) -> Any:
-        return _mapped(function, self.scene, self.times, self.state, xi)
-
-
-@eqx.filter_jit
-def _mapped(function: Any, scene: Scene, times: Array, state: State, xi: tuple[float, ...]) -> Any:
-    return jax.vmap(lambda t, y: function(scene, t, y, *xi))(times, state)
-
-
-def _points(xi: Any) -> tuple[float, ...]:
-    points = np.atleast_1d(np.asarray(xi, float))
-    if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
-        raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
-    return tuple(points.tolist())
-
-
-def _checked_point(component: int, xi: float) -> tuple[int, float]:
-    if component not in (0, 1, 2):
-        raise ValueError(f"component must be 0 (axial), 1 (in plane) or 2 (flap), got {component}")
-    (point,) = _points(xi)
-    return component, point
-
-
-def _displacement(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 3"]:
-    return scene.equations.displacement(y.q, np.array(xi))
-
-
-def _strain(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
-    return scene.equations.strain(y.q, np.array(xi))
-
-
-def _curvature(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 2"]:
-    return scene.equations.curvature(y.q, np.array(xi))
-
-
-def _strain_energy(scene: Scene, t: Scalar, y: State) -> Scalar:
-    return scene.equations.strain_energy(y.q)
-
-
-def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
-    return sum(scene.energies(t, y))  # type: ignore[return-value]
-
-
-@eqx.filter_jit
-def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
-    def place(q: Vector) -> Scalar:
-        return run.scene.equations.displacement(q, np.array([xi]))[0, component]
-
-    def both(y: State) -> tuple[Scalar, Scalar]:
-        return jax.jvp(place, (y.q,), (y.v,))
-
-    u, rate = jax.vmap(both)(run.state)
-    t, h = run.times[:-1], jnp.diff(run.times)
-    s, value = jax.vmap(_extremes)(u[:-1], h * rate[:-1], u[1:], h * rate[1:])
-    at = jnp.argmax(jnp.where(jnp.isnan(value), -1.0, jnp.abs(value)))
-    return value.ravel()[at], (t[:, None] + h[:, None] * s).ravel()[at]
-
-
-def _extremes(u0: Scalar, v0: Scalar, u1: Scalar, v1: Scalar) -> tuple[Vector, Vector]:
-    """Where in [0, 1] the cubic of these values and slopes can be extreme, and its values there."""
-    rise = u1 - u0
-    a, b = v0 + v1 - 2 * rise, 3 * rise - 2 * v0 - v1
-    # Roots of v0 + 2 b s + 3 a s^2, in the form that does not cancel. They carry no derivative:
-    # where an extremum is does not matter to the derivative of its value.
-    half = -b - jnp.copysign(jnp.sqrt(jnp.maximum(b**2 - 3 * a * v0, 0.0)), b)
-    roots = half / jnp.where(a == 0, 1.0, 3 * a), v0 / jnp.where(half == 0, 1.0, half)
-    s = jax.lax.stop_gradient(jnp.stack([jnp.zeros_like(a), jnp.ones_like(a), *roots]))
-    s = jnp.clip(s, 0.0, 1.0)
-    return s, u0 + s * (v0 + s * (b + s * a))
+from jaxbeam._types import Code, Scalar
 
 
 def simulate(
@@ -194,7 +46,8 @@ def simulate(
     """Integrate a model through a motion of its hub, from times[0] to times[-1] (s, increasing).
 
     By default the beam starts undeformed and at rest in the hub (`start`: see `steady_start`, or
-    give a `State`), `Rodas5P` integrates with relative tolerance 1e-6, and the state is saved at
+    give a `State`), `Rodas5P` integrates with tolerance 1e-6, relative to the state and to the
+    deflection to expect (the largest static one under the loads), and the state is saved at
     `times`. `solver`, `stepsize_controller`, `dt0`, `saveat`, `adjoint`, `event`, `progress_meter`
     and `max_steps` are those of `diffrax.diffeqsolve`; functions in them see t, the `State` and the
     `Scene`. Numbers in them compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do
@@ -208,7 +61,7 @@ def simulate(
     - the parameters, the motion or the loads are out of range, or leave the plane of the model;
     - the solver gave up (`MAX_STEPS`, `STEP_FAILED`), or its result is not finite;
     - the tip went farther than ten lengths: `DIVERGED`. The run ends there, and what came before is
-      kept. With an `event` of your own it goes on;
+      kept. With an `event` of your own, or `BacksolveAdjoint`, it goes on;
     - the energy is out of balance with the work done by more than `balance_tolerance` times the
       largest energy (`UNBALANCED`; the numbers are kept): a loose tolerance with an explicit solver
       can return a success that is nonsense.
@@ -220,8 +73,11 @@ def simulate(
     check_scene(motion, loads, damping, times[0])
     if start is not None:
         check_start(model, start)
-    if saveat is not None:
-        _check_saveat(saveat, times)
+    if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event is not None):
+        raise ValueError(
+            "BacksolveAdjoint integrates another system backwards and bears no event: give a "
+            "solver that takes any system (diffrax.Kvaerno5(), ...) and no event with it"
+        )
     result = _simulate(
         model, rotor, motion, times, loads, damping, start,
         Rodas5P() if solver is None else solver,
@@ -251,9 +107,14 @@ def _simulate(
         lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
         (rotor, motion, loads, damping),
     )
-    times = jnp.where(fine, times, jnp.linspace(0.0, 1.0, times.size))
+    # Only bad times change: a `saveat` and a controller may hold others that go with them.
+    timely = jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
+    times = jnp.where(timely, times, jnp.linspace(0.0, 1.0, times.size))
     if saveat is None:
         saveat = diffrax.SaveAt(ts=times, t1=event is not None)
+    else:
+        saveat, within = _within(saveat, times)
+        given = jnp.where(fine & ~within, Status.INVALID_TIMES, given)
     now = Scene(model, rotor, motion, loads, damping)
     n = len(model.families)
     if start is None:
@@ -267,23 +128,25 @@ def _simulate(
     if controller is None:
         controller = diffrax.PIDController(
             rtol=1e-6,
-            atol=1e-7 * now.equations.size,
+            atol=1e-6 * _yardstick(*without_derivatives((now, times, y0))),
             dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
             force_dtmin=False,
         )
+    watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears neither of these
+    runaway = event is None and watched
     solution = diffrax.diffeqsolve(
-        second_order_term(solver), solver, times[0], times[-1], dt0, y0, now, saveat=saveat,
+        second_order_term(solver), solver, times[0], times[-1], dt0, y0, now,
+        saveat=_with_watch(saveat, times) if watched else saveat,
         stepsize_controller=controller, adjoint=adjoint,
-        event=diffrax.Event(_runaway) if event is None else event, max_steps=max_steps,
+        event=diffrax.Event(_runaway) if runaway else event, max_steps=max_steps,
         progress_meter=progress_meter, throw=False,
     )  # fmt: skip
-    ended = _solver_status(solution.result, event is None)
+    solution, watch = _without_watch(solution) if watched else (solution, None)
+    ended = _solver_status(solution.result, runaway)
     at, state = _saved(solution, times, n)
     reached = jnp.isfinite(at)
     state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
-    safe = jax.tree.map(jnp.nan_to_num, state)
-    when = jnp.where(reached, at, times[0])
-    imbalance, far = _account(*without_derivatives((now, times[0], y0, when, safe)))
+    imbalance, far = _account(*without_derivatives((now, times[0], y0, (at, state), watch)))
 
     status = jnp.asarray(Status.OK)
     unbalanced = jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance))
@@ -293,6 +156,7 @@ def _simulate(
     status = jnp.where(jax.tree.reduce(jnp.logical_and, finite), status, Status.NOT_FINITE)
     status = jnp.where(ended != Status.OK, ended, status)
     status = jnp.where(given != Status.OK, given, status)
+    when = jnp.where(reached, at, times[0])
     return Simulation(
         times=jnp.where(reached, at, jnp.nan),
         state=state,
@@ -310,19 +174,55 @@ def _beside(mask: Array, values: Array) -> Array:
 
 
 def _account(
-    scene: Scene, t0: Scalar, y0: State, times: Array, states: State
-) -> tuple[Array, Array]:
-    """Change of energy less work over the largest energy, and whether the tip is too far away."""
+    scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State],
+    watch: tuple[Array, State] | None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Of saved states: change of energy less work over the largest energy of the run, and whether
+    the tip is too far away."""
+    start = t0[None], jax.tree.map(lambda a: a[None], y0)
+    parts = [saved, start] if watch is None else [saved, start, watch]
+    times, states = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
+    reached = jnp.isfinite(times)
+    states = jax.tree.map(lambda a: jnp.where(_beside(reached, a), jnp.nan_to_num(a), 0.0), states)
 
     def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
         parts = jnp.stack(scene.energies(t, y))
         balance = jnp.sum(parts) - scene.work_unit * y.work
         return balance, jnp.sum(jnp.abs(parts)), _far(scene, y)
 
-    balance0, size0, _ = one(t0, y0)
-    balance, size, far = jax.vmap(one)(times, states)
-    largest = jnp.maximum(jnp.max(size, initial=0.0), size0)
-    return (balance - balance0) / jnp.where(largest > 0, largest, 1.0), far
+    balance, size, far = jax.vmap(one)(jnp.where(reached, times, t0), states)
+    n = saved[0].size
+    largest = jnp.max(size)
+    return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
+
+
+def _with_watch(saveat: diffrax.SaveAt, times: Array) -> diffrax.SaveAt:
+    """Also save all along the run: outputs may miss where energies are large."""
+    subs = (saveat.subs, diffrax.SubSaveAt(ts=during(times)))
+    return eqx.tree_at(lambda s: s.subs, saveat, subs)
+
+
+def _without_watch(solution: diffrax.Solution) -> tuple[diffrax.Solution, tuple[Array, State]]:
+    assert solution.ts is not None
+    assert solution.ys is not None
+    (ts, watch_ts), (ys, watch) = solution.ts, solution.ys
+    own = eqx.tree_at(lambda s: (s.ts, s.ys), solution, (ts, ys), is_leaf=lambda x: x is None)
+    return own, (watch_ts, watch)
+
+
+def _yardstick(scene: Scene, times: Array, y0: State) -> Scalar:
+    """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
+    loads of the run, or that at the start; at least 1e-6 and at most 0.1 lengths."""
+    equations, rest = scene.equations, jnp.zeros_like(y0.q)
+    flexibility = inverse(equations.tangents(spinning(times[0] * 0), rest, rest, None)[0])
+    static = jax.vmap(lambda t: equations.tip(flexibility @ scene.force(t, rest, rest)))(
+        during(times)
+    )
+    at, rate = jax.jvp(equations.tip, (y0.q,), (y0.v,))
+    frequency = 3.5 * jnp.sqrt(equations.energy_scale / equations.rigid[0]) / equations.size
+    size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], rate[None] / frequency)]
+    largest = jnp.nan_to_num(jnp.max(jnp.concatenate(size)), nan=0.0)
+    return jnp.clip(largest, 1e-6 * equations.size, 0.1 * equations.size)
 
 
 def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, State]:
@@ -356,12 +256,21 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
     return status
 
 
-def _check_saveat(saveat: diffrax.SaveAt, times: Array) -> None:
-    for sub in jax.tree.leaves(saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt)):
-        if sub.ts is None or any(isinstance(a, jax.core.Tracer) for a in (sub.ts, times)):
-            continue
-        if not np.all((sub.ts >= times[0]) & (sub.ts <= times[-1])):
-            raise ValueError("saveat must save within times[0] and times[-1]")
+def _within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, Array]:
+    """`saveat` with its times held within the run, and whether they were."""
+    held, within = saveat, jnp.asarray(True)
+    subs = jax.tree.leaves(saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
+    for i, sub in enumerate(subs):
+        if sub.ts is not None:
+            within &= jnp.all((sub.ts >= times[0]) & (sub.ts <= times[-1]))
+            ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0], times[-1])
+
+            def where(saveat: diffrax.SaveAt, i: int = i) -> Array:
+                kind = diffrax.SubSaveAt
+                return jax.tree.leaves(saveat.subs, is_leaf=lambda s: isinstance(s, kind))[i].ts
+
+            held = eqx.tree_at(where, held, ts)
+    return held, within
 
 
 def steady_start(
@@ -408,7 +317,7 @@ def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax
     `component` 0, 1, 2: axial, in plane, flap, of the point xi. The last output is at the event.
     """
     return diffrax.Event(
-        _Limit(positive("limit", limit), *_checked_point(component, xi)),
+        _Limit(positive("limit", limit), *checked_point(component, xi)),
         optimistix.Newton(rtol=1e-10, atol=1e-10),
     )
 

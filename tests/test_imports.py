@@ -25,6 +25,7 @@ ORDER = [
     "_solvers.system",
     "_scene",
     "_solvers.rodas",
+    "_simulation",
     "_simulate",
     "_modes",
     "_sweep",
@@ -34,7 +35,7 @@ ORDER = [
 OWNERS = {
     "matplotlib": {"plot"},
     "xarray": {"_sweep"},
-    "diffrax": {"_simulate", "_solvers.system", "_solvers.rodas"},
+    "diffrax": {"_simulation", "_simulate", "_solvers.system", "_solvers.rodas"},
     "optimistix": {"_simulate"},
 }
 FILES = sorted(PACKAGE.rglob("*.py"))

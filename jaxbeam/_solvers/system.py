@@ -26,6 +26,10 @@ class State(eqx.Module):
     v: Vector
     work: Scalar
 
+    def __init__(self, q: Vector, v: Vector, work: Scalar | None = None) -> None:
+        self.q, self.v = q, v
+        self.work = jnp.zeros((), jnp.result_type(float)) if work is None else work
+
 
 class SecondOrderSystem(eqx.Module):
     """M q'' = force(t, q, q'), work' = power(t, q, q'), with constant M.
