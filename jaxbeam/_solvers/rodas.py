@@ -159,8 +159,8 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
     ) -> tuple[State, State, dict[str, State], None, Any]:  # fmt: skip
         """One step."""
         # In a batch, lanes that are done go on with steps of length zero, whose results are thrown
-        # away; dividing by zero would still leave NaN in their gradients.
-        h = jnp.where(t1 == t0, 1.0, t1 - t0)
+        # away; dividing by zero, or overflow in a long step, would still leave NaN in gradients.
+        h = jnp.where(t1 == t0, 1e-9, t1 - t0)
         q, v, g = y0.q, y0.v, _GAMMA * h
         k, c = args.tangents(t0, q, v)
         solve = inverse(args.mass / g + c + g * k)
