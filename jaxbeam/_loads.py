@@ -31,12 +31,11 @@ class Loads(eqx.Module):
 
     def __init__(self, gravity: Any = None, tip_force: Any = None) -> None:
         self.gravity = None if gravity is None else _triple("gravity", gravity)
-        if tip_force is None or callable(tip_force):
-            self.tip_force = tip_force
-        else:
-            self.tip_force = _triple("tip_force", tip_force)
         if callable(tip_force):
             check_function_of_time("tip_force", tip_force, (3,))
+            self.tip_force = tip_force
+        else:
+            self.tip_force = None if tip_force is None else _triple("tip_force", tip_force)
 
     def at_tip(self, t: Scalar) -> Triple | None:
         """Force at the tip at time t."""

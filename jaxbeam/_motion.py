@@ -152,6 +152,7 @@ class ConstantSpeed(Spin):
 
 
 class _SpinUp(Spin):
+    # Subclasses repeat __init__: type checkers would otherwise make one from the fields.
     speed: Scalar
     duration: Scalar
     axis: Triple

@@ -172,16 +172,20 @@ def input_status(
     status = jnp.asarray(Status.OK)
     if Family.FLAP not in model.families:
         status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
-    ordered = jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
     for ok, code in (
         (jnp.all(loaded), Status.INVALID_LOAD),
         (jnp.all(moves), Status.INVALID_MOTION),
         (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
-        (ordered, Status.INVALID_TIMES),
+        (increasing(times), Status.INVALID_TIMES),
     ):
         status = jnp.where(ok, status, code)
     given = rotor.status(jnp.zeros((), times.dtype))
     return jnp.where(given == Status.OK, status, given).astype(int)
+
+
+def increasing(times: Array) -> Array:
+    """Whether times are finite and increasing."""
+    return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
 
 
 def during(times: Array) -> Array:

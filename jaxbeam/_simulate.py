@@ -15,7 +15,15 @@ from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, equilibrium
 from jaxbeam._motion import Motion, spinning
-from jaxbeam._scene import Scene, check_scene, check_start, checked_times, during, input_status
+from jaxbeam._scene import (
+    Scene,
+    check_scene,
+    check_start,
+    checked_times,
+    during,
+    increasing,
+    input_status,
+)
 from jaxbeam._simulation import Simulation, checked_point
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.system import State, second_order_term, without_derivatives
@@ -108,8 +116,7 @@ def _simulate(
         (rotor, motion, loads, damping),
     )
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
-    timely = jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
-    times = jnp.where(timely, times, jnp.linspace(0.0, 1.0, times.size))
+    times = jnp.where(increasing(times), times, jnp.linspace(0.0, 1.0, times.size))
     if saveat is None:
         saveat = diffrax.SaveAt(ts=times, t1=event is not None)
     else:
@@ -119,9 +126,9 @@ def _simulate(
     n = len(model.families)
     if start is None:
         zero = jnp.zeros(n, times.dtype)
-        y0 = State(zero, zero, jnp.zeros((), times.dtype))
+        y0 = State(zero, zero)
     else:
-        y0 = State(start.q, start.v, jnp.zeros((), times.dtype))
+        y0 = State(start.q, start.v)
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = jnp.where(fine & ~started, Status.INVALID_START, given)
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
@@ -214,7 +221,9 @@ def _yardstick(scene: Scene, times: Array, y0: State) -> Scalar:
     """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
     loads of the run, or that at the start; at least 1e-6 and at most 0.1 lengths."""
     equations, rest = scene.equations, jnp.zeros_like(y0.q)
-    flexibility = inverse(equations.tangents(spinning(times[0] * 0), rest, rest, None)[0])
+    flexibility = inverse(
+        equations.tangents(spinning(jnp.zeros_like(times[0])), rest, rest, None)[0]
+    )
     static = jax.vmap(lambda t: equations.tip(flexibility @ scene.force(t, rest, rest)))(
         during(times)
     )
@@ -258,19 +267,18 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
 
 def _within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, Array]:
     """`saveat` with its times held within the run, and whether they were."""
-    held, within = saveat, jnp.asarray(True)
-    subs = jax.tree.leaves(saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
-    for i, sub in enumerate(subs):
-        if sub.ts is not None:
-            within &= jnp.all((sub.ts >= times[0]) & (sub.ts <= times[-1]))
-            ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0], times[-1])
+    within = jnp.asarray(True)
 
-            def where(saveat: diffrax.SaveAt, i: int = i) -> Array:
-                kind = diffrax.SubSaveAt
-                return jax.tree.leaves(saveat.subs, is_leaf=lambda s: isinstance(s, kind))[i].ts
+    def held(sub: diffrax.SubSaveAt) -> diffrax.SubSaveAt:
+        nonlocal within
+        if sub.ts is None:
+            return sub
+        within &= jnp.all((sub.ts >= times[0]) & (sub.ts <= times[-1]))
+        ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0], times[-1])
+        return eqx.tree_at(lambda s: s.ts, sub, ts)
 
-            held = eqx.tree_at(where, held, ts)
-    return held, within
+    subs = jax.tree.map(held, saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
+    return eqx.tree_at(lambda s: s.subs, saveat, subs, is_leaf=lambda s: s is None), within
 
 
 def steady_start(
@@ -308,7 +316,7 @@ def _steady(
     q, status = equilibrium(model.equations(rotor), hub, loads.at_tip(t))
     status = jnp.where(given == Status.OK, status, given)
     q = jnp.where(status == Status.OK, q, jnp.nan)
-    return State(q, jnp.zeros_like(q), jnp.zeros((), t.dtype)), status
+    return State(q, jnp.zeros_like(q)), status
 
 
 def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax.Event:

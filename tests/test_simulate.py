@@ -32,6 +32,20 @@ def each_model(test):
     return pytest.mark.parametrize(("model", "rotor"), FEW + slow, ids=name)(test)
 
 
+def power_of_loads(scene, t, y):
+    """Of gravity and the force at the tip, in the inertial frame."""
+    hub, equations = scene.hub(t), scene.equations
+    mass, first, _ = equations.rigid
+
+    def power(force, moment, along, carried):
+        at, moved = jax.jvp(moment, (y.q,), (y.v,))
+        at = at.at[0].add(along)
+        return force @ (moved + carried * hub.velocity + jnp.cross(hub.angular_velocity, at))
+
+    weight = power(hub.gravity, equations.first_moment, first, mass)
+    return weight + power(scene.loads.at_tip(t), equations.tip, equations.end, 1.0)
+
+
 @each_model
 def test_work_balance_during_spin_up(model, rotor):
     """Hub torque times speed, gravity, tip force and damping give the change of total energy."""
@@ -43,29 +57,27 @@ def test_work_balance_during_spin_up(model, rotor):
         model, rotor, motion, times, loads=loads, damping=damping, stepsize_controller=TIGHT
     )
 
-    def outside(t, y):
-        """Power of everything but the hub, and that lost to what is not conservative."""
-        scene, hub = run.scene, run.scene.hub(t)
-        equations = scene.equations
-        first = equations.first_moment(y.q) + equations.rigid[1] * jnp.eye(3)[0]
-        end = equations.tip(y.q) + equations.end * jnp.eye(3)[0]
-        rate = jax.jvp(equations.first_moment, (y.q,), (y.v,))[1]
-        tip = jax.jvp(equations.tip, (y.q,), (y.v,))[1]
-        spin = hub.angular_velocity
-        weight = hub.gravity @ (rate + jnp.cross(spin, first))
-        force = loads.at_tip(t) @ (tip + jnp.cross(spin, end))
+    def besides_hub(t, y):
+        """Power of everything but the hub, less that lost to what is not conservative."""
+        equations = run.scene.equations
         elastic_rate = jax.jvp(equations.elastic_force, (y.q,), (y.v,))[1]
         momentum = jax.grad(equations.kinetic_energy, 1)(y.q, y.v, jnp.zeros(3), jnp.zeros(3))
         lost = (0.3 * momentum + 2e-3 * elastic_rate) @ y.v
-        return weight + force - lost - equations.nonconservative_force(y.q) @ y.v
+        return power_of_loads(run.scene, t, y) - lost - equations.nonconservative_force(y.q) @ y.v
 
     speed = jax.vmap(motion.angular_speed)(times)
-    power = run.hub_torque[:, 2] * speed + jax.jit(jax.vmap(outside))(times, run.state)
+    power = run.hub_torque[:, 2] * speed + jax.jit(jax.vmap(besides_hub))(times, run.state)
     h = times[1] - times[0]
     weights = h / 3 * np.r_[1, np.tile([4, 2], 199), 4, 1]  # Simpson
     change = run.energy[-1] - run.energy[0]
     np.testing.assert_allclose(weights @ power, change, rtol=2e-6)
     assert np.abs(run.imbalance).max() < 1e-7
+
+
+def drift(run):
+    """Of the Jacobi integral, over the largest strain energy."""
+    h = run.jacobi_integral
+    return np.abs(h - h[0]).max() / np.abs(run.strain_energy).max()
 
 
 @pytest.mark.slow
@@ -81,17 +93,14 @@ def test_jacobi_integral_is_constant_at_constant_speed(model, rotor):
     start = jb.steady_start(model, rotor, motion, loads=push)
     run = jb.simulate(
         model, rotor, motion, np.linspace(0, end, 50), start=start, max_steps=10**6,
-        stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-11),
+        stepsize_controller=TIGHT,
     )  # fmt: skip
-    h = run.jacobi_integral
-    drift = np.abs(h - h[0]).max() / np.abs(run.strain_energy).max()
     if isinstance(model, jb.ANCF):
         # what the forces of B eq. A-5 do beyond the gradient of B eq. 9
-        print("drift of Model A:", drift)
-        assert drift < 1e-1
+        assert drift(run) < 1e-1
         assert np.abs(run.imbalance).max() < 1e-8
     else:
-        assert drift < 1e-8
+        assert drift(run) < 1e-8
 
 
 @pytest.mark.slow
@@ -107,11 +116,10 @@ def test_jacobi_integral_of_large_motion(model):
     start = jb.steady_start(model, ROTOR, motion, loads=push)
     run = jb.simulate(
         model, ROTOR, motion, np.linspace(0, 20.0, 201), start=start, max_steps=10**6,
-        stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-11),
+        stepsize_controller=TIGHT,
     )  # fmt: skip
     assert np.abs(run.tip[0, 1]) > 0.15
-    h = run.jacobi_integral
-    assert np.abs(h - h[0]).max() < 1e-8 * np.abs(run.strain_energy).max()
+    assert drift(run) < 1e-8
 
 
 def test_steady_start_stays():
@@ -423,7 +431,8 @@ def test_gradients_by_parameters_of_motions(build, p):
         return run.tip[-1]
 
     reverse = jax.jit(jax.jacrev(final))(p)
-    difference = finite_difference(jax.jit(final), p, 1e-3)
+    # Steps so small that no kink of a motion passes a stage: UpThenDown has three.
+    difference = finite_difference(jax.jit(final), p, 1e-4)
     effect = reverse * p[None]
     np.testing.assert_allclose(effect, difference * p[None], rtol=1e-6, atol=1e-9)
     assert (np.abs(effect).max(0) > 1e-6).all()
@@ -616,21 +625,12 @@ def test_force_and_torque_of_the_hub_balance_power(model):
 
     @jax.jit
     def both(t):
-        hub, equations = scene.hub(t), scene.equations
+        hub, y = scene.hub(t), jb.State(q, v)
         moving = jb.State(v, scene.acceleration(t, q, v))
-        rate = jax.jvp(scene.total_energy, (t, jb.State(q, v)), (jnp.ones(()), moving))[1]
-        mass, first, _ = equations.rigid
-
-        def power(force, arm, along, carried):
-            moment, moved = jax.jvp(arm, (q,), (v,))
-            moment = moment.at[0].add(along)
-            velocity = moved + carried * hub.velocity + jnp.cross(hub.angular_velocity, moment)
-            return force @ velocity
-
-        outside = power(hub.gravity, equations.first_moment, first, mass)
-        outside += power(loads.at_tip(t), equations.tip, equations.end, 1.0)
-        force, torque = scene.reaction(t, jb.State(q, v))
-        return rate, outside + force @ hub.velocity + torque @ hub.angular_velocity
+        rate = jax.jvp(scene.total_energy, (t, y), (jnp.ones(()), moving))[1]
+        force, torque = scene.reaction(t, y)
+        of_hub = force @ hub.velocity + torque @ hub.angular_velocity
+        return rate, power_of_loads(scene, t, y) + of_hub
 
     np.testing.assert_allclose(*both(jnp.asarray(0.7)), rtol=1e-11)
 
