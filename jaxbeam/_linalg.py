@@ -8,12 +8,15 @@ the time goes), and gives each lane its own branches and its own number of itera
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Inexact, Int
+
+from jaxbeam._blocks import BlockInverse, BlockTridiagonal
 
 
 @sequential_vmap
@@ -57,20 +60,62 @@ def _gauss_jordan(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return a[:, jnp.argsort(order)]
 
 
-@jax.custom_jvp
-def inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Inverse of a matrix that is used many times.
+def dense(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"]:
+    """The matrix as an array."""
+    return a.dense() if isinstance(a, BlockTridiagonal) else a
 
-    Up to n = 100 without LAPACK, about as fast: its threads, which on a busy machine can wait for
-    each other a hundred times as long as they work, stay out of the loop over time steps.
+
+@overload
+def inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]: ...
+@overload
+def inverse(a: BlockTridiagonal) -> BlockInverse: ...
+def inverse(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"] | BlockInverse:
+    """Inverse of a matrix that is used many times: what multiplies (`@`) right-hand sides."""
+    return a.inverse() if isinstance(a, BlockTridiagonal) else _dense_inverse(a)
+
+
+@jax.custom_jvp
+def _dense_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Up to n = 100 without LAPACK, about as fast: its threads, which on a busy machine can wait
+    for each other a hundred times as long as they work, stay out of the loop over time steps.
     """
     return _gauss_jordan(a) if a.shape[0] <= 100 else _lapack_inverse(a)
 
 
-@inverse.defjvp
+@_dense_inverse.defjvp
 def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    b = inverse(*primals)
+    b = _dense_inverse(*primals)
     return b, -b @ tangents[0] @ b
+
+
+def exponential(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """exp(a), by Taylor's series of a / 2^k and k squarings; differentiable in both modes.
+
+    Without LAPACK, and for norms up to 2^24 (`jax.scipy.linalg.expm` stops at 2^16 by default).
+    Relative error about eps times the norm, as a skew matrix of that norm has anyhow.
+    """
+    n = a.shape[0]
+    norm = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(a), 0)))
+    # With the norm at most 1/4, the terms left out after degree 12 are below 1e-17.
+    k = jnp.clip(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-300))) + 2, 0, 26)
+    a = a * jnp.exp2(-k)
+    eye = jnp.eye(n, dtype=a.dtype)
+    a2 = a @ a
+    a3 = a2 @ a
+    # exp(a) - 1, which squares without losing what is small beside 1: (1 + e)^2 - 1 = 2 e + e^2
+    weights = 1.0 / np.cumprod(np.arange(1.0, 13.0))
+    groups = [
+        weights[3 * i] * a + weights[3 * i + 1] * a2 + weights[3 * i + 2] * a3 for i in range(4)
+    ]
+    e = groups[3]
+    for group in groups[2::-1]:
+        e = group + a3 @ e
+
+    def square(e: Array, i: Array) -> tuple[Array, None]:
+        return jax.lax.cond(i < k, lambda e: 2 * e + e @ e, lambda e: e, e), None
+
+    e, _ = jax.lax.scan(square, e, jnp.arange(26.0, dtype=a.dtype))
+    return e + eye
 
 
 def find_root(

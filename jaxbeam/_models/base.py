@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._beam import Rotor, SpringRotor, checked_rotor, checked_speed
-from jaxbeam._linalg import find_root
+from jaxbeam._blocks import BlockTridiagonal
+from jaxbeam._linalg import dense, find_root
 from jaxbeam._motion import Hub, spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Triple, Vector
@@ -85,11 +86,16 @@ class Equations(eqx.Module):
     and for any T the total energy changes by exactly what hub and external forces do.
     """
 
-    mass: eqx.AbstractVar[Matrix]
+    mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
     rigid: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
     size: eqx.AbstractVar[Scalar]  # length, the yardstick of displacements, m
     end: eqx.AbstractVar[Scalar]  # distance of the undeformed tip from the axis, m
     energy_scale: eqx.AbstractVar[Scalar]  # a natural unit of energy, J
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether `force` is linear in q and v."""
+        return False
 
     @abc.abstractmethod
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
@@ -135,12 +141,39 @@ class Equations(eqx.Module):
         """Displacement of the tip, in m: shape (3,), axial, in plane, flap."""
         return self.displacement(q, np.ones(1))[0]
 
-    def tangents(
-        self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
-    ) -> tuple[Matrix, Matrix]:
-        """Stiffness K = -d force / dq and damping C = -d force / dq'."""
+    def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
+        """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
         return -k, -c
+
+    def elastic_tangent(self, q: Vector) -> Any:
+        """d elastic_force / dq, of the kind of `mass`."""
+        return jax.jacfwd(self.elastic_force)(q)
+
+    def damping(
+        self, q: Vector, v: Vector, mass: Scalar | None, stiffness: Scalar | None
+    ) -> Vector:
+        """mass dT/dq' + stiffness d/dt elastic_force(q), T seen from the hub; see `Damping`."""
+        out = jnp.zeros_like(q)
+        if mass is not None:
+            still = jnp.zeros(3, q.dtype)
+            out = out + mass * jax.grad(self.kinetic_energy, argnums=1)(q, v, still, still)
+        if stiffness is not None:
+            out = out + stiffness * jax.jvp(self.elastic_force, (q,), (v,))[1]
+        return out
+
+    def damping_tangents(
+        self, q: Vector, v: Vector, mass: Scalar | None, stiffness: Scalar | None
+    ) -> tuple[Any, Any]:
+        """Derivatives of `damping` by q and q', for inertia that does not depend on q."""
+        own: Any = self.mass
+        k, c = 0 * own, 0 * own
+        if mass is not None:
+            c = c + mass * own
+        if stiffness is not None:
+            tangent, rate = jax.jvp(self.elastic_tangent, (q,), (v,))
+            k, c = k + stiffness * rate, c + stiffness * tangent
+        return k, c
 
 
 class AbstractModel(eqx.Module):
@@ -183,9 +216,9 @@ class AbstractModel(eqx.Module):
         # Generalised forces again where `force` scales them; at rest its own slope does not count.
         scale = equations.as_force(q, jnp.ones_like(q))[:, None]
         return LinearSystem(
-            mass=equations.mass / scale,
-            gyroscopic=c / scale,
-            stiffness=k / scale,
+            mass=dense(equations.mass) / scale,
+            gyroscopic=dense(c) / scale,
+            stiffness=dense(k) / scale,
             steady_strain=equations.strain(q, np.zeros(1))[0],
             status=status,
             families=self.families,
@@ -204,9 +237,9 @@ def equilibrium(
     Newton's method with the load raised from zero in adaptive steps where one step will not do;
     differentiable by the implicit function theorem. `hub` is taken as it is at this moment.
     """
-    rest = jnp.zeros_like(equations.mass[0])
+    rest = jnp.zeros(equations.mass.shape[0], equations.size.dtype)
     stiffness, _ = equations.tangents(hub, rest, rest, tip_force)
-    scale = jnp.max(jnp.abs(stiffness)) * equations.size
+    scale = jnp.max(jnp.abs(dense(stiffness))) * equations.size
 
     def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
         root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else

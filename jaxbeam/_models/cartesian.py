@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._basis import Basis, Functions, bending_integrals, stretch_integrals
 from jaxbeam._beam import Rotor
+from jaxbeam._linalg import dense
 from jaxbeam._models.base import AbstractModel, Equations, Family, LinearSystem
 from jaxbeam._motion import Hub, skew, spinning
 from jaxbeam._status import Status
@@ -137,7 +138,7 @@ def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearS
     # The tension is largest at the root: c_0 + c_1 + c_2 / 2.
     c0, c1, c2 = rotor.tension(speed)
     return LinearSystem(
-        mass=equations.mass,
+        mass=dense(equations.mass),
         gyroscopic=c,
         stiffness=k,
         steady_strain=(c0 + c1 + c2 / 2) / rotor.beam.axial_stiffness,
@@ -218,6 +219,10 @@ class CartesianEquations(Equations):
         )
         return jnp.tensordot(coefficients / self.size, self.stiffening, 1)
 
+    @property
+    def is_linear(self) -> bool:
+        return isinstance(self.elasticity, LinearElasticity)
+
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
         direction, w = self.model.tables.direction, _turning(hub)
         turn = 2 * skew(hub.angular_velocity)
@@ -252,6 +257,9 @@ class CartesianEquations(Equations):
 
     def elastic_force(self, q: Vector) -> Vector:
         return self.elasticity.force(q)
+
+    def elastic_tangent(self, q: Vector) -> Matrix:
+        return self.elasticity.tangent(q)
 
     def strain_energy(self, q: Vector) -> Scalar:
         return self.elasticity.energy(q)

@@ -56,6 +56,10 @@ class _Particle(Equations):
     rotor: SpringRotor
     energy: Callable[[SpringRotor, Vector], Scalar] = eqx.field(static=True)
 
+    @property
+    def is_linear(self) -> bool:
+        return self.energy is _quadratic
+
     def tip(self, q: Vector) -> Triple:
         return jnp.concatenate([self.place(q), jnp.zeros(1)])
 
@@ -86,6 +90,14 @@ class _Particle(Equations):
 
     def first_moment(self, q: Vector) -> Triple:
         return self.rotor.mass * self.tip(q)
+
+    def damping_tangents(
+        self, q: Vector, v: Vector, mass: Scalar | None, stiffness: Scalar | None
+    ) -> tuple[Matrix, Matrix]:
+        def force(q: Vector, v: Vector) -> Vector:
+            return self.as_force(q, self.damping(q, v, mass, stiffness))
+
+        return jax.jacfwd(force, argnums=(0, 1))(q, v)
 
 
 class _Cartesian(_Particle):
@@ -156,6 +168,10 @@ class _LinearPolar(_Polar):
     """m s'' + m Omega' d theta - 2 m L Omega theta' - m Omega^2 (d + L + s) + k_T s = 0,
     m L^2 theta'' + m Omega' [L (L + d) + (2 L + d) s] + 2 m L Omega s'
     + (m d L Omega^2 + k_r) theta = 0."""
+
+    @property
+    def is_linear(self) -> bool:
+        return True
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
         m, d, length = self.rotor.mass, self.rotor.hub_radius, self.rotor.length

@@ -1,0 +1,164 @@
+"""Block-tridiagonal matrices: products, sums and elimination at a cost linear in their size."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+Blocks = Float[Array, "k b b"]
+_Vector = Float[Array, " n"]
+
+
+class BlockTridiagonal(eqx.Module):
+    """Square matrix with k blocks of b by b on its diagonal and k - 1 beside it on either side.
+
+    `rows` (k, b, 3 b) holds, row of blocks by row, the lower block, the diagonal and the upper one;
+    the first lower and the last upper block are ignored. So are the first `absent` rows and columns
+    of the first block, which are not part of the matrix: its size is n = k b - absent. Sums,
+    multiples by scalars and products with vectors (n,) are written as for arrays.
+    """
+
+    rows: Float[Array, "k b 3b"]
+    absent: int = eqx.field(static=True, default=0)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        k, b, _ = self.rows.shape
+        return (k * b - self.absent,) * 2
+
+    def __add__(self, other: "BlockTridiagonal") -> "BlockTridiagonal":
+        return jax.tree.map(jnp.add, self, other)
+
+    def __mul__(self, factor: Any) -> "BlockTridiagonal":
+        return jax.tree.map(lambda a: factor * a, self)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> "BlockTridiagonal":
+        return self * (1 / divisor)
+
+    def __matmul__(self, x: _Vector) -> _Vector:
+        b = self.rows.shape[1]
+        beside = jnp.pad(x, (self.absent + b, b)).reshape(-1, b)
+        window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
+        return self.flat(jnp.sum(self.rows * window[:, None], 2))
+
+    def dense(self) -> Float[Array, "n n"]:
+        """As an array."""
+        k, b, _ = self.rows.shape
+        blocks = self.rows.reshape(k, b, 3, b)
+        out = jnp.zeros((k, b, k + 2, b), self.rows.dtype)
+        for i in range(3):
+            out = out.at[np.arange(k), :, np.arange(k) + i].set(blocks[:, :, i])
+        return out[:, :, 1:-1].reshape(k * b, k * b)[self.absent :, self.absent :]
+
+    def inverse(self) -> "BlockInverse":
+        """What solves with this matrix, once eliminated; differentiable in both modes."""
+        return BlockInverse(self)
+
+    def blocked(self, x: _Vector) -> Float[Array, "k b"]:
+        """A vector block by block, zero where it is absent."""
+        return jnp.pad(x, (self.absent, 0)).reshape(self.rows.shape[:2])
+
+    def flat(self, x: Float[Array, "k b"]) -> _Vector:
+        """The vector of these blocks."""
+        return x.reshape(-1)[self.absent :]
+
+
+class BlockInverse(eqx.Module):
+    """Inverse of a block-tridiagonal A, to be multiplied with vectors (`@`).
+
+    Block elimination A = (S^-1 + L) (1 + G), S block-diagonal, L the lower blocks, without
+    pivoting: for matrices whose leading parts are safely invertible, such as those of time steps
+    (mass plus a little of all else) and of stable structures.
+    """
+
+    matrix: BlockTridiagonal
+    pivots: Blocks  # S
+    fore: Blocks  # S L
+    back: Blocks  # G = S U
+
+    def __init__(self, matrix: BlockTridiagonal) -> None:
+        self.matrix = matrix
+        rows = jax.lax.stop_gradient(matrix.rows)
+        k, b, _ = rows.shape
+        # Ones on the diagonal for what is absent, and nothing beside them.
+        there = np.ones((k, b, 3, b), bool)
+        there[0, :, 0] = there[-1, :, 2] = there[0, : matrix.absent] = False
+        there[0, :, 1, : matrix.absent] = there[1:2, :, 0, : matrix.absent] = False
+        ones = np.zeros((k, b, 3, b))
+        ones[0, :, 1][np.arange(matrix.absent), np.arange(matrix.absent)] = 1.0
+        shape = (k, b, 3 * b)
+        rows = jnp.where(there.reshape(shape), rows, ones.reshape(shape))
+
+        low, diagonal, up = rows[:, :, :b], rows[:, :, b : 2 * b], rows[:, :, 2 * b :]
+
+        def eliminate(before: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
+            low, diagonal, up = row
+            pivot = _small_inverse(diagonal - _times(low, _times(before, up)))
+            return pivot, pivot
+
+        above = jnp.concatenate([jnp.zeros_like(up[:1]), up[:-1]])
+        zero = jnp.zeros((b, b), rows.dtype)
+        self.pivots = jax.lax.scan(eliminate, zero, (low, diagonal, above))[1]
+        self.fore, self.back = _times(self.pivots, low), _times(self.pivots, up)
+
+    def __matmul__(self, b: _Vector) -> _Vector:
+        parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
+        a = self.matrix
+        x: Array = jax.lax.custom_linear_solve(
+            lambda x: a @ x,
+            b,
+            solve=lambda _, b: a.flat(_solve(*parts, a.blocked(b))),
+            transpose_solve=lambda _, b: a.flat(_solve_transposed(*parts, a.blocked(b))),
+        )
+        return x
+
+
+def _sweep(steps: Blocks, b: Float[Array, "k b"], *, reverse: bool) -> Float[Array, "k b"]:
+    """y_i = b_i - steps_i y_before."""
+
+    def one(y: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        y = row[0] - _apply(row[1], y)
+        return y, y
+
+    return jax.lax.scan(one, jnp.zeros_like(b[0]), (b, steps), reverse=reverse)[1]
+
+
+def _solve(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b"]) -> Array:
+    return _sweep(back, _sweep(fore, _apply(pivots, b), reverse=False), reverse=True)
+
+
+def _solve_transposed(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b"]) -> Array:
+    """(1 + G)^T z = b, then (1 + S L)^T w = z, x = S^T w: the roles of G and S L change."""
+    none = ((0, 1), (0, 0), (0, 0))
+    z = _sweep(jnp.pad(back, ((1, 0), *none[1:]))[:-1].swapaxes(1, 2), b, reverse=False)
+    w = _sweep(jnp.pad(fore, none)[1:].swapaxes(1, 2), z, reverse=True)
+    return _apply(pivots.swapaxes(1, 2), w)
+
+
+def _small_inverse(a: Float[Array, "b b"]) -> Float[Array, "b b"]:
+    """Gauss and Jordan in place, without pivoting; so short a loop compiles to one function."""
+    places = jnp.arange(a.shape[0])
+
+    def body(k: Array, a: Array) -> Array:
+        here = places == k
+        pivot = a[k, k]
+        row, column = jnp.where(here, 1.0, a[k]) / pivot, jnp.where(here, 0.0, a[:, k])
+        a = jnp.where(here[None], 0.0, a) - column[:, None] * row[None]
+        return jnp.where(here[:, None], row[None], a)
+
+    return jax.lax.fori_loop(0, a.shape[0], body, a)
+
+
+def _times(a: Array, b: Array) -> Array:
+    """Products of small matrices as sums: they fuse, and a batch of them fills vector units."""
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], -2)
+
+
+def _apply(a: Array, x: Array) -> Array:
+    return jnp.sum(a * x[..., None, :], -1)

@@ -1,0 +1,84 @@
+"""Block-tridiagonal matrices and the matrix exponential."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from jaxbeam._blocks import BlockTridiagonal
+from jaxbeam._linalg import exponential
+
+
+def case(blocks, size, absent, seed=1):
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(blocks, size, 3 * size))
+    rows[:, :, size : 2 * size] += 3 * size * np.eye(size)
+    return jnp.asarray(rows), jnp.asarray(rng.normal(size=blocks * size - absent))
+
+
+SHAPES = [(5, 4, 3), (1, 4, 0), (2, 3, 1), (9, 4, 3), (3, 1, 0)]
+
+
+@pytest.mark.parametrize(("blocks", "size", "absent"), SHAPES)
+def test_sums_and_products_are_those_of_dense_matrices(blocks, size, absent):
+    rows, x = case(blocks, size, absent)
+    a = BlockTridiagonal(rows, absent)
+    full = np.asarray(a.dense())
+    assert a.shape == full.shape == (x.size, x.size)
+    corner = full[size - absent :, : size - absent]  # first column of blocks, below its own
+    assert not corner[size:].any()
+    np.testing.assert_allclose((2 * a + a / 4) @ x, 2.25 * full @ x, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("blocks", "size", "absent"), SHAPES)
+def test_solutions_and_their_derivatives(blocks, size, absent):
+    """To the second derivative, in both modes, alone and in a batch."""
+    rows, x = case(blocks, size, absent)
+
+    def fast(rows, x):
+        inverse = BlockTridiagonal(rows, absent).inverse()
+        return inverse @ (inverse @ x)
+
+    def slow(rows, x):
+        a = BlockTridiagonal(rows, absent).dense()
+        return jnp.linalg.solve(a, jnp.linalg.solve(a, x))
+
+    weight = jnp.cos(jnp.arange(x.size))
+    direction = case(blocks, size, absent, 2)[0]
+
+    def derivatives(f):
+        def value(rows, x):
+            return weight @ f(rows, x)
+
+        def along(rows, x):
+            return jax.jvp(lambda r: value(r, x), (rows,), (direction,))[1]
+
+        return f(rows, x), jax.grad(value, (0, 1))(rows, x), jax.grad(along)(rows, x)
+
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12),
+        *(jax.jit(lambda f=f: derivatives(f))() for f in (fast, slow)),
+    )
+    many = jnp.stack([rows, 1.1 * rows, rows + 0.1])
+    found = jax.jit(jax.vmap(fast, (0, None)))(many, x)
+    expected = jax.jit(lambda: jnp.stack([slow(r, x) for r in many]))()
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 30.0, 1e3])
+def test_exponential(size):
+    a = np.random.default_rng(0).normal(size=(9, 9))
+    a = size * (a - a.T) / 6
+    found = jax.jit(exponential)(jnp.asarray(a))
+    np.testing.assert_allclose(found, expm(a), atol=1e-15 * max(size, 1) * 50)
+    np.testing.assert_allclose(found @ found.T, np.eye(9), atol=1e-15 * max(size, 1) * 50)
+
+
+def test_derivative_of_exponential():
+    a, e = np.random.default_rng(0).normal(size=(2, 5, 5)) * 3
+    both = np.block([[a, e], [np.zeros((5, 5)), a]])
+    found = jax.jit(lambda: jax.jvp(exponential, (jnp.asarray(a),), (jnp.asarray(e),))[1])()
+    np.testing.assert_allclose(found, expm(both)[:5, 5:], rtol=1e-11)
+    reverse = jax.jit(lambda: jax.grad(lambda a: jnp.sum(exponential(a) * e))(jnp.asarray(a)))()
+    np.testing.assert_allclose(jnp.sum(reverse * e), jnp.sum(found * e), rtol=1e-11)
