@@ -43,7 +43,11 @@ from jaxbeam._simulate import deflection_limit as deflection_limit
 from jaxbeam._simulate import simulate as simulate
 from jaxbeam._simulate import steady_start as steady_start
 from jaxbeam._simulation import Simulation as Simulation
+from jaxbeam._solvers.kvaerno import ChordKvaerno5 as ChordKvaerno5
+from jaxbeam._solvers.magnus import Magnus as Magnus
+from jaxbeam._solvers.rodas import Rodas4P as Rodas4P
 from jaxbeam._solvers.rodas import Rodas5P as Rodas5P
+from jaxbeam._solvers.rodas import Rosenbrock as Rosenbrock
 from jaxbeam._solvers.system import SecondOrderSystem as SecondOrderSystem
 from jaxbeam._solvers.system import State as State
 from jaxbeam._solvers.system import second_order_term as second_order_term

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._beam import require
+from jaxbeam._blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, Equations, Family
@@ -16,6 +17,8 @@ from jaxbeam._motion import Hub, Motion, skew
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
+
+Inputs = tuple[Hub, Triple | None]
 
 
 class Scene(SecondOrderSystem):
@@ -30,8 +33,8 @@ class Scene(SecondOrderSystem):
     does not drown what matters.
     """
 
-    mass: Matrix
-    inverse_mass: Matrix
+    mass: Matrix | BlockTridiagonal
+    inverse_mass: Matrix | BlockInverse
     equations: Equations
     motion: Motion
     loads: Loads
@@ -50,42 +53,43 @@ class Scene(SecondOrderSystem):
         """J per unit of `State.work`."""
         return self.equations.energy_scale / self.equations.size
 
+    @property
+    def is_linear(self) -> bool:
+        return self.equations.is_linear
+
     def hub(self, t: Scalar) -> Hub:
         """Motion of the hub."""
         return self.motion.hub(t, self.loads.gravity)
 
-    def force(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        out = self.equations.force(self.hub(t), q, v, self.loads.at_tip(t))
-        return out - self._damping_force(q, v)
+    def inputs(self, t: Scalar) -> Inputs:
+        """Motion of the hub, and force at the tip."""
+        return self.hub(t), self.loads.at_tip(t)
+
+    def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
+        hub, tip_force = x
+        out = self.equations.force(hub, q, v, tip_force)
+        return out - self.equations.as_force(q, self._damping(q, v))
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
         """As a generalised force."""
-        out = jnp.zeros_like(q)
-        if self.damping.mass is not None:
-            still = jnp.zeros(3, q.dtype)
-            momentum = jax.grad(self.equations.kinetic_energy, argnums=1)(q, v, still, still)
-            out = out + self.damping.mass * momentum
-        if self.damping.stiffness is not None:
-            rate = jax.jvp(self.equations.elastic_force, (q,), (v,))[1]
-            out = out + self.damping.stiffness * rate
-        return out
+        return self.equations.damping(q, v, self.damping.mass, self.damping.stiffness)
 
-    def _damping_force(self, q: Vector, v: Vector) -> Vector:
-        return self.equations.as_force(q, self._damping(q, v))
-
-    def tangents(self, t: Scalar, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
-        k, c = self.equations.tangents(self.hub(t), q, v, self.loads.at_tip(t))
+    def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
+        hub, tip_force = x
+        k, c = self.equations.tangents(hub, q, v, tip_force)
         if self.damping.mass is not None or self.damping.stiffness is not None:
-            dk, dc = jax.jacfwd(self._damping_force, argnums=(0, 1))(q, v)
+            dk, dc = self.equations.damping_tangents(
+                q, v, self.damping.mass, self.damping.stiffness
+            )
             k, c = k + dk, c + dc
         return k, c
 
     def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        return self.inverse_mass @ self.force(t, q, v)
+        return self.inverse_mass @ self.force(self.inputs(t), q, v)
 
-    def power(self, t: Scalar, q: Vector, v: Vector) -> Scalar:
+    def power(self, x: Inputs, q: Vector, v: Vector) -> Scalar:
         """Rate of the balance of energy, in `work_unit` per second."""
-        hub, equations = self.hub(t), self.equations
+        (hub, tip_force), equations = x, self.equations
         _, moved = jax.jvp(
             lambda *twist: equations.kinetic_energy(q, v, *twist),
             (hub.velocity, hub.angular_velocity),
@@ -94,9 +98,8 @@ class Scene(SecondOrderSystem):
         out = -moved - equations.nonconservative_force(q) @ v - self._damping(q, v) @ v
         if self.loads.gravity is not None:
             out = out + hub.gravity @ jax.jvp(equations.first_moment, (q,), (v,))[1]
-        force = self.loads.at_tip(t)
-        if force is not None:
-            out = out + force @ jax.jvp(equations.tip, (q,), (v,))[1]
+        if tip_force is not None:
+            out = out + tip_force @ jax.jvp(equations.tip, (q,), (v,))[1]
         return out / self.work_unit
 
     def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:

@@ -224,9 +224,9 @@ def _yardstick(scene: Scene, times: Array, y0: State) -> Scalar:
     flexibility = inverse(
         equations.tangents(spinning(jnp.zeros_like(times[0])), rest, rest, None)[0]
     )
-    static = jax.vmap(lambda t: equations.tip(flexibility @ scene.force(t, rest, rest)))(
-        during(times)
-    )
+    static = jax.vmap(
+        lambda t: equations.tip(flexibility @ scene.force(scene.inputs(t), rest, rest))
+    )(during(times))
     at, rate = jax.jvp(equations.tip, (y0.q,), (y0.v,))
     frequency = 3.5 * jnp.sqrt(equations.energy_scale / equations.rigid[0]) / equations.size
     size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], rate[None] / frequency)]

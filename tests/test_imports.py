@@ -12,6 +12,7 @@ PACKAGE = Path(jaxbeam.__file__).parent
 ORDER = [
     "_types",
     "_status",
+    "_blocks",
     "_linalg",
     "_beam",
     "_motion",
@@ -20,11 +21,15 @@ ORDER = [
     "_models.base",
     "_models.cartesian",
     "_models.modal",
+    "_models.elements",
     "_models.ancf",
     "_models.discrete",
     "_solvers.system",
-    "_scene",
+    "_solvers.steps",
     "_solvers.rodas",
+    "_solvers.kvaerno",
+    "_solvers.magnus",
+    "_scene",
     "_simulation",
     "_simulate",
     "_modes",
@@ -35,7 +40,7 @@ ORDER = [
 OWNERS = {
     "matplotlib": {"plot"},
     "xarray": {"_sweep"},
-    "diffrax": {"_simulation", "_simulate", "_solvers.system", "_solvers.rodas"},
+    "diffrax": {"_simulation", "_simulate", *(name for name in ORDER if "_solvers." in name)},
     "optimistix": {"_simulate"},
 }
 FILES = sorted(PACKAGE.rglob("*.py"))

@@ -1,21 +1,109 @@
 """Linearly implicit (Rosenbrock) integration of second-order systems."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jaxbeam._linalg import inverse
-from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
+from jaxbeam._solvers.steps import StepPolynomial, finished, length
+from jaxbeam._solvers.system import SecondOrderSystem, State
 
-# Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks
-# within the Julia Differential Equations package, BIT 63:27 (2023). In the form that saves
-# products with the Jacobian: (1/(h g) - J) U_i = f(t_i, y + sum a_ij U_j) + sum c_ij U_j / h
-# + h d_i f_t.
-_GAMMA = 0.21193756319429014
-_A = (
+
+class Tableau(NamedTuple):
+    """Coefficients of a Rosenbrock method in the form that saves products with the Jacobian J,
+
+        (1 / (h gamma) - J) U_i = f(t + times_i h, y + sum_j weight_ij U_j)
+                                  + sum_j coupling_ij U_j / h + h rate_i df/dt,
+
+    ending at y + weight_last U + U_last with the error U_last (stiffly accurate); `dense` gives
+    D = dense U of y0 + s (y1 - y0) + s (1 - s) (D_1 + s D_2 + s^2 D_3).
+    """
+
+    order: int
+    gamma: float
+    weight: Float[np.ndarray, "s s"]
+    coupling: Float[np.ndarray, "s s"]
+    times: Float[np.ndarray, " s"]
+    rate: Float[np.ndarray, " s"]
+    dense: Float[np.ndarray, "3 s"]
+
+
+Rows = tuple[tuple[float, ...], ...]
+
+
+def _tableau(
+    order: int, gamma: float, weight: Rows, coupling: Rows, times: tuple[float, ...],
+    rate: tuple[float, ...], dense: Rows,
+) -> Tableau:  # fmt: skip
+    """From what papers print: weights of all stages but the last ones, which start where the one
+    before ends, and no zeros."""
+    s = len(coupling) + 1
+
+    def square(rows: Rows) -> np.ndarray:
+        out = np.zeros((s, s))
+        for i, row in enumerate(rows):
+            out[i + 1, : len(row)] = row
+        return out
+
+    whole = square(weight)
+    for i in range(len(weight) + 1, s):
+        whole[i] = whole[i - 1]
+        whole[i, i - 1] = 1.0
+    last = (1.0,) * (s - len(times))
+    none = (0.0,) * (s - len(rate))
+    bends = np.zeros((3, s))
+    for row, given in zip(bends, dense, strict=False):
+        row[: len(given)] = given
+    return Tableau(
+        order, gamma, whole, square(coupling), np.array((*times, *last)), np.array((*rate, *none)),
+        bends,
+    )  # fmt: skip
+
+
+# E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), section IV.7 and code
+# RODAS with the coefficients of G. Steinebach, Order-reduction of ROW-methods for DAEs and
+# method of lines applications, TH Darmstadt preprint 1741 (1995).
+_RODAS4P = _tableau(
+    order=4,
+    gamma=0.25,
+    weight=(
+        (3.0,),
+        (1.831036793486759, 0.4955183967433795),
+        (2.304376582692669, -0.05249275245743001, -1.176798761832782),
+        (-7.170454962423024, -4.741636671481785, -16.31002631330971, -1.062004044111401),
+    ),
+    coupling=(
+        (-12.0,),
+        (-8.791795173947035, -2.207865586973518),
+        (10.81793056857153, 6.780270611428266, 19.53485944642410),
+        (34.19095006749676, 15.49671153725963, 54.74760875964130, 14.16005392148534),
+        (
+            34.62605830930532, 15.30084976114473, 56.99955578662667, 18.40807009793095,
+            -5.714285714285717,
+        ),
+    ),
+    times=(0.0, 0.75, 0.21, 0.63),
+    rate=(0.25, -0.5, -0.023504, -0.0362),
+    dense=(
+        (25.09876703708589, 11.62013104361867, 28.49148307714626, -5.664021568594133),
+        (
+            1.638054557396973, -0.7373619806678748, 8.477918219238990, 15.99253148779520,
+            -1.882352941176471,
+        ),
+    ),
+)  # fmt: skip
+
+# G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within
+# the Julia Differential Equations package, BIT 63:27 (2023).
+_RODAS5P = _tableau(
+    order=5,
+    gamma=0.21193756319429014,
+    weight=(
     (3.0,),
     (2.849394379747939, 0.45842242204463923),
     (-6.954028509809101, 2.489845061869568, -10.358996098473584),
@@ -24,8 +112,8 @@ _A = (
         -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256,
         0.030198172008377946,
     ),
-)  # fmt: skip
-_C = (
+),
+    coupling=(
     (-14.155112264123755,),
     (-17.97296035885952, -2.859693295451294),
     (147.12150275711716, -1.41221402718213, 71.68940251302358),
@@ -42,109 +130,49 @@ _C = (
         37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047,
         -40.06618937091002, -54.66780262877968, -9.48861652309627,
     ),
-)  # fmt: skip
-_TIMES = (
-    0,
-    0.6358126895828704,
-    0.4095798393397535,
-    0.9769306725060716,
-    0.4288403609558664,
-    1,
-    1,
-    1,
-)
-_D = (
-    _GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069,
-    0, 0, 0,
-)  # fmt: skip
-# Dense output of order 4: y0 + s (y1 - y0) + s (1 - s) (D_1 + s D_2 + s^2 D_3), D = _DENSE U.
-_DENSE = np.array(
-    [
-        [
+),
+    times=(
+        0.0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664,
+    ),
+    rate=(
+        0.21193756319429014, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734,
+        2.325825639765069,
+    ),
+    dense=(
+        (
             25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204,
             0.524948541321073, 1.1241088310450404, 0.4272876194431874, -0.17202221070155493,
-        ],
-        [
+        ),
+        (
             -9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796,
             20.176138334709044, 15.98066361424651, -6.789040303419874, -6.710236069923372,
-        ],
-        [
+        ),
+        (
             11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643,
             -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722,
-        ],
-    ]
+        ),
+    ),
 )  # fmt: skip
 
 
-def _square(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
-    out = np.zeros((8, 8))
-    for i, row in enumerate(rows):
-        out[i + 1, : len(row)] = row
-    return out
+class Rosenbrock(diffrax.AbstractAdaptiveSolver):
+    """Rosenbrock methods for `SecondOrderSystem`: L-stable, stiffly accurate, no Newton iteration.
 
-
-_WEIGHT, _COUPLING = _square(_A), _square(_C)
-for _i in (6, 7):  # stiffly accurate: each of the last two stages starts where the one before ends
-    _WEIGHT[_i] = _WEIGHT[_i - 1]
-    _WEIGHT[_i, _i - 1] = 1.0
-
-
-Stages = tuple[Any, Any]  # of q and v
-
-
-def _integral_of_cubic(nodes: np.ndarray) -> np.ndarray:
-    """From values at four nodes to increment, D_1, D_2, D_3 of the integral of the cubic there."""
-    coefficients = np.linalg.inv(np.vander(nodes, increasing=True)) / np.arange(1, 5)[:, None]
-    _, a2, a3, a4 = coefficients  # of s, ..., s^4
-    return np.stack([coefficients.sum(0), -a4 - a3 - a2, -a4 - a3, -a4])
-
-
-_NODES = (1 + np.polynomial.legendre.leggauss(4)[0]) / 2
-_QUADRATURE = _integral_of_cubic(_NODES)
-
-
-class RodasInterpolation(diffrax.AbstractLocalInterpolation):
-    """Dense output of order 4 that, unlike Hermite's, does not amplify what is stiff."""
-
-    t0: Any  # type: ignore[misc]
-    t1: Any  # type: ignore[misc]
-    y0: Any
-    y1: Any
-    d1: Any
-    d2: Any
-    d3: Any
-
-    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
-        """As in diffrax: the value at t0, or the increment from t0 to t1."""
-        if t1 is not None:
-            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
-        width = self.t1 - self.t0
-        s = jnp.where(width == 0, 0.0, (t0 - self.t0) / jnp.where(width == 0, 1.0, width))
-
-        def one(y0: Any, y1: Any, d1: Any, d2: Any, d3: Any) -> Any:
-            return y0 + s * (y1 - y0) + s * (1 - s) * (d1 + s * (d2 + s * d3))
-
-        return jax.tree.map(one, self.y0, self.y1, self.d1, self.d2, self.d3)
-
-
-class Rodas5P(diffrax.AbstractAdaptiveSolver):
-    """Rosenbrock method of order 5 with an embedded one of order 4, for `SecondOrderSystem`.
-
-    L-stable and stiffly accurate, no Newton iteration. Stages for q are eliminated, so that the
-    one matrix of a step is n by n: M / (h g) + C + h g K. It is inverted once, which is as
-    accurate as solving here and lets stages, and a batch, run on products alone.
+    Stages for q are eliminated, so that the one matrix of a step is n by n:
+    M / (h g) + C + h g K, factorised (or, where dense, inverted) once a step.
     """
 
+    tableau: eqx.AbstractClassVar[Tableau]
     term_structure: ClassVar = diffrax.ODETerm
-    interpolation_cls: ClassVar = RodasInterpolation
+    interpolation_cls: ClassVar = StepPolynomial
 
     def order(self, terms: Any) -> int:
-        """5."""
-        return 5
+        """Of the solution."""
+        return self.tableau.order
 
     def error_order(self, terms: Any) -> int:
         """Local error of the embedded method."""
-        return 5
+        return self.tableau.order
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> None:
         """Nothing is kept from step to step."""
@@ -158,47 +186,52 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
         made_jump: Any,
     ) -> tuple[State, State, dict[str, State], None, Any]:  # fmt: skip
         """One step."""
-        # In a batch, lanes that are done go on with steps of length zero, whose results are thrown
-        # away; dividing by zero, or overflow in a long step, would still leave NaN in gradients.
-        h = jnp.where(t1 == t0, 1e-9, t1 - t0)
-        q, v, g = y0.q, y0.v, _GAMMA * h
-        k, c = args.tangents(t0, q, v)
+        h = length(t0, t1)
+        table = self.tableau
+        q, v, g = y0.q, y0.v, table.gamma * h
+        x0, input_rate = jax.jvp(args.inputs, (t0,), (jnp.ones_like(t0),))
+        inputs = jax.vmap(args.inputs)(t0 + h * table.times)
+        k, c = args.tangents(x0, q, v)
         solve = inverse(args.mass / g + c + g * k)
-        _, force_rate = jax.jvp(lambda t: args.force(t, q, v), (t0,), (jnp.ones_like(t0),))
+        _, force_rate = jax.jvp(lambda x: args.force(x, q, v), (x0,), (input_rate,))
 
-        def stage(done: Stages, row: Any) -> tuple[Stages, None]:
-            i, weight, coupling, time, d = row
-            at = tuple(y + weight @ u for y, u in zip((q, v), done, strict=True))
-            past = tuple(coupling @ u / h for u in done)
-            first = at[1] + past[0]
-            right = args.force(t0 + time * h, *at) + args.mass @ past[1] + h * d * force_rate
+        # Stages of q and v side by side: one product serves both.
+        n = q.size
+        both = jnp.concatenate([q, v])
+
+        def stage(done: Array, row: Any) -> tuple[Array, None]:
+            i, rows, d, now = row
+            step, past = rows @ done
+            step, past = both + step, past / h
+            at = step[:n], step[n:]
+            first = at[1] + past[:n]
+            right = args.force(now, *at) + args.mass @ past[n:] + h * d * force_rate
             z = solve @ (right - g * (k @ first))
-            new = (g * (first + z), z)
-            return tuple(u.at[i].set(a) for u, a in zip(done, new, strict=True)), None
+            new = jnp.concatenate([g * (first + z), z])
+            return jax.lax.dynamic_update_index_in_dim(done, new, i, 0), None
 
-        zero = jnp.zeros((8, q.size), q.dtype)
-        table = tuple(jnp.asarray(a, q.dtype) for a in (_WEIGHT, _COUPLING, _TIMES, _D))
-        (x, z), _ = jax.lax.scan(stage, (zero, zero), (jnp.arange(8), *table))
-        last = np.append(_WEIGHT[7, :7], 1.0)
-        end = State(q + last @ x, v + last @ z, y0.work)
-        dense = [State(row @ x, row @ z, jnp.zeros_like(y0.work)) for row in _DENSE]
-        error = State(x[7], z[7], jnp.zeros_like(y0.work))
-        done, *bends = self._work(args, t0, h, (y0, end, *dense))
-        end = State(end.q, end.v, y0.work + done)
-        dense = [State(d.q, d.v, bend) for d, bend in zip(dense, bends, strict=True)]
-        info = {"y0": y0, "y1": end, "d1": dense[0], "d2": dense[1], "d3": dense[2]}
-        return end, error, info, None, diffrax.RESULTS.successful
+        rows = jnp.asarray(np.stack([table.weight, table.coupling], 1), q.dtype)
+        count = len(table.times)
+        done, _ = jax.lax.scan(
+            stage,
+            jnp.zeros((count, 2 * n), q.dtype),
+            (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
+        )
+        end = both + np.append(table.weight[-1, :-1], 1.0) @ done
+        d1, d2, d3 = table.dense @ done
+        bends = jnp.stack([end - both + d1, d2 - d1, d3 - d2, -d3])
+        error = State(done[-1, :n], done[-1, n:], jnp.zeros_like(y0.work))
+        y1, info = finished(args, t0, h, y0, end, bends)
+        return y1, error, info, None, diffrax.RESULTS.successful
 
-    def _work(self, args: SecondOrderSystem, t0: Any, h: Any, step: tuple[State, ...]) -> Any:
-        """Increment and dense output of the work: quadrature along the dense output of the rest.
 
-        It drives nothing, so it needs no stages of its own, and it carries no derivatives.
-        """
-        args, t0, h, step = without_derivatives((args, t0, h, step))
-        along = RodasInterpolation(0.0, 1.0, *step)
+class Rodas4P(Rosenbrock):
+    """Order 4 with an embedded order 3, six stages; dense output of order 3."""
 
-        def power(s: Any) -> Any:
-            y = along.evaluate(s)
-            return args.power(t0 + h * s, y.q, y.v)
+    tableau = _RODAS4P
 
-        return h * (_QUADRATURE @ jax.vmap(power)(jnp.asarray(_NODES, h.dtype)))
+
+class Rodas5P(Rosenbrock):
+    """Order 5 with an embedded order 4, eight stages; dense output of order 4."""
+
+    tableau = _RODAS5P

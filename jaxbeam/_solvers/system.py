@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from jaxbeam._blocks import BlockTridiagonal
 from jaxbeam._linalg import inverse
 from jaxbeam._types import Matrix, Scalar, Vector
 
@@ -32,7 +33,7 @@ class State(eqx.Module):
 
 
 class SecondOrderSystem(eqx.Module):
-    """M q'' = force(t, q, q'), work' = power(t, q, q'), with constant M.
+    """M q'' = force(x, q, q'), work' = power(x, q, q'), x = inputs(t), with constant M.
 
     `State.work` carries no derivatives by parameters: it is there to judge a result.
 
@@ -41,24 +42,36 @@ class SecondOrderSystem(eqx.Module):
     its structure.
     """
 
-    mass: eqx.AbstractVar[Matrix]
+    mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether `force` is linear in q and v, at any time."""
+        return False
+
+    def inputs(self, t: Scalar) -> Any:
+        """All that depends on time alone, a pytree of floating-point arrays; by default, t itself.
+
+        `Rodas5P` computes it for all stages of a step at once.
+        """
+        return t
 
     @abc.abstractmethod
-    def force(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        """Right-hand side."""
+    def force(self, x: Any, q: Vector, v: Vector) -> Vector:
+        """Right-hand side, under the inputs x."""
 
-    def power(self, t: Scalar, q: Vector, v: Vector) -> Scalar:
+    def power(self, x: Any, q: Vector, v: Vector) -> Scalar:
         """Rate of `State.work`."""
         return jnp.zeros((), q.dtype)
 
-    def tangents(self, t: Scalar, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
-        """K = -d force / dq and C = -d force / dv."""
-        k, c = jax.jacfwd(self.force, argnums=(1, 2))(t, q, v)
+    def tangents(self, x: Any, q: Vector, v: Vector) -> tuple[Any, Any]:
+        """K = -d force / dq and C = -d force / dv, of the kind of `mass`."""
+        k, c = jax.jacfwd(self.force, argnums=(1, 2))(x, q, v)
         return -k, -c
 
     def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
         """q''. Subclasses that keep the inverse of M save its computation."""
-        return inverse(self.mass) @ self.force(t, q, v)
+        return inverse(self.mass) @ self.force(self.inputs(t), q, v)
 
     def rate(self, t: Scalar, y: State) -> State:
         """The first-order system."""
@@ -68,7 +81,7 @@ class SecondOrderSystem(eqx.Module):
 def work_rate(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> Scalar:
     """`system.power` without derivatives, which nobody asks for and which cost compilation."""
     system, t, q, v = without_derivatives((system, t, q, v))
-    return system.power(t, q, v)
+    return system.power(system.inputs(t), q, v)
 
 
 def without_derivatives(tree: Tree) -> Tree:

@@ -1,0 +1,103 @@
+"""A diagonally implicit Runge-Kutta method of order 5 for second-order systems."""
+
+from typing import Any, ClassVar
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._linalg import inverse
+from jaxbeam._solvers.steps import StepPolynomial, finished, length, quintic
+from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._types import Vector
+
+_TABLEAU = diffrax.Kvaerno5.tableau
+_GAMMA = 0.26
+_TIMES = np.asarray(_TABLEAU.c)
+
+
+def _rows(rows: Any) -> np.ndarray:
+    return np.stack([np.pad(row, (0, 7 - len(row))) for row in rows])
+
+
+_WEIGHT, _PREDICTOR = _rows(_TABLEAU.a_lower), _rows(_TABLEAU.a_predictor)
+_ERROR = np.asarray(_TABLEAU.b_error)
+
+
+class ChordKvaerno5(diffrax.AbstractAdaptiveSolver):
+    """Kvaerno's L-stable method of order 5(4) for `SecondOrderSystem`, with a fixed number of
+    chord iterations per stage.
+
+    With q = q~ + h g v and v = v~ + h g a, a stage solves M a = f(t, q, v) for a alone; all stages
+    and iterations share one matrix M + h g C + (h g)^2 K. The embedded error is filtered by it, and
+    dense output is the quintic through q, q' and q'' at both ends.
+
+    A. Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage,
+    BIT 44 (2004); coefficients from `diffrax.Kvaerno5`.
+    """
+
+    iterations: int = eqx.field(static=True, default=3)
+    term_structure: ClassVar = diffrax.ODETerm
+    interpolation_cls: ClassVar = StepPolynomial
+
+    def order(self, terms: Any) -> int:
+        """5."""
+        return 5
+
+    def error_order(self, terms: Any) -> int:
+        """Local error of the embedded method."""
+        return 5
+
+    def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> Vector:
+        """The acceleration: from there on, that of the last stage. Computed from the state anew, it
+        would amplify what the iterations left in stiff components."""
+        return args.acceleration(t0, y0.q, y0.v)
+
+    def func(self, terms: Any, t0: Any, y0: State, args: SecondOrderSystem) -> State:
+        """The first-order right-hand side."""
+        return args.rate(t0, y0)
+
+    def step(
+        self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem,
+        solver_state: Vector, made_jump: Any,
+    ) -> tuple[State, State, dict[str, State], Vector, Any]:  # fmt: skip
+        """One step."""
+        h = length(t0, t1)
+        q, v, a = y0.q, y0.v, solver_state
+        n, g = q.size, _GAMMA * h
+        inputs = jax.vmap(args.inputs)(t0 + h * _TIMES)
+        k, c = args.tangents(args.inputs(t0), q, v)
+        solve = inverse(args.mass + g * c + g**2 * k)
+        both = jnp.concatenate([q, v])
+
+        def stage(done: Array, row: Any) -> tuple[Array, None]:
+            i, rows, now = row
+            step, past = rows @ done
+            known = both + h * step
+
+            def at(a: Vector) -> tuple[Vector, Vector]:
+                rate = known[n:] + g * a
+                return known[:n] + g * rate, rate
+
+            def improve(a: Vector, _: None) -> tuple[Vector, None]:
+                return a - solve @ (args.mass @ a - args.force(now, *at(a))), None
+
+            a, _ = jax.lax.scan(improve, past[n:], None, length=self.iterations)
+            new = jnp.concatenate([at(a)[1], a])
+            return jax.lax.dynamic_update_index_in_dim(done, new, i, 0), None
+
+        rows = jnp.asarray(np.stack([_WEIGHT, _PREDICTOR], 1), q.dtype)
+        start = jnp.zeros((7, 2 * n), q.dtype).at[0].set(jnp.concatenate([v, a]))
+        done, _ = jax.lax.scan(stage, start, (jnp.arange(1, 7), rows, inputs))
+
+        # The last stage is the end of the step.
+        end = both + h * (np.append(_WEIGHT[-1, :-1], _GAMMA) @ done)
+        off = h * (_ERROR @ done)
+        filtered = solve @ (args.mass @ off[n:] - g * (k @ off[:n]))
+        error = State(off[:n] + g * filtered, filtered, jnp.zeros_like(y0.work))
+        bends = quintic(h, both, a, end, done[-1, n:])
+        y1, info = finished(args, t0, h, y0, end, bends)
+        return y1, error, info, done[-1, n:], diffrax.RESULTS.successful

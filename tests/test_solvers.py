@@ -1,0 +1,180 @@
+"""Solvers of second-order systems, through diffrax alone."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import jaxbeam as jb
+
+
+class Forced(jb.SecondOrderSystem):
+    """Two oscillators, one stiff, coupled by a spring and driven so that q is known.
+
+    q = (sin t, cos 2t / 10) solves it; work' = q_1 q_1' makes work = sin^2 t / 2. Nothing in it is
+    constant: stiffness and damping change with time, and, unless linear, with q and q'.
+    """
+
+    mass: jax.Array
+    stiff: jax.Array
+    cubic: float = 0.3
+    drag: float = 0.2
+
+    @property
+    def is_linear(self):
+        return self.cubic == self.drag == 0
+
+    def known(self, t):
+        return jnp.stack([jnp.sin(t), jnp.cos(2 * t) / 10])
+
+    def pull(self, t, q, v):
+        matrix = jnp.array([[3.0, -1.0], [-1.0, 1.0]]).at[1, 1].add(self.stiff)
+        turning = jnp.sin(t) * jnp.stack([-v[1], v[0]]) + (1 + jnp.cos(t)) * q
+        spring = self.cubic * (q[0] - q[1]) ** 3 * jnp.array([1.0, -1.0])
+        return matrix @ q + turning + spring + self.drag * v * v[0]
+
+    def force(self, t, q, v):
+        one = (jnp.ones_like(t),)
+        exact, rate = jax.jvp(self.known, (t,), one)
+        second = jax.jvp(lambda t: jax.jvp(self.known, (t,), one)[1], (t,), one)[1]
+        return self.mass @ second + self.pull(t, exact, rate) - self.pull(t, q, v)
+
+    def power(self, t, q, v):
+        return q[0] * v[0]
+
+
+MASS = jnp.array([[2.0, 0.4], [0.4, 1.0]])
+
+
+def system(stiff, linear=False):
+    return Forced(MASS, jnp.asarray(stiff), *((0.0, 0.0) if linear else ()))
+
+
+def solve(args, solver, **kwargs):
+    y0 = jb.State(jnp.array([0.0, 0.1]), jnp.array([1.0, 0.0]))
+    return diffrax.diffeqsolve(
+        jb.second_order_term(solver), solver, 0.0, 2.0, y0=y0, args=args, max_steps=10_000, **kwargs
+    )
+
+
+def slope(errors, steps):
+    return np.polyfit(np.log(steps), np.log(errors), 1)[0]
+
+
+SOLVERS = [jb.Rodas4P(), jb.Rodas5P(), jb.ChordKvaerno5(), jb.Magnus()]
+each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
+
+
+def is_linear(solver):
+    return isinstance(solver, jb.Magnus)
+
+
+@pytest.mark.parametrize(
+    ("solver", "stiff", "order"),
+    [
+        (jb.Rodas4P(), 0.0, 4),
+        (jb.Rodas4P(), 1e4, 4),
+        (jb.Rodas5P(), 0.0, 5),
+        (jb.Rodas5P(), 1e4, 4),  # stiff components cost at most one (Steinebach 2023)
+        (jb.ChordKvaerno5(), 0.0, 5),
+        (jb.ChordKvaerno5(), 1e4, 4),
+        (jb.Magnus(), 0.0, 4),
+        (jb.Magnus(), 1e4, 2),  # steps and vibration beat; errors are small
+    ],
+    ids=lambda v: type(v).__name__ if isinstance(v, diffrax.AbstractSolver) else None,
+)
+def test_order(solver, stiff, order):
+    """On a non-autonomous system, where nothing is stiff and where something is."""
+    steps = np.array([0.1, 0.05, 0.025])
+    args = system(stiff, is_linear(solver))
+    run = jax.jit(lambda h: solve(args, solver, dt0=h).ys)
+    ends = [run(h) for h in steps]
+    errors = [np.abs(y.q[0] - args.known(2.0)).max() for y in ends]
+    assert slope(errors, steps) > order - 0.25
+    assert errors[-1] < 1e-6
+    work = [abs(y.work[0] - np.sin(2.0) ** 2 / 2) for y in ends]
+    assert work[-1] < errors[-1] + 1e-6
+
+
+@each_solver
+def test_order_of_dense_output(solver):
+    """At least that of the error between steps."""
+    steps = np.array([0.2, 0.1, 0.05])
+    times = jnp.linspace(0.03, 1.97, 37)
+    args = system(1e2, is_linear(solver))
+    run = jax.jit(lambda h: solve(args, solver, dt0=h, saveat=diffrax.SaveAt(ts=times)).ys)
+    exact = jax.vmap(args.known)(times)
+    errors = [np.abs(run(h).q - exact).max() for h in steps]
+    assert slope(errors, steps) > (3.75 if isinstance(solver, jb.Rodas5P) else 2.75)
+    # rates are those of the coordinates
+    rates = jax.vmap(lambda t: jax.jvp(args.known, (t,), (1.0,))[1])(times)
+    np.testing.assert_allclose(run(0.025).v, rates, atol=1e-3)
+
+
+@each_solver
+def test_error_estimate_is_honest(solver):
+    """The error follows the tolerance, over six decades, and stays within a hundredfold of it."""
+    args = system(1e4, is_linear(solver))
+    run = jax.jit(
+        lambda tol: (
+            solve(
+                args,
+                solver,
+                dt0=None,
+                stepsize_controller=diffrax.PIDController(rtol=tol, atol=tol),
+            ).ys.q
+        )
+    )
+    for tol in (1e-4, 1e-6, 1e-8, 1e-10):
+        error = np.abs(run(tol)[0] - args.known(2.0)).max()
+        assert error < 100 * tol
+
+
+def test_stock_solvers_take_the_same_system():
+    exact = system(1e2).known(2.0)
+    for solver in (diffrax.Dopri8(), diffrax.KenCarp4()):  # explicit; implicit-explicit
+        controller = diffrax.PIDController(rtol=1e-5, atol=1e-5)
+        end = solve(system(1e2), solver, dt0=None, stepsize_controller=controller).ys
+        np.testing.assert_allclose(end.q[0], exact, atol=1e-4)
+
+
+@each_solver
+def test_refuses_what_is_not_a_second_order_system(solver):
+    with pytest.raises(TypeError, match="SecondOrderSystem"):
+        solve(None, solver, dt0=0.1)
+
+
+def test_magnus_refuses_what_is_not_linear():
+    with pytest.raises(TypeError, match="linear"):
+        solve(system(1.0), jb.Magnus(), dt0=0.1)
+
+
+@pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), jb.Classical(2, 3, 2), jb.DiscreteLP()])
+def test_magnus_is_exact_in_one_step_at_constant_speed(model):
+    rotor = jb.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+    if not isinstance(model, jb.DiscreteLP):
+        rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0), 0.4, 0.3)
+    rng = np.random.default_rng(3)
+    q, v = jnp.asarray(1e-3 * rng.normal(size=(2, len(model.families))))
+    times = np.linspace(0.0, 10.0, 7)
+    case = model, rotor, jb.ConstantSpeed(1.7), times
+    one = jb.simulate(
+        *case, start=jb.State(q, v), solver=jb.Magnus(), dt0=10.0,
+        stepsize_controller=diffrax.ConstantStepSize(),
+    )  # fmt: skip
+    assert int(one.solution.stats["num_steps"]) == 1
+    system = model.linearise(rotor, 1.7)
+    n = len(q)
+    flexible = np.linalg.inv(system.mass)
+    equations, hub = model.equations(rotor), one.scene.hub(jnp.zeros(()))
+    load = flexible @ equations.force(hub, 0 * q, 0 * q, None)
+    rate = np.zeros((2 * n + 1, 2 * n + 1))
+    rate[:n, n:-1] = np.eye(n)
+    rate[n:-1] = np.column_stack(
+        [-flexible @ system.stiffness, -flexible @ system.gyroscopic, load]
+    )
+    for t, found in zip(times, one.state.q, strict=True):
+        exact = expm(t * rate) @ np.r_[q, v, 1.0]
+        np.testing.assert_allclose(found, exact[:n], rtol=1e-8, atol=1e-8 * np.abs(exact[:n]).max())
