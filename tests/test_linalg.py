@@ -17,7 +17,11 @@ def case(blocks, size, absent, seed=1):
     return jnp.asarray(rows), jnp.asarray(rng.normal(size=blocks * size - absent))
 
 
-SHAPES = [(5, 4, 3), (1, 4, 0), (2, 3, 1), (9, 4, 3), (3, 1, 0)]
+SHAPES = [
+    (5, 4, 3),
+    (1, 4, 0),
+    *(pytest.param(*s, marks=pytest.mark.slow) for s in ((2, 3, 1), (9, 4, 3), (3, 1, 0))),
+]
 
 
 @pytest.mark.parametrize(("blocks", "size", "absent"), SHAPES)

@@ -263,6 +263,7 @@ def test_steady_state_against_the_first_integral_of_the_rod():
     np.testing.assert_allclose(left, beta2 * (tip**2 - r**2) / 2, atol=2e-7)
 
 
+@pytest.mark.slow
 def test_steady_state_derivative():
     @jax.jit
     def tip(speed):

@@ -116,7 +116,7 @@ HUBS_AND_TIPS = [
 ]
 
 
-@pytest.mark.parametrize("gamma", [0.0, 1.0, 10.0, 50.0])
+@pytest.mark.parametrize("gamma", [0.0, 1.0, 10.0, pytest.param(50.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("hub", "tip"), HUBS_AND_TIPS)
 @pytest.mark.parametrize(
     ("plane", "slenderness"), [("in plane", None), ("flap", None), ("in plane", 70.0)]
@@ -304,7 +304,13 @@ def test_classical_with_stretch_against_scipy():
 
 
 @pytest.mark.parametrize(
-    "model", [jb.Hybrid(12, 16, 16), jb.SmallStrainANCF(8), jb.ANCF(8)], ids=repr
+    "model",
+    [
+        jb.Hybrid(12, 16, 16),
+        jb.SmallStrainANCF(8),
+        pytest.param(jb.ANCF(8), marks=pytest.mark.slow),
+    ],
+    ids=repr,
 )
 def test_shapes(model):
     """Unit modal mass, tip positive, in quadrature, eigenvectors, orthogonal as they must be."""

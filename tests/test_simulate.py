@@ -122,6 +122,7 @@ def test_jacobi_integral_of_large_motion(model):
     assert drift(run) < 1e-8
 
 
+@pytest.mark.slow
 def test_steady_start_stays():
     """Spinning steadily, inclined and with gravity along the axis: nothing moves."""
     model = jb.VonKarman(5, 3, 2)
@@ -637,6 +638,7 @@ def test_force_and_torque_of_the_hub_balance_power(model):
     np.testing.assert_allclose(*both(jnp.asarray(0.7)), rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_hub_carries_the_weight():
     """At rest under gravity: F = -M g, C = -S x g."""
     down = jb.Loads([0.0, -9.81, 0.0])

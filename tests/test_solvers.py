@@ -98,6 +98,7 @@ def test_order(solver, stiff, order):
     assert work[-1] < errors[-1] + 1e-6
 
 
+@pytest.mark.slow
 @each_solver
 def test_order_of_dense_output(solver):
     """At least that of the error between steps."""
@@ -151,6 +152,7 @@ def test_magnus_refuses_what_is_not_linear():
         solve(system(1.0), jb.Magnus(), dt0=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), jb.Classical(2, 3, 2), jb.DiscreteLP()])
 def test_magnus_is_exact_in_one_step_at_constant_speed(model):
     rotor = jb.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)

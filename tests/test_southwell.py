@@ -23,7 +23,7 @@ def crossing_at(*args, **kwargs):
 
 MODELS = [
     (jb.Hybrid(0, 14, 0), None),
-    (jb.Hybrid(12, 14, 0), 150.0),
+    pytest.param(jb.Hybrid(12, 14, 0), 150.0, marks=pytest.mark.slow),
 ]
 
 

@@ -33,7 +33,9 @@ class ChordKvaerno5(diffrax.AbstractAdaptiveSolver):
 
     With q = q~ + h g v and v = v~ + h g a, a stage solves M a = f(t, q, v) for a alone; all stages
     and iterations share one matrix M + h g C + (h g)^2 K. The embedded error is filtered by it, and
-    dense output is the quintic through q, q' and q'' at both ends.
+    dense output is the quintic through q, q' and q'' at both ends. Very accurate at fixed steps;
+    where steps are so long that the matrix ages, the embedded error sees little of what the
+    iterations leave: adaptive steps want more `iterations`, or `Rodas5P`.
 
     A. Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage,
     BIT 44 (2004); coefficients from `diffrax.Kvaerno5`.
