@@ -165,7 +165,8 @@ class Equations(eqx.Module):
     def damping_tangents(
         self, q: Vector, v: Vector, mass: Scalar | None, stiffness: Scalar | None
     ) -> tuple[Any, Any]:
-        """Derivatives of `damping` by q and q', for inertia that does not depend on q."""
+        """Derivatives of `damping`, as it enters `force`, by q and q'; here for inertia that does
+        not depend on q."""
         own: Any = self.mass
         k, c = 0 * own, 0 * own
         if mass is not None:
@@ -272,6 +273,19 @@ def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> Linea
     status = jnp.where(fine, system.status, given)
     strain = jnp.where(status == Status.OK, system.steady_strain, jnp.nan)
     return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
+
+
+def rigid_moments(rotor: Rotor) -> Triple:
+    """int (1, X, X^2) dm of the undeformed beam with its tip mass."""
+    beam, radius, length = rotor.beam, rotor.hub_radius, rotor.beam.length
+    mass, tip_mass, end = beam.mass, rotor.tip_mass, radius + length
+    return jnp.stack(
+        [
+            mass + tip_mass,
+            mass * (radius + length / 2) + tip_mass * end,
+            mass * (radius**2 + radius * length + length**2 / 3) + tip_mass * end**2,
+        ]
+    )
 
 
 def count_functions(name: str, value: int, least: int = 0) -> None:

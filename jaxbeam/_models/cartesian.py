@@ -23,7 +23,13 @@ from jaxtyping import Array, Float
 from jaxbeam._basis import Basis, Functions, bending_integrals, stretch_integrals
 from jaxbeam._beam import Rotor
 from jaxbeam._linalg import dense
-from jaxbeam._models.base import AbstractModel, Equations, Family, LinearSystem
+from jaxbeam._models.base import (
+    AbstractModel,
+    Equations,
+    Family,
+    LinearSystem,
+    rigid_moments,
+)
 from jaxbeam._motion import Hub, skew, spinning
 from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Scalar, Triple, Vector
@@ -188,13 +194,7 @@ class CartesianEquations(Equations):
             gram=gram,
             moment=mass * t.moment + tip_mass * t.tip,
             first=mass * (radius * t.moment + length * t.first) + tip_mass * end * t.tip,
-            rigid=jnp.stack(
-                [
-                    mass + tip_mass,
-                    mass * (radius + length / 2) + tip_mass * end,
-                    mass * (radius**2 + radius * length + length**2 / 3) + tip_mass * end**2,
-                ]
-            ),
+            rigid=rigid_moments(rotor),
             size=length,
             end=end,
             energy_scale=beam.in_plane_bending_stiffness / length,

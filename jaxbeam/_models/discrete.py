@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._beam import SpringRotor
 from jaxbeam._models.base import AbstractModel, Equations, Family
-from jaxbeam._motion import Hub, skew
+from jaxbeam._motion import Hub, cross, skew
 from jaxbeam._types import Matrix, Scalar, Triple, Vector
 
 
@@ -118,7 +118,7 @@ class _Cartesian(_Particle):
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
         end = jnp.zeros(3).at[0].set(self.end)
-        rigid = velocity + jnp.cross(spin, end)
+        rigid = velocity + cross(spin, end)
         more = skew(spin) @ self.tip(q) + jnp.concatenate([v, jnp.zeros(1)])
         return self.rotor.mass * (rigid @ more + more @ more / 2)
 
@@ -132,7 +132,7 @@ class _Polar(_Particle):
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
         end = jnp.zeros(3).at[0].set(self.end)
-        rigid = velocity + jnp.cross(spin, end)
+        rigid = velocity + cross(spin, end)
         moving = jax.jvp(self.place, (q,), (v,))[1]
         more = skew(spin) @ self.tip(q) + jnp.concatenate([moving, jnp.zeros(1)])
         return self.rotor.mass * (rigid @ more + more @ more / 2)
@@ -203,7 +203,7 @@ class _LinearPolar(_Polar):
         """To second order in s, theta and their rates."""
         m, length = self.rotor.mass, self.rotor.length
         end = jnp.zeros(3).at[0].set(self.end)
-        rigid = velocity + jnp.cross(spin, end)
+        rigid = velocity + cross(spin, end)
         flat, none = jnp.array([1.0, length]), jnp.zeros(1)
         more = skew(spin) @ jnp.concatenate([flat * q, none]) + jnp.concatenate([flat * v, none])
         at, moving = jax.jvp(self.place, (q,), (v,))

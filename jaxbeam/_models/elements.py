@@ -16,7 +16,7 @@ What sets theories apart is the axial strain, with d = r' - a1 the displacement 
 """
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -27,7 +27,7 @@ from jaxtyping import Array, Float
 from jaxbeam._basis import Functions, hermite
 from jaxbeam._beam import Rotor
 from jaxbeam._blocks import BlockTridiagonal
-from jaxbeam._models.base import Equations
+from jaxbeam._models.base import Equations, rigid_moments
 from jaxbeam._motion import Hub
 from jaxbeam._types import Scalar, Triple, Vector
 
@@ -51,6 +51,7 @@ class Element(eqx.Module):
     the Gauss points, and another product: many elements, and many cases, make one large product.
     """
 
+    is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
     bending: Scalar  # EI / (EA L^2)
     n_elements: int = eqx.field(static=True)
 
@@ -148,6 +149,8 @@ class Continuum(Element):
 class ModelA(Continuum):
     """B eq. A-3: stations are the first end, the chord and the last end."""
 
+    is_conservative = False
+
     @property
     def stations(self) -> np.ndarray:
         n = self.n_elements
@@ -219,7 +222,7 @@ class ElementEquations(Equations):
     The plane's fields r, r' and r'' are all fields of these elements, rigid rotation included. So
     inertia forces are the mass matrix of all nodes, the clamped one too, times the nodal values of
 
-        q'' + a_O - omega^2 r + (omega' r + 2 omega r') x-rotated by a right angle,   r = X a1 + u.
+        q'' + a_O - omega^2 r + (omega' r + 2 omega r' turned by a right angle),   r = X a1 + u.
     """
 
     mass: BlockTridiagonal
@@ -235,18 +238,11 @@ class ElementEquations(Equations):
 
     def __init__(self, rotor: Rotor, n_elements: int, element: type[Element]) -> None:
         beam = rotor.beam
-        radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass
-        self.size, self.end = length, radius + length
-        self.element_mass, self.tip_mass = mass / n_elements, tip_mass
+        radius, length = rotor.hub_radius, beam.length
+        self.size, self.end, self.rigid = length, radius + length, rigid_moments(rotor)
+        self.element_mass, self.tip_mass = beam.mass / n_elements, rotor.tip_mass
         self.axial_stiffness = beam.axial_stiffness
         self.energy_scale = beam.in_plane_bending_stiffness / length
-        self.rigid = jnp.stack(
-            [
-                mass + tip_mass,
-                mass * (radius + length / 2) + tip_mass * self.end,
-                mass * (radius**2 + radius * length + length**2 / 3) + tip_mass * self.end**2,
-            ]
-        )
         along = radius + length * np.linspace(0.0, 1.0, n_elements + 1)
         still = jnp.zeros_like(along)
         self.straight = jnp.stack([along, still, still, length + still], 1)
@@ -255,13 +251,11 @@ class ElementEquations(Equations):
         self.mass = self._inertial(jnp.ones_like(length), jnp.zeros_like(length))
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
-        nodes = self._nodes(q)
         spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
-        place = self.straight + nodes
+        place = self.straight + self._nodes(q)
         field = _turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
         field = field + jnp.pad(hub.acceleration[:2], (0, 2))[None]
-        elastic = jax.vmap(self.element.force)(_local(nodes) / self.size)
-        own = self.axial_stiffness * elastic + self.element_mass * (_local(field) @ self._gram)
+        own = self._elastic(q) + self.element_mass * (_local(field) @ self._gram)
         at_tip = self.tip_mass * field
         if tip_force is not None:
             at_tip = at_tip - jnp.pad(tip_force[:2], (0, 2))[None]
@@ -284,19 +278,22 @@ class ElementEquations(Equations):
         )
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
-        local = jax.vmap(self.element.tangent)(_local(self._nodes(q)) / self.size)
+        local = jax.vmap(self.element.tangent)(self._shares(q))
         return _assembled(self.axial_stiffness / self.size * local, jnp.zeros((2, 2)))
 
     def elastic_force(self, q: Vector) -> Vector:
-        local = jax.vmap(self.element.force)(_local(self._nodes(q)) / self.size)
-        return _gathered(self.axial_stiffness * local, jnp.zeros((1, 4)))
+        return _gathered(self._elastic(q), jnp.zeros((1, 4)))
+
+    def _elastic(self, q: Vector) -> Float[Array, "n 8"]:
+        """Of every element."""
+        return self.axial_stiffness * jax.vmap(self.element.force)(self._shares(q))
 
     def strain_energy(self, q: Vector) -> Scalar:
-        local = _local(self._nodes(q)) / self.size
-        return self.axial_stiffness * self.size * jnp.sum(jax.vmap(self.element.energy)(local))
+        energy = jnp.sum(jax.vmap(self.element.energy)(self._shares(q)))
+        return self.axial_stiffness * self.size * energy
 
     def nonconservative_force(self, q: Vector) -> Vector:
-        if not isinstance(self.element, ModelA):
+        if self.element.is_conservative:
             return jnp.zeros_like(q)
         return self.elastic_force(q) - jax.grad(self.strain_energy)(q)
 
@@ -350,6 +347,10 @@ class ElementEquations(Equations):
         index = np.clip((xi * n).astype(int), 0, n - 1)
         shapes = Functions(*map(_spread, hermite(xi * n - index, 1 / n)))
         return shapes, _local(self._nodes(q))[index][:, None]
+
+    def _shares(self, q: Vector) -> Float[Array, "n 8"]:
+        """Coordinates of every element over the length."""
+        return _local(self._nodes(q)) / self.size
 
     def _nodes(self, q: Vector) -> Float[Array, "k 4"]:
         """Nodal values (u, w, L w', L u'), in m, those of the clamped node included."""

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._linalg import inverse
-from jaxbeam._solvers.steps import StepPolynomial, finished, length, quintic
+from jaxbeam._solvers.steps import SecondOrderSolver, StepPolynomial, finished, length
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Vector
+from jaxbeam._types import Scalar, Vector
 
 _TABLEAU = diffrax.Kvaerno5.tableau
 _GAMMA = 0.26
@@ -27,7 +27,7 @@ _WEIGHT, _PREDICTOR = _rows(_TABLEAU.a_lower), _rows(_TABLEAU.a_predictor)
 _ERROR = np.asarray(_TABLEAU.b_error)
 
 
-class ChordKvaerno5(diffrax.AbstractAdaptiveSolver):
+class ChordKvaerno5(SecondOrderSolver):
     """Kvaerno's L-stable method of order 5(4) for `SecondOrderSystem`, with a fixed number of
     chord iterations per stage.
 
@@ -42,25 +42,16 @@ class ChordKvaerno5(diffrax.AbstractAdaptiveSolver):
     """
 
     iterations: int = eqx.field(static=True, default=3)
-    term_structure: ClassVar = diffrax.ODETerm
     interpolation_cls: ClassVar = StepPolynomial
 
     def order(self, terms: Any) -> int:
         """5."""
         return 5
 
-    def error_order(self, terms: Any) -> int:
-        """Local error of the embedded method."""
-        return 5
-
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> Vector:
         """The acceleration: from there on, that of the last stage. Computed from the state anew, it
         would amplify what the iterations left in stiff components."""
         return args.acceleration(t0, y0.q, y0.v)
-
-    def func(self, terms: Any, t0: Any, y0: State, args: SecondOrderSystem) -> State:
-        """The first-order right-hand side."""
-        return args.rate(t0, y0)
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem,
@@ -99,7 +90,18 @@ class ChordKvaerno5(diffrax.AbstractAdaptiveSolver):
         end = both + h * (np.append(_WEIGHT[-1, :-1], _GAMMA) @ done)
         off = h * (_ERROR @ done)
         filtered = solve @ (args.mass @ off[n:] - g * (k @ off[:n]))
-        error = State(off[:n] + g * filtered, filtered, jnp.zeros_like(y0.work))
-        bends = quintic(h, both, a, end, done[-1, n:])
-        y1, info = finished(args, t0, h, y0, end, bends)
+        off = jnp.concatenate([off[:n] + g * filtered, filtered])
+        bends = _quintic(h, both, a, end, done[-1, n:])
+        y1, error, info = finished(args, t0, h, y0, end, off, bends)
         return y1, error, info, done[-1, n:], diffrax.RESULTS.successful
+
+
+def _quintic(h: Scalar, y0: Array, a0: Vector, y1: Array, a1: Vector) -> Array:
+    """Hermite's polynomial: coefficients of s, ..., s^5 of q and v side by side."""
+    n = a0.size
+    q0, v0, q1, v1 = y0[:n], h * y0[n:], y1[:n], h * y1[n:]
+    a0, a1 = h**2 * a0, h**2 * a1
+    d, e, f = q1 - q0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
+    q = [v0, a0 / 2, 10 * d - 4 * e + f / 2, -15 * d + 7 * e - f, 6 * d - 3 * e + f / 2]
+    v = [2 * q[1], 3 * q[2], 4 * q[3], 5 * q[4], jnp.zeros_like(d)]
+    return jnp.concatenate([jnp.stack(q), jnp.stack(v) / h], 1)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._linalg import dense, exponential, inverse
-from jaxbeam._solvers.steps import length
+from jaxbeam._solvers.steps import Interpolation, SecondOrderSolver, length
 from jaxbeam._solvers.system import SecondOrderSystem, State, work_rate
 from jaxbeam._types import Matrix, Scalar, Vector
 
@@ -30,46 +30,42 @@ class _Moment(NamedTuple):
     rest: Vector
 
 
-class MagnusInterpolation(diffrax.AbstractLocalInterpolation):
+class MagnusInterpolation(Interpolation):
     """z along a step by its own exponential, so that steps may be longer than a vibration; the
     moving equilibrium by the cubic through its ends.
 
     With A linear in time, the exponent is s mean + s (s - 1) tilt / 2 + s^3 twist, `exponent`.
     """
 
-    t0: Any  # type: ignore[misc]
-    t1: Any  # type: ignore[misc]
-    y0: State
     start: Float[Array, " m"]
     exponent: Float[Array, "3 m m"]
     scale: Scalar
     place: Float[Array, "4 n"]
     work: Float[Array, " 3"]
 
-    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
-        """As in diffrax: the value at t0, or the increment from t0 to t1."""
-        if t1 is not None:
-            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
-        s = (t0 - self.t0) / length(self.t0, self.t1)
-        return self.at(s)
+    def at(self, s: Scalar) -> State:
+        return self.state(s, self.offset(s))
 
-    def at(self, s: Any) -> State:
-        """y at the share s of the step."""
-        n = self.y0.q.size
+    def offset(self, s: Scalar) -> Float[Array, " m"]:
+        """z at the share s of the step."""
         mean, tilt, twist = self.exponent
-        z = exponential(s * (mean + (s - 1) / 2 * tilt + s**2 * twist)) @ self.start
+        return exponential(s * (mean + (s - 1) / 2 * tilt + s**2 * twist)) @ self.start
 
-        def of(s: Scalar) -> Vector:
+    def state(self, s: Scalar, z: Float[Array, " m"]) -> State:
+        """y where z is this."""
+        n = self.y0.q.size
+
+        def equilibrium(s: Scalar) -> Vector:
             p0, p1, r0, r1 = self.place
             bend = s * (1 - s) * ((1 - s) * (r0 + p0 - p1) - s * (r1 + p0 - p1))
             return p0 + s * (p1 - p0) + bend
 
-        place, rate = jax.jvp(of, (jnp.asarray(s, z.dtype),), (jnp.ones((), z.dtype),))
+        place, rate = jax.jvp(equilibrium, (s,), (jnp.ones_like(s),))
         work = self.y0.work + s * (self.work[0] + s * (self.work[1] + s * self.work[2]))
         return State(place + z[:n], rate / length(self.t0, self.t1) + self.scale * z[n:-1], work)
 
 
-class Magnus(diffrax.AbstractAdaptiveSolver):
+class Magnus(SecondOrderSolver):
     """Fourth-order Magnus integration of q'' = M^-1 force(t, q, q') for forces linear in q and q'.
 
     y = (q, q') is measured from the moving equilibrium p(t), at which force(t, p, 0) = 0, so that
@@ -87,7 +83,6 @@ class Magnus(diffrax.AbstractAdaptiveSolver):
     Physics Reports 470 (2009), section 5.
     """
 
-    term_structure: ClassVar = diffrax.ODETerm
     interpolation_cls: ClassVar = MagnusInterpolation
 
     def order(self, terms: Any) -> int:
@@ -103,10 +98,6 @@ class Magnus(diffrax.AbstractAdaptiveSolver):
         if not args.is_linear:
             raise TypeError("Magnus needs forces that are linear in q and q': give another solver")
 
-    def func(self, terms: Any, t0: Any, y0: State, args: SecondOrderSystem) -> State:
-        """The first-order right-hand side."""
-        return args.rate(t0, y0)
-
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem, solver_state: None,
         made_jump: Any,
@@ -114,58 +105,51 @@ class Magnus(diffrax.AbstractAdaptiveSolver):
         """One step."""
         h = length(t0, t1)
         n = y0.q.size
-        at = jax.vmap(lambda t: _moment(args, t))(t0 + h * _PLACES)
+        flexible = inverse(dense(args.mass))
+        at = jax.vmap(lambda t: _moment(args, flexible, t))(t0 + h * _PLACES)
         # In units of the fastest vibration, so that q and q' / scale are of one size.
         scale = jnp.sqrt(jnp.max(jnp.sum(jnp.abs(at.stiffness[0]), 1)))
         _, a1, a2, _ = h * jax.vmap(lambda at: _first_order(at, scale))(at)
         twist = np.sqrt(3) / 12 * (a2 @ a1 - a1 @ a2)
+        start = [y0.q - at.place[0], (y0.v - at.rate[0]) / scale, jnp.ones_like(h)[None]]
         info: dict[str, Any] = {
             "y0": y0,
-            "start": jnp.concatenate(
-                [y0.q - at.place[0], (y0.v - at.rate[0]) / scale, jnp.ones(1)]
-            ),
+            "start": jnp.concatenate(start),
             "exponent": jnp.stack([(a1 + a2) / 2, np.sqrt(3) * (a2 - a1), twist]),
             "scale": scale,
             "place": jnp.concatenate([at.place[::3], h * at.rate[::3]]),
-            "work": jnp.zeros(3),
         }
-        along = MagnusInterpolation(t0=t0, t1=t0 + h, **info)
-        states = [y0, along.at(0.5), along.at(1.0)]
-        moved = jnp.concatenate(
-            [states[1].q - at.place[1], (states[1].v - at.rate[1]) / scale, jnp.ones(1)]
-        )
-        off = twist @ moved
+        along = MagnusInterpolation(t0=t0, t1=t0 + h, **info, work=jnp.zeros_like(h, shape=3))
+        half, one = jnp.full_like(h, 0.5), jnp.ones_like(h)
+        middle = along.offset(half)
+        states = [y0, along.state(half, middle), along.at(one)]
+        off = twist @ middle
         error = State(off[:n], scale * off[n:-1], jnp.zeros_like(y0.work))
         powers = [
             work_rate(args, t, y.q, y.v)
             for t, y in zip((t0, t0 + h / 2, t0 + h), states, strict=True)
         ]
-        info["work"] = h * (_SIMPSON @ jnp.stack(powers))
-        end = State(states[2].q, states[2].v, y0.work + jnp.sum(info["work"]))
-        return end, error, info, None, diffrax.RESULTS.successful
+        work = h * (_SIMPSON @ jnp.stack(powers))
+        end = State(states[2].q, states[2].v, y0.work + jnp.sum(work))
+        return end, error, {**info, "work": work}, None, diffrax.RESULTS.successful
 
 
-def _moment(system: SecondOrderSystem, t: Scalar) -> _Moment:
-    one = jnp.ones_like(t)
+def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar) -> _Moment:
+    """`flexible` is the inverse of the mass."""
+    one, zero = jnp.ones_like(t), jnp.zeros_like(flexible[0])
 
-    def coefficients(t: Scalar) -> tuple[Matrix, Matrix, Vector]:
-        zero = jnp.zeros(system.mass.shape[0], t.dtype)
+    def place(t: Scalar) -> tuple[Vector, tuple[Matrix, Matrix]]:
         x = system.inputs(t)
-        k, c = system.tangents(x, zero, zero)
-        return dense(k), dense(c), system.force(x, zero, zero)
+        k, c = (dense(a) for a in system.tangents(x, zero, zero))
+        return inverse(k) @ system.force(x, zero, zero), (k, c)
 
-    def place(t: Scalar) -> Vector:
-        k, _, load = coefficients(t)
-        return inverse(k) @ load
+    def moving(t: Scalar) -> tuple[tuple[Vector, Vector], tuple[Matrix, Matrix]]:
+        at, rate, matrices = jax.jvp(place, (t,), (one,), has_aux=True)
+        return (at, rate), matrices
 
-    def rate(t: Scalar) -> tuple[Vector, Vector]:
-        return jax.jvp(place, (t,), (one,))
-
-    (at, moving), (_, turning) = jax.jvp(rate, (t,), (one,))
-    k, c, _ = coefficients(t)
-    flexible = inverse(dense(system.mass))
+    (at, rate), (_, turning), (k, c) = jax.jvp(moving, (t,), (one,), has_aux=True)
     stiffness, damping = -(flexible @ k), -(flexible @ c)
-    return _Moment(stiffness, damping, at, moving, damping @ moving - turning)
+    return _Moment(stiffness, damping, at, rate, damping @ rate - turning)
 
 
 def _first_order(at: _Moment, scale: Scalar) -> Float[Array, "m m"]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._linalg import inverse
-from jaxbeam._solvers.steps import StepPolynomial, finished, length
+from jaxbeam._solvers.steps import SecondOrderSolver, StepPolynomial, finished, length
 from jaxbeam._solvers.system import SecondOrderSystem, State
 
 
@@ -155,7 +155,7 @@ _RODAS5P = _tableau(
 )  # fmt: skip
 
 
-class Rosenbrock(diffrax.AbstractAdaptiveSolver):
+class Rosenbrock(SecondOrderSolver):
     """Rosenbrock methods for `SecondOrderSystem`: L-stable, stiffly accurate, no Newton iteration.
 
     Stages for q are eliminated, so that the one matrix of a step is n by n:
@@ -163,23 +163,11 @@ class Rosenbrock(diffrax.AbstractAdaptiveSolver):
     """
 
     tableau: eqx.AbstractClassVar[Tableau]
-    term_structure: ClassVar = diffrax.ODETerm
     interpolation_cls: ClassVar = StepPolynomial
 
     def order(self, terms: Any) -> int:
         """Of the solution."""
         return self.tableau.order
-
-    def error_order(self, terms: Any) -> int:
-        """Local error of the embedded method."""
-        return self.tableau.order
-
-    def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> None:
-        """Nothing is kept from step to step."""
-
-    def func(self, terms: Any, t0: Any, y0: State, args: SecondOrderSystem) -> State:
-        """The first-order right-hand side."""
-        return args.rate(t0, y0)
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem, solver_state: None,
@@ -220,8 +208,7 @@ class Rosenbrock(diffrax.AbstractAdaptiveSolver):
         end = both + np.append(table.weight[-1, :-1], 1.0) @ done
         d1, d2, d3 = table.dense @ done
         bends = jnp.stack([end - both + d1, d2 - d1, d3 - d2, -d3])
-        error = State(done[-1, :n], done[-1, n:], jnp.zeros_like(y0.work))
-        y1, info = finished(args, t0, h, y0, end, bends)
+        y1, error, info = finished(args, t0, h, y0, end, done[-1], bends)
         return y1, error, info, None, diffrax.RESULTS.successful
 
 

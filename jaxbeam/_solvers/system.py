@@ -52,7 +52,7 @@ class SecondOrderSystem(eqx.Module):
     def inputs(self, t: Scalar) -> Any:
         """All that depends on time alone, a pytree of floating-point arrays; by default, t itself.
 
-        `Rodas5P` computes it for all stages of a step at once.
+        Solvers compute it for all stages of a step at once.
         """
         return t
 
