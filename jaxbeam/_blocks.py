@@ -1,5 +1,7 @@
 """Block-tridiagonal matrices: products, sums and elimination at a cost linear in their size."""
 
+import functools
+from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
@@ -8,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-Blocks = Float[Array, "k b b"]
-_Vector = Float[Array, " n"]
+Blocks = Float[Array, "k b b *lanes"]
+_Vector = Float[Array, "n *lanes"]
 
 
 class BlockTridiagonal(eqx.Module):
@@ -18,16 +20,17 @@ class BlockTridiagonal(eqx.Module):
     `rows` (k, b, 3 b) holds, row of blocks by row, the lower block, the diagonal and the upper one;
     the first lower and the last upper block are ignored. So are the first `absent` rows and columns
     of the first block, which are not part of the matrix: its size is n = k b - absent. Sums,
-    multiples by scalars and products with vectors (n,) are written as for arrays.
+    multiples by scalars and products with vectors (n,) are written as for arrays. Further axes, of
+    lanes, may follow in all of them (see `kernel`).
     """
 
-    rows: Float[Array, "k b 3b"]
+    rows: Float[Array, "k b 3b *lanes"]
     absent: int = eqx.field(static=True, default=0)
 
     @property
     def shape(self) -> tuple[int, int]:
         """(n, n)."""
-        k, b, _ = self.rows.shape
+        k, b = self.rows.shape[:2]
         return (k * b - self.absent,) * 2
 
     def __add__(self, other: "BlockTridiagonal") -> "BlockTridiagonal":
@@ -43,12 +46,12 @@ class BlockTridiagonal(eqx.Module):
 
     def __matmul__(self, x: _Vector) -> _Vector:
         b = self.rows.shape[1]
-        beside = jnp.pad(x, (self.absent + b, b)).reshape(-1, b)
+        beside = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:])
         window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
-        return self.flat(jnp.sum(self.rows * window[:, None], 2))
+        return self.flat(_total(self.rows[:, :, j] * window[:, None, j] for j in range(3 * b)))
 
     def dense(self) -> Float[Array, "n n"]:
-        """As an array."""
+        """As an array; not for lanes."""
         k, b, _ = self.rows.shape
         blocks = self.rows.reshape(k, b, 3, b)
         out = jnp.zeros((k, b, k + 2, b), self.rows.dtype)
@@ -60,13 +63,13 @@ class BlockTridiagonal(eqx.Module):
         """What solves with this matrix, once eliminated; differentiable in both modes."""
         return BlockInverse(self)
 
-    def blocked(self, x: _Vector) -> Float[Array, "k b"]:
+    def blocked(self, x: _Vector) -> Float[Array, "k b *lanes"]:
         """A vector block by block, zero where it is absent."""
-        return jnp.pad(x, (self.absent, 0)).reshape(self.rows.shape[:2])
+        return padded(x, self.absent, 0).reshape(*self.rows.shape[:2], *x.shape[1:])
 
-    def flat(self, x: Float[Array, "k b"]) -> _Vector:
+    def flat(self, x: Float[Array, "k b *lanes"]) -> _Vector:
         """The vector of these blocks."""
-        return x.reshape(-1)[self.absent :]
+        return x.reshape(-1, *x.shape[2:])[self.absent :]
 
 
 class BlockInverse(eqx.Module):
@@ -85,14 +88,14 @@ class BlockInverse(eqx.Module):
     def __init__(self, matrix: BlockTridiagonal) -> None:
         self.matrix = matrix
         rows = jax.lax.stop_gradient(matrix.rows)
-        k, b, _ = rows.shape
+        k, b = rows.shape[:2]
         # Ones on the diagonal for what is absent, and nothing beside them.
         there = np.ones((k, b, 3, b), bool)
         there[0, :, 0] = there[-1, :, 2] = there[0, : matrix.absent] = False
         there[0, :, 1, : matrix.absent] = there[1:2, :, 0, : matrix.absent] = False
         ones = np.zeros((k, b, 3, b))
         ones[0, :, 1][np.arange(matrix.absent), np.arange(matrix.absent)] = 1.0
-        shape = (k, b, 3 * b)
+        shape = (k, b, 3 * b, *(1,) * (rows.ndim - 3))
         rows = jnp.where(there.reshape(shape), rows, ones.reshape(shape))
 
         low, diagonal, up = rows[:, :, :b], rows[:, :, b : 2 * b], rows[:, :, 2 * b :]
@@ -103,9 +106,9 @@ class BlockInverse(eqx.Module):
             return pivot, pivot
 
         above = jnp.concatenate([jnp.zeros_like(up[:1]), up[:-1]])
-        zero = jnp.zeros((b, b), rows.dtype)
-        self.pivots = jax.lax.scan(eliminate, zero, (low, diagonal, above))[1]
-        self.fore, self.back = _times(self.pivots, low), _times(self.pivots, up)
+        self.pivots = jax.lax.scan(eliminate, jnp.zeros_like(up[0]), (low, diagonal, above))[1]
+        each = jax.vmap(_times)
+        self.fore, self.back = each(self.pivots, low), each(self.pivots, up)
 
     def __matmul__(self, b: _Vector) -> _Vector:
         parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
@@ -119,7 +122,14 @@ class BlockInverse(eqx.Module):
         return x
 
 
-def _sweep(steps: Blocks, b: Float[Array, "k b"], *, reverse: bool) -> Float[Array, "k b"]:
+def padded(x: Array, before: int, after: int) -> Array:
+    """With zeros along the first axis."""
+    return jnp.pad(x, ((before, after), *((0, 0),) * (x.ndim - 1)))
+
+
+def _sweep(
+    steps: Blocks, b: Float[Array, "k b *lanes"], *, reverse: bool
+) -> Float[Array, "k b *lanes"]:
     """y_i = b_i - steps_i y_before."""
 
     def one(y: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -129,36 +139,46 @@ def _sweep(steps: Blocks, b: Float[Array, "k b"], *, reverse: bool) -> Float[Arr
     return jax.lax.scan(one, jnp.zeros_like(b[0]), (b, steps), reverse=reverse)[1]
 
 
-def _solve(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b"]) -> Array:
-    return _sweep(back, _sweep(fore, _apply(pivots, b), reverse=False), reverse=True)
+def _solve(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lanes"]) -> Array:
+    return _sweep(back, _sweep(fore, jax.vmap(_apply)(pivots, b), reverse=False), reverse=True)
 
 
-def _solve_transposed(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b"]) -> Array:
+def _solve_transposed(
+    pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lanes"]
+) -> Array:
     """(1 + G)^T z = b, then (1 + S L)^T w = z, x = S^T w: the roles of G and S L change."""
-    none = ((0, 1), (0, 0), (0, 0))
-    z = _sweep(jnp.pad(back, ((1, 0), *none[1:]))[:-1].swapaxes(1, 2), b, reverse=False)
-    w = _sweep(jnp.pad(fore, none)[1:].swapaxes(1, 2), z, reverse=True)
-    return _apply(pivots.swapaxes(1, 2), w)
+    before = jnp.concatenate([jnp.zeros_like(back[:1]), back[:-1]]).swapaxes(1, 2)
+    after = jnp.concatenate([fore[1:], jnp.zeros_like(fore[:1])]).swapaxes(1, 2)
+    w = _sweep(after, _sweep(before, b, reverse=False), reverse=True)
+    return jax.vmap(_apply)(pivots.swapaxes(1, 2), w)
 
 
-def _small_inverse(a: Float[Array, "b b"]) -> Float[Array, "b b"]:
+def _small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
     """Gauss and Jordan in place, without pivoting; so short a loop compiles to one function."""
-    places = jnp.arange(a.shape[0])
+    lanes = (1,) * (a.ndim - 2)
+    places = np.arange(len(a))
 
     def body(k: Array, a: Array) -> Array:
         here = places == k
-        pivot = a[k, k]
-        row, column = jnp.where(here, 1.0, a[k]) / pivot, jnp.where(here, 0.0, a[:, k])
-        a = jnp.where(here[None], 0.0, a) - column[:, None] * row[None]
-        return jnp.where(here[:, None], row[None], a)
+        across, down = here.reshape(1, -1, *lanes), here.reshape(-1, 1, *lanes)
+        row = jax.lax.dynamic_index_in_dim(a, k, 0)
+        column = jax.lax.dynamic_index_in_dim(a, k, 1)
+        pivot = jax.lax.dynamic_index_in_dim(column, k, 0)
+        row = jnp.where(across, 1.0, row) / pivot
+        a = jnp.where(across, 0.0, a) - jnp.where(down, 0.0, column) * row
+        return jnp.where(down, row, a)
 
-    return jax.lax.fori_loop(0, a.shape[0], body, a)
-
-
-def _times(a: Array, b: Array) -> Array:
-    """Products of small matrices as sums: they fuse, and a batch of them fills vector units."""
-    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], -2)
+    return jax.lax.fori_loop(0, len(a), body, a)
 
 
-def _apply(a: Array, x: Array) -> Array:
-    return jnp.sum(a * x[..., None, :], -1)
+def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Array:
+    """Products of small matrices as sums: they fuse, and lanes fill vector units."""
+    return _total(a[:, j, None] * b[None, j] for j in range(len(b)))
+
+
+def _apply(a: Float[Array, "b b *lanes"], x: Float[Array, "b *lanes"]) -> Array:
+    return _total(a[:, j] * x[None, j] for j in range(len(x)))
+
+
+def _total(terms: Iterable[Array]) -> Array:
+    return functools.reduce(jnp.add, terms)

@@ -112,8 +112,8 @@ class Spin(Motion):
 
 def cross(a: Triple, b: Triple) -> Triple:
     """a x b; `jnp.cross` takes three times as many operations."""
-    i, j = np.array([1, 2, 0]), np.array([2, 0, 1])
-    return a[i] * b[j] - a[j] * b[i]
+    (x, y, z), (u, v, w) = a, b
+    return jnp.stack([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
 def skew(a: Triple) -> Rotation:

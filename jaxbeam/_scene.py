@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from jaxbeam._beam import require
 from jaxbeam._blocks import BlockInverse, BlockTridiagonal
+from jaxbeam._kernel import total
 from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, Equations, Family
@@ -33,9 +34,8 @@ class Scene(SecondOrderSystem):
     does not drown what matters.
     """
 
-    mass: Matrix | BlockTridiagonal
-    inverse_mass: Matrix | BlockInverse
     equations: Equations
+    inverse_mass: Matrix | BlockInverse
     motion: Motion
     loads: Loads
     damping: Damping
@@ -45,8 +45,22 @@ class Scene(SecondOrderSystem):
     ) -> None:
         """From parameters in range."""
         self.equations = model.equations(rotor)
-        self.mass, self.inverse_mass = self.equations.mass, inverse(self.equations.mass)
+        self.inverse_mass = inverse(self.equations.mass)
         self.motion, self.loads, self.damping = motion, loads, damping
+
+    @property
+    def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[override]
+        return self.equations.mass
+
+    @property
+    def kernel(self) -> "Scene | None":
+        if not self.equations.takes_lanes:
+            return None
+        without: Scene = eqx.tree_at(
+            lambda s: (s.inverse_mass, s.motion, s.loads.tip_force), self, (None,) * 3,
+            is_leaf=lambda leaf: leaf is None,
+        )  # fmt: skip
+        return without
 
     @property
     def work_unit(self) -> Scalar:
@@ -95,11 +109,11 @@ class Scene(SecondOrderSystem):
             (hub.velocity, hub.angular_velocity),
             (hub.velocity_rate, hub.angular_velocity_rate),
         )
-        out = -moved - equations.nonconservative_force(q) @ v - self._damping(q, v) @ v
+        out = -moved - total((equations.nonconservative_force(q) + self._damping(q, v)) * v)
         if self.loads.gravity is not None:
-            out = out + hub.gravity @ jax.jvp(equations.first_moment, (q,), (v,))[1]
+            out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (v,))[1])
         if tip_force is not None:
-            out = out + tip_force @ jax.jvp(equations.tip, (q,), (v,))[1]
+            out = out + total(tip_force * jax.jvp(equations.tip, (q,), (v,))[1])
         return out / self.work_unit
 
     def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:

@@ -48,8 +48,8 @@ class _Nodal(_ANCF):
 
     @property
     def families(self) -> tuple[Family, ...]:
-        """L u' of the first node, then u, w, L w', L u' of each."""
-        node = (Family.AXIAL, Family.IN_PLANE, Family.IN_PLANE, Family.AXIAL)
+        """L u' of the first node, then w, L w', u, L u' of each."""
+        node = (Family.IN_PLANE, Family.IN_PLANE, Family.AXIAL, Family.AXIAL)
         return (Family.AXIAL, *self.n_elements * node)
 
     def equations(self, rotor: Rotor) -> ElementEquations:
@@ -59,7 +59,7 @@ class _Nodal(_ANCF):
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
         n = self.n_elements
-        node = np.array([1, 2 * n + 1, 2 * n + 2, 2])  # axial coordinates come first there
+        node = np.array([2 * n + 1, 2 * n + 2, 1, 2])  # axial coordinates come first there
         order = np.append(0, (2 * np.arange(n)[:, None] + node).ravel())
         return super().displacement(xi)[:, :, order]
 
@@ -85,7 +85,7 @@ class _Nodal(_ANCF):
             return -equations.force(part, q, zero, None)[axial] / rotor.beam.axial_stiffness
 
         def acceptable(u: Array) -> Array:
-            return jnp.all(equations.gradient(zero.at[axial].set(length * u), points)[:, 0] > -0.5)
+            return jnp.all(equations.gradient(zero.at[axial].set(length * u), points)[1] > -0.5)
 
         u, done = find_root(residual, zero[axial], acceptable)
         return u * length, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)

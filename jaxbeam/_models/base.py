@@ -86,6 +86,7 @@ class Equations(eqx.Module):
     and for any T the total energy changes by exactly what hub and external forces do.
     """
 
+    takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
     rigid: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
     size: eqx.AbstractVar[Scalar]  # length, the yardstick of displacements, m

@@ -9,9 +9,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._kernel import contract
 from jaxbeam._linalg import inverse
-from jaxbeam._solvers.steps import SecondOrderSolver, StepPolynomial, finished, length
+from jaxbeam._solvers.steps import (
+    SecondOrderSolver,
+    StepPolynomial,
+    compute,
+    finished,
+    length,
+    work_along,
+    work_inputs,
+)
 from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._types import Scalar
 
 
 class Tableau(NamedTuple):
@@ -175,25 +185,35 @@ class Rosenbrock(SecondOrderSolver):
     ) -> tuple[State, State, dict[str, State], None, Any]:  # fmt: skip
         """One step."""
         h = length(t0, t1)
+        x0, rate = jax.jvp(args.inputs, (t0,), (jnp.ones_like(t0),))
+        inputs = jax.vmap(args.inputs)(t0 + h * self.tableau.times)
+        end, error, bends, work = compute(
+            Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, work_inputs(args, t0, h)
+        )
+        return *finished(y0, end, error, bends, work), None, diffrax.RESULTS.successful
+
+    def _core(
+        self, system: SecondOrderSystem, h: Scalar, y0: State, start: Any, inputs: Any, between: Any
+    ) -> tuple[Array, Array, Array, Array]:
+        """End, error and polynomial of q and v side by side, and the work."""
         table = self.tableau
         q, v, g = y0.q, y0.v, table.gamma * h
-        x0, input_rate = jax.jvp(args.inputs, (t0,), (jnp.ones_like(t0),))
-        inputs = jax.vmap(args.inputs)(t0 + h * table.times)
-        k, c = args.tangents(x0, q, v)
-        solve = inverse(args.mass / g + c + g * k)
-        _, force_rate = jax.jvp(lambda x: args.force(x, q, v), (x0,), (input_rate,))
+        x0, input_rate = start
+        k, c = system.tangents(x0, q, v)
+        solve = inverse(system.mass / g + c + g * k)
+        _, force_rate = jax.jvp(lambda x: system.force(x, q, v), (x0,), (input_rate,))
 
         # Stages of q and v side by side: one product serves both.
-        n = q.size
+        n = len(q)
         both = jnp.concatenate([q, v])
 
         def stage(done: Array, row: Any) -> tuple[Array, None]:
             i, rows, d, now = row
-            step, past = rows @ done
+            step, past = contract(rows, done)
             step, past = both + step, past / h
             at = step[:n], step[n:]
             first = at[1] + past[:n]
-            right = args.force(now, *at) + args.mass @ past[n:] + h * d * force_rate
+            right = system.force(now, *at) + system.mass @ past[n:] + h * d * force_rate
             z = solve @ (right - g * (k @ first))
             new = jnp.concatenate([g * (first + z), z])
             return jax.lax.dynamic_update_index_in_dim(done, new, i, 0), None
@@ -202,14 +222,14 @@ class Rosenbrock(SecondOrderSolver):
         count = len(table.times)
         done, _ = jax.lax.scan(
             stage,
-            jnp.zeros((count, 2 * n), q.dtype),
+            jnp.zeros((count, *both.shape), q.dtype),
             (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
         )
-        end = both + np.append(table.weight[-1, :-1], 1.0) @ done
-        d1, d2, d3 = table.dense @ done
-        bends = jnp.stack([end - both + d1, d2 - d1, d3 - d2, -d3])
-        y1, error, info = finished(args, t0, h, y0, end, done[-1], bends)
-        return y1, error, info, None, diffrax.RESULTS.successful
+        last = np.append(table.weight[-1, :-1], 1.0)
+        change, d1, d2, d3 = contract(np.stack([last, *table.dense]), done)
+        bends = jnp.stack([change + d1, d2 - d1, d3 - d2, -d3])
+        work = work_along(system, between, h, y0, bends)
+        return both + change, done[-1], bends, work
 
 
 class Rodas4P(Rosenbrock):

@@ -1,14 +1,18 @@
 """What solvers of second-order systems share: one step as a function of time, and its work."""
 
 import abc
+import functools
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._kernel import contract, kernel
 from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
 from jaxbeam._types import Scalar
 
@@ -70,25 +74,54 @@ def length(t0: Scalar, t1: Scalar) -> Scalar:
     return jnp.where(t1 == t0, 1e-9, t1 - t0)
 
 
-def finished(
-    system: SecondOrderSystem, t0: Scalar, h: Scalar, y0: State, end: Float[Array, " 2n"],
-    error: Float[Array, " 2n"], bends: Float[Array, "m 2n"],
-) -> tuple[State, State, dict[str, State]]:  # fmt: skip
-    """End, error and `StepPolynomial` of a step, from those of q and v side by side.
+Core = Callable[..., Any]
 
-    The work is found by quadrature along the polynomial: it drives nothing, so it needs no stages
-    of its own, and it carries no derivatives.
-    """
-    n, m = y0.q.size, len(bends)
-    system, t0, h, start, along = without_derivatives(
-        (system, t0, h, jnp.concatenate([y0.q, y0.v]), bends)
+
+def compute(core: Core, solver: SecondOrderSolver, system: SecondOrderSystem, *arrays: Any) -> Any:
+    """core(solver, system, *arrays), a `kernel` where the system allows it; then the core must not
+    ask the system for its inputs."""
+    part = system.kernel
+    if part is None:
+        return core(solver, system, *arrays)
+    leaves, tree = jax.tree.flatten(part)
+    return _kernel(core, solver, tree)(leaves, *arrays)
+
+
+@functools.lru_cache(maxsize=100)
+def _kernel(core: Core, solver: SecondOrderSolver, tree: Any) -> Callable[..., Any]:
+    return kernel(
+        lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays)
     )
-    states = start[None] + _NODES[:, None] ** np.arange(1, m + 1)[None] @ along
 
-    def power(t: Scalar, y: Array) -> Scalar:
-        return system.power(system.inputs(t), y[:n], y[n:])
 
-    work = h * (_INTEGRAL @ jax.vmap(power)(t0 + h * _NODES, states))
+def work_inputs(system: SecondOrderSystem, t0: Scalar, h: Scalar) -> Any:
+    """Inputs at the moments where `work_along` wants them."""
+    return without_derivatives(jax.vmap(system.inputs)(t0 + h * _NODES))
+
+
+def work_along(
+    system: SecondOrderSystem, inputs: Any, h: Scalar, y0: State, bends: Float[Array, "m 2n"]
+) -> Float[Array, " 4"]:
+    """Work along a `StepPolynomial` of q and v side by side, as coefficients of its own.
+
+    By quadrature: the work drives nothing, so it needs no stages of its own, and it carries no
+    derivatives.
+    """
+    n = len(y0.q)
+    system, inputs, h, start, along = without_derivatives(
+        (system, inputs, h, jnp.concatenate([y0.q, y0.v]), bends)
+    )
+    states = start[None] + contract(_NODES[:, None] ** np.arange(1, len(bends) + 1), along)
+    power = jax.vmap(lambda x, y: system.power(x, y[:n], y[n:]))(inputs, states)
+    return h * contract(_INTEGRAL, power)
+
+
+def finished(
+    y0: State, end: Float[Array, " 2n"], error: Float[Array, " 2n"],
+    bends: Float[Array, "m 2n"], work: Float[Array, " 4"],
+) -> tuple[State, State, dict[str, State]]:  # fmt: skip
+    """End, error and `StepPolynomial` of a step, from those of q and v side by side."""
+    n, m = y0.q.size, len(bends)
     info = {"y0": y0, "bends": State(bends[:, :n], bends[:, n:], jnp.pad(work, (0, m - 4)))}
     off = State(error[:n], error[n:], jnp.zeros_like(y0.work))
     return State(end[:n], end[n:], y0.work + jnp.sum(work)), off, info

@@ -49,6 +49,12 @@ class SecondOrderSystem(eqx.Module):
         """Whether `force` is linear in q and v, at any time."""
         return False
 
+    @property
+    def kernel(self) -> "SecondOrderSystem | None":
+        """All of this system but `inputs`, if force, tangents and power suit `jaxbeam._kernel`;
+        its arrays must be its leaves. By default None."""
+        return None
+
     def inputs(self, t: Scalar) -> Any:
         """All that depends on time alone, a pytree of floating-point arrays; by default, t itself.
 

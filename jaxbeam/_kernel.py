@@ -1,0 +1,221 @@
+"""Short programs of many small operations, at the speed that the hardware allows.
+
+A step of a beam with few elements is some hundred operations on some hundred numbers. Run one by
+one they take longer to start than to finish; batched with the lanes in front, their short inner
+axes leave vector units idle. `kernel` mends both.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import jaxlib
+import numpy as np
+from jax.custom_batching import custom_vmap
+from jax.custom_derivatives import SymbolicZero
+from jax.experimental.xla_metadata import set_xla_metadata
+from jaxtyping import Array, Float
+
+# What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
+# (they go to libraries), scattering, sorting or calls of any other kind.
+_ALLOWED = frozenset(
+    """
+    abs add add_any and broadcast_in_dim clamp concatenate convert_element_type copy cos
+    custom_jvp_call custom_linear_solve div dynamic_slice dynamic_update_slice eq exp ge gt
+    integer_pow iota jit le log lt max min mul ne neg not or pad pow reshape rev rsqrt scan select_n sign sin slice split sqrt square squeeze stack stop_gradient
+    sub transpose unstack while zeros_like
+    """.split()
+)
+# Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
+_KNOWN = ("0.10.",)
+_LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
+
+    It must work on arrays with more axes, those of lanes, behind the axes that it knows, all lanes
+    alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
+    its first argument has lanes of length one, to be broadcast as NumPy does.
+
+    On a CPU it and its first derivatives are compiled to one function each, where they consist of
+    operations that allow it. Keep what this returns: it is traced once.
+    """
+    plain = _jitted(function)
+    fast = _batched(plain, shared=True)
+
+    @functools.cache
+    def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+        """(still, at, rates, out) to the rate of out, where some of the arguments move."""
+
+        def partial(still: list[Array], at: list[Array]) -> Any:
+            rest, moved = iter(still), iter(at)
+            leaves = [next(moved) if moves else next(rest) for moves in moving]
+            return plain(*jax.tree.unflatten(tree, leaves))
+
+        def push(still: list[Array], at: list[Array], rates: list[Array]) -> Any:
+            return jax.jvp(lambda *at: partial(still, list(at)), at, rates)[1]
+
+        def pull(still: list[Array], at: list[Array], out: Any) -> Any:
+            return list(jax.vjp(lambda *at: partial(still, list(at)), *at)[1](out))
+
+        return _linear_map(_jitted(push), _jitted(pull))
+
+    @jax.custom_jvp
+    def call(*args: Any) -> Any:
+        return fast(*args)
+
+    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        at, tree = jax.tree.flatten(primals)
+        rates = jax.tree.leaves(tangents, is_leaf=_is_zero)
+        moving = tuple(not _is_zero(rate) for rate in rates)
+        parts = [
+            [a for a, moves in zip(leaves, moving, strict=True) if moves == which]
+            for leaves, which in ((at, False), (at, True), (rates, True))
+        ]
+        out = call(*primals)
+        return out, derivative(tree, moving)(*parts, out)
+
+    call.defjvp(rule, symbolic_zeros=True)
+    return call
+
+
+def contract(a: Any, x: Float[Array, "b *rest"]) -> Array:
+    """sum_b a_...b x_b..., written out: the form of a product that a kernel bears, and in which
+    lanes fill vector units."""
+    b, outer = len(x), a.ndim - 1
+    x = x.reshape(b, *(1,) * outer, *x.shape[1:])
+    beside = a.shape[:-1] + (1,) * (x.ndim - 1 - outer)
+    used = [i for i in range(b) if not isinstance(a, np.ndarray) or np.any(a[..., i])]
+    return functools.reduce(jnp.add, [a[..., i].reshape(beside) * x[i] for i in used])
+
+
+def total(x: Float[Array, "n *rest"]) -> Float[Array, "*rest"]:
+    """Sum along the first axis, by halves."""
+    while len(x) > 1:
+        half = len(x) // 2
+        x = jnp.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])
+    return x[0]
+
+
+def _is_zero(rate: Any) -> bool:
+    return isinstance(rate, SymbolicZero)
+
+
+def _jitted(function: Callable[..., Any]) -> Callable[..., Any]:
+    @jax.jit
+    def run(*args: Any) -> Any:
+        with jax.numpy_rank_promotion("allow"):
+            return function(*args)
+
+    return run
+
+
+def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[..., Any]:
+    """(still, at, rates, out) to push(still, at, rates), like out, with `pull` as its transpose.
+
+    As the solution of [[1, 0], [-T, 1]] (x, y) = (rates, 0): the one linear map with a transpose of
+    one's own that can also be batched, and differentiated again.
+    """
+    fast_push, fast_pull = _batched(push), _batched(pull)
+
+    def apply(still: list[Array], at: list[Array], rates: list[Array], out: Any) -> Any:
+        def matvec(xy: Any) -> Any:
+            x, y = xy
+            return x, jax.tree.map(jnp.subtract, y, push(still, at, x))
+
+        def solve(_: Any, xy: Any) -> Any:
+            x, y = xy
+            return x, jax.tree.map(jnp.add, y, fast_push(still, at, x))
+
+        def transpose_solve(_: Any, xy: Any) -> Any:
+            x, y = xy
+            return jax.tree.map(jnp.add, x, fast_pull(still, at, y)), y
+
+        # To be transposed, all of the right-hand side must be linear in the rates, zeros too.
+        none = jnp.where(np.False_, rates[0].ravel()[0], 0.0)
+        zero = jax.tree.map(lambda a: jnp.broadcast_to(none, a.shape).astype(a.dtype), out)
+        return jax.lax.custom_linear_solve(matvec, (rates, zero), solve, transpose_solve)[1]
+
+    return apply
+
+
+def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
+    """Lanes go last, and have copies of all that they share but, if `shared`, the first argument.
+    """
+    one = _as_one(function)
+
+    @custom_vmap
+    def own(*args: Any) -> Any:
+        return one(*args)
+
+    @own.def_vmap
+    def rule(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
+        width = min(_LANES, size)
+        rows = -(-size // width)
+        extra = rows * width - size
+
+        def last(a: Array, has_lanes: bool, copies: int) -> Array:
+            if not has_lanes:
+                return jnp.broadcast_to(a[..., None], (*a.shape, copies))
+            # The last lane fills up the last row.
+            a = jnp.concatenate([a, jnp.broadcast_to(a[-1:], (extra, *a.shape[1:]))])
+            return jnp.moveaxis(a.reshape(rows, width, *a.shape[1:]), 1, -1)
+
+        flat, tree = jax.tree.flatten(args)
+        flags = jax.tree.leaves(batched)
+        first = len(jax.tree.leaves(args[0])) if shared else 0
+        copies = [1] * first + [width] * (len(flat) - first)
+        moved = [last(*each) for each in zip(flat, flags, copies, strict=True)]
+
+        def row(some: list[Array]) -> Any:
+            rest = iter(some)
+            leaves = [next(rest) if b else a for a, b in zip(moved, flags, strict=True)]
+            out = function(*jax.tree.unflatten(tree, leaves))
+            return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
+
+        out = jax.lax.map(row, [a for a, b in zip(moved, flags, strict=True) if b])
+        out = jax.tree.map(
+            lambda a: jnp.moveaxis(a, -1, 1).reshape(rows * width, *a.shape[1:-1])[:size], out
+        )
+        return out, jax.tree.map(lambda _: True, out)
+
+    return own
+
+
+def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiled to one function on a CPU, if all its operations are allowed."""
+
+    @jax.jit
+    def touching(*args: Any) -> tuple[Any, Array]:
+        # The emitter does not bear operands that nothing uses.
+        used = [a.ravel()[0] for a in jax.tree.leaves(args) if a.size]
+        return function(*args), sum(used)
+
+    def fast(*args: Any) -> Any:
+        return set_xla_metadata(touching(*args), xla_cpu_small_call="true", inlineable="false")[0]
+
+    def run(*args: Any) -> Any:
+        known = jaxlib.__version__.startswith(_KNOWN)
+        if not known or not _primitives(jax.make_jaxpr(function)(*args).jaxpr) <= _ALLOWED:
+            return function(*args)
+        return jax.lax.platform_dependent(*args, cpu=fast, default=function)
+
+    return run
+
+
+def _primitives(jaxpr: Any) -> set[str]:
+    """Names of all that is called in it, at any depth."""
+    names = set()
+    for equation in jaxpr.eqns:
+        names.add(equation.primitive.name)
+        inner = equation.params
+        if equation.primitive.name == "custom_linear_solve":
+            inner = inner["jaxprs"].solve  # the others are not run
+        for value in jax.tree.leaves(inner, is_leaf=lambda v: hasattr(v, "jaxpr")):
+            value = getattr(value, "jaxpr", value)
+            if hasattr(value, "eqns"):
+                names |= _primitives(value)
+    return names
