@@ -1,7 +1,5 @@
 """Block-tridiagonal matrices: products, sums and elimination at a cost linear in their size."""
 
-import functools
-from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
@@ -9,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from jaxbeam._kernel import contract
 
 Blocks = Float[Array, "k b b *lanes"]
 _Vector = Float[Array, "n *lanes"]
@@ -48,7 +48,7 @@ class BlockTridiagonal(eqx.Module):
         b = self.rows.shape[1]
         beside = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:])
         window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
-        return self.flat(_total(self.rows[:, :, j] * window[:, None, j] for j in range(3 * b)))
+        return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
 
     def dense(self) -> Float[Array, "n n"]:
         """As an array; not for lanes."""
@@ -173,12 +173,8 @@ def _small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
 
 def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Array:
     """Products of small matrices as sums: they fuse, and lanes fill vector units."""
-    return _total(a[:, j, None] * b[None, j] for j in range(len(b)))
+    return contract(a[:, :, None], b[None], 1, a.ndim - 2)
 
 
 def _apply(a: Float[Array, "b b *lanes"], x: Float[Array, "b *lanes"]) -> Array:
-    return _total(a[:, j] * x[None, j] for j in range(len(x)))
-
-
-def _total(terms: Iterable[Array]) -> Array:
-    return functools.reduce(jnp.add, terms)
+    return contract(a, x[None], 1, x.ndim - 1)

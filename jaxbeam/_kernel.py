@@ -30,6 +30,7 @@ _ALLOWED = frozenset(
 )
 # Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
 _KNOWN = ("0.10.",)
+_REDUCED = 4096  # numbers that may be summed at once
 _LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
 
 
@@ -82,14 +83,22 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def contract(a: Any, x: Float[Array, "b *rest"]) -> Array:
-    """sum_b a_...b x_b..., written out: the form of a product that a kernel bears, and in which
-    lanes fill vector units."""
-    b, outer = len(x), a.ndim - 1
-    x = x.reshape(b, *(1,) * outer, *x.shape[1:])
-    beside = a.shape[:-1] + (1,) * (x.ndim - 1 - outer)
-    used = [i for i in range(b) if not isinstance(a, np.ndarray) or np.any(a[..., i])]
-    return functools.reduce(jnp.add, [a[..., i].reshape(beside) * x[i] for i in used])
+def contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
+    """Sum over an axis of a * x, which broadcast: the form of a product that a kernel bears. Where
+    there are axes of lanes it is written out, so that they fill vector units."""
+    if not lanes:
+        return jnp.sum(a * x, axis)
+
+    def part(array: Any, i: int) -> Any:
+        return array[(slice(None),) * axis + (i if array.shape[axis] > 1 else 0,)]
+
+    terms = [part(a, i) * part(x, i) for i in range(max(a.shape[axis], x.shape[axis]))]
+    return functools.reduce(jnp.add, terms)
+
+
+def beside(table: Any, axes: int) -> Any:
+    """With more axes, of length one, behind its own."""
+    return table.reshape(*table.shape, *(1,) * axes)
 
 
 def total(x: Float[Array, "n *rest"]) -> Float[Array, "*rest"]:
@@ -199,23 +208,26 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
 
     def run(*args: Any) -> Any:
         known = jaxlib.__version__.startswith(_KNOWN)
-        if not known or not _primitives(jax.make_jaxpr(function)(*args).jaxpr) <= _ALLOWED:
+        if not (known and _allowed(jax.make_jaxpr(function)(*args).jaxpr)):
             return function(*args)
         return jax.lax.platform_dependent(*args, cpu=fast, default=function)
 
     return run
 
 
-def _primitives(jaxpr: Any) -> set[str]:
-    """Names of all that is called in it, at any depth."""
-    names = set()
+def _allowed(jaxpr: Any) -> bool:
+    """Whether all that is called in it, at any depth, may be."""
     for equation in jaxpr.eqns:
-        names.add(equation.primitive.name)
-        inner = equation.params
-        if equation.primitive.name == "custom_linear_solve":
+        name, inner = equation.primitive.name, equation.params
+        if name == "reduce_sum":  # large ones go to a library
+            if equation.invars[0].aval.size > _REDUCED:
+                return False
+        elif name not in _ALLOWED:
+            return False
+        if name == "custom_linear_solve":
             inner = inner["jaxprs"].solve  # the others are not run
         for value in jax.tree.leaves(inner, is_leaf=lambda v: hasattr(v, "jaxpr")):
             value = getattr(value, "jaxpr", value)
-            if hasattr(value, "eqns"):
-                names |= _primitives(value)
-    return names
+            if hasattr(value, "eqns") and not _allowed(value):
+                return False
+    return True

@@ -205,7 +205,8 @@ def _account(
 
 def _with_watch(saveat: diffrax.SaveAt, times: Array) -> diffrax.SaveAt:
     """Also save all along the run: outputs may miss where energies are large."""
-    subs = (saveat.subs, diffrax.SubSaveAt(ts=during(times)))
+    watch = diffrax.SubSaveAt(ts=during(times), fn=lambda t, y, args: without_derivatives(y))
+    subs = (saveat.subs, watch)
     return eqx.tree_at(lambda s: s.subs, saveat, subs)
 
 
@@ -247,7 +248,7 @@ def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, Sta
 
 def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
     """Nothing is to be had beyond: do not let a batch wait for it."""
-    return _far(args, y)
+    return _far(*without_derivatives((args, y)))
 
 
 def _far(scene: Scene, y: State) -> Array:

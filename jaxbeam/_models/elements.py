@@ -32,7 +32,7 @@ from jaxtyping import Array, Float
 from jaxbeam._basis import Functions, hermite
 from jaxbeam._beam import Rotor
 from jaxbeam._blocks import BlockTridiagonal, padded
-from jaxbeam._kernel import contract, total
+from jaxbeam._kernel import beside, contract, total
 from jaxbeam._models.base import Equations, rigid_moments
 from jaxbeam._motion import Hub
 from jaxbeam._types import Scalar, Triple, Vector
@@ -44,19 +44,10 @@ _POINTS, _WEIGHTS = (1 + _POINTS) / 2, _WEIGHTS / 2
 _TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # by a right angle: a1 becomes a2, a2 becomes -a1
 
 
-def _beside(table: Any, axes: int) -> Any:
-    """`table` with more axes, of length one, behind its own."""
-    return table.reshape(*table.shape, *(1,) * axes)
-
-
 def _of(table: Float[np.ndarray, "a b"], x: Float[Array, "c b *lanes"]) -> Array:
-    """sum_b table_ab x_cb, written out: `kernel` bears no products of matrices."""
-    terms = [
-        _beside(table[:, i], x.ndim - 2)[None] * x[:, i, None]
-        for i in range(table.shape[1])
-        if np.any(table[:, i])
-    ]
-    return functools.reduce(jnp.add, terms)
+    """sum_b table_ab x_cb."""
+    lanes = x.ndim - 2
+    return contract(beside(table[None], lanes), x[:, None], 2, lanes)
 
 
 def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Scalar:
@@ -98,7 +89,7 @@ class Element(eqx.Module):
         """d force / de."""
 
         def column(unit: Array) -> Array:
-            along = jnp.broadcast_to(_beside(unit, e.ndim - 2), e.shape)
+            along = jnp.broadcast_to(beside(unit, e.ndim - 2), e.shape)
             return jax.jvp(self.force, (e,), (along,))[1]
 
         columns = jax.vmap(column, out_axes=2)(jnp.eye(8, dtype=e.dtype).reshape(8, 2, 4))
@@ -171,7 +162,7 @@ class Continuum(Element):
 
         def rows(slopes: np.ndarray, vector: Array) -> Array:
             """S'^T . vector at every point: (8, p, *lanes)."""
-            out = vector[:, None] * _beside(slopes.T[None], axes)
+            out = vector[:, None] * beside(slopes.T[None], axes)
             return out.reshape(8, *vector.shape[1:])
 
         pull = rows(slopes, _stretched(_of(slopes, e)))
@@ -182,13 +173,13 @@ class Continuum(Element):
         # and of S'^T r', the same for both components, like bending.
         each = np.einsum("g,gi,gj->ijg", self.weights, slopes, slopes).reshape(16, -1)
         along = _of(each, self.interpolated(strain[None]))[0].reshape(4, *e.shape[1:])
-        along = along + self.bending * _beside(self.bend, axes)
+        along = along + self.bending * beside(self.bend, axes)
         return material + _both(along)
 
 
 def _both(a: Float[Array, "4 4 *lanes"]) -> Float[Array, "2 4 2 4 *lanes"]:
     """The same for both components, which it does not couple."""
-    return _beside(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
+    return beside(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
 
 
 class ModelA(Continuum):
@@ -356,7 +347,7 @@ class ElementEquations(Equations):
         nodes, axes = self._nodes(q), jnp.eye(3, dtype=q.dtype)
         along, across = (
             self._product(
-                jnp.broadcast_to(_constant(_beside(axis, q.ndim - 1)), nodes.shape), nodes
+                jnp.broadcast_to(_constant(beside(axis, q.ndim - 1)), nodes.shape), nodes
             )
             for axis in axes[:2]
         )

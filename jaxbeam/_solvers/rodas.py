@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._kernel import contract
 from jaxbeam._linalg import inverse
 from jaxbeam._solvers.steps import (
     SecondOrderSolver,
     StepPolynomial,
+    combined,
     compute,
     finished,
     length,
@@ -209,7 +209,7 @@ class Rosenbrock(SecondOrderSolver):
 
         def stage(done: Array, row: Any) -> tuple[Array, None]:
             i, rows, d, now = row
-            step, past = contract(rows, done)
+            step, past = combined(rows, done)
             step, past = both + step, past / h
             at = step[:n], step[n:]
             first = at[1] + past[:n]
@@ -226,7 +226,7 @@ class Rosenbrock(SecondOrderSolver):
             (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
         )
         last = np.append(table.weight[-1, :-1], 1.0)
-        change, d1, d2, d3 = contract(np.stack([last, *table.dense]), done)
+        change, d1, d2, d3 = combined(np.stack([last, *table.dense]), done)
         bends = jnp.stack([change + d1, d2 - d1, d3 - d2, -d3])
         work = work_along(system, between, h, y0, bends)
         return both + change, done[-1], bends, work

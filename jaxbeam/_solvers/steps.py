@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._kernel import contract, kernel
+from jaxbeam._kernel import beside, contract, kernel
 from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
 from jaxbeam._types import Scalar
 
@@ -111,9 +111,14 @@ def work_along(
     system, inputs, h, start, along = without_derivatives(
         (system, inputs, h, jnp.concatenate([y0.q, y0.v]), bends)
     )
-    states = start[None] + contract(_NODES[:, None] ** np.arange(1, len(bends) + 1), along)
+    states = start[None] + combined(_NODES[:, None] ** np.arange(1, len(bends) + 1), along)
     power = jax.vmap(lambda x, y: system.power(x, y[:n], y[n:]))(inputs, states)
-    return h * contract(_INTEGRAL, power)
+    return h * combined(_INTEGRAL, power[:, None])[:, 0]
+
+
+def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r n *lanes"]:
+    """weights (r, s) times rows."""
+    return contract(beside(weights, rows.ndim - 1), rows[None], 1, rows.ndim - 2)
 
 
 def finished(
