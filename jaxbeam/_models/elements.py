@@ -21,7 +21,7 @@ axes, of lanes, behind those it is said to have (see `kernel`).
 import abc
 import functools
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -194,9 +194,7 @@ class ModelA(Continuum):
 
     def interpolated(self, values: Array) -> Array:
         s = _POINTS
-        return _of(
-            np.stack([1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], 1), values
-        )
+        return _of(np.stack([1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], 1), values)
 
     def measure(self, d: Array) -> tuple[Array, Array]:
         strain = elongation(d)
@@ -346,9 +344,7 @@ class ElementEquations(Equations):
     def first_moment(self, q: Vector) -> Triple:
         nodes, axes = self._nodes(q), jnp.eye(3, dtype=q.dtype)
         along, across = (
-            self._product(
-                jnp.broadcast_to(_constant(beside(axis, q.ndim - 1)), nodes.shape), nodes
-            )
+            self._product(jnp.broadcast_to(_constant(beside(axis, q.ndim - 1)), nodes.shape), nodes)
             for axis in axes[:2]
         )
         return jnp.stack([along, across, jnp.zeros_like(along)])

@@ -9,8 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxbeam._blocks import padded
 from jaxbeam._linalg import inverse
-from jaxbeam._solvers.steps import SecondOrderSolver, StepPolynomial, finished, length
+from jaxbeam._solvers.steps import (
+    SecondOrderSolver,
+    StepPolynomial,
+    combined,
+    compute,
+    finished,
+    length,
+    work_along,
+    work_inputs,
+)
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar, Vector
 
@@ -59,16 +69,27 @@ class ChordKvaerno5(SecondOrderSolver):
     ) -> tuple[State, State, dict[str, State], Vector, Any]:  # fmt: skip
         """One step."""
         h = length(t0, t1)
-        q, v, a = y0.q, y0.v, solver_state
-        n, g = q.size, _GAMMA * h
         inputs = jax.vmap(args.inputs)(t0 + h * _TIMES)
-        k, c = args.tangents(args.inputs(t0), q, v)
-        solve = inverse(args.mass + g * c + g**2 * k)
+        end, error, bends, work, last = compute(
+            ChordKvaerno5._core, self, args, h, y0, solver_state, args.inputs(t0), inputs,
+            work_inputs(args, t0, h),
+        )  # fmt: skip
+        return *finished(y0, end, error, bends, work), last, diffrax.RESULTS.successful
+
+    def _core(
+        self, system: SecondOrderSystem, h: Scalar, y0: State, a: Vector, x0: Any, inputs: Any,
+        between: Any,
+    ) -> tuple[Array, Array, Array, Array, Vector]:  # fmt: skip
+        """End, error and polynomial of q and v side by side, the work, and the last q''."""
+        q, v = y0.q, y0.v
+        n, g = len(q), _GAMMA * h
+        k, c = system.tangents(x0, q, v)
+        solve = inverse(system.mass + g * c + g**2 * k)
         both = jnp.concatenate([q, v])
 
         def stage(done: Array, row: Any) -> tuple[Array, None]:
             i, rows, now = row
-            step, past = rows @ done
+            step, past = combined(rows, done)
             known = both + h * step
 
             def at(a: Vector) -> tuple[Vector, Vector]:
@@ -76,29 +97,28 @@ class ChordKvaerno5(SecondOrderSolver):
                 return known[:n] + g * rate, rate
 
             def improve(a: Vector, _: None) -> tuple[Vector, None]:
-                return a - solve @ (args.mass @ a - args.force(now, *at(a))), None
+                return a - solve @ (system.mass @ a - system.force(now, *at(a))), None
 
             a, _ = jax.lax.scan(improve, past[n:], None, length=self.iterations)
             new = jnp.concatenate([at(a)[1], a])
             return jax.lax.dynamic_update_index_in_dim(done, new, i, 0), None
 
         rows = jnp.asarray(np.stack([_WEIGHT, _PREDICTOR], 1), q.dtype)
-        start = jnp.zeros((7, 2 * n), q.dtype).at[0].set(jnp.concatenate([v, a]))
+        start = padded(jnp.concatenate([v, a])[None], 0, 6)
         done, _ = jax.lax.scan(stage, start, (jnp.arange(1, 7), rows, inputs))
 
         # The last stage is the end of the step.
-        end = both + h * (np.append(_WEIGHT[-1, :-1], _GAMMA) @ done)
-        off = h * (_ERROR @ done)
-        filtered = solve @ (args.mass @ off[n:] - g * (k @ off[:n]))
+        change, off = h * combined(np.stack([np.append(_WEIGHT[-1, :-1], _GAMMA), _ERROR]), done)
+        filtered = solve @ (system.mass @ off[n:] - g * (k @ off[:n]))
         off = jnp.concatenate([off[:n] + g * filtered, filtered])
-        bends = _quintic(h, both, a, end, done[-1, n:])
-        y1, error, info = finished(args, t0, h, y0, end, off, bends)
-        return y1, error, info, done[-1, n:], diffrax.RESULTS.successful
+        bends = _quintic(h, both, a, both + change, done[-1, n:])
+        work = work_along(system, between, h, y0, bends)
+        return both + change, off, bends, work, done[-1, n:]
 
 
 def _quintic(h: Scalar, y0: Array, a0: Vector, y1: Array, a1: Vector) -> Array:
     """Hermite's polynomial: coefficients of s, ..., s^5 of q and v side by side."""
-    n = a0.size
+    n = len(a0)
     q0, v0, q1, v1 = y0[:n], h * y0[n:], y1[:n], h * y1[n:]
     a0, a1 = h**2 * a0, h**2 * a1
     d, e, f = q1 - q0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0

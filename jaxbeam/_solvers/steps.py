@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -89,9 +88,7 @@ def compute(core: Core, solver: SecondOrderSolver, system: SecondOrderSystem, *a
 
 @functools.lru_cache(maxsize=100)
 def _kernel(core: Core, solver: SecondOrderSolver, tree: Any) -> Callable[..., Any]:
-    return kernel(
-        lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays)
-    )
+    return kernel(lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays))
 
 
 def work_inputs(system: SecondOrderSystem, t0: Scalar, h: Scalar) -> Any:
