@@ -20,9 +20,17 @@ from jaxtyping import Array, Float
 
 # What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
 # (they go to libraries), scattering, sorting or calls of any other kind.
-_ALLOWED = frozenset(
-    ["abs", "add", "add_any", "and", "broadcast_in_dim", "clamp", "concatenate", "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div", "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota", "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow", "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while", "zeros_like"]
-)
+# fmt: off
+_ALLOWED = frozenset({
+    "abs", "add", "add_any", "and", "broadcast_in_dim", "clamp", "concatenate",
+    "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
+    "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
+    "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
+    "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt",
+    "square", "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while",
+    "zeros_like",
+})
+# fmt: on
 # Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
 _KNOWN = ("0.10.",)
 _REDUCED = 4096  # numbers that may be summed at once
@@ -147,7 +155,7 @@ def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[
 
 
 def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
-    """Lanes go last, and have copies of all that they share but, if `shared`, the first argument."""
+    """Lanes go last, with copies of all that they share but, if `shared`, the first argument."""
     one = _as_one(function)
 
     @custom_vmap

@@ -49,7 +49,7 @@ class Scene(SecondOrderSystem):
         self.motion, self.loads, self.damping = motion, loads, damping
 
     @property
-    def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[override]
+    def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[misc, override]
         return self.equations.mass
 
     @property

@@ -12,6 +12,7 @@ PACKAGE = Path(jaxbeam.__file__).parent
 ORDER = [
     "_types",
     "_status",
+    "_kernel",
     "_blocks",
     "_linalg",
     "_beam",
@@ -42,6 +43,7 @@ OWNERS = {
     "xarray": {"_sweep"},
     "diffrax": {"_simulation", "_simulate", *(name for name in ORDER if "_solvers." in name)},
     "optimistix": {"_simulate"},
+    "jaxlib": {"_kernel"},
 }
 FILES = sorted(PACKAGE.rglob("*.py"))
 

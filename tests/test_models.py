@@ -184,9 +184,9 @@ def _printed(m, l, m_t, EA, EI):  # noqa: E741
 
 
 ONE = jb.Rotor(jb.Beam(1.3, 0.8, 900.0, 4.0, 4.0), hub_radius=0.5, tip_mass=0.6)
-# package order: L * slope at the root, tip x, tip y, L * tip y slope, L * tip x slope
-TO_PAPER = np.array([[1 / 1.3, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0],
-                     [0, 0, 0, 0, 1 / 1.3], [0, 0, 0, 1 / 1.3, 0]])  # fmt: skip
+# package order: L * slope at the root, tip y, L * tip y slope, tip x, L * tip x slope
+TO_PAPER = np.array([[1 / 1.3, 0, 0, 0, 0], [0, 0, 0, 1, 0], [0, 1, 0, 0, 0],
+                     [0, 0, 0, 0, 1 / 1.3], [0, 0, 1 / 1.3, 0, 0]])  # fmt: skip
 
 
 def test_one_element_mass_and_coriolis_are_those_printed():
