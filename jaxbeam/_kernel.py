@@ -184,7 +184,7 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
         def row(some: list[Array]) -> Any:
             rest = iter(some)
             leaves = [next(rest) if b else a for a, b in zip(moved, flags, strict=True)]
-            out = function(*jax.tree.unflatten(tree, leaves))
+            out = own(*jax.tree.unflatten(tree, leaves))
             return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
 
         out = jax.lax.map(row, [a for a, b in zip(moved, flags, strict=True) if b])

@@ -48,8 +48,8 @@ class Scene(SecondOrderSystem):
         self.inverse_mass = inverse(self.equations.mass)
         self.motion, self.loads, self.damping = motion, loads, damping
 
-    @property
-    def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[misc, override]
+    @property  # type: ignore[misc]
+    def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[override]
         return self.equations.mass
 
     @property

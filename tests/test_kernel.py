@@ -1,0 +1,116 @@
+"""Steps compiled to one function: the same numbers, in every transformation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam._blocks import BlockTridiagonal
+from jaxbeam._kernel import beside, contract, kernel, total
+
+TABLE = np.random.default_rng(3).normal(size=(5, 6))
+
+
+def chain(parameters, x):
+    """Products, a loop, a solve and sums: what a step is made of."""
+    lanes = x.ndim - 1
+    y = contract(beside(TABLE, lanes), x[None], 1, lanes)
+    y, _ = jax.lax.scan(lambda y, p: (jnp.sin(p * y), None), y, parameters["scale"])
+    rows = parameters["rows"] + 0 * x[0]
+    z = BlockTridiagonal(rows, absent=1).inverse() @ y
+    return {"z": z, "total": total(z**2)}
+
+
+def case(shape=(), seed=0):
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(*shape, 3, 2, 6)) + 9 * np.tile(np.eye(2), (3, 1, 3))
+    parameters = {"scale": rng.uniform(0.5, 1.0, (*shape, 4)), "rows": rows}
+    return jax.tree.map(jnp.asarray, (parameters, rng.normal(size=(*shape, 6))))
+
+
+def plain(parameters, x):
+    with jax.numpy_rank_promotion("allow"):
+        return chain(parameters, x)
+
+
+def close(a, b, **tolerance):
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, **tolerance), a, b)
+
+
+def test_values_and_first_and_second_derivatives_are_those_of_the_function():
+    fast, args, way = kernel(chain), case(), case(seed=1)
+    close(jax.jit(fast)(*args), plain(*args), rtol=1e-12, atol=1e-14)
+
+    def push(f):
+        return jax.jit(lambda a, d: jax.jvp(f, a, d)[1])(args, way)
+
+    def pull(f):
+        return jax.jit(jax.grad(lambda *a: f(*a)["total"], argnums=(0, 1)))(*args)
+
+    def hessian(f):
+        return jax.jit(jax.jacfwd(jax.jacfwd(lambda x: f(args[0], x)["total"])))(args[1])
+
+    for derivative in (push, pull, hessian):
+        close(derivative(fast), derivative(plain), rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("size", [1, 3, 70])
+@pytest.mark.parametrize("shared", [False, True])
+def test_lanes_see_their_own_case_alone(size, shared):
+    fast = kernel(chain)
+    parameters, x = case((size,))
+    axes = (None, 0) if shared else (0, 0)
+    if shared:
+        parameters = jax.tree.map(lambda a: a[0], parameters)
+    close(
+        jax.jit(jax.vmap(fast, axes))(parameters, x), jax.vmap(plain, axes)(parameters, x),
+        rtol=1e-12, atol=1e-14,
+    )  # fmt: skip
+
+    def each(f):
+        return jax.vmap(jax.grad(lambda *a: f(*a)["total"], argnums=(0, 1)), axes)(parameters, x)
+
+    def summed(f):
+        loss = lambda *a: jnp.sum(jax.vmap(f, axes)(*a)["total"])  # noqa: E731
+        return jax.grad(loss, argnums=(0, 1))(parameters, x)
+
+    for gradient in (each, summed):
+        close(jax.jit(lambda g=gradient: g(fast))(), gradient(plain), rtol=1e-11, atol=1e-11)
+
+
+def test_lanes_of_lanes():
+    fast = kernel(chain)
+    args = case((2, 5))
+    close(jax.vmap(jax.vmap(fast))(*args), jax.vmap(jax.vmap(plain))(*args), rtol=1e-12, atol=1e-14)
+
+
+def test_functions_with_other_operations_still_work():
+    fast = kernel(lambda a, x: jnp.sort(jnp.asarray(TABLE[:, :5]) @ x))
+    x = jnp.arange(5.0)
+    np.testing.assert_allclose(jax.jit(fast)(x, x), np.sort(TABLE[:, :5] @ x), rtol=1e-14)
+
+
+MODELS = [jb.GreenANCF(2), jb.ANCF(2), jb.ChordANCF(2), jb.TangentANCF(2)]
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="a matter of the CPU")
+@pytest.mark.parametrize("solver", [jb.Rodas5P(), jb.ChordKvaerno5()], ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+def test_steps_of_elements_are_compiled_to_one_function(model, solver):
+    """With all that can act on them, and backwards too."""
+    rotor = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), tip_mass=0.1)
+    loads = jb.Loads(gravity=[0.0, -9.8, 0.0], tip_force=[0.0, 1.0, 0.0])
+    motion, damping = jb.SmoothSpinUp(1.0, 15.0), jb.Damping(mass=0.1, stiffness=1e-4)
+
+    def end(rotor):
+        run = jb.simulate(
+            model, rotor, motion, [0.0, 0.01], loads=loads, damping=damping, solver=solver,
+            dt0=0.01, throw=False,
+        )  # fmt: skip
+        return run.tip[-1, 1]
+
+    text = jax.jit(end).lower(rotor).as_text()
+    assert text.count("xla_cpu_small_call") == 1
+    backwards = jax.jit(jax.grad(end)).lower(rotor).as_text()
+    assert backwards.count("xla_cpu_small_call") >= 2
