@@ -24,7 +24,8 @@ def chain(parameters, x):
 
 def case(shape=(), seed=0):
     rng = np.random.default_rng(seed)
-    rows = rng.normal(size=(*shape, 3, 2, 6)) + 9 * np.tile(np.eye(2), (3, 1, 3))
+    rows = rng.normal(size=(*shape, 3, 2, 6))
+    rows[..., 2:4] += 9 * np.eye(2)
     parameters = {"scale": rng.uniform(0.5, 1.0, (*shape, 4)), "rows": rows}
     return jax.tree.map(jnp.asarray, (parameters, rng.normal(size=(*shape, 6))))
 
