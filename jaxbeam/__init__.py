@@ -5,6 +5,8 @@ from jaxbeam._basis import Polynomials as Polynomials
 from jaxbeam._beam import Beam as Beam
 from jaxbeam._beam import Rotor as Rotor
 from jaxbeam._beam import SpringRotor as SpringRotor
+from jaxbeam._frequencies import Frequencies as Frequencies
+from jaxbeam._frequencies import frequencies as frequencies
 from jaxbeam._loads import Damping as Damping
 from jaxbeam._loads import Loads as Loads
 from jaxbeam._models.ancf import ANCF as ANCF

@@ -26,8 +26,8 @@ _ALLOWED = frozenset({
     "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
     "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
     "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt",
-    "square", "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while",
+    "reduce_or", "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split",
+    "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while",
     "zeros_like",
 })
 # fmt: on

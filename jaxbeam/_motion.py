@@ -46,8 +46,9 @@ class Hub(NamedTuple):
 
 def spinning(angular_speed: Scalar) -> Hub:
     """The hub turning steadily about a3."""
-    zero = jnp.zeros(3, angular_speed.dtype)
-    return Hub(zero, zero.at[2].set(angular_speed), zero, zero, zero)
+    none = jnp.zeros_like(angular_speed)
+    zero = jnp.stack([none, none, none])
+    return Hub(zero, jnp.stack([none, none, angular_speed]), zero, zero, zero)
 
 
 class Motion(eqx.Module):

@@ -1,0 +1,416 @@
+"""The lowest frequencies alone, at the speed that sweeps of many cases want.
+
+Transverse motion w and axial motion u move in quadrature, so that frequencies omega are where
+
+    D(omega) = K - omega^2 M + omega C,   C symmetric, from the Coriolis coupling of w and u,
+
+is singular. Bending polynomials and elements both give narrow bands. A Ritz problem of few
+functions, which all beams share, guesses omega to some 1e-6; one or two inverse iterations in all
+functions with Rayleigh quotients make it exact, and Sylvester's law says whether it is the one
+asked for.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._band import Band, band, congruent, largest, polished, product, refined, width_of
+from jaxbeam._basis import Polynomials
+from jaxbeam._beam import Rotor
+from jaxbeam._kernel import beside, contract, kernel, total
+from jaxbeam._models.ancf import _Nodal
+from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.elements import ElementEquations
+from jaxbeam._models.modal import Hybrid
+from jaxbeam._motion import spinning
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Real, Scalar, Vector
+
+_TOLERANCE = 2e-5  # relative change after which what is left is below 1e-9
+_PLAIN = Polynomials()
+
+
+class Frequencies(eqx.Module):
+    """The lowest k frequencies (rad/s) of motion in the plane of rotation, in order.
+
+    NaN unless `status` is `Status.OK`.
+    """
+
+    frequency: Float[Array, " k"]
+    status: Code
+
+
+def frequencies(
+    model: AbstractModel, rotor: Rotor, angular_speed: Real, count: int = 3, *, throw: bool = True
+) -> Frequencies:
+    """The lowest `count` frequencies in the plane of rotation, those of `modes`, many times faster.
+
+    For `Hybrid` with its usual basis (`Polynomials()`, eight or more functions in plane) and for
+    elements in absolute nodal coordinates; bending with the axial motion that it drags along. Made
+    for `jax.vmap` over many cases; relative error 1e-9. First derivatives by every parameter, in
+    both modes; for second ones, labels, shapes, flap or growth rates take `modes`.
+
+    Where an axial mode is among the lowest, or the steady state is unstable, the search does not
+    find what was asked for and says so: `NOT_CONVERGED`. `throw=False` keeps that in `status`.
+    """
+    if isinstance(count, bool) or not isinstance(count, int):
+        raise TypeError(f"count must be an int, got {type(count).__name__}")
+    rotor, speed = model.steady_case(rotor, angular_speed)
+    result = _frequencies(_solver(model, count), rotor, speed)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+@functools.lru_cache(maxsize=64)
+def _solver(model: AbstractModel, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    if isinstance(model, Hybrid) and model.basis == _PLAIN and model.n_in_plane >= 8:
+        _check_count(count, model.n_in_plane - 4)
+        return _of_polynomials(model, count)
+    if isinstance(model, _Nodal):
+        _check_count(count, model.n_elements)
+        return _of_elements(model, count)
+    raise TypeError(
+        "model must be Hybrid with Polynomials() and n_in_plane >= 8, or one of the elements "
+        f"in absolute nodal coordinates, got {model!r}; take modes for other models"
+    )
+
+
+def _check_count(count: int, most: int) -> None:
+    most = min(most, 6)
+    if not 1 <= count <= most:
+        raise ValueError(f"count must be between 1 and {most} for this model, got {count}")
+
+
+@eqx.filter_jit
+def _frequencies(solver: Any, rotor: Rotor, speed: Scalar) -> Frequencies:
+    given = rotor.status(speed)
+    fine = given == Status.OK
+    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    omega, status = solver(rotor, jnp.where(fine, speed, 0.0))
+    status = jnp.where(fine, status, given).astype(int)
+    return Frequencies(jnp.where(status == Status.OK, omega, jnp.nan), status)
+
+
+class _Pencil(NamedTuple):
+    """K, M, C of D(omega)."""
+
+    k: Band
+    m: Band
+    c: Band
+
+    def by_mode(self) -> "_Pencil":
+        """With an axis for the modes, before those of lanes."""
+        return _Pencil(*(a[:, :, None] for a in self))
+
+
+class _Numbers(NamedTuple):
+    """What the frequencies over sqrt(EI / (rho L^4)) depend on."""
+
+    speed: Scalar  # over sqrt(EI / (rho L^4))
+    hub: Scalar  # R / L
+    tip: Scalar  # m_t / (rho L)
+    softness: Scalar  # EI / (EA L^2)
+
+
+def _numbers(rotor: Rotor, speed: Scalar) -> _Numbers:
+    beam = rotor.beam
+    return _Numbers(
+        speed / beam.frequency_scale, rotor.hub_radius / beam.length, rotor.tip_mass / beam.mass,
+        beam.slenderness**-2,
+    )  # fmt: skip
+
+
+def _differentiable(
+    search: Callable[[Any], Any], polish: Callable[..., Any], form: Callable[..., Any]
+) -> Callable[..., Any]:
+    """search(arrays) -> (omega, hidden, found) with derivatives of omega from
+
+        form(arrays, hidden, omega) = (x^T D(omega) x, -x^T D'(omega) x) = (0, slope):
+
+    d omega = d(x^T D x) / slope. `hidden` holds x and what else was found on the way; `polish`
+    makes x as exact as omega is.
+    """
+
+    @jax.custom_jvp
+    def call(arrays: Any) -> Any:
+        return search(arrays)
+
+    @call.defjvp
+    def rule(primals: tuple[Any], rates: tuple[Any]) -> tuple[Any, Any]:
+        out = call(*primals)
+        # What was not found must not end up, as NaN, in gradients of parameters that cases share.
+        ok = jnp.all(out[2] > 0)
+        omega, hidden = jax.tree.map(lambda a: jnp.where(ok, a, 1.0), _once(out[:2]))
+        hidden = _once(polish(*primals, hidden, omega))
+        hidden = jax.tree.map(lambda a: jnp.where(ok, a, 0.0), hidden)
+        (_, slope), (change, _) = jax.jvp(lambda a: form(a, hidden, omega), primals, rates)
+        rate = jnp.where(ok, change / jnp.where(ok, slope, 1.0), 0.0)
+        _, *others = jax.tree.map(jnp.zeros_like, out)
+        return out, (rate, *others)
+
+    return call
+
+
+@jax.custom_jvp
+def _once(out: Any) -> Any:
+    """No second derivatives: those of x would be missing."""
+    return out
+
+
+@_once.defjvp
+def _no_more(primals: Any, tangents: Any) -> Any:
+    raise NotImplementedError("frequencies has first derivatives only: take modes for second ones")
+
+
+class _Ritz(NamedTuple):
+    """Tables of a few functions that all beams share, and where searches start from."""
+
+    stiffness: np.ndarray  # (m, m, 4): bending, and tension by tip mass, hub radius and own mass
+    inertia: np.ndarray  # (m, m, 5): own, tip, and by axial motion: own, mixed, tip
+    start: np.ndarray  # (24, k): modes, in polynomials
+
+    def guess(self, numbers: _Numbers) -> Float[Array, "k *lanes"]:
+        """Without axial inertia: axial motion follows the Coriolis force at once."""
+        g, hub, tip, softness = numbers
+        lanes, one = g.ndim, jnp.ones_like(g)
+        drag = 4 * g**2 * softness
+        rigid = [g**2 * tip * (1 + hub), g**2 * hub, g**2]
+        parts = [one, tip * one, drag, drag * tip, drag * tip**2]
+        inertia = _combined(self.inertia, parts, lanes)
+        spun = _combined(self.inertia[..., :2], [-(g**2), -(g**2) * tip], lanes)
+        stiffness = _combined(self.stiffness, [one, *rigid], lanes) + spun
+        return largest(congruent(stiffness, inertia), self.start.shape[1]) ** -0.5
+
+
+def _combined(tables: np.ndarray, parts: list[Array], lanes: int) -> Array:
+    """Sum of tables (..., p) times p numbers."""
+    inner = (None,) * (tables.ndim - 1)
+    return contract(beside(tables, lanes), jnp.stack(parts)[inner], tables.ndim - 1, lanes)
+
+
+class _Integrals(NamedTuple):
+    """Of products of n bending (w) and m stretch functions (u)."""
+
+    tip: np.ndarray  # slopes of w under a constant tension
+    hub: np.ndarray  # under 1 - xi
+    own: np.ndarray  # under (1 - xi^2) / 2
+    mass: np.ndarray  # values of w
+    axial: np.ndarray  # values of u
+    mixed: np.ndarray  # values of w and u
+    end: np.ndarray  # w at the tip
+    axial_end: np.ndarray  # u at the tip
+
+
+@functools.lru_cache(maxsize=16)
+def _integrals(n: int, m: int) -> _Integrals:
+    xi, weight = np.polynomial.legendre.leggauss(max(n, m) + 5)
+    xi, weight, one = (1 + xi) / 2, weight[:, None] / 2, np.ones(1)
+    w, u = _PLAIN.bending(n, xi), _PLAIN.stretch(max(m, 1), xi).value[:, :m]
+    x = xi[:, None]
+    return _Integrals(
+        tip=w.slope.T @ (weight * w.slope),
+        hub=w.slope.T @ (weight * (1 - x) * w.slope),
+        own=w.slope.T @ (weight * (1 - x**2) / 2 * w.slope),
+        mass=w.value.T @ (weight * w.value),
+        axial=u.T @ (weight * u),
+        mixed=w.value.T @ (weight * u),
+        end=_PLAIN.bending(n, one).value[0],
+        axial_end=_PLAIN.stretch(max(m, 1), one).value[0, :m],
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _ritz(count: int) -> _Ritz:
+    """Proper orthogonal decomposition of the modes of 72 beams."""
+    n, size = 24, 2 * ((count + 6) // 2)
+    a = _integrals(n, 12)
+    end = np.outer(a.end, a.end)
+    stiffness = np.stack([np.eye(n), a.tip, a.hub, a.own], -1)
+    along = np.outer(a.mixed @ a.axial_end, a.end)
+    inertia = [a.mass, end, a.mixed @ a.mixed.T, along + along.T, a.axial_end @ a.axial_end * end]
+    modes = []
+    for g in (0.0, 3.0, 6.0, 12.0, 24.0, 48.0):
+        for hub in (0.0, 0.3, 1.0, 4.0):
+            for tip in (0.0, 0.3, 2.0):
+                tension = g**2 * np.array([tip * (1 + hub), hub, 1.0])
+                k = stiffness @ np.append(1.0, tension) - g**2 * (a.mass + tip * end)
+                root = np.linalg.inv(np.linalg.cholesky(k))
+                _, v = np.linalg.eigh(root @ (a.mass + tip * end) @ root.T)
+                modes.append(root.T @ v[:, : -count - 1 : -1])
+    scaled = np.concatenate([v / np.linalg.norm(v, axis=0) for v in modes], 1)
+    few = np.linalg.svd(scaled)[0][:, :size]
+
+    def within(tables: np.ndarray) -> np.ndarray:
+        return np.einsum("ia,ijp,jb->abp", few, tables, few)
+
+    # Of a beam in the middle of them: no mode is far from it.
+    return _Ritz(within(stiffness), within(np.stack(inertia, -1)), modes[17])
+
+
+def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    n, m = model.n_in_plane, model.n_stretch
+    a, ritz = _integrals(n, m), _ritz(count)
+    # Functions of both directions by degree: the band is then narrow.
+    order = np.argsort(np.append(np.arange(n), np.arange(m) + 0.5), kind="stable")
+
+    def whole(ww: np.ndarray | None, uu: np.ndarray | None, wu: np.ndarray | None) -> np.ndarray:
+        out = np.zeros((n + m, n + m))
+        if ww is not None:
+            out[:n, :n] = ww
+        if uu is not None:
+            out[n:, n:] = uu
+        if wu is not None:
+            out[:n, n:], out[n:, :n] = wu, wu.T
+        return np.where(np.abs(out) > 1e-14, out, 0.0)[np.ix_(order, order)]
+
+    ends = np.outer(a.end, a.end), np.outer(a.axial_end, a.axial_end)
+    tables = [
+        whole(np.eye(n), None, None), whole(None, np.eye(m), None), whole(a.tip, None, None),
+        whole(a.hub, None, None), whole(a.own, None, None), whole(a.mass, a.axial, None),
+        whole(*ends, None), whole(None, None, a.mixed),
+        whole(None, None, np.outer(a.end, a.axial_end)),
+    ]  # fmt: skip
+    width = width_of(*tables)
+    bands = np.stack([band(table, width) for table in tables], -1)
+    start = np.zeros((n + m, count))
+    start[:n] = np.pad(ritz.start, ((0, max(n - 24, 0)), (0, 0)))[:n]
+    start = start[order]
+
+    def pencil(numbers: _Numbers) -> _Pencil:
+        g, hub, tip, softness = numbers
+        lanes, one = g.ndim, jnp.ones_like(g)
+        rigid = [g**2 * tip * (1 + hub), g**2 * hub, g**2]
+        parts = [one, 1 / softness, *rigid, -(g**2), -(g**2) * tip]
+        return _Pencil(
+            _combined(bands[..., :7], parts, lanes),
+            _combined(bands[..., 5:7], [one, tip * one], lanes),
+            _combined(bands[..., 7:], [2 * g, 2 * g * tip], lanes),
+        ).by_mode()
+
+    @kernel
+    def search(numbers: _Numbers) -> tuple[Array, Array, Array]:
+        return _search(pencil(numbers), ritz.guess(numbers), start)
+
+    @kernel
+    def polish(numbers: _Numbers, x: Array, omega: Array) -> Array:
+        return polished(_at(pencil(numbers), omega), x)
+
+    @kernel
+    def form(numbers: _Numbers, x: Array, omega: Array) -> tuple[Array, Array]:
+        return _form(pencil(numbers), x, omega)
+
+    lowest = _differentiable(search, polish, form)
+
+    def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+        omega, _, found = lowest(_numbers(rotor, speed))
+        # The rod tears where N beta tan(beta) = 1.
+        beam = rotor.beam
+        beta = jnp.abs(speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
+        holds = (beta < np.pi / 2) & (rotor.tip_mass * beta * jnp.tan(beta) < beam.mass)
+        status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
+        return omega * beam.frequency_scale, jnp.where(holds, status, Status.NO_EQUILIBRIUM)
+
+    return solver
+
+
+def _search(pencil: _Pencil, guess: Array, start: np.ndarray) -> tuple[Array, Array, Array]:
+    lanes = guess.ndim - 1
+    x = jnp.broadcast_to(beside(start, lanes), (*start.shape, *guess.shape[1:]))
+    omega, x, done, below = refined(*pencil, guess, x.astype(guess.dtype), _TOLERANCE)
+    place = beside(np.arange(len(guess)), lanes)
+    right = (below == place) | (below == place + 1)
+    return omega, x, jnp.where(done & right, 1.0, 0.0)
+
+
+def _at(pencil: _Pencil, omega: Array) -> Band:
+    """D(omega)."""
+    return pencil.k - omega**2 * pencil.m + omega * pencil.c
+
+
+def _form(pencil: _Pencil, x: Array, omega: Array) -> tuple[Array, Array]:
+    k, m, c = (total(x * product(a, x)) for a in pencil)
+    return k - omega**2 * m + omega * c, 2 * omega * m - c
+
+
+def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    n, ritz = model.n_elements, _ritz(count)
+    at = _PLAIN.bending(24, np.linspace(0.0, 1.0, n + 1)[1:])
+    start = np.zeros((n, 4, count))
+    start[:, 0], start[:, 1] = at.value @ ritz.start, at.slope @ ritz.start
+    start = np.concatenate([np.zeros((1, count)), start.reshape(4 * n, count)])
+    # Quadrature: rows of w and of u see the Coriolis force with opposite signs.
+    signs = np.tile([-1.0, -1.0, 1.0, 1.0], n + 1).reshape(n + 1, 4, 1)
+
+    @kernel
+    def search(arrays: Any) -> tuple[Array, Any, Array]:
+        equations, speed, numbers, scale = arrays
+        q, steady = _steady(equations, speed)
+        pencil = _banded(equations, speed, q, signs)
+        omega, x, found = _search(pencil, scale * ritz.guess(numbers), start)
+        return omega, (x, q), found * steady
+
+    @kernel
+    def polish(arrays: Any, hidden: Any, omega: Array) -> tuple[Array, Vector]:
+        equations, speed, *_ = arrays
+        x, q = hidden
+        return polished(_at(_banded(equations, speed, q, signs), omega), x), q
+
+    @kernel
+    def form(arrays: Any, hidden: Any, omega: Array) -> tuple[Array, Array]:
+        equations, speed, *_ = arrays
+        x, q = hidden
+        return _form(_banded(equations, speed, _newton(equations, speed, q), signs), x, omega)
+
+    lowest = _differentiable(search, polish, form)
+
+    def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+        arrays = (model.equations(rotor), speed, _numbers(rotor, speed), rotor.beam.frequency_scale)
+        omega, _, found = lowest(arrays)
+        return omega, jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
+
+    return solver
+
+
+def _newton(equations: ElementEquations, speed: Scalar, q: Vector) -> Vector:
+    """One step towards the steady state."""
+    rest, hub = jnp.zeros_like(q), spinning(speed)
+    k, _ = equations.tangents(hub, q, rest, None)
+    return q + k.inverse() @ equations.force(hub, q, rest, None)
+
+
+def _steady(equations: ElementEquations, speed: Scalar) -> tuple[Vector, Scalar]:
+    """The steady state, and whether it was found."""
+    size = jnp.broadcast_to(equations.size, speed.shape)
+
+    def go_on(state: tuple[Array, ...]) -> Array:
+        return (state[0] < 20) & jnp.any(state[2] < 1)
+
+    def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        i, q, done = state
+        new = _newton(equations, speed, q)
+        small = jnp.where(total((new - q) ** 2) < (1e-9 * size) ** 2, 1.0, 0.0)
+        return i + 1, jnp.where(done < 1, new, q), jnp.where(done < 1, small, done)
+
+    n = equations.mass.shape[0]
+    zero = jnp.zeros((n, *speed.shape), speed.dtype)
+    state: tuple[Array, ...] = (jnp.zeros((), int), zero, jnp.zeros_like(speed))
+    _, q, done = jax.lax.while_loop(go_on, improve, state)
+    return q, done
+
+
+def _banded(equations: ElementEquations, speed: Scalar, q: Vector, signs: np.ndarray) -> _Pencil:
+    k, c = equations.tangents(spinning(speed), q, jnp.zeros_like(q), None)
+
+    def bands(rows: Float[Array, "k 4 12 *lanes"]) -> Band:
+        longer = jnp.concatenate([rows, jnp.zeros_like(rows[:, :, :3])], 2)
+        columns = jnp.stack([longer[:, i, 4 + i : 12 + i] for i in range(4)], 1)
+        return columns.reshape(-1, *columns.shape[2:])[3:]
+
+    m = jnp.broadcast_to(equations.mass.rows, k.rows.shape)
+    turned = c.rows * beside(signs, q.ndim - 1)
+    return _Pencil(bands(k.rows), bands(m), bands(turned)).by_mode()
