@@ -49,6 +49,7 @@ def batch(size, top=12.0):
     return jnp.asarray(np.stack([rng.uniform(*span, size) for span in spans], 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_frequencies_are_those_of_modes(model):
     # Model 0 is unstable at high speed.
@@ -68,6 +69,7 @@ def test_any_number_of_them(count):
     np.testing.assert_allclose(ours, jb.modes(PLANE, *case, count).frequency, rtol=2e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [PLANE, jb.ANCF(6)], ids=repr)
 def test_gradients_are_those_of_modes(model):
     """By every parameter, in both modes, case by case and of a sum over a batch."""
@@ -88,6 +90,7 @@ def test_gradients_are_those_of_modes(model):
     np.testing.assert_allclose(summed / scale[0], wanted.sum(1) / scale[0], atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [PLANE, jb.ANCF(6)], ids=repr)
 def test_bad_cases_are_named_and_leave_the_others_as_they_are(model):
     cases = batch(5)

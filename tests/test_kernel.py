@@ -1,5 +1,6 @@
 """Steps compiled to one function: the same numbers, in every transformation."""
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -95,23 +96,40 @@ def test_functions_with_other_operations_still_work():
 MODELS = [jb.GreenANCF(2), jb.ANCF(2), jb.ChordANCF(2), jb.TangentANCF(2)]
 
 
+ROTOR = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), tip_mass=0.1)
+
+
+def end(model, solver, rotor, speed, damping=1e-4):
+    """Of a short run with all that can act on a beam."""
+    run = jb.simulate(
+        model, rotor, jb.SmoothSpinUp(speed, 1.0), [0.0, 0.1], solver=solver, dt0=0.01,
+        stepsize_controller=diffrax.ConstantStepSize(), throw=False,
+        loads=jb.Loads(gravity=[0.0, -9.8, 0.0], tip_force=[0.0, speed, 0.0]),
+        damping=jb.Damping(mass=0.1, stiffness=damping),
+    )  # fmt: skip
+    return run.tip[-1, 1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+def test_a_batch_of_runs_is_as_the_runs_alone(model):
+    """Values and gradients."""
+    one = jax.jit(jax.value_and_grad(lambda *v: end(model, jb.Rodas4P(), ROTOR, *v), (0, 1)))
+    speeds, damping = jnp.array([1.0, 2.0, 5.0]), jnp.array([1e-4, 0.0, 1e-3])
+    value, slopes = jax.jit(jax.vmap(one))(speeds, damping)
+    for i, case in enumerate(zip(speeds, damping, strict=True)):
+        alone, by = one(*case)
+        np.testing.assert_allclose(value[i], alone, rtol=1e-9)
+        np.testing.assert_allclose([slope[i] for slope in slopes], by, rtol=1e-7)
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="a matter of the CPU")
 @pytest.mark.parametrize("solver", [jb.Rodas5P(), jb.ChordKvaerno5()], ids=repr)
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_steps_of_elements_are_compiled_to_one_function(model, solver):
-    """With all that can act on them, and backwards too."""
-    rotor = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), tip_mass=0.1)
-    loads = jb.Loads(gravity=[0.0, -9.8, 0.0], tip_force=[0.0, 1.0, 0.0])
-    motion, damping = jb.SmoothSpinUp(1.0, 15.0), jb.Damping(mass=0.1, stiffness=1e-4)
-
-    def end(rotor):
-        run = jb.simulate(
-            model, rotor, motion, [0.0, 0.01], loads=loads, damping=damping, solver=solver,
-            dt0=0.01, throw=False,
-        )  # fmt: skip
-        return run.tip[-1, 1]
-
-    text = jax.jit(end).lower(rotor).as_text()
+    """And backwards too."""
+    text = jax.jit(lambda r: end(model, solver, r, 1.0)).lower(ROTOR).as_text()
     assert text.count("xla_cpu_small_call") == 1
-    backwards = jax.jit(jax.grad(end)).lower(rotor).as_text()
+    backwards = jax.jit(jax.grad(lambda r: end(model, solver, r, 1.0))).lower(ROTOR).as_text()
     assert backwards.count("xla_cpu_small_call") >= 2

@@ -157,8 +157,12 @@ class Equations(eqx.Module):
         """mass dT/dq' + stiffness d/dt elastic_force(q), T seen from the hub; see `Damping`."""
         out = jnp.zeros_like(q)
         if mass is not None:
-            still = jnp.zeros(3, q.dtype)
-            out = out + mass * jax.grad(self.kinetic_energy, argnums=1)(q, v, still, still)
+            still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
+
+            def kinetic(v: Vector) -> Scalar:
+                return jnp.sum(self.kinetic_energy(q, v, still, still))
+
+            out = out + mass * jax.grad(kinetic)(v)
         if stiffness is not None:
             out = out + stiffness * jax.jvp(self.elastic_force, (q,), (v,))[1]
         return out
