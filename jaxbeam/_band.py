@@ -132,7 +132,7 @@ def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "count *l
     def rotations(a: Array, _: Any) -> tuple[Array, None]:
         pairs = [(a[i, i], a[half + i, half + i], a[i, half + i]) for i in range(half)]
         first, second, between = (jnp.stack(part) for part in zip(*pairs, strict=True))
-        alone = jnp.abs(between) < 1e-200
+        alone = jnp.abs(between) < 1e3 * jnp.finfo(a.dtype).tiny
         slope = (second - first) / (2 * jnp.where(alone, 1.0, between))
         t = jnp.where(slope < 0, -1.0, 1.0) / (jnp.abs(slope) + jnp.sqrt(slope**2 + 1))
         t = jnp.where(alone, 0.0, t)
