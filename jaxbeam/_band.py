@@ -24,6 +24,12 @@ def band(matrix: Float[np.ndarray, "n n"], width: int) -> Float[np.ndarray, "n w
     return np.stack([wide[j : j + width, j] for j in range(n)])
 
 
+def full(matrix: Float[Array, "n n *lanes"]) -> Float[Array, "n n *lanes"]:
+    """A symmetric matrix that is all band, in this form."""
+    none = jnp.zeros_like(matrix)
+    return jnp.stack([jnp.concatenate([matrix[j:, j], none[:j, j]]) for j in range(len(matrix))])
+
+
 def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
     """b + 1."""
     return 1 + max(int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
@@ -43,16 +49,20 @@ def factors(a: Band) -> tuple[_Vector, Band]:
     """A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without their diagonal."""
     b = a.shape[1] - 1
 
-    def eliminate(ahead: Array, column: Array) -> tuple[Array, tuple[Array, Array]]:
-        # `ahead` is what has been taken from the next b columns.
-        column = column - ahead[0]
-        below = column[1:] / column[0][None]
-        longer = jnp.concatenate([below, jnp.zeros_like(below)])
-        shifted = jnp.stack([longer[j : j + b + 1] for j in range(b)])
-        ahead = jnp.concatenate([ahead[1:], jnp.zeros_like(ahead[:1])])
-        return ahead + column[1:][:, None] * shifted, (column[0], below)
+    none = jnp.zeros((b, *a.shape[2:]), a.dtype)
 
-    _, (d, below) = jax.lax.scan(eliminate, jnp.zeros((b, *a.shape[1:]), a.dtype), a)
+    def longer(x: Array) -> Array:
+        return jnp.concatenate([x, none[:1]])
+
+    def eliminate(ahead: Any, column: Array) -> tuple[Any, tuple[Array, Array]]:
+        # `ahead` is what has been taken from each of the next b columns, as far as it reaches.
+        column = column - longer(ahead[0])
+        below = column[1:] * (1 / column[0])[None]
+        taken = [column[j + 1][None] * below[j:] for j in range(b)]
+        before = [longer(x) for x in ahead[1:]] + [none[:1]]
+        return [x + y for x, y in zip(before, taken, strict=True)], (column[0], below)
+
+    _, (d, below) = jax.lax.scan(eliminate, [none[j:] for j in range(b)], a)
     return d, below
 
 
@@ -73,13 +83,6 @@ def solved(d: _Vector, below: Band, x: _Vector) -> _Vector:
     return jax.lax.scan(back, none, (y / d, below), reverse=True)[1]
 
 
-def quotient(k: Band, m: Band, c: Band, x: _Vector) -> Float[Array, "*lanes"]:
-    """Root omega > 0 of x^T (K - omega^2 M + omega C) x: the frequency, right to second order in
-    the error of x."""
-    k, m, c = (total(x * product(a, x)) for a in (k, m, c))
-    return (c + jnp.sqrt(c**2 + 4 * m * k)) / (2 * m)
-
-
 def polished(a: Band, x: _Vector) -> _Vector:
     """An inverse iteration in the null space of A, of unit length."""
     x = solved(*factors(a), x)
@@ -89,10 +92,12 @@ def polished(a: Band, x: _Vector) -> _Vector:
 def refined(
     k: Band, m: Band, c: Band, omega: Float[Array, "*lanes"], x: _Vector, tolerance: float
 ) -> tuple[Float[Array, "*lanes"], _Vector, Bool[Array, "*lanes"], Float[Array, "*lanes"]]:
-    """Frequency omega and vector x of (K - omega^2 M + omega C) x = 0 near a guess: inverse
-    iteration with Rayleigh quotients, ended where a step changes omega by less than `tolerance`
-    (relative; what then is left is about its square). Also whether it did end, and how many
-    frequencies lie below the guess, by Sylvester's law: K must be positive definite.
+    """Frequency omega and vector x of D x = (K - omega^2 M + omega C) x = 0 near a guess.
+
+    Inverse iteration x <- D^-1 D' x with Rayleigh quotients: the error of x falls by a factor of
+    the order of the relative change of omega, that of omega is its square. It ends where the former
+    falls below `tolerance`. Also whether it did end, and how many frequencies lie below the guess,
+    by Sylvester's law: K must be positive definite.
     """
     none = jnp.zeros_like(omega)
 
@@ -102,12 +107,20 @@ def refined(
     def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
         i, omega, x, done, below = state
         d, columns = factors(k - omega**2 * m + omega * c)
-        new = solved(d, columns, x)
-        new = new / jnp.sqrt(total(new**2))
-        better = quotient(k, m, c, new)
+        slope = c - 2 * omega * m
+        right = product(slope, x)
+        new = solved(d, columns, right)
+        size = 1 / jnp.sqrt(total(new**2))
+        new = new * size
+        # The root of x^T D(omega + change) x, with D x = right * size; m > 0.
+        now = size * total(new * right)
+        first, second = total(new * product(slope, new)), total(new * product(m, new))
+        change = 2 * now / (jnp.sqrt(first**2 + 4 * second * now) - first)
+        better = omega + change
+        turn = jnp.sqrt(total((x - total(x * new) * new) ** 2))
         here = total(jnp.where(d < 0, 1.0, 0.0))
         # What is done stays as it is, whatever its neighbours in a batch still need.
-        small = jnp.where(jnp.abs(better - omega) < tolerance * better, 1.0, 0.0)
+        small = jnp.where(jnp.abs(change) * turn < tolerance * better, 1.0, 0.0)
         return (
             i + 1,
             jnp.where(done < 1, better, omega),
@@ -116,6 +129,7 @@ def refined(
             jnp.where(i < 1, here, below),
         )
 
+    x = x / jnp.sqrt(total(x**2))
     state: tuple[Array, ...] = (jnp.zeros((), int), omega, x, none, none)
     _, omega, x, done, below = jax.lax.while_loop(go_on, improve, state)
     return omega, x, done > 0, below

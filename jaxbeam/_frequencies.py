@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._band import Band, band, congruent, largest, polished, product, refined, width_of
+from jaxbeam._band import Band, band, congruent, full, largest, polished, product, refined, width_of
 from jaxbeam._basis import Polynomials
 from jaxbeam._beam import Rotor
 from jaxbeam._kernel import beside, contract, kernel, total
@@ -143,7 +143,6 @@ def _differentiable(
     @call.defjvp
     def rule(primals: tuple[Any], rates: tuple[Any]) -> tuple[Any, Any]:
         out = call(*primals)
-        # What was not found must not end up, as NaN, in gradients of parameters that cases share.
         ok = jnp.all(out[2] > 0)
         omega, hidden = jax.tree.map(lambda a: jnp.where(ok, a, 1.0), _once(out[:2]))
         hidden = _once(polish(*primals, hidden, omega))
@@ -172,10 +171,12 @@ class _Ritz(NamedTuple):
 
     stiffness: np.ndarray  # (m, m, 4): bending, and tension by tip mass, hub radius and own mass
     inertia: np.ndarray  # (m, m, 5): own, tip, and by axial motion: own, mixed, tip
-    start: np.ndarray  # (24, k): modes, in polynomials
+    functions: np.ndarray  # (24, m): the functions, in polynomials
+    start: np.ndarray  # (m, k): modes of a beam in the middle of all, in these functions
 
-    def guess(self, numbers: _Numbers) -> Float[Array, "k *lanes"]:
-        """Without axial inertia: axial motion follows the Coriolis force at once."""
+    def guess(self, numbers: _Numbers) -> tuple[Float[Array, "k *lanes"], Float[Array, "m k *l"]]:
+        """Frequencies without axial inertia (axial motion follows the Coriolis force at once), and
+        modes in these functions."""
         g, hub, tip, softness = numbers
         lanes, one = g.ndim, jnp.ones_like(g)
         drag = 4 * g**2 * softness
@@ -184,7 +185,10 @@ class _Ritz(NamedTuple):
         inertia = _combined(self.inertia, parts, lanes)
         spun = _combined(self.inertia[..., :2], [-(g**2), -(g**2) * tip], lanes)
         stiffness = _combined(self.stiffness, [one, *rigid], lanes) + spun
-        return largest(congruent(stiffness, inertia), self.start.shape[1]) ** -0.5
+        omega = largest(congruent(stiffness, inertia), self.start.shape[1]) ** -0.5
+        start = jnp.broadcast_to(beside(self.start, lanes), (*self.start.shape, *g.shape))
+        whole = full(stiffness)[:, :, None] - omega**2 * full(inertia)[:, :, None]
+        return omega, polished(whole, start.astype(g.dtype))
 
 
 def _combined(tables: np.ndarray, parts: list[Array], lanes: int) -> Array:
@@ -248,8 +252,7 @@ def _ritz(count: int) -> _Ritz:
     def within(tables: np.ndarray) -> np.ndarray:
         return np.einsum("ia,ijp,jb->abp", few, tables, few)
 
-    # Of a beam in the middle of them: no mode is far from it.
-    return _Ritz(within(stiffness), within(np.stack(inertia, -1)), modes[17])
+    return _Ritz(within(stiffness), within(np.stack(inertia, -1)), few, few.T @ modes[17])
 
 
 def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
@@ -277,9 +280,9 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
     ]  # fmt: skip
     width = width_of(*tables)
     bands = np.stack([band(table, width) for table in tables], -1)
-    start = np.zeros((n + m, count))
-    start[:n] = np.pad(ritz.start, ((0, max(n - 24, 0)), (0, 0)))[:n]
-    start = start[order]
+    functions = np.zeros((n + m, ritz.functions.shape[1]))
+    functions[:n] = np.pad(ritz.functions, ((0, max(n - 24, 0)), (0, 0)))[:n]
+    functions = functions[order]
 
     def pencil(numbers: _Numbers) -> _Pencil:
         g, hub, tip, softness = numbers
@@ -294,7 +297,7 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
 
     @kernel
     def search(numbers: _Numbers) -> tuple[Array, Array, Array]:
-        return _search(pencil(numbers), ritz.guess(numbers), start)
+        return _search(pencil(numbers), *ritz.guess(numbers), functions)
 
     @kernel
     def polish(numbers: _Numbers, x: Array, omega: Array) -> Array:
@@ -318,13 +321,16 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
     return solver
 
 
-def _search(pencil: _Pencil, guess: Array, start: np.ndarray) -> tuple[Array, Array, Array]:
+def _search(
+    pencil: _Pencil, guess: Array, modes: Array, functions: np.ndarray
+) -> tuple[Array, Array, Array]:
     lanes = guess.ndim - 1
-    x = jnp.broadcast_to(beside(start, lanes), (*start.shape, *guess.shape[1:]))
-    omega, x, done, below = refined(*pencil, guess, x.astype(guess.dtype), _TOLERANCE)
+    x = contract(beside(functions[:, :, None], lanes), modes[None], 1, lanes)
+    omega, x, done, below = refined(*pencil, guess, x, _TOLERANCE)
     place = beside(np.arange(len(guess)), lanes)
-    right = (below == place) | (below == place + 1)
-    return omega, x, jnp.where(done & right, 1.0, 0.0)
+    right = done & ((below == place) | (below == place + 1))
+    # What was not found must not end up, as NaN, in gradients of parameters that cases share.
+    return jnp.where(right, omega, 1.0), x, jnp.where(right, 1.0, 0.0)
 
 
 def _at(pencil: _Pencil, omega: Array) -> Band:
@@ -340,9 +346,10 @@ def _form(pencil: _Pencil, x: Array, omega: Array) -> tuple[Array, Array]:
 def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
     n, ritz = model.n_elements, _ritz(count)
     at = _PLAIN.bending(24, np.linspace(0.0, 1.0, n + 1)[1:])
-    start = np.zeros((n, 4, count))
-    start[:, 0], start[:, 1] = at.value @ ritz.start, at.slope @ ritz.start
-    start = np.concatenate([np.zeros((1, count)), start.reshape(4 * n, count)])
+    size = ritz.functions.shape[1]
+    functions = np.zeros((n, 4, size))
+    functions[:, 0], functions[:, 1] = at.value @ ritz.functions, at.slope @ ritz.functions
+    functions = np.concatenate([np.zeros((1, size)), functions.reshape(4 * n, size)])
     # Quadrature: rows of w and of u see the Coriolis force with opposite signs.
     signs = np.tile([-1.0, -1.0, 1.0, 1.0], n + 1).reshape(n + 1, 4, 1)
 
@@ -351,7 +358,8 @@ def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[A
         equations, speed, numbers, scale = arrays
         q, steady = _steady(equations, speed)
         pencil = _banded(equations, speed, q, signs)
-        omega, x, found = _search(pencil, scale * ritz.guess(numbers), start)
+        guess, modes = ritz.guess(numbers)
+        omega, x, found = _search(pencil, scale * guess, modes, functions)
         return omega, (x, q), found * steady
 
     @kernel
