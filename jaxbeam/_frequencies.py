@@ -11,7 +11,7 @@ asked for.
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -29,11 +29,13 @@ from jaxbeam._models.base import AbstractModel
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._motion import spinning
+from jaxbeam._solvers.system import without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector
 
 _TOLERANCE = 2e-5  # relative change after which what is left is below 1e-9
 _PLAIN = Polynomials()
+_Case = tuple[Rotor, Scalar]  # and its speed
 
 
 class Frequencies(eqx.Module):
@@ -130,7 +132,8 @@ def _differentiable(
 ) -> Callable[..., Any]:
     """search(arrays) -> (omega, hidden, found) with derivatives of omega from
 
-        form(arrays, hidden, omega) = (x^T D(omega) x, -x^T D'(omega) x) = (0, slope):
+        polish(arrays, hidden, omega) = what form wants, slope = -x^T D'(omega) x,
+        form(arrays, what it wants, omega) = x^T D(omega) x = 0:
 
     d omega = d(x^T D x) / slope. `hidden` holds x and what else was found on the way; `polish`
     makes x as exact as omega is.
@@ -145,10 +148,11 @@ def _differentiable(
         out = call(*primals)
         ok = jnp.all(out[2] > 0)
         omega, hidden = jax.tree.map(lambda a: jnp.where(ok, a, 1.0), _once(out[:2]))
-        hidden = _once(polish(*primals, hidden, omega))
-        hidden = jax.tree.map(lambda a: jnp.where(ok, a, 0.0), hidden)
-        (_, slope), (change, _) = jax.jvp(lambda a: form(a, hidden, omega), primals, rates)
-        rate = jnp.where(ok, change / jnp.where(ok, slope, 1.0), 0.0)
+        hidden, slope = jax.tree.map(
+            lambda a: jnp.where(ok, a, 1.0), _once(polish(*primals, hidden, omega))
+        )
+        change = jax.jvp(lambda a: form(a, hidden, omega), primals, rates)[1]
+        rate = jnp.where(ok, change / slope, 0.0)
         _, *others = jax.tree.map(jnp.zeros_like, out)
         return out, (rate, *others)
 
@@ -182,19 +186,21 @@ class _Ritz(NamedTuple):
         drag = 4 * g**2 * softness
         rigid = [g**2 * tip * (1 + hub), g**2 * hub, g**2]
         parts = [one, tip * one, drag, drag * tip, drag * tip**2]
-        inertia = _combined(self.inertia, parts, lanes)
-        spun = _combined(self.inertia[..., :2], [-(g**2), -(g**2) * tip], lanes)
-        stiffness = _combined(self.stiffness, [one, *rigid], lanes) + spun
+        own = beside(self.inertia, lanes)
+        inertia = _combined(own, parts)
+        spun = _combined(own[:, :, :2], [-(g**2), -(g**2) * tip])
+        stiffness = _combined(beside(self.stiffness, lanes), [one, *rigid]) + spun
         omega = largest(congruent(stiffness, inertia), self.start.shape[1]) ** -0.5
         start = jnp.broadcast_to(beside(self.start, lanes), (*self.start.shape, *g.shape))
         whole = full(stiffness)[:, :, None] - omega**2 * full(inertia)[:, :, None]
         return omega, polished(whole, start.astype(g.dtype))
 
 
-def _combined(tables: np.ndarray, parts: list[Array], lanes: int) -> Array:
-    """Sum of tables (..., p) times p numbers."""
-    inner = (None,) * (tables.ndim - 1)
-    return contract(beside(tables, lanes), jnp.stack(parts)[inner], tables.ndim - 1, lanes)
+def _combined(tables: Any, parts: list[Array]) -> Array:
+    """Sum of tables (..., p, *lanes) times p numbers."""
+    lanes = parts[0].ndim
+    axis = tables.ndim - lanes - 1
+    return contract(tables, jnp.stack(parts)[(None,) * axis], axis, lanes)
 
 
 class _Integrals(NamedTuple):
@@ -279,33 +285,47 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
         whole(None, None, np.outer(a.end, a.axial_end)),
     ]  # fmt: skip
     width = width_of(*tables)
-    bands = np.stack([band(table, width) for table in tables], -1)
+    wide = [band(table, width) for table in tables]
+    narrow = [band(table, width_of(table)) for table in tables]
     functions = np.zeros((n + m, ritz.functions.shape[1]))
     functions[:n] = np.pad(ritz.functions, ((0, max(n - 24, 0)), (0, 0)))[:n]
     functions = functions[order]
 
-    def pencil(numbers: _Numbers) -> _Pencil:
+    def combined(tables: Sequence[Any], numbers: _Numbers) -> tuple[Array, Array, Array]:
+        """K, M, C of the nine tables, with lanes behind."""
         g, hub, tip, softness = numbers
-        lanes, one = g.ndim, jnp.ones_like(g)
+        one = jnp.ones_like(g)
         rigid = [g**2 * tip * (1 + hub), g**2 * hub, g**2]
-        parts = [one, 1 / softness, *rigid, -(g**2), -(g**2) * tip]
-        return _Pencil(
-            _combined(bands[..., :7], parts, lanes),
-            _combined(bands[..., 5:7], [one, tip * one], lanes),
-            _combined(bands[..., 7:], [2 * g, 2 * g * tip], lanes),
-        ).by_mode()
+        weights = [one, 1 / softness, *rigid, -(g**2), -(g**2) * tip]
+
+        def summed(some: slice, weights: list[Array]) -> Array:
+            return _combined(jnp.stack(tables[some], -1 - g.ndim), weights)
+
+        return (
+            summed(slice(7), weights),
+            summed(slice(5, 7), [one, tip * one]),
+            summed(slice(7, 9), [2 * g, 2 * g * tip]),
+        )
+
+    def pencil(numbers: _Numbers) -> _Pencil:
+        return _Pencil(*combined([beside(a, numbers.speed.ndim) for a in wide], numbers)).by_mode()
 
     @kernel
     def search(numbers: _Numbers) -> tuple[Array, Array, Array]:
         return _search(pencil(numbers), *ritz.guess(numbers), functions)
 
     @kernel
-    def polish(numbers: _Numbers, x: Array, omega: Array) -> Array:
-        return polished(_at(pencil(numbers), omega), x)
+    def polish(numbers: _Numbers, x: Array, omega: Array) -> tuple[list[Array], Array]:
+        x = polished(_at(pencil(numbers), omega), x)
+        each = [beside(table[:, :, None], numbers.speed.ndim) for table in narrow]
+        shares = [total(x * product(table, x)) for table in each]
+        _, m, c = combined(shares, numbers)
+        return shares, 2 * omega * m - c
 
     @kernel
-    def form(numbers: _Numbers, x: Array, omega: Array) -> tuple[Array, Array]:
-        return _form(pencil(numbers), x, omega)
+    def form(numbers: _Numbers, shares: list[Array], omega: Array) -> Array:
+        k, m, c = combined(shares, numbers)
+        return k - omega**2 * m + omega * c
 
     lowest = _differentiable(search, polish, form)
 
@@ -338,11 +358,6 @@ def _at(pencil: _Pencil, omega: Array) -> Band:
     return pencil.k - omega**2 * pencil.m + omega * pencil.c
 
 
-def _form(pencil: _Pencil, x: Array, omega: Array) -> tuple[Array, Array]:
-    k, m, c = (total(x * product(a, x)) for a in pencil)
-    return k - omega**2 * m + omega * c, 2 * omega * m - c
-
-
 def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
     n, ritz = model.n_elements, _ritz(count)
     at = _PLAIN.bending(24, np.linspace(0.0, 1.0, n + 1)[1:])
@@ -354,40 +369,43 @@ def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[A
     signs = np.tile([-1.0, -1.0, 1.0, 1.0], n + 1).reshape(n + 1, 4, 1)
 
     @kernel
-    def search(arrays: Any) -> tuple[Array, Any, Array]:
-        equations, speed, numbers, scale = arrays
+    def search(case: _Case) -> tuple[Array, Any, Array]:
+        rotor, speed = case
+        equations = model.equations(rotor)
         q, steady = _steady(equations, speed)
+        guess, modes = ritz.guess(_numbers(rotor, speed))
         pencil = _banded(equations, speed, q, signs)
-        guess, modes = ritz.guess(numbers)
-        omega, x, found = _search(pencil, scale * guess, modes, functions)
+        guess = rotor.beam.frequency_scale * guess
+        omega, x, found = _search(pencil, guess, modes, functions)
         return omega, (x, q), found * steady
 
     @kernel
-    def polish(arrays: Any, hidden: Any, omega: Array) -> tuple[Array, Vector]:
-        equations, speed, *_ = arrays
+    def polish(case: _Case, hidden: Any, omega: Array) -> tuple[Any, Array]:
         x, q = hidden
-        return polished(_at(_banded(equations, speed, q, signs), omega), x), q
+        pencil = _banded(model.equations(case[0]), case[1], q, signs)
+        x = polished(_at(pencil, omega), x)
+        return (x, q), total(x * product(2 * omega * pencil.m - pencil.c, x))
 
     @kernel
-    def form(arrays: Any, hidden: Any, omega: Array) -> tuple[Array, Array]:
-        equations, speed, *_ = arrays
-        x, q = hidden
-        return _form(_banded(equations, speed, _newton(equations, speed, q), signs), x, omega)
+    def form(case: _Case, hidden: Any, omega: Array) -> Array:
+        equations, (x, q) = model.equations(case[0]), hidden
+        pencil = _banded(equations, case[1], _newton(equations, case[1], q), signs)
+        return total(x * product(_at(pencil, omega), x))
 
     lowest = _differentiable(search, polish, form)
 
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
-        arrays = (model.equations(rotor), speed, _numbers(rotor, speed), rotor.beam.frequency_scale)
-        omega, _, found = lowest(arrays)
+        omega, _, found = lowest((rotor, speed))
         return omega, jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
 
     return solver
 
 
 def _newton(equations: ElementEquations, speed: Scalar, q: Vector) -> Vector:
-    """One step towards the steady state."""
+    """One step towards the steady state. Where it has been reached, the derivatives of the new q
+    are those of the steady state."""
     rest, hub = jnp.zeros_like(q), spinning(speed)
-    k, _ = equations.tangents(hub, q, rest, None)
+    k, _ = without_derivatives(equations.tangents(hub, q, rest, None))
     return q + k.inverse() @ equations.force(hub, q, rest, None)
 
 

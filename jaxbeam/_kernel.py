@@ -16,6 +16,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import Literal, jaxpr_as_fun
 from jaxtyping import Array, Float
 
 # What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
@@ -26,9 +27,9 @@ _ALLOWED = frozenset({
     "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
     "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
     "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reduce_or", "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split",
-    "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while",
-    "zeros_like",
+    "reduce_or", "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin",
+    "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub", "transpose",
+    "unstack", "while", "zeros_like",
 })
 # fmt: on
 # Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
@@ -146,8 +147,10 @@ def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[
             x, y = xy
             return jax.tree.map(jnp.add, x, fast_pull(still, at, y)), y
 
-        # To be transposed, all of the right-hand side must be linear in the rates, zeros too.
-        none = jnp.where(np.False_, rates[0].ravel()[0], 0.0)
+        # To be transposed, all of the right-hand side must be linear in what moves, zeros and
+        # rates that are constant too.
+        none = jnp.asarray(sum(jnp.where(np.False_, rate.ravel()[0], 0.0) for rate in rates))
+        rates = [rate + none.astype(rate.dtype) for rate in rates]
         zero = jax.tree.map(lambda a: jnp.broadcast_to(none, a.shape).astype(a.dtype), out)
         return jax.lax.custom_linear_solve(matvec, (rates, zero), solve, transpose_solve)[1]
 
@@ -203,25 +206,110 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
     def touching(*args: Any) -> tuple[Any, Array]:
         # The emitter does not bear operands that nothing uses.
         used = [a.ravel()[0] for a in jax.tree.leaves(args) if a.size]
-        return function(*args), sum(used)
+        return _with_short_sums(function)(*args), sum(used)
 
     def fast(*args: Any) -> Any:
         return set_xla_metadata(touching(*args), xla_cpu_small_call="true", inlineable="false")[0]
 
     def run(*args: Any) -> Any:
         known = jaxlib.__version__.startswith(_KNOWN)
-        if not (known and _allowed(jax.make_jaxpr(function)(*args).jaxpr)):
+        if not (known and _allowed(jax.make_jaxpr(_with_short_sums(function))(*args).jaxpr)):
             return function(*args)
         return jax.lax.platform_dependent(*args, cpu=fast, default=function)
 
     return run
 
 
+def _with_short_sums(function: Callable[..., Any]) -> Callable[..., Any]:
+    """With large sums written out in pieces: XLA gives them to a library."""
+
+    def run(*args: Any) -> Any:
+        jaxpr, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
+        leaves = _shortened(jaxpr)(*jax.tree.leaves(args))
+        return jax.tree.unflatten(jax.tree.structure(shapes), leaves)
+
+    return run
+
+
+def _shortened(closed: Any) -> Callable[..., list[Any]]:
+    jaxpr = closed.jaxpr
+    if not _has_long_sums(jaxpr):
+        return jaxpr_as_fun(closed)
+
+    def run(*args: Any) -> list[Any]:
+        variables = [*jaxpr.constvars, *jaxpr.invars]
+        at = dict(zip(variables, [*closed.consts, *args], strict=True))
+
+        def value(x: Any) -> Any:
+            return x.val if isinstance(x, Literal) else at[x]
+
+        for equation in jaxpr.eqns:
+            values, how = [value(x) for x in equation.invars], equation.params
+            match equation.primitive.name:
+                case "reduce_sum":
+                    out = [_short_sum(values[0], how["axes"])]
+                case "jit":
+                    out = _shortened(how["jaxpr"])(*values)
+                case "scan":
+                    out = _shortened_scan(how, values)
+                case "while":
+                    out = _shortened_while(how, values)
+                case _:
+                    out = equation.primitive.bind(
+                        *values, **equation.primitive.get_bind_params(how)
+                    )
+                    out = out if equation.primitive.multiple_results else [out]
+            at.update(zip(equation.outvars, out, strict=True))
+        return [value(x) for x in jaxpr.outvars]
+
+    return run
+
+
+def _shortened_scan(how: dict[str, Any], values: list[Any]) -> list[Any]:
+    body, n, carried = _shortened(how["jaxpr"]), how["num_consts"], how["num_carry"]
+
+    def one(state: list[Any], row: list[Any]) -> tuple[list[Any], list[Any]]:
+        out = body(*values[:n], *state, *row)
+        return list(out[:carried]), list(out[carried:])
+
+    state, rows = values[n : n + carried], values[n + carried :]
+    state, out = jax.lax.scan(one, state, rows, how["length"], how["reverse"])
+    return [*state, *out]
+
+
+def _shortened_while(how: dict[str, Any], values: list[Any]) -> list[Any]:
+    go_on, body = _shortened(how["cond_jaxpr"]), _shortened(how["body_jaxpr"])
+    a, b = how["cond_nconsts"], how["cond_nconsts"] + how["body_nconsts"]
+    return jax.lax.while_loop(
+        lambda state: go_on(*values[:a], *state)[0],
+        lambda state: list(body(*values[a:b], *state)),
+        values[b:],
+    )
+
+
+def _has_long_sums(jaxpr: Any) -> bool:
+    """Whether there are any that `_shortened` mends."""
+    for equation in jaxpr.eqns:
+        name, how = equation.primitive.name, equation.params
+        if name == "reduce_sum" and equation.invars[0].aval.size > _REDUCED:
+            return True
+        inner = {"jit": ["jaxpr"], "scan": ["jaxpr"], "while": ["cond_jaxpr", "body_jaxpr"]}
+        if any(_has_long_sums(how[key].jaxpr) for key in inner.get(name, [])):
+            return True
+    return False
+
+
+def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
+    for axis in sorted(axes, reverse=True):
+        x = jnp.sum(x, axis) if x.size <= _REDUCED else total(jnp.moveaxis(x, axis, 0))
+    return x
+
+
 def _allowed(jaxpr: Any) -> bool:
     """Whether all that is called in it, at any depth, may be."""
     for equation in jaxpr.eqns:
         name, inner = equation.primitive.name, equation.params
-        if name == "reduce_sum":  # large ones go to a library
+        if name == "reduce_sum":
             if equation.invars[0].aval.size > _REDUCED:
                 return False
         elif name not in _ALLOWED:

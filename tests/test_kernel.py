@@ -81,6 +81,49 @@ def test_lanes_see_their_own_case_alone(size, shared):
         close(jax.jit(lambda g=gradient: g(fast))(), gradient(plain), rtol=1e-11, atol=1e-11)
 
 
+def test_rates_that_are_constant_beside_others_that_are_not():
+    """As of what is computed from parameters that do not move."""
+    fast, (parameters, x) = kernel(chain), case((3,))
+
+    @jax.custom_jvp
+    def still(a):
+        return a
+
+    still.defjvp(lambda primals, tangents: (primals[0], jnp.zeros_like(primals[0])))
+
+    def loss(f, x):
+        return jnp.sum(jax.vmap(f)(jax.tree.map(still, parameters), x)["total"])
+
+    ours = jax.jit(jax.grad(lambda x: loss(fast, x)))(x)
+    close(ours, jax.grad(lambda x: loss(plain, x))(x), rtol=1e-11, atol=1e-11)
+
+
+def test_large_sums_also_in_loops():
+    """Written out in pieces: more numbers than may be summed at once."""
+
+    def weighed(a, y):
+        return jnp.sum(a * y[None, :, None], (0, 2))
+
+    def f(p, x):
+        y, rows = jax.lax.scan(lambda y, a: (y + weighed(a, y), a[0, 0]), x, p)
+        return jnp.sum(y) + jnp.sum(rows) + jnp.sum(p * p)
+
+    def g(p, x):
+        state = jax.lax.while_loop(
+            lambda s: s[0] < 3, lambda s: (s[0] + 1, s[1] + weighed(p[0], s[1])), (0, x)
+        )
+        return state[1]
+
+    rng = np.random.default_rng(4)
+    args = jnp.asarray(rng.normal(size=(2, 17, 17, 20)) / 50), jnp.asarray(rng.normal(size=17))
+    for function in (f, g):
+        fast = kernel(function)
+        assert "small_call" in jax.jit(fast).lower(*args).as_text()
+        np.testing.assert_allclose(jax.jit(fast)(*args), function(*args), rtol=1e-12)
+    gradient = jax.jit(jax.grad(kernel(f), argnums=(0, 1)))(*args)
+    close(gradient, jax.grad(f, argnums=(0, 1))(*args), rtol=1e-11, atol=1e-12)
+
+
 def test_lanes_of_lanes():
     fast = kernel(chain)
     args = case((2, 5))

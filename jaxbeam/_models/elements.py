@@ -281,7 +281,7 @@ class ElementEquations(Equations):
         self.element_mass, self.tip_mass = beam.mass / n_elements, rotor.tip_mass
         self.axial_stiffness = beam.axial_stiffness
         self.energy_scale = beam.in_plane_bending_stiffness / length
-        along = radius + length * np.linspace(0.0, 1.0, n_elements + 1)
+        along = radius + length * beside(np.linspace(0.0, 1.0, n_elements + 1), length.ndim)
         along = jnp.stack([along, length + jnp.zeros_like(along)], 1)
         self.straight = jnp.stack([jnp.zeros_like(along), along], 1)
         ratio = beam.in_plane_bending_stiffness / (beam.axial_stiffness * length**2)
@@ -290,11 +290,13 @@ class ElementEquations(Equations):
 
     def _inertial(self, turn: np.ndarray) -> BlockTridiagonal:
         """Mass matrix times `turn`."""
-        local = self.element_mass * np.einsum("cd,ij->cidj", turn, self._gram)
-        each = jnp.broadcast_to(local, (self.element.n_elements, 2, 4, 2, 4))
+        lanes = self.tip_mass.ndim
+        local = np.einsum("cd,ij->cidj", turn, self._gram)[None]
+        own = _assembled(jnp.repeat(local, self.element.n_elements, 0))
         at_tip = np.zeros((len(self.straight), 4, 12))
         at_tip[-1, ::2, 4:8:2] = turn
-        return _assembled(each) + BlockTridiagonal(self.tip_mass * at_tip, absent=3)
+        rows = self.element_mass * beside(own.rows, lanes) + self.tip_mass * beside(at_tip, lanes)
+        return BlockTridiagonal(rows, absent=3)
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
         spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
