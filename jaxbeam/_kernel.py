@@ -34,7 +34,7 @@ _ALLOWED = frozenset({
 # fmt: on
 # Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
 _KNOWN = ("0.10.",)
-_REDUCED = 4096  # numbers that may be summed at once
+_REDUCED = 2048  # numbers that may be summed at once: 4096 are too many
 _LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
 
 

@@ -176,3 +176,20 @@ def test_steps_of_elements_are_compiled_to_one_function(model, solver):
     assert text.count("xla_cpu_small_call") == 1
     backwards = jax.jit(jax.grad(lambda r: end(model, solver, r, 1.0))).lower(ROTOR).as_text()
     assert backwards.count("xla_cpu_small_call") >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [24, 32, 48])
+def test_any_number_of_elements(n):
+    """Programs grow with it, and XLA treats large operations in other ways."""
+
+    def tip(n, speed):
+        run = jb.simulate(
+            jb.GreenANCF(n), ROTOR, jb.SmoothSpinUp(speed, 1.0), [0.0, 0.5], solver=jb.Rodas5P(),
+            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01,
+        )  # fmt: skip
+        return run.tip[-1, 1]
+
+    np.testing.assert_allclose(tip(n, 2.0), tip(16, 2.0), rtol=1e-5)
+    batch = jax.jit(jax.vmap(lambda speed: tip(n, speed)))(jnp.array([2.0, 3.0]))
+    np.testing.assert_allclose(batch[0], tip(n, 2.0), rtol=1e-8)

@@ -1,0 +1,523 @@
+"""jaxbeam beside its peers: the same scene, the same measure of error, one run.
+
+A spin-up of B Ref. 21 (8 elements, 4 rad/s, 20 s) by `Rodas5P`, by stock diffrax and SciPy
+integrators with the same right-hand side, and by Exudyn's ANCFCable2D; batches of it; the abrupt
+stop-and-go of Y Fig. 6 by modal models; and frequencies with hub and tip mass by `frequencies`,
+`modes`, a loop over `scipy.linalg.eig`, and pyBModes. An error is the largest difference of the tip
+deflection over the run from the same equations integrated to convergence, over the peak. Times are
+medians of repeated runs, compilation apart; ratios are between lines of the same run.
+
+    python -m pip install ".[bench]" && python studies/peers.py [--quick] [--out FOLDER]
+
+Peers that are not installed are left out, and named.
+"""
+
+import argparse
+import csv
+import importlib.metadata
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+import scipy.integrate  # noqa: E402
+import scipy.linalg  # noqa: E402
+
+import jaxbeam as jb  # noqa: E402
+
+REF_21 = jb.Beam.from_section(
+    length=8.0, density=2767.0, area=7.299e-5, in_plane_second_moment=8.214e-9,
+    youngs_modulus=6.895e10,
+)  # fmt: skip
+DURATION, END, ELEMENTS = 15.0, 20.0, 8
+TIMES = np.linspace(0.0, END, 201)
+CORES = os.cpu_count() or 1
+
+
+class Line(NamedTuple):
+    """One measurement."""
+
+    method: str
+    setting: str
+    seconds: float  # a case
+    error: float
+    compilation: float
+    remark: str = ""
+    scene: str = ""
+
+
+def median(function: Callable[[], Any], repeats: int) -> tuple[float, float, Any]:
+    """Seconds of a run, of the first one beyond that, and the result."""
+    start = time.perf_counter()
+    result = jax.block_until_ready(function())
+    first = time.perf_counter() - start
+    taken = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        result = jax.block_until_ready(function())
+        taken.append(time.perf_counter() - start)
+    usual = float(np.median(taken)) if taken else first
+    return usual, max(first - usual, 0.0), result
+
+
+def off(tip: Any, reference: Any) -> float:
+    """Largest difference over the peak; infinite where there is nothing."""
+    difference = np.max(np.abs(np.asarray(tip) - reference))
+    return float(difference / np.max(np.abs(reference))) if np.isfinite(difference) else np.inf
+
+
+def at_error(lines: list[Line], method: str, error: float) -> float:
+    """Seconds that a method takes for this error, between its settings on logarithmic scales; if
+    all are better the fastest one, NaN if none is."""
+    points = sorted((x.error, x.seconds) for x in lines if x.method == method and x.error > 0)
+    good = [seconds for e, seconds in points if e <= error]
+    if not good:
+        return np.nan
+    worse = [(e, s) for e, s in points if e > error and s < min(good)]
+    if not worse:
+        return min(good)
+    errors, seconds = zip(*[p for p in points if p[0] <= error][-1:], worse[0], strict=True)
+    share = np.interp(np.log(error), np.log(errors), np.log(seconds))
+    return float(min(np.exp(share), min(good)))
+
+
+def spin_up(speed: Any, solver: Any, controller: Any, dt0: Any) -> tuple[Any, Any]:
+    """Tip deflection, and number of steps."""
+    run = jb.simulate(
+        jb.GreenANCF(ELEMENTS), jb.Rotor(REF_21),
+        jb.SmoothSpinUp(speed, DURATION), TIMES, solver=solver, stepsize_controller=controller,
+        dt0=dt0, max_steps=10_000_000, throw=False,
+    )  # fmt: skip
+    return run.tip[:, 1], run.solution.stats["num_steps"]
+
+
+def adaptive(solver: Any) -> Callable[[float, float], tuple[Any, Any]]:
+    """(speed, tolerance) to `spin_up`."""
+
+    @jax.jit
+    def run(speed: Any, tolerance: Any) -> tuple[Any, Any]:
+        control = diffrax.PIDController(rtol=tolerance, atol=tolerance)
+        return spin_up(speed, solver, control, None)
+
+    return run
+
+
+def spin_ups(quick: bool) -> list[Line]:
+    """B Ref. 21 at 4 rad/s, one case at a time."""
+    repeats = 1 if quick else 5
+    ours = adaptive(jb.Rodas5P())
+    reference = np.asarray(ours(4.0, 1e-10)[0])
+    lines = []
+
+    def measure(method: str, tolerances: Iterable[float], run: Any, repeats: int) -> None:
+        compilation = 0.0
+        for tolerance in tolerances:
+            seconds, first, (tip, steps) = median(partial(run, 4.0, tolerance), repeats)
+            compilation = compilation or first
+            remark = f"{int(steps)} steps"
+            error = off(tip, reference)
+            lines.append(Line(method, f"{tolerance:g}", seconds, error, compilation, remark))
+            say(lines[-1])
+
+    measure("jaxbeam Rodas5P", (1e-4, 3e-5, 1e-5, 1e-6), ours, repeats)
+    measure("jaxbeam Rodas4P", (1e-4, 1e-5, 1e-6), adaptive(jb.Rodas4P()), repeats)
+
+    @jax.jit
+    def chord(speed: Any, h: Any) -> tuple[Any, Any]:
+        return spin_up(speed, jb.ChordKvaerno5(), diffrax.ConstantStepSize(), h)
+
+    measure("jaxbeam ChordKvaerno5", (0.1, 0.08), chord, repeats)
+    for name, solver, tolerances in (
+        ("KenCarp4", diffrax.KenCarp4(), (1e-5, 5e-6) if quick else (1e-4, 3e-5, 1e-5, 3e-6)),
+        ("Kvaerno5", diffrax.Kvaerno5(), () if quick else (1e-5,)),
+        ("Dopri8", diffrax.Dopri8(), () if quick else (1e-5,)),
+    ):
+        repeats = 1 if quick else 3 if name == "KenCarp4" else 0
+        measure(f"diffrax {name}", tolerances, adaptive(solver), repeats)
+    more: tuple[tuple[str, tuple[float, ...]], ...] = (
+        ("Radau", (1e-5,) if quick else (1e-4, 1e-5, 1e-6)), ("LSODA", () if quick else (1e-5,)),
+    )  # fmt: skip
+    for name, settings in more:
+        for tolerance in settings:
+            seconds, tip, remark = scipy_run(name, tolerance, patience=60.0)
+            error = off(tip, reference)
+            lines.append(Line(f"SciPy {name}", f"{tolerance:g}", seconds, error, 0.0, remark))
+            say(lines[-1])
+    if installed("exudyn"):
+        steps = (0.0025, 0.001) if quick else (0.01, 0.005, 0.0025, 0.001, 0.0008)
+        exact = exudyn_run(4.0, 0.0001)[0]
+        for h in steps:
+            runs = [exudyn_run(4.0, h) for _ in range(1 if quick else 3)]
+            seconds = float(np.median([s for _, s in runs]))
+            lines.append(Line("Exudyn", f"{h:g} s", seconds, off(runs[0][0], exact), 0.0))
+            say(lines[-1])
+    return lines
+
+
+def scipy_run(method: str, tolerance: float, patience: float) -> tuple[float, Any, str]:
+    """Seconds, tip deflection and remark: the same equations, with their exact Jacobian; given up
+    after so many seconds."""
+    n = 4 * ELEMENTS + 1
+    scene = jb.Scene(
+        jb.GreenANCF(ELEMENTS), jax.tree.map(jnp.asarray, jb.Rotor(REF_21)),
+        jb.SmoothSpinUp(4.0, DURATION), jb.Loads(), jb.Damping(),
+    )  # fmt: skip
+
+    def rate(t: Any, y: Any) -> Any:
+        return jnp.concatenate([y[n:], scene.acceleration(t, y[:n], y[n:])])
+
+    fast, jacobian = jax.jit(rate), jax.jit(jax.jacfwd(rate, argnums=1))
+    y = np.zeros(2 * n)
+    jax.block_until_ready((fast(0.0, y), jacobian(0.0, y)))
+    start = time.perf_counter()
+
+    def in_time(t: float, y: Any) -> np.ndarray:
+        if time.perf_counter() - start > patience:
+            raise TimeoutError(f"given up at {t:.2g} s of {END:g} s")
+        return np.asarray(fast(t, y))
+
+    try:
+        found = scipy.integrate.solve_ivp(
+            in_time, (0.0, END), y, method, TIMES, rtol=tolerance, atol=tolerance,
+            jac=lambda t, y: np.asarray(jacobian(t, y)),
+        )  # fmt: skip
+    except TimeoutError as late:
+        return np.inf, np.nan, str(late)
+    seconds = time.perf_counter() - start
+    tip = found.y[n - 4] if found.success else np.nan
+    return seconds, tip, f"{found.nfev} evaluations"
+
+
+def exudyn_run(speed: float, h: float) -> tuple[Any, float]:
+    """Tip deflection at TIMES and seconds: ANCFCable2D, generalised alpha, full Newton.
+
+    With its default tolerances of Newton's method it takes forty times as long, for nothing.
+    """
+    import exudyn as exu
+    import exudyn.itemInterface as items
+    from exudyn.beams import GenerateStraightLineANCFCable2D
+
+    def angle(t: Any) -> Any:
+        wave = DURATION / (4 * np.pi**2) * (np.cos(2 * np.pi * t / DURATION) - 1)
+        return speed * np.where(t < DURATION, t**2 / (2 * DURATION) + wave, t - DURATION / 2)
+
+    mbs = exu.SystemContainer().AddSystem()
+    cable = items.Cable2D(
+        physicsMassPerLength=float(REF_21.mass_per_length),
+        physicsBendingStiffness=float(REF_21.in_plane_bending_stiffness),
+        physicsAxialStiffness=float(REF_21.axial_stiffness),
+    )
+    nodes, elements, *_ = GenerateStraightLineANCFCable2D(
+        mbs, [0, 0, 0], [float(REF_21.length), 0, 0], ELEMENTS, cable
+    )
+    turning = mbs.AddNode(items.NodeRigidBody2D())
+    hub = mbs.AddObject(items.ObjectRigidBody2D(mass=1.0, inertia=1.0, nodeNumber=turning))
+    ends = [
+        mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[0, 0, 0]))
+        for body in (hub, elements[0])
+    ]
+    mbs.AddObject(items.GenericJoint(markerNumbers=ends, constrainedAxes=[1, 1, 0, 0, 0, 1]))
+    ground = mbs.AddNode(items.NodePointGround())
+    fixed = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
+    for i in range(3):
+        own = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=turning, coordinate=i))
+        how = {"offsetUserFunction": lambda _, t, *__: float(angle(t))} if i == 2 else {}
+        mbs.AddObject(items.CoordinateConstraint(markerNumbers=[fixed, own], **how))
+    tip = mbs.AddSensor(
+        items.SensorNode(
+            nodeNumber=nodes[-1], storeInternal=True,
+            outputVariableType=exu.OutputVariableType.Position,
+        )
+    )  # fmt: skip
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = round(END / h)
+    settings.timeIntegration.endTime = END
+    settings.timeIntegration.newton.relativeTolerance = 1e-6
+    settings.timeIntegration.newton.absoluteTolerance = 1e-6
+    settings.timeIntegration.newton.useModifiedNewton = False
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.6
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = float(TIMES[1])
+    start = time.perf_counter()
+    mbs.SolveDynamic(settings)
+    seconds = time.perf_counter() - start
+    place = np.asarray(mbs.GetSensorStoredData(tip))
+    turned = angle(place[:, 0])
+    return -np.sin(turned) * place[:, 1] + np.cos(turned) * place[:, 2], seconds
+
+
+def batches(quick: bool) -> list[Line]:
+    """256 speeds from 1 to 6 rad/s, the worst case 1e-4 off: in lanes, in a loop, by Exudyn."""
+    size, width = 256, 32
+    speeds = np.linspace(1.0, 6.0, size)
+    sample = speeds[:: size // 16]
+
+    @jax.jit
+    def ours(speed: Any, finer: Any = 1.0) -> tuple[Any, Any]:
+        # Deflections go with the speed, so the tolerance does.
+        control = diffrax.PIDController(rtol=3e-4 * finer, atol=1.5e-5 * finer * speed)
+        return spin_up(speed, jb.Rodas5P(), control, None)
+
+    reference = np.asarray(jax.jit(jax.vmap(lambda s: ours(s, 1e-5)[0]))(sample))
+    together = jax.jit(jax.vmap(ours))
+    chunks = np.split(speeds, size // width)  # neighbours need about as many steps
+    out = []
+
+    def worst(tips: Any) -> float:
+        return max(off(a, b) for a, b in zip(tips, reference, strict=True))
+
+    def on_both() -> Any:
+        with ThreadPoolExecutor(CORES) as pool:
+            return [np.asarray(tip) for tip, _ in pool.map(together, chunks)]
+
+    for method, run in (
+        (f"in lanes, {CORES} threads", on_both),
+        ("in lanes, one thread", lambda: [together(c)[0] for c in chunks]),
+        ("loop", lambda: [jax.block_until_ready(ours(s)[0])[None] for s in speeds]),
+    ):
+        seconds, first, tips = median(run, 1 if quick else 3)
+        error = worst(np.concatenate(tips)[:: size // 16])
+        out.append(Line(f"jaxbeam {method}", "rtol 3e-4", seconds / size, error, first))
+        say(out[-1])
+    if installed("exudyn"):
+        some = sample[:: 4 if quick else 2]
+        exact = [exudyn_run(s, 0.0004)[0] for s in (1.0, 6.0)]
+        for h in (0.0025,) if quick else (0.005, 0.0025, 0.002):
+            error = max(off(exudyn_run(s, h)[0], e) for s, e in zip((1.0, 6.0), exact, strict=True))
+            with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
+                list(pool.map(exudyn_run, some[:CORES], [h] * CORES))  # imports
+                start = time.perf_counter()
+                list(pool.map(exudyn_run, some, [h] * len(some)))
+                seconds = (time.perf_counter() - start) / len(some)
+            out.append(Line(f"Exudyn, {CORES} processes", f"{h:g} s", seconds, error, 0.0))
+            say(out[-1])
+    return out
+
+
+def abrupt(quick: bool) -> list[Line]:
+    """Y Fig. 6, hybrid model: stiff in stretch, slow in all that matters."""
+    repeats = 1 if quick else 3
+    rotor = jb.Rotor(jb.Beam(10.0, 1.2, 2.8e7, 1.4e4, 1.4e4))
+    end = 30.0 if quick else 150.0
+    model, times = jb.Hybrid(3, 4, 0), np.linspace(0.0, end, 301)
+
+    def runs(solver: Any) -> Callable[[Any], Any]:
+        @jax.jit
+        def run(h: Any) -> Any:
+            return jb.simulate(
+                model, rotor, jb.SmoothSpinUp(6.0, 120.0), times, solver=solver, dt0=h,
+                stepsize_controller=diffrax.ConstantStepSize(), max_steps=10_000_000, throw=False,
+            ).tip[:, 1]  # fmt: skip
+
+        return run
+
+    best = np.asarray(runs(jb.Rodas5P())(0.0125))
+    lines = []
+    for name, solver, steps in (
+        ("jaxbeam Rodas5P", jb.Rodas5P(), (0.2, 0.1, 0.08, 0.05)),
+        ("jaxbeam Magnus", jb.Magnus(), (0.3, 0.15, 0.075)),
+    ):
+        run = runs(solver)
+        for h in steps:
+            seconds, first, tip = median(partial(run, h), repeats)
+            lines.append(Line(name, f"{h:g} s", seconds, off(tip, best), first))
+            say(lines[-1])
+
+    @jax.jit
+    def explicit(tolerance: Any) -> Any:
+        return jb.simulate(
+            model, rotor, jb.SmoothSpinUp(6.0, 120.0), times, solver=diffrax.Dopri8(),
+            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+            max_steps=10_000_000, throw=False,
+        ).tip[:, 1]  # fmt: skip
+
+    seconds, first, tip = median(lambda: explicit(1e-8), 0)
+    lines.append(Line("diffrax Dopri8", "1e-08", seconds, off(tip, best), first))
+    say(lines[-1])
+    return lines
+
+
+def eigenvalues(quick: bool) -> list[Line]:
+    """Lowest three frequencies in plane with hub and tip mass, gamma up to 12, against the
+    continuum (24 + 12 polynomials, right to 1e-11)."""
+    cases = 2_000 if quick else 10_000
+    rng = np.random.default_rng(1)
+    spans = ((0.0, 12.0), (0.0, 2.0), (0.0, 1.0), (200.0, 1000.0))
+    table = jnp.asarray(np.stack([rng.uniform(*span, cases) for span in spans], 1))
+    sample = table[:50]
+
+    def at(v: Any) -> tuple[jb.Rotor, Any]:
+        return jb.Rotor(jb.Beam(1.0, 1.0, v[3] ** 2, 1.0, 1.0), v[1], v[2]), v[0]
+
+    def fast(model: Any) -> Callable[[Any], Any]:
+        return jax.jit(jax.vmap(lambda v: jb.frequencies(model, *at(v), throw=False).frequency))
+
+    def slow(model: Any) -> Callable[[Any], Any]:
+        return jax.jit(jax.vmap(lambda v: jb.modes(model, *at(v), 3, throw=False).frequency))
+
+    exact = np.asarray(slow(jb.Hybrid(12, 24, 0))(sample))
+    lines = []
+    for name, run, use in (
+        ("jaxbeam frequencies, 16 + 8 polynomials", fast(jb.Hybrid(8, 16, 0)), table),
+        ("jaxbeam frequencies, 10 elements", fast(jb.ANCF(10)), table),
+        ("jaxbeam modes, 16 + 8 polynomials", slow(jb.Hybrid(8, 16, 0)), table[:1000]),
+        ("jaxbeam modes, 10 elements", slow(jb.ANCF(10)), table[:1000]),
+    ):
+        parts = np.array_split(np.asarray(use), CORES)
+
+        def both(run: Any = run, parts: Any = parts) -> Any:
+            with ThreadPoolExecutor(CORES) as pool:
+                return np.concatenate([np.asarray(part) for part in pool.map(run, parts)])
+
+        seconds, first, found = median(both, 1 if quick else 5)
+        error = float(np.max(np.abs(found[:50] / exact - 1)))
+        lines.append(Line(name, f"{len(use)} cases", seconds / len(use), error, first))
+        say(lines[-1])
+
+    linearised = jax.jit(lambda v: jb.ANCF(10).linearise(*at(v), throw=False))
+    systems = [jax.tree.map(np.asarray, linearised(v)) for v in sample]
+
+    def loop() -> np.ndarray:
+        found = []
+        for system in systems:
+            m, g, k = system.mass, system.gyroscopic, system.stiffness
+            zero, one = np.zeros_like(m), np.eye(len(m))
+            below = scipy.linalg.solve(m, np.concatenate([-k, -g], 1), assume_a="pos")
+            lam = scipy.linalg.eig(np.block([[zero, one], [below]]), right=False)
+            found.append(np.sort(lam.imag[lam.imag > 1e-6])[:3])
+        return np.stack(found)
+
+    seconds, _, found = median(loop, 1 if quick else 3)
+    error = float(np.max(np.abs(found / exact - 1)))
+    lines.append(Line("scipy.linalg.eig loop, 10 elements", "50 cases", seconds / 50, error, 0.0))
+    say(lines[-1])
+    if installed("pybmodes"):
+        light = np.asarray(sample[:20] * np.array([1.0, 1.0, 0.0, 1.0]))
+        exact = np.asarray(slow(jb.Hybrid(12, 24, 0))(jnp.asarray(light)))
+        seconds, _, found = median(lambda: np.stack([pybmodes_run(v) for v in light]), 1)
+        error = float(np.max(np.abs(found / exact - 1)))
+        remark = "without tip mass, whose tension it leaves out"
+        lines.append(Line("pyBModes, 10 elements", "20 cases", seconds / 20, error, 0.0, remark))
+        say(lines[-1])
+    return lines
+
+
+def pybmodes_run(case: Any) -> np.ndarray:
+    """Lowest three frequencies in plane of (speed, hub radius, tip mass, slenderness)."""
+    from pybmodes.io.bmi import BMIFile, ScalingFactors, TipMassProps
+    from pybmodes.io.sec_props import SectionProperties
+    from pybmodes.models._pipeline import run_fem
+
+    speed, hub, tip, slenderness = (float(x) for x in case)
+    one, none, n = np.ones(2), np.zeros(2), 10
+    section = SectionProperties(
+        title="", n_secs=2, span_loc=np.array([0.0, 1.0]), str_tw=none, tw_iner=none, mass_den=one,
+        flp_iner=1e-9 * one, edge_iner=1e-9 * one, flp_stff=one, edge_stff=one, tor_stff=1e3 * one,
+        axial_stff=slenderness**2 * one, cg_offst=none, sc_offst=none, tc_offst=none,
+    )  # fmt: skip
+    at_tip = TipMassProps(**{**dict.fromkeys(TipMassProps.__dataclass_fields__, 0.0), "mass": tip})
+    blade = BMIFile(
+        title="", echo=False, beam_type=1, rot_rpm=speed * 30 / np.pi, rpm_mult=1.0,
+        radius=1.0 + hub, hub_rad=hub, precone=0.0, bl_thp=0.0, hub_conn=1, n_modes_print=10,
+        tab_delim=False, mid_node_tw=False, tip_mass=at_tip, id_mat=1, sec_props_file="",
+        scaling=ScalingFactors(), n_elements=n, el_loc=np.linspace(0.0, 1.0, n + 1),
+    )  # fmt: skip
+    found = run_fem(blade, 10, section).shapes
+    lag = [s.freq_hz for s in found if np.ptp(s.lag_disp) > np.ptp(s.flap_disp)]
+    return 2 * np.pi * np.array(lag[:3])
+
+
+def installed(package: str) -> bool:
+    """Whether a peer is there; says so once if it is not."""
+    try:
+        importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        print(f"  ({package} is not installed: left out)")
+        return False
+    return True
+
+
+def say(line: Line) -> None:
+    print(
+        f"  {line.method:40s} {line.setting:>11s} {line.seconds * 1e3:12.4f} ms"
+        f"   error {line.error:7.1e}   compiled in {line.compilation:4.1f} s   {line.remark}",
+        flush=True,
+    )
+
+
+def ratios(lines: list[Line]) -> None:
+    """What the table says of ours against the others."""
+
+    def best(scene: str, start: str, error: float = np.inf, others: str = "") -> tuple[float, str]:
+        names = {x.method for x in lines if x.scene == scene and x.method.startswith(start)}
+        names = {x for x in names if not (others and x.startswith(others))}
+        times = {x: at_error([y for y in lines if y.scene == scene], x, error) for x in names}
+        times = {x: t for x, t in times.items() if np.isfinite(t)}
+        name = min(times, key=times.__getitem__) if times else start
+        return times.get(name, np.nan), name
+
+    def tell(scene: str, ours: str, starts: tuple[str, ...], error: float = np.inf) -> None:
+        seconds, mine = best(scene, ours, error)
+        for start in starts:
+            theirs, name = best(scene, start, error, ours)
+            at = f" at an error of {error:g}" if np.isfinite(error) else ""
+            if np.isfinite(theirs / seconds):
+                print(f"  {scene}{at}: {mine} is {theirs / seconds:.0f} times as fast as {name}")
+
+    print("\nRatios")
+    tell("B Ref. 21, 4 rad/s", "jaxbeam Rodas5P", ("diffrax", "SciPy", "Exudyn"), 1e-5)
+    tell("256 speeds, 1 to 6 rad/s", "jaxbeam in lanes", ("jaxbeam loop", "Exudyn"), 1.1e-4)
+    tell("Y Fig. 6, hybrid", "jaxbeam", ("diffrax",), 1e-8)
+    for ours in ("frequencies, 16 + 8", "frequencies, 10", "modes, 16 + 8", "modes, 10"):
+        tell("frequencies, in plane", f"jaxbeam {ours}", ("scipy", "pyBModes"))
+
+
+def main(quick: bool = False, out: Path | None = None) -> Path:
+    """Run all of it; returns the folder that holds the table."""
+    began = time.perf_counter()
+    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "peers"
+    out.mkdir(parents=True, exist_ok=True)
+    names = ("jaxbeam", "jax", "jaxlib", "diffrax", "numpy", "scipy", "exudyn", "pybmodes")
+    versions = []
+    for name in names:
+        try:
+            versions.append(f"{name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            versions.append(f"{name} -")
+    print(f"{', '.join(versions)}; Python {platform.python_version()}; {CORES} cores")
+    lines: list[Line] = []
+    for title, part in (
+        ("B Ref. 21, 4 rad/s", spin_ups), ("256 speeds, 1 to 6 rad/s", batches),
+        ("Y Fig. 6, hybrid", abrupt), ("frequencies, in plane", eigenvalues),
+    ):  # fmt: skip
+        print(f"\n{title} (a case)")
+        lines += [line._replace(scene=title) for line in part(quick)]
+    with open(out / "peers.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Line._fields)
+        writer.writerows(lines)
+    ratios(lines)
+    print(f"\n{time.perf_counter() - began:.0f} s; the table is in {out}")
+    return out
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer of all, in three minutes")
+    parser.add_argument("--out", type=Path, help="folder for the table")
+    arguments = parser.parse_args()
+    main(arguments.quick, arguments.out)

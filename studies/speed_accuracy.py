@@ -1,0 +1,340 @@
+"""Speed against accuracy: every model x discretisation x integrator that makes sense, on one chart.
+
+Three motions (a gentle spin-up, B Ref. 21 at 4 rad/s, and the abrupt one of Y Fig. 4, up to
+three quarters of the length) and the frequencies of a beam at low and at high speed. In motion the
+error is the largest difference of the tip deflection over the run from a converged geometrically
+non-linear solution (32 elements), over the peak: it holds what the theory, the discretisation and
+the integrator leave. Wall time is that of a case after compilation, alone and in a batch; failures
+stand at the right edge.
+
+    python studies/speed_accuracy.py [--quick] [--out FOLDER]
+"""
+
+import argparse
+import csv
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import matplotlib  # noqa: E402
+
+matplotlib.use("Agg")
+import jax.numpy as jnp  # noqa: E402
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+from matplotlib.ticker import LogLocator, NullFormatter  # noqa: E402
+
+import jaxbeam as jb  # noqa: E402
+
+POINTS, LANES = 101, 32
+FAILED = 3.0  # where errors of failures stand
+REF_21 = jb.Beam.from_section(
+    length=8.0, density=2767.0, area=7.299e-5, in_plane_second_moment=8.214e-9,
+    youngs_modulus=6.895e10,
+)  # fmt: skip
+# Y Fig. 4, its data as corrected: 550 kg/m, E = 6.89 GPa.
+STIFF = jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, 6.89e9 * 7.19e-4, 6.89e9 * 7.19e-4)
+
+
+class SpinUp(jb.Spin):
+    """The sum of two, one of them at rest: one class, so that a model compiles only once."""
+
+    axis: jax.Array
+    parts: tuple[jb.Spin, jb.Spin]
+
+    def angle(self, t: Any) -> Any:
+        return self.parts[0].angle(t) + self.parts[1].angle(t)
+
+
+class Scene(NamedTuple):
+    """One motion of one rotor."""
+
+    title: str
+    rotor: jb.Rotor
+    duration: float
+    smooth: float  # rad/s, B eq. 13
+    quintic: float  # rad/s, Y eq. 21
+    end: float
+
+
+SCENES = (
+    Scene("gentle: B Ref. 21, 0.5 rad/s", jb.Rotor(REF_21), 15.0, 0.5, 0.0, 20.0),
+    Scene("B Ref. 21, 4 rad/s", jb.Rotor(REF_21), 15.0, 4.0, 0.0, 20.0),
+    Scene("abrupt: Y Fig. 4", jb.Rotor(STIFF), 1.0, 0.0, 0.31, 10.0),
+)
+
+
+class Method(NamedTuple):
+    """A solver, what its setting means, and the settings tried."""
+
+    name: str
+    solver: Any
+    adaptive: bool
+    settings: tuple[float, ...]  # tolerances, or steps over the duration of the run
+
+
+ADAPTIVE = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+STEPS = (1 / 25, 1 / 50, 1 / 100, 1 / 200, 1 / 400, 1 / 800)
+RODAS5P = Method("Rodas5P", jb.Rodas5P(), True, ADAPTIVE)
+RODAS4P = Method("Rodas4P", jb.Rodas4P(), True, ADAPTIVE)
+CHORD = Method("ChordKvaerno5", jb.ChordKvaerno5(), False, STEPS)
+MAGNUS = Method("Magnus", jb.Magnus(), False, STEPS)
+KENCARP = Method("diffrax KenCarp4", diffrax.KenCarp4(), True, ADAPTIVE[2:5])
+DOPRI = Method("diffrax Dopri5", diffrax.Dopri5(), True, ADAPTIVE)
+
+
+def pairs(quick: bool) -> list[tuple[str, Any, Method]]:
+    """What is tried."""
+    elements: list[tuple[str, Any]] = [
+        ("Green, 8 elements", jb.GreenANCF(8)), ("Green, 4 elements", jb.GreenANCF(4)),
+        ("Model A, 8 elements", jb.ANCF(8)), ("Green, 16 elements", jb.GreenANCF(16)),
+        ("Model 0, 8 elements", jb.ChordANCF(8)),
+    ]  # fmt: skip
+    linear: list[tuple[str, Any]] = [
+        ("hybrid, 4 + 3 functions", jb.Hybrid(3, 4, 0)),
+        ("hybrid, 2, no stretch", jb.Hybrid(0, 2, 0)),
+        ("hybrid, 6, no stretch", jb.Hybrid(0, 6, 0)),
+        ("classical, 4 + 3", jb.Classical(3, 4, 0)),
+    ]
+    out = [(name, model, RODAS5P) for name, model in elements[: 2 if quick else 5]]
+    out += [(name, model, MAGNUS) for name, model in linear[: 2 if quick else 4]]
+    if not quick:
+        green = elements[0]
+        out += [(*green, RODAS4P), (*green, CHORD), (*green, KENCARP)]
+        out += [(*linear[0], RODAS5P), (*linear[2], RODAS5P), (*linear[2], DOPRI)]
+        out += [("von Karman, 4 + 8", jb.VonKarman(8, 4, 0), RODAS5P)]
+    return out
+
+
+class Point(NamedTuple):
+    """One measurement of the chart."""
+
+    scene: str
+    model: str
+    integrator: str
+    setting: float
+    error: float
+    alone: float  # ms
+    batched: float  # ms a case
+    compilation: float  # s, of the case alone
+    status: str
+
+
+def tip(scene: Any, model: Any, method: Method, share: Any, setting: Any) -> tuple[Any, Any]:
+    """Deflection at the times of the scene, and the status; `scene` is traced."""
+    rotor, duration, smooth, quintic, end = scene
+    parts = jb.QuinticSpinUp(quintic * share, duration), jb.SmoothSpinUp(smooth * share, duration)
+    run = jb.simulate(
+        model, rotor, SpinUp(parts[1].axis, parts), jnp.linspace(0.0, 1.0, POINTS) * end,
+        solver=method.solver, dt0=None if method.adaptive else setting * end,
+        stepsize_controller=(
+            diffrax.PIDController(rtol=setting, atol=setting * rotor.beam.length / 10)
+            if method.adaptive
+            else diffrax.ConstantStepSize()
+        ),
+        max_steps=1_000_000, throw=False,
+    )  # fmt: skip
+    return run.tip[:, 1], run.status
+
+
+def taken(repeats: int, function: Callable[..., Any], *args: Any) -> tuple[float, Any]:
+    """Median of the seconds of several runs, and the result."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        result = jax.block_until_ready(function(*args))
+        times.append(time.perf_counter() - start)
+    return float(np.median(times)), result
+
+
+def motions(quick: bool) -> list[Point]:
+    """All pairs in all scenes."""
+    repeats = 1 if quick else 5
+    given = [jax.tree.map(jnp.asarray, tuple(s)[1:]) for s in SCENES]
+    given = [(r, d, s, q, e) for r, d, s, q, e in given]
+    exact = jax.jit(lambda g: tip(g, jb.GreenANCF(16 if quick else 32), RODAS5P, 1.0, 1e-9)[0])
+    references = [np.asarray(exact(g)) for g in given]
+    shares = jnp.asarray(np.linspace(1.0, 0.9, LANES))
+    points = []
+    for name, model, method in pairs(quick):
+        start = time.perf_counter()
+        alone = jax.jit(lambda g, x, m=model, how=method: tip(g, m, how, 1.0, x))
+        batch = jax.jit(
+            jax.vmap(lambda g, s, x, m=model, how=method: tip(g, m, how, s, x), (None, 0, None))
+        )
+        jax.block_until_ready(alone(given[0], method.settings[0]))
+        compilation = time.perf_counter() - start
+        jax.block_until_ready(batch(given[0], shares, method.settings[0]))
+        for scene, g, reference in zip(SCENES, given, references, strict=True):
+            for setting in method.settings[:: 2 if quick else 1]:
+                one, (found, status) = taken(repeats, alone, g, setting)
+                many, _ = taken(max(1, repeats // 2), batch, g, shares, setting)
+                error = float(np.max(np.abs(found - reference)) / np.max(np.abs(reference)))
+                if int(status) or not error < 1:
+                    error = np.inf
+                points.append(
+                    Point(
+                        scene=scene.title, model=name, integrator=method.name, setting=setting,
+                        error=error, alone=1e3 * one, batched=1e3 * many / LANES,
+                        compilation=compilation, status=jb.Status(int(status)).name,
+                    )
+                )  # fmt: skip
+        print(f"  {name:24s} {method.name:18s} compiled in {compilation:4.1f} s", flush=True)
+    return points
+
+
+def eigenvalues(quick: bool) -> list[Point]:
+    """Lowest three in plane of a beam of slenderness 500 with hub and tip mass, against 32 + 16
+    polynomials; Model A has the steady strain that the linear theory leaves out: 1e-3 at most."""
+    cases = 320 if quick else 3200
+    points = []
+    for gamma in (1.0, 12.0):
+        title = f"frequencies, speed {gamma:g} sqrt(EI / rho L^4)"
+        speeds = jnp.asarray(gamma * np.linspace(1.0, 0.95, cases))
+
+        def at(speed: Any) -> tuple[jb.Rotor, Any]:
+            return jb.Rotor(jb.Beam(1.0, 1.0, 500.0**2, 1.0, 1.0), 0.5, 0.2), speed
+
+        def by_modes(model: Any) -> Callable[[Any], Any]:
+            return lambda s: jb.modes(model, *at(s), 3, throw=False).frequency
+
+        def fast(model: Any) -> Callable[[Any], Any]:
+            return lambda s: jb.frequencies(model, *at(s), throw=False).frequency
+
+        exact = np.asarray(jax.jit(by_modes(jb.Hybrid(16, 32, 0)))(gamma))
+        tried: list[tuple[str, str, Any]] = []
+        for n in (8, 16) if quick else (6, 8, 10, 12, 16, 24):
+            name, model = f"hybrid, {n} + {n // 2} functions", jb.Hybrid(n // 2, n, 0)
+            tried.append((name, "modes", by_modes(model)))
+            if n >= 8:
+                tried.append((name, "frequencies", fast(model)))
+        for n in (10,) if quick else (4, 10, 20):
+            tried.append((f"Model A, {n} elements", "modes", by_modes(jb.ANCF(n))))
+            tried.append((f"Model A, {n} elements", "frequencies", fast(jb.ANCF(n))))
+        for name, how, function in tried:
+            alone, batch = jax.jit(function), jax.jit(jax.vmap(function))
+            start = time.perf_counter()
+            jax.block_until_ready(alone(gamma))
+            compilation = time.perf_counter() - start
+            size = cases if how == "frequencies" else cases // 10
+            jax.block_until_ready(batch(speeds[:size]))
+            one, found = taken(3 if quick else 9, alone, gamma)
+            many, _ = taken(1 if quick else 3, batch, speeds[:size])
+            error = float(np.max(np.abs(np.asarray(found) / exact - 1)))
+            good = np.isfinite(error)
+            points.append(
+                Point(
+                    scene=title, model=name, integrator=how, setting=np.nan,
+                    error=max(error, 1e-15) if good else np.inf, alone=1e3 * one,
+                    batched=1e3 * many / size, compilation=compilation,
+                    status="OK" if good else "FAILED",
+                )
+            )  # fmt: skip
+    return points
+
+
+def front(points: Sequence[Point], cost: Callable[[Point], float]) -> list[Point]:
+    """Those that no other beats in both error and cost, cheapest first."""
+    best: list[Point] = []
+    for point in sorted(points, key=cost):
+        if np.isfinite(point.error) and (not best or point.error < best[-1].error):
+            best.append(point)
+    return best
+
+
+def draw(path: Path, points: Sequence[Point], scenes: Iterable[str]) -> None:
+    """Alone above, batched below; one column a scene."""
+    scenes = list(scenes)
+    figure, axes = plt.subplots(
+        2, len(scenes), figsize=(5.2 * len(scenes), 12), layout="constrained", squeeze=False
+    )
+    names = sorted({p.model for p in points})
+    colours = dict(zip(names, plt.get_cmap("tab20")(np.linspace(0, 1, len(names))), strict=True))
+    kinds = sorted({p.integrator for p in points})
+    markers = dict(zip(kinds, "osD^vP*X", strict=False))
+    costs: tuple[tuple[str, Callable[[Point], float]], ...] = (
+        ("alone", lambda p: p.alone), (f"in a batch of {LANES} or more, one core", lambda p: p.batched)
+    )  # fmt: skip
+    for row, (what, cost) in zip(axes, costs, strict=True):
+        for ax, scene in zip(row, scenes, strict=True):
+            here = [p for p in points if p.scene == scene]
+            for p in here:
+                failed = not np.isfinite(p.error)
+                ax.plot(
+                    FAILED if failed else p.error, cost(p), color=colours[p.model], ms=6, ls="none",
+                    marker="x" if failed else markers[p.integrator], alpha=0.9,
+                )  # fmt: skip
+            best = front(here, cost)
+            ax.plot([p.error for p in best], [cost(p) for p in best], color="k", lw=1.2, zorder=0)
+            for number, p in enumerate(best, 1):
+                setting = "" if np.isnan(p.setting) else f" {p.setting:.2g}"
+                name = f"{number}: {p.model}, {p.integrator}{setting}"
+                ax.plot([], [], ls="none", label=name)
+                ax.annotate(
+                    str(number), (p.error, cost(p)), (-4, -4), textcoords="offset points",
+                    ha="right", va="top", fontsize=8,
+                )  # fmt: skip
+            ax.legend(
+                loc="upper center", bbox_to_anchor=(0.5, -0.13), fontsize=7, ncols=2,
+                handlelength=0, title="front, cheapest first", title_fontsize=8, frameon=False,
+            )  # fmt: skip
+            ax.set(
+                xscale="log", yscale="log", title=scene, ylabel=f"wall time, {what} (ms)",
+                xlabel="largest error / peak (-); x: failed"
+                if np.isfinite(here[0].setting)
+                else "largest relative error (-); x: failed",
+            )  # fmt: skip
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.yaxis.set_major_formatter("{x:g}")
+            ax.yaxis.set_minor_formatter(NullFormatter())
+            ax.margins(0.06, 0.08)
+            ax.grid(alpha=0.3)
+    handles = [
+        plt.Line2D([], [], color=c, marker="s", ls="none", label=n) for n, c in colours.items()
+    ]
+    handles += [
+        plt.Line2D([], [], color="0.4", marker=m, ls="none", label=n) for n, m in markers.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def main(quick: bool = False, out: Path | None = None) -> Path:
+    """Run all of it; returns the folder that holds the figures and the table."""
+    began = time.perf_counter()
+    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "speed_accuracy"
+    out.mkdir(parents=True, exist_ok=True)
+    moving, still = motions(quick), eigenvalues(quick)
+    with open(out / "speed_accuracy.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Point._fields)
+        writer.writerows(moving + still)
+    draw(out / "motions.png", moving, [s.title for s in SCENES])
+    draw(out / "frequencies.png", still, dict.fromkeys(p.scene for p in still))
+    for scene in dict.fromkeys(p.scene for p in moving + still):
+        here = [p for p in moving + still if p.scene == scene]
+        print(f"\n{scene}: the front alone, then in batches (error, ms a case)")
+        for cost in (lambda p: p.alone, lambda p: p.batched):
+            for p in front(here, cost):
+                print(
+                    f"    {p.error:8.1e} {cost(p):10.4f}  {p.model}, {p.integrator} {p.setting:g}"
+                )
+            print()
+    print(f"\n{time.perf_counter() - began:.0f} s; figures and table are in {out}")
+    return out
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer of all, in about two minutes")
+    parser.add_argument("--out", type=Path, help="folder for the figures and the table")
+    arguments = parser.parse_args()
+    main(arguments.quick, arguments.out)
