@@ -34,7 +34,7 @@ _ALLOWED = frozenset({
 # fmt: on
 # Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
 _KNOWN = ("0.10.",)
-_REDUCED = 2048  # numbers that may be summed at once: 4096 are too many
+_REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
 _LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
 
 
@@ -159,13 +159,7 @@ def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[
 
 def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
     """Lanes go last, with copies of all that they share but, if `shared`, the first argument."""
-    one = _as_one(function)
 
-    @custom_vmap
-    def own(*args: Any) -> Any:
-        return one(*args)
-
-    @own.def_vmap
     def rule(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
         width = min(_LANES, size)
         rows = -(-size // width)
@@ -196,6 +190,9 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
         )
         return out, jax.tree.map(lambda _: True, out)
 
+    one = _as_one(_with_short_sums(function))
+    own = custom_vmap(lambda *args: one(*args))
+    own.def_vmap(rule)
     return own
 
 
@@ -206,14 +203,14 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
     def touching(*args: Any) -> tuple[Any, Array]:
         # The emitter does not bear operands that nothing uses.
         used = [a.ravel()[0] for a in jax.tree.leaves(args) if a.size]
-        return _with_short_sums(function)(*args), sum(used)
+        return function(*args), sum(used)
 
     def fast(*args: Any) -> Any:
         return set_xla_metadata(touching(*args), xla_cpu_small_call="true", inlineable="false")[0]
 
     def run(*args: Any) -> Any:
         known = jaxlib.__version__.startswith(_KNOWN)
-        if not (known and _allowed(jax.make_jaxpr(_with_short_sums(function))(*args).jaxpr)):
+        if not (known and _allowed(jax.make_jaxpr(function)(*args).jaxpr)):
             return function(*args)
         return jax.lax.platform_dependent(*args, cpu=fast, default=function)
 
@@ -301,7 +298,13 @@ def _has_long_sums(jaxpr: Any) -> bool:
 
 def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
     for axis in sorted(axes, reverse=True):
-        x = jnp.sum(x, axis) if x.size <= _REDUCED else total(jnp.moveaxis(x, axis, 0))
+        if x.size <= _REDUCED:
+            x = jnp.sum(x, axis)
+        elif x.shape[axis] <= 16:
+            terms = [jax.lax.index_in_dim(x, i, axis, False) for i in range(x.shape[axis])]
+            x = functools.reduce(jnp.add, terms)
+        else:
+            x = total(jnp.moveaxis(x, axis, 0))
     return x
 
 

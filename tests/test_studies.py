@@ -122,3 +122,63 @@ def test_berzeri1999(tmp_path):
     assert rows["6", "Model 0, chord, 1 element"]["status"] == "DIVERGED"
     assert rows["7", "Model 0, chord, 2 elements"]["status"] != "OK"
     assert rows["7", "Model A, 2 elements"]["status"] == "OK"
+
+
+def rows_of(path):
+    with open(path) as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_speed_accuracy(tmp_path):
+    """Every scene has a front, failures are kept, and errors are what theory says."""
+    printed = study("speed_accuracy", tmp_path)
+    assert printed.count("the front alone") == 5
+    for name in ("motions", "frequencies"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "speed_accuracy.csv")
+    error = {(r["scene"], r["model"], r["integrator"], r["setting"]): r for r in rows}
+    scenes = {r["scene"] for r in rows}
+    assert len(scenes) == 5
+    for scene in scenes:
+        ours = [r for r in rows if r["scene"] == scene and r["model"] == "hybrid, 16 + 8 functions"]
+        if ours:
+            assert {r["integrator"] for r in ours} == {"modes", "frequencies"}
+            assert all(float(r["error"]) < 1e-9 for r in ours)
+    for setting, least in (("0.0001", 1e-3), ("1e-06", 3e-4)):  # what eight elements leave
+        row = error["B Ref. 21, 4 rad/s", "Green, 8 elements", "Rodas5P", setting]
+        assert 1e-5 < float(row["error"]) < least
+    abrupt = [r for r in rows if r["scene"].startswith("abrupt")]
+    assert any(r["status"] != "OK" for r in abrupt)
+    assert all(float(r["error"]) == np.inf for r in rows if r["status"] != "OK")
+    linear = [float(r["error"]) for r in abrupt if r["model"].startswith("hybrid")]
+    assert min(linear) > 0.15  # it moves three quarters of its length
+
+
+@pytest.mark.slow
+def test_peers(tmp_path):
+    """Other integrators and other codes find the same motion."""
+    printed = study("peers", tmp_path)
+    rows = {(r["method"], r["setting"]): float(r["error"]) for r in rows_of(tmp_path / "peers.csv")}
+    assert rows["jaxbeam Rodas5P", "1e-05"] < 1e-5
+    assert rows["SciPy Radau", "1e-05"] < 1e-5
+    assert rows["diffrax KenCarp4", "1e-05"] < 1e-4
+    assert rows["diffrax Dopri8", "1e-08"] < 1e-8
+    assert rows["jaxbeam Magnus", "0.15 s"] < 1e-8
+    assert rows["jaxbeam in lanes, one thread", "rtol 3e-4"] < 1e-4
+    assert rows["jaxbeam frequencies, 16 + 8 polynomials", "2000 cases"] < 1e-8
+    for name in ("jaxlib", "diffrax", "scipy", "exudyn", "pybmodes"):
+        assert name in printed.splitlines()[0]
+    assert "times as fast as SciPy Radau" in printed
+    assert "times as fast as scipy.linalg.eig loop" in printed
+
+
+@pytest.mark.slow
+def test_costs(tmp_path):
+    study("costs", tmp_path)
+    rows = rows_of(tmp_path / "costs.csv")
+    assert all(np.isfinite(float(r["number"])) and float(r["number"]) > 0 for r in rows)
+    assert {r["what"] for r in rows} >= {
+        "reverse mode over forward run", "a step of Rodas5P", "fresh process, warm cache",
+    }  # fmt: skip
+    assert (tmp_path / "elements.png").stat().st_size > 10_000
