@@ -190,7 +190,7 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
         )
         return out, jax.tree.map(lambda _: True, out)
 
-    one = _as_one(_with_short_sums(function))
+    one = _as_one(function)
     own = custom_vmap(lambda *args: one(*args))
     own.def_vmap(rule)
     return own
@@ -198,19 +198,20 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
 
 def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compiled to one function on a CPU, if all its operations are allowed."""
+    short = _with_short_sums(function)
 
     @jax.jit
     def touching(*args: Any) -> tuple[Any, Array]:
         # The emitter does not bear operands that nothing uses.
         used = [a.ravel()[0] for a in jax.tree.leaves(args) if a.size]
-        return function(*args), sum(used)
+        return short(*args), sum(used)
 
     def fast(*args: Any) -> Any:
         return set_xla_metadata(touching(*args), xla_cpu_small_call="true", inlineable="false")[0]
 
     def run(*args: Any) -> Any:
         known = jaxlib.__version__.startswith(_KNOWN)
-        if not (known and _allowed(jax.make_jaxpr(function)(*args).jaxpr)):
+        if not (known and _allowed(jax.make_jaxpr(short)(*args).jaxpr)):
             return function(*args)
         return jax.lax.platform_dependent(*args, cpu=fast, default=function)
 
@@ -218,7 +219,8 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _with_short_sums(function: Callable[..., Any]) -> Callable[..., Any]:
-    """With large sums written out in pieces: XLA gives them to a library."""
+    """With large sums written out in pieces: XLA gives them to a library, which a function that is
+    compiled as one cannot call."""
 
     def run(*args: Any) -> Any:
         jaxpr, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
