@@ -51,15 +51,19 @@ class Frequencies(eqx.Module):
 def frequencies(
     model: AbstractModel, rotor: Rotor, angular_speed: Real, count: int = 3, *, throw: bool = True
 ) -> Frequencies:
-    """The lowest `count` frequencies in the plane of rotation, those of `modes`, many times faster.
+    """The lowest `count` frequencies (rad/s) in the plane of rotation, much faster than `modes`.
 
-    For `Hybrid` with its usual basis (`Polynomials()`, eight or more functions in plane) and for
-    elements in absolute nodal coordinates; bending with the axial motion that it drags along. Made
-    for `jax.vmap` over many cases; relative error 1e-9. First derivatives by every parameter, in
-    both modes; for second ones, labels, shapes, flap or growth rates take `modes`.
+    Roots omega > 0 of det(K - omega^2 M + omega C) = 0 about the steady state, C from the Coriolis
+    coupling of bending and axial motion (Y eqs. 18-19, B eqs. 53-54), to 1e-9 of those of `modes`.
+    For `Hybrid` with its usual basis (`Polynomials()`, eight or more functions in plane) and the
+    elements that simulate too (`ANCF`, `GreenANCF`, `ChordANCF`, `TangentANCF`). `angular_speed` in
+    rad/s; `count` from 1 to 6. Made for `jax.vmap` over many cases. First derivatives by every
+    parameter, in both modes; for second ones, labels, shapes, flap or growth rates take `modes`.
 
-    Where an axial mode is among the lowest, or the steady state is unstable, the search does not
-    find what was asked for and says so: `NOT_CONVERGED`. `throw=False` keeps that in `status`.
+    Raises `TypeError` for other models, `ValueError` for parameters out of range, `RuntimeError`
+    where there is no steady state (`NO_EQUILIBRIUM`) or where the search did not find what was
+    asked for (`NOT_CONVERGED`): where an axial mode is among the lowest, or the steady state is
+    unstable. `throw=False` keeps all but the first in `status`, and the frequencies are NaN.
     """
     if isinstance(count, bool) or not isinstance(count, int):
         raise TypeError(f"count must be an int, got {type(count).__name__}")
@@ -77,8 +81,8 @@ def _solver(model: AbstractModel, count: int) -> Callable[[Rotor, Scalar], tuple
         _check_count(count, model.n_elements)
         return _of_elements(model, count)
     raise TypeError(
-        "model must be Hybrid with Polynomials() and n_in_plane >= 8, or one of the elements "
-        f"in absolute nodal coordinates, got {model!r}; take modes for other models"
+        "model must be Hybrid with Polynomials() and n_in_plane >= 8, ANCF, GreenANCF, ChordANCF "
+        f"or TangentANCF, got {model!r}; take modes for other models"
     )
 
 
@@ -312,7 +316,8 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
 
     @kernel
     def search(numbers: _Numbers) -> tuple[Array, Array, Array]:
-        return _search(pencil(numbers), *ritz.guess(numbers), functions)
+        seen = numbers if m else numbers._replace(softness=0 * numbers.softness)
+        return _search(pencil(numbers), *ritz.guess(seen), functions)
 
     @kernel
     def polish(numbers: _Numbers, x: Array, omega: Array) -> tuple[list[Array], Array]:
@@ -331,12 +336,12 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
 
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         omega, _, found = lowest(_numbers(rotor, speed))
-        # The rod tears where N beta tan(beta) = 1.
-        beam = rotor.beam
-        beta = jnp.abs(speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
-        holds = (beta < np.pi / 2) & (rotor.tip_mass * beta * jnp.tan(beta) < beam.mass)
-        status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
-        return omega * beam.frequency_scale, jnp.where(holds, status, Status.NO_EQUILIBRIUM)
+        status, beam = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED), rotor.beam
+        if m:  # the rod tears where N beta tan(beta) = 1
+            beta = jnp.abs(speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
+            holds = (beta < np.pi / 2) & (rotor.tip_mass * beta * jnp.tan(beta) < beam.mass)
+            status = jnp.where(holds, status, Status.NO_EQUILIBRIUM)
+        return omega * beam.frequency_scale, status
 
     return solver
 

@@ -35,6 +35,7 @@ _ALLOWED = frozenset({
 # Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
 _KNOWN = ("0.10.",)
 _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
+_FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
 _LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
 
 
@@ -302,7 +303,7 @@ def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
     for axis in sorted(axes, reverse=True):
         if x.size <= _REDUCED:
             x = jnp.sum(x, axis)
-        elif x.shape[axis] <= 16:
+        elif x.shape[axis] <= _FEW:
             terms = [jax.lax.index_in_dim(x, i, axis, False) for i in range(x.shape[axis])]
             x = functools.reduce(jnp.add, terms)
         else:

@@ -62,6 +62,7 @@ def test_frequencies_are_those_of_modes(model):
     np.testing.assert_allclose(alone.frequency, fast.frequency[7], rtol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 6])
 def test_any_number_of_them(count):
     case = by_number(8.0, 1.0, 0.2, 1000.0)
@@ -113,6 +114,13 @@ def test_bad_cases_are_named_and_leave_the_others_as_they_are(model):
         return jnp.nansum(found.frequency)
 
     assert np.all(np.isfinite(jax.jit(jax.grad(total))(jnp.zeros(7))))
+
+
+def test_a_beam_without_stretch_does_not_tear():
+    """Whatever its axial stiffness is said to be."""
+    model, case = jb.Hybrid(n_stretch=0, n_in_plane=12, n_flap=0), by_number(20.0, 0.3, 0.2, 10.0)
+    ours = jb.frequencies(model, *case).frequency
+    np.testing.assert_allclose(ours, jb.modes(model, *case, 3).frequency, rtol=2e-9)
 
 
 def test_an_axial_mode_among_the_lowest_is_reported():

@@ -3,13 +3,18 @@
 import diffrax
 import jax
 import jax.numpy as jnp
+import jaxlib
 import numpy as np
 import pytest
 
 import jaxbeam as jb
 from jaxbeam._blocks import BlockTridiagonal
-from jaxbeam._kernel import beside, contract, kernel, total
+from jaxbeam._kernel import _KNOWN, beside, contract, kernel, total
 
+compiled = pytest.mark.skipif(
+    jax.default_backend() != "cpu" or not jaxlib.__version__.startswith(_KNOWN),
+    reason="only on a CPU, and by releases that are known, all is compiled to one function",
+)
 TABLE = np.random.default_rng(3).normal(size=(5, 6))
 
 
@@ -57,7 +62,7 @@ def test_values_and_first_and_second_derivatives_are_those_of_the_function():
         close(derivative(fast), derivative(plain), rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize("size", [1, 3, 70])
+@pytest.mark.parametrize("size", [pytest.param(1, marks=pytest.mark.slow), 3, 70])
 @pytest.mark.parametrize("shared", [False, True])
 def test_lanes_see_their_own_case_alone(size, shared):
     fast = kernel(chain)
@@ -81,6 +86,7 @@ def test_lanes_see_their_own_case_alone(size, shared):
         close(jax.jit(lambda g=gradient: g(fast))(), gradient(plain), rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_rates_that_are_constant_beside_others_that_are_not():
     """As of what is computed from parameters that do not move."""
     fast, (parameters, x) = kernel(chain), case((3,))
@@ -98,6 +104,8 @@ def test_rates_that_are_constant_beside_others_that_are_not():
     close(ours, jax.grad(lambda x: loss(plain, x))(x), rtol=1e-11, atol=1e-11)
 
 
+@compiled
+@pytest.mark.slow
 def test_large_sums_also_in_loops():
     """Written out in pieces: more numbers than may be summed at once."""
 
@@ -167,7 +175,7 @@ def test_a_batch_of_runs_is_as_the_runs_alone(model):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(jax.default_backend() != "cpu", reason="a matter of the CPU")
+@compiled
 @pytest.mark.parametrize("solver", [jb.Rodas5P(), jb.ChordKvaerno5()], ids=repr)
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_steps_of_elements_are_compiled_to_one_function(model, solver):

@@ -191,3 +191,40 @@ def test_magnus_is_exact_in_one_step_at_constant_speed(model):
     for t, found in zip(times, one.state.q, strict=True):
         exact = expm(t * rate) @ np.r_[q, v, 1.0]
         np.testing.assert_allclose(found, exact[:n], rtol=1e-8, atol=1e-8 * np.abs(exact[:n]).max())
+
+
+class Pushed(jb.SecondOrderSystem):
+    """q'' = 0, then 1 from t = 1 on."""
+
+    mass: jax.Array
+
+    def force(self, t, q, v):
+        return jnp.where(t >= 1.0, jnp.ones_like(q), jnp.zeros_like(q))
+
+
+@pytest.mark.parametrize("solver", [jb.Rodas5P(), jb.Rodas4P()], ids=repr)
+def test_forces_may_jump_where_the_controller_is_told(solver):
+    control = diffrax.ClipStepSizeController(
+        diffrax.PIDController(rtol=1e-6, atol=1e-6), jump_ts=[1.0]
+    )
+    found = diffrax.diffeqsolve(
+        jb.second_order_term(solver), solver, 0.0, 2.0, 0.5, jb.State(jnp.zeros(1), jnp.zeros(1)),
+        Pushed(jnp.eye(1)), stepsize_controller=control,
+    )  # fmt: skip
+    np.testing.assert_allclose(found.ys.q[-1], 0.5, rtol=1e-12)
+    np.testing.assert_allclose(found.ys.v[-1], 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("jumped", [True, jnp.asarray(True)])
+def test_an_acceleration_from_before_a_jump_is_not_used(jumped):
+    solver, still = jb.ChordKvaerno5(), jb.State(jnp.zeros(1), jnp.zeros(1))
+    term, pushed = jb.second_order_term(solver), Pushed(jnp.eye(1))
+    end = solver.step(term, 1.0, 1.5, still, pushed, jnp.zeros(1), jumped)[0]
+    np.testing.assert_allclose(end.q, 0.125, rtol=1e-12)
+
+
+def test_iterations_are_checked():
+    with pytest.raises(ValueError, match="iterations must be at least 1"):
+        jb.ChordKvaerno5(iterations=0)
+    with pytest.raises(TypeError, match="iterations must be an int"):
+        jb.ChordKvaerno5(iterations=2.0)

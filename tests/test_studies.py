@@ -134,7 +134,7 @@ def test_speed_accuracy(tmp_path):
     """Every scene has a front, failures are kept, and errors are what theory says."""
     printed = study("speed_accuracy", tmp_path)
     assert printed.count("the front alone") == 5
-    for name in ("motions", "frequencies"):
+    for name in ("speed_accuracy", "speed_accuracy_frequencies"):
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
     rows = rows_of(tmp_path / "speed_accuracy.csv")
     error = {(r["scene"], r["model"], r["integrator"], r["setting"]): r for r in rows}
@@ -162,15 +162,16 @@ def test_peers(tmp_path):
     rows = {(r["method"], r["setting"]): float(r["error"]) for r in rows_of(tmp_path / "peers.csv")}
     assert rows["jaxbeam Rodas5P", "1e-05"] < 1e-5
     assert rows["SciPy Radau", "1e-05"] < 1e-5
-    assert rows["diffrax KenCarp4", "1e-05"] < 1e-4
+    assert rows["diffrax KenCarp4", "3e-06"] < 1e-5
     assert rows["diffrax Dopri8", "1e-08"] < 1e-8
     assert rows["jaxbeam Magnus", "0.15 s"] < 1e-8
     assert rows["jaxbeam in lanes, one thread", "rtol 3e-4"] < 1e-4
-    assert rows["jaxbeam frequencies, 16 + 8 polynomials", "2000 cases"] < 1e-8
+    assert rows["jaxbeam frequencies, 16 + 8 polynomials, 1 thread", "2000 cases"] < 1e-8
     for name in ("jaxlib", "diffrax", "scipy", "exudyn", "pybmodes"):
         assert name in printed.splitlines()[0]
     assert "times as fast as SciPy Radau" in printed
-    assert "times as fast as scipy.linalg.eig loop" in printed
+    assert "times as fast as diffrax KenCarp4" in printed
+    assert "times as fast as scipy.linalg.eig" in printed
 
 
 @pytest.mark.slow

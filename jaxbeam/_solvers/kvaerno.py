@@ -54,6 +54,12 @@ class ChordKvaerno5(SecondOrderSolver):
     iterations: int = eqx.field(static=True, default=3)
     interpolation_cls: ClassVar = StepPolynomial
 
+    def __check_init__(self) -> None:
+        if isinstance(self.iterations, bool) or not isinstance(self.iterations, int):
+            raise TypeError(f"iterations must be an int, got {type(self.iterations).__name__}")
+        if self.iterations < 1:
+            raise ValueError(f"iterations must be at least 1, got {self.iterations}")
+
     def order(self, terms: Any) -> int:
         """5."""
         return 5
@@ -67,11 +73,15 @@ class ChordKvaerno5(SecondOrderSolver):
         self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem,
         solver_state: Vector, made_jump: Any,
     ) -> tuple[State, State, dict[str, State], Vector, Any]:  # fmt: skip
-        """One step."""
-        h = length(t0, t1)
+        """One step. After a jump of the forces the acceleration is computed anew."""
+        h, a = length(t0, t1), solver_state
+        if made_jump is not False:
+            a = jax.lax.cond(
+                made_jump, lambda: args.acceleration(t0, y0.q, y0.v), lambda: solver_state
+            )
         inputs = jax.vmap(args.inputs)(t0 + h * _TIMES)
         end, error, bends, work, last = compute(
-            ChordKvaerno5._core, self, args, h, y0, solver_state, args.inputs(t0), inputs,
+            ChordKvaerno5._core, self, args, h, y0, a, args.inputs(t0), inputs,
             work_inputs(args, t0, h),
         )  # fmt: skip
         return *finished(y0, end, error, bends, work), last, diffrax.RESULTS.successful

@@ -186,7 +186,8 @@ class Rosenbrock(SecondOrderSolver):
         """One step."""
         h = length(t0, t1)
         x0, rate = jax.jvp(args.inputs, (t0,), (jnp.ones_like(t0),))
-        inputs = jax.vmap(args.inputs)(t0 + h * self.tableau.times)
+        # Rounding must not take the last stage past a jump at t1.
+        inputs = jax.vmap(args.inputs)(jnp.minimum(t0 + h * self.tableau.times, t1))
         end, error, bends, work = compute(
             Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, work_inputs(args, t0, h)
         )

@@ -38,8 +38,8 @@ class SecondOrderSystem(eqx.Module):
     `State.work` carries no derivatives by parameters: it is there to judge a result.
 
     Subclass it, pass an instance as `args` and `second_order_term` as `terms` to
-    `diffrax.diffeqsolve`: every diffrax solver takes it as a first-order system, `Rodas5P` uses
-    its structure.
+    `diffrax.diffeqsolve`: every diffrax solver takes it as a first-order system; `Rodas5P`,
+    `Rodas4P` and `ChordKvaerno5` use its structure, `Magnus` too where it is linear.
     """
 
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
