@@ -192,12 +192,9 @@ def test_any_number_of_elements(n):
     """Programs grow with it, and XLA treats large operations in other ways."""
 
     def tip(n, speed):
-        run = jb.simulate(
-            jb.GreenANCF(n), ROTOR, jb.SmoothSpinUp(speed, 1.0), [0.0, 0.5], solver=jb.Rodas5P(),
-            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01,
-        )  # fmt: skip
+        run = jb.simulate(jb.GreenANCF(n), ROTOR, jb.SmoothSpinUp(speed, 5.0), [0.0, 2.0])
         return run.tip[-1, 1]
 
-    np.testing.assert_allclose(tip(n, 2.0), tip(16, 2.0), rtol=1e-5)
+    np.testing.assert_allclose(tip(n, 2.0), tip(16, 2.0), rtol=1e-4)
     batch = jax.jit(jax.vmap(lambda speed: tip(n, speed)))(jnp.array([2.0, 3.0]))
-    np.testing.assert_allclose(batch[0], tip(n, 2.0), rtol=1e-8)
+    np.testing.assert_allclose(batch[0], tip(n, 2.0), rtol=1e-6)
