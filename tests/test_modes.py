@@ -440,6 +440,7 @@ def test_gradients_with_respect_to_every_parameter(model, at, which):
         _agree(np.asarray(jax.jit(jacobian(eigenvalue))(at)), fd, np.asarray(at))
 
 
+@pytest.mark.slow
 def test_gradients_next_to_a_veering():
     """In-plane 3 and stretch 1 sharing their motion about equally: gradients stay exact."""
     model, which = jb.Hybrid(8, 14, 0), jb.labels(in_plane=3)

@@ -681,6 +681,7 @@ def test_batch_keeps_failures_to_themselves():
         np.testing.assert_allclose(value[i], alone, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_bad_times_in_a_batch():
     """Decreasing or NaN times of one lane are its own affair."""
 
