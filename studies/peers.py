@@ -480,7 +480,7 @@ def installed(package: str) -> bool:
 
 def say(line: Line) -> None:
     print(
-        f"  {line.method:40s} {line.setting:>11s} {line.seconds * 1e3:12.4f} ms"
+        f"  {line.method:50s} {line.setting:>11s} {line.seconds * 1e3:12.4f} ms"
         f"   error {line.error:7.1e}   compiled in {line.compilation:4.1f} s   {line.remark}",
         flush=True,
     )
@@ -502,9 +502,8 @@ def ratios(lines: list[Line]) -> None:
         for start in starts:
             theirs, name = best(scene, start, error, ours)
             at = f" at an error of {error:g}" if np.isfinite(error) else ""
-            how = (
-                f"{theirs / seconds:.0f} times as fast as" if theirs > 0 else "not comparable with"
-            )
+            ratio = theirs / seconds
+            how = f"{ratio:.3g} times as fast as" if np.isfinite(ratio) else "not met there by"
             print(f"  {scene}{at}: {mine} is {how} {name}")
 
     print("\nRatios")
