@@ -5,7 +5,7 @@ Transverse motion w and axial motion u move in quadrature, so that frequencies o
     D(omega) = K - omega^2 M + omega C,   C symmetric, from the Coriolis coupling of w and u,
 
 is singular. Bending polynomials and elements both give narrow bands. A Ritz problem of few
-functions, which all beams share, guesses omega to some 1e-6; one or two inverse iterations in all
+functions, which all beams share, guesses omega to some 1e-4; one or two inverse iterations in all
 functions with Rayleigh quotients make it exact, and Sylvester's law says whether it is the one
 asked for.
 """
@@ -33,7 +33,7 @@ from jaxbeam._solvers.system import without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector
 
-_TOLERANCE = 2e-5  # relative change after which what is left is below 1e-9
+_TOLERANCE = 2e-5  # of the vector: what is left of the frequency is below 1e-9
 _PLAIN = Polynomials()
 _Case = tuple[Rotor, Scalar]  # and its speed
 

@@ -59,13 +59,13 @@ print(time.perf_counter() - start)
 Row = tuple[str, str, float, str]  # what, of what, number, unit
 
 
-def seconds(function: Callable[[], Any], repeats: int) -> float:
+def seconds(repeats: int, function: Callable[..., Any], *args: Any) -> float:
     """Median, after compilation."""
-    jax.block_until_ready(function())
+    jax.block_until_ready(function(*args))
     taken = []
     for _ in range(repeats):
         start = time.perf_counter()
-        jax.block_until_ready(function())
+        jax.block_until_ready(function(*args))
         taken.append(time.perf_counter() - start)
     return float(np.median(taken))
 
@@ -108,8 +108,7 @@ def gradients(quick: bool) -> list[Row]:
     rows = []
     for name, function, v in tried:
         forward, reverse = jax.jit(function), jax.jit(jax.value_and_grad(function))
-        price = seconds(lambda f=reverse, v=v: f(v), repeats)  # type: ignore[misc]
-        price /= seconds(lambda f=forward, v=v: f(v), repeats)  # type: ignore[misc]
+        price = seconds(repeats, reverse, v) / seconds(repeats, forward, v)
         rows.append(("reverse mode over forward run", name, price, "-"))
     return rows
 
@@ -127,7 +126,7 @@ def elements(quick: bool, out: Path) -> list[Row]:
                 stepsize_controller=diffrax.ConstantStepSize(), dt0=2.0 / steps, throw=False,
             ).tip  # fmt: skip
 
-        taken.append(seconds(lambda run=run: run(4.0), 3 if quick else 9) / steps)  # type: ignore[misc]
+        taken.append(seconds(3 if quick else 9, run, 4.0) / steps)
     slope, _ = np.polyfit(np.log(counts), np.log(taken), 1)
     figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
     ax.loglog(counts, 1e6 * np.array(taken), "o-")

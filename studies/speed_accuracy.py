@@ -30,6 +30,7 @@ import jax.numpy as jnp  # noqa: E402
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.ticker import LogLocator, NullFormatter  # noqa: E402
+from yoo1995 import spin_up  # noqa: E402
 
 import jaxbeam as jb  # noqa: E402
 
@@ -41,16 +42,6 @@ REF_21 = jb.Beam.from_section(
 )  # fmt: skip
 # Y Fig. 4, its data as corrected: 550 kg/m, E = 6.89 GPa.
 STIFF = jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, 6.89e9 * 7.19e-4, 6.89e9 * 7.19e-4)
-
-
-class SpinUp(jb.Spin):
-    """The sum of two, one of them at rest: one class, so that a model compiles only once."""
-
-    axis: jax.Array
-    parts: tuple[jb.Spin, jb.Spin]
-
-    def angle(self, t: Any) -> Any:
-        return self.parts[0].angle(t) + self.parts[1].angle(t)
 
 
 class Scene(NamedTuple):
@@ -131,9 +122,9 @@ class Point(NamedTuple):
 def tip(scene: Any, model: Any, method: Method, share: Any, setting: Any) -> tuple[Any, Any]:
     """Deflection at the times of the scene, and the status; `scene` is traced."""
     rotor, duration, smooth, quintic, end = scene
-    parts = jb.QuinticSpinUp(quintic * share, duration), jb.SmoothSpinUp(smooth * share, duration)
+    motion = spin_up(duration, quintic * share, smooth * share)
     run = jb.simulate(
-        model, rotor, SpinUp(parts[1].axis, parts), jnp.linspace(0.0, 1.0, POINTS) * end,
+        model, rotor, motion, jnp.linspace(0.0, 1.0, POINTS) * end,
         solver=method.solver, dt0=None if method.adaptive else setting * end,
         stepsize_controller=(
             diffrax.PIDController(rtol=setting, atol=setting * rotor.beam.length / 10)
