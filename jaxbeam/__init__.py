@@ -60,6 +60,8 @@ from jaxbeam._southwell import Southwell as Southwell
 from jaxbeam._southwell import campbell as campbell
 from jaxbeam._southwell import crossing as crossing
 from jaxbeam._southwell import southwell as southwell
+from jaxbeam._stability import CriticalSpeed as CriticalSpeed
+from jaxbeam._stability import critical_speed as critical_speed
 from jaxbeam._status import Status as Status
 from jaxbeam._sweep import Cases as Cases
 from jaxbeam._sweep import Table as Table

@@ -288,6 +288,24 @@ def symmetric_modes(
     return _symmetric_modes(mass, stiffness)[0]
 
 
+@sequential_vmap
+def lowest_eigenpair(
+    a: Float[Array, "n n"], b: Float[Array, "n n"]
+) -> tuple[Float[Array, ""], Float[Array, " n"]]:
+    """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
+    f = _cholesky(b)
+
+    def lower(x: Array) -> Array:
+        return jax.lax.linalg.triangular_solve(f, x, left_side=True, lower=True)
+
+    inner = lower(lower(a).T)
+    y, mu = jax.lax.linalg.eigh((inner + inner.T) / 2, symmetrize_input=False)
+    low = jnp.argmin(mu)
+    return mu[low], jax.lax.linalg.triangular_solve(
+        f, y[:, low][:, None], left_side=True, lower=True, transpose_a=True
+    )[:, 0]
+
+
 def _symmetric_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
     f = _cholesky(mass)
     flexible = jnp.linalg.solve(stiffness, f)

@@ -35,6 +35,7 @@ ORDER = [
     "_simulation",
     "_simulate",
     "_modes",
+    "_stability",
     "_frequencies",
     "_sweep",
     "_southwell",
