@@ -5,6 +5,8 @@ from jaxbeam._basis import Polynomials as Polynomials
 from jaxbeam._beam import Beam as Beam
 from jaxbeam._beam import Rotor as Rotor
 from jaxbeam._beam import SpringRotor as SpringRotor
+from jaxbeam._floquet import Floquet as Floquet
+from jaxbeam._floquet import floquet as floquet
 from jaxbeam._frequencies import Frequencies as Frequencies
 from jaxbeam._frequencies import frequencies as frequencies
 from jaxbeam._loads import Damping as Damping
@@ -68,5 +70,7 @@ from jaxbeam._sweep import Table as Table
 from jaxbeam._sweep import grid as grid
 from jaxbeam._sweep import listed as listed
 from jaxbeam._sweep import sweep as sweep
+from jaxbeam._tongues import Tongue as Tongue
+from jaxbeam._tongues import tongue as tongue
 
 __version__ = "0.1.0"

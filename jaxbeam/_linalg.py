@@ -88,17 +88,18 @@ def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, 
     return b, -b @ tangents[0] @ b
 
 
-def exponential(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def exponential(a: Float[Array, "n n"], squarings: int = 26) -> Float[Array, "n n"]:
     """exp(a), by Taylor's series of a / 2^k and k squarings; differentiable in both modes.
 
     Without LAPACK, and for norms up to 2^24 (`jax.scipy.linalg.expm` stops at 2^16 by default).
-    Relative error about eps times the norm, as a skew matrix of that norm has anyhow.
+    Relative error about eps times the norm, as a skew matrix of that norm has anyhow. A batch pays
+    for all `squarings`: fewer are quicker, and NaN where they do not suffice.
     """
     n = a.shape[0]
     norm = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(a), 0)))
     # With the norm at most 1/4, the terms left out after degree 12 are below 1e-17.
-    k = jnp.clip(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-300))) + 2, 0, 26)
-    a = a * jnp.exp2(-k)
+    k = jnp.maximum(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-300))) + 2, 0)
+    a = jnp.where(k <= squarings, a * jnp.exp2(-k), jnp.nan)
     eye = jnp.eye(n, dtype=a.dtype)
     a2 = a @ a
     a3 = a2 @ a
@@ -114,7 +115,7 @@ def exponential(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     def square(e: Array, i: Array) -> tuple[Array, None]:
         return jax.lax.cond(i < k, lambda e: 2 * e + e @ e, lambda e: e, e), None
 
-    e, _ = jax.lax.scan(square, e, jnp.arange(26.0, dtype=a.dtype))
+    e, _ = jax.lax.scan(square, e, jnp.arange(float(squarings), dtype=a.dtype))
     return e + eye
 
 
@@ -304,6 +305,15 @@ def lowest_eigenpair(
     return mu[low], jax.lax.linalg.triangular_solve(
         f, y[:, low][:, None], left_side=True, lower=True, transpose_a=True
     )[:, 0]
+
+
+@sequential_vmap
+def eigensystem(
+    a: Float[Array, "n n"],
+) -> tuple[Inexact[Array, " n"], Inexact[Array, "n n"], Inexact[Array, "n n"]]:
+    """Eigenvalues, right eigenvectors and left ones (y^H a = mu y^H), as columns."""
+    mu, left, right = jax.lax.linalg.eig(a)
+    return mu, right, left
 
 
 def _symmetric_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:

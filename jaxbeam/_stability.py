@@ -38,15 +38,15 @@ _SCANNED = 64  # speeds at which a model that is not affine is looked at
 class CriticalSpeed(eqx.Module):
     """Where steady rotation loses its stability.
 
-    | field         | shape | unit  |                                                               |
-    |---------------|-------|-------|---------------------------------------------------------------|
-    | angular_speed | ()    | rad/s | smallest speed at which the stiffness is singular; infinite   |
-    |               |       |       | where there is none                                           |
-    | family        | ()    |       | `Family` of the coordinates that give way: `IN_PLANE` and     |
-    |               |       |       | `FLAP` diverge, `AXIAL` means that the rod tears: beyond, it  |
-    |               |       |       | has no equilibrium                                            |
-    | shape         | (n,)  |       | the direction that gives way, largest entry 1 or -1           |
-    | status        | ()    |       | `Status`                                                      |
+    | field         | shape | unit  |                                                              |
+    |---------------|-------|-------|--------------------------------------------------------------|
+    | angular_speed | ()    | rad/s | smallest speed at which the stiffness is singular; infinite  |
+    |               |       |       | where there is none                                          |
+    | family        | ()    |       | `Family` of the coordinates that give way: `IN_PLANE` and    |
+    |               |       |       | `FLAP` diverge, `AXIAL` means that the rod tears: beyond, it |
+    |               |       |       | has no equilibrium; without meaning where there is no speed  |
+    | shape         | (n,)  |       | the direction that gives way, largest entry 1                |
+    | status        | ()    |       | `Status`                                                     |
     """
 
     angular_speed: Scalar
@@ -58,11 +58,11 @@ class CriticalSpeed(eqx.Module):
 def critical_speed(model: AbstractModel, rotor: Any, *, throw: bool = True) -> CriticalSpeed:
     """Smallest speed at which steady rotation loses its stability (rad/s): K(Omega) is singular.
 
-    Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`) this
-    is one eigenproblem, K_0 x = -Omega^2 K_1 x. Else K, at the steady state of each speed, is looked
-    at from half the first rest frequency up to the speed at which a rod of constant axial stiffness
-    tears, and a change of sign of its lowest eigenvalue is refined by Newton's method. In the end
-    it is the root of the scalar f of the bordered system
+    Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`)
+    this is one eigenproblem, K_0 x = -Omega^2 K_1 x. Else K, at the steady state of each speed, is
+    looked at from half the first rest frequency up to the speed at which a rod of constant axial
+    stiffness tears, and a change of sign of its lowest eigenvalue is enclosed. From there it is, by
+    Newton's method, the root of the scalar f of the bordered system
 
         [[K, b], [b^T, 0]] (x, f) = (0, 1),
 
@@ -188,9 +188,9 @@ def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code
         a = jnp.where(stable, jnp.stack([search.speed, least]), search.a)
         b = jnp.where(stable, search.b, jnp.stack([search.speed, least]))
         false = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
-        inside = jnp.where(search.count % 2 == 0, false, (a[0] + b[0]) / 2)
+        inside = jnp.where(search.tries % 2 == 0, false, (a[0] + b[0]) / 2)
         return _Search(
-            count=search.count + 1,
+            tries=search.tries + 1,
             speed=jnp.where(b[1] < 0, inside, search.speed * ratio),
             a=a, b=b, family=codes[low], x=jnp.stack(x)[low], axial=value[tears],
             status=system.status,
@@ -202,11 +202,11 @@ def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code
             search.b[0] - search.a[0] > 1e-5 * search.a[0],
             search.speed <= top * (1 + 1e-9),
         )
-        return more & (search.status == Status.OK) & (search.count < _SCANNED + 100)
+        return more & (search.status == Status.OK) & (search.tries < _SCANNED + 100)
 
     ok = jnp.asarray(int(Status.OK))
     start = _Search(
-        count=jnp.asarray(0), speed=bottom, a=jnp.stack([0 * one, one]), b=jnp.stack([top, one]),
+        tries=jnp.asarray(0), speed=bottom, a=jnp.stack([0 * one, one]), b=jnp.stack([top, one]),
         family=codes[tears], x=shape[tears], axial=one, status=ok,
     )  # fmt: skip
     end = jax.lax.while_loop(go_on, body, start)
@@ -223,7 +223,7 @@ def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code
 class _Search(NamedTuple):
     """Where the search for a change of sign is: `a` and `b` are speeds and lowest eigenvalues."""
 
-    count: Array
+    tries: Array
     speed: Scalar
     a: Vector
     b: Vector

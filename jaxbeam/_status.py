@@ -40,6 +40,7 @@ class Status(enum.IntEnum):
     STEP_FAILED = 25
     DIVERGED = 26
     UNBALANCED = 27
+    NO_TONGUE = 28
 
     @property
     def message(self) -> str:
@@ -108,6 +109,9 @@ _MESSAGES = {
     Status.UNBALANCED: (
         "the solver called it a success, but energy is not balanced by the work done: tighten "
         "the tolerance, shorten the step, or take an implicit solver"
+    ),
+    Status.NO_TONGUE: (
+        "no parametric resonance at this depth: damping outweighs the modulation; raise the depth"
     ),
 }
 

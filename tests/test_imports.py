@@ -36,6 +36,8 @@ ORDER = [
     "_simulate",
     "_modes",
     "_stability",
+    "_floquet",
+    "_tongues",
     "_frequencies",
     "_sweep",
     "_southwell",

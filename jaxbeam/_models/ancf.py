@@ -23,7 +23,7 @@ from jaxbeam._models.cartesian import (
 from jaxbeam._models.elements import Chord, Element, ElementEquations, Green, ModelA, Tangent
 from jaxbeam._motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Real, Scalar
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 
 class _ANCF(CartesianModel):
@@ -70,9 +70,11 @@ class _Nodal(_ANCF):
         node. Differentiable to any order by the implicit function theorem. Raises if the search
         fails.
         """
-        return raise_unless_ok(*_jitted_steady_state(self, *self.steady_case(rotor, angular_speed)))
+        q = raise_unless_ok(*_jitted_steady(self, *self.steady_case(rotor, angular_speed)))
+        return q[self._axial]
 
-    def _steady_state(self, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+    def steady(self, rotor: Rotor, speed: Scalar) -> tuple[Vector, Code]:
+        """Straight, whatever the speed."""
         # In the axial coordinates alone, and over EA, unknowns are of order one.
         equations, hub = self.equations(rotor), spinning(speed)
         length, axial = rotor.beam.length, self._axial
@@ -88,7 +90,8 @@ class _Nodal(_ANCF):
             return jnp.all(equations.gradient(zero.at[axial].set(length * u), points)[1] > -0.5)
 
         u, done = find_root(residual, zero[axial], acceptable)
-        return u * length, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
+        q = zero.at[axial].set(length * u)
+        return q, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
     @property
     def _axial(self) -> np.ndarray:
@@ -96,9 +99,8 @@ class _Nodal(_ANCF):
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """Tangents about the straight steady state (B eqs. 53-54, without small strain)."""
-        u, status = self._steady_state(rotor, speed)
+        q, status = self.steady(rotor, speed)
         equations = self.equations(rotor)
-        q = jnp.zeros(len(self.families), u.dtype).at[self._axial].set(u)
         k, c = (dense(a) for a in equations.tangents(spinning(speed), q, jnp.zeros_like(q), None))
         return LinearSystem(
             mass=dense(equations.mass),
@@ -174,5 +176,5 @@ class ANCF(_Nodal):
 
 
 @eqx.filter_jit
-def _jitted_steady_state(model: _Nodal, rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
-    return model._steady_state(rotor, speed)
+def _jitted_steady(model: _Nodal, rotor: Rotor, speed: Scalar) -> tuple[Vector, Code]:
+    return model.steady(rotor, speed)

@@ -217,7 +217,7 @@ class AbstractModel(eqx.Module):
         `status` is that of the search for the steady state, if there is one.
         """
         equations, hub = self.equations(rotor), spinning(speed)
-        q, status = equilibrium(equations, hub)
+        q, status = self.steady(rotor, speed)
         k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
         # Generalised forces again where `force` scales them; at rest its own slope does not count.
         scale = equations.as_force(q, jnp.ones_like(q))[:, None]
@@ -229,6 +229,10 @@ class AbstractModel(eqx.Module):
             status=status,
             families=self.families,
         )
+
+    def steady(self, rotor: Any, speed: Scalar) -> tuple[Vector, Code]:
+        """Coordinates of steady rotation, for parameters in range, and the status of the search."""
+        return equilibrium(self.equations(rotor), spinning(speed))
 
     def steady_case(self, rotor: Any, angular_speed: Any) -> tuple[Any, Scalar]:
         """Rotor and speed, checked."""

@@ -1,0 +1,270 @@
+"""Tongues: where a modulation of the speed makes two modes grow."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jaxbeam._beam import positive
+from jaxbeam._floquet import PLANES, Plane, checked_damping, input_status
+from jaxbeam._linalg import eigensystem
+from jaxbeam._loads import Damping
+from jaxbeam._models.base import AbstractModel, Family, Label, count_functions
+from jaxbeam._modes import Choice, choose, find
+from jaxbeam._motion import ModulatedSpeed
+from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Real, Scalar, Vector
+
+
+class Tongue(eqx.Module):
+    """Boundaries of a region of parametric resonance, at D depths of modulation.
+
+    | field     | shape  | unit  |                                                               |
+    |-----------|--------|-------|---------------------------------------------------------------|
+    | depth     | (D,)   |       | as given                                                      |
+    | frequency | (D, 2) | rad/s | lowest and highest frequency of modulation of the region      |
+    | tip       | ()     | rad/s | where it begins without damping: (omega_i + omega_j) / order  |
+    | status    | (D,)   |       | `Status`; `NO_TONGUE` where damping leaves none at this depth |
+    """
+
+    depth: Vector
+    frequency: Float[Array, "D 2"]
+    tip: Scalar
+    status: Code
+
+
+def tongue(
+    model: AbstractModel,
+    rotor: Any,
+    mean: Real,
+    pair: tuple[Label, Label],
+    depths: Any,
+    *,
+    order: int = 1,
+    damping: Damping | None = None,
+    steps: int = 64,
+    throw: bool = True,
+) -> Tongue:
+    """Where `ModulatedSpeed(mean, depth, frequency)` makes the modes of `pair` grow.
+
+    The region of parametric resonance that begins at frequency (omega_i + omega_j) / order, the
+    frequencies being those at the speed `mean` (rad/s): principal where both labels are the same,
+    of combination type where they differ. `depths` are positive and increasing.
+
+    The two multipliers that belong to the two modes define a function that changes sign at the
+    boundary. With their sum s and product p it is (s^2 - 4 p) / p, negative while they are apart on
+    the unit circle, positive once they met and left it; with damping, of Schur and Cohn,
+    4 abs(s - s* p)^2 / (1 - abs(p)^2)^2 - 4, positive where one of them is outside. Its roots are
+    found by Newton's method with exact derivatives, from depth to depth along the tangent that the
+    gradient gives, and, where there is none before, from a parabola through three points. First
+    derivatives of `frequency` by parameters are exact.
+
+    Good while the two modes are recognised by what they are without modulation; `INACCURATE` where
+    they are not, `NOT_CONVERGED` where Newton's method did not settle. `throw=False` returns
+    failures in `Tongue.status`. Errors as in `floquet`.
+    """
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise ValueError(f"pair must be two labels, got {pair!r}")
+    choice = choose(model, tuple(pair))
+    planes = [families for families in PLANES if all(label.family in families for label in pair)]
+    if not planes:
+        raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
+    count_functions("order", order, least=1)
+    count_functions("steps", steps, least=1)
+    depths = jnp.asarray(depths, jnp.result_type(float))
+    if depths.ndim != 1 or depths.size == 0:
+        raise ValueError(f"depths must be a list of numbers, got shape {depths.shape}")
+    if not isinstance(depths, jax.core.Tracer):
+        known = np.asarray(depths)
+        if not (np.isfinite(known).all() and known[0] > 0 and (np.diff(known) > 0).all()):
+            raise ValueError(f"depths must be finite, positive and increasing, got {known}")
+    speed = positive("mean", mean)
+    rotor, _ = model.steady_case(rotor, 0.0)
+    damping = checked_damping(damping)
+    result = _tongue(model, rotor, speed, choice, depths, order, damping, planes[0], steps)
+    return raise_unless_ok(result, jnp.max(result.status)) if throw else result
+
+
+@eqx.filter_jit
+def _tongue(
+    model: AbstractModel, rotor: Any, mean: Scalar, choice: Choice, depths: Vector, order: int,
+    damping: Damping, families: tuple[Family, ...], steps: int,
+) -> Tongue:  # fmt: skip
+    unit = ModulatedSpeed(mean, 0.0, 1.0)
+    given = input_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
+    found = find(model, rotor, mean, choice)
+    given = jnp.where(given == Status.OK, found.status, given)
+    fine = given == Status.OK
+    rotor, damping = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), (rotor, damping))
+    mean = jnp.where(fine, mean, 0.0)
+    eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
+    tip = jnp.sum(eigenvalue.imag) / order
+    free = (damping.mass, damping.stiffness) == (None, None)
+
+    def plane(case: _Case) -> Plane:
+        rotor, mean, damping, frequency, depth = case
+        motion = ModulatedSpeed(mean, depth, frequency)
+        period = 2 * jnp.pi / frequency
+        return Plane(model, rotor, motion.angular_speed, period, damping, families)
+
+    def case(frequency: Scalar, depth: Scalar) -> _Case:
+        return without_derivatives((rotor, mean, damping, frequency, depth))
+
+    still = plane(case(tip, 0 * tip))
+    shapes = jnp.where(fine, found.shape, 1.0)
+    basis = without_derivatives(_basis(still, mean, eigenvalue, shapes))
+
+    def margin(case: _Case) -> tuple[Scalar, Scalar]:
+        """Positive where unstable; and how well the pair is recognised, one at best."""
+        monodromy = plane(case).monodromy(steps)
+        _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
+        share = jnp.linalg.norm(basis.conj().T @ right, axis=0)
+        likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
+        # Of the two-dimensional invariant subspace: at the boundary the two multipliers coincide,
+        # with derivatives that are infinite, while sum and product stay smooth.
+        x, y = (_orthonormal(*a[:, index[:2]].T) for a in (right, left))
+        small = _inverse2(y.conj().T @ x) @ (y.conj().T @ (monodromy @ x))
+        total, product = small[0, 0] + small[1, 1], _determinant2(small)
+        if free:
+            value = (total**2 / product).real - 4
+        else:
+            inside = 1 - jnp.abs(product) ** 2
+            value = 4 * (jnp.abs(total - total.conj() * product) / inside) ** 2 - 4
+        return value, likeness[1] - likeness[2] if share.size > 2 else likeness[1]
+
+    def slope(nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
+        """`margin`, and the derivative of its value along (frequency, depth)."""
+        start, one = case(nu, depth), jnp.ones_like(nu)
+        zero = jax.tree.map(jnp.zeros_like, start[:3])
+        push = (*zero, along[0] * one, along[1] * one)
+        (value, likeness), (rate, _) = jax.jvp(margin, (start,), (push,))
+        return value, likeness, rate
+
+    def vertex(centre: Scalar, reach: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
+        """Middle and half width of a parabola through three points; NaN if it stays negative."""
+
+        def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+            centre, reach, _ = state
+            at = centre + reach * jnp.arange(-1.0, 2.0)
+            low, mid, high = jax.lax.map(lambda nu: margin(case(nu, depth))[0], at)
+            bend, tilt = (low + high) / 2 - mid, (high - low) / 2
+            shift = jnp.clip(-tilt / (2 * jnp.minimum(bend, -1e-30)), -2.0, 2.0)
+            top = mid + shift * (tilt + shift * bend)
+            width = reach * jnp.sqrt(jnp.maximum(top / -bend, 0.0))
+            near = jnp.clip(width, 0.05 * reach, 2.0 * reach)
+            return centre + shift * reach, near, jnp.where(top > 0, width, jnp.nan)
+
+        centre, _, width = jax.lax.fori_loop(0, 5, body, (centre, reach, reach))
+        return centre, width
+
+    def newton(start: Scalar, depth: Scalar) -> _End:
+        def body(end: _End) -> _End:
+            value, likeness, rate = slope(end.frequency, depth, (1.0, 0.0))
+            change = jnp.clip(value / rate, -0.02 * tip, 0.02 * tip)
+            return _End(end.frequency - change, jnp.abs(change), likeness, rate, end.tries + 1)
+
+        def go_on(end: _End) -> Array:
+            return (end.change > 1e-13 * tip) & (end.tries < 20)
+
+        one = jnp.ones_like(start)
+        return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
+
+    def step(state: _Traced, depth: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
+        centre, width = vertex(state.centre, state.width * (depth / state.depth) ** order, depth)
+        along = state.ends + (depth - state.depth) * state.slopes
+        traced = jnp.all(jnp.isfinite(along))
+        exists = traced | jnp.isfinite(width)
+        start = jnp.where(traced, along, centre + width * np.array([-1.0, 1.0]))
+        end = jax.vmap(lambda nu: newton(nu, depth))(jnp.where(exists, start, tip))
+        rise = jax.vmap(lambda nu: slope(nu, depth, (0.0, 1.0))[2])(end.frequency)
+        ends = end.frequency
+        good = exists & jnp.all(end.change <= 1e-9 * tip) & (ends[1] > ends[0])
+        known = jnp.all(end.likeness > 0.2)
+        status = jnp.where(known, Status.OK, Status.INACCURATE)
+        status = jnp.where(good, status, Status.NOT_CONVERGED)
+        status = jnp.where(exists, status, Status.NO_TONGUE)
+        new = _Traced(
+            depth=depth,
+            centre=jnp.where(good, jnp.mean(ends), centre),
+            width=jnp.where(good, (ends[1] - ends[0]) / 2, state.width),
+            ends=jnp.where(good, ends, jnp.nan),
+            slopes=jnp.where(good, -rise / end.rate, jnp.nan),
+        )
+        return new, (new.ends, end.rate, status)
+
+    nothing = jnp.full(2, jnp.nan)
+    first = _Traced(depths[0], tip, 0.01 * tip * depths[0] ** order, nothing, nothing)
+    start = without_derivatives((first, depths))
+    _, (ends, rates, status) = jax.lax.scan(step, *start)
+
+    def polished(end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
+        """One more step, in which the parameters carry their derivatives."""
+        here = jnp.isfinite(end)
+        value, _ = margin((rotor, mean, damping, jnp.where(here, end, start[0].centre), depth))
+        return jnp.where(here, end - value / jnp.where(here, rate, 1.0), jnp.nan)
+
+    ends = jax.vmap(jax.vmap(polished, (0, 0, None)))(ends, rates, depths)
+    status = jnp.where(fine, status, given).astype(int)
+    ok = status == Status.OK
+    return Tongue(
+        depths, jnp.where(ok[:, None], ends, jnp.nan), jnp.where(fine, tip, jnp.nan), status
+    )
+
+
+_Case = tuple[Any, Scalar, Damping, Scalar, Scalar]  # rotor, mean speed, ..., frequency and depth
+
+
+class _End(NamedTuple):
+    """Newton's method on the way to a boundary."""
+
+    frequency: Scalar
+    change: Scalar
+    likeness: Scalar
+    rate: Scalar
+    tries: Scalar
+
+
+class _Traced(NamedTuple):
+    """What one depth leaves to the next."""
+
+    depth: Scalar
+    centre: Scalar
+    width: Scalar
+    ends: Float[Array, " 2"]
+    slopes: Float[Array, " 2"]
+
+
+def _basis(
+    plane: Plane, speed: Scalar, eigenvalue: Complex[Array, " 2"], shape: Complex[Array, "2 n"]
+) -> Complex[Array, "m 2"]:
+    """Orthonormal, of two modes in (x, y), the second one turning backwards: these two meet."""
+    phi, root = plane.coordinates
+    m, g, *_ = plane.matrices(speed)
+
+    def canonical(lam: Scalar, x: Vector) -> Vector:
+        own = x[plane.rows]
+        p = lam * (m @ own) + g @ own / 2
+        return jnp.concatenate([root * (phi.T @ (m @ own)), (phi.T @ p) / root])
+
+    return _orthonormal(
+        canonical(eigenvalue[0], shape[0]), canonical(eigenvalue[1], shape[1]).conj()
+    )
+
+
+def _orthonormal(a: Complex[Array, " m"], b: Complex[Array, " m"]) -> Complex[Array, "m 2"]:
+    a = a / jnp.linalg.norm(a)
+    b = b - a * (a.conj() @ b)
+    return jnp.stack([a, b / jnp.linalg.norm(b)], 1)
+
+
+def _determinant2(a: Complex[Array, "2 2"]) -> Complex[Array, ""]:
+    return a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+
+
+def _inverse2(a: Complex[Array, "2 2"]) -> Complex[Array, "2 2"]:
+    rows = [jnp.stack([a[1, 1], -a[0, 1]]), jnp.stack([-a[1, 0], a[0, 0]])]
+    return jnp.stack(rows) / _determinant2(a)
