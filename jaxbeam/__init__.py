@@ -9,6 +9,7 @@ from jaxbeam._floquet import Floquet as Floquet
 from jaxbeam._floquet import floquet as floquet
 from jaxbeam._frequencies import Frequencies as Frequencies
 from jaxbeam._frequencies import frequencies as frequencies
+from jaxbeam._indicators import stiffening_ratio as stiffening_ratio
 from jaxbeam._loads import Damping as Damping
 from jaxbeam._loads import Loads as Loads
 from jaxbeam._models.ancf import ANCF as ANCF
@@ -64,6 +65,9 @@ from jaxbeam._southwell import crossing as crossing
 from jaxbeam._southwell import southwell as southwell
 from jaxbeam._stability import CriticalSpeed as CriticalSpeed
 from jaxbeam._stability import critical_speed as critical_speed
+from jaxbeam._stable_step import StableStep as StableStep
+from jaxbeam._stable_step import amplification as amplification
+from jaxbeam._stable_step import stable_step as stable_step
 from jaxbeam._status import Status as Status
 from jaxbeam._sweep import Cases as Cases
 from jaxbeam._sweep import Table as Table

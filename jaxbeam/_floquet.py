@@ -70,7 +70,8 @@ def floquet(
     `motion` turns about the axis a3 with a speed of that period; a `ModulatedSpeed` states its own.
     The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
     order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping;
-    double `steps` to see what is left. First derivatives of multipliers by every parameter are
+    double `steps` to see what is left. Many functions need many steps, for a mode that nobody asks
+    for: take small models. First derivatives of multipliers by every parameter are
     exact in both modes, where a multiplier is simple.
 
     `throw=False` returns failures in `Floquet.status`. Raises as `modes` does.
@@ -115,18 +116,20 @@ def _floquet(
     def speed(t: Scalar) -> Scalar:
         return jnp.where(fine, motion.angular_speed(t), 0.0)
 
-    parts, ok = [], jnp.asarray(True)
+    parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
     for families in PLANES:
         if any(family in model.families for family in families):
             plane = Plane(model, rotor, speed, period, damping, families)
-            mu = multipliers(plane.monodromy(steps))
+            monodromy, correction = plane.monodromy(steps)
+            mu = multipliers(monodromy)
             parts.append((mu, jnp.full(mu.shape, int(families[0]))))
             ok &= plane.status == Status.OK
+            enough &= correction < 1  # False for NaN
     mu, family = (jnp.concatenate(part) for part in zip(*parts, strict=True))
     order = jnp.argsort(-jnp.abs(mu))
     mu, family = mu[order], family[order]
-    status = jnp.where(ok, Status.OK, Status.NO_EQUILIBRIUM)
-    status = jnp.where(jnp.all(jnp.isfinite(mu)), status, Status.NOT_FINITE)
+    status = jnp.where(enough, Status.OK, Status.TOO_FEW_STEPS)
+    status = jnp.where(ok, status, Status.NO_EQUILIBRIUM)
     status = jnp.where(fine, status, given).astype(int)
     ok = status == Status.OK
     mu = jnp.where(ok, mu, complex("nan+nanj"))
@@ -205,8 +208,9 @@ class Plane(NamedTuple):
         slow = (2 * jnp.pi / without_derivatives(self.period)) ** 2 / 100
         return phi, jnp.maximum(w2, slow) ** 0.25
 
-    def monodromy(self, steps: int) -> Float[Array, "m m"]:
-        """What takes (x, y) through the period."""
+    def monodromy(self, steps: int) -> tuple[Float[Array, "m m"], Scalar]:
+        """What takes (x, y) through the period, and the largest part of an exponent that is of
+        third order, which says whether the steps are short enough."""
         phi, root = self.coordinates
         n, h = root.size, self.period / steps
 
@@ -220,16 +224,18 @@ class Plane(NamedTuple):
             scale = jnp.concatenate([root, 1 / root])
             return scale[:, None] * jnp.block(blocks) / scale[None]
 
-        def step(state: Matrix, i: Array) -> tuple[Matrix, None]:
+        def step(state: Matrix, i: Array) -> tuple[Matrix, Scalar]:
             a, b, c = jax.vmap(rate)(h * (i + _NODES))
             one, two = h * b, np.sqrt(15) / 3 * h * (c - a)
             three = 10 / 3 * h * (a - 2 * b + c)
             first = _commutator(one, two)
             second = -_commutator(one, 2 * three + first) / 60
             both = _commutator(-20 * one - three + first, two + second) / 240
-            return exponential(one + three / 12 + both, _SQUARINGS) @ state, None
+            size = jax.lax.stop_gradient(jnp.max(jnp.abs(both)))
+            return exponential(one + three / 12 + both, _SQUARINGS) @ state, size
 
-        return jax.lax.scan(step, jnp.eye(2 * n), jnp.arange(float(steps)))[0]
+        product, sizes = jax.lax.scan(step, jnp.eye(2 * n), jnp.arange(float(steps)))
+        return product, jnp.max(sizes)
 
 
 def _commutator(a: Matrix, b: Matrix) -> Matrix:

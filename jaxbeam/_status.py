@@ -41,6 +41,7 @@ class Status(enum.IntEnum):
     DIVERGED = 26
     UNBALANCED = 27
     NO_TONGUE = 28
+    TOO_FEW_STEPS = 29
 
     @property
     def message(self) -> str:
@@ -112,6 +113,9 @@ _MESSAGES = {
     ),
     Status.NO_TONGUE: (
         "no parametric resonance at this depth: damping outweighs the modulation; raise the depth"
+    ),
+    Status.TOO_FEW_STEPS: (
+        "steps are too long for the fastest mode: raise steps, or take a model with fewer functions"
     ),
 }
 

@@ -60,7 +60,7 @@ def tongue(
     the unit circle, positive once they met and left it; with damping, of Schur and Cohn,
     4 abs(s - s* p)^2 / (1 - abs(p)^2)^2 - 4, positive where one of them is outside. Its roots are
     found by Newton's method with exact derivatives, from depth to depth along the tangent that the
-    gradient gives, and, where there is none before, from a parabola through three points. First
+    gradient gives, set right by a parabola through three points. First
     derivatives of `frequency` by parameters are exact.
 
     Good while the two modes are recognised by what they are without modulation; `INACCURATE` where
@@ -119,8 +119,9 @@ def _tongue(
     basis = without_derivatives(_basis(still, mean, eigenvalue, shapes))
 
     def margin(case: _Case) -> tuple[Scalar, Scalar]:
-        """Positive where unstable; and how well the pair is recognised, one at best."""
-        monodromy = plane(case).monodromy(steps)
+        """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
+        the steps are too long."""
+        monodromy, correction = plane(case).monodromy(steps)
         _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
         share = jnp.linalg.norm(basis.conj().T @ right, axis=0)
         likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
@@ -134,7 +135,8 @@ def _tongue(
         else:
             inside = 1 - jnp.abs(product) ** 2
             value = 4 * (jnp.abs(total - total.conj() * product) / inside) ** 2 - 4
-        return value, likeness[1] - likeness[2] if share.size > 2 else likeness[1]
+        ahead = likeness[1] - likeness[2] if share.size > 2 else likeness[1]
+        return value, jnp.where(correction < 1, ahead, jnp.nan)
 
     def slope(nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
         """`margin`, and the derivative of its value along (frequency, depth)."""
@@ -148,17 +150,18 @@ def _tongue(
         """Middle and half width of a parabola through three points; NaN if it stays negative."""
 
         def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-            centre, reach, _ = state
+            centre, reach = state[:2]
             at = centre + reach * jnp.arange(-1.0, 2.0)
             low, mid, high = jax.lax.map(lambda nu: margin(case(nu, depth))[0], at)
             bend, tilt = (low + high) / 2 - mid, (high - low) / 2
             shift = jnp.clip(-tilt / (2 * jnp.minimum(bend, -1e-30)), -2.0, 2.0)
             top = mid + shift * (tilt + shift * bend)
             width = reach * jnp.sqrt(jnp.maximum(top / -bend, 0.0))
-            near = jnp.clip(width, 0.05 * reach, 2.0 * reach)
+            near = jnp.where(width > 0, jnp.clip(width, 0.05 * reach, 2.0 * reach), reach)
+            near = jnp.where(jnp.abs(shift) >= 2, 4 * reach, near)  # far from it yet
             return centre + shift * reach, near, jnp.where(top > 0, width, jnp.nan)
 
-        centre, _, width = jax.lax.fori_loop(0, 5, body, (centre, reach, reach))
+        centre, _, width = jax.lax.fori_loop(0, 6, body, (centre, reach, reach))
         return centre, width
 
     def newton(start: Scalar, depth: Scalar) -> _End:
@@ -174,30 +177,30 @@ def _tongue(
         return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
 
     def step(state: _Traced, depth: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
-        centre, width = vertex(state.centre, state.width * (depth / state.depth) ** order, depth)
-        along = state.ends + (depth - state.depth) * state.slopes
-        traced = jnp.all(jnp.isfinite(along))
-        exists = traced | jnp.isfinite(width)
-        start = jnp.where(traced, along, centre + width * np.array([-1.0, 1.0]))
-        end = jax.vmap(lambda nu: newton(nu, depth))(jnp.where(exists, start, tip))
+        # To second order in depth the middle moves with its square, the width with its power.
+        drift = jnp.nan_to_num(jnp.mean(state.slopes)) / (2 * state.depth)
+        centre = state.centre + drift * (depth**2 - state.depth**2)
+        centre, width = vertex(centre, state.width * (depth / state.depth) ** order, depth)
+        exists = jnp.isfinite(width)
+        start = jnp.where(exists, centre + width * np.array([-1.0, 1.0]), tip)
+        end = jax.vmap(lambda nu: newton(nu, depth))(start)
         rise = jax.vmap(lambda nu: slope(nu, depth, (0.0, 1.0))[2])(end.frequency)
         ends = end.frequency
         good = exists & jnp.all(end.change <= 1e-9 * tip) & (ends[1] > ends[0])
         known = jnp.all(end.likeness > 0.2)
         status = jnp.where(known, Status.OK, Status.INACCURATE)
         status = jnp.where(good, status, Status.NOT_CONVERGED)
+        status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
         status = jnp.where(exists, status, Status.NO_TONGUE)
         new = _Traced(
             depth=depth,
             centre=jnp.where(good, jnp.mean(ends), centre),
             width=jnp.where(good, (ends[1] - ends[0]) / 2, state.width),
-            ends=jnp.where(good, ends, jnp.nan),
             slopes=jnp.where(good, -rise / end.rate, jnp.nan),
         )
-        return new, (new.ends, end.rate, status)
+        return new, (jnp.where(good, ends, jnp.nan), end.rate, status)
 
-    nothing = jnp.full(2, jnp.nan)
-    first = _Traced(depths[0], tip, 0.01 * tip * depths[0] ** order, nothing, nothing)
+    first = _Traced(depths[0], tip, 0.01 * tip * depths[0] ** order, jnp.full(2, jnp.nan))
     start = without_derivatives((first, depths))
     _, (ends, rates, status) = jax.lax.scan(step, *start)
 
@@ -234,7 +237,6 @@ class _Traced(NamedTuple):
     depth: Scalar
     centre: Scalar
     width: Scalar
-    ends: Float[Array, " 2"]
     slopes: Float[Array, " 2"]
 
 

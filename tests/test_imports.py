@@ -35,6 +35,8 @@ ORDER = [
     "_simulation",
     "_simulate",
     "_modes",
+    "_indicators",
+    "_stable_step",
     "_stability",
     "_floquet",
     "_tongues",
@@ -46,7 +48,12 @@ ORDER = [
 OWNERS = {
     "matplotlib": {"plot"},
     "xarray": {"_sweep"},
-    "diffrax": {"_simulation", "_simulate", *(name for name in ORDER if "_solvers." in name)},
+    "diffrax": {
+        "_simulation",
+        "_simulate",
+        "_stable_step",
+        *(name for name in ORDER if "_solvers." in name),
+    },
     "optimistix": {"_simulate"},
     "jaxlib": {"_kernel"},
 }

@@ -1,0 +1,389 @@
+"""Where beams, and the methods that compute them, lose their stability.
+
+Critical speeds of every model, directly, with their derivatives, and by motions in time that stay
+bounded for 200 periods 1 % below and diverge 1 % above; maps over speed, hub radius and tip mass;
+how the critical speed of Model 0 of Berzeri and Shabana (B) grows with its elements; and the tongues
+of parametric resonance of a beam whose speed is modulated, traced along their boundaries on top of
+Floquet multipliers. Writes figures and tables into a folder that it names.
+
+    python studies/stability.py [--quick] [--out FOLDER]
+"""
+
+import argparse
+import csv
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import diffrax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import matplotlib  # noqa: E402
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+from matplotlib.colors import ListedColormap  # noqa: E402
+from scipy.interpolate import CubicHermiteSpline  # noqa: E402
+
+import jaxbeam as jb  # noqa: E402
+
+BEAM = jb.Beam.from_slenderness(70.0)
+SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)  # Y, Table 2
+# B, Table 1: the beam of its Ref. 21
+REF_21 = jb.Beam.from_section(
+    length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
+    in_plane_second_moment=8.214e-9,
+)  # fmt: skip
+KICK = 1e-6  # of the length: what motions in time start from
+NAMES = {
+    jb.Family.IN_PLANE: "in-plane divergence",
+    jb.Family.FLAP: "flap divergence",
+    jb.Family.AXIAL: "the rod tears",
+}
+# Okabe and Ito
+BLUE, ORANGE, GREEN, BLACK = "#0072B2", "#D55E00", "#009E73", "#000000"
+
+
+class Case(NamedTuple):
+    """A model and the rotor for which the table states its critical speed."""
+
+    name: str
+    model: Any
+    rotor: Any
+
+
+def rotor(beam: jb.Beam, radius: Any, mass: Any) -> jb.Rotor:
+    """Hub radius over the length, tip mass over that of the beam."""
+    return jb.Rotor(beam, radius * beam.length, mass * beam.mass)
+
+
+def growth(model: Any, at: Any, speed: Any, shape: Any, duration: Any) -> Any:
+    """Motion from a small push along `shape` away from steady rotation: the largest deflection of
+    the last half of the run over that of the first tenth, and the status."""
+    linear = model.equations(at).is_linear
+    rest, _ = model.steady(at, speed)
+    size = model.equations(at).size
+    # A little speed, so that a push that is exactly neutral moves as well.
+    start = jb.State(rest + KICK * size * shape, 10 * KICK * size / duration * shape)
+    run = jb.simulate(
+        model, at, jb.ConstantSpeed(speed), jnp.linspace(0.0, 1.0, 1001) * duration, start=start,
+        solver=jb.Magnus() if linear else None, dt0=duration / 1000 if linear else None,
+        stepsize_controller=diffrax.ConstantStepSize() if linear else diffrax.PIDController(
+            rtol=1e-6, atol=1e-4 * KICK * size, dtmin=1e-9 * duration, force_dtmin=False
+        ),
+        # far beyond what the push alone does, and far below an overflow
+        event=jb.deflection_limit(0.1 * size, 1), max_steps=200_000, throw=False,
+    )  # fmt: skip
+    away = jnp.linalg.norm(run.state.q - rest[None], axis=1)
+    away = jnp.where(jnp.isfinite(away), away, 0.0)
+    early, late = jnp.max(away[:100]), jnp.max(away[500:])
+    ended = run.end_time < 0.999 * duration
+    return jnp.where(ended, jnp.inf, late / early)
+
+
+def critical_table(out: Path, quick: bool) -> None:
+    """Critical speeds, their derivatives, and motions 1 % below and above."""
+    hub, plain = rotor(BEAM, 0.5, 0.3), rotor(REF_21, 0.0, 0.0)
+    counts = (1, 2) if quick else (1, 2, 4, 10)
+    cases = [
+        Case("C.L.C.", jb.Classical(4, 6, 6), hub),
+        Case("hybrid", jb.Hybrid(8, 6, 6), hub),
+        Case("LC", jb.DiscreteLC(), SPRINGS),
+        Case("LP", jb.DiscreteLP(), SPRINGS),
+        Case("NC", jb.DiscreteNC(), SPRINGS),
+        Case("small-strain, 2 elements", jb.SmallStrainANCF(2), hub),
+        Case("Model A, 2 elements", jb.ANCF(2), hub),
+        Case("Green, 2 elements", jb.GreenANCF(2), hub),
+        *(Case(f"Model 0, chord, {n}", jb.ChordANCF(n), plain) for n in counts),
+        *(Case(f"Model 0, tangent, {n}", jb.TangentANCF(n), plain) for n in counts),
+    ]
+    header = (
+        "model", "critical_speed_rad_s", "over_first_rest_frequency", "what_gives_way",
+        "derivative_by_hub_radius", "growth_0.99", "growth_1.01", "periods",
+    )  # fmt: skip
+    with ThreadPoolExecutor(2) as pool:
+        rows = list(pool.map(critical_row, cases))
+    with open(out / "critical_speeds.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+    print(
+        f"{'model':26s} {'rad/s':>14s} {'/ w1':>8s}  {'':20s} {'growth at 0.99':>14s} {'1.01':>8s}"
+    )
+    for row in rows:
+        print(
+            f"{row[0]:26s} {row[1]:14.8f} {row[2]:8.3f}  {row[3]:20s} {row[5]:14.2g} {row[6]:8.2g}"
+        )
+    element_law(out, rows)
+
+
+def critical_row(case: Case) -> tuple[Any, ...]:
+    """One line of the table."""
+    model, at = case.model, case.rotor
+    found = jb.critical_speed(model, at, throw=False)
+    rest = float(jb.modes(model, at, 0.0, jb.labels(in_plane=1)).frequency[0])
+    speed = float(found.angular_speed)
+    if not np.isfinite(speed):
+        return case.name, speed, speed, "nothing", 0.0, np.nan, np.nan, 0
+
+    def by_radius(radius: Any) -> Any:
+        moved = type(at)(*(radius if n == "hub_radius" else v for n, v in vars(at).items()))
+        return jb.critical_speed(model, moved, throw=False).angular_speed
+
+    slope = 0.0
+    if not isinstance(model, jb.ChordANCF | jb.TangentANCF):  # which compile for half a minute
+        slope = float(jax.jit(jax.grad(by_radius))(at.hub_radius))
+    below = jb.modes(model, at, 0.99 * speed, 1, throw=False)
+    periods = 200
+    duration = periods * 2 * np.pi / float(below.frequency[0])
+    try_both = jax.jit(jax.vmap(lambda v: growth(model, at, v, found.shape, duration)))
+    low, high = (float(g) for g in try_both(speed * jnp.array([0.99, 1.01])))
+    family = NAMES[jb.Family(int(found.family))]
+    return case.name, speed, speed / rest, family, slope, low, high, periods
+
+
+def element_law(out: Path, rows: list[tuple[Any, ...]]) -> None:
+    """Critical speed of Model 0 against its number of elements."""
+    figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
+    for frame, colour in (("chord", BLUE), ("tangent", ORANGE)):
+        found = [(int(r[0].split(", ")[2]), r[1]) for r in rows if f"0, {frame}" in r[0]]
+        n, speed = np.array(found).T
+        power, factor = np.polyfit(np.log(n), np.log(speed), 1)
+        law = f"{np.exp(factor):.2f} n^{power:.2f} rad/s"
+        print(f"Model 0, {frame} frame: critical speed about {law}")
+        ax.loglog(n, speed, "o", color=colour)
+        along = np.geomspace(n[0], n[-1])
+        ax.loglog(along, np.exp(factor) * along**power, color=colour, label=f"{frame}: {law}")
+    for speed in (10, 40):
+        ax.axhline(speed, color="0.6", lw=0.8, ls=":")
+        ax.text(n[-1], speed, f"{speed} rad/s (B)", fontsize=8, va="bottom", ha="right")
+    ax.set(xlabel="elements", ylabel="critical speed (rad/s)", title="Model 0, beam of B Ref. 21")
+    ax.set_xticks(n, [f"{int(k)}" for k in n])
+    ax.minorticks_off()
+    ax.legend(fontsize=8)
+    figure.savefig(out / "model_0_elements.png", dpi=110)
+    plt.close(figure)
+
+
+def maps(out: Path, quick: bool) -> None:
+    """Outcome of motions in time over hub radius and speed, with the boundary from gradients."""
+    models: list[tuple[str, Any]] = [
+        ("C.L.C.", jb.Classical(2, 4, 0)),
+        ("hybrid", jb.Hybrid(6, 4, 0)),
+        ("Model A, 2", jb.ANCF(2)),
+        ("Model 0, 1", jb.ChordANCF(1)),
+        ("Model 0, 2", jb.ChordANCF(2)),
+    ]
+    if quick:
+        models = models[:3]
+    else:
+        models.append(("Model 0, 4", jb.ChordANCF(4)))
+    panels: list[list[tuple[str, Any, Any]]] = [
+        [
+            (f"{name}, N = {mass}", model, lambda r, mass=mass: rotor(BEAM, r, mass))
+            for name, model in models
+        ]
+        for mass in (0.0, 1.0)
+    ]
+
+    def springs(radius: Any) -> jb.SpringRotor:
+        return jb.SpringRotor(1.0, 1.0, radius, 1e6, 300.0)
+
+    panels[0].append(("LC", jb.DiscreteLC(), springs))
+    panels[1].append(("LP", jb.DiscreteLP(), springs))
+    radii = jnp.linspace(0.0, 4.0, 7 if quick else 9)
+    speeds = jnp.geomspace(0.3, 100.0, 14 if quick else 22)  # over the first rest frequency
+    figure, axes = plt.subplots(
+        2, len(panels[0]), figsize=(2.1 * len(panels[0]) + 1, 6.4), layout="constrained",
+        sharex=True, sharey=True,
+    )  # fmt: skip
+    jobs = [
+        (ax, *panel)
+        for line, row in zip(axes, panels, strict=True)
+        for ax, panel in zip(line, row, strict=True)
+    ]
+    with ThreadPoolExecutor(2) as pool:
+        results = list(pool.map(lambda job: outcome(*job[2:], radii, speeds), jobs))
+    rows = []
+    for (ax, name, _, _), (unstable, knots, values, slopes, family) in zip(
+        jobs, results, strict=True
+    ):
+        ax.pcolormesh(
+            radii, speeds, np.asarray(unstable).T, shading="nearest", vmin=0, vmax=2,
+            cmap=ListedColormap(["#CFE3F3", "#F6C9AE", "0.8"]),
+        )  # fmt: skip
+        if np.isfinite(values).all():
+            along = np.linspace(0, 4, 200)
+            curve = CubicHermiteSpline(knots, values, slopes)(along)
+            style = (
+                {"color": BLACK, "ls": "-"}
+                if family != jb.Family.AXIAL
+                else {"color": GREEN, "ls": "--"}
+            )
+            ax.plot(along, curve, lw=2, **style)
+            ax.plot(knots, values, "o", ms=3.5, color=style["color"])
+        ax.set_title(name, fontsize=9)
+        rows += [
+            (name, float(k), float(v), float(s))
+            for k, v, s in zip(knots, values, slopes, strict=True)
+        ]
+    axes[0, 0].set_yscale("log")
+    axes[0, 0].set_ylim(0.3, 100)
+    for ax in axes[1]:
+        ax.set_xlabel("hub radius / length")
+    for line in axes:
+        line[0].set_ylabel("speed / first rest frequency")
+    handles = [
+        plt.Rectangle((0, 0), 1, 1, color="#CFE3F3"), plt.Rectangle((0, 0), 1, 1, color="#F6C9AE"),
+        plt.Rectangle((0, 0), 1, 1, color="0.8"), plt.Line2D([], [], color=BLACK, lw=2, marker="o"),
+        plt.Line2D([], [], color=GREEN, lw=2, ls="--", marker="o"),
+    ]  # fmt: skip
+    words = ["stays bounded", "grows", "no steady state", "divergence", "the rod tears"]
+    figure.legend(handles, words, loc="outside lower center", ncols=5, fontsize=9)
+    figure.savefig(out / "stability_maps.png", dpi=110)
+    plt.close(figure)
+    with open(out / "boundaries.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("panel", "hub_radius_over_length", "speed_over_rest_frequency", "slope"))
+        writer.writerows(rows)
+    right = total = 0
+    for unstable, knots, values, slopes, _ in results:
+        known = np.full((radii.size, 1), np.inf)
+        if np.isfinite(values).all():
+            known = CubicHermiteSpline(knots, values, slopes)(radii)[:, None]
+        predicted = np.asarray(speeds)[None] > known
+        right += int(((np.asarray(unstable) > 0) == predicted).sum())
+        total += predicted.size
+    print(f"maps: {right} of {total} motions in time do what the critical speed says")
+
+
+def outcome(model: Any, make: Any, radii: Any, speeds: Any) -> tuple[Any, ...]:
+    """Of motions in time, 0 bounded, 1 growing, 2 without steady state; and critical speeds over
+    the first rest frequency with derivatives by the hub radius at some radii."""
+    rest = jb.modes(model, make(0.0), 0.0, jb.labels(in_plane=1)).frequency[0]
+    across = np.array([f == jb.Family.IN_PLANE for f in model.families], float)
+    push = jnp.asarray(across * np.random.default_rng(0).uniform(0.5, 1, across.size))
+
+    def one(radius: Any, share: Any) -> Any:
+        at, speed = make(radius), share * rest
+        _, status = model.steady(at, speed)
+        duration = 60 * 2 * jnp.pi / jnp.hypot(rest, 0.3 * speed)
+        grew = growth(model, at, speed, push, duration)
+        return jnp.where(status == jb.Status.OK, jnp.where(grew > 10, 1, 0), 2)
+
+    mesh = jnp.meshgrid(radii, speeds, indexing="ij")
+    cases = [m.ravel() for m in mesh]
+    run = jax.jit(jax.vmap(one))
+    parts = [run(*(c[i : i + 32] for c in filled(cases, 32))) for i in range(0, cases[0].size, 32)]
+    unstable = jnp.concatenate(parts)[: cases[0].size].reshape(mesh[0].shape)
+
+    def critical(radius: Any) -> tuple[Any, Any]:
+        found = jb.critical_speed(model, make(radius), throw=False)
+        return found.angular_speed / rest, found.family
+
+    knots = jnp.linspace(0.0, 4.0, 5)
+    both = jax.vmap(lambda r: jax.jvp(critical, (r,), (jnp.ones_like(r),), has_aux=False))
+    (values, family), (slopes, _) = jax.jit(both)(knots)
+    return unstable, np.asarray(knots), np.asarray(values), np.asarray(slopes), int(family[0])
+
+
+def filled(cases: list[Any], size: int) -> list[Any]:
+    """Columns lengthened to a multiple of `size`."""
+    more = -cases[0].size % size
+    return [jnp.concatenate([c, c[:more]]) for c in cases]
+
+
+def tongues(out: Path, quick: bool) -> None:
+    """Growth over frequency and depth of modulation, with boundaries traced along the gradient."""
+    model, at, mean = jb.Hybrid(0, 3, 0), rotor(BEAM, 0.5, 0.3), 3.0
+    frequency, depth = (
+        jnp.linspace(2.0, 50.0, 97 if quick else 385),
+        jnp.linspace(0.02, 0.8, 14 if quick else 40),
+    )
+
+    def case(*, frequency: Any, depth: Any) -> Any:
+        found = jb.floquet(model, at, jb.ModulatedSpeed(mean, depth, frequency), throw=False)
+        return {"growth": found.growth_rate, "status": found.status}
+
+    table = jb.sweep(case, jb.grid(frequency=np.asarray(frequency), depth=np.asarray(depth)))
+    figure, ax = plt.subplots(figsize=(8.5, 5), layout="constrained")
+    image = ax.pcolormesh(
+        frequency, depth, np.maximum(table["growth"], 0).T, shading="nearest", cmap="Blues"
+    )
+    figure.colorbar(image, label="growth rate (1/s, for a beam with L = rho = EI = 1)")
+    labels = jb.labels(in_plane=2)
+    wanted = [(0, 0, 2), (0, 0, 1), (0, 1, 1), (1, 1, 1)]
+    wanted += [] if quick else [(0, 1, 2), (1, 1, 2)]
+    depths = np.linspace(0.02, 0.8, 40)
+    rows = []
+    for damping, style in ((None, "-"), (jb.Damping(mass=0.1), ":")):
+        for i, j, order in wanted:
+            found = jb.tongue(
+                model, at, mean, (labels[i], labels[j]), depths, order=order, damping=damping,
+                throw=False,
+            )  # fmt: skip
+            ax.plot(found.frequency, depths, style, color=ORANGE, lw=1.5)
+            words = f"2 ω{i + 1}" if i == j else f"ω{i + 1} + ω{j + 1}"
+            words = words if order == 1 else (f"ω{i + 1}" if i == j else f"({words}) / 2")
+            good = np.asarray(found.status) == jb.Status.OK
+            if damping is None:
+                ax.annotate(
+                    words, (float(found.tip), 0.0), xytext=(0, 3 + 11 * (order == 2)), ha="center",
+                    textcoords="offset points", fontsize=8, color=BLACK,
+                )  # fmt: skip
+            first = depths[good][0] if good.any() else np.nan
+            print(
+                f"tongue at {words:13s} tip {float(found.tip):9.5f}, "
+                f"{'undamped' if damping is None else 'damped':8s} from depth {first:.2f}, {good.sum()} of {good.size} depths"
+            )
+            rows += [
+                (
+                    words,
+                    "0" if damping is None else "0.1",
+                    d,
+                    *(float(f) for f in pair),
+                    jb.Status(int(s)).name,
+                )
+                for d, pair, s in zip(depths, found.frequency, found.status, strict=True)
+            ]
+    ax.plot([], [], "-", color=ORANGE, label="boundary traced, undamped")
+    ax.plot([], [], ":", color=ORANGE, label="mass damping 0.1 1/s")
+    ax.set(
+        xlabel="frequency of modulation (rad/s)", ylabel="depth of modulation", xlim=(2, 50),
+        ylim=(0, 0.8), title=f"Parametric resonance at a mean speed of {mean} rad/s",
+    )  # fmt: skip
+    ax.legend(fontsize=8, loc="upper right")
+    figure.savefig(out / "tongues.png", dpi=110)
+    plt.close(figure)
+    with open(out / "tongues.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("tongue", "damping_1_s", "depth", "low_rad_s", "high_rad_s", "status"))
+        writer.writerows(rows)
+    table.to_csv(out / "floquet.csv")
+
+
+def main(quick: bool = False, out: Path | None = None) -> Path:
+    """Run all of it; returns the folder that holds figures and tables."""
+    began = time.perf_counter()
+    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "stability"
+    out.mkdir(parents=True, exist_ok=True)
+    for part in (tongues, critical_table, maps):
+        start = time.perf_counter()
+        part(out, quick)
+        print(f"  [{part.__name__}: {time.perf_counter() - start:.0f} s]", flush=True)
+    print(f"{time.perf_counter() - began:.0f} s; figures and tables are in {out}")
+    return out
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer models, elements and points")
+    parser.add_argument("--out", type=Path, help="folder for figures and tables")
+    arguments = parser.parse_args()
+    main(arguments.quick, arguments.out)

@@ -1,0 +1,85 @@
+"""The ratio of motion-induced to elastic stiffness."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam import stiffening_ratio
+from tests import reference
+from tests.helpers import build, finite_difference, slender
+
+
+def closed_form(hub, tip, speed):
+    """Of a beam of unit length, mass and bending stiffness, by Gauss quadrature of the mode."""
+    b = 1.8751040687 if tip == 0 else np.sqrt(reference.frequencies(0.0, 0.0, tip)[0])
+    x, w = np.polynomial.legendre.leggauss(40)
+    x, w = (x + 1) / 2, w / 2
+    c = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
+    slope = b * (np.sinh(b * x) + np.sin(b * x) - c * (np.cosh(b * x) - np.cos(b * x)))
+    bend = b**2 * (np.cosh(b * x) + np.cos(b * x) - c * (np.sinh(b * x) + np.sin(b * x)))
+    tension = speed**2 * (hub * (1 - x) + (1 - x**2) / 2 + tip * (1 + hub))
+    return np.sum(w * tension * slope**2) / np.sum(w * bend**2)
+
+
+@pytest.mark.parametrize("hub", [0.0, 1.5])
+@pytest.mark.parametrize("tip", [0.0, 0.8])
+def test_closed_form(hub, tip):
+    for speed in (1e-4, 2.0, -2.0):
+        found = stiffening_ratio(slender(70.0, hub, tip), speed)
+        assert float(found) == pytest.approx(closed_form(hub, tip, speed), rel=2e-9)
+
+
+def test_southwell_coefficient():
+    """By Rayleigh: of the flap mode at rest ratio omega_0^2 / Omega^2, in plane less by one."""
+    rotor, speed = slender(70.0, 0.5, 0.3), 1.7
+    phi = jb.southwell(jb.Hybrid(0, 16, 0), rotor, jb.labels(in_plane=1)).coefficient[0]
+    omega = reference.frequencies(0.0, 0.0, 0.3)[0]
+    found = stiffening_ratio(rotor, speed) * (omega / speed) ** 2 - 1
+    np.testing.assert_allclose(found, phi, rtol=1e-9)
+
+
+def test_without_unit():
+    """Any beam is one of unit length, mass and stiffness; those along the axis do not matter."""
+    beam = jb.Beam(4.0, 0.5, 3e5, 20.0, 7.0)
+    speed = 1.3 * beam.frequency_scale
+    found = stiffening_ratio(jb.Rotor(beam, 2.0, 0.6), speed)
+    assert float(found) == pytest.approx(closed_form(0.5, 0.3, 1.3), rel=1e-9)
+
+
+def test_gradient():
+    where = jnp.array([2.0, 0.7, 3e4, 5.0, 4.0, 1.1, 0.4, 3.0])
+
+    both = jax.jit(jax.value_and_grad(lambda p: stiffening_ratio(*build(p))))
+    exact = both(where)[1]
+    np.testing.assert_allclose(exact, finite_difference(lambda p: both(p)[0], where), atol=1e-9)
+    assert float(exact[2]) == float(exact[4]) == 0  # EA, EI in flap
+
+
+def test_batch_with_traced_input_out_of_range():
+    """NaN there, and nothing of it in the derivative by what all lanes share."""
+
+    @jax.jit
+    def total(hub):
+        tips = jnp.array([0.2, -1.0, jnp.nan, 0.5])
+        values = jax.vmap(lambda tip: stiffening_ratio(slender(70.0, hub, tip), 1.0))(tips)
+        return jnp.nansum(values), values
+
+    slope, values = jax.grad(total, has_aux=True)(0.5)
+    np.testing.assert_array_equal(jnp.isnan(values), [False, True, True, False])
+    assert float(values[3]) == pytest.approx(closed_form(0.5, 0.5, 1.0), rel=1e-9)
+    change = [closed_form(1.0, tip, 1.0) - closed_form(0.0, tip, 1.0) for tip in (0.2, 0.5)]
+    np.testing.assert_allclose(slope, sum(change), rtol=1e-9)  # affine in the hub radius
+
+
+def test_bad_input():
+    with pytest.raises(TypeError, match="rotor must be a Rotor"):
+        stiffening_ratio(jb.Beam.from_slenderness(70.0), 1.0)
+    with pytest.raises(TypeError, match="angular_speed"):
+        stiffening_ratio(slender(), "fast")
+    with pytest.raises(ValueError, match="angular_speed must be finite"):
+        stiffening_ratio(slender(), jnp.inf)
+    with pytest.raises(ValueError, match="tip_mass"):
+        stiffening_ratio(eqx.tree_at(lambda r: r.tip_mass, slender(), jnp.asarray(-1.0)), 1.0)
