@@ -2,7 +2,7 @@
 
 Small motions of a beam that turns at Omega(t) obey the Hill equation of B made periodic,
 
-    M q'' + G q' + G' q / 2 + D q' + K q = 0,   G = G(Omega(t)) skew,   K = K(Omega(t)) symmetric,
+    (M q')' + G q' + G' q / 2 + D q' + K q = 0,   G = G(Omega(t)) skew,   K = K(Omega(t)) symmetric,
 
 with the matrices of steady rotation at that speed; the rate of the speed enters through G' alone,
 and D is damping. Bending about the straight beam, that is: what the modulation itself drives is a
@@ -24,7 +24,14 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._beam import positive
-from jaxbeam._linalg import dense, eigensystem, exponential, inverse, symmetric_modes
+from jaxbeam._linalg import (
+    dense,
+    eigensystem,
+    exponential,
+    inverse,
+    lowest_eigenpair,
+    symmetric_modes,
+)
 from jaxbeam._loads import Damping
 from jaxbeam._models.base import AbstractModel, Family, count_functions
 from jaxbeam._motion import ModulatedSpeed, Spin
@@ -33,7 +40,7 @@ from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 _NODES = (1 + np.polynomial.legendre.leggauss(3)[0]) / 2
-_SQUARINGS = 12  # steps of up to 600 periods of the fastest mode, of which nothing is left anyhow
+_SQUARINGS = 12  # steps of up to 160 periods of the fastest mode, which are too long anyhow
 PLANES = ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
 
 
@@ -74,7 +81,9 @@ def floquet(
     for: take small models. First derivatives of multipliers by every parameter are
     exact in both modes, where a multiplier is simple.
 
-    `throw=False` returns failures in `Floquet.status`. Raises as `modes` does.
+    `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
+    of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
+    `TOO_FEW_STEPS`. Otherwise they are raised, with malformed arguments, as by `modes`.
     """
     rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
     count_functions("steps", steps, least=1)
@@ -121,10 +130,11 @@ def _floquet(
         if any(family in model.families for family in families):
             plane = Plane(model, rotor, speed, period, damping, families)
             monodromy, correction = plane.monodromy(steps)
-            mu = multipliers(monodromy)
+            sound = jnp.all(jnp.isfinite(monodromy))
+            mu = multipliers(jnp.where(sound, monodromy, jnp.eye(len(monodromy))))
             parts.append((mu, jnp.full(mu.shape, int(families[0]))))
             ok &= plane.status == Status.OK
-            enough &= correction < 1  # False for NaN
+            enough &= sound & (correction < 1)  # False for NaN
     mu, family = (jnp.concatenate(part) for part in zip(*parts, strict=True))
     order = jnp.argsort(-jnp.abs(mu))
     mu, family = mu[order], family[order]
@@ -196,8 +206,14 @@ class Plane(NamedTuple):
 
     @property
     def status(self) -> Code:
-        """At the mean speed."""
-        return self.matrices(self.mean_speed)[-1]
+        """At the largest speed: the search for the steady state, and whether the rod bears it."""
+        speeds = jnp.abs(jax.vmap(self.speed)(self.period * jnp.arange(32) / 32))
+        m, _, k, _, status = without_derivatives(self.matrices(jnp.max(speeds)))
+        axial = np.flatnonzero([self.model.families[row] == Family.AXIAL for row in self.rows])
+        if axial.size:
+            least, _ = lowest_eigenpair(k[np.ix_(axial, axial)], m[np.ix_(axial, axial)])
+            status = jnp.where(least > 0, status, Status.NO_EQUILIBRIUM)
+        return status
 
     @property
     def coordinates(self) -> tuple[Matrix, Vector]:

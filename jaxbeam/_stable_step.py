@@ -142,7 +142,8 @@ def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
     """Smallest angle at which the logarithm of the amplification is more than `rate`."""
 
     def grows(angle: Scalar) -> Array:
-        return jnp.log(_amplification(solver, angle, jnp.zeros_like(angle))) > rate
+        # NaN, a stage that was not solved, counts as unstable.
+        return ~(jnp.log(_amplification(solver, angle, jnp.zeros_like(angle))) <= rate)
 
     def narrow(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
         angles, limited = state

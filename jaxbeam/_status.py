@@ -112,10 +112,12 @@ _MESSAGES = {
         "the tolerance, shorten the step, or take an implicit solver"
     ),
     Status.NO_TONGUE: (
-        "no parametric resonance at this depth: damping outweighs the modulation; raise the depth"
+        "no parametric resonance at this depth: damping outweighs the modulation, or the region is "
+        "narrower than rounding resolves; raise the depth"
     ),
     Status.TOO_FEW_STEPS: (
-        "steps are too long for the fastest mode: raise steps, or take a model with fewer functions"
+        "steps are far too long for the fastest mode: raise steps, or take a model with fewer "
+        "functions"
     ),
 }
 

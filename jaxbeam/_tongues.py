@@ -56,16 +56,20 @@ def tongue(
     of combination type where they differ. `depths` are positive and increasing.
 
     The two multipliers that belong to the two modes define a function that changes sign at the
-    boundary. With their sum s and product p it is (s^2 - 4 p) / p, negative while they are apart on
-    the unit circle, positive once they met and left it; with damping, of Schur and Cohn,
-    4 abs(s - s* p)^2 / (1 - abs(p)^2)^2 - 4, positive where one of them is outside. Its roots are
-    found by Newton's method with exact derivatives, from depth to depth along the tangent that the
-    gradient gives, set right by a parabola through three points. First
-    derivatives of `frequency` by parameters are exact.
+    boundary. With their sum s and product p, t = s / p^1/2 and r = abs(p)^-1/2 it is
 
-    Good while the two modes are recognised by what they are without modulation; `INACCURATE` where
-    they are not, `NOT_CONVERGED` where Newton's method did not settle. `throw=False` returns
-    failures in `Tongue.status`. Errors as in `floquet`.
+        Re(t)^2 + [Im(t) (r + 1/r) / (r - 1/r)]^2 - (r + 1/r)^2,
+
+    positive where one of them is outside the unit circle (condition of Schur and Cohn, for
+    abs(p) <= 1); without damping (s^2 - 4 p) / p, negative while they are apart on the circle. Its
+    roots are found by Newton's method with exact derivatives, from depth to depth along the tangent
+    that the gradient gives, set right by a parabola through three points. First derivatives of
+    `frequency` by parameters are exact.
+
+    The modulation is about a positive mean speed at which the beam is stable, else the status is
+    `NO_EQUILIBRIUM`. `INACCURATE` where the two modes are not recognised by what they are without
+    modulation, `NOT_CONVERGED` where Newton's method did not settle, because multipliers of another
+    mode pass by, say. `throw=False` returns failures in `Tongue.status`. Errors as in `floquet`.
     """
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise ValueError(f"pair must be two labels, got {pair!r}")
@@ -85,25 +89,28 @@ def tongue(
     speed = positive("mean", mean)
     rotor, _ = model.steady_case(rotor, 0.0)
     damping = checked_damping(damping)
-    result = _tongue(model, rotor, speed, choice, depths, order, damping, planes[0], steps)
+    share = jnp.asarray(float(order))  # an array: another order does not compile anew
+    result = _tongue(model, rotor, speed, choice, depths, share, damping, planes[0], steps)
     return raise_unless_ok(result, jnp.max(result.status)) if throw else result
 
 
 @eqx.filter_jit
 def _tongue(
-    model: AbstractModel, rotor: Any, mean: Scalar, choice: Choice, depths: Vector, order: int,
+    model: AbstractModel, rotor: Any, mean: Scalar, choice: Choice, depths: Vector, order: Scalar,
     damping: Damping, families: tuple[Family, ...], steps: int,
 ) -> Tongue:  # fmt: skip
     unit = ModulatedSpeed(mean, 0.0, 1.0)
     given = input_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
     found = find(model, rotor, mean, choice)
     given = jnp.where(given == Status.OK, found.status, given)
+    unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
+    given = jnp.where(unstable, Status.NO_EQUILIBRIUM, given)
     fine = given == Status.OK
     rotor, damping = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), (rotor, damping))
     mean = jnp.where(fine, mean, 0.0)
     eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
-    tip = jnp.sum(eigenvalue.imag) / order
-    free = (damping.mass, damping.stiffness) == (None, None)
+    tip_now = jnp.sum(eigenvalue.imag) / order
+    tip = without_derivatives(tip_now)
 
     def plane(case: _Case) -> Plane:
         rotor, mean, damping, frequency, depth = case
@@ -122,6 +129,8 @@ def _tongue(
         """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
         the steps are too long."""
         monodromy, correction = plane(case).monodromy(steps)
+        sound = jnp.all(jnp.isfinite(monodromy))
+        monodromy = jnp.where(sound, monodromy, jnp.eye(len(basis)))
         _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
         share = jnp.linalg.norm(basis.conj().T @ right, axis=0)
         likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
@@ -130,13 +139,16 @@ def _tongue(
         x, y = (_orthonormal(*a[:, index[:2]].T) for a in (right, left))
         small = _inverse2(y.conj().T @ x) @ (y.conj().T @ (monodromy @ x))
         total, product = small[0, 0] + small[1, 1], _determinant2(small)
-        if free:
-            value = (total**2 / product).real - 4
-        else:
-            inside = 1 - jnp.abs(product) ** 2
-            value = 4 * (jnp.abs(total - total.conj() * product) / inside) ** 2 - 4
+        # Scaled to a product of one, the sum is t and the unit circle has the radius rho: both are
+        # within while t is in the ellipse with the half axes rho +- 1 / rho.
+        t, rho = total / jnp.sqrt(product), jnp.abs(product) ** -0.5
+        minor = rho - 1 / rho
+        flat = jnp.abs(minor) < 1e-12  # without damping t is real
+        aside = jnp.where(flat, 0.0, t.imag / jnp.where(flat, 1.0, minor))
+        major = rho + 1 / rho
+        value = t.real**2 + (aside * major) ** 2 - major**2
         ahead = likeness[1] - likeness[2] if share.size > 2 else likeness[1]
-        return value, jnp.where(correction < 1, ahead, jnp.nan)
+        return value, jnp.where(sound & (correction < 1), ahead, jnp.nan)
 
     def slope(nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
         """`margin`, and the derivative of its value along (frequency, depth)."""
@@ -176,7 +188,9 @@ def _tongue(
         one = jnp.ones_like(start)
         return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
 
-    def step(state: _Traced, depth: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
+    def step(state: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
+        valid = jnp.isfinite(given) & (given > 0)
+        depth = jnp.where(valid, given, state.depth)
         # To second order in depth the middle moves with its square, the width with its power.
         drift = jnp.nan_to_num(jnp.mean(state.slopes)) / (2 * state.depth)
         centre = state.centre + drift * (depth**2 - state.depth**2)
@@ -192,6 +206,8 @@ def _tongue(
         status = jnp.where(good, status, Status.NOT_CONVERGED)
         status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
         status = jnp.where(exists, status, Status.NO_TONGUE)
+        status = jnp.where(valid, status, Status.INVALID_MOTION)
+        good &= valid
         new = _Traced(
             depth=depth,
             centre=jnp.where(good, jnp.mean(ends), centre),
@@ -200,21 +216,23 @@ def _tongue(
         )
         return new, (jnp.where(good, ends, jnp.nan), end.rate, status)
 
-    first = _Traced(depths[0], tip, 0.01 * tip * depths[0] ** order, jnp.full(2, jnp.nan))
+    least = jnp.full_like(tip, 1e-3)
+    first = _Traced(least, tip, 0.01 * tip * least**order, jnp.full(2, jnp.nan))
     start = without_derivatives((first, depths))
     _, (ends, rates, status) = jax.lax.scan(step, *start)
 
     def polished(end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
         """One more step, in which the parameters carry their derivatives."""
         here = jnp.isfinite(end)
-        value, _ = margin((rotor, mean, damping, jnp.where(here, end, start[0].centre), depth))
+        depth = jnp.where(here, depth, 1e-3)
+        value, _ = margin((rotor, mean, damping, jnp.where(here, end, tip), depth))
         return jnp.where(here, end - value / jnp.where(here, rate, 1.0), jnp.nan)
 
     ends = jax.vmap(jax.vmap(polished, (0, 0, None)))(ends, rates, depths)
     status = jnp.where(fine, status, given).astype(int)
     ok = status == Status.OK
     return Tongue(
-        depths, jnp.where(ok[:, None], ends, jnp.nan), jnp.where(fine, tip, jnp.nan), status
+        depths, jnp.where(ok[:, None], ends, jnp.nan), jnp.where(fine, tip_now, jnp.nan), status
     )
 
 

@@ -31,7 +31,6 @@ from speed_accuracy import REF_21  # noqa: E402
 from yoo1995 import write_csv  # noqa: E402
 
 import jaxbeam as jb  # noqa: E402
-from jaxbeam import amplification, stable_step  # noqa: E402
 
 ROTOR = jb.Rotor(REF_21)
 SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)  # Y Figs. 12-14
@@ -115,8 +114,10 @@ def limits(name: str, model: Any, solvers: Any) -> list[Limit]:
     }
     for speed, mode in zip(SPEEDS, modes, strict=True):
         for solver, run in runs.items():
-            theory = float(stable_step(solver, model, rotor, speed, **settings).step)
-            longest = 100 * float(stable_step(EXPLICIT[-1], model, rotor, speed, **settings).step)
+            theory = float(jb.stable_step(solver, model, rotor, speed, **settings).step)
+            longest = 100 * float(
+                jb.stable_step(EXPLICIT[-1], model, rotor, speed, **settings).step
+            )
             bounds = (0.0, longest) if np.isinf(theory) else (theory / 2, 1.5 * theory)
             for _ in range(3):  # sixteen steps at a time
                 steps = np.linspace(*bounds, 17)
@@ -157,7 +158,7 @@ def draw_amplification(out: Path, quick: bool) -> None:
     columns = []
     for solver in solvers:
         name = title(solver)
-        sizes = jax.jit(jax.vmap(lambda z, solver=solver: amplification(solver, z)))
+        sizes = jax.jit(jax.vmap(lambda z, solver=solver: jb.amplification(solver, z)))
         for ax, angles in zip(axes, ranges, strict=True):
             size = np.asarray(sizes(jnp.asarray(angles)))
             dash = "-" if solver in EXPLICIT else (0, (5, 2))

@@ -37,7 +37,6 @@ from yoo1995 import spin_up  # noqa: E402
 
 import jaxbeam as jb  # noqa: E402
 from jaxbeam._basis import HermiteElements  # noqa: E402
-from jaxbeam import stiffening_ratio  # noqa: E402
 
 BLUE, RED, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 MARKERS = "os^vDP*Xd"
@@ -64,7 +63,7 @@ def frequency_pair(
         for model in (jb.Hybrid(4, 10, 0), jb.Classical(4, 10, 0))
     ]
     return {
-        "ratio": stiffening_ratio(rotor, speed),
+        "ratio": jb.stiffening_ratio(rotor, speed),
         "error": 1 - pair[1].frequency[0] / pair[0].frequency[0],
         "growth_rate": pair[1].growth_rate[0],
         "status": jnp.maximum(pair[0].status, pair[1].status),
@@ -257,7 +256,7 @@ def classical_spin_up(quick: bool, out: Path, ax: Any) -> None:
     shape = len(families), LANES
     exact, wrong = together(lambda model: peaks(model, cases, shape), [HYBRID, CLASSICAL])
     error = wrong / exact - 1
-    ratios = jax.vmap(lambda f, h, t, s: stiffening_ratio(rotor_of(h, t, f), s))
+    ratios = jax.vmap(lambda f, h, t, s: jb.stiffening_ratio(rotor_of(h, t, f), s))
     c = cases.columns
     ratio = np.asarray(ratios(*(jnp.asarray(c[k]) for k in ("slenderness", "hub", "tip", "speed"))))
     ratio = ratio.reshape(shape)

@@ -92,6 +92,12 @@ def test_classical_diverges_at_the_first_rest_frequency():
     for speeds, value in zip(found.angular_speed, printed.values(), strict=True):
         np.testing.assert_allclose(speeds, value, atol=1e-4)
 
+    def out_of_plane(radius, mass):
+        return jb.critical_speed(jb.Classical(0, 0, 6), slender(hub=radius, tip=mass), throw=False)
+
+    never = jax.jit(jax.vmap(jax.vmap(out_of_plane, (0, None)), (None, 0)))(radii, masses)
+    assert (never.angular_speed == np.inf).all()
+
 
 @pytest.mark.parametrize("radius", [0.0, 0.7, 4.0])
 def test_lc_diverges_at_the_speed_of_its_hinge(radius):
@@ -208,8 +214,36 @@ def test_a_bad_case_spoils_no_other():
     for i in (0, 3):
         alone = jax.jit(critical)(masses[i])
         np.testing.assert_allclose(found.angular_speed[i], alone.angular_speed, rtol=1e-13)
-    gradient = jax.jit(jax.grad(lambda m: jnp.nansum(jax.vmap(critical)(m).angular_speed)))(masses)
-    assert np.isfinite(gradient[np.array([0, 3])]).all()
+
+    def total(slenderness, masses):
+        """By what all share."""
+
+        def one(mass):
+            rotor = slender(slenderness, tip=mass)
+            return jb.critical_speed(jb.Hybrid(4, 3, 0), rotor, throw=False).angular_speed
+
+        return jnp.nansum(jax.vmap(one)(masses))
+
+    by_all, by_good = (
+        jax.jit(jax.grad(total))(80.0, m) for m in (masses, masses[np.array([0, 3])])
+    )
+    np.testing.assert_allclose(by_all, by_good, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_units_do_not_matter():
+    """A beam of a fifth of a millimetre; a spring of 1e20 N/m."""
+    beam = jb.Beam.from_section(
+        length=2e-4, youngs_modulus=1.7e11, density=2330.0, area=1e-10,
+        in_plane_second_moment=1e-22,
+    )  # fmt: skip
+    rotor = jb.Rotor(beam)
+    np.testing.assert_allclose(
+        jb.critical_speed(jb.Hybrid(10, 3, 0), rotor).angular_speed, tear(rotor), rtol=1e-9
+    )
+    stiff = jb.SpringRotor(1.0, 1.0, 1.0, 1e20, 300.0)
+    for model in (jb.DiscreteLP(), jb.DiscreteNS()):
+        np.testing.assert_allclose(jb.critical_speed(model, stiff).angular_speed, 1e10, rtol=1e-9)
 
 
 def test_errors():
@@ -257,9 +291,13 @@ def test_no_flutter():
 def test_liapunov_function(tip):
     """B eq. 61 is constant to rounding along linearised motions; eq. 56 is positive definite."""
     model, rotor = jb.SmallStrainANCF(1), slender(hub=0.5, tip=tip)
-    speeds = jnp.linspace(0.0, 300.0, 25)
-    k = jax.jit(jax.vmap(lambda v: model.linearise(rotor, v).stiffness))(speeds)
-    assert (np.linalg.eigvalsh(k) > 0).all()
+
+    def stiffness(radius, mass, speed):
+        return model.linearise(slender(hub=radius, tip=mass), speed, throw=False).stiffness
+
+    axes = jnp.linspace(0, 5, 6), jnp.linspace(0, 4, 5), jnp.linspace(0, 300, 25)
+    mesh = [m.ravel() for m in jnp.meshgrid(*axes)]
+    assert (np.linalg.eigvalsh(jax.jit(jax.vmap(stiffness))(*mesh)) > 0).all()
     motion = jb.ConstantSpeed(5.0)
     rest = jb.steady_start(model, rotor, motion)
     rng = np.random.default_rng(0)

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -183,3 +184,75 @@ def test_costs(tmp_path):
         "reverse mode over forward run", "a step of Rodas5P", "fresh process, warm cache",
     }  # fmt: skip
     assert (tmp_path / "elements.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_stability(tmp_path):
+    """Motions in time stay bounded for 200 periods 1 % below a critical speed, and grow 1 % above;
+    over the maps they do what it says."""
+    printed = study("stability", tmp_path)
+    for name in ("stability_maps", "tongues"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    rows = {r["model"]: r for r in rows_of(tmp_path / "critical_speeds.csv")}
+    failing = [r for r in rows.values() if r["periods"] == "200"]
+    assert {r["model"] for r in failing} >= {"C.L.C.", "LC", "hybrid", "Model 0, chord, 1"}
+    for row in failing:
+        assert float(row["growth_0.99"]) < 30
+        assert float(row["growth_1.01"]) > 1000
+    assert rows["Model A, 2 elements"]["what_gives_way"] == "nothing"
+    assert rows["hybrid"]["what_gives_way"] == "the rod tears"
+    done, total = (int(n) for n in re.search(r"maps: (\d+) of (\d+)", printed).groups())
+    assert done >= 0.95 * total
+    for row in rows_of(tmp_path / "tongues.csv"):
+        if row["status"] == "OK":
+            assert float(row["low_rad_s"]) < float(row["high_rad_s"])
+
+
+@pytest.mark.slow
+def test_integrator_stability(tmp_path):
+    """Theory and trial agree, and every wrong result is caught."""
+    printed = study("integrator_stability", tmp_path)
+    for name in ("amplification", "loose_tolerance"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+    for row in rows_of(tmp_path / "stable_steps.csv"):
+        theory, observed = float(row["theory"]), float(row["observed"])
+        assert np.isinf(theory) or abs(observed / theory - 1) < 0.01
+    runs = rows_of(tmp_path / "loose_tolerance.csv")
+    wrong = [r for r in runs if not float(r["error"]) <= 0.05]
+    assert len(wrong) >= 3
+    assert all(r["status"] != "OK" for r in wrong)
+    assert "of these not caught: 0" in printed
+
+
+@pytest.mark.slow
+def test_validity(tmp_path):
+    """Rayleigh gives the classical error; the hybrid one is quadratic, small strain linear."""
+    study("validity", tmp_path)
+    assert (tmp_path / "validity.png").stat().st_size > 20_000
+
+    def table(name):
+        rows = rows_of(tmp_path / f"{name}.csv")
+        return {key: np.array([float(r[key]) for r in rows]) for key in rows[0]}
+
+    c = table("classical_frequency")
+    below = c["fraction"] < 1  # of the first rest frequency
+    assert (c["growth_rate"][below] == 0).all()
+    assert (c["growth_rate"][~below] > 0).all()
+    ratio, error, x = (c[key][below] for key in ("ratio", "error", "fraction"))
+    np.testing.assert_allclose(error, 1 - (1 + ratio / (1 - x**2)) ** -0.5, atol=0.01)
+    small = ratio < 0.02
+    np.testing.assert_allclose(error[small], ratio[small] / 2, rtol=0.03)
+    d = table("deflection")
+    w, e = d["deflection_over_length"], d["hybrid_error"]
+    small = w < 0.25
+    slope = np.polyfit(np.log(w[small]), np.log(e[small]), 1)[0]
+    assert 1.85 < slope < 2.15
+    assert ((e / w**2 > 0.2) & (e / w**2 < 0.6))[small].all()
+    s = table("strain")
+    small = s["strain"] < 0.05
+    for name in ("small strain", "hybrid"):
+        for mode in (1, 2):
+            assert (np.abs(s[f"{name}_error_{mode}"]) < 0.45 * s["strain"])[small].all()
+    plain = small & (s["hub"] == 0) & (s["tip"] == 0)
+    slope = np.polyfit(np.log(s["strain"][plain]), np.log(-s["small strain_error_1"][plain]), 1)[0]
+    assert 0.9 < slope < 1.1
