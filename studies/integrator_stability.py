@@ -115,10 +115,10 @@ def limits(name: str, model: Any, solvers: Any) -> list[Limit]:
     for speed, mode in zip(SPEEDS, modes, strict=True):
         for solver, run in runs.items():
             theory = float(jb.stable_step(solver, model, rotor, speed, **settings).step)
-            longest = 100 * float(
-                jb.stable_step(EXPLICIT[-1], model, rotor, speed, **settings).step
-            )
-            bounds = (0.0, longest) if np.isinf(theory) else (theory / 2, 1.5 * theory)
+            bounds = theory / 2, 1.5 * theory
+            if np.isinf(theory):
+                explicit = jb.stable_step(EXPLICIT[-1], model, rotor, speed, **settings)
+                bounds = 0.0, 100 * float(explicit.step)
             for _ in range(3):  # sixteen steps at a time
                 steps = np.linspace(*bounds, 17)
                 grows = ~(np.asarray(run(speed, mode, jnp.asarray(steps[1:]))) <= GROWTH)

@@ -210,7 +210,8 @@ def maps(out: Path, quick: bool) -> None:
         for ax, panel in zip(line, row, strict=True)
     ]
     with ThreadPoolExecutor(2) as pool:
-        results = list(pool.map(lambda job: outcome(*job[2:], radii, speeds), jobs))
+        found = pool.map(lambda job: outcome(job[2], job[3], radii, speeds), jobs)
+        results = list(found)
     rows = []
     for (ax, name, _, _), (unstable, knots, values, slopes, family) in zip(
         jobs, results, strict=True
