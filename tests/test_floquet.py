@@ -93,7 +93,7 @@ def test_order():
 SHORT = slender(20.0, 0.5, 0.3)
 PAIRED = [
     (jb.Hybrid(2, 3, 2), SHORT),
-    (jb.Classical(2, 3, 2), SHORT),
+    pytest.param(jb.Classical(2, 3, 2), SHORT, marks=pytest.mark.slow),
     (jb.SmallStrainANCF(2), SHORT),
     (jb.DiscreteLP(), SPRINGS),
     pytest.param(jb.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),

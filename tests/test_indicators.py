@@ -32,6 +32,7 @@ def test_closed_form(hub, tip):
         assert float(found) == pytest.approx(closed_form(hub, tip, speed), rel=2e-9)
 
 
+@pytest.mark.slow
 def test_southwell_coefficient():
     """By Rayleigh: of the flap mode at rest ratio omega_0^2 / Omega^2, in plane less by one."""
     rotor, speed = slender(70.0, 0.5, 0.3), 1.7
@@ -49,6 +50,7 @@ def test_without_unit():
     assert float(found) == pytest.approx(closed_form(0.5, 0.3, 1.3), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_gradient():
     where = jnp.array([2.0, 0.7, 3e4, 5.0, 4.0, 1.1, 0.4, 3.0])
 
@@ -58,6 +60,7 @@ def test_gradient():
     assert float(exact[2]) == float(exact[4]) == 0  # EA, EI in flap
 
 
+@pytest.mark.slow
 def test_batch_with_traced_input_out_of_range():
     """NaN there, and nothing of it in the derivative by what all lanes share."""
 

@@ -68,6 +68,7 @@ def tear(rotor):
     return beta * float(jnp.sqrt(beam.axial_stiffness / beam.mass_per_length) / beam.length)
 
 
+@pytest.mark.slow
 def test_classical_diverges_at_the_first_rest_frequency():
     """In plane, whatever the hub radius: 3.5160 without tip mass, Table 2 of B with."""
     table = np.genfromtxt(
@@ -164,7 +165,8 @@ def test_model_0_as_b_says():
 
 
 PARAMETERS = [  # and whether the rod tears
-    (jb.Hybrid(8, 3, 0), True),
+    pytest.param(jb.Hybrid(8, 3, 0), True, marks=pytest.mark.slow),
+    pytest.param(jb.Classical(2, 5, 0), False, marks=pytest.mark.slow),
     (jb.ChordANCF(1), False),
 ]
 
