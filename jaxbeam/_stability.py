@@ -192,14 +192,14 @@ def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code
         inside = jnp.where(search.tries % 2 == 0, false, (a[0] + b[0]) / 2)
         return _Search(
             tries=search.tries + 1,
-            speed=jnp.where(b[1] < 0, inside, search.speed * ratio),
+            speed=jnp.where(b[1] <= 0, inside, search.speed * ratio),
             a=a, b=b, family=codes[low], x=jnp.stack(x)[low], axial=value[tears],
             status=system.status,
         )  # fmt: skip
 
     def go_on(search: _Search) -> Array:
         more = jnp.where(
-            search.b[1] < 0,
+            search.b[1] <= 0,
             search.b[0] - search.a[0] > 1e-5 * search.a[0],
             search.speed <= top * (1 + 1e-9),
         )
@@ -213,7 +213,7 @@ def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code
     end = jax.lax.while_loop(go_on, body, start)
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
-    diverges, hardens = end.b[1] < 0, end.axial > 0.1
+    diverges, hardens = end.b[1] <= 0, end.axial > 0.1
     torn = jnp.where(hardens, jnp.inf, speed[tears])
     return (
         jnp.where(diverges, (end.a[0] + end.b[0]) / 2, torn),

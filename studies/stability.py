@@ -4,7 +4,8 @@ Critical speeds of every model, directly, with their derivatives, and by motions
 bounded for 200 periods 1 % below and diverge 1 % above; maps over speed, hub radius and tip mass;
 how the critical speed of Model 0 of Berzeri and Shabana (B) grows with its elements; and the
 tongues of parametric resonance of a beam whose speed is modulated, traced along their boundaries on
-top of Floquet multipliers. Writes figures and tables into a folder that it names.
+top of Floquet multipliers. Writes figures and tables into a folder that it names. Takes some
+minutes, most of them to compile.
 
     python studies/stability.py [--quick] [--out FOLDER]
 """
@@ -114,19 +115,18 @@ def critical_table(out: Path, quick: bool) -> None:
         "model", "critical_speed_rad_s", "over_first_rest_frequency", "what_gives_way",
         "derivative_by_hub_radius", "growth_0.99", "growth_1.01", "periods",
     )  # fmt: skip
+    print(f"{'model':26s} {'rad/s':>14s} {'/ w1':>8s}  {'':19s}  growth at 0.99 and 1.01")
+    rows = []
     with ThreadPoolExecutor(2) as pool:
-        rows = list(pool.map(critical_row, cases))
+        for row in pool.map(critical_row, cases):
+            name, speed, ratio, gives_way, _, below, above, _ = row
+            words = f"{name:26s} {speed:14.8f} {ratio:8.3f}  {gives_way:20s}"
+            print(f"{words} {below:8.2g} {above:8.2g}", flush=True)
+            rows.append(row)
     with open(out / "critical_speeds.csv", "w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)
-    print(
-        f"{'model':26s} {'rad/s':>14s} {'/ w1':>8s}  {'':20s} {'growth at 0.99':>14s} {'1.01':>8s}"
-    )
-    for row in rows:
-        print(
-            f"{row[0]:26s} {row[1]:14.8f} {row[2]:8.3f}  {row[3]:20s} {row[5]:14.2g} {row[6]:8.2g}"
-        )
     if not quick:  # one point is no law
         element_law(out, rows)
 
@@ -268,16 +268,18 @@ def maps(out: Path, quick: bool) -> None:
 def outcome(model: Any, make: Any, radii: Any, speeds: Any) -> tuple[Any, ...]:
     """Of motions in time, 0 bounded, 1 growing, 2 without steady state; and critical speeds over
     the first rest frequency with derivatives by the hub radius at some radii."""
-    rest = jb.modes(model, make(0.0), 0.0, 1).frequency[0]
+    lowest = jb.modes(model, make(0.0), 0.0, 1)
+    rest, push = lowest.frequency[0], lowest.shape[0].real
+    push = push / jnp.max(jnp.abs(push))
     mesh = jnp.meshgrid(speeds, radii, indexing="ij")  # a batch holds cases of one pace
     cases = [jnp.concatenate([m.ravel(), m.ravel()[: -m.size % 32]]) for m in mesh]
     motions, boundary = compiled(model)
     parts = [
-        motions(jax.vmap(make)(radius), share * rest, rest)
+        motions(jax.vmap(make)(radius), share * rest, rest, push)
         for share, radius in zip(*(c.reshape(-1, 32) for c in cases), strict=True)
     ]
     unstable = jnp.concatenate(parts)[: mesh[0].size].reshape(mesh[0].shape).T
-    knots = jnp.linspace(0.0, 4.0, 5)
+    knots = 4 * jnp.linspace(0.0, 1.0, 9) ** 2  # boundaries of Model 0 are steep at the left
     (values, family), (slopes, _) = boundary(jax.vmap(make)(knots))
     size = make(0.0).beam.length if isinstance(make(0.0), jb.Rotor) else 1.0
     return unstable, np.asarray(knots), values / rest, slopes * size / rest, int(family[0])
@@ -286,12 +288,8 @@ def outcome(model: Any, make: Any, radii: Any, speeds: Any) -> tuple[Any, ...]:
 @functools.lru_cache
 def compiled(model: Any) -> tuple[Any, Any]:
     """Batches of motions in time, and of critical speeds with derivatives by the hub radius."""
-    across = np.array([f == jb.Family.IN_PLANE for f in model.families], float)
-    push = jnp.asarray(across * np.random.default_rng(0).uniform(0.5, 1, across.size))
-    # All coordinates, since a rod that tears does so along itself.
-    push = push + 0.1 * (1 - across)
 
-    def motion(at: Any, speed: Any, rest: Any) -> Any:
+    def motion(at: Any, speed: Any, rest: Any, push: Any) -> Any:
         _, status = model.steady(at, speed)
         duration = 30 * 2 * jnp.pi / jnp.hypot(rest, 0.3 * speed)
         grew = growth(model, at, speed, push, duration)
@@ -305,7 +303,7 @@ def compiled(model: Any) -> tuple[Any, Any]:
 
         return jax.jvp(critical, (at.hub_radius,), (jnp.ones_like(at.hub_radius),))
 
-    return jax.jit(jax.vmap(motion, (0, 0, None))), jax.jit(jax.vmap(boundary))
+    return jax.jit(jax.vmap(motion, (0, 0, None, None))), jax.jit(jax.vmap(boundary))
 
 
 def springs(radius: Any) -> jb.SpringRotor:
@@ -366,7 +364,7 @@ def tongues(out: Path, quick: bool) -> None:
         ylim=(0, 0.8), title=f"Parametric resonance at a mean speed of {mean} rad/s",
     )  # fmt: skip
     ax.xaxis.labelpad = 14  # below the names of the tongues
-    ax.legend(fontsize=8, loc=(0.52, 0.7))
+    ax.legend(fontsize=8, loc=(0.49, 0.08))
     figure.savefig(out / "tongues.png", dpi=110)
     plt.close(figure)
     with open(out / "tongues.csv", "w", newline="") as file:

@@ -164,6 +164,20 @@ def test_model_0_as_b_says():
     np.testing.assert_allclose(tangent[0], np.sqrt(rest.min()), rtol=1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("model 0")
+def test_a_batch_finds_what_single_cases_find():
+    """Along hub radii, where the boundary of Model 0 rises steeply before it falls."""
+
+    def critical(radius):
+        rotor = slender(70.0, hub=radius)
+        return jb.critical_speed(jb.ChordANCF(1), rotor, throw=False).angular_speed
+
+    radii = jnp.linspace(0.0, 1.0, 11)
+    together = jax.jit(jax.vmap(critical))(radii)
+    np.testing.assert_allclose(together, [critical(r) for r in radii], rtol=1e-9)
+
+
 PARAMETERS = [  # and whether the rod tears
     pytest.param(jb.Hybrid(8, 3, 0), True, marks=pytest.mark.slow),
     pytest.param(jb.Classical(2, 5, 0), False, marks=pytest.mark.slow),
