@@ -215,16 +215,21 @@ def test_damping_moves_the_tip_by_the_analytic_amount():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.GreenANCF(1), jb.ANCF(1), jb.ChordANCF(1)], ids=name)
+@pytest.mark.parametrize("model", [jb.GreenANCF(1), jb.ChordANCF(1)], ids=name)
 def test_elements_linearised_about_the_stretched_beam(model):
-    """With strains of 1e-4 they grow as their small-strain linearisation does, one where the
-    tension acts and one where it does not."""
-    grows = lambda m, nu: jb.floquet(m, ROTOR, jb.ModulatedSpeed(2.0, 0.3, nu)).growth_rate  # noqa: E731
-    linear, frequency = jb.SmallStrainANCF(1), jb.modes(model, ROTOR, 2.0, IN_PLANE[:1]).frequency
-    assert grows(model, 2 * frequency[0]) > 0.1
-    if not isinstance(model, jb.ChordANCF):
-        for nu in (5.8, 6.0, 6.3):
-            np.testing.assert_allclose(grows(model, nu), grows(linear, nu), rtol=0.01)
+    """They grow in the middle of their principal tongue; Green elements, at strains of 1e-4, as the
+    small-strain linearisation does."""
+
+    def growth(model, nu):
+        return jb.floquet(model, ROTOR, jb.ModulatedSpeed(2.0, 0.3, nu)).growth_rate
+
+    middle = 2 * jb.modes(model, ROTOR, 2.0, IN_PLANE[:1]).frequency[0]
+    assert growth(model, middle) > 0.1
+    if isinstance(model, jb.GreenANCF):
+        for nu in (0.97 * middle, middle, 1.05 * middle):
+            expected = growth(jb.SmallStrainANCF(1), nu)
+            assert expected > 0.05
+            np.testing.assert_allclose(growth(model, nu), expected, rtol=0.01)
 
 
 @pytest.mark.slow

@@ -267,7 +267,7 @@ def largest_stable(run, low, high):
 
 EXPLICIT = [diffrax.Euler(), diffrax.Bosh3(), diffrax.Dopri8()]  # others: in the study
 MODELS = [
-    jb.Hybrid(2, 3, 0), GREEN, jb.ChordANCF(1), jb.SmallStrainANCF(2), jb.DiscreteNC(),
+    jb.Hybrid(2, 3, 0), GREEN, jb.SmallStrainANCF(2), jb.DiscreteNC(),
 ]  # fmt: skip
 
 
@@ -315,41 +315,3 @@ def test_implicit_and_exponential_steps_may_be_long(solver, model):
         np.testing.assert_allclose(growth, 1, rtol=1e-5)
     else:
         assert (np.asarray(growth) < 1).all()
-
-
-REF_21 = jb.Rotor(
-    jb.Beam.from_section(
-        length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-        in_plane_second_moment=8.214e-9,
-    )
-)  # fmt: skip
-
-
-@slow
-@pytest.mark.parametrize(
-    ("solver", "model"),
-    [(diffrax.Dopri5(), jb.GreenANCF(1)), (diffrax.Dopri8(), jb.ANCF(1))],
-    ids=named,
-)
-def test_adaptive_explicit_methods_fail_at_loose_tolerance_and_say_so(solver, model):
-    """The error estimate of a step passes while the stretch grows; a tighter tolerance mends it.
-    (With Tsit5: tests/test_manoeuvres.py.)"""
-    case = model, REF_21, jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 8.0, 81)
-    good = jb.simulate(*case, stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-8))
-    peak = np.abs(good.tip[:, 1]).max()
-
-    def one(tolerance):
-        run = jb.simulate(
-            *case, solver=solver, max_steps=10**6, throw=False,
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-        )  # fmt: skip
-        success = run.solution.result == diffrax.RESULTS.successful
-        return run.tip[:, 1], run.status, success
-
-    tips, status, success = jax.jit(jax.vmap(one))(jnp.array([1e-2, 1e-6]))
-    loose, tight = np.abs(tips - good.tip[None, :, 1]).max(1) / peak
-    assert loose > 1 or np.isnan(loose)
-    assert int(status[0]) in (jb.Status.UNBALANCED, jb.Status.DIVERGED)
-    assert bool(success[0]) == (int(status[0]) == jb.Status.UNBALANCED)
-    assert tight < 1e-4
-    assert int(status[1]) == jb.Status.OK
