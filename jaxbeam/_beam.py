@@ -195,6 +195,11 @@ class Rotor(_Parameters):
             speed2 * beam.mass * beam.length,
         )
 
+    def steady_strain(self, angular_speed: Scalar) -> Scalar:
+        """P(0) / EA, without unit: the largest of `tension`, at the root, over EA."""
+        c0, c1, c2 = self.tension(angular_speed)
+        return (c0 + c1 + c2 / 2) / self.beam.axial_stiffness
+
     def status(self, angular_speed: Scalar) -> Code:
         """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
         values = {name: getattr(self.beam, name) for name in _BEAM_NAMES}

@@ -351,8 +351,7 @@ def linearised(model: jb.AbstractModel) -> Callable[..., dict[str, Any]]:
 
     def case(hub: Any, tip: Any, slenderness: Any, strain: Any) -> dict[str, Any]:
         rotor = rotor_of(hub, tip, slenderness)
-        c0, c1, c2 = rotor.tension(jnp.ones(()))
-        speed = jnp.sqrt(strain * rotor.beam.axial_stiffness / (c0 + c1 + c2 / 2))
+        speed = jnp.sqrt(strain / rotor.steady_strain(jnp.ones(())))
         found = jb.modes(model, rotor, speed, jb.labels(in_plane=2), throw=False)
         return {"frequency": found.frequency, "status": found.status}
 

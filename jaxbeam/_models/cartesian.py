@@ -141,13 +141,11 @@ def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearS
     """Matrices of a model whose equations are linear: their coefficients, whatever the state."""
     equations, zero = model.equations(rotor), jnp.zeros(len(model.families), speed.dtype)
     k, c = equations.tangents(spinning(speed), zero, zero, None)
-    # The tension is largest at the root: c_0 + c_1 + c_2 / 2.
-    c0, c1, c2 = rotor.tension(speed)
     return LinearSystem(
         mass=dense(equations.mass),
         gyroscopic=c,
         stiffness=k,
-        steady_strain=(c0 + c1 + c2 / 2) / rotor.beam.axial_stiffness,
+        steady_strain=rotor.steady_strain(speed),
         status=jnp.asarray(Status.OK),
         families=model.families,
     )
