@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -35,6 +36,11 @@ def name(value: object) -> str:
     if isinstance(value, jb.AbstractModel):
         return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"
     return ""
+
+
+def lightly_compiled(function: Callable) -> Callable:
+    """`jax.jit` without LLVM's optimisations: for large programs that run a few times."""
+    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 0})
 
 
 def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.ndarray:
