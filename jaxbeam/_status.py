@@ -42,6 +42,7 @@ class Status(enum.IntEnum):
     UNBALANCED = 27
     NO_TONGUE = 28
     TOO_FEW_STEPS = 29
+    TOLERANCE_NOT_MET = 30
 
     @property
     def message(self) -> str:
@@ -118,6 +119,10 @@ _MESSAGES = {
     Status.TOO_FEW_STEPS: (
         "steps are far too long for the fastest mode: raise steps, or take a model with fewer "
         "functions"
+    ),
+    Status.TOLERANCE_NOT_MET: (
+        "no rung of the ladder is sure to meet the tolerance: the best answer and the estimate of "
+        "its error are kept"
     ),
 }
 

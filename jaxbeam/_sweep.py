@@ -128,9 +128,10 @@ class Table:
             index = _find(name, column, wanted)
             if dim == name:
                 index = int(index[0])
-        return self._take(dim, index)
+        return self.take(dim, index)
 
-    def _take(self, dim: str, index: Any) -> Self:
+    def take(self, dim: str, index: Any) -> Self:
+        """The part at these positions along a dimension."""
         values = {
             n: np.take(v, index, axis=self.dims[n].index(dim)) if dim in self.dims[n] else v
             for n, v in self.values.items()
@@ -301,7 +302,7 @@ def sweep(
     report.end()
     if collected is None:
         raise RuntimeError(f"every case raised; the first one said: {errors[0]}")
-    return _table(cases, collected, errors, dims or {})
+    return tabled(cases, collected, errors, dims or {})
 
 
 @eqx.filter_jit  # its errors, unlike those of jax.jit, say only what went wrong
@@ -346,12 +347,13 @@ def _blank(like: np.ndarray, n: int) -> np.ndarray:
     return np.zeros(shape, like.dtype)
 
 
-def _table(
+def tabled(
     cases: Cases,
     collected: dict[str, np.ndarray],
     errors: dict[int, str],
     extra: Mapping[str, Mapping[str, Sequence[Any]]],
 ) -> Table:
+    """Results of all cases, in their order, as a table."""
     n = len(cases)
     lead, shape = tuple(cases.axes), tuple(len(a) for a in cases.axes.values())
     if "status" not in collected:

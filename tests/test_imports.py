@@ -36,12 +36,15 @@ ORDER = [
     "_simulate",
     "_modes",
     "_indicators",
+    "_questions",
+    "_ladder",
     "_stable_step",
     "_stability",
     "_floquet",
     "_tongues",
     "_frequencies",
     "_sweep",
+    "_ladder_sweep",
     "_southwell",
     "plot",
 ]
@@ -51,6 +54,7 @@ OWNERS = {
     "diffrax": {
         "_simulation",
         "_simulate",
+        "_questions",
         "_stable_step",
         *(name for name in ORDER if "_solvers." in name),
     },

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -32,6 +33,19 @@ def test_example_prints_what_is_printed():
         tolerance = 1e-5 if i in (4, 5) else 1e-8
         np.testing.assert_allclose(_numbers(line), _numbers(claim), rtol=tolerance)
         assert ("True" in line) == ("True" in claim)
+
+
+@pytest.mark.slow
+def test_longer_examples_print_what_is_printed():
+    program = _blocks("python") + _blocks("py")
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=True
+    )
+    stated = _blocks("txt").splitlines()
+    printed = done.stdout.splitlines()[-len(stated) :]
+    for claim, line in zip(stated, printed, strict=True):
+        assert re.sub(r"[\d.e-]+", "#", line).split() == re.sub(r"[\d.e-]+", "#", claim).split()
+        np.testing.assert_allclose(_numbers(line), _numbers(claim), rtol=0.1)
 
 
 def test_continuous_integration_runs_the_test_command():

@@ -256,3 +256,22 @@ def test_validity(tmp_path):
     plain = small & (s["hub"] == 0) & (s["tip"] == 0)
     slope = np.polyfit(np.log(s["strain"][plain]), np.log(-s["small strain_error_1"][plain]), 1)[0]
     assert 0.9 < slope < 1.1
+
+
+@pytest.mark.slow
+def test_ladder(tmp_path):
+    """What is chosen is within the tolerance, or says that it is not."""
+    printed = study("ladder", tmp_path)
+    assert (tmp_path / "ladder.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "choices.csv")
+    assert len(rows) == 3 * 200
+    for tolerance in ("0.01", "0.001", "0.0001"):
+        own = [r for r in rows if r["tolerance"] == tolerance]
+        error = np.array([float(r["error"]) for r in own]) / float(tolerance)
+        assert np.mean(error <= 1) >= 0.95
+        assert all(e <= 10 or r["met"] == "False" for e, r in zip(error, own, strict=True))
+        assert np.mean([int(r["above"]) <= 1 for r in own]) >= 0.9
+    sweep = rows_of(tmp_path / "sweep.csv")
+    assert len(sweep) == 192
+    assert {r["rung"].split(",")[0].split()[-1] for r in sweep} >= {"hybrid", "elements"}
+    assert "error above estimate: 0" in printed

@@ -1,0 +1,356 @@
+"""Many questions on the ladder: a few say how rungs err, all are answered on what suffices."""
+
+import dataclasses
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxbeam._beam import Rotor, real_scalar
+from jaxbeam._ladder import (
+    INTEGRATION,
+    JUDGE,
+    LARGE,
+    SPACE,
+    UNKNOWN,
+    chains,
+    checked_tolerance,
+    describe,
+    left_of,
+    scout_of,
+)
+from jaxbeam._models.base import AbstractModel, count_functions
+from jaxbeam._questions import Answer, Question
+from jaxbeam._status import Status
+from jaxbeam._sweep import Cases, Table, sweep, tabled
+from jaxbeam._types import Scalar
+
+Situation = Callable[..., tuple[Question, Rotor]]
+_SAFETY = 1.5
+_RATIO = 0.25  # error over distance from the rung below, where nothing is known of it
+_NOISE = 0.1  # of the tolerance: differences below mean nothing
+_SIZE = "deflection to expect"  # no parameter of the user's has this name
+
+
+class _Know(eqx.Module):
+    """What needs no answer: steady strain, and whether all stays in the plane."""
+
+    situation: Situation
+
+    def __call__(self, **parameters: Scalar) -> dict[str, Any]:
+        question, rotor = self.situation(**parameters)
+        speed = question.speed()
+        strain = rotor.steady_strain(speed)
+        status = rotor.status(jnp.zeros_like(speed))  # the rest is for the first answer to say
+        return {"strain": strain, "planar": question.planar(rotor), "status": status}
+
+
+class _Ask(eqx.Module):
+    """The answer of one case."""
+
+    situation: Situation
+    model: AbstractModel
+    accuracy: Scalar
+
+    def __call__(self, **parameters: Scalar) -> Answer:
+        size = parameters.pop(_SIZE)
+        question, rotor = self.situation(**parameters)
+        return question.answer(self.model, rotor, self.accuracy, size)
+
+
+def _answers(table: Table) -> Answer:
+    """Those that a table holds."""
+    leaves: list[Any] = [table[field.name] for field in dataclasses.fields(Answer)]
+    return Answer(*leaves)
+
+
+def _of(answers: Answer, which: np.ndarray) -> Answer:
+    """Those of some cases."""
+    return jax.tree.map(lambda leaf: leaf[which], answers)
+
+
+class _Pool:
+    """Answers of cases by models, computed when asked for and kept."""
+
+    def __init__(
+        self, situation: Situation, cases: Cases, accuracy: float, chunk: int,
+        progress: bool | None,
+    ) -> None:  # fmt: skip
+        self.situation, self.columns, self.accuracy = situation, cases.columns, accuracy
+        self.chunk, self.progress, self.n = chunk, progress, len(cases)
+        self.size, self.steps = np.full(self.n, UNKNOWN), np.zeros(self.n, int)
+        self.found: dict[AbstractModel, Answer] = {}  # batched; status -1 where not asked
+
+    def run(self, function: Any, which: np.ndarray, **more: np.ndarray) -> Table:
+        """Always in whole chunks: other sizes would compile anew."""
+        filled = np.resize(which, -(-len(which) // self.chunk) * self.chunk)
+        columns = {name: c[filled] for name, c in {**self.columns, **more}.items()}
+        cases = Cases(columns, {"row": np.arange(len(filled))})
+        table = sweep(function, cases, chunk=self.chunk, progress=self.progress)
+        return table.take("row", np.arange(len(which)))
+
+    def ask(self, model: AbstractModel, which: np.ndarray, tighter: float = 1.0) -> Table:
+        """Without keeping it."""
+        accuracy = real_scalar("accuracy", self.accuracy * tighter)
+        return self.run(_Ask(self.situation, model, accuracy), which, **{_SIZE: self.size})
+
+    def __call__(self, model: AbstractModel, which: np.ndarray) -> Answer:
+        known = self.found.get(model)
+        new = which if known is None else which[known.status[which] < 0]
+        if new.size:
+            # A batch goes on until its slowest case is done.
+            new = new[np.argsort(self.steps[new], kind="stable")]
+            self.keep(model, new, self.ask(model, new))
+        return _of(self.found[model], which)
+
+    def keep(self, model: AbstractModel, which: np.ndarray, table: Table) -> None:
+        """Answers of these cases."""
+        new = _answers(table)
+        if model not in self.found:
+            blank = jax.tree.map(lambda leaf: np.zeros((self.n, *leaf.shape[1:]), leaf.dtype), new)
+            self.found[model] = dataclasses.replace(blank, status=np.full(self.n, -1))
+        for kept, leaf in zip(*map(jax.tree.leaves, (self.found[model], new)), strict=True):
+            kept[which] = leaf
+
+
+class _Chain(NamedTuple):
+    """What representatives say of a chain of models.
+
+    The error of rung k is `ratio[k]` times its distance from rung k - 1, at least `floor[k]`; plus
+    `theory` times `Indicators.reach`, up to the reach `limit`; plus `noise` of integration.
+    """
+
+    models: list[AbstractModel]
+    start: int
+    ratio: np.ndarray
+    floor: np.ndarray
+    theory: float
+    limit: float
+    noise: float
+
+    def left_out(self, reach: np.ndarray) -> np.ndarray:
+        """By the theory, whatever the rung."""
+        known = np.isfinite(reach) | (self.theory == 0)
+        inside = self.theory * np.where(np.isfinite(reach), reach, 0.0)
+        return np.where(known & (reach <= self.limit), inside, np.inf)
+
+
+def ladder_sweep(
+    situation: Situation,
+    cases: Cases,
+    tolerance: float = 1e-3,
+    *,
+    representatives: int = 16,
+    chunk: int = 16,
+    progress: bool | None = None,
+) -> Table:
+    """Answer a question about every case, each on a rung that suffices.
+
+    `situation(**parameters)` returns a `Question` and a `Rotor`; like a function given to `sweep`
+    it is written for one case and sees the parameters of `cases` as scalars. All questions must be
+    of one kind, and of equally many times.
+
+    A linear theory in bending looks at every case. Of those in the plane, and of those in space,
+    `representatives` that differ most are followed up both chains of the ladder (see
+    `choose_model`) until the last two rungs differ by less than half the tolerance. They tell what
+    linear theory leaves out, over the square of deflection over length plus the steady strain; on
+    each rung, the error of discretisation over the distance from the rung below; what integration
+    adds; and where to start. Then each case gets the answers of two neighbouring rungs. The
+    estimate of its error is 1.5 times the sum of what these, its deflection and integration say;
+    where that is more than the tolerance the case goes on to a richer rung, of the same chain or
+    the non-linear one.
+
+    The `Table` holds, beside the coordinates of the cases:
+
+    | name     | shape  |                                                                        |
+    |----------|--------|------------------------------------------------------------------------|
+    | value    | (m,)   | the answer: `Answer.value` of the rung                                 |
+    | estimate | ()     | of its relative error; infinite where no rung has an answer            |
+    | rung     | ()     | in words                                                               |
+    | outgrown | ()     | how often the estimate was too large and a richer rung was asked       |
+    | status   | ()     | `Status`; `TOLERANCE_NOT_MET` where the best answer is not good enough |
+
+    `chunk` and `progress` are those of `sweep`. Each model is compiled once; where `cases` are few
+    that takes longer than all else. Raises `ValueError` or `TypeError` for malformed arguments.
+    """
+    tolerance = checked_tolerance(tolerance)
+    count_functions("representatives", representatives, least=2)
+    count_functions("chunk", chunk, least=1)
+    question = _example(situation, cases)
+    n = len(cases)
+    pool = _Pool(situation, cases, INTEGRATION * tolerance, chunk, progress)
+    known = pool.run(_Know(situation), np.arange(n))
+    given = known["status"]
+    results = _blank(n, 1)
+    results["status"][:] = given
+    for planar in (True, False):
+        which = np.flatnonzero((given == Status.OK) & (known["planar"] == planar))
+        if which.size:
+            part = _swept(
+                pool, question, which, known["strain"], planar, tolerance, representatives
+            )
+            if results["value"].shape[1:] != part["value"].shape[1:]:
+                results["value"] = np.full((n, *part["value"].shape[1:]), np.nan)
+            for name, values in part.items():
+                results[name][which] = values
+    return tabled(cases, results, known.errors, {})
+
+
+def _blank(n: int, m: int) -> dict[str, np.ndarray]:
+    return {
+        "value": np.full((n, m), np.nan),
+        "estimate": np.full(n, np.inf),
+        "rung": np.full(n, "", "U64"),
+        "outgrown": np.zeros(n, int),
+        "status": np.zeros(n, int),
+    }
+
+
+def _example(situation: Situation, cases: Cases) -> Question:
+    """What kind of question it is."""
+    number = jax.ShapeDtypeStruct((), jnp.result_type(float))
+    out = eqx.filter_eval_shape(situation, **dict.fromkeys(cases.columns, number))
+    match out:
+        case (Question() as question, Rotor()):
+            return question
+    raise TypeError("situation must return a Question and a Rotor")
+
+
+def _swept(
+    pool: _Pool, question: Question, cases: np.ndarray, strain: np.ndarray, planar: bool,
+    tolerance: float, representatives: int,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Results of these cases, which all stay in the plane or all do not."""
+    linear, nonlinear = chains(question, planar)
+    scout = pool.ask(scout_of(linear), cases)
+    given, ok = scout["status"], scout["status"] == Status.OK
+    pool.size[cases] = np.where(ok, np.clip(scout["size"], 1e-9, 1.0), LARGE)
+    pool.steps[cases] = scout["steps"]
+    exact = np.flatnonzero(ok & (scout["size"] >= UNKNOWN))  # integrated tightly enough as it is
+    pool.keep(scout_of(linear), cases[exact], scout.take("row", exact))
+    reach = np.where(ok, scout["size"] ** 2 + strain[cases], np.inf)
+    fine = ok | ((given > Status.OUT_OF_PLANE) & (given != Status.RAISED))
+
+    out = _blank(len(cases), scout["value"].shape[1])
+    out["status"][:] = given
+    if not fine.any():
+        return out
+    told = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
+    linear = linear[1:] if len(linear) > 3 else linear  # every model has to be compiled
+    both = _calibrated(
+        pool, cases[told], linear, nonlinear, reach[told], tolerance, planar, left_of(question)
+    )
+    estimate, status = out["estimate"], out["status"]
+    for chain in both:
+        left_out = chain.left_out(reach)
+        todo = fine & ~(estimate <= tolerance)
+        if chain is both[0]:  # no finer rung mends what its theory leaves out
+            todo &= _SAFETY * left_out <= 0.8 * tolerance
+        which = np.flatnonzero(todo)
+        for k in range(chain.start, len(chain.models)):
+            if not which.size:
+                break
+            coarse, here = (pool(model, cases[which]) for model in chain.models[k - 1 : k + 1])
+            own = np.maximum(chain.ratio[k] * here.distance(coarse), chain.floor[k])
+            error = _SAFETY * (own + left_out[which] + chain.noise)
+            better = error < estimate[which]
+            best = which[better]
+            estimate[best], out["value"][best] = error[better], here.value[better]
+            out["rung"][best] = describe(chain.models[k])
+            status[which] = here.status
+            which = which[~(error <= tolerance)]
+            out["outgrown"][which] += 1
+    best_kept = np.isfinite(estimate) | (status == Status.OK)
+    status[fine & best_kept] = Status.TOLERANCE_NOT_MET
+    status[fine & (estimate <= tolerance)] = Status.OK
+    return out
+
+
+def _representatives(
+    pool: _Pool, cases: np.ndarray, reach: np.ndarray, fine: np.ndarray, count: int
+) -> np.ndarray:
+    """Places in `cases` far from each other in the ranks of parameters and of reach, the farthest
+    reach first: each is the one that is farthest from all before it."""
+    columns = [c[cases][fine] for c in pool.columns.values()] + 2 * [reach[fine]]  # counts twice
+    ranks = [np.unique(c, return_inverse=True)[1].astype(float) for c in columns]
+    place = np.stack([r / max(r.max(), 1.0) for r in ranks], 1)
+    chosen = [int(np.argmax(np.where(np.isfinite(reach[fine]), reach[fine], -1.0)))]
+    nearest = np.full(len(fine), np.inf)
+    while len(chosen) < min(count, len(fine)):
+        nearest = np.minimum(nearest, np.linalg.norm(place - place[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(nearest)))
+    return fine[np.array(chosen)]
+
+
+def _calibrated(
+    pool: _Pool, told: np.ndarray, linear: list[AbstractModel], nonlinear: list[AbstractModel],
+    reach: np.ndarray, tolerance: float, planar: bool, share: float,
+) -> list[_Chain]:  # fmt: skip
+    with ThreadPoolExecutor() as threads:  # to compile them takes longer than to run them
+        list(threads.map(lambda model: pool(model, told), [*linear, *nonlinear[1:3]]))
+    judge = np.full(len(told), len(nonlinear) - 1)
+    left = np.arange(len(told))
+    for k in range(2, len(nonlinear)):
+        coarse, fine = (pool(model, told[left]) for model in nonlinear[k - 1 : k + 1])
+        judge[left] = k
+        left = left[~(coarse.distance(fine) <= JUDGE * tolerance)]
+        if not left.size:
+            break
+    finest = [pool(nonlinear[k], told[i : i + 1]) for i, k in enumerate(judge)]
+    truth = jax.tree.map(lambda *leaves: np.concatenate(leaves), *finest)
+    unsure = np.isin(np.arange(len(told)), left)
+    status = np.where(unsure, Status.TOLERANCE_NOT_MET, truth.status)
+    truth = dataclasses.replace(truth, status=status)
+
+    off = pool(linear[-1], told).distance(truth)
+    use = np.isfinite(off) & (reach > 0)
+    theory = np.max(np.maximum(off - _NOISE * tolerance, 0)[use] / reach[use], initial=0.0)
+    limit = float(np.max(reach[np.isfinite(off)], initial=-1.0))
+    beyond = 0.0 if planar else SPACE  # what the judge itself leaves out
+    middle = nonlinear[int(np.median(judge))]
+    return [
+        _chain(pool, told, linear, pool(linear[-1], told), np.full(len(told), len(linear) - 1),
+               share, tolerance)._replace(theory=float(theory) + beyond, limit=limit),
+        _chain(pool, told, nonlinear, truth, judge, share, tolerance)._replace(
+            theory=beyond, noise=_noise(pool, told, middle, ~unsure)),
+    ]  # fmt: skip
+
+
+def _chain(
+    pool: _Pool, told: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
+    share: float, tolerance: float,
+) -> _Chain:  # fmt: skip
+    """From errors against the best answers, those of rung judge[i] for representative i."""
+    ratio, floor = np.full(len(models), _RATIO), np.zeros(len(models))
+    start = len(models) - 1
+    for k in range(1, int(judge.max()) + 1):
+        some = np.flatnonzero((judge > k) & (best.status == Status.OK))
+        if not some.size:
+            continue
+        below, here = (pool(models[i], told[some]) for i in (k - 1, k))
+        apart, error = here.distance(below), here.distance(_of(best, some))
+        seen = np.isfinite(apart) & np.isfinite(error)
+        if seen.any():
+            # Two rungs may agree by chance: then the error that is usual here is believed.
+            floor[k] = np.median(error[seen]) / 2
+        seen &= apart > _NOISE * tolerance
+        if seen.any():
+            ratio[k] = max(share / 2, np.max((error[seen] - floor[k]) / apart[seen]))
+        if np.median(error) <= JUDGE * tolerance:
+            start = min(start, k)
+    start = min(start, int(np.median(judge)))
+    noise = _noise(pool, told, models[start], np.asarray(best.status == Status.OK))
+    return _Chain(models, start, ratio, floor, 0.0, np.inf, noise)
+
+
+def _noise(pool: _Pool, told: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
+    """What ten times tighter integration changes."""
+    if not fine.any():
+        return 0.0
+    tight = pool.ask(model, told[fine], 0.1)
+    off = pool(model, told[fine]).distance(_answers(tight))
+    return float(np.max(off[np.isfinite(off)], initial=0.0))

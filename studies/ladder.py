@@ -1,0 +1,353 @@
+"""No more model than a scene needs: what the ladder chooses, whether it is right, what it saves.
+
+Random scenes (spin-ups and steady rotation, slow and fast, slender and stout, with and without hub
+and tip mass, deflections from a ten thousandth to three quarters of the length) are given to
+`jb.choose_model` at three tolerances, and its choice is held against 64 geometrically non-linear
+elements. Then a sweep of spin-ups goes through `jb.ladder_sweep`, and through the richest rung.
+
+    python studies/ladder.py [--quick] [--out FOLDER]
+"""
+
+import argparse
+import csv
+import functools
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import matplotlib  # noqa: E402
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+
+import jaxbeam as jb  # noqa: E402
+
+TOLERANCES = (1e-2, 1e-3, 1e-4)
+SHARES = np.linspace(0.0, 1.0, 121)  # of a run, where it is looked at
+TRUTH = 64  # elements
+KINDS: dict[str, Callable[..., jb.Question]] = {
+    "peak": jb.PeakDeflection,
+    "history": jb.DeflectionHistory,
+    "strain": functools.partial(jb.RootStrain, max_steps=200_000),  # stretch rings fast
+}
+
+
+class Scene(NamedTuple):
+    """Speed over the first frequency of the beam at rest, duration over its period, hub radius over
+    its length, tip mass over its mass."""
+
+    speed: Any
+    duration: Any
+    hub: Any
+    tip: Any
+    slenderness: Any
+
+
+def rotor_of(scene: Scene) -> jb.Rotor:
+    return jb.Rotor(jb.Beam.from_slenderness(scene.slenderness), scene.hub, scene.tip)
+
+
+def spin_up(kind: Callable[..., jb.Question], scene: Scene, rest: Any) -> jb.Question:
+    """Up to three fifths of a period after the spin-up; `rest` is the frequency at rest, rad/s."""
+    period = 2 * np.pi / rest
+    duration = scene.duration * period
+    motion = jb.SmoothSpinUp(scene.speed * rest, duration)
+    return kind(motion, SHARES * (duration + 0.6 * period))
+
+
+def at_rest(tip: Any) -> Any:
+    """First frequency at rest by Rayleigh's quotient with Dunkerley's tip mass, within 1 %: the
+    scale of a scene need be no better."""
+    return 3.5160 / jnp.sqrt(1 + 4.12 * tip)
+
+
+def looked_at(scenes: Scene) -> jb.Table:
+    """Deflection over length and steady strain of many scenes, by linear theory."""
+
+    def look(**parameters: Any) -> dict[str, Any]:
+        scene = Scene(**parameters)
+        rotor = rotor_of(scene)
+        question = spin_up(jb.PeakDeflection, scene, at_rest(scene.tip))
+        found = question.answer(jb.Hybrid(0, 3, 0), rotor, jnp.asarray(1e-4), jnp.asarray(0.01))
+        strain = rotor.steady_strain(question.speed())
+        return {"size": found.size, "strain": strain, "status": found.status}
+
+    return jb.sweep(look, jb.listed(**scenes._asdict()), chunk=32, progress=False)
+
+
+def drawn(count: int, seed: int, **fixed: float) -> tuple[Scene, np.ndarray]:
+    """Scenes whose deflections are spread evenly over four decades, to three quarters of the
+    length, with steady strains up to 1 %; and these deflections over the length."""
+    rng = np.random.default_rng(seed)
+    n = 4 * count + 1000
+
+    def log(low: float, high: float) -> np.ndarray:
+        return np.exp(rng.uniform(np.log(low), np.log(high), n))
+
+    def some(values: np.ndarray) -> np.ndarray:
+        return np.where(rng.uniform(size=n) < 1 / 3, 0.0, values)
+
+    scenes = Scene(
+        speed=log(0.01, 4.0), duration=log(0.1, 8.0), hub=some(rng.uniform(0, 3, n)),
+        tip=some(log(0.05, 2.0)), slenderness=log(50.0, 700.0),
+    )  # fmt: skip
+    scenes = scenes._replace(**{name: np.full(n, value) for name, value in fixed.items()})
+    table = looked_at(scenes)
+    size = table["size"]
+    usable = (table["status"] == 0) & (table["strain"] < 1e-2) & (size > 1e-4) & (size < 0.75)
+    left = np.flatnonzero(usable)
+    chosen = []
+    for wanted in rng.permutation(np.geomspace(1e-4, 0.75, count)):
+        nearest = int(np.argmin(np.abs(np.log(size[left] / wanted))))
+        chosen.append(left[nearest])
+        left = np.delete(left, nearest)
+    return Scene(*(column[np.array(chosen)] for column in scenes)), size[np.array(chosen)]
+
+
+class Outcome(NamedTuple):
+    """Of one choice. `above`: how many rungs above the cheapest that would have done."""
+
+    tolerance: float
+    kind: str
+    scene: Scene
+    size: float
+    rung: str
+    estimate: float
+    error: float
+    met: bool
+    above: int
+    seconds: float
+    richest_seconds: float
+
+
+class Asked(NamedTuple):
+    kind: str
+    scene: Scene
+    question: jb.Question
+    rotor: jb.Rotor
+    truth: jb.Answer
+
+
+def asked(kind: str, scene: Scene, size: float) -> Asked:
+    rotor = rotor_of(scene)
+    if kind == "frequencies":
+        question: jb.Question = jb.ModalFrequencies(
+            scene.speed * float(at_rest(scene.tip)), jb.labels(in_plane=2)
+        )
+    else:
+        question = spin_up(KINDS[kind], scene, float(at_rest(scene.tip)))
+    accuracy = 1e-6 if kind == "strain" else 1e-7
+    truth = jb.answer(question, rotor, jb.GreenANCF(TRUTH), accuracy, size)
+    if int(truth.status) != jb.Status.OK:
+        raise RuntimeError(
+            f"no truth for {kind} of {scene}: {jb.Status(int(truth.status)).message}"
+        )
+    return Asked(kind, scene, question, rotor, truth)
+
+
+def judged(each: Asked, tolerance: float) -> Outcome:
+    began = time.perf_counter()
+    choice = jb.choose_model(each.question, each.rotor, tolerance)
+    seconds = time.perf_counter() - began
+    size = float(np.clip(choice.indicators.size, 1e-9, 1.0))
+
+    def error(model: Any) -> float:
+        found = jb.answer(each.question, each.rotor, model, 0.05 * tolerance, size)
+        return float(found.distance(each.truth))
+
+    began = time.perf_counter()
+    error(jb.GreenANCF(TRUTH))
+    richest_seconds = time.perf_counter() - began
+    place = [e.rung for e in choice.evidence].index(choice.rung)
+    enough = (i for i in range(place) if error(choice.evidence[i].rung.model) <= tolerance)
+    above = place - next(enough, place)
+    return Outcome(
+        tolerance, each.kind, each.scene, float(choice.indicators.size), choice.rung.name,
+        choice.estimate, error(choice.model), choice.met, above, seconds, richest_seconds,
+    )  # fmt: skip
+
+
+def choices(quick: bool, out: Path, ax: Any) -> None:
+    """Part 1: random scenes, one by one."""
+    counts = {"peak": 200}  # each kind of question has to be compiled
+    if not quick:
+        counts = {"peak": 100, "history": 50, "strain": 20, "frequencies": 50}
+    scenes = [
+        (kind, Scene(*(float(x) for x in one)), float(size))
+        for seed, (kind, n) in enumerate(counts.items())
+        for scenes, sizes in [drawn(n, seed)]
+        for *one, size in zip(*scenes, sizes, strict=True)
+    ]
+    with ThreadPoolExecutor(2) as threads:
+        began = time.perf_counter()
+        known = list(threads.map(lambda each: asked(*each), scenes))
+        print(f"{len(known)} scenes drawn and answered by {TRUTH} elements, "
+              f"{time.perf_counter() - began:.0f} s", flush=True)  # fmt: skip
+        outcomes: list[Outcome] = []
+        for tolerance in TOLERANCES:
+            began = time.perf_counter()
+            new = list(threads.map(lambda each, t=tolerance: judged(each, t), known))
+            outcomes += new
+            good = np.array([o.error <= tolerance for o in new])
+            met = np.array([o.met for o in new])
+            worst = max((o.error for o in new if o.met), default=0.0) / tolerance
+            near = np.array([o.above <= 1 for o in new])
+            print(
+                f"tolerance {tolerance:g}: {good.mean():.1%} within it ({met.sum()} of {met.size} "
+                f"said to be, {good[met].mean():.1%} of these are, worst {worst:.2f} of it); "
+                f"{near.mean():.1%} at most one rung above the cheapest that does; medians: "
+                f"{1e3 * np.median([o.seconds for o in new]):.0f} ms a choice, "
+                f"{1e3 * np.median([o.richest_seconds for o in new]):.0f} ms a run of {TRUTH} "
+                f"elements; {time.perf_counter() - began:.0f} s in all", flush=True,
+            )  # fmt: skip
+            for rung, many in Counter(o.rung for o in new).most_common():
+                print(f"    {many:4} {rung}")
+    save(out / "choices.csv", outcomes)
+    for tolerance, marker in zip(TOLERANCES, "osv", strict=True):
+        some = [o for o in outcomes if o.tolerance == tolerance]
+        ax.plot(
+            [o.estimate / tolerance for o in some], [o.error / tolerance for o in some], marker,
+            ms=4, alpha=0.6, label=f"tolerance {tolerance:g}",
+        )  # fmt: skip
+    _error_against_estimate(ax, f"chosen one by one: {len(known)} scenes")
+
+
+def _error_against_estimate(ax: Any, title: str) -> None:
+    line = np.geomspace(1e-4, 10, 2)
+    ax.plot(line, line, "--", color="k", lw=1, label="error = estimate")
+    ax.axhline(1, color="0.5", lw=1)
+    ax.set(
+        xscale="log", yscale="log", xlim=(1e-3, 20), ylim=(1e-4, 20), title=title,
+        xlabel="estimate / tolerance (-)", ylabel="true error / tolerance (-)",
+    )  # fmt: skip
+    ax.legend(fontsize=8)
+
+
+HUB, TIP, SLENDERNESS = 0.5, 0.2, 200.0  # of the rotor of the sweep
+
+
+def situation(speed: Any, duration: Any) -> tuple[jb.Question, jb.Rotor]:
+    """One rotor, spun up."""
+    scene = Scene(speed, duration, HUB, TIP, SLENDERNESS)
+    return spin_up(jb.PeakDeflection, scene, at_rest(scene.tip)), rotor_of(scene)
+
+
+def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
+    """Part 2: one rotor through many spin-ups."""
+    n, tolerance = (192 if quick else 1000), 1e-3
+    scenes, sizes = drawn(n, seed=7, hub=HUB, tip=TIP, slenderness=SLENDERNESS)
+    cases = jb.listed(speed=scenes.speed, duration=scenes.duration)
+    times = []
+    for _ in range(2):
+        began = time.perf_counter()
+        table = jb.ladder_sweep(situation, cases, tolerance)
+        times.append(time.perf_counter() - began)
+    used = Counter(table["rung"].tolist())
+    finest = max((int(r.split()[0]) for r in used if "element" in r), default=TRUTH)
+
+    def everywhere(
+        model: jb.AbstractModel, accuracy: float, runs: int = 2
+    ) -> tuple[jb.Table, list[float]]:
+        """All cases by one model; seconds with compilation and without."""
+
+        def one(size: Any, accuracy: Any, **parameters: Any) -> dict[str, Any]:
+            question, rotor = situation(**parameters)
+            found = question.answer(model, rotor, accuracy, size)
+            return {"peak": found.value[0], "deflection": found.size, "status": found.status}
+
+        columns = {**cases.columns, "size": sizes, "accuracy": np.full(n, accuracy)}
+        spent = []
+        for _ in range(runs):
+            began = time.perf_counter()
+            table = jb.sweep(one, jb.listed(**columns), chunk=32, progress=False)
+            spent.append(time.perf_counter() - began)
+        return table, spent
+
+    accuracy = 0.05 * tolerance  # as in the ladder
+    models: list[jb.AbstractModel] = [jb.GreenANCF(TRUTH)]
+    if not quick:
+        models = [jb.Hybrid(0, 4, 0), *(jb.GreenANCF(k) for k in sorted({finest, TRUTH}))]
+    tables, spent = zip(*(everywhere(model, accuracy) for model in models), strict=True)
+    truth = tables[-1] if quick else everywhere(jb.GreenANCF(32), 1e-7, runs=1)[0]
+    error = np.abs(table["value"][:, 0] / truth["peak"] - 1)
+    said = table["status"] == 0
+    print(f"sweep of {n} spin-ups, tolerance {tolerance:g}")
+    for rung, many in used.most_common():
+        print(f"    {many:4} {rung}")
+    print(
+        f"  {np.mean(error <= tolerance):.1%} within it, {said.sum()} said to be, worst of these "
+        f"{error[said].max(initial=0.0) / tolerance:.2f} of it; error above estimate: "
+        f"{np.sum(error > table['estimate'])}"
+    )
+    expected = {rung.model: (rung.name, rung.cost) for rung in jb.ladder(*situation(1.0, 1.0))}
+    print(
+        f"  {'ladder':24} {times[1]:6.1f} s, {times[0]:6.1f} s with compilation; over the ladder:"
+    )
+    for model, (cold, warm) in zip(models, spent, strict=True):
+        name, cost = expected[model]
+        print(
+            f"  {name + ' everywhere':24} {warm:6.1f} s, {cold:6.1f} s with compilation; "
+            f"{warm / times[1]:.1f}, {cold / times[0]:.1f}; cost over the first "
+            f"{warm / spent[0][1]:.1f}, expected {cost / expected[models[0]][1]:.1f}"
+        )
+    table.to_csv(out / "sweep.csv")
+
+    ladder = [rung.name for rung in jb.ladder(*situation(1.0, 1.0))]
+    order = [name for name in ladder if name in used]
+    colours = plt.get_cmap("viridis")(np.linspace(0, 0.95, len(order)))
+    size = truth["deflection"]
+    for name, colour in zip(order, colours, strict=True):
+        at = table["rung"] == name
+        axes[0].plot(cases.columns["speed"][at], size[at], ".", color=colour, label=name)
+        axes[1].plot(table["estimate"][at] / tolerance, error[at] / tolerance, ".", color=colour,
+                     label=name)  # fmt: skip
+    axes[0].set(
+        xscale="log", yscale="log", xlabel="final speed / first frequency at rest (-)",
+        ylabel="largest deflection of the tip / length (-)",
+        title=f"rung chosen, tolerance {tolerance:g}, {n} spin-ups",
+    )  # fmt: skip
+    axes[0].legend(fontsize=8, markerscale=2)
+    _error_against_estimate(axes[1], "the same sweep: true error beside the estimate")
+
+
+def save(path: Path, outcomes: Sequence[Outcome]) -> None:
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file)
+        plain = [name for name in Outcome._fields if name != "scene"]
+        writer.writerow([*plain, *Scene._fields])
+        for o in outcomes:
+            writer.writerow([*(getattr(o, name) for name in plain), *o.scene])
+
+
+def main(quick: bool = False, out: Path | None = None) -> Path:
+    """Run all of it; returns the folder that holds the figure and the tables."""
+    began = time.perf_counter()
+    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "ladder"
+    out.mkdir(parents=True, exist_ok=True)
+    figure, axes = plt.subplots(1, 3, figsize=(17, 5.2), layout="constrained")
+    sweeps(quick, out, axes[:2])
+    choices(quick, out, axes[2])
+    for ax in axes:
+        ax.grid(alpha=0.3)
+    figure.savefig(out / "ladder.png", dpi=110)
+    plt.close(figure)
+    print(f"\n{time.perf_counter() - began:.0f} s; figure and tables are in {out}")
+    return out
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer scenes")
+    parser.add_argument("--out", type=Path, help="folder for the figure and the tables")
+    arguments = parser.parse_args()
+    main(arguments.quick, arguments.out)

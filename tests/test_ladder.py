@@ -1,0 +1,283 @@
+"""The ladder: what its rungs are, that the one chosen meets the tolerance, and what it costs."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+import tests.reference as reference
+from tests.helpers import slender
+
+TIMES = np.linspace(0.0, 1.0, 61)
+QUESTIONS = {
+    "peak": jb.PeakDeflection(jb.SmoothSpinUp(1.0, 1.0), TIMES),
+    "history": jb.DeflectionHistory(jb.SmoothSpinUp(1.0, 1.0), TIMES),
+    "strain": jb.RootStrain(jb.SmoothSpinUp(1.0, 1.0), TIMES),
+    "frequencies": jb.ModalFrequencies(1.0, jb.labels(in_plane=2)),
+}
+each = pytest.mark.parametrize("question", QUESTIONS.values(), ids=QUESTIONS)
+
+
+@each
+def test_rungs_come_in_order_of_cost(question):
+    rungs = jb.ladder(question, slender())
+    costs = [rung.cost for rung in rungs]
+    assert costs == sorted(costs)
+    assert costs[0] == 1.0
+    names = [rung.name for rung in rungs]
+    assert len(set(names)) == len(names)
+
+    def at(name):
+        (place,) = [i for i, n in enumerate(names) if n == name]
+        return place
+
+    few = "2 modes" if question is QUESTIONS["frequencies"] else "1 mode"
+    order = [f"hybrid, {few}", "hybrid, 4 functions", "hybrid, 4 functions, stretch 4"]
+    for rich in ("von Karman, 4 functions, stretch 9", "16 elements"):
+        places = [at(name) for name in (*order, rich, "32 elements", "64 elements")]
+        assert places == sorted(places)
+    assert at(f"classical, {few}") < at(f"hybrid, {few}")
+
+
+@each
+def test_nothing_out_of_the_plane_where_all_stays_in_it(question):
+    for rung in jb.ladder(question, slender()):
+        assert jb.Family.FLAP not in rung.model.families
+
+
+INCLINED = jb.PeakDeflection(jb.SmoothSpinUp(1.0, 1.0, jb.inclined(0.7)), TIMES)
+GRAVITY = jb.Loads(gravity=[0.0, 0.0, -9.8])
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        INCLINED,
+        jb.RootStrain(jb.SmoothSpinUp(1.0, 1.0), TIMES, loads=GRAVITY),
+        jb.ModalFrequencies(1.0, jb.labels(flap=1)),
+    ],
+)
+def test_what_leaves_the_plane_gets_models_that_do(question):
+    rungs = jb.ladder(question, slender())
+    assert all(jb.Family.FLAP in rung.model.families for rung in rungs)
+    assert isinstance(rungs[-1].model, jb.VonKarman)
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.3, 2.6, 7.7])
+def test_spectrum_of_a_spin_up(spread):
+    """Y eq. 23 has the angular acceleration (Omega / T) (1 - cos 2 pi t / T), with the spectrum
+    sin(a) / a / (1 - (a / pi)^2), a = omega T / 2, over its value at zero."""
+    omega = np.array(reference.frequencies(0.0))
+    duration = 2 * spread / omega[0]
+    question = jb.PeakDeflection(jb.SmoothSpinUp(3.0, duration), [0.0, 0.5 * duration, duration])
+    a = omega * duration / 2
+    wanted = np.abs(np.sinc(a / np.pi) / (1 - (a / np.pi) ** 2)) * (omega[0] / omega) ** 3
+    np.testing.assert_allclose(question.excited(jnp.asarray(omega)), wanted, atol=2e-4)
+
+
+CASES = [(0.05, 0.0, 0.0, 1e-3), (2.0, 0.5, 0.0, 1e-2), (6.0, 0.0, 0.5, 1e-3)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gamma", "hub", "tip", "tolerance"), CASES)
+def test_frequencies_against_power_series(gamma, hub, tip, tolerance):
+    """Strains are small, so that linear stretch is right as well."""
+    rotor = slender(1000.0, hub, tip)
+    choice = jb.choose_model(jb.ModalFrequencies(gamma, jb.labels(in_plane=2)), rotor, tolerance)
+    exact = np.array(reference.frequencies(gamma, hub, tip, 1000.0, count=2))
+    error = np.max(np.abs(choice.answer / exact - 1))
+    assert choice.met
+    assert error <= choice.estimate <= tolerance
+    # The verdicts say what is so.
+    for _, estimate, verdict in choice.evidence:
+        if verdict.startswith("meets it"):
+            assert estimate <= tolerance
+        if verdict == "misses it":
+            assert estimate > tolerance
+    assert isinstance(choice.model, jb.Classical) == (gamma < 0.1)
+    if gamma > 1:
+        assert "ruled out: stiffening ratio" in str(choice)
+    assert choice.rung.name in str(choice).splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_no_rung_meets_what_is_asked():
+    """Out of the plane, strains of a hundredth are more than von Karman beams bear."""
+    question = jb.ModalFrequencies(5.0, jb.labels(in_plane=1, flap=1))
+    choice = jb.choose_model(question, slender(30.0), 1e-3)
+    assert not choice.met
+    assert 1e-3 < choice.estimate < 1
+    assert choice.estimate == min(e.estimate for e in choice.evidence if e.estimate > 0)
+    last = str(choice).splitlines()[-1]
+    assert last.startswith(f"no rung was found to meet 0.001; the best, {choice.rung.name}")
+
+
+def test_errors():
+    rotor, question = slender(), QUESTIONS["frequencies"]
+    for tolerance in (0.0, -1.0, 1.0, float("nan")):
+        with pytest.raises(ValueError, match="tolerance must be between"):
+            jb.choose_model(question, rotor, tolerance)
+    with pytest.raises(TypeError, match="tolerance must be a number"):
+        jb.choose_model(question, rotor, "fine")
+    with pytest.raises(TypeError, match="question must be a Question"):
+        jb.choose_model(jb.SmoothSpinUp(1.0, 1.0), rotor)
+    with pytest.raises(TypeError, match="rotor must be a Rotor"):
+        jb.choose_model(question, rotor.beam)
+    with pytest.raises(ValueError, match="times must"):
+        jb.PeakDeflection(jb.ConstantSpeed(1.0), [1.0])
+    with pytest.raises(ValueError, match="must be labels"):
+        jb.ModalFrequencies(1.0, ["flap 1"])
+    for label in (jb.Label(jb.Family.FLAP, 9), jb.Label(jb.Family.FLAP, 0), *jb.labels(axial=1)):
+        with pytest.raises(ValueError, match="which: bending modes of order 1 to 8"):
+            jb.ModalFrequencies(1.0, label)
+    with pytest.raises(TypeError, match="question must be a Question"):
+        jb.ladder(rotor, rotor)
+    with pytest.raises(ValueError, match="accuracy must be finite and > 0"):
+        jb.answer(question, rotor, jb.Hybrid(), 0.0)
+    with pytest.raises(ValueError, match="component must be 0"):
+        jb.PeakDeflection(jb.ConstantSpeed(1.0), TIMES, component=3)
+    cases = jb.listed(speed=[1.0])
+    with pytest.raises(TypeError, match="situation must return a Question and a Rotor"):
+        jb.ladder_sweep(lambda speed: speed, cases)
+    with pytest.raises(ValueError, match="tolerance must be between"):
+        jb.ladder_sweep(lambda speed: (question, rotor), cases, 0.0)
+    with pytest.raises(ValueError, match="representatives must be >= 2"):
+        jb.ladder_sweep(lambda speed: (question, rotor), cases, representatives=1)
+    with pytest.raises(ValueError, match="chunk must be >= 1"):
+        jb.ladder_sweep(lambda speed: (question, rotor), cases, chunk=0)
+
+
+def test_distance_of_answers():
+    zero, ok, bad = jnp.zeros(()), jnp.asarray(jb.Status.OK), jnp.asarray(jb.Status.DIVERGED)
+
+    def answer(value, status=ok):
+        return jb.Answer(jnp.asarray(value), jnp.asarray([4.0, 2.0]), zero, zero, zero, status)
+
+    assert float(answer([4.0, 1.0]).distance(answer([4.0, 2.0]))) == 0.5
+    assert float(answer([5.0, 2.0]).distance(answer([4.0, 2.0]))) == 0.25
+    assert float(answer([4.0, 2.0], bad).distance(answer([4.0, 2.0]))) == np.inf
+    assert float(answer([4.0, 2.0]).distance(answer([4.0, 2.0], bad))) == np.inf
+    assert float(answer([np.nan, 2.0]).distance(answer([4.0, 2.0]))) == np.inf
+    none = jb.Answer(jnp.zeros(2), jnp.zeros(2), zero, zero, zero, ok)
+    assert float(none.distance(none)) == 0.0
+    assert float(answer([4.0, 2.0]).distance(none)) == np.inf
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", [jb.Hybrid(0, 2, 0), jb.Hybrid(4, 2, 0), jb.GreenANCF(4)])
+def test_strain_at_the_root_of_a_slow_spin_up(model):
+    """At its end P(0) / EA, by dynamics of stretch or quasi-statically."""
+    rotor = slender(300.0, 0.5, 0.3)
+    question = jb.RootStrain(jb.SmoothSpinUp(1.5, 40.0), np.linspace(0.0, 45.0, 31))
+    found = jb.answer(question, rotor, model, 1e-6)
+    c0, c1, c2 = rotor.tension(jnp.asarray(1.5))
+    wanted = float((c0 + c1 + c2 / 2) / rotor.beam.axial_stiffness)
+    assert int(found.status) == 0
+    np.testing.assert_allclose(found.value[-1], wanted, rtol=2e-3)
+
+
+def spin_up(speed, duration, hub=0.0, tip=0.0, slenderness=200.0, kind=jb.PeakDeflection):
+    """Times in units of sqrt(rho L^4 / EI)."""
+    rotor = slender(slenderness, hub, tip)
+    return kind(jb.SmoothSpinUp(speed, duration), TIMES * (duration + 1.1)), rotor
+
+
+def sweep_of(tolerance, **columns):
+    return jb.ladder_sweep(spin_up, jb.listed(**columns), tolerance, representatives=8)
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("ladder sweep")
+def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
+    """Against 32 elements, integrated tightly."""
+    rng = np.random.default_rng(11)
+    n, tolerance = 40, 1e-3
+    columns = {
+        "speed": np.exp(rng.uniform(np.log(0.05), np.log(8.0), n)),
+        "duration": np.exp(rng.uniform(np.log(1.0), np.log(12.0), n)),
+        "hub": rng.uniform(0.0, 1.0, n),
+    }
+    bad = {3: ("speed", np.nan), 8: ("hub", -1.0), 20: ("duration", 0.0)}
+    for i, (name, value) in bad.items():
+        columns[name][i] = value
+    table = sweep_of(tolerance, **columns)
+    wanted = {3: "INVALID_MOTION", 8: "INVALID_HUB_RADIUS", 20: "INVALID_MOTION"}
+    for i, name in wanted.items():
+        assert jb.Status(int(table["status"][i])).name == name
+        assert np.isnan(table["value"][i]).all()
+
+    def truth(speed, duration, hub):
+        question, rotor = spin_up(speed, duration, hub)
+        found = question.answer(jb.GreenANCF(32), rotor, jnp.asarray(1e-7), jnp.asarray(1e-3))
+        return {"value": found.value[0], "size": found.size, "status": found.status}
+
+    exact = jb.sweep(truth, jb.listed(**columns), chunk=40, progress=False)
+    fine = np.flatnonzero(exact["status"] == 0)
+    assert len(fine) >= n - 5
+    error = np.abs(table["value"][fine, 0] / exact["value"][fine] - 1)
+    said = table["status"][fine] == 0
+    assert said.mean() > 0.9
+    assert (error[said] <= tolerance).all()
+    assert (error[said] <= table["estimate"][fine][said]).all()
+    # Linear theory where deflections are small, elements where they are not.
+    rung = np.array([name.split(",")[0] for name in table["rung"][fine]])
+    assert (rung[exact["size"][fine] > 0.2] != "hybrid").all()
+    assert (rung[exact["size"][fine] < 1e-3] == "hybrid").all()
+
+
+def steady(gamma, hub):
+    """Lowest two frequencies; speeds above a hundred raise."""
+    gamma = eqx.error_if(gamma, gamma > 100.0, "too fast")
+    return jb.ModalFrequencies(gamma, jb.labels(in_plane=2)), slender(1000.0, hub)
+
+
+@pytest.mark.slow
+def test_sweep_of_frequencies_on_a_grid():
+    """Against power series; a case that raises, and one out of range, touch no other."""
+    speeds, hubs, tolerance = [0.5, 2.0, 5.0, 1000.0, 8.0], [0.0, 1.0, -1.0], 1e-2
+    table = jb.ladder_sweep(
+        steady, jb.grid(gamma=speeds, hub=hubs), tolerance, representatives=4, chunk=4
+    )
+    assert table["value"].shape == (5, 3, 2)
+    for i, gamma in enumerate(speeds):
+        for j, hub in enumerate(hubs):
+            status = jb.Status(int(table["status"][i, j]))
+            if gamma > 100:
+                assert status == jb.Status.RAISED
+                assert "too fast" in table.message(gamma=gamma, hub=hub)
+            elif hub < 0:
+                assert status == jb.Status.INVALID_HUB_RADIUS
+            else:
+                exact = np.array(reference.frequencies(gamma, hub, 0.0, 1000.0, count=2))
+                error = np.max(np.abs(table["value"][i, j] / exact - 1))
+                assert status == jb.Status.OK
+                assert error <= table["estimate"][i, j] <= tolerance
+                assert table["rung"][i, j] != ""
+
+
+def test_sweep_where_no_case_is_in_range():
+    table = jb.ladder_sweep(steady, jb.listed(gamma=[1.0, np.nan], hub=[-1.0, 0.0]), chunk=2)
+    assert [jb.Status(int(s)).name for s in table["status"]] == [
+        "INVALID_HUB_RADIUS", "INVALID_ANGULAR_SPEED",
+    ]  # fmt: skip
+    assert np.isnan(table["value"]).all()
+    assert np.isinf(table["estimate"]).all()
+
+
+@pytest.mark.slow
+def test_space_where_von_karman_is_all_there_is():
+    """A wide swing about an inclined axis: nothing here is right to 1e-3, and the ladder says so.
+    A narrow one is answered."""
+    rotor = slender(200.0)
+
+    def asked(speed):
+        motion = jb.SmoothSpinUp(speed, 2.0, jb.inclined(0.8))
+        return jb.PeakDeflection(motion, TIMES * 3.0, component=2)
+
+    wide = jb.choose_model(asked(3.0), rotor, 1e-3)
+    assert not wide.met
+    assert float(wide.indicators.size) > 0.05
+    narrow = jb.choose_model(asked(0.02), rotor, 1e-2)
+    assert narrow.met
+    assert jb.Family.FLAP in narrow.model.families
