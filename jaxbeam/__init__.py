@@ -5,6 +5,16 @@ from jaxbeam._basis import Polynomials as Polynomials
 from jaxbeam._beam import Beam as Beam
 from jaxbeam._beam import Rotor as Rotor
 from jaxbeam._beam import SpringRotor as SpringRotor
+from jaxbeam._experiments import Clearance as Clearance
+from jaxbeam._experiments import Experiment as Experiment
+from jaxbeam._experiments import FrequencyData as FrequencyData
+from jaxbeam._experiments import HistoryData as HistoryData
+from jaxbeam._experiments import StaticData as StaticData
+from jaxbeam._experiments import match_modes as match_modes
+from jaxbeam._fit import Descent as Descent
+from jaxbeam._fit import Fit as Fit
+from jaxbeam._fit import Free as Free
+from jaxbeam._fit import fit as fit
 from jaxbeam._floquet import Floquet as Floquet
 from jaxbeam._floquet import floquet as floquet
 from jaxbeam._frequencies import Frequencies as Frequencies

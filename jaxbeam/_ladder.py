@@ -87,7 +87,8 @@ def ladder(question: Question, rotor: Rotor) -> list[Rung]:
     being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; in the plane,
     elements. Nothing out of the plane where motion and loads stay in it.
     """
-    return rungs_of(question, bool(_planar(checked_question(question), rotor)))
+    checked_question(question)
+    return rungs_of(question, bool(_planar(question, checked_rotor(Rotor, rotor))))
 
 
 def rungs_of(question: Question, planar: bool) -> list[Rung]:
@@ -125,7 +126,7 @@ class Indicators(eqx.Module):
     | size             | ()    | largest deflection of the tip over the length, linear theory   |
     | slope            | ()    | largest slope there, of the same                               |
     | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
-    | excited          | (6,)  | how much each of them takes part, over the first               |
+    | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
     """
 
     stiffening_ratio: Scalar
@@ -224,7 +225,7 @@ class Choice:
         known = self.indicators
         takes_part = known.excited > 0.1 * self.tolerance
         highest = np.max(known.rest_frequency, where=takes_part, initial=0.0)
-        excited = f"excited up to {highest:.3g} rad/s" if highest else "no mode excited"
+        excited = f"excited up to {highest:.3g} rad/s" if highest else "no mode excited by the hub"
         lines = [
             f"stiffening ratio {float(known.stiffening_ratio):.2g}, deflection "
             f"{float(known.size):.2g} L, slope {float(known.slope):.2g}, steady strain "
@@ -266,7 +267,7 @@ def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
             return f"steady strain {float(known.steady_strain):.2g}"
     n = model.n_in_plane
     if n < len(known.excited) and known.excited[n] > 10 * tolerance:
-        return f"mode {n + 1} takes part, {float(known.excited[n]):.1g} of the first"
+        return f"mode {n + 1} takes part, {float(known.excited[n]):.1g} of what the first could"
     return ""
 
 

@@ -175,7 +175,8 @@ def ladder_sweep(
     | status   | ()     | `Status`; `TOLERANCE_NOT_MET` where the best answer is not good enough |
 
     `chunk` and `progress` are those of `sweep`. Each model is compiled once; where `cases` are few
-    that takes longer than all else. Raises `ValueError` or `TypeError` for malformed arguments.
+    that takes longer than all else, so the cheapest of four or more linear rungs is left out.
+    Raises `ValueError` or `TypeError` for malformed arguments.
     """
     tolerance = checked_tolerance(tolerance)
     count_functions("representatives", representatives, least=2)
@@ -257,13 +258,15 @@ def _swept(
             coarse, here = (pool(model, cases[which]) for model in chain.models[k - 1 : k + 1])
             own = np.maximum(chain.ratio[k] * here.distance(coarse), chain.floor[k])
             error = _SAFETY * (own + left_out[which] + chain.noise)
-            better = error < estimate[which]
+            nothing = out["rung"][which] == ""  # then any answer is better
+            better = (error < estimate[which]) | (nothing & (here.status == Status.OK))
             best = which[better]
             estimate[best], out["value"][best] = error[better], here.value[better]
             out["rung"][best] = describe(chain.models[k])
             status[which] = here.status
             which = which[~(error <= tolerance)]
-            out["outgrown"][which] += 1
+            if k + 1 < len(chain.models) or chain is both[0]:
+                out["outgrown"][which] += 1
     best_kept = np.isfinite(estimate) | (status == Status.OK)
     status[fine & best_kept] = Status.TOLERANCE_NOT_MET
     status[fine & (estimate <= tolerance)] = Status.OK

@@ -76,8 +76,8 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
-        """A-priori: how much bending modes of these frequencies at rest take part, over the first
-        of them."""
+        """A-priori: how much bending modes of these frequencies at rest take part, of what a first
+        one could at most."""
 
 
 class _InTime(Question):

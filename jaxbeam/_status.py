@@ -43,6 +43,8 @@ class Status(enum.IntEnum):
     NO_TONGUE = 28
     TOO_FEW_STEPS = 29
     TOLERANCE_NOT_MET = 30
+    NOT_IDENTIFIABLE = 31
+    FIT_NOT_CONVERGED = 32
 
     @property
     def message(self) -> str:
@@ -123,6 +125,14 @@ _MESSAGES = {
     Status.TOLERANCE_NOT_MET: (
         "no rung of the ladder is sure to meet the tolerance: the best answer and the estimate of "
         "its error are kept"
+    ),
+    Status.NOT_IDENTIFIABLE: (
+        "the data cannot tell all parameters apart: fix some, give a prior, or measure something "
+        "else (see directions)"
+    ),
+    Status.FIT_NOT_CONVERGED: (
+        "the search for the best parameters did not end within max_steps: raise it, start nearer, "
+        "or give bounds or priors"
     ),
 }
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from jaxbeam._fit import Fit
 from jaxbeam._models.base import AbstractModel, Family, Label
 from jaxbeam._modes import Modes
 from jaxbeam._southwell import Campbell
@@ -59,3 +60,19 @@ def mode_shape(
     # Stable axial parts are -i times a real shape, see `Modes`.
     shape = (turn * (table @ np.asarray(found.shape[found.labels.index(mode)]))).real
     ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]
+
+
+def residuals(found: Fit, ax: Axes) -> None:
+    """Residuals over the noise, number by number, one colour an experiment, with the band that
+    holds 95 % of them where noise is all there is."""
+    start = 0
+    ax.axhspan(-1.96, 1.96, color="0.9", lw=0)
+    ax.axhline(0, color="0.5", lw=0.8)
+    for i, values in enumerate(found.residuals):
+        flat = np.asarray(values).ravel() / float(found.scale)
+        at = start + np.arange(flat.size)
+        ax.plot(at, flat, ".", label=f"experiment {i + 1}")
+        start += flat.size
+    ax.set(xlabel="number of the measurement", ylabel="residual / noise (-)")
+    if len(found.residuals) > 1:
+        ax.legend(fontsize=8)

@@ -46,6 +46,8 @@ ORDER = [
     "_sweep",
     "_ladder_sweep",
     "_southwell",
+    "_experiments",
+    "_fit",
     "plot",
 ]
 OWNERS = {
@@ -56,9 +58,11 @@ OWNERS = {
         "_simulate",
         "_questions",
         "_stable_step",
+        "_experiments",
         *(name for name in ORDER if "_solvers." in name),
     },
-    "optimistix": {"_simulate"},
+    "optimistix": {"_simulate", "_fit"},
+    "optax": {"_fit"},
     "jaxlib": {"_kernel"},
 }
 FILES = sorted(PACKAGE.rglob("*.py"))

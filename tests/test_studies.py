@@ -275,3 +275,30 @@ def test_ladder(tmp_path):
     assert len(sweep) == 192
     assert {r["rung"].split(",")[0].split()[-1] for r in sweep} >= {"hybrid", "elements"}
     assert "error above estimate: 0" in printed
+
+
+@pytest.mark.slow
+def test_fit_experiment(tmp_path):
+    """Measured frequencies that a fit has not seen, and a stiffness that differs from mode to mode
+    where the theory of beams ends."""
+    printed = study("fit_experiment", tmp_path)
+    part = printed.split("EI, clamp by all but it at speed")[1].split("All modes")[0]
+    errors = [float(x) for x in re.findall(r"([+-][\d.]+)%", part)]
+    assert len(errors) == 4
+    assert max(map(abs, errors)) < 5
+    rows = rows_of(tmp_path / "left_out.csv")
+    assert len(rows) == 32
+    assert max(abs(float(r["relative_error"])) for r in rows) < 0.1
+    found = re.findall(r"mode \d: ([\d.]+) to ([\d.]+)", printed)
+    (_, _), (low2, _), (low3, high3), (_, high4) = [tuple(map(float, pair)) for pair in found]
+    assert low2 > high3
+    assert low3 > high4
+    assert "times as long as one" in printed
+
+
+@pytest.mark.slow
+def test_detune(tmp_path):
+    study("detune", tmp_path)
+    before, after = rows_of(tmp_path / "detune.csv")
+    assert float(before["margin"]) == 0.0
+    assert float(after["margin"]) >= 0.05

@@ -1,0 +1,317 @@
+"""What was measured, and what a model says of it."""
+
+import abc
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxbeam._beam import Rotor, checked_rotor, checked_speed, real_scalar
+from jaxbeam._frequencies import frequencies
+from jaxbeam._loads import Damping, Loads
+from jaxbeam._models.base import AbstractModel, Family, Label, equilibrium
+from jaxbeam._modes import choose, modes
+from jaxbeam._motion import ConstantSpeed, Motion
+from jaxbeam._scene import check_scene, checked_times, input_status
+from jaxbeam._simulate import simulate
+from jaxbeam._simulation import Simulation, checked_point
+from jaxbeam._status import Status
+from jaxbeam._types import Scalar
+
+
+class Experiment(eqx.Module):
+    """Numbers measured, NaN where one is missing, and the standard deviation of their noise."""
+
+    measured: eqx.AbstractVar[Array]
+    noise: eqx.AbstractVar[Array]
+
+    @abc.abstractmethod
+    def predicted(self) -> Array:
+        """What the model says, in the shape of `measured`; NaN where it has no answer."""
+
+    @property
+    def present(self) -> Bool[Array, "..."]:
+        """Which numbers there are."""
+        return jnp.isfinite(self.measured)
+
+    def residual(self) -> Float[Array, "..."]:
+        """Predicted less measured, over the noise; 0 where nothing was measured."""
+        apart = self.predicted() - jnp.where(self.present, self.measured, 0.0)
+        return jnp.where(self.present, apart / self.noise, 0.0)
+
+
+class FrequencyData(Experiment):
+    """Frequencies in rad/s, shape (S, k), at S angular speeds (rad/s, increasing).
+
+    `which` labels the k columns (`jaxbeam.labels`), whatever their order; or it is k, and the
+    columns are the lowest in plane, in order, by `jaxbeam.frequencies`: much faster in batches, for
+    the models that it takes. Without it the modes are not known: each row holds k frequencies in
+    any order, and is held against the lowest `among` ones of the model by the assignment of least
+    squares in which each mode serves once. Modes that the measurement missed are so passed over.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    angular_speed: Float[Array, " S"]
+    measured: Float[Array, "S k"]
+    noise: Float[Array, "S k"]
+    which: tuple[Label, ...] | int | None = eqx.field(static=True)
+    among: int = eqx.field(static=True)
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, angular_speed: Any, measured: Any, noise: Any,
+        which: Sequence[Label] | int | None = None, *, among: int | None = None,
+    ) -> None:  # fmt: skip
+        self.model, self.rotor = model, checked_rotor(Rotor, rotor)
+        self.angular_speed = _increasing("angular_speed", angular_speed)
+        self.measured, self.noise = _data(measured, noise, (self.angular_speed.size, None))
+        _all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
+        k, total = self.measured.shape[1], len(model.families)
+        self.which = tuple(which) if isinstance(which, Sequence) else which
+        if isinstance(self.which, tuple):
+            choose(model, self.which)
+        named = self.which if self.which is None or isinstance(self.which, int) else len(self.which)
+        if named not in (None, k):
+            raise ValueError(f"which must name {k} modes, one a column, got {named}")
+        self.among = min(2 * k, total) if among is None else among
+        if not k <= self.among <= total:
+            raise ValueError(f"among must be between {k} and {total}, got {among}")
+
+    def predicted(self) -> Float[Array, "S k"]:
+        """Of each column, or of the modes matched to each row."""
+        if isinstance(self.which, int):
+            count = self.which
+            return jax.vmap(
+                lambda w: frequencies(self.model, self.rotor, w, count, throw=False).frequency
+            )(self.angular_speed)
+        which = self.among if self.which is None else self.which
+        found = _frequencies(self.model, self.rotor, self.angular_speed, which)
+        if self.which is not None:
+            return found
+        matched = jax.vmap(match_modes)(self.measured, found)
+        return jnp.take_along_axis(found, matched, axis=1)
+
+
+def match_modes(measured: Any, computed: Any) -> Array:
+    """Which of the computed frequencies, shape (n,), each measured one, (k,), belongs to.
+
+    The assignment of k different modes with the least sum of squares of log(measured / computed),
+    by dynamic programming: on a line the best assignment crosses nothing. NaN among the measured
+    takes no mode, and its index means nothing; NaN among the computed is a mode that is not there.
+    No derivative.
+    """
+    measured, computed = jnp.asarray(measured, float), jnp.asarray(computed, float)
+    if measured.ndim != 1 or computed.ndim != 1 or not 0 < measured.size <= computed.size:
+        raise ValueError(
+            "measured and computed must be lists, not empty and the latter no shorter, got shapes "
+            f"{measured.shape} and {computed.shape}"
+        )
+    measured, computed = jax.lax.stop_gradient((jnp.log(measured), jnp.log(computed)))
+    rows, columns = jnp.argsort(measured), jnp.argsort(computed)  # NaN last
+    given = jnp.isfinite(measured[rows])
+    cost = (measured[rows][:, None] - computed[columns][None]) ** 2
+    cost = jnp.where(jnp.isfinite(cost), cost, 1e30)
+    n = computed.size
+    never = jnp.asarray([jnp.inf], cost.dtype)
+    least = jnp.zeros(n + 1, cost.dtype)  # of the rows so far with the first 0 .. n modes
+    ends = []
+    for i in range(measured.size):
+        end = least[:-1] + cost[i]  # at mode j: what went before used modes below j
+        ends.append(end)
+        best = jax.lax.cummin(jnp.concatenate([never, end]))
+        least = jnp.where(given[i], best, least)
+    found, below = [jnp.zeros((), int)] * measured.size, jnp.asarray(n)
+    for i in reversed(range(measured.size)):
+        at = jnp.argmin(jnp.where(jnp.arange(n) < below, ends[i], jnp.inf))
+        found[i], below = at, jnp.where(given[i], at, below)
+    matched = columns[jnp.stack(found)]
+    return jnp.zeros(measured.size, int).at[rows].set(matched)
+
+
+def _tip(run: Simulation) -> Array:
+    return run.tip[:, 1]
+
+
+class HistoryData(Experiment):
+    """Something that `simulate` computes, at `times` (s, increasing): deflection, strain, torque.
+
+    `of(run)` takes it from a `Simulation`, in the shape of `measured` (T, ...); the in-plane
+    deflection of the tip if not given. `lambda run: run.strain(0.1)[:, 0]` and
+    `lambda run: run.hub_torque[:, 2]` are others (name a function once: a new lambda compiles
+    anew). Other keywords are those of `simulate`; runs must be differentiable forwards.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    motion: Motion
+    times: Float[Array, " T"]
+    measured: Float[Array, "T ..."]
+    noise: Float[Array, "T ..."]
+    of: Callable[[Simulation], Array] = eqx.field(static=True)
+    loads: Loads
+    damping: Damping
+    options: dict[str, Any]
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, motion: Motion, times: Any, measured: Any,
+        noise: Any, of: Callable[[Simulation], Array] = _tip, *, loads: Loads | None = None,
+        damping: Damping | None = None, **options: Any,
+    ) -> None:  # fmt: skip
+        self.model, self.rotor = model, checked_rotor(model.rotor_type, rotor)
+        self.motion = motion
+        self.times = checked_times(times)
+        self.measured, self.noise = _data(measured, noise, (self.times.size, ...))
+        self.of, self.options = of, options
+        self.loads = Loads() if loads is None else loads
+        self.damping = Damping() if damping is None else damping
+        check_scene(self.motion, self.loads, self.damping, self.times[0])
+
+    def predicted(self) -> Float[Array, "T ..."]:
+        """From a run."""
+        run = simulate(
+            self.model, self.rotor, self.motion, self.times, loads=self.loads,
+            damping=self.damping, adjoint=diffrax.ForwardMode(), throw=False, **self.options,
+        )  # fmt: skip
+        value = self.of(run)
+        if value.shape != self.measured.shape:
+            raise ValueError(f"of must give the shape {self.measured.shape}, got {value.shape}")
+        usable = (run.status == Status.OK) | (run.status == Status.UNBALANCED)
+        return jnp.where(usable, value, jnp.nan)
+
+
+class StaticData(Experiment):
+    """Displacement in m of the points xi = x / L, shape (p,), at rest under constant `loads` or in
+    steady rotation; `component` 0, 1, 2 is axial, in plane, flap."""
+
+    model: AbstractModel
+    rotor: Rotor
+    measured: Float[Array, " p"]
+    noise: Float[Array, " p"]
+    loads: Loads
+    angular_speed: Scalar
+    xi: tuple[float, ...] = eqx.field(static=True)
+    component: int = eqx.field(static=True)
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, loads: Loads, measured: Any, noise: Any,
+        xi: Any = 1.0, component: int = 1, *, angular_speed: Any = 0.0,
+    ) -> None:  # fmt: skip
+        self.model, self.rotor, self.loads = model, checked_rotor(model.rotor_type, rotor), loads
+        self.xi = tuple(checked_point(component, point)[1] for point in np.atleast_1d(xi).tolist())
+        self.component = component
+        if component == 2 and Family.FLAP not in model.families:
+            raise ValueError("component 2 needs a model with flap functions")
+        self.measured, self.noise = _data(measured, noise, (len(self.xi),))
+        self.angular_speed = checked_speed(angular_speed)
+        zero = jnp.zeros_like(self.angular_speed)
+        check_scene(ConstantSpeed(self.angular_speed), loads, Damping(), zero)
+
+    def predicted(self) -> Float[Array, " p"]:
+        """At equilibrium."""
+        motion, zero = ConstantSpeed(self.angular_speed), jnp.zeros_like(self.angular_speed)
+        moments = jnp.stack([zero, zero + 1])
+        given = input_status(self.model, self.rotor, motion, self.loads, Damping(), moments)
+        equations = self.model.equations(self.rotor)
+        q, status = equilibrium(
+            equations, motion.hub(zero, self.loads.gravity), self.loads.at_tip(zero)
+        )
+        value = equations.displacement(q, np.array(self.xi))[:, self.component]
+        return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
+
+
+class Clearance(Experiment):
+    """A demand in place of a measurement: no frequency within `margin` of a harmonic of the speed.
+
+    For the modes `which` and the integer `harmonics` k of the working speeds Omega (rad/s,
+    increasing, all > 0; as many as make the range dense), f / (k Omega) stays above 1 + margin or
+    below 1 - margin all along, on the side where most of it lies. `predicted`, shape
+    (modes, harmonics, S), is by how much that falls short; `slack` stands for the noise. Give
+    priors: where the demand is met it says nothing about the parameters.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    angular_speed: Float[Array, " S"]
+    which: tuple[Label, ...] = eqx.field(static=True)
+    harmonics: tuple[int, ...] = eqx.field(static=True)
+    margin: Scalar
+    measured: Float[Array, "m h S"]
+    noise: Float[Array, "m h S"]
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, angular_speed: Any, which: Sequence[Label],
+        harmonics: Sequence[int], margin: Any = 0.05, slack: Any = 1e-3,
+    ) -> None:  # fmt: skip
+        self.model, self.rotor = model, checked_rotor(Rotor, rotor)
+        self.angular_speed = _increasing("angular_speed", angular_speed)
+        _all("angular_speed must be > 0", self.angular_speed, lambda x: x > 0)
+        self.which, self.harmonics = tuple(which), tuple(harmonics)
+        choose(model, self.which)
+        if not self.harmonics or any(type(k) is not int or k < 1 for k in self.harmonics):
+            raise ValueError(f"harmonics must be integers >= 1, got {harmonics}")
+        self.margin = real_scalar("margin", margin)
+        _all("margin must be in (0, 1)", self.margin, lambda x: (x > 0) & (x < 1))
+        shape = (len(self.which), len(self.harmonics), self.angular_speed.size)
+        self.measured, self.noise = _data(np.zeros(shape), slack, shape)
+
+    def distance(self) -> Float[Array, "m h S"]:
+        """f / (k Omega) - 1."""
+        found = _frequencies(self.model, self.rotor, self.angular_speed, self.which).T
+        lines = np.array(self.harmonics, float)[:, None] * self.angular_speed[None]
+        return found[:, None] / lines[None] - 1
+
+    def predicted(self) -> Float[Array, "m h S"]:
+        """What is missing."""
+        distance = self.distance()
+        side = jnp.sign(jnp.mean(jnp.log1p(jax.lax.stop_gradient(distance)), 2, keepdims=True))
+        return jnp.maximum(self.margin - side * distance, 0.0)
+
+
+def _frequencies(
+    model: AbstractModel, rotor: Rotor, speeds: Array, which: int | tuple[Label, ...]
+) -> Array:
+    """At each speed; NaN where there are none."""
+
+    def one(speed: Scalar) -> Array:
+        found = modes(model, rotor, speed, which, throw=False)
+        return jnp.where(found.status == Status.OK, found.frequency, jnp.nan)
+
+    return jax.vmap(one)(speeds)
+
+
+def _all(rule: str, values: Array, holds: Callable[[Any], Any]) -> None:
+    if not isinstance(values, jax.core.Tracer) and not holds(np.asarray(values)).all():
+        raise ValueError(f"{rule}, got {values}")
+
+
+def _increasing(name: str, values: Any) -> Array:
+    values = jnp.asarray(values, jnp.result_type(float))
+    if values.ndim != 1 or not values.size:
+        raise ValueError(f"{name} must be a list of numbers, got shape {values.shape}")
+    _all(f"{name} must be finite", values, np.isfinite)
+    _all(f"{name} must increase", values, lambda x: np.diff(x) > 0)
+    return values
+
+
+def _data(measured: Any, noise: Any, shape: tuple[Any, ...]) -> tuple[Array, Array]:
+    """Measured numbers, of the lengths given (None: any; a last ...: any more axes), and noise."""
+    measured = jnp.asarray(measured, jnp.result_type(float))
+    given = shape[:-1] if shape[-1] is ... else shape
+    right = len(measured.shape) >= len(given) if shape[-1] is ... else measured.ndim == len(given)
+    if not right or any(n not in (None, m) for n, m in zip(given, measured.shape, strict=False)):
+        wanted = ", ".join("any" if n is None else "..." if n is ... else str(n) for n in shape)
+        raise ValueError(f"measured must have shape ({wanted}), got {measured.shape}")
+    _all("measured must be finite, or NaN where missing", measured, lambda x: ~np.isinf(x))
+    _all("measured must hold a number at least", jnp.asarray(measured), _some)
+    noise = jnp.broadcast_to(jnp.asarray(noise, measured.dtype), measured.shape)
+    _all("noise must be finite and > 0", noise, lambda x: np.isfinite(x) & (x > 0))
+    return measured, noise
+
+
+def _some(values: np.ndarray) -> np.ndarray:
+    return np.isfinite(values).any()

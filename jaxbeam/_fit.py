@@ -1,0 +1,449 @@
+"""Parameters from measurements: least squares, what is sure about them, and what is not."""
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.scipy.stats as stats
+import numpy as np
+import optax
+import optimistix
+from jaxtyping import Array, Float
+
+from jaxbeam._beam import real_scalar
+from jaxbeam._experiments import Experiment
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar
+
+Experiments = Callable[..., Experiment | Sequence[Experiment]]
+
+
+class Free(eqx.Module):
+    """A parameter to be found: a guess, strict bounds, and what is known of it before.
+
+    The search runs over z, with z = 0 at the guess:
+
+        value = lower + (guess - lower) exp(z)                   lower bound alone (0 by default)
+        value = upper - (upper - guess) exp(-z)                  upper bound alone
+        value = lower + (upper - lower) / (1 + r exp(-z))        both, r = (upper - guess) /
+                                                                 (guess - lower)
+        value = guess + |guess| z (guess + z where it is 0)      none
+
+    `prior` is (mean, standard deviation) of a normal distribution: one more measurement.
+    """
+
+    guess: Scalar
+    lower: Scalar
+    upper: Scalar
+    prior: tuple[Scalar, Scalar] | None
+    bounded: tuple[bool, bool] = eqx.field(static=True)
+
+    def __init__(
+        self, guess: Any, lower: float = 0.0, upper: float = float("inf"), *,
+        prior: tuple[Any, Any] | None = None,
+    ) -> None:  # fmt: skip
+        self.guess, self.lower = real_scalar("guess", guess), real_scalar("lower", lower)
+        self.upper = real_scalar("upper", upper)
+        self.bounded = (bool(np.isfinite(lower)), bool(np.isfinite(upper)))
+        inside = (self.lower < self.guess) & (self.guess < self.upper) & jnp.isfinite(self.guess)
+        if not isinstance(inside, jax.core.Tracer) and not bool(inside):
+            raise ValueError(f"guess must be finite and between {lower} and {upper}, got {guess}")
+        self.prior = None
+        if prior is not None:
+            if not isinstance(prior, tuple | list) or len(prior) != 2:
+                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
+            mean, deviation = (real_scalar("prior", number) for number in prior)
+            sound = jnp.isfinite(mean) & jnp.isfinite(deviation) & (deviation > 0)
+            if not isinstance(sound, jax.core.Tracer) and not bool(sound):
+                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
+            self.prior = mean, deviation
+
+    def value(self, z: Scalar) -> Scalar:
+        """The parameter, from the variable of the search."""
+        match self.bounded:
+            case True, True:
+                r = (self.upper - self.guess) / (self.guess - self.lower)
+                return self.lower + (self.upper - self.lower) / (1 + r * jnp.exp(-z))
+            case True, False:
+                return self.lower + (self.guess - self.lower) * jnp.exp(z)
+            case False, True:
+                return self.upper - (self.upper - self.guess) * jnp.exp(-z)
+        return self.guess + jnp.where(self.guess == 0, 1.0, jnp.abs(self.guess)) * z
+
+    def unit(self, z: Scalar) -> tuple[Scalar, Scalar]:
+        """d value / dz, and what a change of the parameter is measured by: that, but no less than
+        a tenth of it at the guess; without bounds, so of the value and the guess."""
+        slope = jax.grad(self.value)
+        here = jnp.abs(self.value(z)) if self.bounded == (False, False) else slope(z)
+        return slope(z), jnp.maximum(here, 0.1 * slope(jnp.zeros_like(z)))
+
+    def room(self, z: Scalar) -> Scalar:
+        """How far the nearest bound is."""
+        value = self.value(z)
+        return jnp.minimum(value - self.lower, self.upper - value)
+
+
+def _values(free: dict[str, Free], z: Array) -> dict[str, Scalar]:
+    return {name: each.value(z[i]) for i, (name, each) in enumerate(free.items())}
+
+
+class _Problem(eqx.Module):
+    """Residuals as a function of z, with those of priors at the end."""
+
+    experiments: Experiments
+    free: dict[str, Free]
+
+    def listed(self, z: Array) -> list[Experiment]:
+        found = self.experiments(**_values(self.free, z))
+        return list(found) if isinstance(found, list | tuple) else [found]  # type: ignore[list-item]
+
+    def residual(self, z: Array, _: Any = None) -> Array:
+        parts = [experiment.residual().ravel() for experiment in self.listed(z)]
+        for i, free in enumerate(self.free.values()):
+            if free.prior is not None:
+                mean, deviation = free.prior
+                parts.append((free.value(z[i]) - mean)[None] / deviation)
+        return jnp.concatenate(parts)
+
+    def count(self, z: Array) -> Array:
+        """Of numbers measured, priors among them."""
+        present = [jnp.sum(experiment.present) for experiment in self.listed(z)]
+        return sum(present) + jnp.asarray(sum(f.prior is not None for f in self.free.values()))
+
+
+class Fit(eqx.Module):
+    """What a fit found: m parameters, from n numbers measured.
+
+    | field       | shape  |                                                                      |
+    |-------------|--------|----------------------------------------------------------------------|
+    | parameters  | ()     | values by name                                                       |
+    | deviation   | ()     | standard deviations by name; infinite where the data cannot tell     |
+    | covariance  | (m, m) | of the parameters in alphabetical order (Gauss-Newton)               |
+    | residuals   |        | of each experiment, over the noise, in its shape; NaN where missing  |
+    | misfit      | ()     | sum of squared residuals over `freedom`: near 1 where noise is all   |
+    | freedom     | ()     | n - m                                                                |
+    | certainty   | (m,)   | singular values of the Jacobian by parameters over their `unit`      |
+    | directions  | (m, m) | the combination of these that belongs to each, in rows               |
+    | unit        | (m,)   | what changes of a parameter are measured by: its size, see `Free`    |
+    | at_bound    | ()     | by name, whether a bound is nearer than a tenth of the deviation     |
+    | steps       | ()     | of the last search                                                   |
+    | status      | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`          |
+
+    Methods are for one fit; of a batch map them: `jax.vmap(lambda fit: fit.interval())(fits)`.
+    """
+
+    parameters: dict[str, Scalar]
+    deviation: dict[str, Scalar]
+    covariance: Float[Array, "m m"]
+    residuals: tuple[Array, ...]
+    misfit: Scalar
+    freedom: Array
+    certainty: Float[Array, " m"]
+    directions: Float[Array, "m m"]
+    unit: Float[Array, " m"]
+    at_bound: dict[str, Array]
+    steps: Array
+    status: Code
+    free: dict[str, Free]
+    z: Float[Array, " m"]
+    scale: Scalar
+    known_noise: bool = eqx.field(static=True)
+
+    @property
+    def correlation(self) -> Float[Array, "m m"]:
+        """Of the parameters."""
+        deviation = jnp.sqrt(jnp.diag(self.covariance))
+        return self.covariance / (deviation[:, None] * deviation[None])
+
+    def width(self, confidence: float = 0.95) -> Array:
+        """Half of an interval of this confidence, in standard deviations: of the normal
+        distribution, or of Student's where the level of noise was estimated."""
+        return _quantile(confidence, None if self.known_noise else self.freedom)
+
+    def interval(self, confidence: float = 0.95) -> dict[str, Array]:
+        """(lower, upper) of each parameter. Symmetric in the variable of the search; where that
+        would be a factor of e or more, symmetric in the parameter and cut off at its bounds."""
+        found = {}
+        for i, (name, free) in enumerate(self.free.items()):
+            z, slope = self.z[i], free.unit(self.z[i])[0]
+            half = self.width(confidence) * self.deviation[name]
+            plain = jnp.stack([self.parameters[name] - half, self.parameters[name] + half])
+            far = half / slope
+            near = far < 1
+            reach = jnp.where(near, far, 0.0)
+            curved = jnp.stack([free.value(z - reach), free.value(z + reach)])
+            found[name] = jnp.where(near, curved, jnp.clip(plain, free.lower, free.upper))
+        return found
+
+    def predict(self, function: Callable[..., Array]) -> tuple[Array, Array]:
+        """A function of the parameters, by name, and the standard deviation of its values."""
+
+        def at(values: Array) -> Array:
+            return jnp.asarray(function(**dict(zip(self.free, values, strict=True))))
+
+        values = jnp.stack(list(self.parameters.values()))
+        slope = jax.jacfwd(at)(values)
+        change = (slope * jnp.broadcast_to(self.unit, slope.shape)) @ self.directions.T
+        still = jnp.abs(change) <= 1e-6 * jnp.max(jnp.abs(change), axis=-1, keepdims=True)
+        sure = jnp.broadcast_to(self.certainty, change.shape)
+        spread = jnp.where(still, 0.0, change / jnp.where(still, 1.0, sure))
+        return at(values), self.scale * jnp.linalg.norm(spread, axis=-1)
+
+    def __str__(self) -> str:
+        names = list(self.parameters)
+        lines = [f"{'':28}{'value':>13}{'deviation':>12}   95 % interval"]
+        for name, (low, high) in self.interval().items():
+            lines.append(
+                f"{name:28}{float(self.parameters[name]):13.6g}{float(self.deviation[name]):12.2g}"
+                f"   {float(low):.6g} to {float(high):.6g}"
+            )
+        lines.append(
+            f"misfit {float(self.misfit):.3g} with {int(self.freedom)} degrees of freedom, "
+            f"{int(self.steps)} steps: {Status(int(self.status)).message}"
+        )
+        if self.known_noise and self.excess() > 5:
+            lines.append(
+                "residuals are larger than the noise explains: the model leaves something out, or "
+                "the noise is larger than said"
+            )
+        if bound := ", ".join(name for name, there in self.at_bound.items() if there):
+            lines.append(f"held by a bound: {bound}")
+        for sure, direction in zip(self.certainty, self.directions, strict=True):
+            if float(sure) < float(self.scale) * _UNSURE:
+                share = ", ".join(
+                    f"{float(x):+.2f} {name}"
+                    for name, x in zip(names, direction, strict=True)
+                    if abs(float(x)) > 0.05
+                )
+                lines.append(f"the data cannot tell this combination: {share}")
+        return "\n".join(lines)
+
+    def excess(self) -> float:
+        """By how many of its standard deviations the misfit is above 1."""
+        freedom = max(float(self.freedom), 1.0)
+        return (float(self.misfit) - 1.0) / float(np.sqrt(2.0 / freedom))
+
+
+_UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
+_RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
+
+
+class Descent(NamedTuple):
+    """First-order search from many starts at once: `optimiser` of optax, for `steps`.
+
+    `starts` lie within `spread` of the guess in the variables of the search: a factor of e each way
+    by default, in a Latin hypercube.
+    """
+
+    optimiser: optax.GradientTransformation = optax.adam(0.05)
+    starts: int = 16
+    steps: int = 150
+    spread: float = 1.0
+
+
+def fit(
+    experiments: Experiments,
+    free: dict[str, Free],
+    *,
+    descent: Descent | None = None,
+    solver: Any = None,
+    max_steps: int = 100,
+    known_noise: bool = True,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> Fit:
+    """The parameters that explain the measurements best.
+
+    `experiments(**parameters)` returns one `Experiment` or several, built with the parameters as
+    scalars; an `equinox.Module` with the data as leaves compiles once for all data of one shape.
+    `free` names the parameters. The sum of squared residuals over the noise, and of priors, is
+    minimised: by Levenberg-Marquardt from the guess. Where that does not converge, or leaves
+    residuals that the noise does not explain (the sum five standard deviations above what is
+    expected), 16 starts around the guess (`Descent`) go downhill in one batch and
+    Levenberg-Marquardt goes on from the best; the better of the two ends is kept. With a `descent`
+    given that happens at once. `solver` is a least-squares solver of optimistix: it stops where
+    both the sum of squares and the variables of the search change by less than 1e-10, absolute
+    plus relative, or after `max_steps`; a parameter that ran into a bound by then is held there.
+
+    The covariance is that of Gauss and Newton, (J^T J)^-1. With `known_noise=False` only the
+    relative size of the noise is believed and its level taken from the residuals, which priors
+    would not bear. A direction in which the standard deviation is as large as the parameters, or
+    in which the Jacobian is singular, gives `NOT_IDENTIFIABLE`; its parameters are as near the
+    guess as the search left them, their deviations large or infinite.
+
+    Under `jax.vmap` and `jax.jit` (a batch of data: build the experiments from it inside) there is
+    no second search, unless `descent` asks for one. Raises `ValueError` or `TypeError` for
+    malformed arguments and fewer numbers than parameters; all else is left in `Fit.status`.
+    """
+    if not isinstance(free, dict) or not free:
+        raise ValueError("free must be a dict that names one parameter at least")
+    for name, each in free.items():
+        if not isinstance(each, Free):
+            raise TypeError(f"free[{name!r}] must be a Free, got {type(each).__name__}")
+    problem = _Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
+    zero = jnp.zeros(len(free))
+    for experiment in problem.listed(zero):
+        if not isinstance(experiment, Experiment):
+            raise TypeError("experiments must return an Experiment or several of them")
+    if not known_noise and any(each.prior is not None for each in free.values()):
+        raise ValueError("a prior is in units of the parameter: it needs known_noise=True")
+    if descent is not None and not isinstance(descent, Descent):
+        raise TypeError(f"descent must be a Descent, got {type(descent).__name__}")
+    count = problem.count(zero)
+    known = not isinstance(count, jax.core.Tracer)
+    if known and int(count) < len(free):
+        raise ValueError(
+            f"{int(count)} numbers measured are too few for {len(free)} parameters: measure more, "
+            "fix some, or give a prior"
+        )
+    if known and not known_noise and int(count) == len(free):
+        raise ValueError("with as many numbers as parameters nothing tells the level of the noise")
+    solver = optimistix.LevenbergMarquardt(rtol=1e-10, atol=1e-10) if solver is None else solver
+    best = _refine(problem, zero, solver, max_steps, known_noise)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(best))
+    shown = (sys.stderr.isatty() if progress is None else progress) and not traced
+    if not traced:
+        _tell(shown, f"from the guess: misfit {float(best.misfit):.3g}, {int(best.steps)} steps")
+        lost = int(best.status) in (Status.FIT_NOT_CONVERGED, Status.NOT_FINITE)
+        poor = lost or (known_noise and best.excess() > 5)
+        descent = Descent() if descent is None and poor else descent
+    if descent is None:
+        return best
+    start = _descend(problem, descent, jax.random.key(seed))
+    other = _refine(problem, start, solver, max_steps, known_noise)
+    if not traced:
+        _tell(shown, f"from the best of {descent.starts} starts: misfit {float(other.misfit):.3g}")
+    lower = other.misfit < best.misfit * (1 - 1e-6)
+    ended = (best.status == Status.FIT_NOT_CONVERGED) & (other.status != best.status)
+    better = (
+        ~jnp.isfinite(best.misfit) | lower | (ended & (other.misfit <= best.misfit * (1 + 1e-6)))
+    )
+    return jax.tree.map(lambda a, b: jnp.where(better, b, a), best, other)
+
+
+def _tell(shown: bool, text: str) -> None:
+    if shown:
+        print(f"fit {text}", file=sys.stderr, flush=True)
+
+
+@eqx.filter_jit
+def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_noise: bool) -> Fit:
+    m = z.size
+    found: Any = optimistix.least_squares(
+        problem.residual, solver, z, options={"jac": "fwd"}, max_steps=max_steps, throw=False
+    )
+    z = found.value
+    residual, jacobian = problem.residual(z), jax.jacfwd(problem.residual)(z)
+    freedom = problem.count(z) - m
+    square = jnp.sum(residual**2)
+    misfit = square / jnp.maximum(freedom, 1)
+    level = jnp.where(freedom < 1, jnp.inf, jnp.sqrt(misfit))
+    scale = jnp.ones_like(level) if known_noise else level
+    finite = jnp.all(jnp.isfinite(jacobian)) & jnp.isfinite(square)
+    units = [free.unit(z[i]) for i, free in enumerate(problem.free.values())]
+    slope, unit = (jnp.stack(column) for column in zip(*units, strict=True))
+    by_unit = jacobian * (unit / jnp.maximum(slope, jnp.finfo(z.dtype).tiny))[None]
+    few = max(m - residual.size, 0)  # rows of zeros, for directions that nothing was measured in
+    by_unit = jnp.pad(jnp.where(finite, by_unit, 0.0), ((0, few), (0, 0)))
+    _, certainty, directions = jnp.linalg.svd(by_unit, full_matrices=False)
+    certainty = jnp.where(certainty > _RANK * certainty[0], certainty, 0.0)
+    variance = _variance(certainty, directions)
+    spread = unit[:, None] * directions.T / jnp.where(certainty > 0, certainty, 1.0)[None]
+    covariance = scale**2 * spread @ spread.T
+    deviation = scale * unit * jnp.sqrt(variance)
+    lost = ~jnp.isfinite(deviation)
+    endless = jnp.where(np.eye(m, dtype=bool), jnp.inf, jnp.nan)
+    covariance = jnp.where(lost[:, None] | lost[None], endless, covariance)
+    room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
+    at_bound = jnp.isfinite(deviation) & (room < 0.1 * deviation)
+    status = jnp.where(jnp.min(certainty) < scale * _UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
+    ended = (found.result == optimistix.RESULTS.successful) | jnp.any(at_bound)
+    status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
+    status = jnp.where(finite, status, Status.NOT_FINITE)
+    names = list(problem.free)
+    listed = problem.listed(z)
+    return Fit(
+        parameters=_values(problem.free, z),
+        deviation={name: deviation[i] for i, name in enumerate(names)},
+        covariance=covariance,
+        residuals=tuple(jnp.where(each.present, each.residual(), jnp.nan) for each in listed),
+        misfit=jnp.where(finite, misfit, jnp.nan),
+        freedom=freedom,
+        certainty=certainty,
+        directions=directions,
+        unit=unit,
+        at_bound=dict(zip(names, at_bound, strict=True)),
+        steps=found.stats["num_steps"],
+        status=status,
+        free=problem.free,
+        z=z,
+        scale=scale,
+        known_noise=known_noise,
+    )
+
+
+def _variance(certainty: Array, directions: Array) -> Array:
+    """Of the variables of the search; infinite where a direction without certainty has a share."""
+    share = directions**2
+    share = jnp.where(share < 1e-12, 0.0, share)
+    each = jnp.where(share == 0, 0.0, share / jnp.where(share == 0, 1.0, certainty[:, None] ** 2))
+    return jnp.sum(each, axis=0)
+
+
+def _quantile(confidence: float, freedom: Array | None) -> Array:
+    """Half width of a two-sided interval, in standard deviations."""
+    if not 0 < confidence < 1:
+        raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
+    if freedom is None:
+        return jnp.asarray(stats.norm.ppf(0.5 + confidence / 2))
+    return _student(0.5 + confidence / 2, jnp.maximum(freedom, 1).astype(float))
+
+
+def _student(p: float, freedom: Array) -> Array:
+    """Quantile of Student's distribution by bisection of its incomplete beta function."""
+    low, high = jnp.zeros_like(freedom), jnp.full_like(freedom, 1e4)
+
+    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
+        middle = (low + high) / 2
+        x = freedom / (freedom + middle**2)
+        below = 1 - 0.5 * jax.scipy.special.betainc(freedom / 2, 0.5, x) < p
+        return jnp.where(below, middle, low), jnp.where(below, high, middle)
+
+    low, high = jax.lax.fori_loop(0, 60, halve, (low, high))
+    return (low + high) / 2
+
+
+@eqx.filter_jit
+def _descend(problem: _Problem, descent: Descent, key: Any) -> Array:
+    """The best end of all starts."""
+    n, m = descent.starts, len(problem.free)
+    # A Latin hypercube: each parameter takes n values evenly, in an order of its own.
+    order, within = jax.random.split(key)
+    rows = jax.vmap(lambda k: jax.random.permutation(k, n), out_axes=1)(jax.random.split(order, m))
+    away = descent.spread * (2 * (rows + jax.random.uniform(within, (n, m))) / n - 1)
+    starts = away.at[0].set(0.0)
+
+    def loss(z: Array) -> tuple[Array, Array]:
+        residual, jacobian = problem.residual(z), jax.jacfwd(problem.residual)(z)
+        gradient = jacobian.T @ residual
+        return jnp.sum(residual**2) / 2, jnp.where(jnp.isfinite(gradient), gradient, 0.0)
+
+    def one(z: Array) -> tuple[Array, Array]:
+        def step(carry: Any, _: None) -> tuple[Any, None]:
+            z, state, best, least = carry
+            value, gradient = loss(z)
+            better = value < least
+            best, least = jnp.where(better, z, best), jnp.where(better, value, least)
+            update, state = descent.optimiser.update(gradient, state, z)
+            return (optax.apply_updates(z, update), state, best, least), None
+
+        begin = (z, descent.optimiser.init(z), z, jnp.asarray(jnp.inf))
+        (_, _, best, least), _ = jax.lax.scan(step, begin, None, length=descent.steps)
+        return best, least
+
+    ends, least = jax.vmap(one)(starts)
+    return ends[jnp.argmin(least)]

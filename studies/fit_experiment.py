@@ -1,0 +1,285 @@
+"""A composite blade from its measured flap frequencies, and what the theory of beams leaves over.
+
+Bending stiffness is fitted to the frequencies of the blade of Epps and Chandra (1996, see
+`studies/data`): at rest alone, to say how the first mode stiffens with speed; to all speeds but
+one, to say the one left out; with the effective place of the root or not. The level of noise is
+not known and taken from the residuals. Then what fits cost, on synthetic frequencies.
+
+    python studies/fit_experiment.py [--quick] [--out FOLDER]
+"""
+
+import argparse
+import csv
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import equinox as eqx  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import matplotlib  # noqa: E402
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+
+import jaxbeam as jb  # noqa: E402
+
+DATA = Path(__file__).parent / "data" / "epps_chandra_1996_composite.csv"
+INCH, POUND = 0.0254, 4.4482216152605
+LENGTH, HUB, WIDTH, HEIGHT = 37.5 * INCH, 2.5 * INCH, 1.0 * INCH, 0.117 * INCH
+MODULUS = 2.059e7 * POUND / INCH**2
+DENSITY = 1.44e-4 * POUND / INCH**4  # lb s^2 / in^4
+AREA = WIDTH * HEIGHT
+NOMINAL = MODULUS * WIDTH * HEIGHT**3 / 12
+MODEL = jb.Hybrid(1, 1, 12)
+WHICH = jb.labels(flap=4)
+NOISE = 0.01  # relative; only that it is the same for all is believed
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#E69F00")
+
+
+def measured() -> tuple[np.ndarray, np.ndarray]:
+    """Speeds in rad/s, and four frequencies in rad/s at each."""
+    table = np.loadtxt(DATA, delimiter=",", skiprows=1)
+    return table[:, 0] * np.pi / 30, table[:, 1:] * 2 * np.pi
+
+
+def blade(stiffness: Any, clamp: Any = 0.0) -> jb.Rotor:
+    """`clamp`: how much farther out than drawn the root is, so much shorter the free length."""
+    return jb.Rotor(
+        jb.Beam(
+            LENGTH - clamp, DENSITY * AREA, MODULUS * AREA,
+            MODULUS * HEIGHT * WIDTH**3 / 12, stiffness,
+        ),
+        HUB + clamp,
+    )  # fmt: skip
+
+
+class Seen(eqx.Module):
+    """What was measured; as leaves, so that other data do not compile anew."""
+
+    speeds: Any
+    frequencies: Any
+
+    def __call__(self, stiffness: Any, clamp: Any = 0.0) -> jb.FrequencyData:
+        noise = NOISE * jnp.where(jnp.isfinite(self.frequencies), self.frequencies, 1.0)
+        rotor = blade(stiffness, clamp)
+        return jb.FrequencyData(MODEL, rotor, self.speeds, self.frequencies, noise, WHICH)
+
+
+@jax.jit
+def frequencies_at(speeds: Any, stiffness: Any, clamp: Any = 0.0) -> Any:
+    """In Hz, (speeds, 4)."""
+    rotor = blade(stiffness, clamp)
+    found = jax.vmap(lambda w: jb.modes(MODEL, rotor, w, WHICH, throw=False).frequency)(
+        jnp.asarray(speeds)
+    )
+    return found / (2 * np.pi)
+
+
+STIFFNESS = {"stiffness": jb.Free(NOMINAL)}
+BOTH = STIFFNESS | {"clamp": jb.Free(1.0 * INCH, 0.0, 6.0 * INCH)}
+
+
+def fit(speeds: Any, frequencies: Any, free: dict[str, jb.Free], known: bool = False) -> jb.Fit:
+    # How well beams can explain this is the question: no second search where they do not.
+    seen = Seen(jnp.asarray(speeds), jnp.asarray(frequencies))
+    return jb.fit(seen, free, known_noise=known, progress=False)
+
+
+def left_out(free: dict[str, jb.Free]) -> list[tuple[float, int, float, float]]:
+    """(rpm, mode, measured in Hz, relative error of what the other speeds predict)."""
+    speeds, frequencies = measured()
+    rows = []
+    for i, speed in enumerate(speeds):
+        others = np.where(np.arange(len(speeds))[:, None] == i, np.nan, frequencies)
+        found = fit(speeds, others, free)
+        said = np.asarray(frequencies_at([speed], **found.parameters))[0]
+        for k, (f, g) in enumerate(zip(said, frequencies[i] / (2 * np.pi), strict=True)):
+            rows.append((speed * 30 / np.pi, k + 1, g, f / g - 1))
+    return rows
+
+
+def one_mode(mode: int) -> jb.Fit:
+    """Stiffness from one mode at rest and at speed alone."""
+    speeds, frequencies = measured()
+    only = np.full_like(frequencies, np.nan)
+    only[:, mode] = frequencies[:, mode]
+    return fit(speeds, only, STIFFNESS)
+
+
+def costs(quick: bool) -> list[str]:
+    """Six parameters from frequencies: one fit, a hundred in a batch, a Jacobian."""
+    draws = 100
+    model, which, speeds = (
+        jb.Hybrid(3, 6, 6),
+        jb.labels(in_plane=3, flap=3, axial=1),
+        [0.0, 2, 4, 6],
+    )
+    truth = {"in_plane": 2.0, "flap": 1.2, "axial": 3e4, "mass": 1.1, "hub": 0.3, "tip": 0.4}
+
+    def build(measured: Any, noise: Any) -> Callable[..., list[jb.Experiment]]:
+        def experiments(**p: Any) -> list[jb.Experiment]:
+            beam = jb.Beam(1.0, p["mass"], p["axial"], p["in_plane"], p["flap"])
+            return [
+                jb.FrequencyData(
+                    model, jb.Rotor(beam, p["hub"], p["tip"] + more), speeds, y, s, which
+                )
+                for more, y, s in zip((0.0, 0.25), measured, noise, strict=True)
+            ]
+
+        return experiments
+
+    ones = np.ones((2, len(speeds), len(which)))
+    exact = np.stack([np.asarray(e.predicted()) for e in build(ones, ones)(**truth)])
+    noise = 1e-3 * exact
+    rng = np.random.default_rng(0)
+    measured = exact + noise * rng.normal(size=(draws, *exact.shape))
+    free = {name: jb.Free(1.1 * value) for name, value in truth.items()}
+
+    def one(y: Any) -> jb.Fit:
+        return jb.fit(build(y, noise), free)
+
+    vector = jnp.asarray(list(truth.values()))
+
+    def residual(p: Any) -> Any:
+        named = dict(zip(truth, p, strict=True))
+        return jnp.stack([e.residual() for e in build(exact, noise)(**named)])
+
+    spent, compiled = {}, {}
+    for name, function, argument in (
+        ("one fit", jax.jit(one), measured[0]),
+        ("100 fits in a batch", jax.jit(jax.vmap(one)), measured),
+        ("residuals", jax.jit(residual), vector),
+        ("residuals and Jacobian", jax.jit(jax.jacfwd(residual)), vector),
+    ):
+        began = time.perf_counter()
+        jax.block_until_ready(function(argument))
+        compiled[name] = time.perf_counter() - began
+        taken = []
+        for _ in range(3 if quick else 10):
+            began = time.perf_counter()
+            jax.block_until_ready(function(argument))
+            taken.append(time.perf_counter() - began)
+        spent[name] = float(np.median(taken))
+    lines = [
+        f"  {name:24} {1e3 * seconds:9.2f} ms; the first time {compiled[name]:.1f} s"
+        for name, seconds in spent.items()
+    ]
+    ratio = spent["100 fits in a batch"] / spent["one fit"]
+    gradient = spent["residuals and Jacobian"] / spent["residuals"]
+    lines.append(f"  100 fits in a batch take {ratio:.1f} times as long as one")
+    lines.append(
+        f"  the Jacobian by six parameters takes {gradient:.1f} times as long as residuals"
+    )
+    return lines
+
+
+def main(quick: bool = False, out: Path | None = None) -> Path:
+    """Run all of it; returns the folder that holds the figure and the tables."""
+    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "fit_experiment"
+    out.mkdir(parents=True, exist_ok=True)
+    speeds, frequencies = measured()
+    rpm, hertz = speeds * 30 / np.pi, frequencies / (2 * np.pi)
+
+    rest = np.full_like(frequencies, np.nan)
+    rest[0, 0] = frequencies[0, 0]
+    others = frequencies.copy()
+    others[1:, 0] = np.nan
+    alone = fit(speeds, rest, STIFFNESS, known=True)  # one number: no noise to be seen
+    said = {
+        "EI by its frequency at rest": alone,
+        "EI, clamp by all but it at speed": fit(speeds, others, BOTH),
+    }
+    print("First mode at speed, predicted without having been seen there, and measured")
+    for name, found in said.items():
+        first = np.asarray(frequencies_at(speeds, **found.parameters))[:, 0]
+        print(f"  {name}: " + ", ".join(f"{k} {float(v):.4g}" for k, v in found.parameters.items()))
+        for r, f, g in zip(rpm, first, hertz[:, 0], strict=True):
+            print(f"    {r:4.0f} rpm  {f:8.3f} Hz  {g:8.3f} Hz  {f / g - 1:+.1%}")
+
+    fits = {
+        "stiffness": fit(speeds, frequencies, STIFFNESS),
+        "and clamp": fit(speeds, frequencies, BOTH),
+    }
+    for name, found in fits.items():
+        print(f"\nAll modes at all speeds: {name}\n{found}")
+    gain = float(
+        (fits["stiffness"].misfit * fits["stiffness"].freedom)
+        / (fits["and clamp"].misfit * fits["and clamp"].freedom)
+    )
+    print(f"\nSum of squares without clamp over that with it: {gain:.3f}")
+    print("\nStiffness over E b h^3 / 12 from one mode at all speeds (equal if beams explained it)")
+    for mode in range(4):
+        one = one_mode(mode)
+        low, high = (float(x) / NOMINAL for x in one.interval()["stiffness"])
+        print(f"  mode {mode + 1}: {low:.3f} to {high:.3f}")
+
+    rows = {
+        "stiffness": left_out(STIFFNESS),
+        "and clamp": left_out(BOTH),
+    }
+    print("\nEach speed predicted from the others: relative errors, modes 1 to 4")
+    for name, some in rows.items():
+        for r in rpm:
+            errors = [row[3] for row in some if abs(row[0] - r) < 1e-6]
+            print(f"  {name:12} {r:4.0f} rpm  " + "  ".join(f"{e:+.1%}" for e in errors))
+    with open(out / "left_out.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["fitted", "rpm", "mode", "measured_hz", "relative_error"])
+        for name, some in rows.items():
+            writer.writerows([(name, *row) for row in some])
+
+    print("\nSix parameters from 56 frequencies")
+    print("\n".join(costs(quick)))
+    draw(out / "fit_experiment.png", fits["and clamp"], rpm, hertz)
+    print(f"\nfigure and table are in {out}")
+    return out
+
+
+def draw(path: Path, found: jb.Fit, rpm: np.ndarray, hertz: np.ndarray) -> None:
+    """Campbell diagram with intervals, and residuals."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")
+    fine = np.linspace(0.0, 800.0, 41)
+    value, deviation = found.predict(lambda **p: frequencies_at(fine * np.pi / 30, **p))
+    at, _ = found.predict(lambda **p: frequencies_at(rpm * np.pi / 30, **p))
+    for k, colour in enumerate(COLOURS):
+        low, high = (value[:, k] + sign * found.width() * deviation[:, k] for sign in (-1, 1))
+        left.fill_between(fine, low, high, color=colour, alpha=0.25, lw=0)
+        left.plot(fine, value[:, k], color=colour, label=f"flap {k + 1}")
+        left.plot(rpm, hertz[:, k], "o", color=colour, mec="k")
+        right.plot(
+            rpm, 100 * (at[:, k] / hertz[:, k] - 1), "o-", color=colour, label=f"flap {k + 1}"
+        )
+    for n in (1, 2, 4, 8):
+        left.plot(fine, n * fine / 60, ":", color="0.6", lw=1)
+        left.annotate(
+            f"{n}/rev", (790, n * 790 / 60), fontsize=8, color="0.4", ha="right", va="bottom"
+        )
+    left.set(
+        yscale="log", ylim=(3, 300), xlim=(0, 800), xlabel="rotor speed (rpm)",
+        ylabel="frequency (Hz)", title="measured (dots), fitted with 95 % interval",
+    )  # fmt: skip
+    right.axhline(0, color="k", lw=1)
+    right.set(
+        xlabel="rotor speed (rpm)", ylabel="fitted over measured - 1 (%)",
+        title="what a uniform Euler-Bernoulli beam leaves over",
+    )  # fmt: skip
+    for ax in (left, right):
+        ax.grid(alpha=0.3)
+        ax.legend(fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions of timings")
+    parser.add_argument("--out", type=Path, help="folder for the figure and the table")
+    arguments = parser.parse_args()
+    main(arguments.quick, arguments.out)
