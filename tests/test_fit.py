@@ -421,6 +421,7 @@ def test_bounds_hold_and_the_guess_is_at_zero(bounds):
     assert (values <= bounds[1]).all()
 
 
+@pytest.mark.slow
 def test_static_deflections_tell_stiffness():
     """w = F x^2 (3 L - x) / (6 EI), small; with gravity too."""
     xi, force, stiffness = np.array([0.3, 0.6, 1.0]), 1e-3, 2.0

@@ -317,6 +317,7 @@ def test_gradients_by_every_parameter(model, rotor):
     assert np.subtract(*np.abs(value(p))) > 1e-3  # the peak is not the end
 
 
+@pytest.mark.slow
 def test_gradient_of_the_smallest_model():
     """Reverse mode through adaptive steps, by hub radius, against differences."""
 

@@ -126,8 +126,8 @@ def test_failing_cases_leave_others_alone(function, chunk):
         for j, hub in enumerate([0.5, -1.0, 0.0]):
             for k, tip in enumerate([0.0, 1.0, float("nan")]):
                 status = jb.Status(int(table["status"][i, j, k]))
-                message = table._take("angular_speed", [i])._take("hub_radius", [j])
-                message = message._take("tip_mass", [k])
+                message = table.take("angular_speed", [i]).take("hub_radius", [j])
+                message = message.take("tip_mass", [k])
                 got = message.errors.get(0, status.message)
                 if hub < 0:
                     assert got == "hub_radius must be finite and >= 0"
