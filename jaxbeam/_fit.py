@@ -108,6 +108,11 @@ class _Problem(eqx.Module):
                 parts.append((free.value(z[i]) - mean)[None] / deviation)
         return jnp.concatenate(parts)
 
+    def with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        """Residuals and their derivatives, from one run of the models."""
+        jacobian, residual = jax.jacfwd(lambda z: (self.residual(z),) * 2, has_aux=True)(z)
+        return residual, jacobian
+
     def count(self, z: Array) -> Array:
         """Of numbers measured, priors among them."""
         present = [jnp.sum(experiment.present) for experiment in self.listed(z)]
@@ -161,17 +166,20 @@ class Fit(eqx.Module):
     def width(self, confidence: float = 0.95) -> Array:
         """Half of an interval of this confidence, in standard deviations: of the normal
         distribution, or of Student's where the level of noise was estimated."""
-        return _quantile(confidence, None if self.known_noise else self.freedom)
+        if not 0 < confidence < 1:
+            raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
+        if self.known_noise:
+            return jnp.asarray(stats.norm.ppf(0.5 + confidence / 2))
+        return _student(0.5 + confidence / 2, jnp.maximum(self.freedom, 1).astype(float))
 
     def interval(self, confidence: float = 0.95) -> dict[str, Array]:
         """(lower, upper) of each parameter. Symmetric in the variable of the search; where that
         would be a factor of e or more, symmetric in the parameter and cut off at its bounds."""
         found = {}
-        for i, (name, free) in enumerate(self.free.items()):
-            z, slope = self.z[i], free.unit(self.z[i])[0]
+        for z, (name, free) in zip(self.z, self.free.items(), strict=True):
             half = self.width(confidence) * self.deviation[name]
             plain = jnp.stack([self.parameters[name] - half, self.parameters[name] + half])
-            far = half / slope
+            far = half / free.unit(z)[0]
             near = far < 1
             reach = jnp.where(near, far, 0.0)
             curved = jnp.stack([free.value(z - reach), free.value(z + reach)])
@@ -312,8 +320,8 @@ def fit(
         descent = Descent() if descent is None and poor else descent
     if descent is None:
         return best
-    start = _descend(problem, descent, jax.random.key(seed))
-    other = _refine(problem, start, solver, max_steps, known_noise)
+    z = _descend(problem, descent, jax.random.key(seed))
+    other = _refine(problem, z, solver, max_steps, known_noise)
     if not traced:
         _tell(shown, f"from the best of {descent.starts} starts: misfit {float(other.misfit):.3g}")
     lower = other.misfit < best.misfit * (1 - 1e-6)
@@ -336,7 +344,7 @@ def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_nois
         problem.residual, solver, z, options={"jac": "fwd"}, max_steps=max_steps, throw=False
     )
     z = found.value
-    residual, jacobian = problem.residual(z), jax.jacfwd(problem.residual)(z)
+    residual, jacobian = problem.with_jacobian(z)
     freedom = problem.count(z) - m
     square = jnp.sum(residual**2)
     misfit = square / jnp.maximum(freedom, 1)
@@ -350,10 +358,9 @@ def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_nois
     by_unit = jnp.pad(jnp.where(finite, by_unit, 0.0), ((0, few), (0, 0)))
     _, certainty, directions = jnp.linalg.svd(by_unit, full_matrices=False)
     certainty = jnp.where(certainty > _RANK * certainty[0], certainty, 0.0)
-    variance = _variance(certainty, directions)
     spread = unit[:, None] * directions.T / jnp.where(certainty > 0, certainty, 1.0)[None]
     covariance = scale**2 * spread @ spread.T
-    deviation = scale * unit * jnp.sqrt(variance)
+    deviation = scale * unit * jnp.sqrt(_variance(certainty, directions))
     lost = ~jnp.isfinite(deviation)
     endless = jnp.where(np.eye(m, dtype=bool), jnp.inf, jnp.nan)
     covariance = jnp.where(lost[:, None] | lost[None], endless, covariance)
@@ -363,13 +370,16 @@ def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_nois
     ended = (found.result == optimistix.RESULTS.successful) | jnp.any(at_bound)
     status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
     status = jnp.where(finite, status, Status.NOT_FINITE)
-    names = list(problem.free)
-    listed = problem.listed(z)
+    names, residuals, start = list(problem.free), [], 0
+    for each in problem.listed(z):
+        own = residual[start : start + each.measured.size].reshape(each.measured.shape)
+        residuals.append(jnp.where(each.present, own, jnp.nan))
+        start += own.size
     return Fit(
         parameters=_values(problem.free, z),
         deviation={name: deviation[i] for i, name in enumerate(names)},
         covariance=covariance,
-        residuals=tuple(jnp.where(each.present, each.residual(), jnp.nan) for each in listed),
+        residuals=tuple(residuals),
         misfit=jnp.where(finite, misfit, jnp.nan),
         freedom=freedom,
         certainty=certainty,
@@ -391,15 +401,6 @@ def _variance(certainty: Array, directions: Array) -> Array:
     share = jnp.where(share < 1e-12, 0.0, share)
     each = jnp.where(share == 0, 0.0, share / jnp.where(share == 0, 1.0, certainty[:, None] ** 2))
     return jnp.sum(each, axis=0)
-
-
-def _quantile(confidence: float, freedom: Array | None) -> Array:
-    """Half width of a two-sided interval, in standard deviations."""
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
-    if freedom is None:
-        return jnp.asarray(stats.norm.ppf(0.5 + confidence / 2))
-    return _student(0.5 + confidence / 2, jnp.maximum(freedom, 1).astype(float))
 
 
 def _student(p: float, freedom: Array) -> Array:
@@ -428,7 +429,7 @@ def _descend(problem: _Problem, descent: Descent, key: Any) -> Array:
     starts = away.at[0].set(0.0)
 
     def loss(z: Array) -> tuple[Array, Array]:
-        residual, jacobian = problem.residual(z), jax.jacfwd(problem.residual)(z)
+        residual, jacobian = problem.with_jacobian(z)
         gradient = jacobian.T @ residual
         return jnp.sum(residual**2) / 2, jnp.where(jnp.isfinite(gradient), gradient, 0.0)
 
