@@ -5,6 +5,9 @@ from jaxbeam._basis import Polynomials as Polynomials
 from jaxbeam._beam import Beam as Beam
 from jaxbeam._beam import Rotor as Rotor
 from jaxbeam._beam import SpringRotor as SpringRotor
+from jaxbeam._cases import Cases as Cases
+from jaxbeam._cases import grid as grid
+from jaxbeam._cases import listed as listed
 from jaxbeam._experiments import Clearance as Clearance
 from jaxbeam._experiments import Experiment as Experiment
 from jaxbeam._experiments import FrequencyData as FrequencyData
@@ -93,11 +96,8 @@ from jaxbeam._stable_step import StableStep as StableStep
 from jaxbeam._stable_step import amplification as amplification
 from jaxbeam._stable_step import stable_step as stable_step
 from jaxbeam._status import Status as Status
-from jaxbeam._sweep import Cases as Cases
-from jaxbeam._sweep import Table as Table
-from jaxbeam._sweep import grid as grid
-from jaxbeam._sweep import listed as listed
 from jaxbeam._sweep import sweep as sweep
+from jaxbeam._table import Table as Table
 from jaxbeam._tongues import Tongue as Tongue
 from jaxbeam._tongues import tongue as tongue
 

@@ -1,7 +1,7 @@
 """Many questions on the ladder: a few say how rungs err, all are answered on what suffices."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._beam import Rotor, real_scalar
+from jaxbeam._cases import Cases
+from jaxbeam._devices import Team
 from jaxbeam._ladder import (
     INTEGRATION,
     JUDGE,
@@ -26,7 +28,8 @@ from jaxbeam._ladder import (
 from jaxbeam._models.base import AbstractModel, count_functions
 from jaxbeam._questions import Answer, Question
 from jaxbeam._status import Status
-from jaxbeam._sweep import Cases, Table, sweep, tabled
+from jaxbeam._sweep import sweep
+from jaxbeam._table import Table, tabled
 from jaxbeam._types import Scalar
 
 Situation = Callable[..., tuple[Question, Rotor]]
@@ -76,21 +79,19 @@ def _of(answers: Answer, which: np.ndarray) -> Answer:
 class _Pool:
     """Answers of cases by models, computed when asked for and kept."""
 
-    def __init__(
-        self, situation: Situation, cases: Cases, accuracy: float, chunk: int,
-        progress: bool | None,
-    ) -> None:  # fmt: skip
+    def __init__(self, situation: Situation, cases: Cases, accuracy: float, **how: Any) -> None:
         self.situation, self.columns, self.accuracy = situation, cases.columns, accuracy
-        self.chunk, self.progress, self.n = chunk, progress, len(cases)
+        self.how, self.n = how, len(cases)  # how: chunk, devices and progress of `sweep`
         self.size, self.steps = np.full(self.n, UNKNOWN), np.zeros(self.n, int)
         self.found: dict[AbstractModel, Answer] = {}  # batched; status -1 where not asked
 
     def run(self, function: Any, which: np.ndarray, **more: np.ndarray) -> Table:
         """Always in whole chunks: other sizes would compile anew."""
-        filled = np.resize(which, -(-len(which) // self.chunk) * self.chunk)
+        chunk = self.how["chunk"]
+        filled = np.resize(which, -(-len(which) // chunk) * chunk)
         columns = {name: c[filled] for name, c in {**self.columns, **more}.items()}
-        cases = Cases(columns, {"row": np.arange(len(filled))})
-        table = sweep(function, cases, chunk=self.chunk, progress=self.progress)
+        cases = Cases({"row": np.arange(len(filled))}, columns)
+        table = sweep(function, cases, **self.how)
         return table.take("row", np.arange(len(which)))
 
     def ask(self, model: AbstractModel, which: np.ndarray, tighter: float = 1.0) -> Table:
@@ -146,6 +147,7 @@ def ladder_sweep(
     *,
     representatives: int = 16,
     chunk: int = 16,
+    devices: Sequence[jax.Device] | None = None,
     progress: bool | None = None,
 ) -> Table:
     """Answer a question about every case, each on a rung that suffices.
@@ -174,16 +176,21 @@ def ladder_sweep(
     | outgrown | ()     | how often the estimate was too large and a richer rung was asked       |
     | status   | ()     | `Status`; `TOLERANCE_NOT_MET` where the best answer is not good enough |
 
-    `chunk` and `progress` are those of `sweep`. Each model is compiled once; where `cases` are few
-    that takes longer than all else, so the cheapest of four or more linear rungs is left out.
+    `chunk`, `devices` (of this process alone) and `progress` are those of `sweep`. Each model is
+    compiled once; where `cases` are few that takes longer than all else, so the cheapest of four or
+    more linear rungs is left out.
     Raises `ValueError` or `TypeError` for malformed arguments.
     """
     tolerance = checked_tolerance(tolerance)
     count_functions("representatives", representatives, least=2)
     count_functions("chunk", chunk, least=1)
+    if Team.of(devices).shared:  # the sweeps below do not come in one order
+        raise ValueError("devices must be of this process alone: use jax.local_devices()")
     question = _example(situation, cases)
     n = len(cases)
-    pool = _Pool(situation, cases, INTEGRATION * tolerance, chunk, progress)
+    pool = _Pool(
+        situation, cases, INTEGRATION * tolerance, chunk=chunk, devices=devices, progress=progress
+    )
     known = pool.run(_Know(situation), np.arange(n))
     given = known["status"]
     results = _blank(n, 1)

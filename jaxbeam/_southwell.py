@@ -10,10 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._beam import Rotor, real_scalar
+from jaxbeam._cases import grid
 from jaxbeam._models.base import AbstractModel, Label
 from jaxbeam._modes import Choice, choose, find
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._sweep import Table, grid, sweep
+from jaxbeam._sweep import sweep
+from jaxbeam._table import Table
 from jaxbeam._types import Code, Real, Scalar
 
 

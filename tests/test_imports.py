@@ -43,6 +43,10 @@ ORDER = [
     "_floquet",
     "_tongues",
     "_frequencies",
+    "_cases",
+    "_store",
+    "_table",
+    "_devices",
     "_sweep",
     "_ladder_sweep",
     "_southwell",
@@ -52,7 +56,7 @@ ORDER = [
 ]
 OWNERS = {
     "matplotlib": {"plot"},
-    "xarray": {"_sweep"},
+    "xarray": {"_table"},
     "diffrax": {
         "_simulation",
         "_simulate",

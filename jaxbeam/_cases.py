@@ -1,0 +1,78 @@
+"""Many cases of one thing: grids and lists of named parameters."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class Cases:
+    """Named parameters of N cases. Made by `grid` or `listed`.
+
+    `axes` holds the coordinates of the dimensions that the cases are laid out along, with product
+    of lengths N; `columns[name]` the value of a parameter in each case, shape (N,). A grid makes
+    its columns when they are asked for: `at` gives those of a few cases, however many there are.
+    """
+
+    axes: dict[str, np.ndarray]
+    of_list: dict[str, np.ndarray] | None = None  # parameters of an explicit list
+
+    def __len__(self) -> int:
+        return math.prod(len(axis) for axis in self.axes.values())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return tuple(self.axes if self.of_list is None else self.of_list)
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Value of each parameter in each case."""
+        return self.at(np.arange(len(self)))
+
+    def at(self, index: np.ndarray) -> dict[str, np.ndarray]:
+        """Values of the parameters in these cases, by number."""
+        if self.of_list is not None:
+            return {name: column[index] for name, column in self.of_list.items()}
+        places = np.unravel_index(index, [len(axis) for axis in self.axes.values()])
+        return {n: a[place] for (n, a), place in zip(self.axes.items(), places, strict=True)}
+
+
+def grid(**axes: Any) -> Cases:
+    """Cartesian product, the last axis fastest: `grid(angular_speed=[0.0, 1.0], tip_mass=[0])`."""
+    coords = {name: _column(name, values) for name, values in _some(axes).items()}
+    for name, column in coords.items():
+        if len(np.unique(column)) < len(column):
+            raise ValueError(f"{name} must not repeat values in a grid")
+    return Cases(coords)
+
+
+def listed(**columns: Any) -> Cases:
+    """Explicit cases, one for each position in the equally long columns."""
+    values = {name: _column(name, column) for name, column in _some(columns).items()}
+    lengths = {name: len(column) for name, column in values.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"columns must be equally long, got {lengths}")
+    n = next(iter(lengths.values()))
+    return Cases({"case": np.arange(n)}, values)
+
+
+def _some(named: dict[str, Any]) -> dict[str, Any]:
+    if not named:
+        raise ValueError("name at least one parameter, as in grid(angular_speed=[0.0, 1.0])")
+    return named
+
+
+def _column(name: str, values: Any) -> np.ndarray:
+    column = np.asarray(values)
+    if column.ndim != 1 or column.size == 0:
+        raise ValueError(f"{name} must be one-dimensional and not empty, got {column.shape}")
+    if isinstance(values, list | tuple | range) and np.issubdtype(column.dtype, np.integer):
+        column = column.astype(float)  # [0, 1, 2] typed by hand means numbers
+    if not np.issubdtype(column.dtype, np.floating):
+        raise TypeError(f"{name} must be real floating-point numbers, got {column.dtype}")
+    if name == "status":
+        raise ValueError("status is the name of the outcome, not of a parameter")
+    return column.astype(float)

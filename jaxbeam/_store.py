@@ -1,0 +1,290 @@
+"""Results of a sweep, chunk by chunk: in memory, or in a folder that outlives the process.
+
+A folder holds
+
+    sweep.json     what sweep it is: program, parameters, chunk, results, precision, versions
+    cases.npz      the parameters of all cases
+    NAME.npy       one ordinary NumPy array for each result, all cases along its first axis
+    index.txt      a line for each finished chunk: checksums of its part of each array
+
+A chunk is written into the arrays first and into the index then. So whatever ends the process, a
+chunk is in the index only if it was written whole; and as its checksums are compared with the
+arrays on opening, it counts only if it still is. Lines of the index carry a checksum too.
+"""
+
+import io
+import json
+import os
+import urllib.parse
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxbeam._cases import Cases
+
+_FORMAT = 1
+_INFORMATION = ("function", "reads")  # for people: the program is what is compared
+
+
+class Spec(NamedTuple):
+    """What one case brings for one result."""
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+    def blank(self, n: int) -> np.ndarray:
+        """Of n cases: NaN, or zero where there is none."""
+        filled = np.nan if np.issubdtype(self.dtype, np.inexact) else 0
+        return np.full((n, *self.shape), filled, self.dtype)
+
+
+class _Chunks:
+    """How cases are divided: `chunk` of them at a time, the last chunk holds the rest."""
+
+    def __init__(self, n: int, chunk: int) -> None:
+        self.n, self.chunk = n, chunk
+        self.number = -(-n // chunk)
+
+    def length(self, number: int) -> int:
+        """Cases in a chunk."""
+        return min(self.chunk, self.n - number * self.chunk)
+
+
+class Memory(_Chunks):
+    """Results in memory."""
+
+    def __init__(self, specs: Mapping[str, Spec], n: int, chunk: int) -> None:
+        super().__init__(n, chunk)
+        self._results = {name: spec.blank(n) for name, spec in specs.items()}
+        self._errors: dict[int, str] = {}
+
+    def missing(self) -> list[int]:
+        """Numbers of the chunks that are not there."""
+        return list(range(self.number))
+
+    def put(self, number: int, part: Mapping[str, np.ndarray], errors: dict[int, str]) -> None:
+        """Keep a chunk, and the messages of its cases that raised, by number of case."""
+        start = number * self.chunk
+        for name, values in part.items():
+            self._results[name][start : start + len(values)] = values
+        self._errors |= errors
+
+    def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+        """Results and messages of all cases."""
+        return self._results, self._errors
+
+
+class Folder(_Chunks):
+    """Results in a folder, made by `opened` or `found`; others write where `writes` is False."""
+
+    def __init__(
+        self, folder: Path, specs: Mapping[str, Spec], n: int, chunk: int, writes: bool
+    ) -> None:
+        super().__init__(n, chunk)
+        self.folder, self.specs, self.writes = folder, specs, writes
+        self.errors: dict[int, dict[int, str]] = {}  # of the finished chunks, by number
+        index = folder / "index.txt"
+        lines = index.read_bytes().split(b"\n") if index.exists() else []
+        for line in lines:
+            check, _, text = line.partition(b" ")
+            if check == _check(text):
+                entry = json.loads(text)
+                if entry["checks"] == self._checks(entry["chunk"]):
+                    self.errors[entry["chunk"]] = {int(i): e for i, e in entry["errors"].items()}
+
+    def missing(self) -> list[int]:
+        """Numbers of the chunks that are not there, or not whole."""
+        return [k for k in range(self.number) if k not in self.errors]
+
+    def put(self, number: int, part: Mapping[str, np.ndarray], errors: dict[int, str]) -> None:
+        """Write a chunk, and the messages of its cases that raised, by number of case."""
+        self.errors[number] = errors
+        if not self.writes:
+            return
+        try:
+            checks = {}
+            for name, values in part.items():
+                data = np.ascontiguousarray(values, self.specs[name].dtype).tobytes()
+                checks[name] = zlib.crc32(data)
+                self._write(name, number, data)
+            text = json.dumps({"chunk": number, "checks": checks, "errors": errors}).encode()
+            with open(self.folder / "index.txt", "ab+") as file:
+                # A line that a dying process left half done must not swallow this one.
+                torn = file.tell() and (file.seek(-1, os.SEEK_END), file.read())[1] != b"\n"
+                file.write(b"\n" * bool(torn) + _check(text) + b" " + text + b"\n")
+        except OSError as error:
+            del self.errors[number]
+            raise _told(error, self.folder) from error
+
+    def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+        """Results, mapped from their files as they are looked at, and messages of all cases."""
+        missing = self.missing()
+        if missing:
+            raise ValueError(
+                f"{self.folder}: {len(missing)} of {self.number} chunks are missing or "
+                "damaged; run the same sweep again to compute them"
+            )
+        results = {}
+        for name, spec in self.specs.items():
+            shape = (self.n, *spec.shape)
+            if 0 in shape:
+                results[name] = np.zeros(shape, spec.dtype)
+            else:
+                start = len(self._header(name))
+                results[name] = np.memmap(self._file(name), spec.dtype, "r", start, shape)
+        return results, {i: e for part in self.errors.values() for i, e in part.items()}
+
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{urllib.parse.quote(name, safe=' ')}.npy"
+
+    def _header(self, name: str) -> bytes:
+        spec = self.specs[name]
+        description = np.lib.format.dtype_to_descr(spec.dtype)
+        header = {"descr": description, "fortran_order": False, "shape": (self.n, *spec.shape)}
+        file = io.BytesIO()
+        np.lib.format.write_array_header_1_0(file, header)
+        return file.getvalue()
+
+    def _place(self, name: str, number: int) -> tuple[int, int]:
+        """Where the part of a chunk begins in the file, and how long it is, in bytes."""
+        start = number * self.chunk
+        spec = self.specs[name]
+        row = spec.dtype.itemsize * int(np.prod(spec.shape, dtype=int))
+        return len(self._header(name)) + start * row, self.length(number) * row
+
+    def _checks(self, number: int) -> dict[str, int]:
+        """Checksums of a chunk as it stands in the files, of those that can be read."""
+        checks = {}
+        for name in self.specs:
+            place, length = self._place(name, number)
+            try:
+                with open(self._file(name), "rb") as file:
+                    header = self._header(name)
+                    whole = file.read(len(header)) == header
+                    file.seek(place)
+                    data = file.read(length)
+            except FileNotFoundError:
+                continue
+            if whole and len(data) == length:
+                checks[name] = zlib.crc32(data)
+        return checks
+
+    def _write(self, name: str, number: int, data: bytes) -> None:
+        path, header = self._file(name), self._header(name)
+        place, _ = self._place(name, number)
+        with open(path, "r+b" if path.exists() else "x+b") as file:
+            if file.read(len(header)) != header:
+                file.seek(0)
+                file.write(header)
+            file.seek(place)
+            file.write(data)
+
+
+def opened(
+    folder: Path, identity: dict[str, Any], specs: Mapping[str, Spec], cases: Cases, writes: bool
+) -> Folder:
+    """The folder of this sweep, new or to go on with; one of another sweep is refused."""
+    results = {name: [spec.dtype.str, list(spec.shape)] for name, spec in specs.items()}
+    described = json.loads(json.dumps({"format": _FORMAT, **identity, "results": results}))
+    try:
+        there = set(os.listdir(folder)) if folder.exists() else set()
+        if "sweep.json" in there:
+            _refuse_another(folder, _identity(folder), described)
+        elif not writes:
+            raise ValueError(f"{folder} must be in a file system that all processes share")
+        elif there - {"sweep.json.new"}:
+            raise ValueError(
+                f"{folder} holds files that are not of a sweep: name a folder that is new or empty"
+            )
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            _replace(folder / "sweep.json", json.dumps(described, indent=2).encode())
+        if writes and not _same(cases, _cases(folder)):
+            file = io.BytesIO()
+            arrays: dict[str, Any] = {f"axis:{n}": a for n, a in cases.axes.items()}
+            arrays |= {f"list:{n}": a for n, a in (cases.of_list or {}).items()}
+            np.savez(file, **arrays)
+            _replace(folder / "cases.npz", file.getvalue())
+    except OSError as error:
+        raise _told(error, folder) from error
+    return Folder(folder, specs, len(cases), identity["chunk"], writes)
+
+
+def found(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
+    """The folder of some sweep, what sweep it is, and its cases."""
+    identity, cases = _identity(folder), _cases(folder)
+    if cases is None:
+        raise ValueError(f"{folder}: cases.npz is missing or damaged; run the same sweep again")
+    specs = {n: Spec(np.dtype(d), tuple(s)) for n, (d, s) in identity["results"].items()}
+    return Folder(folder, specs, len(cases), identity["chunk"], False), identity, cases
+
+
+def _identity(folder: Path) -> dict[str, Any]:
+    try:
+        return json.loads((folder / "sweep.json").read_text())
+    except FileNotFoundError:
+        raise ValueError(f"{folder} is not the folder of a sweep: it has no sweep.json") from None
+    except ValueError as error:
+        raise ValueError(
+            f"{folder}/sweep.json is damaged, so it cannot be said whose results these are: name "
+            "another folder"
+        ) from error
+
+
+def _refuse_another(folder: Path, there: dict[str, Any], here: dict[str, Any]) -> None:
+    names = {**there, **here}.keys() - set(_INFORMATION)
+    other = sorted(name for name in names if there.get(name) != here.get(name))
+    if other:
+        said = [f"{n} (there {_short(there.get(n))}, here {_short(here.get(n))})" for n in other]
+        raise ValueError(
+            f"{folder} belongs to another sweep of {there.get('function')}, different in "
+            f"{', '.join(said)}: name another folder, or remove this one"
+        )
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _cases(folder: Path) -> Cases | None:
+    try:
+        with np.load(folder / "cases.npz", allow_pickle=False) as file:
+            axes = {n[5:]: file[n] for n in file.files if n.startswith("axis:")}
+            of_list = {n[5:]: file[n] for n in file.files if n.startswith("list:")}
+    except PermissionError:
+        raise
+    except Exception:  # whatever NumPy, zipfile and zlib say of a file that is damaged
+        return None
+    return Cases(axes, of_list or None)
+
+
+def _same(a: Cases, b: Cases | None) -> bool:
+    """To the last bit."""
+    if b is None or a.axes.keys() != b.axes.keys() or a.names != b.names:
+        return False
+    pairs = [*zip(a.axes.values(), b.axes.values(), strict=True)]
+    pairs += zip((a.of_list or {}).values(), (b.of_list or {}).values(), strict=True)
+    return all(x.dtype == y.dtype and x.tobytes() == y.tobytes() for x, y in pairs)
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Write a file at once or not at all."""
+    new = path.with_name("sweep.json.new")
+    new.write_bytes(data)
+    os.replace(new, path)
+
+
+def _check(text: bytes) -> bytes:
+    return f"{zlib.crc32(text):08x}".encode()
+
+
+def _told(error: OSError, folder: Path) -> OSError:
+    text = (
+        f"cannot write to {folder}: {error.strerror or error}. Chunks finished before are intact: "
+        "once this is mended, the same sweep goes on from there"
+    )
+    return OSError(error.errno, text)
