@@ -1,6 +1,7 @@
 """Strict numerics for the whole session, set before anything is computed."""
 
 import gc
+import os
 from pathlib import Path
 
 import equinox as eqx
@@ -9,6 +10,14 @@ import pytest
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_num_cpu_devices", 8)  # virtual ones, for sweeps over several
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # Most of the quick tests' time is LLVM's; the slow ones compile as users do.
+    if config.option.markexpr == "not slow":
+        light = "--xla_backend_optimization_level=0"
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {light}".strip()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,0 +1,89 @@
+"""One poisoned case among a thousand leaves the others as they are, to the last bit."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+
+N, POISONED = 1000, 517
+BEAM = jb.Beam.from_slenderness(70.0)
+TIMES = jnp.linspace(0.0, 10.0, 11)
+FIRST = jb.labels(in_plane=1)
+
+
+def found_modes(speed, tip_mass):
+    return jb.modes(jb.Hybrid(2, 3, 0), jb.Rotor(BEAM, 0.0, tip_mass), speed, FIRST, throw=False)
+
+
+def raising(speed, tip_mass):
+    return jb.modes(jb.Hybrid(2, 3, 0), jb.Rotor(BEAM, 0.0, tip_mass), speed, FIRST).frequency
+
+
+def lowest(speed, tip_mass):
+    return jb.frequencies(jb.Hybrid(), jb.Rotor(BEAM, 0.0, tip_mass), speed, 2, throw=False)
+
+
+def spun_up(model, speed, tip_mass):
+    motion, rotor = jb.SmoothSpinUp(speed, 8.0), jb.Rotor(BEAM, 0.0, tip_mass)
+    run = jb.simulate(model, rotor, motion, TIMES, max_steps=1000, throw=False)
+    return {"tip": run.tip, "energy": run.strain_energy, "status": run.status}
+
+
+def hybrid(speed, tip_mass):
+    return spun_up(jb.Hybrid(0, 2, 0), speed, tip_mass)
+
+
+def classical(speed, tip_mass):
+    return spun_up(jb.Classical(0, 2, 0), speed, tip_mass)
+
+
+def elements(speed, tip_mass):
+    return spun_up(jb.GreenANCF(1), speed, tip_mass)
+
+
+def modulated(speed, tip_mass):
+    motion = jb.ModulatedSpeed(speed, 0.3, 5.0)
+    model, rotor = jb.Hybrid(0, 2, 0), jb.Rotor(BEAM, 0.0, tip_mass)
+    return jb.floquet(model, rotor, motion, throw=False)
+
+
+def steepness(speed, tip_mass):
+    return jb.southwell(
+        jb.Hybrid(0, 3, 0), jb.Rotor(BEAM, 0.0, tip_mass), FIRST, speed, throw=False
+    )
+
+
+NAN = {"tip_mass": float("nan")}
+INVALID = jb.Status.INVALID_TIP_MASS
+slow = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("function", "poison", "status"),
+    [
+        (found_modes, NAN, INVALID),
+        (found_modes, {"speed": 1e3}, jb.Status.NO_EQUILIBRIUM),
+        (raising, NAN, jb.Status.RAISED),
+        (lowest, NAN, INVALID),
+        pytest.param(modulated, NAN, INVALID, marks=slow),
+        pytest.param(modulated, {"speed": 1e3}, jb.Status.TOO_FEW_STEPS, marks=slow),
+        pytest.param(steepness, NAN, INVALID, marks=slow),
+        pytest.param(hybrid, NAN, INVALID, marks=slow),
+        pytest.param(hybrid, {"speed": 100.0}, jb.Status.MAX_STEPS, marks=slow),
+        pytest.param(classical, {"speed": 20.0}, jb.Status.DIVERGED, marks=slow),
+        pytest.param(elements, NAN, INVALID, marks=slow),
+    ],
+)
+def test_poison(function, poison, status):
+    rng = np.random.default_rng(0)
+    columns = {"speed": rng.uniform(0.0, 2.0, N), "tip_mass": rng.uniform(0.0, 1.0, N)}
+    sound = jb.sweep(function, jb.listed(**columns), chunk=100)
+    assert (sound["status"] == jb.Status.OK).all()
+    for name, value in poison.items():
+        columns[name][POISONED] = value
+    table = jb.sweep(function, jb.listed(**columns), chunk=100)
+    assert table["status"][POISONED] == status
+    for name in sound.values:
+        others = [np.delete(t[name], POISONED, axis=0).tobytes() for t in (sound, table)]
+        assert others[0] == others[1], name

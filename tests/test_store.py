@@ -1,0 +1,365 @@
+"""Sweeps into a folder: nothing is lost, nothing is misread."""
+
+import errno
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam import _store, _sweep
+from tests.test_devices import assert_same
+
+CASES = jb.grid(a=np.linspace(0.0, 1.0, 10), b=[0.0, 1.0, float("nan")])
+
+
+def function(a, b):
+    a = eqx.error_if(a, (a > 0.5) & (b == 1), "too much")
+    return {
+        "sum": a + b,
+        "wave/length": jnp.exp(1j * a * jnp.arange(3)),
+        "flag": a > 0.5,
+        "none": jnp.zeros((0,)),
+        "file": jnp.stack([a, b]),
+    }
+
+
+DIMS = {"file": {"which": ["a", "b"]}}
+
+
+def run(folder, function=function, cases=CASES, **how):
+    return jb.sweep(function, cases, **{"chunk": 4, "dims": DIMS, **how}, folder=folder)
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """Numbers of the chunks that are computed."""
+    numbers = []
+    original = _sweep._computed
+
+    def counting(*args):
+        numbers.append(args[-2])
+        return original(*args)
+
+    monkeypatch.setattr(_sweep, "_computed", counting)
+    return numbers
+
+
+def test_the_same_table_from_a_folder(tmp_path, computed):
+    table = jb.sweep(function, CASES, chunk=4, dims=DIMS)
+    assert len(table.errors) == 5
+    for devices in (None, jax.devices()[:3]):
+        folder = tmp_path / str(devices)
+        assert_same(table, run(folder, devices=devices))
+        computed.clear()
+        assert_same(table, run(folder))
+        assert_same(table, jb.Table.load(folder))
+        assert computed == []
+    loaded = jb.Table.load(folder)
+    assert isinstance(loaded["sum"], np.memmap)
+    assert loaded.message(a=1, b=1) == "too much"
+    loaded.to_csv(tmp_path / "a.csv")
+    table.to_csv(tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_text() == (tmp_path / "b.csv").read_text()
+    np.testing.assert_array_equal(np.load(folder / "sum.npy").reshape(10, 3), table["sum"])
+
+
+def test_explicit_lists(tmp_path):
+    cases = jb.listed(a=[1.0, 0.3, 0.3], b=[0.0, float("nan"), 2.0])
+    table = run(tmp_path / "list", cases=cases, chunk=2)
+    assert_same(table, jb.sweep(function, cases, chunk=2, dims=DIMS))
+    assert_same(table, jb.Table.load(tmp_path / "list"))
+
+
+def flip(path, place):
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+
+
+def cut(path, much):
+    os.truncate(path, path.stat().st_size - much)
+
+
+DAMAGES = {
+    "flipped bit of the second chunk": (lambda f: flip(f / "sum.npy", 128 + 4 * 8 + 5), [1]),
+    "truncated array": (lambda f: os.truncate(f / "wave%2Flength.npy", 128 + 9 * 48), range(2, 8)),
+    "damaged header": (lambda f: flip(f / "flag.npy", 12), range(8)),
+    "missing array": (lambda f: (f / "status.npy").unlink(), range(8)),
+    "missing index": (lambda f: (f / "index.txt").unlink(), range(8)),
+    "flipped bit in the index": (lambda f: flip(f / "index.txt", 20), [0]),
+    "torn index": (lambda f: cut(f / "index.txt", 9), [7]),
+    "damaged cases": (lambda f: flip(f / "cases.npz", 100), []),
+    "missing cases": (lambda f: (f / "cases.npz").unlink(), []),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_found_and_mended(damage, tmp_path, computed):
+    table = run(tmp_path / "kept")
+    harm, again = DAMAGES[damage]
+    harm(tmp_path / "kept")
+    with pytest.raises(ValueError, match="run the same sweep again"):
+        jb.Table.load(tmp_path / "kept")
+    computed.clear()
+    assert_same(table, run(tmp_path / "kept"))
+    assert computed == list(again)
+    computed.clear()
+    assert_same(table, run(tmp_path / "kept"))
+    assert computed == []
+
+
+def other_function(a, b):
+    return {**function(a, b), "sum": a + 1.0000000001 * b}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"function": other_function}, "program"),
+        ({"cases": jb.grid(a=np.linspace(0.0, 1.0, 10), b=[0.0, 1.0, 2.0])}, "parameters"),
+        ({"chunk": 5}, r"chunk \(there 4, here 5\)"),
+        ({"dims": {}}, "dims"),
+    ],
+)
+def test_the_folder_of_another_sweep_is_refused(change, said, tmp_path):
+    table = run(tmp_path / "kept")
+    with pytest.raises(ValueError, match=f"kept belongs to another sweep.*different in.*{said}"):
+        run(tmp_path / "kept", **change)
+    assert_same(table, jb.Table.load(tmp_path / "kept"))
+
+
+@pytest.mark.parametrize(
+    ("name", "there"),
+    [("precision", "float32"), ("versions", {"jax": "0.1"}), ("platform", "tpu"), ("format", 0)],
+)
+def test_results_of_other_circumstances_are_refused(name, there, tmp_path):
+    run(tmp_path / "kept")
+    path = tmp_path / "kept" / "sweep.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), name: there}))
+    with pytest.raises(ValueError, match=f"belongs to another sweep.*different in {name}"):
+        run(tmp_path / "kept")
+
+
+def test_bound_arrays_and_what_is_read_tell_sweeps_apart(tmp_path):
+    def scaled(factor, a, b):
+        return factor * a
+
+    bound = [jax.tree_util.Partial(scaled, jnp.asarray(f)) for f in (2.0, 3.0)]
+    run(tmp_path / "kept", bound[0], dims={})
+    with pytest.raises(ValueError, match="different in program"):
+        run(tmp_path / "kept", bound[1], dims={})
+    model = jb.Hybrid(0, 2, 0)
+    rotor = jb.Rotor(jb.Beam.from_slenderness(70.0), 0.25)
+
+    def frequency(a, b):
+        return jb.modes(model, rotor, a, 1, throw=False).frequency
+
+    run(tmp_path / "modes", frequency, dims={}, cases=jb.grid(a=[0.0], b=[0.0]))
+    told = json.loads((tmp_path / "modes" / "sweep.json").read_text())
+    assert told["function"].endswith("frequency")
+    assert told["reads"]["model"] == "Hybrid(n_stretch=0, n_in_plane=2, n_flap=0)"
+    assert "hub_radius=0.25" in told["reads"]["rotor"]
+    assert told["precision"] == "float64"
+    assert told["versions"]["jax"] == jax.__version__
+
+
+def test_other_folders_are_refused(tmp_path):
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(ValueError, match="holds files that are not of a sweep"):
+        run(tmp_path)
+    with pytest.raises(ValueError, match="is not the folder of a sweep"):
+        jb.Table.load(tmp_path)
+    with pytest.raises(OSError, match=r"cannot write to .*thesis\.tex"):
+        run(tmp_path / "thesis.tex")
+    run(tmp_path / "kept")
+    (tmp_path / "kept" / "sweep.json").write_text('{"format": 1,')
+    with pytest.raises(ValueError, match=r"sweep\.json is damaged"):
+        run(tmp_path / "kept")
+
+
+def test_begun_folders(tmp_path):
+    """Killed while it was made: empty, or with a file that was not yet in place."""
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / "sweep.json.new").write_text("{")
+    assert_same(run(tmp_path / "empty"), run(tmp_path / "begun"))
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+@pytest.mark.parametrize("where", ["array", "index"])
+def test_a_disk_that_fails(number, where, tmp_path, monkeypatch, computed):
+    """In the middle of the fourth chunk, with part of it written."""
+    table = run(None)
+    left = [3 * len(table.values) if where == "array" else 3]
+
+    class Full:
+        def __init__(self, file):
+            self.file = file
+
+        def __getattr__(self, name):
+            return getattr(self.file, name)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            self.file.close()
+
+        def write(self, data):
+            if len(data) > 100 and data[:6] == b"\x93NUMPY":
+                return self.file.write(data)
+            left[0] -= 1
+            if left[0] < 0:
+                self.file.write(data[: len(data) // 2])
+                raise OSError(number, os.strerror(number))
+            return self.file.write(data)
+
+    def failing(path, mode):
+        file = open(path, mode)  # noqa: SIM115
+        wanted = {"array": ".npy", "index": ".txt"}[where]
+        return Full(file) if str(path).endswith(wanted) and mode != "rb" else file
+
+    monkeypatch.setattr(_store, "open", failing, raising=False)
+    with pytest.raises(OSError, match=f"cannot write to .*kept: {os.strerror(number)}") as failure:
+        run(tmp_path / "kept")
+    assert failure.value.errno == number
+    monkeypatch.setattr(_store, "open", open)
+    computed.clear()
+    assert_same(table, run(tmp_path / "kept"))
+    assert computed == [3, 4, 5, 6, 7]
+
+
+REAL = """
+import subprocess, sys
+import jax
+jax.config.update("jax_enable_x64", True)
+import jax.numpy as jnp, numpy as np, jaxbeam as jb
+disk, cases = sys.argv[1], jb.grid(a=np.arange(1000.0))
+def mount(*options):
+    subprocess.run(["mount", "-t", "tmpfs", "-o", ",".join(options), "none", disk], check=True)
+def function(a):
+    return a * jnp.arange(100.0)
+def run():
+    try:
+        return jb.sweep(function, cases, chunk=50, folder=disk + "/kept")
+    except OSError as error:
+        print(error.errno, error, flush=True)
+def chunks():
+    return len(open(disk + "/kept/index.txt").readlines())
+mount("size=500k")
+run()
+print(chunks())
+mount("remount", "ro", "size=500k")
+run()
+mount("remount", "rw", "size=5m")
+assert chunks() > 5
+table = run()
+np.testing.assert_array_equal(table["value"], np.arange(1000.0)[:, None] * np.arange(100.0))
+mount("remount", "ro")
+assert run()["value"].tobytes() == table["value"].tobytes()
+"""
+
+
+@pytest.mark.slow
+def test_a_disk_that_is_full_and_one_that_is_read_only(tmp_path):
+    """Real ones, in a mount namespace of their own."""
+    prefix = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "-Urm"]
+    try:
+        possible = subprocess.run([*prefix, "mount", "-t", "tmpfs", "none", tmp_path]).returncode
+    except FileNotFoundError:
+        possible = 1
+    if possible:
+        pytest.skip("no right to mount a file system here")
+    command = [*prefix, sys.executable, "-c", REAL, str(tmp_path)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, timeout=120, check=True)
+    full, chunks, read_only = done.stdout.splitlines()
+    assert full.startswith(f"{errno.ENOSPC} [Errno {errno.ENOSPC}] cannot write to ")
+    assert "No space left on device" in full
+    assert 5 < int(chunks) < 20
+    assert read_only.startswith(f"{errno.EROFS} [Errno {errno.EROFS}] cannot write to ")
+    assert "Read-only file system" in read_only
+
+
+KILLED = """
+import sys
+import jax
+jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
+from tests.test_store import KILLED_CASES, spin
+jb.sweep(spin, KILLED_CASES, chunk=4, folder=sys.argv[1])
+"""
+KILLED_CASES = jb.grid(hub_radius=np.linspace(0.0, 1.0, 40), tip_mass=np.linspace(0.0, 1.0, 25))
+
+
+def spin(hub_radius, tip_mass):
+    rotor = jb.Rotor(jb.Beam.from_slenderness(70.0), hub_radius, tip_mass)
+    return jb.modes(jb.Hybrid(6, 8, 0), rotor, 3.0, jb.labels(in_plane=2), throw=False)
+
+
+@pytest.mark.slow
+def test_killed_at_twenty_moments(tmp_path):
+    """One sweep killed twenty times while it writes, at random; the same bits in the end."""
+    seed = random.randrange(2**32)
+    print("seed", seed)  # shown on failure
+    moments = random.Random(seed)
+    folder, index = tmp_path / "kept", tmp_path / "kept" / "index.txt"
+    command = [sys.executable, "-c", KILLED, str(folder)]
+
+    def finished():
+        return index.read_bytes().count(b"\n") if index.exists() else 0
+
+    for _ in range(20):
+        before = finished()
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 120
+        wanted = before + moments.choice([0, 1, 1, 2, 3])
+        while finished() < wanted and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+        time.sleep(moments.uniform(0.0, 0.006))
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        assert finished() >= before  # nothing is lost
+    assert 20 <= finished() < 250
+    assert_same(
+        jb.sweep(spin, KILLED_CASES, chunk=4),
+        jb.sweep(spin, KILLED_CASES, chunk=4, folder=folder),
+    )
+
+
+MILLION = """
+import resource
+import jax
+jax.config.update("jax_enable_x64", True)
+import numpy as np, jaxbeam as jb
+beam = jb.Beam.from_slenderness(70.0)
+def case(angular_speed, hub_radius):
+    return jb.frequencies(jb.Hybrid(), jb.Rotor(beam, hub_radius), angular_speed, 3, throw=False)
+for n in (10, 1000):
+    cases = jb.grid(angular_speed=np.linspace(0, 10, 1000), hub_radius=np.linspace(0, 1, n))
+    table = jb.sweep(case, cases, chunk=2000, folder=FOLDER + str(n), progress=False)
+    assert (table["status"] == 0).all()
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+@pytest.mark.slow
+def test_memory_stays_flat(tmp_path):
+    """A million cases, and no more than a small sweep but for what the results take."""
+    program = MILLION.replace("FOLDER", repr(str(tmp_path / "kept")))
+    done = subprocess.run(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, timeout=300, check=True
+    )
+    small, large = map(float, done.stdout.split())  # MiB
+    assert large < 2048
+    assert large - small < 150  # 30 of results as they are mapped, 8 to look at them
