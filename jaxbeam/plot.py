@@ -4,13 +4,24 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from jaxbeam._fit import Fit
 from jaxbeam._models.base import AbstractModel, Family, Label
 from jaxbeam._modes import Modes
 from jaxbeam._southwell import Campbell
+from jaxbeam._status import Status
+from jaxbeam._table import Table
 
 COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
+UNITS = {
+    "length": "m", "hub_radius": "m", "area": "m²", "time": "s", "duration": "s", "down_at": "s",
+    "in_plane_second_moment": "m⁴", "flap_second_moment": "m⁴", "tip_mass": "kg",
+    "density": "kg/m³", "mass_per_length": "kg/m", "youngs_modulus": "Pa", "axial_stiffness": "N",
+    "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
+    "angular_speed": "rad/s", "frequency": "rad/s", "translational_spring": "N/m",
+    "torsional_spring": "N m",
+}  # fmt: skip
 
 
 def campbell(
@@ -76,3 +87,79 @@ def residuals(found: Fit, ax: Axes) -> None:
     ax.set(xlabel="number of the measurement", ylabel="residual / noise (-)")
     if len(found.residuals) > 1:
         ax.legend(fontsize=8)
+
+
+def swept(table: Table, name: str, label: str) -> Figure:
+    """One result over the first dimension of a sweep, a line for each value of the others.
+
+    A further dimension (modes, directions) of a result gives lines in a sweep of one parameter,
+    panels in others. At most eight lines, evenly chosen, are drawn; failed cases are left out.
+    """
+    lead = table.dims["status"]
+    further = table.dims[name][len(lead) :]
+    panels = [table]
+    if len(lead) > 1 and further:
+        panels = [table.take(further[0], i) for i in range(len(table.coords[further[0]]))]
+    titles = table.coords[further[0]] if len(panels) > 1 else [""]
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    figure = Figure((max(5.5, 3.7 * columns), 1 + 3.2 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    for ax, part, title in zip(axes.flat, panels, titles, strict=False):
+        lines = _lines(part, name, ax)
+        ax.set_title(title, fontsize=10)
+    for ax in axes.flat[len(panels) :]:
+        ax.set_visible(False)
+    for i, ax in enumerate(axes.flat[: len(panels)]):
+        below = i + columns >= len(panels)
+        ax.tick_params(labelbottom=below)
+        ax.set(xlabel=_named(lead[0]) if below else "", ylabel=label if i % columns == 0 else "")
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    if labels:
+        title = f"{len(labels)} of {lines} lines" if len(labels) < lines else None
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=2 + (columns > 1), fontsize=8,
+            title=title, title_fontsize=8,
+        )  # fmt: skip
+    return figure
+
+
+def _lines(table: Table, name: str, ax: Axes) -> int:
+    """Draw at most eight of all lines; returns how many there are."""
+    first, *rest = table.dims[name]
+    value, status = table[name], table["status"]
+    fine = (status == Status.OK).reshape(status.shape + (1,) * (value.ndim - status.ndim))
+    places = list(np.ndindex(value.shape[1:]))
+    for i in np.unique(np.linspace(0, len(places) - 1, 8).round().astype(int)):
+        at = zip(rest, places[i], strict=True)
+        text = ", ".join(_stated(dim, table.coords[dim][k]) for dim, k in at)
+        line = np.where(fine, value, np.nan)[(slice(None), *places[i])]
+        ax.plot(table.coords[first], line, ".-", ms=4, lw=1.3, label=text)
+    ax.grid(color="0.92")
+    return len(places)
+
+
+def _named(dim: str) -> str:
+    unit = f" ({UNITS[dim]})" if dim in UNITS else ""
+    return dim.replace("_", " ") + unit
+
+
+def _stated(dim: str, at: object) -> str:
+    if isinstance(at, str):
+        return at
+    return f"{dim.replace('_', ' ')} {at:.4g} {UNITS.get(dim, '')}".rstrip()
+
+
+def history(table: Table) -> Figure:
+    """Displacement of the tip over time (`tip` in the table: time, direction), all that move."""
+    tip, directions = table["tip"], table.coords["direction"]
+    moving = [k for k in range(len(directions)) if np.nan_to_num(tip[:, k]).any()] or [1]
+    figure = Figure((6.5, 1 + 1.9 * len(moving)), layout="constrained")
+    axes = figure.subplots(len(moving), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, k in zip(axes, moving, strict=True):
+        ax.plot(table.coords["time"], tip[:, k], lw=1.3)
+        ax.set_ylabel(f"tip, {directions[k]} (m)")
+        ax.grid(color="0.92")
+    axes[-1].set_xlabel("time (s)")
+    figure.align_ylabels()
+    return figure
