@@ -1,0 +1,228 @@
+"""What a sweep costs at scale: cases per second and memory over cases, cores, processes, folders.
+
+Frequencies of 1e4 to 1e6 cases, in memory and into a folder; frequencies, spin-ups, Floquet
+multipliers and fits on one core, on all, and in two processes. Each is measured in a process of its
+own, after compilation; results of the same sweep are compared to the last bit.
+
+    python studies/scale.py [--quick] [--out FOLDER]
+"""
+
+import argparse
+import csv
+import hashlib
+import json
+import os
+import resource
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import matplotlib  # noqa: E402
+
+matplotlib.use("Agg")
+import jax.numpy as jnp  # noqa: E402
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+
+import jaxbeam as jb  # noqa: E402
+
+ALUMINIUM = {
+    "length": 8.0, "youngs_modulus": 6.895e10, "density": 2767.0, "area": 7.299e-5,
+    "in_plane_second_moment": 8.214e-9,
+}  # fmt: skip
+FIRST = jb.labels(in_plane=1)
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def frequencies(tip_mass: Any, hub_radius: Any) -> Any:
+    rotor = jb.Rotor(jb.Beam.from_section(**ALUMINIUM), hub_radius, tip_mass)
+    return jb.frequencies(jb.Hybrid(), rotor, 10.0, 3, throw=False)
+
+
+def spin_up(tip_mass: Any, hub_radius: Any) -> Any:
+    motion, times = jb.SmoothSpinUp(4.0, duration=15.0), jnp.linspace(0.0, 20.0, 201)
+    rotor = jb.Rotor(jb.Beam.from_section(**ALUMINIUM), hub_radius, tip_mass)
+    run = jb.simulate(jb.GreenANCF(4), rotor, motion, times, throw=False)
+    return {"peak": run.peak()[0], "status": run.status}
+
+
+def floquet(tip_mass: Any, hub_radius: Any) -> Any:
+    motion = jb.ModulatedSpeed(4.0, depth=0.5, frequency=8.0)
+    rotor = jb.Rotor(jb.Beam.from_section(**ALUMINIUM), hub_radius, tip_mass)
+    found = jb.floquet(jb.Hybrid(0, 3, 0), rotor, motion, throw=False)
+    return {"growth": found.growth_rate, "status": found.status}
+
+
+def fit(tip_mass: Any, hub_radius: Any) -> Any:
+    """Stiffness from the first frequency, seen at three speeds."""
+
+    def experiment(stiffness: Any) -> jb.FrequencyData:
+        beam = jb.Beam(8.0, 0.2, 5e6, stiffness, 600.0)
+        rotor = jb.Rotor(beam, hub_radius, tip_mass)
+        seen = [[2.9], [3.8], [5.5]]
+        return jb.FrequencyData(jb.Hybrid(0, 4, 0), rotor, [0.0, 5.0, 10.0], seen, 0.1, FIRST)
+
+    found = jb.fit(experiment, {"stiffness": jb.Free(500.0)})
+    return {"stiffness": found.parameters["stiffness"], "status": found.status}
+
+
+class Kind(NamedTuple):
+    function: Any
+    chunk: int
+    cases: int
+    quick: int
+
+
+KINDS = {
+    "frequencies": Kind(frequencies, 2000, 200_000, 20_000),
+    "spin-ups": Kind(spin_up, 32, 2_048, 128),
+    "Floquet multipliers": Kind(floquet, 250, 20_000, 1_000),
+    "fits": Kind(fit, 125, 8_000, 500),
+}
+
+
+def grid(n: int) -> jb.Cases:
+    few = 2 ** int(np.log2(n) / 2)
+    while n % few:
+        few -= 1
+    return jb.grid(tip_mass=np.linspace(0.0, 0.5, n // few), hub_radius=np.linspace(0.0, 2.0, few))
+
+
+def measure(
+    kind: str, n: int, cores: int, folder: str | None, port: int, rank: int
+) -> dict[str, Any]:
+    """In this process: rate and peak memory, and a digest of all results."""
+    if port:
+        jax.distributed.initialize(f"127.0.0.1:{port}", 2, rank)
+    if hasattr(os, "sched_setaffinity"):  # one core means one, whatever threads there are
+        all_cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, all_cores[rank * cores : (rank + 1) * cores] or all_cores)
+    function, chunk, _, _ = KINDS[kind]
+    devices = cores * jax.devices()
+    jb.sweep(function, grid(chunk * len(devices)), chunk=chunk, devices=devices, progress=False)
+    start = time.perf_counter()
+    table = jb.sweep(function, grid(n), chunk=chunk, devices=devices, folder=folder, progress=False)
+    taken = time.perf_counter() - start
+    digest = hashlib.sha256(b"".join(table[name].tobytes() for name in sorted(table.values)))
+    return {
+        "what": kind, "cases": n, "cores": cores, "processes": 2 if port else 1,
+        "folder": folder is not None, "rate": n / taken,
+        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "ok": float(np.mean(table["status"] == jb.Status.OK)), "digest": digest.hexdigest(),
+    }  # fmt: skip
+
+
+def measured(kind: str, n: int, cores: int = 1, folder: bool = False, processes: int = 1) -> Any:
+    """The same in processes of their own: what the first says."""
+    port = 0
+    if processes == 2:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+    with tempfile.TemporaryDirectory() as place:
+        children: list[subprocess.Popen[str]] = []
+        for rank in range(processes):
+            asked = [kind, n, cores, f"{place}/kept" if folder else None, port, rank]
+            command = [sys.executable, __file__, "--measure", json.dumps(asked)]
+            children.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        said = [child.communicate()[0] for child in children]
+    if any(child.returncode for child in children):
+        raise RuntimeError(f"{kind}, {n} cases: a process failed")
+    row = json.loads(said[0].splitlines()[-1])
+    where = "folder" if folder else "memory"
+    print(
+        f"{kind:20s} {n:8d} cases, {processes} x {cores} cores, {where}: {row['rate']:10.0f} /s, "
+        f"{row['memory']:6.0f} MiB, {100 * row['ok']:.1f} % ok",
+        flush=True,
+    )
+    return row
+
+
+def draw(rows: list[dict[str, Any]], out: Path) -> None:
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
+    for folder, style in ((False, "o-"), (True, "s--")):
+        some = [r for r in rows if r["series"] == "cases" and r["folder"] == folder]
+        cases = [r["cases"] for r in some]
+        name = "into a folder" if folder else "in memory"
+        axes[0].semilogx(cases, [r["rate"] / 1e3 for r in some], style, label=name)
+        axes[1].semilogx(cases, [r["memory"] for r in some], style, label=name)
+    axes[0].set(xlabel="cases (-)", ylabel="frequencies of 1000 cases per second")
+    axes[1].set(xlabel="cases (-)", ylabel="peak memory of the process (MiB)")
+    for ax in axes[:2]:
+        ax.set_ylim(0)
+        ax.grid(alpha=0.3)
+        ax.legend()
+    single = {r["what"]: r["rate"] for r in rows if r["series"] == "cores" and r["total"] == 1}
+    at = np.arange(len(KINDS))
+    tried = sorted({(r["processes"], r["cores"]) for r in rows if r["series"] == "cores"})
+    for i, (processes, cores) in enumerate(tried):
+        bars = [
+            r["rate"] / single[kind]
+            for kind in KINDS
+            for r in rows
+            if r["series"] == "cores"
+            and (r["what"], r["processes"], r["cores"]) == (kind, processes, cores)
+        ]
+        name = f"{processes} process{'es' if processes > 1 else ''}, {cores} core"
+        name += "s" if cores > 1 else " each" if processes > 1 else ""
+        width = 0.8 / len(tried)
+        axes[2].bar(at + (i - (len(tried) - 1) / 2) * width, bars, width, label=name)
+    axes[2].set_xticks(at, [kind.replace(" ", "\n") for kind in KINDS])
+    axes[2].set(ylabel="rate over that of one core (-)")
+    axes[2].set_ylim(0, 1.3 * axes[2].get_ylim()[1])
+    axes[2].legend(fontsize=8, loc="upper left")
+    figure.savefig(out / "scale.png", dpi=150)
+    plt.close(figure)
+
+
+def main(quick: bool = False, out: Path | None = None) -> Path:
+    """Run all of it; returns the folder that holds the table and the figure."""
+    began = time.perf_counter()
+    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "scale"
+    out.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, Any]] = []
+    for n in (10_000, 40_000) if quick else (10_000, 100_000, 1_000_000):
+        for folder in (False, True):
+            row = measured("frequencies", n, folder=folder)
+            rows.append({"series": "cases", "total": 1, **row})
+    for kind, (_, _, cases, few) in KINDS.items():
+        for processes, cores in dict.fromkeys([(1, 1), (1, CORES), (2, max(1, CORES // 2))]):
+            row = measured(kind, few if quick else cases, cores, processes=processes)
+            rows.append({"series": "cores", "total": processes * cores, **row})
+    digests: dict[Any, set[str]] = {}
+    for row in rows:
+        digests.setdefault((row["what"], row["cases"]), set()).add(row["digest"])
+    same = sum(len(found) == 1 for found in digests.values())
+    print(f"{same} of {len(digests)} sweeps have the same bits however they were run")
+    for where in (False, True):
+        rates = [r["rate"] for r in rows if r["series"] == "cases" and r["folder"] == where]
+        name = "into a folder" if where else "in memory"
+        ratio = rates[-1] / rates[0]
+        print(f"rate of the largest sweep over that of the smallest, {name}: {ratio:.2f}")
+    with open(out / "scale.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    draw(rows, out)
+    print(f"{time.perf_counter() - began:.0f} s; table and figure are in {out}")
+    return out
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer cases")
+    parser.add_argument("--out", type=Path, help="folder for the table and the figure")
+    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.measure:
+        print(json.dumps(measure(*json.loads(arguments.measure))))
+    else:
+        main(arguments.quick, arguments.out)
