@@ -92,34 +92,35 @@ def residuals(found: Fit, ax: Axes) -> None:
 def swept(table: Table, name: str, label: str) -> Figure:
     """One result over the first dimension of a sweep, a line for each value of the others.
 
-    A further dimension (modes, directions) of a result gives lines in a sweep of one parameter,
-    panels in others. At most eight lines, evenly chosen, are drawn; failed cases are left out.
+    Of a further dimension (modes, directions) entries that are zero throughout are left out; the
+    others are lines in a sweep of one parameter, and panels in others. At most eight lines, evenly
+    chosen, are drawn. Failed cases are left out.
     """
     lead = table.dims["status"]
-    further = table.dims[name][len(lead) :]
-    panels = [table]
-    if len(lead) > 1 and further:
-        panels = [table.take(further[0], i) for i in range(len(table.coords[further[0]]))]
-    titles = table.coords[further[0]] if len(panels) > 1 else [""]
-    columns = min(len(panels), 3)
+    panels, titles = [table], [""]
+    for dim in table.dims[name][len(lead) :]:
+        there = np.nan_to_num(table[name]).reshape(-1, len(table.coords[dim])).any(0)
+        table = table.take(dim, np.flatnonzero(there | ~there.any()))
+        panels, titles = [table], [""]
+        if len(lead) > 1:
+            titles = table.coords[dim].tolist()
+            panels = [table.take(dim, i) for i in range(len(titles))]
+    columns = 2 if len(panels) == 4 else min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure = Figure((max(5.5, 3.7 * columns), 1 + 3.2 * rows), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    for ax, part, title in zip(axes.flat, panels, titles, strict=False):
+    axes = figure.subplots(rows, columns, squeeze=False).flat
+    for i, (ax, part, title) in enumerate(zip(axes, panels, titles, strict=False)):
         lines = _lines(part, name, ax)
+        ax.set(xlabel=_named(lead[0]), ylabel="" if i % columns else label)
         ax.set_title(title, fontsize=10)
-    for ax in axes.flat[len(panels) :]:
-        ax.set_visible(False)
-    for i, ax in enumerate(axes.flat[: len(panels)]):
-        below = i + columns >= len(panels)
-        ax.tick_params(labelbottom=below)
-        ax.set(xlabel=_named(lead[0]) if below else "", ylabel=label if i % columns == 0 else "")
-    handles, labels = axes.flat[0].get_legend_handles_labels()
+    for ax in axes[len(panels) :]:
+        ax.remove()
+    handles, labels = axes[0].get_legend_handles_labels()
     if labels:
-        title = f"{len(labels)} of {lines} lines" if len(labels) < lines else None
         figure.legend(
-            handles, labels, loc="outside lower center", ncols=2 + (columns > 1), fontsize=8,
-            title=title, title_fontsize=8,
+            handles, labels, loc="outside lower center", ncols=1 + columns, fontsize=8,
+            title=f"{len(labels)} of {lines} lines" if len(labels) < lines else None,
+            title_fontsize=8,
         )  # fmt: skip
     return figure
 
@@ -129,11 +130,13 @@ def _lines(table: Table, name: str, ax: Axes) -> int:
     first, *rest = table.dims[name]
     value, status = table[name], table["status"]
     fine = (status == Status.OK).reshape(status.shape + (1,) * (value.ndim - status.ndim))
-    places = list(np.ndindex(value.shape[1:]))
-    for i in np.unique(np.linspace(0, len(places) - 1, 8).round().astype(int)):
-        at = zip(rest, places[i], strict=True)
+    shown = np.where(fine, value, np.nan)
+    places = np.argwhere(np.isfinite(shown).any(0))
+    few = np.linspace(0, len(places) - 1, min(len(places), 8)).round().astype(int)
+    for place in places[few]:
+        at = zip(rest, place, strict=True)
         text = ", ".join(_stated(dim, table.coords[dim][k]) for dim, k in at)
-        line = np.where(fine, value, np.nan)[(slice(None), *places[i])]
+        line = shown[(slice(None), *place)]
         ax.plot(table.coords[first], line, ".-", ms=4, lw=1.3, label=text)
     ax.grid(color="0.92")
     return len(places)

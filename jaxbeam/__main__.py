@@ -1,0 +1,365 @@
+"""Sweeps and spin-ups that a TOML file describes, for those who do not want to write a script."""
+
+import argparse
+import contextlib
+import dataclasses
+import difflib
+import inspect
+import sys
+import tomllib
+import typing
+from collections.abc import Callable, Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+import jaxbeam as jb
+from jaxbeam import plot
+from jaxbeam._models.base import count_functions
+from jaxbeam._types import Real
+
+_ROTOR = """\
+[beam]                        # arguments of Beam, Beam.from_section or Beam.from_slenderness
+length = 8.0                  # m
+youngs_modulus = 6.895e10     # Pa
+density = 2767.0              # kg/m^3
+area = 7.299e-5               # m^2
+in_plane_second_moment = 8.214e-9  # m^4; flap_second_moment is the same unless given
+[rotor]
+hub_radius = 0.5              # m
+tip_mass = 0.1                # kg
+"""
+_HYBRID = f"""\
+[model]
+name = "Hybrid"               # a model of jaxbeam; other keys are its arguments (n_in_plane = 24)
+{_ROTOR}"""
+EXAMPLES = {
+    "frequencies": f"""{_HYBRID}\
+[frequencies]                 # the question: how many modes of each family
+in_plane = 2
+flap = 1                      # also axial, and angular_speed (rad/s) where it is not swept
+[sweep]                       # numbers from above, by name: lists, or from, to and how many
+angular_speed = {{from = 0.0, to = 10.0, count = 21}}
+tip_mass = [0.0, 0.1, 0.2]
+""",
+    "southwell": f"""{_HYBRID}\
+[southwell]                   # the question: of which modes, at rest unless angular_speed is given
+in_plane = 2
+[sweep]
+hub_radius = {{from = 0.0, to = 4.0, count = 9}}
+""",
+    "spin_up": f"""\
+[model]
+name = "GreenANCF"            # geometrically non-linear elements, in the plane of rotation
+n_elements = 8
+{_ROTOR}\
+[motion]
+name = "SmoothSpinUp"         # a motion of jaxbeam; other keys are its arguments
+angular_speed = 4.0           # rad/s
+duration = 15.0               # s
+[spin_up]                     # the question; without [sweep] histories, with it the peak of each
+until = 20.0                  # s
+points = 201                  # output times
+""",
+}
+_EPILOG = f"""\
+Frequencies over speed, for three tip masses (--example prints it, and the others):
+
+{EXAMPLES["frequencies"]}
+A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
+
+{EXAMPLES["spin_up"]}
+Arguments, units and what a model can do are those of the package: help(jaxbeam.Beam) in Python.
+FOLDER gets a table, as .csv and as .npz (for jaxbeam.Table.load), and a figure. A case that fails
+has a status there (see jaxbeam.Status) and leaves the others alone. A sweep that was stopped goes
+on when the same command runs again; after a change in the file remove FOLDER/chunks, or name
+another FOLDER. Exit status: 0 if a case is ok, 1 if none is, 2 for a mistake in the file.
+"""
+Dims = dict[str, dict[str, list[Any]]]
+TABLES = ("model", "beam", "rotor", "motion", "loads", "damping")
+
+
+# Questions: functions of one case. Arguments are TABLES, and keys of the question's own table.
+def _frequencies(
+    model: Any, rotor: Any, angular_speed: Real, in_plane: int = 0, flap: int = 0, axial: int = 0
+) -> dict[str, Any]:
+    which = _which(in_plane, flap, axial)
+    found = jb.modes(model, rotor, angular_speed, which, throw=False)
+    names = ("frequency", "growth_rate", "steady_strain", "status")
+    return {name: getattr(found, name) for name in names}
+
+
+def _southwell(
+    model: Any, rotor: Any, angular_speed: Real = 0.0, in_plane: int = 0, flap: int = 0,
+    axial: int = 0,
+) -> dict[str, Any]:  # fmt: skip
+    if not isinstance(rotor, jb.Rotor):
+        raise ValueError(f"is asked of beams, which {type(model).__name__} is not")
+    which = _which(in_plane, flap, axial)
+    return vars(jb.southwell(model, rotor, which, angular_speed, throw=False))
+
+
+def _spin_up(
+    model: Any, rotor: Any, motion: Any, until: float, points: int = 201,
+    max_steps: int = 100_000, loads: Any = None, damping: Any = None,
+) -> dict[str, Any]:  # fmt: skip
+    given = {"loads": loads, "damping": damping, "max_steps": max_steps}
+    run = jb.simulate(model, rotor, motion, _times(until, points), throw=False, **given)
+    value, when = jax.numpy.array([run.peak(component) for component in range(3)]).T
+    names = ("tip", "hub_force", "hub_torque", "strain_energy", "energy", "imbalance")
+    found = {"peak": value, "peak_time": when, **{name: getattr(run, name) for name in names}}
+    # A case that is out of range has run with numbers in place of its own.
+    own = (run.status == jb.Status.OK) | (run.status >= jb.Status.NO_EQUILIBRIUM)
+    found = {name: jax.numpy.where(own, value, np.nan) for name, value in found.items()}
+    return {**found, "status": run.status}
+
+
+def _which(in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any) -> tuple[jb.Label, ...]:
+    counts = {"in_plane": in_plane, "flap": flap, "axial": axial}
+    for family, count in counts.items():
+        count_functions(family, count)
+    if not any(counts.values()):
+        raise ValueError("asks for no mode: in_plane, flap or axial must be > 0")
+    return jb.labels(**counts)
+
+
+def _times(until: float, points: int = 201, max_steps: int = 1, **_: Any) -> np.ndarray:
+    count_functions("points", points, 2)
+    count_functions("max_steps", max_steps, 1)
+    if not 0 < until < np.inf:
+        raise ValueError(f"until must be finite and > 0, got {until}")
+    return np.linspace(0.0, until, points)
+
+
+def _over_modes(*names: str) -> Callable[..., Dims]:
+    return lambda **keys: {name: {"mode": list(_which(**keys))} for name in names}
+
+
+def _over_time(**keys: Any) -> Dims:
+    time, axis = {"time": _times(**keys).tolist()}, {"axis": ["a1", "a2", "a3"]}
+    way = {"direction": ["axial", "in plane", "flap"]}
+    dims = {"peak": way, "peak_time": way, "tip": time | way}
+    dims |= {"hub_force": time | axis, "hub_torque": time | axis}
+    return dims | dict.fromkeys(("strain_energy", "energy", "imbalance"), time)
+
+
+QUESTIONS: dict[str, tuple[Callable[..., Any], Callable[..., Dims], str]] = {
+    "frequencies": (_frequencies, _over_modes("frequency", "growth_rate"), "frequency (rad/s)"),
+    "southwell": (_southwell, _over_modes("coefficient"), "Southwell coefficient (-)"),
+    "spin_up": (_spin_up, _over_time, "peak deflection of the tip (m)"),
+}
+
+
+class Scene(NamedTuple):
+    """A question, the function of the swept numbers that answers it, and what it is swept over."""
+
+    question: str
+    case: Callable[..., dict[str, Any]]
+    axes: dict[str, list[float]]
+    dims: Dims
+
+
+def read(tables: Mapping[str, Any]) -> Scene:
+    """The scene in a file, or a `ValueError` with the first mistake there; nothing is computed."""
+    for key, value in tables.items():
+        _unless_among(key, (*TABLES, *QUESTIONS, "sweep"), f"there is no table {key}", "but")
+        if not isinstance(value, dict):
+            raise ValueError(f"{key} must be a table: [{key}], and its keys below")
+    asked = [question for question in QUESTIONS if question in tables]
+    if len(asked) != 1:
+        got = " and ".join(f"[{question}]" for question in asked) or "none"
+        raise ValueError(f"must ask one of [{'], ['.join(QUESTIONS)}], there is {got}")
+    (question,) = asked
+    ask, over, _ = QUESTIONS[question]
+    axes = {name: _values(name, given) for name, given in tables.get("sweep", {}).items()}
+    bases = {"model": jb.AbstractModel, "motion": jb.Motion}
+    makers: dict[str, list[Any]] = {"loads": [jb.Loads], "damping": [jb.Damping], question: [ask]}
+    makers["beam"] = [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness]
+    takes: dict[str, dict[str, inspect.Parameter]] = {}
+    made: dict[str, Callable[[Mapping[str, Any]], Any]] = {}  # from the swept numbers
+
+    def gather(table: str) -> None:
+        given = dict(tables.get(table, {}))
+        if table in bases:
+            makers[table] = [_class(table, given.pop("name", None), bases[table])]
+        if table == "model":
+            makers["rotor"] = [makers["model"][0].rotor_type]
+        maker = _fitting(table, makers[table], given, axes)
+        takes[table] = _keys(maker)
+        every = inspect.signature(maker).parameters.items()
+        needs = [n for n, p in every if n in TABLES and (p.default is p.empty or n in tables)]
+        for needed in needs:
+            gather(needed)
+
+        def make(numbers: Mapping[str, Any]) -> Any:
+            swept = {name: n for name, n in numbers.items() if name in takes[table]}
+            parts = {needed: made[needed](numbers) for needed in needs}
+            with _blamed(table):
+                return maker(**parts, **{**given, **swept})
+
+        made[table] = make
+
+    gather(question)
+    for table in tables.keys() - made.keys() - {"sweep"}:
+        raise ValueError(f"[{table}] has no use here: tables are {', '.join(sorted(made))}")
+    if not axes and "angular_speed" in takes[question]:
+        axes = {"angular_speed": [tables[question].get("angular_speed", 0.0)]}
+    homes = [(name, table) for table, own in takes.items() for name in own if _is_real(own[name])]
+    for name in axes:
+        _unless_among(name, dict(homes), f"[sweep] {name} is not swept", "numbers are")
+        home = [table for number, table in homes if number == name]
+        if len(home) > 1:
+            raise ValueError(f"[sweep] {name} could be that of [{'] or ['.join(home)}]")
+    for table in made.keys() - {question}:
+        made[table](dict.fromkeys(axes, 1.0))  # so that other numbers than these are checked
+    with _blamed("sweep"):
+        jb.grid(**axes) if axes else None
+    with _blamed(question):
+        return Scene(
+            question, lambda **numbers: made[question](numbers), axes, over(**tables[question])
+        )
+
+
+@contextlib.contextmanager
+def _blamed(table: str) -> Iterator[None]:
+    """What the library says of an argument, with the table that it stands in."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"[{table}] {str(error).splitlines()[0]}") from error
+
+
+def _unless_among(key: str, allowed: Collection[str], complaint: str, those: str) -> None:
+    if key not in allowed:
+        near = difflib.get_close_matches(key, allowed, 1)
+        meant = f"did you mean {near[0]}? " if near else ""
+        raise ValueError(f"{complaint}: {meant}{those} {', '.join(allowed) or 'none'}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_real(parameter: inspect.Parameter) -> bool:
+    return float in typing.get_args(parameter.annotation)  # see Real
+
+
+def _keys(maker: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Arguments that come from the maker's own table."""
+    every = inspect.signature(maker).parameters
+    return {name: p for name, p in every.items() if name not in TABLES}
+
+
+def _class(table: str, name: Any, base: type) -> type:
+    """The public class of this name, of those that are made from numbers."""
+    kinds = {n: k for n, k in vars(jb).items() if inspect.isclass(k) and issubclass(k, base)}
+    offered = [
+        name for name, kind in kinds.items() if not inspect.isabstract(kind)
+        and all(_is_real(p) or p.default is not p.empty for p in _keys(kind).values())
+    ]  # fmt: skip
+    _unless_among(str(name), offered, f"[{table}] needs a name, got {name!r}", "there are")
+    return kinds[name]
+
+
+def _fitting(
+    table: str, makers: list[Any], given: Mapping[str, Any], swept: Collection[str]
+) -> Any:
+    """Whichever maker fits the keys best, which must be complete."""
+
+    def lacks(maker: Any) -> list[str]:
+        required = [name for name, p in _keys(maker).items() if p.default is p.empty]
+        return [name for name in required if name not in given and name not in swept]
+
+    maker = min(makers, key=lambda m: len(given.keys() - _keys(m)) + len(lacks(m)))
+    keys = _keys(maker)
+    those = "its keys are" if len(makers) == 1 else f"{maker.__qualname__} takes"
+    for key, value in given.items():
+        _unless_among(key, keys, f"[{table}] has no {key}", those)
+        several = isinstance(value, list) and keys[key].annotation is Any  # say an axis
+        if not all(map(_is_number, value if several else [value])):
+            raise ValueError(f"[{table}] {key} must be a number, got {value!r}")
+    if lacks(maker):
+        raise ValueError(f"[{table}] lacks {', '.join(lacks(maker))}: {those} {', '.join(keys)}")
+    return maker
+
+
+def _values(name: str, given: Any) -> list[float]:
+    """Of a swept number."""
+    if isinstance(given, dict) and given.keys() == {"from", "to", "count"}:
+        with _blamed("sweep"):
+            count_functions(f"{name} count", given["count"], 2)
+        if _is_number(given["from"]) and _is_number(given["to"]):
+            return np.linspace(given["from"], given["to"], given["count"]).tolist()
+    if not isinstance(given, list) or not given or not all(map(_is_number, given)):
+        form = "a list of numbers or {from = 0.0, to = 1.0, count = 11}"
+        raise ValueError(f"[sweep] {name} must be {form}, got {given!r}")
+    return [float(value) for value in given]
+
+
+def run(scene: Scene, out: Path, cores: int, chunk: int) -> bool:
+    """Answer the question, write all files, and say what became of the cases."""
+    if scene.axes:
+        cases = jb.grid(**scene.axes)
+        print(f"{len(cases)} cases over {', '.join(cases.names)}", flush=True)
+        devices, folder = cores * jax.devices(), out / "chunks"
+        table = jb.sweep(
+            scene.case, cases, chunk=chunk, devices=devices, folder=folder, dims=scene.dims
+        )
+        drawn, label = next(iter(scene.dims)), QUESTIONS[scene.question][2]
+        status, figure = table["status"], plot.swept(table, drawn, label)
+        values = {n: v for n, v in table.values.items() if "time" not in table.dims[n]}
+    else:
+        values = {name: np.asarray(value) for name, value in scene.case().items()}
+        coords = {d: np.array(c) for further in scene.dims.values() for d, c in further.items()}
+        status = values["status"]
+        values["status"] = np.full(coords["time"].shape, status)
+        table = jb.Table(values, {n: tuple(scene.dims.get(n, ["time"])) for n in values}, coords)
+        figure = plot.history(table)
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / scene.question
+    table.save(path.with_suffix(".npz"))
+    dataclasses.replace(table, values=values).to_csv(path.with_suffix(".csv"))
+    figure.savefig(path.with_suffix(".png"), dpi=150)
+    print(f"{np.sum(status == jb.Status.OK)} of {status.size} ok")
+    for code, count in zip(*np.unique(status, return_counts=True), strict=True):
+        if code != jb.Status.OK:
+            print(f"{count} {jb.Status(code).name}: {jb.Status(code).message}")
+    print(f"{path}.csv, .npz and .png")
+    return bool((status == jb.Status.OK).any())
+
+
+def main(argv: list[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        "python -m jaxbeam", description=__doc__, epilog=_EPILOG, formatter_class=form
+    )
+    parser.add_argument("scene", nargs="?", type=Path, metavar="SCENE.toml")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: the name of the file")
+    parser.add_argument("--cores", type=int, default=1, metavar="N", help="of the CPU to use (1)")
+    parser.add_argument("--chunk", type=int, default=32, metavar="N", help="cases at once (32)")
+    parser.add_argument("--example", choices=list(EXAMPLES), help="print a scene that runs")
+    parser.add_argument("--version", action="version", version=f"jaxbeam {jb.__version__}")
+    given = parser.parse_args(argv)
+    if given.example:
+        print(EXAMPLES[given.example], end="")
+        return 0
+    if given.scene is None or given.cores < 1 or given.chunk < 1:
+        parser.error("name a SCENE.toml, and one core and one case at least")
+    jax.config.update("jax_enable_x64", True)
+    try:
+        scene = read(tomllib.loads(given.scene.read_text("utf-8")))
+        return 0 if run(scene, given.out or Path(given.scene.stem), given.cores, given.chunk) else 1
+    except (ValueError, OSError) as error:  # what is wrong with the file or the folder
+        said = getattr(error, "strerror", None) or str(error)
+        print(f"{given.scene}: {said.splitlines()[0]}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped: the same command goes on from here", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

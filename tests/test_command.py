@@ -1,0 +1,331 @@
+"""`python -m jaxbeam`: the numbers are those of the package, mistakes are named in one line."""
+
+import csv
+import subprocess
+import sys
+import tomllib
+
+import jax
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam import plot
+from jaxbeam.__main__ import EXAMPLES, main, read
+
+BEAM = """
+[beam]
+length = 8.0
+youngs_modulus = 6.895e10
+density = 2767.0
+area = 7.299e-5
+in_plane_second_moment = 8.214e-9
+"""
+HYBRID = '[model]\nname = "Hybrid"\nn_stretch = 2\nn_in_plane = 4\nn_flap = 0\n'
+FREQUENCIES = f"""{HYBRID}{BEAM}
+[rotor]
+hub_radius = 0.5
+tip_mass = 0.1
+[frequencies]
+in_plane = 2
+[sweep]
+angular_speed = {{from = 0.0, to = 10.0, count = 3}}
+tip_mass = [0.0, -0.1]
+"""
+SPIN_UP = f"""
+[model]
+name = "GreenANCF"
+n_elements = 2
+{BEAM}
+[rotor]
+tip_mass = 0.1
+[motion]
+name = "SmoothSpinUp"
+angular_speed = 4.0
+duration = 15.0
+[spin_up]
+until = 20.0
+points = 11
+"""
+SPRINGS = """
+[model]
+name = "DiscreteNC"
+[rotor]
+mass = 1.0
+length = 1.0
+hub_radius = 0.0
+translational_spring = 1e4
+torsional_spring = 10.0
+[frequencies]
+in_plane = 1
+angular_speed = 2.0
+"""
+BLADE = jb.Beam.from_section(
+    length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
+    in_plane_second_moment=8.214e-9,
+)  # fmt: skip
+MODEL = jb.Hybrid(2, 4, 0)
+
+
+@pytest.fixture
+def command(tmp_path, capsys, monkeypatch):
+    """Runs the command on a text; its exit status, what it printed, and what it complained of."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(text, *options):
+        (tmp_path / "scene.toml").write_text(text)
+        code = main(["scene.toml", *options])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def columns(path):
+    """Of a CSV file, by name."""
+    with open(path, newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+def test_frequencies_resumed_and_refused(command, tmp_path):
+    code, said, _ = command(FREQUENCIES, "--out", "out", "--chunk", "4", "--cores", "2")
+    assert code == 0
+    assert said.splitlines() == [
+        "6 cases over angular_speed, tip_mass",
+        "3 of 6 ok",
+        "3 INVALID_TIP_MASS: tip_mass must be finite and >= 0",
+        "out/frequencies.csv, .npz and .png",
+    ]
+    table = jb.Table.load(tmp_path / "out/frequencies.npz")
+    which = jb.labels(in_plane=2)
+    found = columns(tmp_path / "out/frequencies.csv")
+    np.testing.assert_array_equal(found["angular_speed"], [0, 0, 5, 5, 10, 10])
+    for i in range(6):
+        speed, tip_mass = found["angular_speed"][i], found["tip_mass"][i]
+        frequency = [found[f"frequency[{label}]"][i] for label in which]
+        if tip_mass < 0:
+            assert found["status"][i] == jb.Status.INVALID_TIP_MASS
+            assert np.isnan(frequency).all()
+            continue
+        alone = jb.modes(MODEL, jb.Rotor(BLADE, 0.5, tip_mass), speed, which)
+        np.testing.assert_allclose(frequency, alone.frequency, rtol=1e-12)
+        np.testing.assert_allclose(found["steady_strain"][i], alone.steady_strain, rtol=1e-12)
+        kept = table.sel(angular_speed=speed, tip_mass=tip_mass)["frequency"]
+        np.testing.assert_array_equal(kept, frequency)
+    assert (tmp_path / "out/frequencies.png").read_bytes().startswith(b"\x89PNG")
+
+    def written():
+        return {file: file.stat().st_mtime_ns for file in (tmp_path / "out/chunks").iterdir()}
+
+    before = written()
+    assert command(FREQUENCIES, "--out", "out", "--chunk", "4")[0] == 0
+    assert written() == before  # read, not computed again
+    code, _, complaint = command(
+        FREQUENCIES.replace("length = 8.0", "length = 8.5"), "--out", "out", "--chunk", "4"
+    )
+    assert code == 2
+    assert complaint.startswith("scene.toml: out/chunks belongs to another sweep")
+    assert complaint.count("\n") == 1
+    assert "name another folder, or remove this one" in complaint
+
+
+def test_southwell_at_one_speed(command, tmp_path):
+    text = FREQUENCIES.split("[frequencies]")[0]
+    assert command(text + "[southwell]\nin_plane = 2\nangular_speed = 3.0")[0] == 0
+    found = columns(tmp_path / "scene/southwell.csv")
+    expected = jb.southwell(MODEL, jb.Rotor(BLADE, 0.5, 0.1), jb.labels(in_plane=2), 3.0)
+    coefficient = [found[f"coefficient[in-plane bending {k}]"][0] for k in (1, 2)]
+    np.testing.assert_allclose(coefficient, expected.coefficient, rtol=1e-12)
+
+
+def test_histories_of_a_spin_up(command, tmp_path):
+    code, said, _ = command(SPIN_UP)
+    assert code == 0
+    assert said.splitlines() == ["1 of 1 ok", "scene/spin_up.csv, .npz and .png"]
+    times = np.linspace(0.0, 20.0, 11)
+    motion = jb.SmoothSpinUp(4.0, 15.0)
+    run = jb.simulate(jb.GreenANCF(2), jb.Rotor(BLADE, 0.0, 0.1), motion, times)
+    rows = columns(tmp_path / "scene/spin_up.csv")
+    np.testing.assert_array_equal(rows["time"], times)
+    for i, direction in enumerate(("axial", "in plane", "flap")):
+        np.testing.assert_allclose(rows[f"tip[{direction}]"], run.tip[:, i], rtol=1e-12)
+        np.testing.assert_allclose(rows[f"hub_torque[a{i + 1}]"], run.hub_torque[:, i], rtol=1e-12)
+    np.testing.assert_allclose(rows["energy"], run.energy, rtol=1e-12)
+    np.testing.assert_allclose(rows["imbalance"], run.imbalance, rtol=1e-12, atol=1e-15)
+    table = jb.Table.load(tmp_path / "scene/spin_up.npz")
+    peak = [table[name][1] for name in ("peak", "peak_time")]
+    np.testing.assert_allclose(peak, run.peak(), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_swept_spin_up(command, tmp_path):
+    text = f"{HYBRID}{SPIN_UP.split('n_elements = 2')[1]}[sweep]\nangular_speed = [2, 4, inf]\n"
+    code, said, _ = command(text, "--chunk", "3")
+    assert code == 0
+    assert "2 of 3 ok\n1 INVALID_MOTION: motion must be finite" in said
+    rows = columns(tmp_path / "scene/spin_up.csv")
+    ways = ("axial", "in plane", "flap")
+    peaks = [f"{name}[{way}]" for name in ("peak", "peak_time") for way in ways]
+    assert list(rows) == ["angular_speed", *peaks, "status"]
+    times = jax.numpy.linspace(0.0, 20.0, 11)
+    tips = jb.Table.load(tmp_path / "scene/spin_up.npz")
+    for i, speed in enumerate((2.0, 4.0)):
+        motion = jb.SmoothSpinUp(speed, 15.0)
+        run = jb.simulate(MODEL, jb.Rotor(BLADE, 0.0, 0.1), motion, times)
+        found = [rows[name][i] for name in ("peak[in plane]", "peak_time[in plane]")]
+        np.testing.assert_allclose(found, run.peak(), rtol=1e-5)  # tolerance 1e-6, other rounding
+        tip = tips.sel(angular_speed=speed)["tip"]
+        np.testing.assert_allclose(tip, run.tip, atol=1e-6)
+    assert np.isnan(rows["peak[in plane]"][2])
+
+
+def test_no_case_is_ok(command):
+    code, said, _ = command(SPRINGS + "[sweep]\nmass = [-1, 0]")
+    assert code == 1
+    assert "0 of 2 ok\n2 INVALID_MASS: mass must be finite and > 0" in said
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_are_accepted(name, capsys):
+    assert main(["--example", name]) == 0
+    scene = read(tomllib.loads(capsys.readouterr().out))
+    assert scene.question == name
+    assert bool(scene.axes) == (name != "spin_up")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_run(name, command):
+    code, said, _ = command(EXAMPLES[name])
+    assert code == 0
+    assert "ok\n" in said
+
+
+def test_further_scenes_are_accepted():
+    with_loads = SPIN_UP + "[loads]\ngravity = [0.0, -9.81, 0.0]\n[damping]\nmass = 0.1\n"
+    scene = read(tomllib.loads(with_loads + "[sweep]\nmass = [0.1, 0.2]\nlength = [8, 9]"))
+    assert scene.axes == {"mass": [0.1, 0.2], "length": [8.0, 9.0]}
+    slender = (
+        '[beam]\n[model]\nname = "ANCF"\n[southwell]\nin_plane = 1\n[sweep]\nslenderness = [70]'
+    )
+    assert read(tomllib.loads(slender)).axes == {"slenderness": [70.0]}
+    assert read(tomllib.loads(SPRINGS)).axes == {"angular_speed": [2.0]}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("[frequencies]", "[frequency]", "no table frequency: did you mean frequencies?"),
+        ("[sweep]", "[southwell]\n[sweep]", "must ask one of [frequencies], [southwell], [spin_up],"
+         " there is [frequencies] and [southwell]"),
+        ("[model]", "omega = 1.0\n[model]", "there is no table omega: but model, beam"),
+        ("[sweep]", "[[sweep]]", "sweep must be a table: [sweep], and its keys below"),
+        ("[rotor]", "[motion]\nname='SmoothSpinUp'\n[rotor]", "[motion] has no use here"),
+        ('"Hybrid"', '"Hybird"', "[model] needs a name, got 'Hybird': did you mean Hybrid?"),
+        ('name = "Hybrid"', "", "[model] needs a name, got None: there are"),
+        ("youngs_modulus", "youngs_moduls", "[beam] has no youngs_moduls: did you mean "
+         "youngs_modulus? Beam.from_section takes length,"),
+        ("area = 7.299e-5", "", "[beam] lacks area: Beam.from_section takes length,"),
+        ("length = 8.0", "length = '8.0'", "[beam] length must be a number, got '8.0'"),
+        ("length = 8.0", "length = true", "[beam] length must be a number, got True"),
+        ("length = 8.0", "length = [8.0]", "[beam] length must be a number, got [8.0]"),
+        ("length = 8.0", "length = -8.0", "[beam] length must be finite and > 0, got -8.0"),
+        ("hub_radius = 0.5", "hub_radius = -1", "[rotor] hub_radius must be finite and >= 0"),
+        ("n_flap = 0", "n_flap = 1.5", "[model] n_flap must be an int, got float"),
+        ("in_plane = 2\n", "in_plane = 2\nbasis = {}\n", "[frequencies] has no basis"),
+        ("in_plane = 2\n", "in_plane = 2.0\n", "[frequencies] in_plane must be an int, got float"),
+        ("in_plane = 2\n", "in_plane = 0\n", "[frequencies] asks for no mode"),
+        ("in_plane = 2\n", "flap = 1\n", "there is no flap bending 1"),
+        ("tip_mass = [0.0, -0.1]", "tip_mass = []", "[sweep] tip_mass must be a list of"),
+        ("tip_mass = [0.0, -0.1]", "tip_mass = [0, 0]", "[sweep] tip_mass must not repeat values"),
+        ("tip_mass = [0.0, -0.1]", "tip_mass = [0, true]", "[sweep] tip_mass must be a list"),
+        ("tip_mass = [0.0, -0.1]", "tip_mass = 0.1", "[sweep] tip_mass must be a list of numbers"),
+        ("tip_mass = [0.0, -0.1]", "tipmass = [0.0]", "[sweep] tipmass is not swept: did you mean "
+         "tip_mass? numbers are angular_speed, hub_radius, tip_mass, length"),
+        ("tip_mass = [0.0, -0.1]", "n_flap = [0, 1]", "[sweep] n_flap is not swept: numbers are"),
+        ("count = 3", "count = 1", "[sweep] angular_speed count must be >= 2, got 1"),
+        ("count = 3", "count = 3.0", "[sweep] angular_speed count must be an int, got float"),
+        ("count = 3", "steps = 3", "[sweep] angular_speed must be a list of numbers or {from ="),
+        ("from = 0.0", "from = 'a'", "[sweep] angular_speed must be a list of numbers or {from ="),
+        ("angular_speed = {", "# {", "[frequencies] lacks angular_speed: its keys are angular"),
+        ("hub_radius = 0.5", "hub_radius", "(at line 15, column 11)"),
+    ],
+)  # fmt: skip
+def test_mistakes(old, new, complaint, command):
+    assert old in FREQUENCIES
+    refused(command, FREQUENCIES.replace(old, new, 1), complaint)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('"SmoothSpinUp"', '"SmoothSpin"', "[motion] needs a name, got 'SmoothSpin': did you mean "
+         "SmoothSpinUp? there are ConstantSpeed, ModulatedSpeed, QuinticSpinUp, SmoothSpinUp"),
+        ("duration = 15.0", "", "[motion] lacks duration: its keys are angular_speed, duration"),
+        ("duration = 15.0", "duration = 0", "[motion] duration must be finite and > 0, got 0.0"),
+        ("duration = 15.0", "duration = 9\naxis = [0, 1]", "[motion] axis must have shape (3,)"),
+        ("until = 20.0", "until = -1.0", "[spin_up] until must be finite and > 0, got -1.0"),
+        ("points = 11", "points = 1", "[spin_up] points must be >= 2, got 1"),
+        ("points = 11", "max_steps = 0", "[spin_up] max_steps must be >= 1, got 0"),
+        ("points = 11", "angular_speed = 1", "[spin_up] has no angular_speed: its keys are until"),
+        ("points = 11", "[damping]\nmass = -1", "[damping] damping must be finite and >= 0"),
+        ("points = 11", "[sweep]\nuntil = [1.0]", "[sweep] until is not swept"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_spin_ups(old, new, complaint, command):
+    assert old in SPIN_UP
+    refused(command, SPIN_UP.replace(old, new, 1), complaint)
+
+
+def test_number_of_two_tables(command):
+    motion = '[motion]\nname = "ConstantSpeed"\nangular_speed = 1.0\n[spin_up]\nuntil = 1.0\n'
+    twice = "[damping]\nmass = 1.0\n[sweep]\nmass = [1.0, 2.0]\n"
+    text = SPRINGS.split("[frequencies]")[0] + motion + twice
+    refused(command, text, "[sweep] mass could be that of [rotor] or [damping]")
+
+
+def test_southwell_of_springs(command):
+    text = SPRINGS.replace("frequencies", "southwell")
+    refused(command, text, "[southwell] is asked of beams, which DiscreteNC is not")
+
+
+def refused(command, text, complaint):
+    code, _, complaints = command(text)
+    assert code == 2
+    assert complaint in complaints
+    assert complaints.startswith("scene.toml: ")
+    assert complaints.count("\n") == 1
+
+
+def test_no_file_and_no_folder(command, capsys, tmp_path):
+    assert main(["nowhere.toml"]) == 2
+    assert "No such file or directory" in capsys.readouterr().err
+    (tmp_path / "taken").write_text("")
+    code, _, complaints = command(FREQUENCIES, "--out", "taken")
+    assert code == 2
+    assert complaints.startswith("scene.toml: cannot write to taken/chunks: Not a directory")
+    with pytest.raises(SystemExit, match="2"):
+        main([])
+
+
+def test_figures_leave_out_what_is_not_there():
+    def tip(a, b, c):
+        peak = jax.numpy.stack([a + b, 0 * a, a * c])
+        return {"peak": jax.numpy.where(b > 1, np.nan, peak)}
+
+    cases = jb.grid(a=[0, 1, 2], b=[0, 1, 2], c=np.arange(5.0))
+    table = jb.sweep(tip, cases, dims={"peak": {"direction": ["axial", "in plane", "flap"]}})
+    figure = plot.swept(table, "peak", "peak (m)")
+    assert [ax.get_title() for ax in figure.axes] == ["axial", "flap"]
+    assert [len(ax.lines) for ax in figure.axes] == [8, 8]
+    (legend,) = figure.legends
+    assert legend.get_title().get_text() == "8 of 10 lines"
+    assert legend.get_texts()[0].get_text() == "b 0, c 0"
+
+
+def test_help_in_a_process_of_its_own():
+    done = subprocess.run(
+        [sys.executable, "-m", "jaxbeam", "--help"], capture_output=True, text=True, check=True
+    )
+    assert EXAMPLES["frequencies"] in done.stdout
+    assert EXAMPLES["spin_up"] in done.stdout
