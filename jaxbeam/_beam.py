@@ -26,6 +26,8 @@ def real_scalar(name: str, value: Any) -> Scalar:
     if isinstance(value, bool):
         raise TypeError(f"{name} must be a real number, got {value!r}")
     if isinstance(value, int | float):
+        if isinstance(value, int) and abs(value) >= 2**1024:
+            raise ValueError(f"{name} must be finite, got an int beyond the range of floats")
         return jnp.asarray(float(value), _default_float())
     dtype = getattr(value, "dtype", None)
     if dtype is None or not jnp.issubdtype(dtype, jnp.floating):
@@ -179,6 +181,11 @@ class Rotor(_Parameters):
         self.hub_radius = real_scalar("hub_radius", hub_radius)
         self.tip_mass = real_scalar("tip_mass", tip_mass)
 
+    @property
+    def frequency_scale(self) -> Scalar:
+        """That of the beam."""
+        return self.beam.frequency_scale
+
     def tension(self, angular_speed: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Axial force that carries the undeformed beam round, as three coefficients in N.
 
@@ -246,6 +253,11 @@ class SpringRotor(_Parameters):
         self.hub_radius = real_scalar("hub_radius", hub_radius)
         self.translational_spring = real_scalar("translational_spring", translational_spring)
         self.torsional_spring = real_scalar("torsional_spring", torsional_spring)
+
+    @property
+    def frequency_scale(self) -> Scalar:
+        """(k_r / (m L^2))^(1/2), in rad/s."""
+        return jnp.sqrt(self.torsional_spring / self.mass) / self.length
 
     def status(self, angular_speed: Scalar) -> Code:
         """As `Rotor.status`."""

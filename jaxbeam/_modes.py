@@ -163,8 +163,9 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
     matrices = (system.mass, system.gyroscopic, system.stiffness)
     residual = jax.lax.stop_gradient(_residual(matrices, eigenvalue, shape))
     tolerance = 5e6 * jnp.finfo(speed.dtype).eps  # 1e-9
-    status = jnp.where(residual.max() > tolerance, Status.INACCURATE, Status.OK)
-    status = jnp.where(jnp.all(jnp.isfinite(eigenvalue)), status, Status.NOT_FINITE)
+    status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
+    finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
+    status = jnp.where(finite, status, Status.NOT_FINITE)
     status = jnp.where(jnp.all(positive), status, Status.NO_EQUILIBRIUM)
     status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
     ok = status == Status.OK

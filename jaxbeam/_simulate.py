@@ -66,7 +66,8 @@ def simulate(
     Reverse mode works as it is, forward mode with `adjoint=diffrax.ForwardMode()`. Write one case;
     `jax.vmap` or `jaxbeam.sweep` batch it. `throw=False` keeps failures in `Simulation.status`:
 
-    - the parameters, the motion or the loads are out of range, or leave the plane of the model;
+    - the parameters, the motion or the loads are out of range, or leave the plane of the model:
+      what is asked of the run is then NaN;
     - the solver gave up (`MAX_STEPS`, `STEP_FAILED`), or its result is not finite;
     - the tip went farther than ten lengths: `DIVERGED`. The run ends there, and what came before is
       kept. With an `event` of your own, or `BacksolveAdjoint`, it goes on;
@@ -122,6 +123,10 @@ def _simulate(
     else:
         saveat, within = _within(saveat, times)
         given = jnp.where(fine & ~within, Status.INVALID_TIMES, given)
+    if dt0 is not None:  # diffrax raises where it points backwards
+        forward = jnp.isfinite(dt0) & (dt0 > 0)
+        given = jnp.where(fine & ~forward, Status.INVALID_TIMES, given)
+        dt0 = jnp.where(forward, dt0, times[-1] - times[0])
     now = Scene(model, rotor, motion, loads, damping)
     n = len(model.families)
     if start is None:

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._scene import Scene
 from jaxbeam._solvers.system import State
+from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vector
 
 
@@ -91,10 +92,15 @@ class Simulation(eqx.Module):
         """
         if self.times.size < 2:
             raise ValueError("peak needs two or more output times")
-        return _peak(self, *checked_point(component, xi))
+        return self._own(_peak(self, *checked_point(component, xi)))
 
     def _each(self, function: Any, *xi: float) -> Any:
-        return _mapped(function, self.scene, self.times, self.state, xi)
+        return self._own(_mapped(function, self.scene, self.times, self.state, xi))
+
+    def _own(self, out: Any) -> Any:
+        """NaN where a case is out of range: it ran with harmless numbers in place of its own."""
+        own = (self.status == Status.OK) | (self.status >= Status.NO_EQUILIBRIUM)
+        return jax.tree.map(lambda values: jnp.where(own, values, jnp.nan), out)
 
 
 @eqx.filter_jit

@@ -1,7 +1,7 @@
 """Southwell coefficients, Campbell diagrams, and speeds at which a frequency is met."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -28,7 +28,7 @@ class Southwell(eqx.Module):
 
 def southwell(
     model: AbstractModel,
-    rotor: Rotor,
+    rotor: Any,
     which: int | Sequence[Label],
     angular_speed: Real = 0.0,
     *,
@@ -50,7 +50,7 @@ def southwell(
 
 
 @eqx.filter_jit
-def _southwell(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Southwell:
+def _southwell(model: AbstractModel, rotor: Any, speed: Scalar, choice: Choice) -> Southwell:
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
         found = find(model, rotor, omega, choice)
         return -(found.eigenvalue**2).real, found.status
@@ -70,7 +70,7 @@ def _southwell(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice
 
     # A safe speed, since under vmap both branches run and 0 / 0 would spoil derivatives.
     resting = speed == 0
-    safe = jnp.where(resting, rotor.beam.frequency_scale, speed)
+    safe = jnp.where(resting, rotor.frequency_scale, speed)
     result, status = jax.lax.cond(resting, at_rest, at_speed, safe)
     return Southwell(jnp.where(status == Status.OK, result, jnp.nan), status)
 

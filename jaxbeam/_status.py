@@ -73,7 +73,9 @@ _MESSAGES = {
     ),
     Status.INVALID_LOAD: "gravity and tip_force must be finite over the whole run",
     Status.INVALID_DAMPING: "damping must be finite and >= 0",
-    Status.INVALID_TIMES: "times must be finite and increasing, and saveat must save within them",
+    Status.INVALID_TIMES: (
+        "times must be finite and increasing, saveat must save within them, and dt0 be > 0"
+    ),
     Status.INVALID_START: "start must be finite",
     Status.OUT_OF_PLANE: (
         "the motion or the loads leave the plane of rotation, and the model has no coordinates "

@@ -238,16 +238,14 @@ def _refuse_another(folder: Path, there: dict[str, Any], here: dict[str, Any]) -
     names = {**there, **here}.keys() - set(_INFORMATION)
     other = sorted(name for name in names if there.get(name) != here.get(name))
     if other:
-        said = [f"{n} (there {_short(there.get(n))}, here {_short(here.get(n))})" for n in other]
+        both = {n: [json.dumps(one.get(n)) for one in (there, here)] for n in other}
+        said = [
+            f"{n} (there {a}, here {b})" if len(a + b) < 60 else n for n, (a, b) in both.items()
+        ]
         raise ValueError(
-            f"{folder} belongs to another sweep of {there.get('function')}, different in "
+            f"{folder} belongs to another sweep, of {there.get('function')}, different in "
             f"{', '.join(said)}: name another folder, or remove this one"
         )
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def _cases(folder: Path) -> Cases | None:

@@ -1,5 +1,6 @@
 """Run one function over many cases: in chunks, on one device or many, with nothing lost."""
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -233,8 +234,9 @@ def _reads(function: Any, bare: Any) -> dict[str, str]:
     elif isinstance(function, functools.partial):
         parts = {**{str(i): a for i, a in enumerate(function.args)}, **function.keywords}
     if inspect.isfunction(bare):
-        outside = inspect.getclosurevars(bare)
-        parts |= {**outside.globals, **outside.nonlocals}
+        with contextlib.suppress(ValueError):  # of a name that is not bound yet
+            outside = inspect.getclosurevars(bare)
+            parts |= {**outside.globals, **outside.nonlocals}
     kinds = (eqx.Module, int, float, np.ndarray, jax.Array, tuple)
 
     def number(leaf: Any) -> Any:

@@ -284,11 +284,6 @@ def test_number_of_two_tables(command):
     refused(command, text, "[sweep] mass could be that of [rotor] or [damping]")
 
 
-def test_southwell_of_springs(command):
-    text = SPRINGS.replace("frequencies", "southwell")
-    refused(command, text, "[southwell] is asked of beams, which DiscreteNC is not")
-
-
 def refused(command, text, complaint):
     code, _, complaints = command(text)
     assert code == 2

@@ -521,13 +521,14 @@ def test_what_a_bad_case_brings_along():
             saveat=diffrax.SaveAt(ts=jnp.stack([0.0 * late, late])), throw=False,
             stepsize_controller=steps,
         )  # fmt: skip
-        return run.status, run.tip[-1, 1]
+        return run.status, jnp.stack([run.tip[-1, 1], run.peak()[0], run.energy[0]])
 
     found, tip = status(jnp.array([0.3, -1.0, 0.3, 0.3]), jnp.array([3.0, 3.0, 4.0, jnp.nan]))
     assert [jb.Status(int(s)).name for s in found] == [
         "OK", "INVALID_TIP_MASS", "INVALID_TIMES", "INVALID_TIMES"
     ]  # fmt: skip
-    assert np.isfinite(tip[0])
+    assert np.isfinite(tip[0]).all()
+    assert np.isnan(tip[1]).all()  # not those of the harmless numbers that it ran with
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 import jaxbeam as jb
 from tests import reference
-from tests.helpers import finite_difference, slender
+from tests.helpers import DISCRETE, finite_difference, name, slender
 
 IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
 PLANAR = jb.labels(in_plane=3)
@@ -84,6 +84,26 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
     np.testing.assert_allclose(found, [closed(r) for r in hubs], rtol=1e-9)
     line = found[0] + (found[2] - found[0]) * hubs
     np.testing.assert_allclose(found, line, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [DISCRETE[0], *(pytest.param(m, marks=pytest.mark.slow) for m in DISCRETE[1:])],
+    ids=name,
+)
+def test_discrete_analogue(model):
+    """Against differences of squared frequencies: the error is of order speed squared."""
+    springs, which = jb.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0), jb.labels(in_plane=1)
+
+    def square(speed):
+        return jb.modes(model, springs, speed, which).frequency[0] ** 2
+
+    coarse, fine = ((square(h) - square(0.0)) / h**2 for h in (0.4, 0.2))
+    found = phi_of(model, springs, which)[0]
+    np.testing.assert_allclose(found, (4 * fine - coarse) / 3, rtol=1e-4)
+    at_speed = phi_of(model, springs, which, 2.0)[0]
+    slope = (square(2.001) - square(1.999)) / (2 * 2.0 * 0.002)
+    np.testing.assert_allclose(at_speed, slope, rtol=1e-5)
 
 
 def test_known_values():

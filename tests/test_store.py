@@ -133,7 +133,7 @@ def other_function(a, b):
 )
 def test_the_folder_of_another_sweep_is_refused(change, said, tmp_path):
     table = run(tmp_path / "kept")
-    with pytest.raises(ValueError, match=f"kept belongs to another sweep.*different in.*{said}"):
+    with pytest.raises(ValueError, match=f"belongs to another sweep, of .*in.*{said}"):
         run(tmp_path / "kept", **change)
     assert_same(table, jb.Table.load(tmp_path / "kept"))
 
@@ -146,7 +146,7 @@ def test_results_of_other_circumstances_are_refused(name, there, tmp_path):
     run(tmp_path / "kept")
     path = tmp_path / "kept" / "sweep.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), name: there}))
-    with pytest.raises(ValueError, match=f"belongs to another sweep.*different in {name}"):
+    with pytest.raises(ValueError, match=f"belongs to another sweep, of .*different in {name}"):
         run(tmp_path / "kept")
 
 
