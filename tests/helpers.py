@@ -1,8 +1,8 @@
 """Tools shared by the tests."""
 
+import os
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -20,6 +20,9 @@ NAMES = (
     "angular_speed",
 )
 
+# The environment of a user: without what the tests set for themselves (see conftest.py).
+USERS = {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_", "EQX_", "MPL"))}
+
 # One of each theory of planar elements, and of the discrete analogue.
 ELEMENTS = [
     jb.SmallStrainANCF(2),
@@ -36,11 +39,6 @@ def name(value: object) -> str:
     if isinstance(value, jb.AbstractModel):
         return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"
     return ""
-
-
-def lightly_compiled(function: Callable) -> Callable:
-    """`jax.jit` without LLVM's optimisations: for large programs that run a few times."""
-    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 0})
 
 
 def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.special import mathieu_a, mathieu_b
 
 import jaxbeam as jb
 
-from .helpers import finite_difference, lightly_compiled, name, slender
+from .helpers import finite_difference, name, slender
 
 ROTOR = slender(hub=0.5, tip=0.3)
 SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 400.0, 300.0)
@@ -271,13 +271,13 @@ def test_derivatives_of_multipliers_and_tongues():
 
     assert growth(at) > 0.01
     gradient, expected = (
-        lightly_compiled(jax.grad(growth))(at),
-        finite_difference(lightly_compiled(growth), at, 2e-4),
+        jax.jit(jax.grad(growth))(at),
+        finite_difference(jax.jit(growth), at, 2e-4),
     )
     np.testing.assert_allclose(gradient, expected, atol=1e-6 * np.abs(expected).max())
     forward, expected = (
-        lightly_compiled(jax.jacrev(ends))(at),
-        finite_difference(lightly_compiled(ends), at, 2e-4),
+        jax.jit(jax.jacrev(ends))(at),
+        finite_difference(jax.jit(ends), at, 2e-4),
     )
     np.testing.assert_allclose(forward, expected, atol=1e-6 * np.abs(expected).max())
 

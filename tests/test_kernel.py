@@ -10,7 +10,6 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._blocks import BlockTridiagonal
 from jaxbeam._kernel import _KNOWN, beside, contract, kernel, total
-from tests.helpers import lightly_compiled
 
 compiled = pytest.mark.skipif(
     jax.default_backend() != "cpu" or not jaxlib.__version__.startswith(_KNOWN),
@@ -167,9 +166,9 @@ def end(model, solver, rotor, speed, damping=1e-4):
 def test_a_batch_of_runs_is_as_the_runs_alone(model):
     """Values and gradients."""
     run = jax.value_and_grad(lambda *v: end(model, jb.Rodas4P(), ROTOR, *v), (0, 1))
-    one = lightly_compiled(run)
+    one = jax.jit(run)
     speeds, damping = jnp.array([1.0, 2.0, 5.0]), jnp.array([1e-4, 0.0, 1e-3])
-    value, slopes = lightly_compiled(jax.vmap(run))(speeds, damping)
+    value, slopes = jax.jit(jax.vmap(run))(speeds, damping)
     for i, case in enumerate(zip(speeds, damping, strict=True)):
         alone, by = one(*case)
         np.testing.assert_allclose(value[i], alone, rtol=1e-9)

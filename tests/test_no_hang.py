@@ -4,11 +4,12 @@ Programs with several independent batched LAPACK calls wait for each other for e
 jaxbeam._linalg). Each program below runs in a process of its own that sees two cores at most.
 """
 
-import os
 import subprocess
 import sys
 
 import pytest
+
+from tests.helpers import USERS
 
 PROLOGUE = """
 import os
@@ -61,5 +62,5 @@ for _ in range(8):
     ids=["hybrid", "ancf", "classical", "mixed"],
 )
 def test_ends(body):
-    clean = {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_", "NPROC"))}
+    clean = {k: v for k, v in USERS.items() if not k.startswith("NPROC")}
     subprocess.run([sys.executable, "-c", PROLOGUE + body], check=True, timeout=180, env=clean)

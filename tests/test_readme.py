@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.helpers import USERS
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
@@ -24,8 +26,9 @@ def _numbers(text: str) -> list[float]:
 def test_example_prints_what_is_printed():
     program = _blocks("python")
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True
-    )
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True,
+        env=USERS,
+    )  # fmt: skip
     stated, printed = _blocks("text").splitlines(), done.stdout.splitlines()
     assert len(stated) == len(printed) == 7
     for i, (claim, line) in enumerate(zip(stated, printed, strict=True)):
@@ -36,11 +39,12 @@ def test_example_prints_what_is_printed():
 
 
 @pytest.mark.slow
-def test_longer_examples_print_what_is_printed():
+def test_longer_examples_print_what_is_printed(tmp_path):
     program = _blocks("python") + _blocks("py")
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=True
-    )
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=True,
+        env=USERS, cwd=tmp_path,
+    )  # fmt: skip
     stated = _blocks("txt").splitlines()
     printed = done.stdout.splitlines()[-len(stated) :]
     for claim, line in zip(stated, printed, strict=True):

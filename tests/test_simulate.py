@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.helpers import DISCRETE, ELEMENTS, finite_difference, lightly_compiled, name
+from tests.helpers import DISCRETE, ELEMENTS, finite_difference, name
 
 BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
@@ -306,11 +306,11 @@ def test_gradients_by_every_parameter(model, rotor):
     """Forward and reverse mode against differences of the same discrete solution, to 1e-6."""
     p = SPRING_VALUES if rotor is SPRINGS else VALUES
     fixed = {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.02, "max_steps": 64}
-    forward = lightly_compiled(
+    forward = jax.jit(
         jax.jacfwd(lambda p: outcome(model, p, adjoint=diffrax.ForwardMode(), **fixed))
     )(p)
-    reverse = lightly_compiled(jax.jacrev(lambda p: outcome(model, p, **fixed)))(p)
-    value = lightly_compiled(lambda p: outcome(model, p, **fixed))
+    reverse = jax.jit(jax.jacrev(lambda p: outcome(model, p, **fixed)))(p)
+    value = jax.jit(lambda p: outcome(model, p, **fixed))
     difference = finite_difference(value, p, 1e-3)
     np.testing.assert_allclose(forward * p[None], difference * p[None], rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-11 * np.abs(forward).max())
@@ -347,12 +347,12 @@ def test_gradients_of_adaptive_steps_under_vmap(model, rotor):
     def value(p):
         return outcome(model, p, stepsize_controller=TIGHT)
 
-    reverse = lightly_compiled(jax.vmap(jax.jacrev(value)))(lanes)
-    single = lightly_compiled(jax.jacrev(value))
+    reverse = jax.jit(jax.vmap(jax.jacrev(value)))(lanes)
+    single = jax.jit(jax.jacrev(value))
     for lane, found in zip(lanes, reverse, strict=True):
         effect = np.abs(found * lane[None]).max(1, keepdims=True)
         assert (np.abs((found - single(lane)) * lane[None]) < 1e-5 * effect).all()
-    at = lightly_compiled(lambda speed: value(p.at[-4].set(speed[0])))
+    at = jax.jit(lambda speed: value(p.at[-4].set(speed[0])))
     difference = finite_difference(at, p[-4:-3], 3e-3)[:, 0]
     np.testing.assert_allclose(reverse[0][:, -4], difference, rtol=1e-5)
 
@@ -376,8 +376,8 @@ def test_gradients_in_space(model):
         )  # fmt: skip
         return run.tip[-1, 1:]
 
-    reverse = lightly_compiled(jax.jacrev(final))(SPATIAL)
-    difference = finite_difference(lightly_compiled(final), SPATIAL, 1e-3)
+    reverse = jax.jit(jax.jacrev(final))(SPATIAL)
+    difference = finite_difference(jax.jit(final), SPATIAL, 1e-3)
     np.testing.assert_allclose(
         reverse * SPATIAL[None], difference * SPATIAL[None], rtol=1e-6, atol=1e-8
     )
@@ -432,9 +432,9 @@ def test_gradients_by_parameters_of_motions(build, p):
         )  # fmt: skip
         return run.tip[-1]
 
-    reverse = lightly_compiled(jax.jacrev(final))(p)
+    reverse = jax.jit(jax.jacrev(final))(p)
     # Steps so small that no kink of a motion passes a stage: UpThenDown has three.
-    difference = finite_difference(lightly_compiled(final), p, 1e-4)
+    difference = finite_difference(jax.jit(final), p, 1e-4)
     effect = reverse * p[None]
     np.testing.assert_allclose(effect, difference * p[None], rtol=1e-6, atol=1e-9)
     assert (np.abs(effect).max(0) > 1e-6).all()
@@ -572,11 +572,11 @@ def test_adjoints_solvers_and_progress_pass_through(adjoint):
         return run.tip[-1, 1]
 
     differentiate = jax.jacfwd if isinstance(adjoint, diffrax.ForwardMode) else jax.grad
-    plain = lightly_compiled(lambda s: final(s[0], diffrax.Dopri8()))
+    plain = jax.jit(lambda s: final(s[0], diffrax.Dopri8()))
     change = finite_difference(plain, jnp.array([3.0]), 1e-2)
     # Stock implicit solvers reject half their steps at tight tolerances.
     for case in ((diffrax.Dopri8(),), (diffrax.Kvaerno5(), 1e-6)):
-        slope = lightly_compiled(differentiate(lambda s, case=case: final(s, *case)))(3.0)
+        slope = jax.jit(differentiate(lambda s, case=case: final(s, *case)))(3.0)
         np.testing.assert_allclose(slope, change[0], rtol=1e-5 if len(case) == 1 else 1e-3)
 
 

@@ -17,6 +17,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam import _store, _sweep
+from tests.helpers import USERS
 from tests.test_devices import assert_same
 
 CASES = jb.grid(a=np.linspace(0.0, 1.0, 10), b=[0.0, 1.0, float("nan")])
@@ -358,8 +359,9 @@ def test_memory_stays_flat(tmp_path):
     """A million cases, and no more than a small sweep but for what the results take."""
     program = MILLION.replace("FOLDER", repr(str(tmp_path / "kept")))
     done = subprocess.run(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, timeout=300, check=True
-    )
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, timeout=300, check=True,
+        env=USERS,
+    )  # fmt: skip
     small, large = map(float, done.stdout.split())  # MiB
     assert large < 2048
     assert large - small < 150  # 30 of results as they are mapped, 8 to look at them

@@ -1,7 +1,6 @@
 """Studies run through, write where they are told, and print numbers that the tests stand behind."""
 
 import csv
-import os
 import re
 import subprocess
 import sys
@@ -9,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.helpers import USERS
 
 STUDIES = Path(__file__).parents[1] / "studies"
 
@@ -24,7 +25,7 @@ def run(tmp_path_factory):
         timeout=240,
         check=True,
         cwd=out,
-        env={k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_", "MPL"))},
+        env=USERS,
     )
     return out / "made", done.stdout, set(out.iterdir())
 
@@ -67,7 +68,7 @@ def test_default_run_tells_the_causes(tmp_path):
     study = STUDIES / "rotating_cantilever.py"
     done = subprocess.run(
         [sys.executable, study, "--out", tmp_path], capture_output=True, text=True, timeout=300,
-        check=True,
+        check=True, env=USERS,
     )  # fmt: skip
     assert "ten elements 10.278, 40 elements 10.040" in done.stdout
     assert "inextensible 10.447" in done.stdout
@@ -80,7 +81,7 @@ def test_default_run_tells_the_causes(tmp_path):
 def study(name, out):
     done = subprocess.run(
         [sys.executable, STUDIES / f"{name}.py", "--quick", "--out", out],
-        capture_output=True, text=True, timeout=400, check=True,
+        capture_output=True, text=True, timeout=400, check=True, env=USERS,
     )  # fmt: skip
     return done.stdout
 
