@@ -96,8 +96,8 @@ def refined(
 
     Inverse iteration x <- D^-1 D' x with Rayleigh quotients: the error of x falls by a factor of
     the order of the relative change of omega, that of omega is its square. It ends where the former
-    falls below `tolerance`. Also whether it did end, and how many frequencies lie below the guess,
-    by Sylvester's law: K must be positive definite.
+    falls below `tolerance`. Also whether it did end, and how many frequencies lie below the one
+    found, by Sylvester's law: K must be positive definite.
     """
     none = jnp.zeros_like(omega)
 
@@ -118,7 +118,10 @@ def refined(
         change = 2 * now / (jnp.sqrt(first**2 + 4 * second * now) - first)
         better = omega + change
         turn = jnp.sqrt(total((x - total(x * new) * new) ** 2))
-        here = total(jnp.where(d < 0, 1.0, 0.0))
+        # Below omega, where the one found may lie. The last count is the nearest one, but where
+        # omega is right to rounding its own sign is not.
+        here = total(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
+        counts = (done < 1) & ((i < 1) | (jnp.abs(change) > 1e-10 * better))
         # What is done stays as it is, whatever its neighbours in a batch still need.
         small = jnp.where(jnp.abs(change) * turn < tolerance * better, 1.0, 0.0)
         return (
@@ -126,7 +129,7 @@ def refined(
             jnp.where(done < 1, better, omega),
             jnp.where(done < 1, new, x),
             jnp.where(done < 1, small, done),
-            jnp.where(i < 1, here, below),
+            jnp.where(counts, here, below),
         )
 
     x = x / jnp.sqrt(total(x**2))

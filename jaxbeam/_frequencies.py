@@ -353,9 +353,7 @@ def _search(
     x = contract(beside(functions[:, :, None], lanes), modes[None], 1, lanes)
     omega, x, done, below = refined(*pencil, guess, x, _TOLERANCE)
     place = beside(np.arange(len(guess)), lanes)
-    # Of the frequency itself, that lies above or below the guess; closer, signs may be rounding.
-    above, under = guess < omega * (1 + 1e-7), guess > omega * (1 - 1e-7)
-    right = done & ((above & (below == place)) | (under & (below == place + 1)))
+    right = done & (below == place)
     # What was not found must not end up, as NaN, in gradients of parameters that cases share.
     return jnp.where(right, omega, 1.0), x, jnp.where(right, 1.0, 0.0)
 

@@ -130,6 +130,33 @@ def test_an_axial_mode_among_the_lowest_is_reported():
         jb.frequencies(PLANE, *by_number(0.0, 0.0, 0.0, 10.0))
 
 
+@pytest.mark.parametrize(
+    ("model", "numbers"),  # axial stiffness, tip mass, speed
+    [
+        (jb.Hybrid(4, 8, 0), (6264.3353665688555, 3.1622776601683795, 3.1622776601683795)),
+        pytest.param(jb.GreenANCF(3), (1000.0, 1.0, 1.0), marks=pytest.mark.slow),
+        pytest.param(
+            jb.GreenANCF(3), (1596.338544287942, 0.1333521432163324, 1.0), marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_no_mode_is_skipped(model, numbers):
+    """Here, and where axial modes pass through the lowest ones, found by drawing scenes."""
+    stiffness, tip_mass, speed = numbers
+    stiffness = stiffness * np.r_[1.0, np.geomspace(0.1, 10.0, 40)]
+
+    def both(stiffness):
+        case = jb.Rotor(jb.Beam(1.0, 1.0, stiffness, 1.0, 1.0), 1.0, tip_mass), speed
+        ours = jb.frequencies(model, *case, 3, throw=False)
+        return ours.status, ours.frequency, jb.modes(model, *case, 3, throw=False).frequency
+
+    status, ours, theirs = jax.jit(jax.vmap(both))(stiffness)
+    fine = status == jb.Status.OK
+    assert status[0] == jb.Status.NOT_CONVERGED
+    assert 5 < fine.sum() < 40
+    np.testing.assert_allclose(ours[fine], theirs[fine], rtol=1e-8)
+
+
 def test_an_unstable_steady_state_is_reported():
     case = by_number(30.0, 0.0, 0.0, 200.0)
     found = jb.frequencies(jb.TangentANCF(2), *case, 1, throw=False)
