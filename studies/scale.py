@@ -78,14 +78,14 @@ class Kind(NamedTuple):
     function: Any
     chunk: int
     cases: int
-    quick: int
+    quick: int  # cases then; none where it is left out
 
 
 KINDS = {
     "frequencies": Kind(frequencies, 2000, 200_000, 20_000),
-    "spin-ups": Kind(spin_up, 32, 2_048, 128),
+    "spin-ups": Kind(spin_up, 32, 2_048, 0),
     "Floquet multipliers": Kind(floquet, 250, 20_000, 1_000),
-    "fits": Kind(fit, 125, 8_000, 500),
+    "fits": Kind(fit, 125, 8_000, 0),
 }
 
 
@@ -111,12 +111,15 @@ def measure(
     start = time.perf_counter()
     table = jb.sweep(function, grid(n), chunk=chunk, devices=devices, folder=folder, progress=False)
     taken = time.perf_counter() - start
-    digest = hashlib.sha256(b"".join(table[name].tobytes() for name in sorted(table.values)))
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    digest = hashlib.sha256()
+    for name in sorted(table.values):
+        digest.update(np.ascontiguousarray(table[name]))
     return {
         "what": kind, "cases": n, "cores": cores, "processes": 2 if port else 1,
         "folder": folder is not None, "rate": n / taken,
-        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "ok": float(np.mean(table["status"] == jb.Status.OK)), "digest": digest.hexdigest(),
+        "memory": memory, "ok": float(np.mean(table["status"] == jb.Status.OK)),
+        "digest": digest.hexdigest(),
     }  # fmt: skip
 
 
@@ -154,19 +157,20 @@ def draw(rows: list[dict[str, Any]], out: Path) -> None:
         name = "into a folder" if folder else "in memory"
         axes[0].semilogx(cases, [r["rate"] / 1e3 for r in some], style, label=name)
         axes[1].semilogx(cases, [r["memory"] for r in some], style, label=name)
-    axes[0].set(xlabel="cases (-)", ylabel="frequencies of 1000 cases per second")
-    axes[1].set(xlabel="cases (-)", ylabel="peak memory of the process (MiB)")
+    axes[0].set(xlabel="cases, of frequencies (-)", ylabel="rate (1000 cases per second)")
+    axes[1].set(xlabel="cases, of frequencies (-)", ylabel="peak memory of the process (MiB)")
     for ax in axes[:2]:
-        ax.set_ylim(0)
+        ax.set_ylim(0, 1.1 * ax.get_ylim()[1])
         ax.grid(alpha=0.3)
-        ax.legend()
+        ax.legend(loc="lower right")
     single = {r["what"]: r["rate"] for r in rows if r["series"] == "cores" and r["total"] == 1}
-    at = np.arange(len(KINDS))
+    kinds = list(single)
+    at = np.arange(len(kinds))
     tried = sorted({(r["processes"], r["cores"]) for r in rows if r["series"] == "cores"})
     for i, (processes, cores) in enumerate(tried):
         bars = [
             r["rate"] / single[kind]
-            for kind in KINDS
+            for kind in kinds
             for r in rows
             if r["series"] == "cores"
             and (r["what"], r["processes"], r["cores"]) == (kind, processes, cores)
@@ -175,7 +179,7 @@ def draw(rows: list[dict[str, Any]], out: Path) -> None:
         name += "s" if cores > 1 else " each" if processes > 1 else ""
         width = 0.8 / len(tried)
         axes[2].bar(at + (i - (len(tried) - 1) / 2) * width, bars, width, label=name)
-    axes[2].set_xticks(at, [kind.replace(" ", "\n") for kind in KINDS])
+    axes[2].set_xticks(at, [kind.replace(" ", "\n") for kind in kinds])
     axes[2].set(ylabel="rate over that of one core (-)")
     axes[2].set_ylim(0, 1.3 * axes[2].get_ylim()[1])
     axes[2].legend(fontsize=8, loc="upper left")
@@ -193,9 +197,12 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         for folder in (False, True):
             row = measured("frequencies", n, folder=folder)
             rows.append({"series": "cases", "total": 1, **row})
-    for kind, (_, _, cases, few) in KINDS.items():
+    for kind, (_, _, many, few) in KINDS.items():
+        cases = few if quick else many
+        if not cases:
+            continue
         for processes, cores in dict.fromkeys([(1, 1), (1, CORES), (2, max(1, CORES // 2))]):
-            row = measured(kind, few if quick else cases, cores, processes=processes)
+            row = measured(kind, cases, cores, processes=processes)
             rows.append({"series": "cores", "total": processes * cores, **row})
     digests: dict[Any, set[str]] = {}
     for row in rows:

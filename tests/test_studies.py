@@ -303,3 +303,15 @@ def test_detune(tmp_path):
     before, after = rows_of(tmp_path / "detune.csv")
     assert float(before["margin"]) == 0.0
     assert float(after["margin"]) >= 0.05
+
+
+@pytest.mark.slow
+def test_scale(tmp_path):
+    """Sweeps come to the same bits on one core, on two, in two processes, and in a folder."""
+    printed = study("scale", tmp_path)
+    assert re.search(r"^(\d) of \1 sweeps have the same bits", printed, re.MULTILINE)
+    with open(tmp_path / "scale.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["processes"] for row in rows} == {"1", "2"}
+    assert all(float(row["ok"]) > 0.99 and float(row["memory"]) < 2048 for row in rows)
+    assert (tmp_path / "scale.png").stat().st_size > 20_000
