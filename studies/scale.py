@@ -114,7 +114,7 @@ def measure(
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     digest = hashlib.sha256()
     for name in sorted(table.values):
-        digest.update(np.ascontiguousarray(table[name]))
+        digest.update(np.ascontiguousarray(table[name]).data)
     return {
         "what": kind, "cases": n, "cores": cores, "processes": 2 if port else 1,
         "folder": folder is not None, "rate": n / taken,

@@ -90,6 +90,7 @@ def test_two_devices_and_one_named_twice(function):
     assert (one["status"] == 0).sum() == 21
 
 
+@pytest.mark.slow
 def test_more_devices_than_chunks():
     one = jb.sweep(found_modes, CASES, chunk=20)
     assert_same(one, jb.sweep(found_modes, CASES, chunk=20, devices=3 * jax.devices()[:1]))

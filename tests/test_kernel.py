@@ -63,7 +63,7 @@ def test_values_and_first_and_second_derivatives_are_those_of_the_function():
 
 
 @pytest.mark.parametrize("size", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 70))])
-@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("shared", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_lanes_see_their_own_case_alone(size, shared):
     fast = kernel(chain)
     parameters, x = case((size,))

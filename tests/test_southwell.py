@@ -86,11 +86,8 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
     np.testing.assert_allclose(found, line, rtol=1e-11)
 
 
-@pytest.mark.parametrize(
-    "model",
-    [DISCRETE[0], *(pytest.param(m, marks=pytest.mark.slow) for m in DISCRETE[1:])],
-    ids=name,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("model", DISCRETE, ids=name)
 def test_discrete_analogue(model):
     """Against differences of squared frequencies: the error is of order speed squared."""
     springs, which = jb.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0), jb.labels(in_plane=1)
