@@ -4,7 +4,9 @@ import argparse
 import contextlib
 import dataclasses
 import difflib
+import functools
 import inspect
+import math
 import sys
 import tomllib
 import typing
@@ -212,9 +214,13 @@ def read(tables: Mapping[str, Any]) -> Scene:
     with _blamed("sweep"):
         jb.grid(**axes) if axes else None
     with _blamed(question):
-        return Scene(
-            question, lambda **numbers: made[question](numbers), axes, over(**tables[question])
-        )
+        case = functools.partial(_answer, made[question], tables)
+        return Scene(question, case, axes, over(**tables[question]))
+
+
+def _answer(make: Callable[[Mapping[str, Any]], Any], _: Any, **numbers: Any) -> Any:
+    """Of one case; the tables are there for the index of the folder."""
+    return make(numbers)
 
 
 @contextlib.contextmanager
@@ -234,7 +240,8 @@ def _unless_among(key: str, allowed: Collection[str], complaint: str, those: str
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    huge = isinstance(value, int) and abs(value) > sys.float_info.max
+    return isinstance(value, int | float) and not isinstance(value, bool) and not huge
 
 
 def _is_real(parameter: inspect.Parameter) -> bool:
@@ -285,7 +292,7 @@ def _values(name: str, given: Any) -> list[float]:
     if isinstance(given, dict) and given.keys() == {"from", "to", "count"}:
         with _blamed("sweep"):
             count_functions(f"{name} count", given["count"], 2)
-        if _is_number(given["from"]) and _is_number(given["to"]):
+        if all(_is_number(given[end]) and math.isfinite(given[end]) for end in ("from", "to")):
             return np.linspace(given["from"], given["to"], given["count"]).tolist()
     if not isinstance(given, list) or not given or not all(map(_is_number, given)):
         form = "a list of numbers or {from = 0.0, to = 1.0, count = 11}"
@@ -333,7 +340,7 @@ def main(argv: list[str] | None = None) -> int:
     )
     parser.add_argument("scene", nargs="?", type=Path, metavar="SCENE.toml")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: the name of the file")
-    parser.add_argument("--cores", type=int, default=1, metavar="N", help="of the CPU to use (1)")
+    parser.add_argument("--cores", type=int, default=1, metavar="N", help="chunks at once (1)")
     parser.add_argument("--chunk", type=int, default=32, metavar="N", help="cases at once (32)")
     parser.add_argument("--example", choices=list(EXAMPLES), help="print a scene that runs")
     parser.add_argument("--version", action="version", version=f"jaxbeam {jb.__version__}")
@@ -348,11 +355,13 @@ def main(argv: list[str] | None = None) -> int:
         scene = read(tomllib.loads(given.scene.read_text("utf-8")))
         return 0 if run(scene, given.out or Path(given.scene.stem), given.cores, given.chunk) else 1
     except (ValueError, OSError) as error:  # what is wrong with the file or the folder
-        said = getattr(error, "strerror", None) or str(error)
-        print(f"{given.scene}: {said.splitlines()[0]}", file=sys.stderr)
+        where, said = given.scene, str(error).splitlines()[0]
+        if isinstance(error, OSError) and error.filename:
+            where, said = error.filename, error.strerror or said
+        print(f"{where}: {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("stopped: the same command goes on from here", file=sys.stderr)
+        print("stopped: the same command goes on with what is left of a sweep", file=sys.stderr)
         return 130
 
 

@@ -1,6 +1,7 @@
 """Many cases of one thing: grids and lists of named parameters."""
 
 import dataclasses
+import hashlib
 import math
 from typing import Any
 
@@ -31,6 +32,16 @@ class Cases:
     def columns(self) -> dict[str, np.ndarray]:
         """Value of each parameter in each case."""
         return self.at(np.arange(len(self)))
+
+    def told(self) -> list[list[Any]]:
+        """What tells them from others, in order: name, number, ends, and a digest of all bits."""
+        columns = {**self.axes, **(self.of_list or {})}.items()
+        # JSON has no NaN that equals itself.
+        ends = {name: [repr(column[i].item()) for i in (0, -1)] for name, column in columns}
+        return [
+            [name, len(column), *ends[name], hashlib.sha256(column.tobytes()).hexdigest()]
+            for name, column in columns
+        ]
 
     def at(self, index: np.ndarray) -> dict[str, np.ndarray]:
         """Values of the parameters in these cases, by number."""

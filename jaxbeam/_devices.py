@@ -39,9 +39,12 @@ class Team:
         me = jax.process_index()
         if devices is None:
             return cls((None,), (me,))
-        given = tuple(devices)
+        given = () if isinstance(devices, jax.Device) else tuple(devices)
         if not given or not all(isinstance(d, jax.Device) for d in given):
             raise TypeError(f"devices must be some of jax.devices(), got {devices!r}")
+        kinds = {f"{d.platform} {d.device_kind}" for d in given}
+        if len(kinds) > 1:
+            raise ValueError(f"devices must be of one kind, got {sorted(kinds)}")
         owners = tuple(d.process_index for d in given)
         if set(owners) not in ({me}, set(range(jax.process_count()))):
             raise ValueError(
@@ -143,11 +146,12 @@ def _streamed(
             ended, _ = concurrent.futures.wait(
                 running, return_when=concurrent.futures.FIRST_COMPLETED
             )
-            for future in ended:
+            for future in sorted(ended, key=lambda f: f.exception() is not None):  # lose nothing
                 number, device = running.pop(future)
+                found = future.result()
                 for k in itertools.islice(rest, more.pop(device, 1)):
                     running[pool.submit(work, k, device)] = k, device
-                yield number, future.result()
+                yield number, found
 
 
 def _packed(compute: Compute, numbers: Sequence[int], devices: Sequence[Any]) -> Said:

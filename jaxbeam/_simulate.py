@@ -27,7 +27,7 @@ from jaxbeam._scene import (
 from jaxbeam._simulation import Simulation, checked_point
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.system import State, second_order_term, without_derivatives
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, in_range, raise_unless_ok
 from jaxbeam._types import Code, Scalar
 
 
@@ -172,7 +172,7 @@ def _simulate(
     return Simulation(
         times=jnp.where(reached, at, jnp.nan),
         state=state,
-        imbalance=jnp.where(reached, imbalance, jnp.nan),
+        imbalance=jnp.where(reached & in_range(given), imbalance, jnp.nan),
         status=status,
         end_time=jnp.max(when, initial=times[0]),
         solution=solution,

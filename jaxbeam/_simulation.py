@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._scene import Scene
 from jaxbeam._solvers.system import State
-from jaxbeam._status import Status
+from jaxbeam._status import in_range
 from jaxbeam._types import Code, Scalar, Vector
 
 
@@ -99,7 +99,7 @@ class Simulation(eqx.Module):
 
     def _own(self, out: Any) -> Any:
         """NaN where a case is out of range: it ran with harmless numbers in place of its own."""
-        own = (self.status == Status.OK) | (self.status >= Status.NO_EQUILIBRIUM)
+        own = in_range(self.status)
         return jax.tree.map(lambda values: jnp.where(own, values, jnp.nan), out)
 
 

@@ -139,6 +139,11 @@ _MESSAGES = {
 }
 
 
+def in_range(status: Any) -> Any:
+    """Whether the numbers of a case were allowed, whatever became of it."""
+    return (status == Status.OK) | (status >= Status.NO_EQUILIBRIUM)
+
+
 def raise_unless_ok(result: Result, status: Any) -> Result:
     """`result`, or the exception that belongs to `status`; works inside `jit`.
 
@@ -149,7 +154,7 @@ def raise_unless_ok(result: Result, status: Any) -> Result:
         sentences = [s.message for s in Status]
         return eqx.branched_error_if(result, status != Status.OK, status, sentences)
     ended = Status(int(status))
-    if Status.OK < ended < Status.NO_EQUILIBRIUM:
+    if not in_range(ended):
         raise ValueError(ended.message)
     if ended != Status.OK:
         raise RuntimeError(ended.message)

@@ -26,7 +26,8 @@ import numpy as np
 from jaxbeam._cases import Cases
 
 _FORMAT = 1
-_INFORMATION = ("function", "reads")  # for people: the program is what is compared
+_NEW = ".new-"  # begins the names of files that are not yet in place
+INFORMATION = ("function", "reads")  # for people: the program is what is compared
 
 
 class Spec(NamedTuple):
@@ -60,25 +61,28 @@ class Memory(_Chunks):
         super().__init__(n, chunk)
         self._results = {name: spec.blank(n) for name, spec in specs.items()}
         self._errors: dict[int, str] = {}
+        self._left = dict.fromkeys(range(self.number))
 
     def missing(self) -> list[int]:
         """Numbers of the chunks that are not there."""
-        return list(range(self.number))
+        return list(self._left)
 
     def put(self, number: int, part: Mapping[str, np.ndarray], errors: dict[int, str]) -> None:
         """Keep a chunk, and the messages of its cases that raised, by number of case."""
         start = number * self.chunk
+        del self._left[number]
         for name, values in part.items():
             self._results[name][start : start + len(values)] = values
         self._errors |= errors
 
     def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
         """Results and messages of all cases."""
+        assert not self._left
         return self._results, self._errors
 
 
 class Folder(_Chunks):
-    """Results in a folder, made by `opened` or `found`; others write where `writes` is False."""
+    """Results in a folder, made by `opened` or `reopened`; others write where `writes` is False."""
 
     def __init__(
         self, folder: Path, specs: Mapping[str, Spec], n: int, chunk: int, writes: bool
@@ -175,7 +179,8 @@ class Folder(_Chunks):
     def _write(self, name: str, number: int, data: bytes) -> None:
         path, header = self._file(name), self._header(name)
         place, _ = self._place(name, number)
-        with open(path, "r+b" if path.exists() else "x+b") as file:
+        path.touch()
+        with open(path, "r+b") as file:
             if file.read(len(header)) != header:
                 file.seek(0)
                 file.write(header)
@@ -188,21 +193,24 @@ def opened(
 ) -> Folder:
     """The folder of this sweep, new or to go on with; one of another sweep is refused."""
     results = {name: [spec.dtype.str, list(spec.shape)] for name, spec in specs.items()}
-    described = json.loads(json.dumps({"format": _FORMAT, **identity, "results": results}))
+    if len({name.casefold() for name in results}) < len(results):
+        raise ValueError(f"names of results must differ in more than case, got {list(results)}")
+    described = {"format": _FORMAT, **identity, "results": results}
     try:
-        there = set(os.listdir(folder)) if folder.exists() else set()
+        there = os.listdir(folder) if folder.exists() else []
         if "sweep.json" in there:
             _refuse_another(folder, _identity(folder), described)
         elif not writes:
             raise ValueError(f"{folder} must be in a file system that all processes share")
-        elif there - {"sweep.json.new"}:
+        elif any(not name.startswith(_NEW) for name in there):
             raise ValueError(
                 f"{folder} holds files that are not of a sweep: name a folder that is new or empty"
             )
         else:
             folder.mkdir(parents=True, exist_ok=True)
+            described["check"] = _digest(described)
             _replace(folder / "sweep.json", json.dumps(described, indent=2).encode())
-        if writes and not _same(cases, _cases(folder)):
+        if writes and not _whole(_cases(folder), identity):
             file = io.BytesIO()
             arrays: dict[str, Any] = {f"axis:{n}": a for n, a in cases.axes.items()}
             arrays |= {f"list:{n}": a for n, a in (cases.of_list or {}).items()}
@@ -213,10 +221,12 @@ def opened(
     return Folder(folder, specs, len(cases), identity["chunk"], writes)
 
 
-def found(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
+def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
     """The folder of some sweep, what sweep it is, and its cases."""
     identity, cases = _identity(folder), _cases(folder)
-    if cases is None:
+    if identity["format"] != _FORMAT:
+        raise ValueError(f"{folder} has format {identity['format']}, which is not {_FORMAT}")
+    if cases is None or not _whole(cases, identity):
         raise ValueError(f"{folder}: cases.npz is missing or damaged; run the same sweep again")
     specs = {n: Spec(np.dtype(d), tuple(s)) for n, (d, s) in identity["results"].items()}
     return Folder(folder, specs, len(cases), identity["chunk"], False), identity, cases
@@ -224,23 +234,31 @@ def found(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
 
 def _identity(folder: Path) -> dict[str, Any]:
     try:
-        return json.loads((folder / "sweep.json").read_text())
+        identity = json.loads((folder / "sweep.json").read_text())
+        if identity.pop("check") != _digest(identity):
+            raise ValueError("its checksum is another one")
     except FileNotFoundError:
         raise ValueError(f"{folder} is not the folder of a sweep: it has no sweep.json") from None
-    except ValueError as error:
+    except (ValueError, KeyError) as error:
         raise ValueError(
             f"{folder}/sweep.json is damaged, so it cannot be said whose results these are: name "
             "another folder"
         ) from error
+    return identity
+
+
+def _digest(identity: dict[str, Any]) -> str:
+    return _check(json.dumps(identity).encode()).decode()
 
 
 def _refuse_another(folder: Path, there: dict[str, Any], here: dict[str, Any]) -> None:
-    names = {**there, **here}.keys() - set(_INFORMATION)
-    other = sorted(name for name in names if there.get(name) != here.get(name))
+    # As texts: the order of parameters and of dimensions matters.
+    names = [name for name in {**here, **there} if name not in INFORMATION]
+    both = {name: [json.dumps(one.get(name)) for one in (there, here)] for name in names}
+    other = {name: texts for name, texts in both.items() if texts[0] != texts[1]}
     if other:
-        both = {n: [json.dumps(one.get(n)) for one in (there, here)] for n in other}
         said = [
-            f"{n} (there {a}, here {b})" if len(a + b) < 60 else n for n, (a, b) in both.items()
+            f"{n} (there {a}, here {b})" if len(a + b) < 60 else n for n, (a, b) in other.items()
         ]
         raise ValueError(
             f"{folder} belongs to another sweep, of {there.get('function')}, different in "
@@ -260,19 +278,17 @@ def _cases(folder: Path) -> Cases | None:
     return Cases(axes, of_list or None)
 
 
-def _same(a: Cases, b: Cases | None) -> bool:
-    """To the last bit."""
-    if b is None or a.axes.keys() != b.axes.keys() or a.names != b.names:
-        return False
-    pairs = [*zip(a.axes.values(), b.axes.values(), strict=True)]
-    pairs += zip((a.of_list or {}).values(), (b.of_list or {}).values(), strict=True)
-    return all(x.dtype == y.dtype and x.tobytes() == y.tobytes() for x, y in pairs)
+def _whole(cases: Cases | None, identity: dict[str, Any]) -> bool:
+    return cases is not None and cases.told() == identity["parameters"]
 
 
 def _replace(path: Path, data: bytes) -> None:
     """Write a file at once or not at all."""
-    new = path.with_name("sweep.json.new")
-    new.write_bytes(data)
+    new = path.with_name(f"{_NEW}{path.name}.{os.getpid()}")
+    with open(new, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
     os.replace(new, path)
 
 

@@ -5,6 +5,7 @@ import functools
 import hashlib
 import importlib.metadata
 import inspect
+import json
 import os
 import platform
 import re
@@ -21,7 +22,7 @@ import numpy as np
 from jaxbeam._cases import Cases
 from jaxbeam._devices import Said, Team, batched
 from jaxbeam._status import Status
-from jaxbeam._store import Folder, Memory, Spec, opened
+from jaxbeam._store import INFORMATION, Folder, Memory, Spec, opened
 from jaxbeam._table import Table, coordinate, layout, tabled
 
 Dims = Mapping[str, Mapping[str, Sequence[Any]]]
@@ -62,8 +63,9 @@ def sweep(
     from files there. A sweep that was killed goes on with the chunks that are missing or damaged
     when it is run again, on any number of devices; a finished one is read. The folder of another
     sweep (of a function that compiles to another program, other parameters, chunks, precision,
-    platform or versions of packages) is refused. `Table.load(folder)` reads it without the
-    function. Other processes must see it too.
+    kind of device, or versions of packages) is refused; what callbacks to Python do is not seen.
+    `Table.load(folder)` reads it without the function. Other processes must see it too. Where one
+    of them dies, JAX ends the others after its heartbeat, in a minute or two; the folder remains.
 
     `dims` names further dimensions of a result and their coordinates, as in
     `dims={"frequency": {"mode": ["1", "2"]}}`. `progress` shows a line on stderr as chunks end;
@@ -77,21 +79,30 @@ def sweep(
         name: {dim: coordinate(dim, column).tolist() for dim, column in further.items()}
         for name, further in (dims or {}).items()
     }
-    first = {name: jax.numpy.asarray(c) for name, c in cases.at(np.arange(chunk)).items()}
-    specs = _specs(function, first)
-    layout(cases, {name: spec.shape for name, spec in specs.items()}, dims)
-    sizes = {"cases": len(cases), "chunk": chunk, "parameters": _parameters(cases)}
 
-    def begin() -> Memory | Folder:
+    def begin() -> tuple[dict[str, Spec], dict[str, Any], Memory | Folder]:
+        with _lowered_for(team.here[0]):
+            first = jax.device_put(cases.at(np.arange(chunk)))
+            specs = _specs(function, first)
+            layout(cases, {name: spec.shape for name, spec in specs.items()}, dims)
+            if folder is None and not team.shared:
+                return specs, {}, Memory(specs, len(cases), chunk)
+            identity = {
+                **_program(function, first), "cases": len(cases), "chunk": chunk,
+                "parameters": cases.told(), "dims": dims, **_made_with(first),
+            }  # fmt: skip
         if folder is None:
-            return Memory(specs, len(cases), chunk)
-        identity = {**_program(function, first), **sizes, "dims": dims, **_made_with()}
-        return opened(Path(folder), identity, specs, cases, writes=team.leads)
+            return specs, identity, Memory(specs, len(cases), chunk)
+        return specs, identity, opened(Path(folder), identity, specs, cases, writes=team.leads)
 
-    store = team.in_turn(begin)
-    said = [said for said, _ in team.together(lambda: ([sizes, store.missing()], {}))]
-    if any(other != said[0] for other in said):
-        raise ValueError("processes must run the same sweep: they differ in cases or chunk")
+    specs, identity, store = team.in_turn(begin)
+    what = [(name, told) for name, told in identity.items() if name not in INFORMATION]
+    ours = json.dumps([what, team.owners, store.missing()])
+    if any(theirs != ours for theirs, _ in team.together(lambda: (ours, {}))):
+        raise ValueError(
+            "processes must run the same sweep: they differ in function, cases, chunk, dims, "
+            "order of devices, or versions"
+        )
     missing = store.missing()
     report = _Progress(sum(map(store.length, missing)), progress if team.leads else False)
     compute = functools.partial(_computed, function, cases, chunk, specs)
@@ -99,10 +110,17 @@ def sweep(
         team.together(functools.partial(_keep, store, chunks))
         report(sum(map(store.length, chunks)))
     report.end()
-    results, errors = store.collected()
+    results, errors = team.in_turn(store.collected)
     if len(errors) == len(cases):
         raise RuntimeError(f"every case raised; the first one said: {errors[0]}")
     return tabled(cases, results, errors, dims)
+
+
+def _lowered_for(device: jax.Device | None) -> contextlib.AbstractContextManager[Any]:
+    """Makes programs that of another platform than the default one; they do not name a device."""
+    if device is None or device.platform == jax.default_backend():
+        return contextlib.nullcontext()
+    return jax.default_device(device)
 
 
 def _specs(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[str, Spec]:
@@ -138,6 +156,8 @@ def _computed(
     n = min(chunk, len(cases) - start)
     results = {name: spec.blank(n) for name, spec in specs.items()}
     errors: dict[int, str] = {}
+    arrays, rest = eqx.partition(function, eqx.is_array)  # what is bound to it
+    placed = function if device is None else eqx.combine(jax.device_put(arrays, device), rest)
 
     def run(lanes: np.ndarray) -> dict[str, np.ndarray]:
         # One shape, one compilation: other lanes are filled up. A case keeps its lane, whatever
@@ -145,7 +165,7 @@ def _computed(
         case = np.full(chunk, start + lanes[0])
         case[lanes] = start + lanes
         columns = jax.device_put(cases.at(case), device)
-        found = _named(jax.device_get(batched(function, columns)))
+        found = _named(jax.device_get(batched(placed, columns)))
         return {name: np.asarray(leaf)[lanes] for name, leaf in found.items()}
 
     for lanes, found in _isolated(run, np.arange(n)):
@@ -189,23 +209,13 @@ def _isolated(
 
 
 def _said(error: Exception) -> str:
-    """The sentence in an exception, without the stacks that equinox writes around it."""
-    found = re.search(r"EquinoxRuntimeError: (.*?)(?:\n\n|$)", str(error), re.DOTALL)
+    """The sentence in an exception, without the stacks that equinox writes around it.
+
+    From the exception behind it: equinox itself keeps one for all threads, the last.
+    """
+    text = str(error.__context__ or error)
+    found = re.search(r"EquinoxRuntimeError: (.*?)(?:\n\n|$)", text, re.DOTALL)
     return found.group(1) if found else str(error).strip().split("\n")[0]
-
-
-def _parameters(cases: Cases) -> dict[str, Any]:
-    """What tells cases from others: their number along each dimension, ends, and all bits."""
-    columns = {**cases.axes, **(cases.of_list or {})}
-    return {
-        name: {
-            "number": len(column),
-            "first": repr(column[0].item()),  # JSON has no NaN that equals itself
-            "last": repr(column[-1].item()),
-            "sha256": hashlib.sha256(column.tobytes()).hexdigest(),
-        }
-        for name, column in columns.items()
-    }
 
 
 def _program(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[str, Any]:
@@ -237,7 +247,7 @@ def _reads(function: Any, bare: Any) -> dict[str, str]:
         with contextlib.suppress(ValueError):  # of a name that is not bound yet
             outside = inspect.getclosurevars(bare)
             parts |= {**outside.globals, **outside.nonlocals}
-    kinds = (eqx.Module, int, float, np.ndarray, jax.Array, tuple)
+    kinds = (eqx.Module, int, float, str, np.ndarray, jax.Array, tuple, dict)
 
     def number(leaf: Any) -> Any:
         return leaf.item() if eqx.is_array(leaf) and leaf.ndim == 0 else leaf
@@ -249,11 +259,15 @@ def _reads(function: Any, bare: Any) -> dict[str, str]:
     }
 
 
-def _made_with() -> dict[str, Any]:
+def _made_with(columns: dict[str, jax.Array]) -> dict[str, Any]:
+    """What the last bits may depend on beside the program."""
+    (device,) = next(iter(columns.values())).devices()
     versions = {name: importlib.metadata.version(name) for name in _MADE_WITH}
+    flags = os.environ.get("XLA_FLAGS", "").split()
     return {
         "precision": "float64" if jax.config.read("jax_enable_x64") else "float32",
-        "platform": f"{jax.default_backend()} {platform.machine()}",
+        "platform": f"{device.platform} {device.device_kind} {platform.machine()}",
+        "flags": [f for f in flags if "host_platform_device_count" not in f],
         "versions": {"python": platform.python_version(), **versions},
     }
 

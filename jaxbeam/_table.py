@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxbeam._cases import Cases
 from jaxbeam._status import Status
-from jaxbeam._store import found
+from jaxbeam._store import reopened
 
 _LINES = 4096  # of a CSV file that are made at once
 
@@ -124,7 +124,7 @@ class Table:
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """Read what `save` wrote, or the folder of a sweep that is finished."""
         if os.path.isdir(path):
-            store, identity, cases = found(Path(path))
+            store, identity, cases = reopened(Path(path))
             return cls(**vars(tabled(cases, *store.collected(), identity["dims"])))
         with np.load(path, allow_pickle=False) as file:
             meta = json.loads(str(file["meta"]))

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -119,6 +120,25 @@ def test_errors_reach_the_caller():
 
 
 @pytest.mark.slow
+def test_each_case_has_its_own_message():
+    """Though many raise at once."""
+
+    def f(a):
+        sentences = [f"no {kind}" for kind in "abcd"]
+        return eqx.branched_error_if(a, a > 3, (a % 4).astype(int), sentences)
+
+    cases = jb.grid(a=np.arange(100.0))
+    table = jb.sweep(f, cases, chunk=2, devices=4 * jax.devices()[:1])
+    assert table.errors == {i: f"no {'abcd'[i % 4]}" for i in range(4, 100)}
+
+
+def test_arrays_bound_to_a_device_move_to_others():
+    bound = jax.device_put(jnp.asarray(3.0), jax.devices()[2])
+    function = jax.tree_util.Partial(lambda factor, a: factor * a, bound)
+    table = jb.sweep(function, jb.grid(a=np.arange(9.0)), chunk=2, devices=jax.devices()[:2])
+    np.testing.assert_array_equal(table["value"], 3 * np.arange(9.0))
+
+
 def test_ladder_sweep_takes_devices():
     def situation(tip_mass):
         question = jb.ModalFrequencies(1.0, WHICH)
@@ -134,7 +154,7 @@ def test_ladder_sweep_takes_devices():
 
 def test_bad_devices():
     for bad in ([], ["cpu"], jax.devices()[0]):
-        with pytest.raises(TypeError, match=r"devices must be some of jax.devices\(\)|iterable"):
+        with pytest.raises(TypeError, match=r"devices must be some of jax.devices\(\)"):
             jb.sweep(lambda a: a, jb.grid(a=[1]), devices=bad)
 
 
@@ -172,9 +192,15 @@ for cases, devices, folder in (
     (CASES, jax.devices(), f"{out}/other"),  # holds something else
     (jb.grid(hub_radius=[0.0, 1.0 + me], tip_mass=[0.0]), jax.devices(), None),
     (CASES, jax.devices(), f"{out}/private{me}"),  # not shared
+    (CASES, jax.devices()[2 * me :] + jax.devices()[: 2 * me], None),
+    (CASES, jax.devices()[2 * me :] + (1 + me) * jax.devices()[: 2 * me], None),
+    (CASES, jax.devices(), "another function"),
 ):
+    another = folder == "another function"
+    function = (found_modes, raising)[me] if another else found_modes
     try:
-        jb.sweep(found_modes, cases, chunk=4, devices=devices, folder=folder)
+        folder = None if another else folder
+        jb.sweep(function, cases, chunk=4, devices=devices, folder=folder)
     except Exception as error:
         said.append(f"{type(error).__name__}: {error}")
 print(json.dumps(said))
@@ -209,7 +235,8 @@ def test_two_processes(tmp_path):
     first, second = (json.loads(text.splitlines()[-1]) for text in said)
     assert "other holds files that are not of a sweep" in first[0]
     assert second[0].startswith("RuntimeError: process 0 failed: ValueError")
-    assert first[1] == second[1]
-    assert first[1].startswith("ValueError: processes must run the same")
+    for i in (1, 3, 4, 5):
+        assert first[i] == second[i]
+        assert first[i].startswith("ValueError: processes must run the same")
     assert first[2].startswith("RuntimeError: process 1 failed: ValueError")
     assert "private1 must be in a file system that all processes share" in second[2]

@@ -146,9 +146,45 @@ def test_the_folder_of_another_sweep_is_refused(change, said, tmp_path):
 def test_results_of_other_circumstances_are_refused(name, there, tmp_path):
     run(tmp_path / "kept")
     path = tmp_path / "kept" / "sweep.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), name: there}))
+    told = {**json.loads(path.read_text()), name: there}
+    del told["check"]
+    path.write_text(json.dumps({**told, "check": _store._digest(told)}))
     with pytest.raises(ValueError, match=f"belongs to another sweep, of .*different in {name}"):
         run(tmp_path / "kept")
+    if name == "format":
+        with pytest.raises(ValueError, match="has format 0"):
+            jb.Table.load(tmp_path / "kept")
+
+
+def test_order_matters(tmp_path):
+    """Of parameters, and of dimensions of a result that are as long."""
+
+    def square(a, b):
+        return jnp.eye(2) * (a + 10 * b)
+
+    axes, names = {"a": [1, 2, 3], "b": [0, 1]}, {"x": ["p", "q"], "y": ["r", "s"]}
+    table = jb.sweep(square, jb.grid(**axes), dims={"value": names}, folder=tmp_path / "kept")
+    turned = dict(reversed(axes.items()))
+    with pytest.raises(ValueError, match="different in parameters"):
+        jb.sweep(square, jb.grid(**turned), dims={"value": names}, folder=tmp_path / "kept")
+    turned = {"value": dict(reversed(names.items()))}
+    with pytest.raises(ValueError, match="different in dims"):
+        jb.sweep(square, jb.grid(**axes), dims=turned, folder=tmp_path / "kept")
+    assert_same(table, jb.Table.load(tmp_path / "kept"))
+
+
+def test_cases_of_another_sweep_are_not_taken(tmp_path):
+    for name, shift in (("one", 0.0), ("two", 1.0)):
+        run(tmp_path / name, cases=jb.grid(a=[0.1 + shift], b=[0.0, 2.0]))
+    cases = (tmp_path / "two" / "cases.npz").read_bytes()
+    (tmp_path / "one" / "cases.npz").write_bytes(cases)
+    with pytest.raises(ValueError, match=r"cases\.npz is missing or damaged"):
+        jb.Table.load(tmp_path / "one")
+
+
+def test_names_that_some_file_systems_confuse(tmp_path):
+    with pytest.raises(ValueError, match="differ in more than case"):
+        run(tmp_path / "kept", lambda a, b: {"x": a, "X": b}, dims={})
 
 
 def test_bound_arrays_and_what_is_read_tell_sweeps_apart(tmp_path):
@@ -183,16 +219,18 @@ def test_other_folders_are_refused(tmp_path):
     with pytest.raises(OSError, match=r"cannot write to .*thesis\.tex"):
         run(tmp_path / "thesis.tex")
     run(tmp_path / "kept")
-    (tmp_path / "kept" / "sweep.json").write_text('{"format": 1,')
-    with pytest.raises(ValueError, match=r"sweep\.json is damaged"):
-        run(tmp_path / "kept")
+    whole = (tmp_path / "kept" / "sweep.json").read_text()
+    for damaged in (whole[:30], whole.replace('"a"', '"c"', 1)):
+        (tmp_path / "kept" / "sweep.json").write_text(damaged)
+        with pytest.raises(ValueError, match=r"sweep\.json is damaged"):
+            run(tmp_path / "kept")
 
 
 def test_begun_folders(tmp_path):
     """Killed while it was made: empty, or with a file that was not yet in place."""
     (tmp_path / "empty").mkdir()
     (tmp_path / "begun").mkdir()
-    (tmp_path / "begun" / "sweep.json.new").write_text("{")
+    (tmp_path / "begun" / ".new-sweep.json.123").write_text("{")
     assert_same(run(tmp_path / "empty"), run(tmp_path / "begun"))
 
 
@@ -314,14 +352,14 @@ def test_killed_at_twenty_moments(tmp_path):
     print("seed", seed)  # shown on failure
     moments = random.Random(seed)
     folder, index = tmp_path / "kept", tmp_path / "kept" / "index.txt"
-    command = [sys.executable, "-c", KILLED, str(folder)]
+    command = [sys.executable, "-c", KILLED]
 
     def finished():
         return index.read_bytes().count(b"\n") if index.exists() else 0
 
     for _ in range(20):
         before = finished()
-        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen([*command, str(folder)], stderr=subprocess.DEVNULL, env=USERS)
         deadline = time.monotonic() + 120
         wanted = before + moments.choice([0, 1, 1, 2, 3])
         while finished() < wanted and process.poll() is None:
@@ -332,10 +370,13 @@ def test_killed_at_twenty_moments(tmp_path):
         assert process.wait() == -signal.SIGKILL
         assert finished() >= before  # nothing is lost
     assert 20 <= finished() < 250
-    assert_same(
-        jb.sweep(spin, KILLED_CASES, chunk=4),
-        jb.sweep(spin, KILLED_CASES, chunk=4, folder=folder),
-    )
+    for place in (folder, tmp_path / "at once"):
+        subprocess.run([*command, str(place)], check=True, env=USERS, timeout=120)
+    assert_same(jb.Table.load(tmp_path / "at once"), jb.Table.load(folder))
+    # No finished chunk was computed again: at most one is lost where a process is killed.
+    lines = [line.partition(b" ") for line in index.read_bytes().split(b"\n")]
+    whole = [json.loads(text)["chunk"] for check, _, text in lines if check == _store._check(text)]
+    assert sorted(whole) == list(range(250))
 
 
 MILLION = """
