@@ -355,10 +355,9 @@ def main(argv: list[str] | None = None) -> int:
         scene = read(tomllib.loads(given.scene.read_text("utf-8")))
         return 0 if run(scene, given.out or Path(given.scene.stem), given.cores, given.chunk) else 1
     except (ValueError, OSError) as error:  # what is wrong with the file or the folder
-        where, said = given.scene, str(error).splitlines()[0]
-        if isinstance(error, OSError) and error.filename:
-            where, said = error.filename, error.strerror or said
-        print(f"{where}: {said}", file=sys.stderr)
+        where, said = getattr(error, "filename", None), getattr(error, "strerror", None)
+        said = str(said or error).splitlines()[0]
+        print(f"{where or given.scene}: {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped: the same command goes on with what is left of a sweep", file=sys.stderr)

@@ -245,6 +245,8 @@ def test_further_scenes_are_accepted():
         ("tip_mass = [0.0, -0.1]", "n_flap = [0, 1]", "[sweep] n_flap is not swept: numbers are"),
         ("count = 3", "count = 1", "[sweep] angular_speed count must be >= 2, got 1"),
         ("count = 3", "count = 3.0", "[sweep] angular_speed count must be an int, got float"),
+        ("to = 10.0", "to = inf", "[sweep] angular_speed must be a list of numbers or {from ="),
+        ("to = 10.0", f"to = 1{400 * '0'}", "[sweep] angular_speed must be a list of numbers or"),
         ("count = 3", "steps = 3", "[sweep] angular_speed must be a list of numbers or {from ="),
         ("from = 0.0", "from = 'a'", "[sweep] angular_speed must be a list of numbers or {from ="),
         ("angular_speed = {", "# {", "[frequencies] lacks angular_speed: its keys are angular"),
