@@ -119,7 +119,6 @@ def test_errors_reach_the_caller():
         jb.sweep(f, jb.grid(a=np.arange(9.0)), chunk=2, devices=jax.devices()[:2])
 
 
-@pytest.mark.slow
 def test_each_case_has_its_own_message():
     """Though many raise at once."""
 
@@ -139,6 +138,7 @@ def test_arrays_bound_to_a_device_move_to_others():
     np.testing.assert_array_equal(table["value"], 3 * np.arange(9.0))
 
 
+@pytest.mark.slow
 def test_ladder_sweep_takes_devices():
     def situation(tip_mass):
         question = jb.ModalFrequencies(1.0, WHICH)
