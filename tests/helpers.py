@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -39,6 +40,12 @@ def name(value: object) -> str:
     if isinstance(value, jb.AbstractModel):
         return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"
     return ""
+
+
+def optimised(function: Callable) -> Callable:
+    """`jax.jit` for what runs longer than it compiles: otherwise tests compile without LLVM's
+    optimisation (see conftest.py)."""
+    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 3})
 
 
 def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.ndarray:

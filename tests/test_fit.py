@@ -13,7 +13,7 @@ from scipy.stats import chi2, t
 
 import jaxbeam as jb
 from jaxbeam import plot
-from tests.helpers import slender
+from tests.helpers import optimised, slender
 
 MODEL = jb.Hybrid(3, 6, 6)
 SPEEDS = [0.0, 2.0, 4.0, 6.0]
@@ -213,7 +213,7 @@ def test_noisy_histories(history):
     draws = history + noise * rng.normal(size=(DRAWS, *history.shape))
     guess = off(0.1, truth=HISTORY_TRUTH)
     solver = LevenbergMarquardt(rtol=1e-6, atol=1e-6)  # far within the noise
-    fits = jax.jit(jax.vmap(lambda y: jb.fit(spun_up(y, noise), guess, solver=solver)))(draws)
+    fits = optimised(jax.vmap(lambda y: jb.fit(spun_up(y, noise), guess, solver=solver)))(draws)
     judge(fits, HISTORY_TRUTH)
 
 

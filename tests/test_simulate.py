@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.helpers import DISCRETE, ELEMENTS, finite_difference, name
+from tests.helpers import DISCRETE, ELEMENTS, finite_difference, name, optimised
 
 BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
@@ -91,10 +91,12 @@ def test_jacobi_integral_is_constant_at_constant_speed(model, rotor):
     # Let go from the equilibrium under a force across the tip: bent, and stretch hardly rings.
     push = jb.Loads(tip_force=[0.0, 2.0 if rotor is SPRINGS else 0.08, 0.0])
     start = jb.steady_start(model, rotor, motion, loads=push)
-    run = jb.simulate(
-        model, rotor, motion, np.linspace(0, end, 50), start=start, max_steps=10**6,
-        stepsize_controller=TIGHT,
-    )  # fmt: skip
+    run = optimised(
+        lambda: jb.simulate(
+            model, rotor, motion, np.linspace(0, end, 50), start=start, max_steps=10**6,
+            stepsize_controller=TIGHT,
+        )
+    )()  # fmt: skip
     if isinstance(model, jb.ANCF):
         # what the forces of B eq. A-5 do beyond the gradient of B eq. 9
         assert drift(run) < 1e-1
@@ -114,10 +116,12 @@ def test_jacobi_integral_of_large_motion(model):
     motion = jb.ConstantSpeed(1.0, None if flat else jb.inclined(1.1))
     push = jb.Loads(tip_force=[0.0, -0.8, 0.0 if flat else 0.5])
     start = jb.steady_start(model, ROTOR, motion, loads=push)
-    run = jb.simulate(
-        model, ROTOR, motion, np.linspace(0, 20.0, 201), start=start, max_steps=10**6,
-        stepsize_controller=TIGHT,
-    )  # fmt: skip
+    run = optimised(
+        lambda: jb.simulate(
+            model, ROTOR, motion, np.linspace(0, 20.0, 201), start=start, max_steps=10**6,
+            stepsize_controller=TIGHT,
+        )
+    )()  # fmt: skip
     assert np.abs(run.tip[0, 1]) > 0.15
     assert drift(run) < 1e-8
 
