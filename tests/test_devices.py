@@ -62,13 +62,8 @@ def assert_same(one: jb.Table, other: jb.Table) -> None:
     assert one.dims == other.dims
 
 
-@pytest.mark.parametrize(
-    "function",
-    [
-        found_modes,
-        *(pytest.param(f, marks=pytest.mark.slow) for f in (raising, lowest, spun_up)),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("function", [found_modes, raising, lowest, spun_up])
 def test_eight_devices(function):
     devices = jax.devices()
     assert len(devices) == 8

@@ -173,6 +173,7 @@ def test_rest_and_speed_in_one_batch():
 # --- crossings -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_first_resonance():
     """First in-plane mode meets the speed at gamma = 3.88 (B, section 7), to 1e-10 by solver.
 
