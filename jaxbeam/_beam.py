@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Real, Scalar
@@ -39,6 +40,41 @@ def real_scalar(name: str, value: Any) -> Scalar:
             "batch from outside with jax.vmap or jaxbeam.sweep"
         )
     return jnp.asarray(value, _default_float())
+
+
+def kind_of(value: Any) -> str:
+    """What an argument of the wrong type is called in an error."""
+    return f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
+
+
+def real_array(name: str, value: Any) -> Array:
+    """`value` as an array of real floats of any shape, or an error that names the argument.
+
+    Lists of numbers, integers too, are welcome; complex numbers, booleans, texts and lists of
+    unequal lengths are not.
+    """
+    return jnp.asarray(_real(name, value), _default_float())
+
+
+def known_array(name: str, value: Any) -> np.ndarray:
+    """The same for numbers that must be known when a program is compiled, in NumPy."""
+    array = _real(name, value)
+    if isinstance(array, jax.core.Tracer):
+        raise TypeError(f"{name} must be known when a program is compiled, got {value!r}")
+    return np.asarray(array, float)
+
+
+def _real(name: str, value: Any) -> Any:
+    try:
+        array = value if hasattr(value, "dtype") else np.asarray(value)
+    except (TypeError, ValueError):  # unequal lengths, or traced numbers in a list
+        try:
+            array = jnp.asarray(value)
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"{name} must be real numbers, got {value!r}") from error
+    if not (jnp.issubdtype(array.dtype, np.floating) or jnp.issubdtype(array.dtype, np.integer)):
+        raise TypeError(f"{name} must be real numbers, got {value!r}")
+    return array
 
 
 class _Parameters(eqx.Module):
@@ -176,7 +212,7 @@ class Rotor(_Parameters):
 
     def __init__(self, beam: Beam, hub_radius: Real = 0.0, tip_mass: Real = 0.0) -> None:
         if not isinstance(beam, Beam):
-            raise TypeError(f"beam must be a Beam, got {type(beam).__name__}")
+            raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
         self.beam = beam
         self.hub_radius = real_scalar("hub_radius", hub_radius)
         self.tip_mass = real_scalar("tip_mass", tip_mass)
@@ -206,6 +242,16 @@ class Rotor(_Parameters):
         """P(0) / EA, without unit: the largest of `tension`, at the root, over EA."""
         c0, c1, c2 = self.tension(angular_speed)
         return (c0 + c1 + c2 / 2) / self.beam.axial_stiffness
+
+    def tears(self, angular_speed: Scalar) -> Any:
+        """Whether a rod of constant axial stiffness has no steady state at this speed.
+
+        Omega L (rho / EA)^(1/2) = beta with m_t beta tan(beta) = rho L or beyond.
+        """
+        beam = self.beam
+        beta = jnp.abs(angular_speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
+        holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
+        return ~holds
 
     def status(self, angular_speed: Scalar) -> Code:
         """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
@@ -327,10 +373,10 @@ def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
         warnings.warn(
             "jax runs in 32-bit floats: results will carry about three digits. Call "
             "jax.config.update('jax_enable_x64', True) before anything else.",
-            stacklevel=5,
+            stacklevel=4,
         )
     if not isinstance(rotor, kind):
-        raise TypeError(f"rotor must be a {kind.__name__}, got {type(rotor).__name__}")
+        raise TypeError(f"rotor must be a {kind.__name__}, got {kind_of(rotor)}")
     return rotor.checked()
 
 

@@ -3,12 +3,13 @@
 import dataclasses
 import hashlib
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)  # arrays are not compared
 class Cases:
     """Named parameters of N cases. Made by `grid` or `listed`.
 
@@ -63,11 +64,28 @@ def grid(**axes: Any) -> Cases:
 def listed(**columns: Any) -> Cases:
     """Explicit cases, one for each position in the equally long columns."""
     values = {name: _column(name, column) for name, column in _some(columns).items()}
+    if "case" in values:
+        raise ValueError("case is the name of the dimension of a list, not of a parameter")
     lengths = {name: len(column) for name, column in values.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns must be equally long, got {lengths}")
     n = next(iter(lengths.values()))
     return Cases({"case": np.arange(n)}, values)
+
+
+def checked_cases(cases: Any) -> Cases:
+    """The cases; a dictionary is that of a grid."""
+    if isinstance(cases, Cases):
+        return cases
+    if isinstance(cases, Mapping):
+        for name in cases:
+            if not isinstance(name, str):
+                raise TypeError(f"cases must name parameters by texts, got {name!r}")
+        return grid(**cases)
+    raise TypeError(
+        "cases must be made by jaxbeam.grid or jaxbeam.listed, or be a dictionary of lists by name "
+        f"as jaxbeam.grid takes them, got {type(cases).__name__}"
+    )
 
 
 def _some(named: dict[str, Any]) -> dict[str, Any]:
@@ -77,7 +95,10 @@ def _some(named: dict[str, Any]) -> dict[str, Any]:
 
 
 def _column(name: str, values: Any) -> np.ndarray:
-    column = np.asarray(values)
+    try:
+        column = np.asarray(values)
+    except ValueError:  # lists of unequal lengths
+        raise ValueError(f"{name} must be a list of numbers, got {values!r}") from None
     if column.ndim != 1 or column.size == 0:
         raise ValueError(f"{name} must be one-dimensional and not empty, got {column.shape}")
     if isinstance(values, list | tuple | range) and np.issubdtype(column.dtype, np.integer):

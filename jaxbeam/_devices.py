@@ -39,7 +39,7 @@ class Team:
         me = jax.process_index()
         if devices is None:
             return cls((None,), (me,))
-        given = () if isinstance(devices, jax.Device) else tuple(devices)
+        given = tuple(devices) if isinstance(devices, Sequence) else ()
         if not given or not all(isinstance(d, jax.Device) for d in given):
             raise TypeError(f"devices must be some of jax.devices(), got {devices!r}")
         kinds = {f"{d.platform} {d.device_kind}" for d in given}

@@ -1,6 +1,7 @@
 """What was measured, and what a model says of it."""
 
 import abc
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,15 +12,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._beam import Rotor, checked_rotor, checked_speed, real_scalar
+from jaxbeam._beam import Rotor, checked_rotor, checked_speed, known_array, real_array, real_scalar
 from jaxbeam._frequencies import frequencies
 from jaxbeam._loads import Damping, Loads
-from jaxbeam._models.base import AbstractModel, Family, Label, equilibrium
+from jaxbeam._models.base import (
+    AbstractModel,
+    Family,
+    Label,
+    checked_case,
+    checked_model,
+    count_functions,
+    equilibrium,
+)
 from jaxbeam._modes import choose, modes
-from jaxbeam._motion import ConstantSpeed, Motion
+from jaxbeam._motion import Motion
 from jaxbeam._scene import check_scene, checked_times, input_status
 from jaxbeam._simulate import simulate
 from jaxbeam._simulation import Simulation, checked_point
+from jaxbeam._spins import ConstantSpeed
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar
 
@@ -67,7 +77,7 @@ class FrequencyData(Experiment):
         self, model: AbstractModel, rotor: Rotor, angular_speed: Any, measured: Any, noise: Any,
         which: Sequence[Label] | int | None = None, *, among: int | None = None,
     ) -> None:  # fmt: skip
-        self.model, self.rotor = model, checked_rotor(Rotor, rotor)
+        self.model, self.rotor = checked_model(model), checked_rotor(Rotor, rotor)
         self.angular_speed = _increasing("angular_speed", angular_speed)
         self.measured, self.noise = _data(measured, noise, (self.angular_speed.size, None))
         _all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
@@ -75,10 +85,13 @@ class FrequencyData(Experiment):
         self.which = tuple(which) if isinstance(which, Sequence) else which
         if isinstance(self.which, tuple):
             choose(model, self.which)
+        elif self.which is not None and (isinstance(which, bool) or not isinstance(which, int)):
+            raise TypeError(f"which must be labels, an int or None, got {which!r}")
         named = self.which if self.which is None or isinstance(self.which, int) else len(self.which)
         if named not in (None, k):
             raise ValueError(f"which must name {k} modes, one a column, got {named}")
         self.among = min(2 * k, total) if among is None else among
+        count_functions("among", self.among)
         if not k <= self.among <= total:
             raise ValueError(f"among must be between {k} and {total}, got {among}")
 
@@ -105,7 +118,7 @@ def match_modes(measured: Any, computed: Any) -> Array:
     takes no mode, and its index means nothing; NaN among the computed is a mode that is not there.
     No derivative.
     """
-    measured, computed = jnp.asarray(measured, float), jnp.asarray(computed, float)
+    measured, computed = real_array("measured", measured), real_array("computed", computed)
     if measured.ndim != 1 or computed.ndim != 1 or not 0 < measured.size <= computed.size:
         raise ValueError(
             "measured and computed must be lists, not empty and the latter no shorter, got shapes "
@@ -162,10 +175,15 @@ class HistoryData(Experiment):
         noise: Any, of: Callable[[Simulation], Array] = _tip, *, loads: Loads | None = None,
         damping: Damping | None = None, **options: Any,
     ) -> None:  # fmt: skip
-        self.model, self.rotor = model, checked_rotor(model.rotor_type, rotor)
+        self.model, (self.rotor, _) = model, checked_case(model, rotor)
         self.motion = motion
         self.times = checked_times(times)
         self.measured, self.noise = _data(measured, noise, (self.times.size, ...))
+        if not callable(of):
+            raise TypeError(f"of must be a function of a Simulation, got {of!r}")
+        for name in options:
+            if name not in inspect.signature(simulate).parameters:
+                raise TypeError(f"{name} is no argument of HistoryData, nor of simulate")
         self.of, self.options = of, options
         self.loads = Loads() if loads is None else loads
         self.damping = Damping() if damping is None else damping
@@ -177,7 +195,7 @@ class HistoryData(Experiment):
             self.model, self.rotor, self.motion, self.times, loads=self.loads,
             damping=self.damping, adjoint=diffrax.ForwardMode(), throw=False, **self.options,
         )  # fmt: skip
-        value = self.of(run)
+        value = self.of(run.partial)  # what may not be used is left out below
         if value.shape != self.measured.shape:
             raise ValueError(f"of must give the shape {self.measured.shape}, got {value.shape}")
         usable = (run.status == Status.OK) | (run.status == Status.UNBALANCED)
@@ -201,9 +219,10 @@ class StaticData(Experiment):
         self, model: AbstractModel, rotor: Rotor, loads: Loads, measured: Any, noise: Any,
         xi: Any = 1.0, component: int = 1, *, angular_speed: Any = 0.0,
     ) -> None:  # fmt: skip
-        self.model, self.rotor, self.loads = model, checked_rotor(model.rotor_type, rotor), loads
-        self.xi = tuple(checked_point(component, point)[1] for point in np.atleast_1d(xi).tolist())
-        self.component = component
+        self.model, (self.rotor, _), self.loads = model, checked_case(model, rotor), loads
+        points = np.atleast_1d(known_array("xi", xi)).tolist()
+        self.component, _ = checked_point(component, 1.0)
+        self.xi = tuple(checked_point(component, point)[1] for point in points)
         if component == 2 and Family.FLAP not in model.families:
             raise ValueError("component 2 needs a model with flap functions")
         self.measured, self.noise = _data(measured, noise, (len(self.xi),))
@@ -215,7 +234,9 @@ class StaticData(Experiment):
         """At equilibrium."""
         motion, zero = ConstantSpeed(self.angular_speed), jnp.zeros_like(self.angular_speed)
         moments = jnp.stack([zero, zero + 1])
-        given = input_status(self.model, self.rotor, motion, self.loads, Damping(), moments)
+        given, _ = input_status(
+            self.model, self.rotor, motion, self.loads, Damping(), moments, moments
+        )
         equations = self.model.equations(self.rotor)
         q, status = equilibrium(
             equations, motion.hub(zero, self.loads.gravity), self.loads.at_tip(zero)
@@ -247,10 +268,11 @@ class Clearance(Experiment):
         self, model: AbstractModel, rotor: Rotor, angular_speed: Any, which: Sequence[Label],
         harmonics: Sequence[int], margin: Any = 0.05, slack: Any = 1e-3,
     ) -> None:  # fmt: skip
-        self.model, self.rotor = model, checked_rotor(Rotor, rotor)
+        self.model, self.rotor = checked_model(model), checked_rotor(Rotor, rotor)
         self.angular_speed = _increasing("angular_speed", angular_speed)
         _all("angular_speed must be > 0", self.angular_speed, lambda x: x > 0)
-        self.which, self.harmonics = tuple(which), tuple(harmonics)
+        self.which = (which,) if isinstance(which, Label) else tuple(_list_of("which", which))
+        self.harmonics = tuple(_list_of("harmonics", harmonics))
         choose(model, self.which)
         if not self.harmonics or any(type(k) is not int or k < 1 for k in self.harmonics):
             raise ValueError(f"harmonics must be integers >= 1, got {harmonics}")
@@ -277,11 +299,13 @@ def _frequencies(
 ) -> Array:
     """At each speed; NaN where there are none."""
 
-    def one(speed: Scalar) -> Array:
-        found = modes(model, rotor, speed, which, throw=False)
-        return jnp.where(found.status == Status.OK, found.frequency, jnp.nan)
+    return jax.vmap(lambda w: modes(model, rotor, w, which, throw=False).frequency)(speeds)
 
-    return jax.vmap(one)(speeds)
+
+def _list_of(name: str, values: Any) -> Sequence[Any]:
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        raise TypeError(f"{name} must be a list, got {values!r}")
+    return values
 
 
 def _all(rule: str, values: Array, holds: Callable[[Any], Any]) -> None:
@@ -290,7 +314,7 @@ def _all(rule: str, values: Array, holds: Callable[[Any], Any]) -> None:
 
 
 def _increasing(name: str, values: Any) -> Array:
-    values = jnp.asarray(values, jnp.result_type(float))
+    values = real_array(name, values)
     if values.ndim != 1 or not values.size:
         raise ValueError(f"{name} must be a list of numbers, got shape {values.shape}")
     _all(f"{name} must be finite", values, np.isfinite)
@@ -300,7 +324,7 @@ def _increasing(name: str, values: Any) -> Array:
 
 def _data(measured: Any, noise: Any, shape: tuple[Any, ...]) -> tuple[Array, Array]:
     """Measured numbers, of the lengths given (None: any; a last ...: any more axes), and noise."""
-    measured = jnp.asarray(measured, jnp.result_type(float))
+    measured = real_array("measured", measured)
     given = shape[:-1] if shape[-1] is ... else shape
     right = len(measured.shape) >= len(given) if shape[-1] is ... else measured.ndim == len(given)
     if not right or any(n not in (None, m) for n, m in zip(given, measured.shape, strict=False)):
@@ -308,7 +332,12 @@ def _data(measured: Any, noise: Any, shape: tuple[Any, ...]) -> tuple[Array, Arr
         raise ValueError(f"measured must have shape ({wanted}), got {measured.shape}")
     _all("measured must be finite, or NaN where missing", measured, lambda x: ~np.isinf(x))
     _all("measured must hold a number at least", jnp.asarray(measured), _some)
-    noise = jnp.broadcast_to(jnp.asarray(noise, measured.dtype), measured.shape)
+    noise, shape = real_array("noise", noise), measured.shape
+    if noise.ndim > len(shape) or any(
+        n not in (1, m) for n, m in zip(noise.shape[::-1], shape[::-1], strict=False)
+    ):
+        raise ValueError(f"noise must be a number or have shape {shape}, got {noise.shape}")
+    noise = jnp.broadcast_to(noise, shape)
     _all("noise must be finite and > 0", noise, lambda x: np.isfinite(x) & (x > 0))
     return measured, noise
 

@@ -1,6 +1,8 @@
 """Parameters from measurements: least squares, what is sure about them, and what is not."""
 
+import dataclasses
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -13,81 +15,15 @@ import optax
 import optimistix
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import real_scalar
+from jaxbeam._beam import kind_of, real_scalar
 from jaxbeam._experiments import Experiment
+from jaxbeam._free import Free, values_of
+from jaxbeam._models.base import count_functions
+from jaxbeam._results import per_case, where_known
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar
 
 Experiments = Callable[..., Experiment | Sequence[Experiment]]
-
-
-class Free(eqx.Module):
-    """A parameter to be found: a guess, strict bounds, and what is known of it before.
-
-    The search runs over z, with z = 0 at the guess:
-
-        value = lower + (guess - lower) exp(z)                   lower bound alone (0 by default)
-        value = upper - (upper - guess) exp(-z)                  upper bound alone
-        value = lower + (upper - lower) / (1 + r exp(-z))        both, r = (upper - guess) /
-                                                                 (guess - lower)
-        value = guess + |guess| z (guess + z where it is 0)      none
-
-    `prior` is (mean, standard deviation) of a normal distribution: one more measurement.
-    """
-
-    guess: Scalar
-    lower: Scalar
-    upper: Scalar
-    prior: tuple[Scalar, Scalar] | None
-    bounded: tuple[bool, bool] = eqx.field(static=True)
-
-    def __init__(
-        self, guess: Any, lower: float = 0.0, upper: float = float("inf"), *,
-        prior: tuple[Any, Any] | None = None,
-    ) -> None:  # fmt: skip
-        self.guess, self.lower = real_scalar("guess", guess), real_scalar("lower", lower)
-        self.upper = real_scalar("upper", upper)
-        self.bounded = (bool(np.isfinite(lower)), bool(np.isfinite(upper)))
-        inside = (self.lower < self.guess) & (self.guess < self.upper) & jnp.isfinite(self.guess)
-        if not isinstance(inside, jax.core.Tracer) and not bool(inside):
-            raise ValueError(f"guess must be finite and between {lower} and {upper}, got {guess}")
-        self.prior = None
-        if prior is not None:
-            if not isinstance(prior, tuple | list) or len(prior) != 2:
-                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
-            mean, deviation = (real_scalar("prior", number) for number in prior)
-            sound = jnp.isfinite(mean) & jnp.isfinite(deviation) & (deviation > 0)
-            if not isinstance(sound, jax.core.Tracer) and not bool(sound):
-                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
-            self.prior = mean, deviation
-
-    def value(self, z: Scalar) -> Scalar:
-        """The parameter, from the variable of the search."""
-        match self.bounded:
-            case True, True:
-                r = (self.upper - self.guess) / (self.guess - self.lower)
-                return self.lower + (self.upper - self.lower) / (1 + r * jnp.exp(-z))
-            case True, False:
-                return self.lower + (self.guess - self.lower) * jnp.exp(z)
-            case False, True:
-                return self.upper - (self.upper - self.guess) * jnp.exp(-z)
-        return self.guess + jnp.where(self.guess == 0, 1.0, jnp.abs(self.guess)) * z
-
-    def unit(self, z: Scalar) -> tuple[Scalar, Scalar]:
-        """d value / dz, and what a change of the parameter is measured by: that, but no less than
-        a tenth of it at the guess; without bounds, so of the value and the guess."""
-        slope = jax.grad(self.value)
-        here = jnp.abs(self.value(z)) if self.bounded == (False, False) else slope(z)
-        return slope(z), jnp.maximum(here, 0.1 * slope(jnp.zeros_like(z)))
-
-    def room(self, z: Scalar) -> Scalar:
-        """How far the nearest bound is."""
-        value = self.value(z)
-        return jnp.minimum(value - self.lower, self.upper - value)
-
-
-def _values(free: dict[str, Free], z: Array) -> dict[str, Scalar]:
-    return {name: each.value(z[i]) for i, (name, each) in enumerate(free.items())}
 
 
 class _Problem(eqx.Module):
@@ -97,7 +33,7 @@ class _Problem(eqx.Module):
     free: dict[str, Free]
 
     def listed(self, z: Array) -> list[Experiment]:
-        found = self.experiments(**_values(self.free, z))
+        found = self.experiments(**values_of(self.free, z))
         return list(found) if isinstance(found, list | tuple) else [found]  # type: ignore[list-item]
 
     def residual(self, z: Array, _: Any = None) -> Array:
@@ -137,7 +73,9 @@ class Fit(eqx.Module):
     | steps       | ()     | of the last search                                                   |
     | status      | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`          |
 
-    Methods are for one fit; of a batch map them: `jax.vmap(lambda fit: fit.interval())(fits)`.
+    Unless the status is `OK`, `parameters`, `deviation`, `covariance` and all that follows from
+    them is NaN; `partial` is the same fit with the best that was found. Of a batch, every answer
+    has the axes of the batch in front.
     """
 
     parameters: dict[str, Scalar]
@@ -158,20 +96,36 @@ class Fit(eqx.Module):
     known_noise: bool = eqx.field(static=True)
 
     @property
+    @per_case
+    def partial(self) -> "Fit":
+        """The same fit with the best parameters found, whatever its status, and how sure they are:
+        where the data cannot tell, with infinite deviations."""
+        deviation, covariance = _spread(self.certainty, self.directions, self.unit, self.scale)
+        return dataclasses.replace(
+            self,
+            parameters=values_of(self.free, self.z),
+            deviation={name: deviation[i] for i, name in enumerate(self.free)},
+            covariance=covariance,
+        )
+
+    @property
+    @per_case
     def correlation(self) -> Float[Array, "m m"]:
         """Of the parameters."""
         deviation = jnp.sqrt(jnp.diag(self.covariance))
         return self.covariance / (deviation[:, None] * deviation[None])
 
+    @per_case
     def width(self, confidence: float = 0.95) -> Array:
         """Half of an interval of this confidence, in standard deviations: of the normal
         distribution, or of Student's where the level of noise was estimated."""
-        if not 0 < confidence < 1:
-            raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
+        if not isinstance(confidence, int | float) or not 0 < confidence < 1:
+            raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
         if self.known_noise:
             return jnp.asarray(stats.norm.ppf(0.5 + confidence / 2))
         return _student(0.5 + confidence / 2, jnp.maximum(self.freedom, 1).astype(float))
 
+    @per_case
     def interval(self, confidence: float = 0.95) -> dict[str, Array]:
         """(lower, upper) of each parameter. Symmetric in the variable of the search; where that
         would be a factor of e or more, symmetric in the parameter and cut off at its bounds."""
@@ -186,6 +140,7 @@ class Fit(eqx.Module):
             found[name] = jnp.where(near, curved, jnp.clip(plain, free.lower, free.upper))
         return found
 
+    @per_case
     def predict(self, function: Callable[..., Array]) -> tuple[Array, Array]:
         """A function of the parameters, by name, and the standard deviation of its values."""
 
@@ -198,14 +153,23 @@ class Fit(eqx.Module):
         still = jnp.abs(change) <= 1e-6 * jnp.max(jnp.abs(change), axis=-1, keepdims=True)
         sure = jnp.broadcast_to(self.certainty, change.shape)
         spread = jnp.where(still, 0.0, change / jnp.where(still, 1.0, sure))
-        return at(values), self.scale * jnp.linalg.norm(spread, axis=-1)
+        found = at(values), self.scale * jnp.linalg.norm(spread, axis=-1)
+        return where_known(jnp.all(jnp.isfinite(values)), found)
 
     def __str__(self) -> str:
-        names = list(self.parameters)
+        """A table, of one that failed with the numbers of `partial`; of a batch, how many ended
+        how."""
+        if not eqx.is_array(self.status) or isinstance(self.status, jax.core.Tracer):
+            return repr(self)
+        if np.ndim(self.status):
+            ended = Counter(np.ravel(self.status).tolist())
+            how = [f"{count} {Status(status).message}" for status, count in sorted(ended.items())]
+            return f"{np.size(self.status)} fits: " + "; ".join(how)
+        names, found = list(self.parameters), self.partial
         lines = [f"{'':28}{'value':>13}{'deviation':>12}   95 % interval"]
-        for name, (low, high) in self.interval().items():
+        for name, (low, high) in found.interval().items():
             lines.append(
-                f"{name:28}{float(self.parameters[name]):13.6g}{float(self.deviation[name]):12.2g}"
+                f"{name:28}{float(found.parameters[name]):13.6g}{float(found.deviation[name]):12.2g}"
                 f"   {float(low):.6g} to {float(high):.6g}"
             )
         lines.append(
@@ -229,10 +193,10 @@ class Fit(eqx.Module):
                 lines.append(f"the data cannot tell this combination: {share}")
         return "\n".join(lines)
 
-    def excess(self) -> float:
+    @per_case
+    def excess(self) -> Scalar:
         """By how many of its standard deviations the misfit is above 1."""
-        freedom = max(float(self.freedom), 1.0)
-        return (float(self.misfit) - 1.0) / float(np.sqrt(2.0 / freedom))
+        return (self.misfit - 1.0) / jnp.sqrt(2.0 / jnp.maximum(self.freedom, 1))
 
 
 _UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
@@ -279,16 +243,26 @@ def fit(
     The covariance is that of Gauss and Newton, (J^T J)^-1. With `known_noise=False` only the
     relative size of the noise is believed and its level taken from the residuals, which priors
     would not bear. A direction in which the standard deviation is as large as the parameters, or
-    in which the Jacobian is singular, gives `NOT_IDENTIFIABLE`; its parameters are as near the
-    guess as the search left them, their deviations large or infinite.
+    in which the Jacobian is singular, gives `NOT_IDENTIFIABLE`; in `Fit.partial` its parameters are
+    as near the guess as the search left them, their deviations large or infinite.
 
     Under `jax.vmap` and `jax.jit` (a batch of data: build the experiments from it inside) there is
     no second search, unless `descent` asks for one. Raises `ValueError` or `TypeError` for
-    malformed arguments and fewer numbers than parameters; all else is left in `Fit.status`.
+    malformed arguments and fewer numbers than parameters; all else is left in `Fit.status`, with
+    NaN for parameters and deviations unless it is `OK`, and the best found in `Fit.partial`.
     """
+    if not callable(experiments):
+        raise TypeError(f"experiments must be a function of the parameters, got {experiments!r}")
     if not isinstance(free, dict) or not free:
         raise ValueError("free must be a dict that names one parameter at least")
+    count_functions("max_steps", max_steps, least=1)
+    if solver is not None and not isinstance(
+        solver, optimistix.AbstractLeastSquaresSolver | optimistix.AbstractMinimiser
+    ):
+        raise TypeError(f"solver must be a least-squares solver, got {kind_of(solver)}")
     for name, each in free.items():
+        if not isinstance(name, str):
+            raise TypeError(f"free must name parameters by texts, got {name!r}")
         if not isinstance(each, Free):
             raise TypeError(f"free[{name!r}] must be a Free, got {type(each).__name__}")
     problem = _Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
@@ -299,7 +273,14 @@ def fit(
     if not known_noise and any(each.prior is not None for each in free.values()):
         raise ValueError("a prior is in units of the parameter: it needs known_noise=True")
     if descent is not None and not isinstance(descent, Descent):
-        raise TypeError(f"descent must be a Descent, got {type(descent).__name__}")
+        raise TypeError(f"descent must be a Descent, got {kind_of(descent)}")
+    if descent is not None:
+        count_functions("descent.starts", descent.starts, least=1)
+        count_functions("descent.steps", descent.steps, least=1)
+        real_scalar("descent.spread", descent.spread)
+        if not isinstance(descent.optimiser, optax.GradientTransformation):
+            got = kind_of(descent.optimiser)
+            raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
     count = problem.count(zero)
     known = not isinstance(count, jax.core.Tracer)
     if known and int(count) < len(free):
@@ -358,25 +339,22 @@ def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_nois
     by_unit = jnp.pad(jnp.where(finite, by_unit, 0.0), ((0, few), (0, 0)))
     _, certainty, directions = jnp.linalg.svd(by_unit, full_matrices=False)
     certainty = jnp.where(certainty > _RANK * certainty[0], certainty, 0.0)
-    spread = unit[:, None] * directions.T / jnp.where(certainty > 0, certainty, 1.0)[None]
-    covariance = scale**2 * spread @ spread.T
-    deviation = scale * unit * jnp.sqrt(_variance(certainty, directions))
-    lost = ~jnp.isfinite(deviation)
-    endless = jnp.where(np.eye(m, dtype=bool), jnp.inf, jnp.nan)
-    covariance = jnp.where(lost[:, None] | lost[None], endless, covariance)
+    deviation, covariance = _spread(certainty, directions, unit, scale)
     room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
     at_bound = jnp.isfinite(deviation) & (room < 0.1 * deviation)
     status = jnp.where(jnp.min(certainty) < scale * _UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
     ended = (found.result == optimistix.RESULTS.successful) | jnp.any(at_bound)
     status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
     status = jnp.where(finite, status, Status.NOT_FINITE)
+    known = (values_of(problem.free, z), deviation, covariance)
+    values, deviation, covariance = where_known(status == Status.OK, known)
     names, residuals, start = list(problem.free), [], 0
     for each in problem.listed(z):
         own = residual[start : start + each.measured.size].reshape(each.measured.shape)
         residuals.append(jnp.where(each.present, own, jnp.nan))
         start += own.size
     return Fit(
-        parameters=_values(problem.free, z),
+        parameters=values,
         deviation={name: deviation[i] for i, name in enumerate(names)},
         covariance=covariance,
         residuals=tuple(residuals),
@@ -393,6 +371,16 @@ def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_nois
         scale=scale,
         known_noise=known_noise,
     )
+
+
+def _spread(certainty: Array, directions: Array, unit: Array, scale: Scalar) -> tuple[Array, Array]:
+    """Deviation of each parameter, and their covariance."""
+    spread = unit[:, None] * directions.T / jnp.where(certainty > 0, certainty, 1.0)[None]
+    covariance = scale**2 * spread @ spread.T
+    deviation = scale * unit * jnp.sqrt(_variance(certainty, directions))
+    lost = ~jnp.isfinite(deviation)
+    endless = jnp.where(np.eye(unit.size, dtype=bool), jnp.inf, jnp.nan)
+    return deviation, jnp.where(lost[:, None] | lost[None], endless, covariance)
 
 
 def _variance(certainty: Array, directions: Array) -> Array:

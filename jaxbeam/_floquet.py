@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._beam import positive
+from jaxbeam._beam import kind_of, positive
 from jaxbeam._linalg import (
     dense,
     eigensystem,
@@ -33,9 +33,11 @@ from jaxbeam._linalg import (
     symmetric_modes,
 )
 from jaxbeam._loads import Damping
-from jaxbeam._models.base import AbstractModel, Family, count_functions
-from jaxbeam._motion import ModulatedSpeed, Spin
+from jaxbeam._models.base import AbstractModel, Family, checked_case, count_functions
+from jaxbeam._motion import Spin
+from jaxbeam._results import where_known
 from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
@@ -49,7 +51,7 @@ class Floquet(eqx.Module):
 
     | field       | shape | unit |                                                              |
     |-------------|-------|------|--------------------------------------------------------------|
-    | multipliers | (2n,) |      | largest modulus first                                        |
+    | multipliers | (2n,) |      | largest modulus first; NaN, as the rate, unless status is OK |
     | family      | (2n,) |      | `Family.IN_PLANE` (with axial motion) or `FLAP`, of each     |
     | growth_rate | ()    | 1/s  | log(largest modulus) / period; of undamped stable beams zero |
     |             |       |      | to rounding (1e-8 / period where two multipliers are close)  |
@@ -83,7 +85,8 @@ def floquet(
 
     `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
     of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
-    `TOO_FEW_STEPS`. Otherwise they are raised, with malformed arguments, as by `modes`.
+    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`). Otherwise failures are
+    raised, with malformed arguments, as by `modes`.
     """
     rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
     count_functions("steps", steps, least=1)
@@ -94,9 +97,9 @@ def floquet(
 def _checked(
     model: AbstractModel, rotor: Any, motion: Any, period: Any, damping: Any
 ) -> tuple[Any, Spin, Scalar, Damping]:
-    rotor, _ = model.steady_case(rotor, 0.0)
+    rotor, _ = checked_case(model, rotor)
     if not isinstance(motion, Spin):
-        raise TypeError(f"motion must turn about a fixed axis, got {type(motion).__name__}")
+        raise TypeError(f"motion must turn about a fixed axis, got {kind_of(motion)}")
     if period is None:
         if not isinstance(motion, ModulatedSpeed):
             raise TypeError("period must be given, but for a ModulatedSpeed")
@@ -108,7 +111,7 @@ def checked_damping(damping: Any) -> Damping:
     """The damping, none by default."""
     damping = Damping() if damping is None else damping
     if not isinstance(damping, Damping):
-        raise TypeError(f"damping must be of class Damping, got {type(damping).__name__}")
+        raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
     return damping
 
 
@@ -118,8 +121,9 @@ def _floquet(
 ) -> Floquet:
     given = input_status(rotor, motion, period, damping)
     fine = given == Status.OK
-    rotor, period, damping = jax.tree.map(
-        lambda leaf: jnp.where(fine, leaf, 1.0), (rotor, period, damping)
+    rotor, motion, period, damping = jax.tree.map(
+        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+        (rotor, motion, period, damping),
     )
 
     def speed(t: Scalar) -> Scalar:
@@ -142,8 +146,8 @@ def _floquet(
     status = jnp.where(ok, status, Status.NO_EQUILIBRIUM)
     status = jnp.where(fine, status, given).astype(int)
     ok = status == Status.OK
-    mu = jnp.where(ok, mu, complex("nan+nanj"))
-    return Floquet(mu, family, jnp.log(jnp.abs(mu[0])) / period, status)
+    rate = jnp.log(jnp.abs(jnp.where(ok, mu[0], 1.0))) / period
+    return Floquet(where_known(ok, mu), family, where_known(ok, rate), status)
 
 
 def input_status(rotor: Any, motion: Spin, period: Scalar, damping: Damping) -> Code:
@@ -248,7 +252,9 @@ class Plane(NamedTuple):
             second = -_commutator(one, 2 * three + first) / 60
             both = _commutator(-20 * one - three + first, two + second) / 240
             size = jax.lax.stop_gradient(jnp.max(jnp.abs(both)))
-            return exponential(one + three / 12 + both, _SQUARINGS) @ state, size
+            # What is too long for its order may be too long for any number as well.
+            exponent = jnp.where(size < 1, one + three / 12 + both, 0.0)
+            return exponential(exponent, _SQUARINGS) @ state, size
 
         product, sizes = jax.lax.scan(step, jnp.eye(2 * n), jnp.arange(float(steps)))
         return product, jnp.max(sizes)

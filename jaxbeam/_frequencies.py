@@ -25,10 +25,11 @@ from jaxbeam._basis import Polynomials
 from jaxbeam._beam import Rotor
 from jaxbeam._kernel import beside, contract, kernel, total
 from jaxbeam._models.ancf import _Nodal
-from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._motion import spinning
+from jaxbeam._results import where_known
 from jaxbeam._solvers.system import without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector
@@ -56,18 +57,19 @@ def frequencies(
     Roots omega > 0 of det(K - omega^2 M + omega C) = 0 about the steady state, C from the Coriolis
     coupling of bending and axial motion (Y eqs. 18-19, B eqs. 53-54), to 1e-9 of those of `modes`.
     For `Hybrid` with its usual basis (`Polynomials()`, eight or more functions in plane) and the
-    elements that simulate too (`ANCF`, `GreenANCF`, `ChordANCF`, `TangentANCF`). `angular_speed` in
-    rad/s; `count` from 1 to 6. Made for `jax.vmap` over many cases. First derivatives by every
-    parameter, in both modes; for second ones, labels, shapes, flap or growth rates take `modes`.
+    elements that simulate too (`EngineeringANCF`, `GreenANCF`, `ANCF`, `ChordANCF`, `TangentANCF`).
+    `angular_speed` in rad/s; `count` from 1 to 6. Made for `jax.vmap` over many cases, with first
+    derivatives by every parameter; for second ones, labels, shapes, flap or growth take `modes`.
 
     Raises `TypeError` for other models, `ValueError` for parameters out of range, `RuntimeError`
     where there is no steady state (`NO_EQUILIBRIUM`) or where the search did not find what was
     asked for (`NOT_CONVERGED`): where an axial mode is among the lowest, or the steady state is
-    unstable. `throw=False` keeps all but the first in `status`, and the frequencies are NaN.
+    unstable. `throw=False` keeps all but the first in `status`, and the frequencies are NaN, with
+    derivatives that are NaN in forward mode and zero in reverse mode (see `modes`).
     """
     if isinstance(count, bool) or not isinstance(count, int):
         raise TypeError(f"count must be an int, got {type(count).__name__}")
-    rotor, speed = model.steady_case(rotor, angular_speed)
+    rotor, speed = checked_case(model, rotor, angular_speed)
     result = _frequencies(_solver(model, count), rotor, speed)
     return raise_unless_ok(result, result.status) if throw else result
 
@@ -81,8 +83,8 @@ def _solver(model: AbstractModel, count: int) -> Callable[[Rotor, Scalar], tuple
         _check_count(count, model.n_elements)
         return _of_elements(model, count)
     raise TypeError(
-        "model must be Hybrid with Polynomials() and n_in_plane >= 8, ANCF, GreenANCF, ChordANCF "
-        f"or TangentANCF, got {model!r}; take modes for other models"
+        "model must be Hybrid with Polynomials() and n_in_plane >= 8, EngineeringANCF, GreenANCF, "
+        f"ANCF, ChordANCF or TangentANCF, got {model!r}; take modes for other models"
     )
 
 
@@ -99,7 +101,7 @@ def _frequencies(solver: Any, rotor: Rotor, speed: Scalar) -> Frequencies:
     rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
     omega, status = solver(rotor, jnp.where(fine, speed, 0.0))
     status = jnp.where(fine, status, given).astype(int)
-    return Frequencies(jnp.where(status == Status.OK, omega, jnp.nan), status)
+    return Frequencies(where_known(status == Status.OK, omega), status)
 
 
 class _Pencil(NamedTuple):
@@ -336,12 +338,10 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
 
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         omega, _, found = lowest(_numbers(rotor, speed))
-        status, beam = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED), rotor.beam
-        if m:  # the rod tears where N beta tan(beta) = 1
-            beta = jnp.abs(speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
-            holds = (beta < np.pi / 2) & (rotor.tip_mass * beta * jnp.tan(beta) < beam.mass)
-            status = jnp.where(holds, status, Status.NO_EQUILIBRIUM)
-        return omega * beam.frequency_scale, status
+        status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
+        if m:
+            status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
+        return omega * rotor.beam.frequency_scale, status
 
     return solver
 
@@ -401,7 +401,10 @@ def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[A
 
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         omega, _, found = lowest((rotor, speed))
-        return omega, jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
+        status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
+        if model.element.tears:
+            status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
+        return omega, status
 
     return solver
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxbeam._beam import Rotor, checked_rotor, checked_speed
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._modes import find
+from jaxbeam._results import where_known
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar
 
@@ -45,4 +46,4 @@ def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
     phi = find(_BENDING, rotor, still, 1).shape[0].real
     equations = _BENDING.equations(rotor)
     motion = phi @ equations.motion_stiffness(still, speed**2, None) @ phi
-    return jnp.where(fine, motion / (2 * equations.strain_energy(phi)), jnp.nan)
+    return where_known(fine, motion / (2 * equations.strain_energy(phi)))

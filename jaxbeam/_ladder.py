@@ -2,9 +2,10 @@
 
 Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
 at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
-elements converge to the right answer (in space, where there are none, von Karman beams do to second
-order of deflection over length). The finest of the latter that has converged is the judge of all
-cheaper rungs; what is known beforehand says which need not come before the judge.
+elements converge to the right answer for a material of the engineering strain (`EngineeringANCF`;
+in space, where there are none, von Karman beams do to second order of deflection over length). The
+finest of the latter that has converged is the judge of all cheaper rungs; what is known beforehand
+says which need not come before the judge.
 """
 
 import dataclasses
@@ -20,11 +21,11 @@ from jaxtyping import Array
 from jaxbeam._basis import CantileverModes, Polynomials
 from jaxbeam._beam import Rotor, checked_rotor, positive, real_scalar
 from jaxbeam._indicators import stiffening_ratio
-from jaxbeam._models.ancf import GreenANCF
-from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.ancf import EngineeringANCF
+from jaxbeam._models.base import AbstractModel, checked_model
 from jaxbeam._models.modal import Classical, Hybrid, VonKarman
 from jaxbeam._modes import modes
-from jaxbeam._questions import Answer, ModalFrequencies, Question
+from jaxbeam._questions import Answer, ModalFrequencies, Question, checked_question
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar
 
@@ -51,7 +52,7 @@ class Rung(NamedTuple):
 
 def describe(model: AbstractModel) -> str:
     """A rung in words: theory and size."""
-    if isinstance(model, GreenANCF):
+    if isinstance(model, EngineeringANCF):
         return f"{model.n_elements} element{'s' * (model.n_elements > 1)}"
     assert isinstance(model, Classical | Hybrid | VonKarman)
     n, flap = model.n_in_plane, model.n_flap
@@ -66,7 +67,7 @@ def chains(question: Question, planar: bool) -> tuple[list[AbstractModel], list[
     """Linear and non-linear models for a question, each from coarse to fine."""
     linear = [_modal(Hybrid, n, planar) for n in question.functions]
     if planar:
-        return linear, [GreenANCF(n) for n in ELEMENTS if 2 * n >= question.functions[0]]
+        return linear, [EngineeringANCF(n) for n in ELEMENTS if 2 * n >= question.functions[0]]
     return linear, [_modal(VonKarman, n, planar) for n in question.functions if n > 1]
 
 
@@ -110,7 +111,7 @@ def _cost(question: Question, model: AbstractModel) -> float:
     n = len(model.families)
     if isinstance(question, ModalFrequencies):
         return 40 + 5e-3 * n**3
-    if isinstance(model, GreenANCF):  # more than twice as many steps as linear motion
+    if isinstance(model, EngineeringANCF):  # more than twice as many steps as linear motion
         return 2.3 * 200 * (2 + 2.2 * model.n_elements)
     step = (1.9 if isinstance(model, Classical) else 2) + 1.2 * n
     return 200 * step * (5 if isinstance(model, VonKarman) else 1)
@@ -170,7 +171,8 @@ def answer(
     accuracy: Real = 1e-6,
     size: Real = UNKNOWN,
 ) -> Answer:
-    """What one model says: `Question.answer`, compiled. Failures are left in `Answer.status`.
+    """What one model says: `Question.answer`, compiled. Failures are left in `Answer.status`,
+    and the numbers are then NaN.
 
     `accuracy` is that of numerical integration, relative, where the largest deflection is `size`
     times the length. Raises `ValueError` or `TypeError` for parameters out of range.
@@ -178,7 +180,7 @@ def answer(
     return _answer(
         checked_question(question),
         checked_rotor(Rotor, rotor),
-        model,
+        checked_model(model),
         positive("accuracy", accuracy),
         positive("size", size),
     )
@@ -200,21 +202,28 @@ class Evidence(NamedTuple):
     verdict: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Choice:
     """The cheapest rung found to meet a tolerance; as text, a table of the rungs looked at.
 
     `met` is False where no rung was found to: then `rung` is the best there is, and `estimate` its
-    error. `answer` is what the rung says.
+    error. `partial` is what the rung says, `answer` the same where the tolerance is met, else NaN.
+    `law` is what an axial law other than the engineering strain might change (`Answer.law`).
     """
 
     rung: Rung
     estimate: float
     met: bool
     tolerance: float
-    answer: np.ndarray
+    partial: np.ndarray
+    law: float
     indicators: Indicators
     evidence: tuple[Evidence, ...]
+
+    @property
+    def answer(self) -> np.ndarray:
+        """What the rung says, if that meets the tolerance."""
+        return self.partial if self.met else np.full_like(self.partial, np.nan)
 
     @property
     def model(self) -> AbstractModel:
@@ -230,8 +239,13 @@ class Choice:
             f"stiffening ratio {float(known.stiffening_ratio):.2g}, deflection "
             f"{float(known.size):.2g} L, slope {float(known.slope):.2g}, steady strain "
             f"{float(known.steady_strain):.2g}, {excited}",
-            f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict",
         ]
+        if self.law > self.tolerance:
+            lines.append(
+                "strains are not small: an axial law other than that of the engineering strain "
+                f"might change this by some {self.law:.1g}"
+            )
+        lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:
             if verdict == NOT_NEEDED:
                 continue
@@ -255,7 +269,7 @@ def scout_of(linear: list[AbstractModel]) -> AbstractModel:
 def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
     """Why it need not be tried: a tenth of what it leaves out as a rule (`studies/validity.py`; of
     a mode, its share) is too much."""
-    if isinstance(model, GreenANCF):
+    if isinstance(model, EngineeringANCF):
         return ""
     assert isinstance(model, Classical | Hybrid | VonKarman)
     if isinstance(model, Classical) and 0.05 * known.stiffening_ratio > tolerance:
@@ -271,16 +285,15 @@ def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
     return ""
 
 
-def checked_question(question: Question) -> Question:
-    """The question, if it is one."""
-    if not isinstance(question, Question):
-        raise TypeError(f"question must be a Question, got {type(question).__name__}")
-    return question
+def has_other_law(model: AbstractModel) -> bool:
+    """Whether its material is not that of the engineering strain, to which errors refer. Then what
+    the law may change (`Answer.law`) is part of its error, even if it agrees by chance."""
+    return not isinstance(model, EngineeringANCF)
 
 
 def checked_tolerance(tolerance: float) -> float:
     """As a float."""
-    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float):
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.floating):
         raise TypeError(f"tolerance must be a number, got {type(tolerance).__name__}")
     if not 1e-8 <= tolerance < 1:
         raise ValueError(f"tolerance must be between 1e-8 and 1, got {tolerance}")
@@ -297,6 +310,10 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
     the square of the deflection over length plus the strain). Cheaper rungs are tried in order of
     cost until one agrees. The estimate of a rung is its distance from the judge, plus what the
     judge may be off, plus what ten times tighter integration changes.
+
+    The judge's material has the engineering strain (`EngineeringANCF`). To estimates of rungs of
+    any other axial law is added what laws that agree at small strains may differ by, from the
+    strains that the judge meets: see `Answer.law`, which `Choice.law` repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
     model is compiled once for all questions of a kind. For many cases use `ladder_sweep`. Raises
@@ -319,7 +336,12 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
     judge, left = _refined(ask, nonlinear, tolerance)
     noise = ask.now(judge, 0.1).distance(ask(judge))
     left = left + float(noise) + (0.0 if planar else SPACE * float(known.reach))
-    estimates = {m: ask.apart(m, judge) + left for m in nonlinear if m in ask.found}
+    law = float(ask(judge).law)
+
+    def estimate(model: AbstractModel) -> float:
+        return ask.apart(model, judge) + left + (law if has_other_law(model) else 0.0)
+
+    estimates = {m: estimate(m) for m in nonlinear if m in ask.found}
     # Then whatever costs less, from the cheapest on.
     enough = next(rung.cost for rung in rungs if rung.model == judge)
     verdicts: dict[AbstractModel, str] = {}
@@ -339,7 +361,7 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
             if why:
                 verdicts[model] = f"ruled out: {why}"
                 continue
-            estimates[model] = ask.apart(model, judge) + left
+            estimates[model] = estimate(model)
             before.append(model)
         if model in estimates:
             status = Status(int(ask(model).status))
@@ -357,7 +379,8 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
         estimate=estimates.get(best.model, np.inf),
         met=chosen is not None,
         tolerance=tolerance,
-        answer=np.asarray(ask(best.model).value),
+        partial=np.asarray(ask(best.model).value),
+        law=law,
         indicators=known,
         evidence=evidence,
     )

@@ -1,7 +1,7 @@
 """Many questions on the ladder: a few say how rungs err, all are answered on what suffices."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._beam import Rotor, real_scalar
-from jaxbeam._cases import Cases
+from jaxbeam._cases import Cases, checked_cases
 from jaxbeam._devices import Team
 from jaxbeam._ladder import (
     INTEGRATION,
@@ -22,6 +22,7 @@ from jaxbeam._ladder import (
     chains,
     checked_tolerance,
     describe,
+    has_other_law,
     left_of,
     scout_of,
 )
@@ -142,7 +143,7 @@ class _Chain(NamedTuple):
 
 def ladder_sweep(
     situation: Situation,
-    cases: Cases,
+    cases: Cases | Mapping[str, Any],
     tolerance: float = 1e-3,
     *,
     representatives: int = 16,
@@ -162,15 +163,16 @@ def ladder_sweep(
     linear theory leaves out, over the square of deflection over length plus the steady strain; on
     each rung, the error of discretisation over the distance from the rung below; what integration
     adds; and where to start. Then each case gets the answers of two neighbouring rungs. The
-    estimate of its error is 1.5 times the sum of what these, its deflection and integration say;
-    where that is more than the tolerance the case goes on to a richer rung, of the same chain or
-    the non-linear one.
+    estimate of its error is 1.5 times the sum of what these, its deflection and integration say,
+    plus, but for elements, what another axial law might change (`Answer.law`); where that is more
+    than the tolerance the case goes on to a richer rung, of the same chain or the non-linear one.
 
     The `Table` holds, beside the coordinates of the cases:
 
     | name     | shape  |                                                                        |
     |----------|--------|------------------------------------------------------------------------|
-    | value    | (m,)   | the answer: `Answer.value` of the rung                                 |
+    | value    | (m,)   | the answer: `Answer.value` of the rung; NaN unless status is OK        |
+    | partial  | (m,)   | the best answer that there is, whatever the estimate of its error      |
     | estimate | ()     | of its relative error; infinite where no rung has an answer            |
     | rung     | ()     | in words                                                               |
     | outgrown | ()     | how often the estimate was too large and a richer rung was asked       |
@@ -181,7 +183,9 @@ def ladder_sweep(
     more linear rungs is left out.
     Raises `ValueError` or `TypeError` for malformed arguments.
     """
-    tolerance = checked_tolerance(tolerance)
+    if not callable(situation):
+        raise TypeError(f"situation must take parameters by name, got {type(situation).__name__}")
+    cases, tolerance = checked_cases(cases), checked_tolerance(tolerance)
     count_functions("representatives", representatives, least=2)
     count_functions("chunk", chunk, least=1)
     if Team.of(devices).shared:  # the sweeps below do not come in one order
@@ -201,8 +205,9 @@ def ladder_sweep(
             part = _swept(
                 pool, question, which, known["strain"], planar, tolerance, representatives
             )
-            if results["value"].shape[1:] != part["value"].shape[1:]:
-                results["value"] = np.full((n, *part["value"].shape[1:]), np.nan)
+            for name in ("value", "partial"):
+                if results[name].shape[1:] != part[name].shape[1:]:
+                    results[name] = np.full((n, *part[name].shape[1:]), np.nan)
             for name, values in part.items():
                 results[name][which] = values
     return tabled(cases, results, known.errors, {})
@@ -211,6 +216,7 @@ def ladder_sweep(
 def _blank(n: int, m: int) -> dict[str, np.ndarray]:
     return {
         "value": np.full((n, m), np.nan),
+        "partial": np.full((n, m), np.nan),
         "estimate": np.full(n, np.inf),
         "rung": np.full(n, "", "U64"),
         "outgrown": np.zeros(n, int),
@@ -265,10 +271,12 @@ def _swept(
             coarse, here = (pool(model, cases[which]) for model in chain.models[k - 1 : k + 1])
             own = np.maximum(chain.ratio[k] * here.distance(coarse), chain.floor[k])
             error = _SAFETY * (own + left_out[which] + chain.noise)
+            if has_other_law(chain.models[k]):  # models without stretch know no strain
+                error = error + np.maximum(here.law, strain[cases[which]])
             nothing = out["rung"][which] == ""  # then any answer is better
             better = (error < estimate[which]) | (nothing & (here.status == Status.OK))
             best = which[better]
-            estimate[best], out["value"][best] = error[better], here.value[better]
+            estimate[best], out["partial"][best] = error[better], here.value[better]
             out["rung"][best] = describe(chain.models[k])
             status[which] = here.status
             which = which[~(error <= tolerance)]
@@ -277,6 +285,8 @@ def _swept(
     best_kept = np.isfinite(estimate) | (status == Status.OK)
     status[fine & best_kept] = Status.TOLERANCE_NOT_MET
     status[fine & (estimate <= tolerance)] = Status.OK
+    ok = status == Status.OK
+    out["value"][ok] = out["partial"][ok]
     return out
 
 

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxbeam._beam import real_scalar, require
-from jaxbeam._motion import check_function_of_time
+from jaxbeam._beam import real_array, real_scalar, require
+from jaxbeam._motion import Times, check_function_of_time, function_of_time, time_list
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Triple
 
@@ -21,19 +21,28 @@ class Loads(eqx.Module):
     |-----------|-------|------------------------------------------------------------------------|
     | gravity   | m/s^2 | shape (3,), in inertial axes: those of the hub at angle zero           |
     | tip_force | N     | shape (3,) or a function of time to (3,), in hub axes: a1, a2, a3      |
+    | changes   | s     | times at which `tip_force` begins or ends something smoothly           |
+    | jumps     | s     | times at which `tip_force` jumps                                       |
 
     A force along the beam stiffens it in tension and softens it in compression in every model
     that knows of `Rotor.tension`. A callable that is a pytree carries its parameters as leaves.
+    Steps end at the times declared; a pulse that is shorter than a thousandth of a run may be
+    passed over if it is not declared.
     """
 
     gravity: Triple | None
     tip_force: Triple | Callable[[Scalar], Triple] | None
+    changes: Times
+    jumps: Times
 
-    def __init__(self, gravity: Any = None, tip_force: Any = None) -> None:
+    def __init__(
+        self, gravity: Any = None, tip_force: Any = None, changes: Any = (), jumps: Any = ()
+    ) -> None:
+        self.changes, self.jumps = time_list("changes", changes), time_list("jumps", jumps)
         self.gravity = None if gravity is None else _triple("gravity", gravity)
         if callable(tip_force):
             check_function_of_time("tip_force", tip_force, (3,))
-            self.tip_force = tip_force
+            self.tip_force = function_of_time(tip_force)
         else:
             self.tip_force = None if tip_force is None else _triple("tip_force", tip_force)
 
@@ -71,7 +80,7 @@ def _rate(name: str, value: Any) -> Scalar | None:
 
 
 def _triple(name: str, value: Any) -> Triple:
-    vector = jnp.asarray(value, jnp.result_type(float))
+    vector = real_array(name, value)
     if vector.shape != (3,):
         raise ValueError(f"{name} must have shape (3,), got {vector.shape}")
     if not isinstance(vector, jax.core.Tracer):

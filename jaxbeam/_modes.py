@@ -2,6 +2,7 @@
 
 import operator
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,8 +17,11 @@ from jaxbeam._models.base import (
     Family,
     Label,
     LinearSystem,
+    checked_case,
+    checked_model,
     guarded_matrices,
 )
+from jaxbeam._results import where_known
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vectors
 
@@ -70,9 +74,16 @@ class Modes(eqx.Module):
 
     @property
     def labels(self) -> tuple[Label, ...]:
-        """Labels of the modes, once their values are known (not under `jit`)."""
-        pairs = zip(np.asarray(self.family), np.asarray(self.order), strict=True)
-        return tuple(Label(Family(int(f)), int(k)) for f, k in pairs)
+        """Labels of the modes, once their values are known (not under `jit`); of a batch a tuple
+        of these for each case."""
+        return _named(np.asarray(self.family), np.asarray(self.order))
+
+
+def _named(family: np.ndarray, order: np.ndarray) -> tuple[Any, ...]:
+    pairs = zip(family, order, strict=True)
+    if family.ndim > 1:
+        return tuple(_named(*pair) for pair in pairs)
+    return tuple(Label(Family(int(f)), int(k)) for f, k in pairs)
 
 
 def modes(
@@ -94,13 +105,15 @@ def modes(
     flap with in-plane modes are harmless. First derivatives of eigenvalues cost no linear solve:
     d lambda = -y^T (lambda^2 dM + lambda dG + dK) x / y^T (2 lambda M + G) x.
 
-    `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps.
+    `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps. The
+    numbers of a case that failed are NaN, and so are their derivatives in forward mode; in reverse
+    mode they are zero, lest they spoil gradients by parameters that cases of a batch share.
 
     Raises `ValueError` or `TypeError` for a malformed argument, and, with `throw`, `ValueError` for
     a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where no steady state
     exists or is found.
     """
-    result = find(model, *model.steady_case(rotor, angular_speed), choose(model, which))
+    result = find(model, *checked_case(model, rotor, angular_speed), choose(model, which))
     return raise_unless_ok(result, result.status) if throw else result
 
 
@@ -111,15 +124,18 @@ Choice = int | tuple[Int[Array, " k"], Int[Array, " k"]]
 
 def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
     """`which` of `modes`, checked against what the model has."""
-    total = len(model.families)
+    total = len(checked_model(model).families)
     if which is None:
         return min(6, total)
     if isinstance(which, Label):
         which = (which,)
     if not isinstance(which, Sequence):
-        if isinstance(which, bool) or not hasattr(which, "__index__"):
+        if isinstance(which, bool) or np.shape(which) or not hasattr(which, "__index__"):
             raise TypeError(f"which must be an int or labels, got {which!r}")
-        count = operator.index(which)
+        try:
+            count = operator.index(which)
+        except TypeError:  # of an array of floats
+            raise TypeError(f"which must be an int or labels, got {which!r}") from None
         if not 1 <= count <= total:
             raise ValueError(f"which must be between 1 and {total} for this model, got {count}")
         return count
@@ -189,16 +205,15 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
 
     kinetic = (shape.conj() * (shape @ system.mass)).real
     share = jnp.stack([jnp.sum(kinetic * (kinds == f)[None], -1) for f in Family], -1)
-    nan = complex(float("nan"), float("nan"))
     return Modes(
-        eigenvalue=jnp.where(ok, eigenvalue, nan),
-        shape=jnp.where(ok, shape * _sign(model, shape, family)[:, None], nan),
+        eigenvalue=where_known(ok, eigenvalue),
+        shape=where_known(ok, shape * _sign(model, shape, family)[:, None]),
         family=family,
         order=order,
-        energy_share=jnp.where(ok, share / jnp.sum(share, -1, keepdims=True), jnp.nan),
+        energy_share=where_known(ok, share / jnp.sum(share, -1, keepdims=True)),
         residual=residual,
         status=status,
-        steady_strain=jnp.where(ok, system.steady_strain, jnp.nan),
+        steady_strain=where_known(ok, system.steady_strain),
     )
 
 

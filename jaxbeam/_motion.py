@@ -15,10 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import positive, real_scalar
-from jaxbeam._types import Real, Scalar, Triple
+from jaxbeam._beam import kind_of, real_array
+from jaxbeam._types import Scalar, Triple
 
 Rotation = Float[Array, "3 3"]
+Times = Float[Array, " k"]
 # _EPSILON[i] is the matrix of b -> e_i x b.
 _EPSILON = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
 
@@ -68,6 +69,22 @@ class Motion(eqx.Module):
     def valid(self, t: Scalar) -> Array:
         """Whether the motion makes sense at time t, beside being finite."""
         return jnp.asarray(True)
+
+    def change_times(self) -> Times:
+        """Times (s) at which the motion begins or ends something smoothly; none by default.
+
+        Steps end there, so that nothing that happens between two of them is passed over, however
+        short it is. What lasts longer than a thousandth of a run is found without being declared.
+        """
+        return no_times()
+
+    def jump_times(self) -> Times:
+        """Times (s) at which velocity, angular velocity or their rates jump; none by default.
+
+        Steps end there, the beam gets the impulse of a jump of velocity, and derivatives by such a
+        time are right. A jump of a velocity that is not declared ends a run as `UNRESOLVED`.
+        """
+        return no_times()
 
     def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
         """Everything at time t; `gravity` is in inertial components."""
@@ -122,132 +139,58 @@ def skew(a: Triple) -> Rotation:
     return jnp.tensordot(a, _EPSILON, 1)
 
 
-def inclined(angle: Real) -> Triple:
-    """Axis of rotation at `angle` (rad) from the beam, in the plane of a1 and a2.
-
-    cos(angle) a1 + sin(angle) a2, the beam on a tapered hub (Y, Figs. 7-9): then a3, and with it
-    "flap", is the direction of rotation, and "in plane" the outward one. Default axes are a3.
-    """
-    angle = real_scalar("angle", angle)
-    return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
+def no_times() -> Times:
+    return jnp.zeros(0, jnp.result_type(float))
 
 
-def _axis(axis: Any) -> Triple:
-    if axis is None:
-        return jnp.asarray([0.0, 0.0, 1.0], jnp.result_type(float))
-    vector = jnp.asarray(axis, jnp.result_type(float))
-    if vector.shape != (3,):
-        raise ValueError(f"axis must have shape (3,), got {vector.shape}")
-    if not isinstance(vector, jax.core.Tracer):
-        length = float(np.linalg.norm(np.asarray(vector)))
-        if not abs(length - 1) < 1e-6:
-            raise ValueError(f"axis must be a unit vector, got length {length}")
-    return vector
+def time_list(name: str, given: Any) -> Times:
+    """`given` as a list of finite real numbers, or the error that says which argument is wrong."""
+    values = real_array(name, given) if np.size(given) else no_times()
+    if values.ndim != 1:
+        raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
+    if not isinstance(values, jax.core.Tracer) and not np.isfinite(np.asarray(values)).all():
+        raise ValueError(f"{name} must be finite")
+    return values
 
 
-class ConstantSpeed(Spin):
-    """Steady rotation at `angular_speed` (rad/s)."""
+class _Declared(Motion):
+    changes: Times
+    jumps: Times
 
-    speed: Scalar
-    axis: Triple
+    def __init__(self, changes: Any, jumps: Any) -> None:
+        self.changes, self.jumps = time_list("changes", changes), time_list("jumps", jumps)
 
-    def __init__(self, angular_speed: Real, axis: Any = None) -> None:
-        self.speed, self.axis = real_scalar("angular_speed", angular_speed), _axis(axis)
+    def change_times(self) -> Times:
+        """Those that were given."""
+        return self.changes
 
-    def angle(self, t: Scalar) -> Scalar:
-        return self.speed * t
-
-
-class _SpinUp(Spin):
-    # Subclasses repeat __init__: type checkers would otherwise make one from the fields.
-    speed: Scalar
-    duration: Scalar
-    axis: Triple
-
-    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
-        self.speed, self.axis = real_scalar("angular_speed", angular_speed), _axis(axis)
-        self.duration = positive("duration", duration)
-
-    @abc.abstractmethod
-    def profile(self, tau: Scalar) -> Scalar:
-        """Integral from 0 to tau in [0, 1] of the speed over its final value; 1/2 at 1."""
-
-    def angle(self, t: Scalar) -> Scalar:
-        tau = jnp.clip(t / self.duration, 0.0, 1.0)
-        after = jnp.maximum(t - self.duration, 0.0)
-        return self.speed * (self.duration * self.profile(tau) + after)
+    def jump_times(self) -> Times:
+        """Those that were given."""
+        return self.jumps
 
 
-class SmoothSpinUp(_SpinUp):
-    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
-
-    Omega(t) = Omega_s [t / T - sin(2 pi t / T) / (2 pi)] (Y eq. 23); its integral is B eq. 13.
-    """
-
-    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
-        super().__init__(angular_speed, duration, axis)
-
-    def profile(self, tau: Scalar) -> Scalar:
-        turn = 2 * jnp.pi
-        return tau**2 / 2 + (jnp.cos(turn * tau) - 1) / turn**2
-
-
-class QuinticSpinUp(_SpinUp):
-    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
-
-    Omega(t) = Omega_s (6 tau^5 - 15 tau^4 + 10 tau^3), tau = t / T (Y eq. 21).
-    """
-
-    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
-        super().__init__(angular_speed, duration, axis)
-
-    def profile(self, tau: Scalar) -> Scalar:
-        return tau**6 - 3 * tau**5 + 2.5 * tau**4
-
-
-class ModulatedSpeed(Spin):
-    """Omega(t) = mean [1 + depth sin(frequency t)]: `mean` in rad/s, `frequency` in rad/s."""
-
-    mean: Scalar
-    depth: Scalar
-    frequency: Scalar
-    axis: Triple
-
-    def __init__(self, mean: Real, depth: Real, frequency: Real, axis: Any = None) -> None:
-        self.mean, self.depth = real_scalar("mean", mean), real_scalar("depth", depth)
-        self.frequency, self.axis = positive("frequency", frequency), _axis(axis)
-
-    def angle(self, t: Scalar) -> Scalar:
-        swing = (1 - jnp.cos(self.frequency * t)) / self.frequency
-        return self.mean * (t + self.depth * swing)
-
-
-class SpinUpThenDown(Spin):
-    """A spin-up, undone from time `down_at` (s) on: Omega(t) = up(t) - up(t - down_at)."""
-
-    up: Spin
-    down_at: Scalar
-    axis: Triple
-
-    def __init__(self, up: Spin, down_at: Real) -> None:
-        if not isinstance(up, Spin):
-            raise TypeError(f"up must be a motion about a fixed axis, got {type(up).__name__}")
-        self.up, self.down_at, self.axis = up, positive("down_at", down_at), up.axis
-
-    def angle(self, t: Scalar) -> Scalar:
-        # Angles before t = 0 are not all zero: the descent must not begin before its time.
-        return self.up.angle(t) - self.up.angle(jnp.maximum(t - self.down_at, 0.0))
-
-
-class HubVelocity(Motion):
+class HubVelocity(_Declared):
     """Any motion, by functions of time for velocity and angular velocity in the hub frame.
 
     Each takes a scalar time (s) and returns shape (3,) (m/s, rad/s). Callables that are pytrees
-    (an `equinox.Module`, a `jax.tree_util.Partial`) carry their parameters as leaves.
+    (an `equinox.Module`, a `jax.tree_util.Partial`) carry their parameters as leaves. `changes` and
+    `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
     """
 
     velocity: Callable[[Scalar], Triple]
     angular_velocity: Callable[[Scalar], Triple]
+
+    def __init__(
+        self,
+        velocity: Callable[[Scalar], Triple],
+        angular_velocity: Callable[[Scalar], Triple],
+        *,
+        changes: Any = (),
+        jumps: Any = (),
+    ) -> None:
+        super().__init__(changes, jumps)
+        self.velocity = function_of_time(velocity)
+        self.angular_velocity = function_of_time(angular_velocity)
 
     def __check_init__(self) -> None:
         check_function_of_time("velocity", self.velocity, (3,))
@@ -257,15 +200,27 @@ class HubVelocity(Motion):
         return jnp.asarray(self.velocity(t)), jnp.asarray(self.angular_velocity(t))
 
 
-class HubPose(Motion):
+class HubPose(_Declared):
     """Any motion, by functions of time for position and rotation.
 
     `position(t)`, shape (3,), in m and inertial components; `rotation(t)`, shape (3, 3), proper
     orthogonal, its columns the hub axes in inertial components. v = Q^T p', omega = vee(Q^T Q').
+    `changes` and `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
     """
 
     position: Callable[[Scalar], Triple]
     rotation: Callable[[Scalar], Rotation]
+
+    def __init__(
+        self,
+        position: Callable[[Scalar], Triple],
+        rotation: Callable[[Scalar], Rotation],
+        *,
+        changes: Any = (),
+        jumps: Any = (),
+    ) -> None:
+        super().__init__(changes, jumps)
+        self.position, self.rotation = function_of_time(position), function_of_time(rotation)
 
     def __check_init__(self) -> None:
         check_function_of_time("position", self.position, (3,))
@@ -290,12 +245,28 @@ class HubPose(Motion):
         return jnp.max(jnp.abs(q.T @ q - jnp.eye(3, dtype=q.dtype))) < 1e-6
 
 
+def function_of_time(function: Any) -> Any:
+    """The same as a pytree, if it is a plain function: results that hold it may then come out of
+    `jax.jit` and `jax.vmap`."""
+    plain = callable(function) and jax.tree_util.all_leaves([function])
+    return jax.tree_util.Partial(function) if plain else function
+
+
 def check_function_of_time(name: str, function: Any, shape: tuple[int, ...]) -> None:
     """Raise unless `function` takes a time and returns real numbers of this shape."""
     if not callable(function):
-        raise TypeError(f"{name} must be a function of time, got {type(function).__name__}")
-    time = jax.ShapeDtypeStruct((), jnp.result_type(float))
-    out = eqx.filter_eval_shape(lambda t: jnp.asarray(function(t)), time)
+        raise TypeError(f"{name} must be a function of time, got {kind_of(function)}")
+
+    def array(t: Scalar) -> Array:
+        given = function(t)
+        try:
+            return jnp.asarray(given)
+        except (TypeError, ValueError) as error:
+            raise TypeError(
+                f"{name} must return real numbers of shape {shape}, got {given!r}"
+            ) from error
+
+    out = eqx.filter_eval_shape(array, jax.ShapeDtypeStruct((), jnp.result_type(float)))
     if out.shape != shape or not jnp.issubdtype(out.dtype, jnp.floating):
         raise ValueError(
             f"{name} must return real numbers of shape {shape}, got {out.dtype} {out.shape}"

@@ -6,16 +6,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
-from jaxbeam._beam import require
+from jaxbeam._beam import kind_of, real_array, require
 from jaxbeam._blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._kernel import total
 from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, Equations, Family
-from jaxbeam._motion import Hub, Motion, skew
-from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._motion import Hub, Motion, Times, skew
+from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
 
@@ -39,14 +39,22 @@ class Scene(SecondOrderSystem):
     motion: Motion
     loads: Loads
     damping: Damping
+    gap: Scalar  # by which steps keep away from declared times on either side, s
+    end: Scalar  # of the run, s
 
     def __init__(
-        self, model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping
-    ) -> None:
-        """From parameters in range."""
+        self, model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping,
+        times: Array | None = None,
+    ) -> None:  # fmt: skip
+        """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
         self.equations = model.equations(rotor)
         self.inverse_mass = inverse(self.equations.mass)
         self.motion, self.loads, self.damping = motion, loads, damping
+        size = self.equations.size
+        latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
+        self.gap = 4 * jnp.finfo(size.dtype).eps * jax.lax.stop_gradient(latest)
+        last = jnp.full_like(size, jnp.inf) if times is None else times[-1]
+        self.end = jax.lax.stop_gradient(last)
 
     @property  # type: ignore[misc]
     def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[override]
@@ -57,8 +65,11 @@ class Scene(SecondOrderSystem):
         if not self.equations.takes_lanes:
             return None
         without: Scene = eqx.tree_at(
-            lambda s: (s.inverse_mass, s.motion, s.loads.tip_force), self, (None,) * 3,
-            is_leaf=lambda leaf: leaf is None,
+            lambda s: (
+                s.inverse_mass, s.motion, s.gap, s.end,
+                s.loads.tip_force, s.loads.changes, s.loads.jumps,
+            ),
+            self, (None,) * 7, is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 
@@ -73,11 +84,79 @@ class Scene(SecondOrderSystem):
 
     def hub(self, t: Scalar) -> Hub:
         """Motion of the hub."""
-        return self.motion.hub(t, self.loads.gravity)
+        return self.motion.hub(self._within(t), self.loads.gravity)
+
+    def _within(self, t: Scalar) -> Scalar:
+        """t, or a moment earlier at the end of a run that ends where something jumps."""
+        jumps = self.jumps
+        if not jumps.size:
+            return t
+        at_end = jnp.any(jnp.abs(self.end - jumps) <= self.gap)
+        return jnp.where(at_end, jnp.minimum(t, self.end - 2 * self.gap), t)
+
+    @property
+    def jumps(self) -> Times:
+        """Times at which the hub's velocity, its rate or a load may jump, as declared."""
+        return jnp.concatenate([self.motion.jump_times(), self.loads.jumps])
+
+    @property
+    def stops(self) -> Times:
+        """All times that are declared."""
+        smooth = [self.motion.change_times(), self.loads.changes]
+        return jnp.concatenate([*smooth, self.jumps])
+
+    def after(self, t: Scalar) -> Scalar:
+        """t, or a moment later where something jumps at t; at the end of the run, which no jump
+        is part of, a moment earlier."""
+        jumps = self.jumps
+        if not jumps.size:
+            return t
+        aside = jnp.where(t < self.end - self.gap, 2 * self.gap, -2 * self.gap)
+        return jnp.where(jnp.any(jnp.abs(t - jumps) <= self.gap), t + aside, t)
+
+    def twist_of(self, hub: Hub) -> Float[Array, " 6"]:
+        """Velocity of the hub and what its rotation makes of it at the tip, in m/s."""
+        return jnp.concatenate([hub.velocity, self.equations.end * hub.angular_velocity])
+
+    def twist_rate_of(self, hub: Hub) -> Float[Array, " 6"]:
+        """Its rate, in m/s^2."""
+        return jnp.concatenate([hub.velocity_rate, self.equations.end * hub.angular_velocity_rate])
+
+    def struck(self, t: Scalar, y: State) -> State:
+        """y after what jumped at the declared time just before t.
+
+        A jump of the hub's velocities is a rate without end: the generalised momentum that it
+        leaves behind is that of the inertia forces, M dq' = -(inertia forces of the jump), q stays,
+        and the work is exact since velocities rise together. By the time of the jump the state
+        has derivatives: y goes on to it with the rates before, and back with those after.
+        """
+        jumps = self.jumps
+        at = jumps[jnp.argmin(jnp.abs(jumps - t))]
+        late = at - jax.lax.stop_gradient(at)
+        t = jax.lax.stop_gradient(t)
+        before, after = jax.lax.stop_gradient(at) - self.gap, t
+        y = _moved(y, self.rate(before, y), late)
+        old, new = self.hub(before + late), self.hub(after + late)
+        zero = jnp.zeros_like(old.velocity)
+        still = Hub(zero, zero, zero, zero, zero)
+        jump = still._replace(
+            velocity_rate=new.velocity - old.velocity,
+            angular_velocity_rate=new.angular_velocity - old.angular_velocity,
+        )
+        impulse = self.equations.force(jump, y.q, jnp.zeros_like(y.v), None)
+        impulse = impulse - self.equations.force(still, y.q, jnp.zeros_like(y.v), None)
+        v = y.v + self.inverse_mass @ impulse
+        halfway = jump._replace(
+            velocity=(old.velocity + new.velocity) / 2,
+            angular_velocity=(old.angular_velocity + new.angular_velocity) / 2,
+        )
+        work = self._moved_by(*without_derivatives((halfway, y.q, (y.v + v) / 2))) / self.work_unit
+        y = State(y.q, v, y.work - jax.lax.stop_gradient(work))
+        return _moved(y, self.rate(after, y), -late)
 
     def inputs(self, t: Scalar) -> Inputs:
         """Motion of the hub, and force at the tip."""
-        return self.hub(t), self.loads.at_tip(t)
+        return self.hub(t), self.loads.at_tip(self._within(t))
 
     def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
         hub, tip_force = x
@@ -104,17 +183,23 @@ class Scene(SecondOrderSystem):
     def power(self, x: Inputs, q: Vector, v: Vector) -> Scalar:
         """Rate of the balance of energy, in `work_unit` per second."""
         (hub, tip_force), equations = x, self.equations
-        _, moved = jax.jvp(
-            lambda *twist: equations.kinetic_energy(q, v, *twist),
-            (hub.velocity, hub.angular_velocity),
-            (hub.velocity_rate, hub.angular_velocity_rate),
+        out = -self._moved_by(hub, q, v) - total(
+            (equations.nonconservative_force(q) + self._damping(q, v)) * v
         )
-        out = -moved - total((equations.nonconservative_force(q) + self._damping(q, v)) * v)
         if self.loads.gravity is not None:
             out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (v,))[1])
         if tip_force is not None:
             out = out + total(tip_force * jax.jvp(equations.tip, (q,), (v,))[1])
         return out / self.work_unit
+
+    def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Scalar:
+        """dT/dv . v' + dT/domega . omega'."""
+        _, out = jax.jvp(
+            lambda *twist: self.equations.kinetic_energy(q, v, *twist),
+            (hub.velocity, hub.angular_velocity),
+            (hub.velocity_rate, hub.angular_velocity_rate),
+        )
+        return out
 
     def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:
         """T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is their sum."""
@@ -169,13 +254,22 @@ class Scene(SecondOrderSystem):
         return force, couple
 
 
-def input_status(
-    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array
-) -> Code:
-    """The first thing that is out of range, at any of the output times or `during` the run."""
+def _moved(y: State, rate: State, h: Scalar) -> State:
+    return State(y.q + h * rate.q, y.v + h * rate.v, y.work)
 
-    def one(t: Scalar) -> tuple[Array, Array, Array]:
-        hub, force = motion.hub(t, loads.gravity), loads.at_tip(t)
+
+def input_status(
+    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array,
+    between: Array,
+) -> tuple[Code, Inputs]:  # fmt: skip
+    """The first thing that is out of range, at any of the output times or at others `between`,
+    and the inputs at these."""
+
+    def seen(t: Scalar) -> Inputs:
+        return motion.hub(t, loads.gravity), loads.at_tip(t)
+
+    def one(t: Scalar, x: Inputs) -> tuple[Array, Array, Array]:
+        hub, force = x
         force = jnp.zeros(3, t.dtype) if force is None else force
         turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
         stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2]])
@@ -184,7 +278,9 @@ def input_status(
         moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
         return moves, jnp.all(jnp.isfinite(force)) & jnp.all(jnp.isfinite(hub.gravity)), planar
 
-    moves, loaded, planar = jax.vmap(one)(jnp.concatenate([times, during(times)]))
+    moments = jnp.concatenate([between, times])
+    inputs = jax.vmap(seen)(moments)
+    moves, loaded, planar = jax.vmap(one)(moments, inputs)
     rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
     status = jnp.asarray(Status.OK)
     if Family.FLAP not in model.families:
@@ -197,7 +293,8 @@ def input_status(
     ):
         status = jnp.where(ok, status, code)
     given = rotor.status(jnp.zeros((), times.dtype))
-    return jnp.where(given == Status.OK, status, given).astype(int)
+    status = jnp.where(given == Status.OK, status, given).astype(int)
+    return status, jax.tree.map(lambda a: a[: between.size], inputs)
 
 
 def increasing(times: Array) -> Array:
@@ -205,9 +302,9 @@ def increasing(times: Array) -> Array:
     return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
 
 
-def during(times: Array) -> Array:
+def during(times: Array, parts: int = 64) -> Array:
     """Times all along a run, whatever its output times are: what is looked at on the way."""
-    return jnp.linspace(times[0], times[-1], 65)
+    return jnp.linspace(times[0], times[-1], parts + 1)
 
 
 def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
@@ -216,7 +313,7 @@ def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
     ):  # fmt: skip
         if not isinstance(value, kind):
             article = "a" if kind is Motion else "of class"
-            raise TypeError(f"{name} must be {article} {kind.__name__}, got {type(value).__name__}")
+            raise TypeError(f"{name} must be {article} {kind.__name__}, got {kind_of(value)}")
     shapes = [a.shape for a in eqx.filter_eval_shape(motion.twist, t)]
     if shapes != [(3,), (3,)]:
         raise ValueError(f"motion.twist must return two vectors of shape (3,), got {shapes}")
@@ -225,7 +322,7 @@ def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
 
 
 def checked_times(times: Any) -> Array:
-    times = jnp.asarray(times, jnp.result_type(float))
+    times = real_array("times", times)
     if times.ndim != 1 or times.size < 2:
         raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
     if not isinstance(times, jax.core.Tracer):
@@ -235,12 +332,13 @@ def checked_times(times: Any) -> Array:
     return times
 
 
-def check_start(model: AbstractModel, start: Any) -> None:
+def checked_start(model: AbstractModel, start: Any) -> State:
+    """The state, if it is one of this model, without work done."""
     if not isinstance(start, State):
-        raise TypeError(f"start must be a State, got {type(start).__name__}")
+        raise TypeError(f"start must be a State, got {kind_of(start)}")
     n = len(model.families)
-    for name in ("q", "v"):
-        if np.shape(getattr(start, name)) != (n,):
-            raise ValueError(
-                f"start.{name} must have shape ({n},), got {np.shape(getattr(start, name))}"
-            )
+    parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
+    for name, part in zip(("q", "v"), parts, strict=True):
+        if part.shape != (n,):
+            raise ValueError(f"start.{name} must have shape ({n},), got {part.shape}")
+    return State(*parts)

@@ -10,15 +10,19 @@ import numpy as np
 import optimistix
 from jaxtyping import Array
 
-from jaxbeam._beam import checked_rotor, positive
+from jaxbeam._beam import kind_of, positive, real_scalar
+from jaxbeam._course import SAMPLES, Course
+from jaxbeam._following import LOST, Struck, following
 from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
-from jaxbeam._models.base import AbstractModel, equilibrium
+from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
 from jaxbeam._motion import Motion, spinning
+from jaxbeam._results import where_known
 from jaxbeam._scene import (
+    Inputs,
     Scene,
     check_scene,
-    check_start,
+    checked_start,
     checked_times,
     during,
     increasing,
@@ -63,29 +67,54 @@ def simulate(
     another shape than that of a state (`fn`, `subs`), take the result from `Simulation.solution`;
     nothing is then judged but whether the solver gave up.
 
-    Reverse mode works as it is, forward mode with `adjoint=diffrax.ForwardMode()`. Write one case;
-    `jax.vmap` or `jaxbeam.sweep` batch it. `throw=False` keeps failures in `Simulation.status`:
+    Steps follow the motion and the loads, whatever controller asks for them: they are no longer
+    than an event that lasts a thousandth of the run or more, wherever it is; they end at the times
+    that motion and loads declare (`Motion.change_times`, `Motion.jump_times`, `Loads`), at which
+    also the shortest event is seen, and the beam gets the impulse of a jump of the hub's velocity;
+    and a step in which the hub's velocity changes by other than the integral of its rate is made
+    anew and shorter. `BacksolveAdjoint` has none of this: give its controller a `dtmax`.
 
-    - the parameters, the motion or the loads are out of range, or leave the plane of the model:
-      what is asked of the run is then NaN;
+    Reverse mode works as it is, forward mode with `adjoint=diffrax.ForwardMode()`. Write one case;
+    `jax.vmap` or `jaxbeam.sweep` batch it. `throw=False` keeps failures in `Simulation.status`;
+    what is asked of a run that failed is NaN from there on, or throughout (see `Simulation`):
+
+    - the parameters, the motion or the loads are out of range, or leave the plane of the model;
     - the solver gave up (`MAX_STEPS`, `STEP_FAILED`), or its result is not finite;
     - the tip went farther than ten lengths: `DIVERGED`. The run ends there, and what came before is
       kept. With an `event` of your own, or `BacksolveAdjoint`, it goes on;
+    - the hub's velocity jumps, by more than 1e-5 of its largest, where no jump is declared
+      (`UNRESOLVED`): the run ends there, and what came before is kept;
     - the energy is out of balance with the work done by more than `balance_tolerance` times the
-      largest energy (`UNBALANCED`; the numbers are kept): a loose tolerance with an explicit solver
-      can return a success that is nonsense.
+      largest energy (`UNBALANCED`): a loose tolerance with an explicit solver can return a success
+      that is nonsense.
     """
-    rotor = checked_rotor(model.rotor_type, rotor)
+    rotor, _ = checked_case(model, rotor)
     times = checked_times(times)
     loads = Loads() if loads is None else loads
     damping = Damping() if damping is None else damping
     check_scene(motion, loads, damping, times[0])
     if start is not None:
-        check_start(model, start)
-    if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event is not None):
+        start = checked_start(model, start)
+    if max_steps is not None:
+        count_functions("max_steps", max_steps, least=1)
+    real_scalar("balance_tolerance", balance_tolerance)
+    if dt0 is not None:
+        real_scalar("dt0", dt0)
+    for name, given, kind in (
+        ("solver", solver, diffrax.AbstractSolver),
+        ("stepsize_controller", stepsize_controller, diffrax.AbstractStepSizeController),
+        ("saveat", saveat, diffrax.SaveAt),
+        ("adjoint", adjoint, diffrax.AbstractAdjoint),
+        ("event", event, diffrax.Event),
+        ("progress_meter", progress_meter, diffrax.AbstractProgressMeter),
+    ):
+        if given is not None and not isinstance(given, kind):
+            raise TypeError(f"{name} must be a diffrax.{kind.__name__}, got {kind_of(given)}")
+    jumps = motion.jump_times().size or loads.jumps.size
+    if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event or jumps):
         raise ValueError(
-            "BacksolveAdjoint integrates another system backwards and bears no event: give a "
-            "solver that takes any system (diffrax.Kvaerno5(), ...) and no event with it"
+            "BacksolveAdjoint integrates another system backwards and bears neither events nor "
+            "jumps: give a solver that takes any system (diffrax.Kvaerno5(), ...) and none of these"
         )
     result = _simulate(
         model, rotor, motion, times, loads, damping, start,
@@ -108,13 +137,13 @@ def _simulate(
     saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint, event: diffrax.Event | None,
     progress_meter: diffrax.AbstractProgressMeter, max_steps: int | None, balance_tolerance: float,
 ) -> Simulation:  # fmt: skip
-    given = input_status(model, rotor, motion, loads, damping, times)
+    given, seen = input_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
     fine = given == Status.OK
     # A NaN in one lane of a batch would keep all others waiting, and end up in gradients of
     # parameters that lanes share: harmless values take its place.
-    rotor, motion, loads, damping = jax.tree.map(
+    rotor, motion, loads, damping, seen = jax.tree.map(
         lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
-        (rotor, motion, loads, damping),
+        (rotor, motion, loads, damping, seen),
     )
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
     times = jnp.where(increasing(times), times, jnp.linspace(0.0, 1.0, times.size))
@@ -127,28 +156,36 @@ def _simulate(
         forward = jnp.isfinite(dt0) & (dt0 > 0)
         given = jnp.where(fine & ~forward, Status.INVALID_TIMES, given)
         dt0 = jnp.where(forward, dt0, times[-1] - times[0])
-    now = Scene(model, rotor, motion, loads, damping)
+    now = Scene(model, rotor, motion, loads, damping, times)
     n = len(model.families)
     if start is None:
         zero = jnp.zeros(n, times.dtype)
         y0 = State(zero, zero)
     else:
-        y0 = State(start.q, start.v)
+        y0 = start
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = jnp.where(fine & ~started, Status.INVALID_START, given)
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
     if controller is None:
         controller = diffrax.PIDController(
             rtol=1e-6,
-            atol=1e-6 * _yardstick(*without_derivatives((now, times, y0))),
+            atol=1e-6 * _yardstick(*without_derivatives((now, y0, _every(16, seen)))),
             dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
             force_dtmin=False,
         )
-    watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears neither of these
+    watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of these
     runaway = event is None and watched
+    start_time = times[0]
+    if watched:
+        controller = following(controller, Course(now, times, seen))
+    if now.jumps.size:
+        solver, start_time = Struck(solver), times[0] + 2 * now.gap
+        at_once = jnp.any(jnp.abs(now.jumps - times[0]) <= now.gap)
+        y0 = jax.lax.cond(at_once, lambda: now.struck(start_time, y0), lambda: y0)
+        saveat, _ = _within(saveat, times, start_time)
     solution = diffrax.diffeqsolve(
-        second_order_term(solver), solver, times[0], times[-1], dt0, y0, now,
-        saveat=_with_watch(saveat, times) if watched else saveat,
+        second_order_term(solver), solver, start_time, times[-1], dt0, y0, now,
+        saveat=_with_watch(saveat, jnp.stack([start_time, times[-1]])) if watched else saveat,
         stepsize_controller=controller, adjoint=adjoint,
         event=diffrax.Event(_runaway) if runaway else event, max_steps=max_steps,
         progress_meter=progress_meter, throw=False,
@@ -156,6 +193,7 @@ def _simulate(
     solution, watch = _without_watch(solution) if watched else (solution, None)
     ended = _solver_status(solution.result, runaway)
     at, state = _saved(solution, times, n)
+    at = jnp.where(at <= start_time, times[0], at)
     reached = jnp.isfinite(at)
     state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
     imbalance, far = _account(*without_derivatives((now, times[0], y0, (at, state), watch)))
@@ -198,7 +236,7 @@ def _account(
     states = jax.tree.map(lambda a: jnp.where(_beside(reached, a), jnp.nan_to_num(a), 0.0), states)
 
     def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
-        parts = jnp.stack(scene.energies(t, y))
+        parts = jnp.stack(scene.energies(scene.after(t), y))
         balance = jnp.sum(parts) - scene.work_unit * y.work
         return balance, jnp.sum(jnp.abs(parts)), _far(scene, y)
 
@@ -206,6 +244,10 @@ def _account(
     n = saved[0].size
     largest = jnp.max(size)
     return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
+
+
+def _every(step: int, seen: Inputs) -> Inputs:
+    return jax.tree.map(lambda a: a[::step], seen)
 
 
 def _with_watch(saveat: diffrax.SaveAt, times: Array) -> diffrax.SaveAt:
@@ -223,16 +265,14 @@ def _without_watch(solution: diffrax.Solution) -> tuple[diffrax.Solution, tuple[
     return own, (watch_ts, watch)
 
 
-def _yardstick(scene: Scene, times: Array, y0: State) -> Scalar:
+def _yardstick(scene: Scene, y0: State, seen: Inputs) -> Scalar:
     """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
-    loads of the run, or that at the start; at least 1e-6 and at most 0.1 lengths."""
+    loads `seen`, or that at the start; at least 1e-6 and at most 0.1 lengths."""
     equations, rest = scene.equations, jnp.zeros_like(y0.q)
     flexibility = inverse(
-        equations.tangents(spinning(jnp.zeros_like(times[0])), rest, rest, None)[0]
+        equations.tangents(spinning(jnp.zeros_like(equations.size)), rest, rest, None)[0]
     )
-    static = jax.vmap(
-        lambda t: equations.tip(flexibility @ scene.force(scene.inputs(t), rest, rest))
-    )(during(times))
+    static = jax.vmap(lambda x: equations.tip(flexibility @ scene.force(x, rest, rest)))(seen)
     at, rate = jax.jvp(equations.tip, (y0.q,), (y0.v,))
     frequency = 3.5 * jnp.sqrt(equations.energy_scale / equations.rigid[0]) / equations.size
     size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], rate[None] / frequency)]
@@ -266,12 +306,15 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
         (diffrax.RESULTS.successful, Status.OK),
         (diffrax.RESULTS.event_occurred, Status.DIVERGED if event_means_runaway else Status.OK),
         (diffrax.RESULTS.max_steps_reached, Status.MAX_STEPS),
+        (LOST, Status.UNRESOLVED),
     ):
         status = jnp.where(result == code, meaning, status)
     return status
 
 
-def _within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, Array]:
+def _within(
+    saveat: diffrax.SaveAt, times: Array, earliest: Scalar | None = None
+) -> tuple[diffrax.SaveAt, Array]:
     """`saveat` with its times held within the run, and whether they were."""
     within = jnp.asarray(True)
 
@@ -280,7 +323,7 @@ def _within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, Array
         if sub.ts is None:
             return sub
         within &= jnp.all((sub.ts >= times[0]) & (sub.ts <= times[-1]))
-        ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0], times[-1])
+        ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0] if earliest is None else earliest, times[-1])
         return eqx.tree_at(lambda s: s.ts, sub, ts)
 
     subs = jax.tree.map(held, saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
@@ -303,8 +346,8 @@ def steady_start(
     no such state is found; with `throw=False` its coordinates are then NaN, which `simulate`
     reports. An equilibrium need not be stable: ask `modes`.
     """
-    rotor = checked_rotor(model.rotor_type, rotor)
-    t = jnp.asarray(t, jnp.result_type(float))
+    rotor, _ = checked_case(model, rotor)
+    t = real_scalar("t", t)
     loads = Loads() if loads is None else loads
     check_scene(motion, loads, Damping(), t)
     state, status = _steady(model, rotor, motion, t, loads)
@@ -315,13 +358,18 @@ def steady_start(
 def _steady(
     model: AbstractModel, rotor: Any, motion: Motion, t: Scalar, loads: Loads
 ) -> tuple[State, Code]:
-    given = input_status(model, rotor, motion, loads, Damping(), t[None])
+    given, _ = input_status(model, rotor, motion, loads, Damping(), t[None], t[None])
+    fine = given == Status.OK
+    rotor, motion, loads = jax.tree.map(
+        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+        (rotor, motion, loads),
+    )
     hub = motion.hub(t, loads.gravity)
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
     q, status = equilibrium(model.equations(rotor), hub, loads.at_tip(t))
     status = jnp.where(given == Status.OK, status, given)
-    q = jnp.where(status == Status.OK, q, jnp.nan)
+    q = where_known(status == Status.OK, q)
     return State(q, jnp.zeros_like(q)), status
 
 

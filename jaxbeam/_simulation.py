@@ -1,5 +1,6 @@
 """What comes out of a simulation, computed when asked for."""
 
+import dataclasses
 from typing import Any
 
 import diffrax
@@ -9,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._beam import known_array
+from jaxbeam._results import per_case, where_known
 from jaxbeam._scene import Scene
 from jaxbeam._solvers.system import State
-from jaxbeam._status import in_range
+from jaxbeam._status import Status, in_range, trusted
 from jaxbeam._types import Code, Scalar, Vector
 
 
@@ -31,6 +34,16 @@ class Simulation(eqx.Module):
 
     Everything else is computed when asked for. Displacements are in the hub frame, components
     axial, in plane, flap, from the undeformed place; points are given as xi = x / L.
+
+    **Runs that failed** do not pass for others. `peak` is NaN unless `status` is OK (a run that an
+    event of yours ended is OK). Histories of a run that was stopped (`MAX_STEPS`, `STEP_FAILED`,
+    `DIVERGED`) reach as far as it got and are NaN from there on, as after an event; with any other
+    failure they are NaN throughout. `partial` answers with all that there is. Where a number is
+    NaN, so is its derivative in forward mode; in reverse mode nothing flows back from it.
+
+    **Batches**: a `Simulation` that `jax.vmap` or `equinox.filter_vmap` returns answers everything
+    with the axes of the batch in front. Only where a function in the scene (of a `HubPose`, say)
+    closes over a number that was mapped, JAX wants it to be asked in the mapped function.
     """
 
     times: Float[Array, " T"]
@@ -40,86 +53,122 @@ class Simulation(eqx.Module):
     end_time: Scalar
     solution: diffrax.Solution
     scene: Scene
+    is_partial: bool = eqx.field(static=True, default=False)
 
+    @property
+    def partial(self) -> "Simulation":
+        """The same run, which answers with all that there is, whatever its status: the history up
+        to where it got, and the peak of that. NaN where parameters are out of range: then nothing
+        was simulated."""
+        return dataclasses.replace(self, is_partial=True)
+
+    @per_case
     def displacement(self, xi: Any = 1.0) -> Float[Array, "T p 3"]:
         """Displacement of the points xi, in m."""
         return self._each(_displacement, *_points(xi))
 
     @property
+    @per_case
     def tip(self) -> Float[Array, "T 3"]:
         """Displacement of the tip, in m."""
         return self.displacement()[:, 0]
 
+    @per_case
     def strain(self, xi: Any = 0.0) -> Float[Array, "T p"]:
         """Axial strain of the centre line."""
         return self._each(_strain, *_points(xi))
 
+    @per_case
     def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
         """In-plane and flap curvature, in 1/m: surface strain is the axial one less y times it."""
         return self._each(_curvature, *_points(xi))
 
     @property
+    @per_case
     def strain_energy(self) -> Float[Array, " T"]:
         """In J."""
         return self._each(_strain_energy)
 
     @property
+    @per_case
     def energy(self) -> Float[Array, " T"]:
         """Kinetic energy in the inertial frame plus strain energy, in J."""
         return self._each(Scene.total_energy)
 
     @property
+    @per_case
     def jacobi_integral(self) -> Float[Array, " T"]:
         """Kinetic energy seen from the hub, centrifugal potential and strain energy, in J."""
         return self._each(_jacobi)
 
     @property
+    @per_case
     def hub_force(self) -> Float[Array, "T 3"]:
         """Force of the hub on the beam, in N, hub axes."""
         return self._each(Scene.reaction)[0]
 
     @property
+    @per_case
     def hub_torque(self) -> Float[Array, "T 3"]:
         """Moment of the hub on the beam about the centre of the hub, in N m, hub axes."""
         return self._each(Scene.reaction)[1]
 
+    @per_case
     def peak(self, component: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
         """Largest deflection either way (m, with its sign) of a point, and when (s).
 
         Between output times by cubic interpolation with the rates, exact to fourth order.
         Components 0, 1, 2 are axial, in plane, flap. The value is differentiable; the time carries
-        no derivative.
+        no derivative. NaN unless `status` is OK: `partial.peak()` is that of the run so far.
         """
         if self.times.size < 2:
             raise ValueError("peak needs two or more output times")
-        return self._own(_peak(self, *checked_point(component, xi)))
+        known, times, state = self._outputs(self.status == Status.OK)
+        found = _peak(self.scene, times, state, known, *checked_point(component, xi))
+        return where_known(jnp.any(known[:-1] & known[1:]), found)
 
     def _each(self, function: Any, *xi: float) -> Any:
-        return self._own(_mapped(function, self.scene, self.times, self.state, xi))
+        known, times, state = self._outputs(trusted(self.status))
+        return where_known(known, _mapped(function, self.scene, times, state, xi))
 
-    def _own(self, out: Any) -> Any:
-        """NaN where a case is out of range: it ran with harmless numbers in place of its own."""
-        own = in_range(self.status)
-        return jax.tree.map(lambda values: jnp.where(own, values, jnp.nan), out)
+    def _outputs(self, fine: Array) -> tuple[Array, Array, State]:
+        """Which outputs there are an answer for, given that the status is `fine`; times and states.
+
+        What is out of range ran with harmless numbers in place of its own, and never has an answer.
+        Harmless ones take the place of outputs without an answer, too: NaN would end up in
+        gradients by the parameters of the scene.
+        """
+        known = jnp.isfinite(self.times) & (in_range(self.status) if self.is_partial else fine)
+        for part in (self.state.q, self.state.v):
+            known &= jnp.all(jnp.isfinite(part), axis=1)
+        first = jnp.min(jnp.where(known, self.times, jnp.inf), initial=jnp.inf)
+        times = jnp.where(known, self.times, jnp.where(jnp.isfinite(first), first, 0.0))
+        state = jax.tree.map(
+            lambda a: jnp.where(known.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0), self.state
+        )
+        return known, times, state
 
 
 @eqx.filter_jit
 def _mapped(function: Any, scene: Scene, times: Array, state: State, xi: tuple[float, ...]) -> Any:
-    return jax.vmap(lambda t, y: function(scene, t, y, *xi))(times, state)
+    return jax.vmap(lambda t, y: function(scene, scene.after(t), y, *xi))(times, state)
 
 
 def _points(xi: Any) -> tuple[float, ...]:
-    points = np.atleast_1d(np.asarray(xi, float))
+    points = np.atleast_1d(known_array("xi", xi))
     if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
         raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
     return tuple(points.tolist())
 
 
 def checked_point(component: int, xi: float) -> tuple[int, float]:
-    if component not in (0, 1, 2):
+    whole = isinstance(component, int | np.integer) and not isinstance(component, bool)
+    if not whole or component not in (0, 1, 2):
         raise ValueError(f"component must be 0 (axial), 1 (in plane) or 2 (flap), got {component}")
-    (point,) = _points(xi)
-    return component, point
+    points = _points(xi)
+    if len(points) != 1:
+        raise ValueError(f"xi must be one number in [0, 1], got {xi}")
+    return int(component), points[0]
 
 
 def _displacement(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 3"]:
@@ -143,17 +192,19 @@ def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
 
 
 @eqx.filter_jit
-def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
+def _peak(
+    scene: Scene, times: Array, state: State, known: Array, component: int, xi: float
+) -> tuple[Scalar, Scalar]:
     def place(q: Vector) -> Scalar:
-        return run.scene.equations.displacement(q, np.array([xi]))[0, component]
+        return scene.equations.displacement(q, np.array([xi]))[0, component]
 
     def both(y: State) -> tuple[Scalar, Scalar]:
         return jax.jvp(place, (y.q,), (y.v,))
 
-    u, rate = jax.vmap(both)(run.state)
-    t, h = run.times[:-1], jnp.diff(run.times)
+    u, rate = jax.vmap(both)(state)
+    t, h = times[:-1], jnp.diff(times)
     s, value = jax.vmap(_extremes)(u[:-1], h * rate[:-1], u[1:], h * rate[1:])
-    at = jnp.argmax(jnp.where(jnp.isnan(value), -1.0, jnp.abs(value)))
+    at = jnp.argmax(jnp.where((known[:-1] & known[1:])[:, None], jnp.abs(value), -1.0))
     return value.ravel()[at], (t[:, None] + h[:, None] * s).ravel()[at]
 
 

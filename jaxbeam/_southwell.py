@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import Rotor, real_scalar
+from jaxbeam._beam import Rotor, known_array, real_scalar
 from jaxbeam._cases import grid
-from jaxbeam._models.base import AbstractModel, Label
+from jaxbeam._models.base import AbstractModel, Label, checked_case
 from jaxbeam._modes import Choice, choose, find
+from jaxbeam._results import where_known
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._sweep import sweep
 from jaxbeam._table import Table
@@ -42,22 +43,28 @@ def southwell(
     second derivative of omega^2 at rest, where the former is 0 / 0. Itself differentiable with
     respect to rotor and speed. For a mode that diverges omega^2 is -growth_rate^2.
 
-    Raises as `modes` does; `throw=False` gives NaN and a status where a case fails.
+    Raises as `modes` does; `throw=False` gives NaN and a status where a case fails (derivatives:
+    as in `modes`).
     """
     choice = choose(model, which)
-    result = _southwell(model, *model.steady_case(rotor, angular_speed), choice)
+    result = _southwell(model, *checked_case(model, rotor, angular_speed), choice)
     return raise_unless_ok(result, result.status) if throw else result
 
 
 @eqx.filter_jit
 def _southwell(model: AbstractModel, rotor: Any, speed: Scalar, choice: Choice) -> Southwell:
+    given = rotor.status(speed)
+    fine = given == Status.OK
+    rotor, speed = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), (rotor, speed))
+
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
         found = find(model, rotor, omega, choice)
         return -(found.eigenvalue**2).real, found.status
 
     def rate(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
         _, slope, status = jax.jvp(square, (omega,), (jnp.ones_like(omega),), has_aux=True)
-        return slope, status
+        # NaN would end up in gradients by parameters that cases of a batch share.
+        return jnp.where(status == Status.OK, slope, 0.0), status
 
     def at_rest(_: Scalar) -> tuple[Float[Array, " k"], Code]:
         zero, one = jnp.zeros_like(speed), jnp.ones_like(speed)
@@ -72,7 +79,8 @@ def _southwell(model: AbstractModel, rotor: Any, speed: Scalar, choice: Choice) 
     resting = speed == 0
     safe = jnp.where(resting, rotor.frequency_scale, speed)
     result, status = jax.lax.cond(resting, at_rest, at_speed, safe)
-    return Southwell(jnp.where(status == Status.OK, result, jnp.nan), status)
+    status = jnp.where(fine, status, given)
+    return Southwell(where_known(status == Status.OK, result), status)
 
 
 class Crossing(NamedTuple):
@@ -102,6 +110,9 @@ class Campbell(eqx.Module):
         crossings between two neighbours are not seen. Where a label changes branch in a veering and
         the line passes through the gap, there is no crossing. Ordered by speed.
         """
+        factors = known_array("harmonics", harmonics)
+        if factors.ndim != 1 or not (np.isfinite(factors) & (factors > 0)).all():
+            raise ValueError(f"harmonics must be a list of numbers > 0, got {harmonics!r}")
         speed = self.table.coords["angular_speed"]
         found = []
         for column, label in enumerate(self.labels):
@@ -131,7 +142,7 @@ def campbell(
     if not isinstance(which, Sequence):
         raise TypeError(f"which must be labels, got {which!r}")
     which = tuple(which)
-    rotor, _ = model.steady_case(rotor, 0.0)
+    rotor, _ = checked_case(model, rotor)
     table = sweep(
         # the rotor as an argument: diagrams of other rotors reuse the compiled code
         jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which)),
@@ -176,7 +187,7 @@ def crossing(
     Differentiable with respect to rotor and harmonic by the implicit function theorem, and works
     under `jit` and `vmap`. If frequency - harmonic * speed does not change sign over the bracket,
     or only jumps because the label changes branch in a veering, that is an error, or `NO_CROSSING`
-    and NaN with `throw=False`.
+    and NaN with `throw=False` (derivatives: as in `modes`).
     """
     if not isinstance(label, Label):
         raise TypeError(f"label must be a Label, got {label!r}")
@@ -190,7 +201,7 @@ def crossing(
             raise ValueError(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )
-    rotor, _ = model.steady_case(rotor, 0.0)
+    rotor, _ = checked_case(model, rotor)
     result = _crossing(model, rotor, choose(model, (label,)), ratio, *ends)
     return raise_unless_ok(result, result.status) if throw else result
 
@@ -199,6 +210,9 @@ def crossing(
 def _crossing(
     model: AbstractModel, rotor: Rotor, choice: Choice, harmonic: Scalar, low: Scalar, high: Scalar
 ) -> Resonance:
+    sound = jnp.isfinite(harmonic)
+    harmonic = jnp.where(sound, harmonic, 1.0)
+
     def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
         found = find(model, rotor, speed, choice)
         return found.frequency[0] - harmonic * jnp.abs(speed), found.status
@@ -206,12 +220,17 @@ def _crossing(
     def gap(speed: Scalar) -> Scalar:
         return gap_and_status(speed)[0]
 
+    def regular(speed: Scalar) -> Scalar:
+        """`gap`; in a case that failed, a function that has a slope."""
+        value, status = gap_and_status(speed)
+        return jnp.where(status == Status.OK, value, speed)
+
     low, high = jax.lax.stop_gradient((low, high))
     (at_low, at_high), (status, at_high_status) = jax.lax.map(
         gap_and_status, jnp.stack([low, high])
     )
     status = jnp.where(status == Status.OK, at_high_status, status)
-    ok = at_low * at_high <= 0  # False for NaN
+    ok = sound & (at_low * at_high <= 0)  # False for NaN
 
     State = tuple[Array, Array, Array, Array, Array]  # speed, bracket, last change, count
 
@@ -233,9 +252,10 @@ def _crossing(
         infinite = jnp.full_like(start, jnp.inf)
         return jax.lax.while_loop(go_on, body, (start, low, high, infinite, jnp.asarray(0)))[0]
 
-    speed = jax.lax.custom_root(gap, (low + high) / 2, search, lambda g, y: y / g(jnp.ones_like(y)))
+    middle = (low + high) / 2
+    speed = jax.lax.custom_root(regular, middle, search, lambda g, y: y / g(jnp.ones_like(y)))
     # Bisection also ends at a jump, where a label changes branch: the gap says which it was.
     miss = jnp.abs(gap(jax.lax.stop_gradient(speed)))
     ok &= miss <= 1e-9 * jnp.abs(harmonic * speed)
     status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
-    return Resonance(jnp.where(status == Status.OK, speed, jnp.nan), status)
+    return Resonance(where_known(status == Status.OK, speed), status)

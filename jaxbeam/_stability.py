@@ -26,8 +26,9 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._linalg import dense, lowest_eigenpair, solve
-from jaxbeam._models.base import AbstractModel, Family
+from jaxbeam._models.base import AbstractModel, Family, checked_case
 from jaxbeam._motion import spinning
+from jaxbeam._results import where_known
 from jaxbeam._solvers.system import without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
@@ -68,14 +69,15 @@ def critical_speed(model: AbstractModel, rotor: Any, *, throw: bool = True) -> C
 
     through which it is differentiable by every parameter, in both modes and to any order.
 
-    Materials that harden (`ANCF`, `GreenANCF`) have a steady state at any speed; infinity then
-    means: none up to that speed, where their strains are of order one. An interval of instability
-    narrower than a step of the scan (64 up to there, in ratio) that ends again would be missed.
-    Beyond divergence `modes` says how fast what grows (`growth_rate`).
+    That of `EngineeringANCF` tears there. Materials that harden (`ANCF`, `GreenANCF`) have a steady
+    state at any speed; infinity then means: none up to there, where their strains are of order one.
+    An interval of instability narrower than a step of the scan (64 up to there, in ratio) that ends
+    again would be missed. Beyond divergence `modes` says how fast what grows (`growth_rate`).
 
-    `throw=False` returns failures in `CriticalSpeed.status`. Errors as in `modes`.
+    `throw=False` returns failures in `CriticalSpeed.status`, and NaN (derivatives: as in `modes`;
+    those of an infinite speed are zero). Errors as in `modes`.
     """
-    rotor, zero = model.steady_case(rotor, 0.0)
+    rotor, zero = checked_case(model, rotor)
     result = _critical(model, rotor, zero)
     return raise_unless_ok(result, result.status) if throw else result
 
@@ -124,7 +126,7 @@ def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
     status = jnp.where(lost, Status.INACCURATE, status)
     ok = status == Status.OK
     return CriticalSpeed(
-        angular_speed=jnp.where(ok, jnp.where(exists, found, jnp.inf), jnp.nan),
+        angular_speed=where_known(ok, jnp.where(exists, found, jnp.inf)),
         family=family,
         shape=jnp.where(ok & exists, x / x[jnp.argmax(jnp.abs(x))], jnp.nan),
         status=status,

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._beam import positive, real_scalar
-from jaxbeam._models.base import AbstractModel, count_functions
+from jaxbeam._beam import kind_of, positive, real_scalar
+from jaxbeam._models.base import AbstractModel, checked_case, count_functions
 from jaxbeam._modes import find
+from jaxbeam._results import where_known
 from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar
@@ -57,7 +58,7 @@ def amplification(solver: diffrax.AbstractSolver, angle: Real, damping_ratio: Re
 
 def _checked(solver: Any) -> diffrax.AbstractSolver:
     if not isinstance(solver, diffrax.AbstractSolver):
-        raise TypeError(f"solver must be a diffrax solver, got {type(solver).__name__}")
+        raise TypeError(f"solver must be a diffrax solver, got {kind_of(solver)}")
     if isinstance(solver, _OTHERS):
         raise TypeError(f"solver must be a one-step method, got {type(solver).__name__}")
     if isinstance(solver, diffrax.AbstractImplicitSolver):
@@ -90,7 +91,7 @@ class StableStep(eqx.Module):
     """`step`: the largest stable step, in s; infinite where any step is stable.
 
     `frequency` is the highest of the model, in rad/s, the one that limits. Unless `status` is OK
-    both are NaN.
+    both are NaN (derivatives: as in `modes`).
     """
 
     step: Scalar
@@ -128,12 +129,14 @@ def stable_step(
     growth = real_scalar("growth", growth)
     if not isinstance(growth, jax.core.Tracer) and not 1 < growth < np.inf:
         raise ValueError(f"growth must be finite and > 1, got {growth}")
-    found = find(model, *model.steady_case(rotor, angular_speed), len(model.families))
+    found = find(model, *checked_case(model, rotor, angular_speed), len(model.families))
     frequency = jnp.max(found.frequency)
     grows = jnp.max(found.growth_rate) > 1e-8 * frequency
     status = jnp.where(grows & (found.status == Status.OK), Status.NO_EQUILIBRIUM, found.status)
-    frequency = jnp.where(status == Status.OK, frequency, jnp.nan)
-    result = StableStep(_limit(solver, jnp.log(growth) / steps) / frequency, frequency, status)
+    ok = status == Status.OK
+    frequency = jnp.where(ok, frequency, 1.0)
+    step = _limit(solver, jnp.log(growth) / steps) / frequency
+    result = StableStep(where_known(ok, step), where_known(ok, frequency), status)
     return raise_unless_ok(result, status) if throw else result
 
 

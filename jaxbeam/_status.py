@@ -1,10 +1,18 @@
 """What became of a case: a code that travels through `jit` and `vmap`, and its sentence."""
 
+import contextlib
 import enum
+import logging
+import os
+import re
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
 
 Result = TypeVar("Result")
 
@@ -45,6 +53,7 @@ class Status(enum.IntEnum):
     TOLERANCE_NOT_MET = 30
     NOT_IDENTIFIABLE = 31
     FIT_NOT_CONVERGED = 32
+    UNRESOLVED = 33
 
     @property
     def message(self) -> str:
@@ -87,8 +96,10 @@ _MESSAGES = {
         "length, or raise axial_stiffness"
     ),
     Status.NOT_CONVERGED: (
-        "the search for the steady rotation did not converge at this angular_speed; "
-        "lower it, or use more elements"
+        "the search did not converge at this angular_speed: where it was for the steady rotation, "
+        "lower angular_speed or use more elements; where it was for the lowest frequencies, an "
+        "axial mode is among them or the steady rotation is unstable, so take modes; where it was "
+        "for the boundary of a tongue, another mode passes by"
     ),
     Status.NO_CROSSING: (
         "no crossing in bracket: frequency minus harmonic times angular_speed must change "
@@ -136,6 +147,11 @@ _MESSAGES = {
         "the search for the best parameters did not end within max_steps: raise it, start nearer, "
         "or give bounds or priors"
     ),
+    Status.UNRESOLVED: (
+        "the hub's velocity changes by more than its rate integrates to: it jumps. Declare when "
+        "(jumps=[...] of HubVelocity and HubPose, jump_times of a motion of your own), so that the "
+        "beam gets the impulse, or let the motion rise smoothly"
+    ),
 }
 
 
@@ -144,18 +160,111 @@ def in_range(status: Any) -> Any:
     return (status == Status.OK) | (status >= Status.NO_EQUILIBRIUM)
 
 
+def trusted(status: Any) -> Any:
+    """Whether the numbers of a run may be used as far as it got: it came to its end, or was stopped
+    before. Every other status says that they are not those that were asked for."""
+    whole = (status == Status.OK) | (status == Status.MAX_STEPS) | (status == Status.STEP_FAILED)
+    return whole | (status == Status.DIVERGED) | (status == Status.UNRESOLVED)
+
+
 def raise_unless_ok(result: Result, status: Any) -> Result:
     """`result`, or the exception that belongs to `status`; works inside `jit`.
 
-    `ValueError` where a parameter is out of range, else `RuntimeError`; inside `jit` always the
-    latter, with the same sentence.
+    `ValueError` where a parameter is out of range, else `RuntimeError`. Inside a compiled program
+    as a rule the latter, and it comes from the runtime of XLA: the sentence is its last line, and
+    is logged before it (`said` finds it again). Of a batch the largest status counts.
     """
-    if isinstance(status, jax.core.Tracer):
-        sentences = [s.message for s in Status]
+    if not isinstance(status, jax.core.Tracer):
+        _raise_unless_ok(status)
+        return result
+    if os.environ.get("EQX_ON_ERROR", "raise") != "raise":  # NaN instead, say
+        sentences = [_MESSAGES.get(Status(code), "") for code in range(max(Status) + 1)]
         return eqx.branched_error_if(result, status != Status.OK, status, sentences)
+    passed = _passed.bind(status) >= 0  # always true, but the compiler does not know
+    return jax.tree.map(
+        lambda leaf: jnp.where(passed, leaf, jnp.zeros_like(leaf)) if eqx.is_array(leaf) else leaf,
+        result,
+    )
+
+
+def said(error: Exception) -> str | None:
+    """The sentence of a case that raised in a compiled program; None for any other error."""
+    if isinstance(error, eqx.EquinoxRuntimeError):
+        # Equinox writes stacks around it, and keeps a single sentence for all threads, the last:
+        # the right one is in the exception behind.
+        found = re.search(_SENTENCE, str(error.__context__ or error), re.DOTALL)
+        return found.group(1) if found else str(error).strip().split("\n")[0]
+    # Where JAX waits for a result it makes a ValueError of it, elsewhere a JaxRuntimeError.
+    found = re.search(_SENTENCE, str(error), re.DOTALL)
+    return found.group(1) if found else None
+
+
+@contextlib.contextmanager
+def unlogged() -> Iterator[None]:
+    """Keeps the sentences of cases that raise out of the log: they are collected otherwise."""
+
+    def none(_: logging.LogRecord) -> bool:
+        return False
+
+    _LOG.addFilter(none)
+    try:
+        yield
+    finally:
+        _LOG.removeFilter(none)
+
+
+class CaseError(RuntimeError):
+    """Raised on the way through XLA, which keeps its name and its sentence alone."""
+
+
+_SENTENCE = r"(?:EquinoxRuntimeError|CaseError): (.*?)(?:\n\n|$)"
+_LOG = logging.getLogger("jaxbeam")
+# JAX logs the same exception with a stack of its own insides; once is enough.
+logging.getLogger("jax._src.callback").addFilter(
+    lambda record: not (record.exc_info and isinstance(record.exc_info[1], CaseError))
+)
+
+
+def _raise_unless_ok(status: Any) -> None:
     ended = Status(int(status))
     if not in_range(ended):
         raise ValueError(ended.message)
     if ended != Status.OK:
         raise RuntimeError(ended.message)
-    return result
+
+
+# The status itself, if it is OK. Where values are known (in `vmap` and `grad` without `jit`) it
+# raises as it does without them; in a compiled program by a call back to Python.
+_passed = Primitive("passed")
+
+
+@_passed.def_impl
+def _passed_known(status: Any) -> Any:
+    _raise_unless_ok(status)
+    return status
+
+
+@_passed.def_abstract_eval
+def _passed_shape(status: Any) -> Any:
+    return status
+
+
+def _passed_batch(given: Any, axes: Any) -> Any:
+    (batch,) = given
+    return jnp.broadcast_to(_passed.bind(jnp.max(batch)), batch.shape), *axes
+
+
+def _passed_compiled(status: Any) -> Any:
+    def fail(code: Any) -> Any:
+        message = Status(int(code)).message
+        _LOG.error(message)
+        raise CaseError(message)
+
+    shape = jax.ShapeDtypeStruct(status.shape, status.dtype)
+    return jax.lax.cond(
+        status == Status.OK, lambda s: s, lambda s: jax.pure_callback(fail, shape, s), status
+    )
+
+
+batching.primitive_batchers[_passed] = _passed_batch
+mlir.register_lowering(_passed, mlir.lower_fun(_passed_compiled, multiple_results=False))

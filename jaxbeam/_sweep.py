@@ -8,7 +8,6 @@ import inspect
 import json
 import os
 import platform
-import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,9 +18,9 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxbeam._cases import Cases
+from jaxbeam._cases import Cases, checked_cases
 from jaxbeam._devices import Said, Team, batched
-from jaxbeam._status import Status
+from jaxbeam._status import Status, said, unlogged
 from jaxbeam._store import INFORMATION, Folder, Memory, Spec, opened
 from jaxbeam._table import Table, coordinate, layout, tabled
 
@@ -31,7 +30,7 @@ _MADE_WITH = ("jaxbeam", "jax", "jaxlib", "equinox", "diffrax", "numpy")
 
 def sweep(
     function: Callable[..., Any],
-    cases: Cases,
+    cases: Cases | Mapping[str, Any],
     *,
     chunk: int = 256,
     devices: Sequence[jax.Device] | None = None,
@@ -41,11 +40,12 @@ def sweep(
 ) -> Table:
     """Evaluate `function(**parameters)` for every case and collect the results by name.
 
-    The function is written for one case: it takes the parameters of `cases` as scalars, by name,
-    and returns an array, or a dictionary, dataclass or `eqx.Module` of arrays. It is compiled once
-    (again only for another function object, so what it reads from outside is frozen: bind arrays
-    that change between sweeps with `jax.tree_util.Partial(function, *arrays)`) and vectorised over
-    `chunk` cases at a time, which bounds the memory it needs; results go to NumPy as they come.
+    `cases` are made by `grid` or `listed`; a dictionary of lists, by name, is a grid. The function
+    is written for one case: it takes their parameters as scalars, by name, and returns an array, or
+    a dictionary, dataclass or `eqx.Module` of arrays. It is compiled once (again only for another
+    function object, so what it reads from outside is frozen: bind arrays that change between sweeps
+    with `jax.tree_util.Partial(function, *arrays)`) and vectorised over `chunk` cases at a time,
+    which bounds the memory it needs; results go to NumPy as they come.
 
     One failing case never touches another. If the result has an entry `status` it is the status of
     the case; otherwise a case is `NOT_FINITE` when any of its results is not. A case that raises
@@ -71,10 +71,20 @@ def sweep(
     `dims={"frequency": {"mode": ["1", "2"]}}`. `progress` shows a line on stderr as chunks end;
     by default only in sweeps that last longer than two seconds.
     """
+    if not callable(function):
+        raise TypeError(f"function must take parameters by name, got {type(function).__name__}")
+    cases = checked_cases(cases)
     if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
         raise ValueError(f"chunk must be an int >= 1, got {chunk!r}")
     chunk = min(chunk, len(cases))
     team = Team.of(devices)
+    if folder is not None and not isinstance(folder, str | os.PathLike):
+        raise TypeError(f"folder must be a path, got {folder!r}")
+    if not all(isinstance(part, Mapping) for part in (dims or {}, *_values(dims))):
+        raise TypeError(
+            'dims must be like {"frequency": {"mode": ["1", "2"]}}: by name of a result, its '
+            f"further dimensions with their coordinates; got {dims!r}"
+        )
     dims = {
         name: {dim: coordinate(dim, column).tolist() for dim, column in further.items()}
         for name, further in (dims or {}).items()
@@ -114,6 +124,10 @@ def sweep(
     if len(errors) == len(cases):
         raise RuntimeError(f"every case raised; the first one said: {errors[0]}")
     return tabled(cases, results, errors, dims)
+
+
+def _values(mapping: Any) -> list[Any]:
+    return list(mapping.values()) if isinstance(mapping, Mapping) else []
 
 
 def _lowered_for(device: jax.Device | None) -> contextlib.AbstractContextManager[Any]:
@@ -200,22 +214,16 @@ def _isolated(
 ) -> list[tuple[np.ndarray, dict[str, np.ndarray] | str]]:
     """Results of the cases in `index` in parts, a message for each case that raises alone."""
     try:
-        return [(index, run(index))]
-    except eqx.EquinoxRuntimeError as error:  # not other errors of the machine, say of memory
-        if len(index) == 1:
-            return [(index, _said(error))]
-        half = len(index) // 2
-        return _isolated(run, index[:half]) + _isolated(run, index[half:])
-
-
-def _said(error: Exception) -> str:
-    """The sentence in an exception, without the stacks that equinox writes around it.
-
-    From the exception behind it: equinox itself keeps one for all threads, the last.
-    """
-    text = str(error.__context__ or error)
-    found = re.search(r"EquinoxRuntimeError: (.*?)(?:\n\n|$)", text, re.DOTALL)
-    return found.group(1) if found else str(error).strip().split("\n")[0]
+        with unlogged():
+            return [(index, run(index))]
+    except Exception as error:
+        sentence = said(error)
+        if sentence is None:  # another error, say of memory
+            raise
+    if len(index) == 1:
+        return [(index, sentence)]
+    half = len(index) // 2
+    return _isolated(run, index[:half]) + _isolated(run, index[half:])
 
 
 def _program(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[str, Any]:

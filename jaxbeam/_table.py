@@ -6,7 +6,7 @@ import functools
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,7 +19,7 @@ from jaxbeam._store import reopened
 _LINES = 4096  # of a CSV file that are made at once
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)  # arrays are not compared
 class Table:
     """Labelled arrays: the results of a sweep.
 
@@ -35,9 +35,16 @@ class Table:
     errors: dict[int, str] = dataclasses.field(default_factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self.values:
+        if name not in self:
             raise KeyError(f"no values named {name!r}; there are {sorted(self.values)}")
         return self.values[name]
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and name in self.values
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the values, as of a dictionary."""
+        return iter(self.values)
 
     def sel(self, **at: Any) -> Self:
         """The part of the table at these coordinates, by value: `table.sel(tip_mass=0.5)`.
@@ -59,7 +66,8 @@ class Table:
         else:
             raise KeyError(f"no dimension named {name!r}; there are {sorted(self.coords)}")
         if isinstance(wanted, slice):
-            if wanted.step is not None or column.dtype.kind == "U":
+            ends = [end for end in (wanted.start, wanted.stop) if end is not None]
+            if wanted.step is not None or column.dtype.kind == "U" or not all(map(_real, ends)):
                 raise ValueError(f"{name}: a slice is from one number to another, without step")
             keep, slack = np.ones(column.shape, bool), _slack(column)
             if wanted.start is not None:
@@ -67,7 +75,8 @@ class Table:
             if wanted.stop is not None:
                 keep &= column <= wanted.stop + slack
             index: Any = np.flatnonzero(keep)
-        elif isinstance(wanted, list | np.ndarray) or type(wanted) is tuple:  # a Label is one name
+        elif isinstance(wanted, list) or type(wanted) is tuple or bool(getattr(wanted, "ndim", 0)):
+            # A Label, which is a tuple of a type of its own, is one name.
             found = [_find(name, column, w) for w in wanted]
             index = np.concatenate(found) if found else np.zeros(0, int)
         else:
@@ -78,6 +87,13 @@ class Table:
 
     def take(self, dim: str, index: Any) -> Self:
         """The part at these positions along a dimension."""
+        if dim not in self.coords:
+            raise KeyError(f"no dimension named {dim!r}; there are {sorted(self.coords)}")
+        places, size = np.asarray(index), len(self.coords[dim])
+        whole = places.dtype.kind in "iu" or not places.size
+        if not whole or places.ndim > 1 or ((places < -size) | (places >= size)).any():
+            raise IndexError(f"{dim} has {size} positions, from 0, got {index!r}")
+        index = places.astype(int)
         values = {
             n: np.take(v, index, axis=self.dims[n].index(dim)) if dim in self.dims[n] else v
             for n, v in self.values.items()
@@ -126,18 +142,25 @@ class Table:
         if os.path.isdir(path):
             store, identity, cases = reopened(Path(path))
             return cls(**vars(tabled(cases, *store.collected(), identity["dims"])))
-        with np.load(path, allow_pickle=False) as file:
-            meta = json.loads(str(file["meta"]))
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                meta = json.loads(str(file["meta"]))
 
-            def part(kind: str) -> dict[str, np.ndarray]:
-                return {n[6:]: file[n] for n in file.files if n.startswith(kind)}
+                def part(kind: str) -> dict[str, np.ndarray]:
+                    return {n[6:]: file[n] for n in file.files if n.startswith(kind)}
 
-            return cls(
-                values=part("value:"),
-                dims={n: tuple(d) for n, d in meta["dims"].items()},
-                coords=part("coord:"),
-                errors={int(i): text for i, text in meta["errors"].items()},
-            )
+                return cls(
+                    values=part("value:"),
+                    dims={n: tuple(d) for n, d in meta["dims"].items()},
+                    coords=part("coord:"),
+                    errors={int(i): text for i, text in meta["errors"].items()},
+                )
+        except OSError as error:
+            if error.errno is not None:  # the file is missing, or may not be read
+                raise
+            raise ValueError(f"{path} is not a table: Table.save did not write it") from error
+        except Exception as error:  # whatever NumPy, zipfile and zlib say of another file
+            raise ValueError(f"{path} is not a table: Table.save did not write it") from error
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """One line a case: its coordinates, then every value, further dimensions as columns."""
@@ -195,13 +218,21 @@ def _find(name: str, column: np.ndarray, wanted: Any) -> np.ndarray:
         if not found.size:
             raise KeyError(f"{name} has no coordinate {str(wanted)!r}; there are {column.tolist()}")
         return found
-    if isinstance(wanted, bool) or not isinstance(wanted, int | float | np.number):
+    if not _real(wanted):
         raise TypeError(f"{name} must be selected by numbers, got {wanted!r}")
-    found = np.flatnonzero(np.isclose(column, wanted, rtol=1e-9, atol=_slack(column)))
+    close = np.isclose(column, wanted, rtol=1e-9, atol=_slack(column), equal_nan=True)
+    found = np.flatnonzero(close)
     if not found.size:
-        near = float(column[np.nanargmin(np.abs(column - wanted))])
-        raise KeyError(f"{name} has no coordinate {wanted!r}, nearest {near}")
+        away = np.abs(column - wanted)
+        near = f", nearest {float(column[np.nanargmin(away)])}" if np.isfinite(away).any() else ""
+        raise KeyError(f"{name} has no coordinate {wanted!r}{near}")
     return found
+
+
+def _real(value: Any) -> bool:
+    """Whether it is a real number, as Python, NumPy or JAX have them."""
+    kind = getattr(value, "dtype", np.dtype(type(value) if type(value) in (int, float) else object))
+    return np.ndim(value) == 0 and np.dtype(kind).kind in "iuf"
 
 
 def layout(

@@ -8,14 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jaxbeam._beam import positive
+from jaxbeam._beam import positive, real_array
 from jaxbeam._floquet import PLANES, Plane, checked_damping, input_status
 from jaxbeam._linalg import eigensystem
 from jaxbeam._loads import Damping
-from jaxbeam._models.base import AbstractModel, Family, Label, count_functions
+from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, count_functions
 from jaxbeam._modes import Choice, choose, find
-from jaxbeam._motion import ModulatedSpeed
+from jaxbeam._results import where_known
 from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector
 
@@ -29,6 +30,9 @@ class Tongue(eqx.Module):
     | frequency | (D, 2) | rad/s | lowest and highest frequency of modulation of the region      |
     | tip       | ()     | rad/s | where it begins without damping: (omega_i + omega_j) / order  |
     | status    | (D,)   |       | `Status`; `NO_TONGUE` where damping leaves none at this depth |
+
+    Where `status` is not OK the frequencies are NaN (derivatives: as in `modes`); so is `tip` where
+    nothing could be computed at any depth.
     """
 
     depth: Vector
@@ -79,7 +83,7 @@ def tongue(
         raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
     count_functions("order", order, least=1)
     count_functions("steps", steps, least=1)
-    depths = jnp.asarray(depths, jnp.result_type(float))
+    depths = real_array("depths", depths)
     if depths.ndim != 1 or depths.size == 0:
         raise ValueError(f"depths must be a list of numbers, got shape {depths.shape}")
     if not isinstance(depths, jax.core.Tracer):
@@ -87,7 +91,7 @@ def tongue(
         if not (np.isfinite(known).all() and known[0] > 0 and (np.diff(known) > 0).all()):
             raise ValueError(f"depths must be finite, positive and increasing, got {known}")
     speed = positive("mean", mean)
-    rotor, _ = model.steady_case(rotor, 0.0)
+    rotor, _ = checked_case(model, rotor)
     damping = checked_damping(damping)
     share = jnp.asarray(float(order))  # an array: another order does not compile anew
     result = _tongue(model, rotor, speed, choice, depths, share, damping, planes[0], steps)
@@ -219,21 +223,21 @@ def _tongue(
     least = jnp.full_like(tip, 1e-3)
     first = _Traced(least, tip, 0.01 * tip * least**order, jnp.full(2, jnp.nan))
     start = without_derivatives((first, depths))
-    _, (ends, rates, status) = jax.lax.scan(step, *start)
+    _, (kept, rates, status) = jax.lax.scan(step, *start)
 
     def polished(end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
         """One more step, in which the parameters carry their derivatives."""
         here = jnp.isfinite(end)
         depth = jnp.where(here, depth, 1e-3)
         value, _ = margin((rotor, mean, damping, jnp.where(here, end, tip), depth))
-        return jnp.where(here, end - value / jnp.where(here, rate, 1.0), jnp.nan)
+        value, end = jnp.where(here, value, 0.0), jnp.where(here, end, tip)
+        return end - value / jnp.where(here, rate, 1.0)
 
-    ends = jax.vmap(jax.vmap(polished, (0, 0, None)))(ends, rates, depths)
+    ends = jax.vmap(jax.vmap(polished, (0, 0, None)))(kept, rates, depths)
     status = jnp.where(fine, status, given).astype(int)
     ok = status == Status.OK
-    return Tongue(
-        depths, jnp.where(ok[:, None], ends, jnp.nan), jnp.where(fine, tip_now, jnp.nan), status
-    )
+    known = ok[:, None] & jnp.isfinite(kept)
+    return Tongue(depths, where_known(known, ends), where_known(fine, tip_now), status)
 
 
 _Case = tuple[Any, Scalar, Damping, Scalar, Scalar]  # rotor, mean speed, ..., frequency and depth

@@ -51,7 +51,8 @@ def peak(tip_mass):
     blade = jb.Beam.from_section(length=8.0, youngs_modulus=6.895e10, density=2767.0,
                                  area=7.299e-5, in_plane_second_moment=8.214e-9)
     motion, times = jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 20.0, 201)
-    return jb.simulate(jb.GreenANCF(8), jb.Rotor(blade, 0.0, tip_mass), motion, times).peak()[0]
+    rotor = jb.Rotor(blade, 0.0, tip_mass)
+    return jb.simulate(jb.EngineeringANCF(8), rotor, motion, times).peak()[0]
 
 FUNCTION(0.1).block_until_ready()
 print(time.perf_counter() - start)
@@ -77,7 +78,7 @@ def gradients(quick: bool) -> list[Row]:
     def peak(v: Any) -> Any:
         blade = jb.Beam(BLADE.length, v[0], v[1], v[2], v[2])
         return jb.simulate(
-            jb.GreenANCF(8), jb.Rotor(blade, v[3], v[4]), jb.SmoothSpinUp(4.0, 15.0), TIMES,
+            jb.EngineeringANCF(8), jb.Rotor(blade, v[3], v[4]), jb.SmoothSpinUp(4.0, 15.0), TIMES,
             stepsize_controller=diffrax.PIDController(rtol=1e-5, atol=1e-5), throw=False,
         ).peak()[0]  # fmt: skip
 
@@ -122,7 +123,7 @@ def elements(quick: bool, out: Path) -> list[Row]:
         @jax.jit
         def run(speed: Any, n: int = n) -> Any:
             return jb.simulate(
-                jb.GreenANCF(n), jb.Rotor(BLADE), jb.SmoothSpinUp(speed, 15.0), [0.0, 2.0],
+                jb.EngineeringANCF(n), jb.Rotor(BLADE), jb.SmoothSpinUp(speed, 15.0), [0.0, 2.0],
                 stepsize_controller=diffrax.ConstantStepSize(), dt0=2.0 / steps, throw=False,
             ).tip  # fmt: skip
 

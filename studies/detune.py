@@ -73,7 +73,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     descent = jb.Descent(starts=16 if quick else 64, steps=100, spread=3.0)
     found = jb.fit(experiments, free, descent=descent)
     seconds = time.perf_counter() - began
-    new = {name: float(value) for name, value in found.parameters.items()}
+    new = {name: float(value) for name, value in found.partial.parameters.items()}
     rows = []
     for title, design in (("as designed", {"hub": HUB, "tip": TIP}), ("detuned", new)):
         margin, where = least(**design)

@@ -206,7 +206,7 @@ def spin_ups(quick: bool) -> list[Run]:
                 stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=atol),
             )  # fmt: skip
             worst = jnp.max(jnp.abs(jnp.where(jnp.isnan(run.imbalance), 0, run.imbalance)))
-            return run.tip[:, 1], run.status, worst, run.solution.stats["num_steps"]
+            return run.partial.tip[:, 1], run.status, worst, run.solution.stats["num_steps"]
 
         tips, status, worst, steps = jax.jit(jax.vmap(one))(jnp.asarray(tolerances))
         error = np.max(np.abs(np.asarray(tips) - exact), 1) / np.max(np.abs(exact))

@@ -2,7 +2,7 @@
 
 Random scenes (spin-ups and steady rotation, slow and fast, slender and stout, with and without hub
 and tip mass, deflections from a ten thousandth to three quarters of the length) are given to
-`jb.choose_model` at three tolerances, and its choice is held against 64 geometrically non-linear
+`jb.choose_model` at three tolerances, and its choice is held against 64 geometrically exact
 elements. Then a sweep of spin-ups goes through `jb.ladder_sweep`, and through the richest rung.
 
     python studies/ladder.py [--quick] [--out FOLDER]
@@ -147,7 +147,7 @@ def asked(kind: str, scene: Scene, size: float) -> Asked:
     else:
         question = spin_up(KINDS[kind], scene, float(at_rest(scene.tip)))
     accuracy = 1e-6 if kind == "strain" else 1e-7
-    truth = jb.answer(question, rotor, jb.GreenANCF(TRUTH), accuracy, size)
+    truth = jb.answer(question, rotor, jb.EngineeringANCF(TRUTH), accuracy, size)
     if int(truth.status) != jb.Status.OK:
         raise RuntimeError(
             f"no truth for {kind} of {scene}: {jb.Status(int(truth.status)).message}"
@@ -166,7 +166,7 @@ def judged(each: Asked, tolerance: float) -> Outcome:
         return float(found.distance(each.truth))
 
     began = time.perf_counter()
-    error(jb.GreenANCF(TRUTH))
+    error(jb.EngineeringANCF(TRUTH))
     richest_seconds = time.perf_counter() - began
     place = [e.rung for e in choice.evidence].index(choice.rung)
     enough = (i for i in range(place) if error(choice.evidence[i].rung.model) <= tolerance)
@@ -274,12 +274,12 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
         return table, spent
 
     accuracy = 0.05 * tolerance  # as in the ladder
-    models: list[jb.AbstractModel] = [jb.GreenANCF(TRUTH)]
+    models: list[jb.AbstractModel] = [jb.EngineeringANCF(TRUTH)]
     if not quick:
-        models = [jb.Hybrid(0, 4, 0), *(jb.GreenANCF(k) for k in sorted({finest, TRUTH}))]
+        models = [jb.Hybrid(0, 4, 0), *(jb.EngineeringANCF(k) for k in sorted({finest, TRUTH}))]
     tables, spent = zip(*(everywhere(model, accuracy) for model in models), strict=True)
-    truth = tables[-1] if quick else everywhere(jb.GreenANCF(32), 1e-7, runs=1)[0]
-    error = np.abs(table["value"][:, 0] / truth["peak"] - 1)
+    truth = tables[-1] if quick else everywhere(jb.EngineeringANCF(32), 1e-7, runs=1)[0]
+    error = np.abs(table["partial"][:, 0] / truth["peak"] - 1)
     said = table["status"] == 0
     print(f"sweep of {n} spin-ups, tolerance {tolerance:g}")
     for rung, many in used.most_common():

@@ -106,11 +106,11 @@ def at_error(lines: list[Line], method: str, error: float) -> float:
 def spin_up(speed: Any, solver: Any, controller: Any, dt0: Any) -> tuple[Any, Any]:
     """Tip deflection, and number of steps."""
     run = jb.simulate(
-        jb.GreenANCF(ELEMENTS), jb.Rotor(REF_21),
+        jb.EngineeringANCF(ELEMENTS), jb.Rotor(REF_21),
         jb.SmoothSpinUp(speed, DURATION), TIMES, solver=solver, stepsize_controller=controller,
         dt0=dt0, max_steps=10_000_000, throw=False,
     )  # fmt: skip
-    return run.tip[:, 1], run.solution.stats["num_steps"]
+    return run.partial.tip[:, 1], run.solution.stats["num_steps"]
 
 
 def adaptive(solver: Any) -> Callable[[float, float], tuple[Any, Any]]:
@@ -185,7 +185,7 @@ def first_order() -> tuple[Callable[..., Any], Callable[..., Any]]:
     """The same equations for SciPy, with their exact Jacobian: functions of t and (q, v)."""
     n = 4 * ELEMENTS + 1
     scene = jb.Scene(
-        jb.GreenANCF(ELEMENTS), jax.tree.map(jnp.asarray, jb.Rotor(REF_21)),
+        jb.EngineeringANCF(ELEMENTS), jax.tree.map(jnp.asarray, jb.Rotor(REF_21)),
         jb.SmoothSpinUp(4.0, DURATION), jb.Loads(), jb.Damping(),
     )  # fmt: skip
 
@@ -355,7 +355,7 @@ def slow_spin_up(quick: bool) -> list[Line]:
                     if fixed
                     else diffrax.PIDController(rtol=setting, atol=setting)
                 ),
-            ).tip[:, 1]  # fmt: skip
+            ).partial.tip[:, 1]  # fmt: skip
 
         return run
 

@@ -85,8 +85,8 @@ DOPRI = Method("diffrax Dopri5", diffrax.Dopri5(), True, ADAPTIVE)
 def pairs(quick: bool) -> list[tuple[str, Any, Method]]:
     """What is tried."""
     elements: list[tuple[str, Any]] = [
-        ("Green, 8 elements", jb.GreenANCF(8)), ("Green, 4 elements", jb.GreenANCF(4)),
-        ("Model A, 8 elements", jb.ANCF(8)), ("Green, 16 elements", jb.GreenANCF(16)),
+        ("exact, 8 elements", jb.EngineeringANCF(8)), ("exact, 4 elements", jb.EngineeringANCF(4)),
+        ("Model A, 8 elements", jb.ANCF(8)), ("exact, 16 elements", jb.EngineeringANCF(16)),
         ("Model 0, 8 elements", jb.ChordANCF(8)),
     ]  # fmt: skip
     linear: list[tuple[str, Any]] = [
@@ -150,7 +150,9 @@ def motions(quick: bool) -> list[Point]:
     """All pairs in all scenes."""
     repeats = 1 if quick else 5
     given = [jax.tree.map(jnp.asarray, tuple(s)[1:]) for s in SCENES]
-    exact = jax.jit(lambda g: tip(g, jb.GreenANCF(16 if quick else 32), RODAS5P, 1.0, 1e-9)[0])
+    exact = jax.jit(
+        lambda g: tip(g, jb.EngineeringANCF(16 if quick else 32), RODAS5P, 1.0, 1e-9)[0]
+    )
     references = [np.asarray(exact(g)) for g in given]
     shares = jnp.asarray(np.linspace(1.0, 0.9, LANES))
     points = []

@@ -1,6 +1,6 @@
 """Film of an abrupt spin-up: the beam of Yoo, Ryan and Scott (Y), Figs. 3 and 4.
 
-Hybrid (linear, with motion-induced stiffness) and geometrically non-linear beam; the tip of the
+Hybrid (linear, with motion-induced stiffness) and geometrically exact beam; the tip of the
 latter moves three quarters of the length, so this is where the two part. Writes a filmstrip of
 shapes in the hub frame and in space, coloured by time, and an animated GIF of the two in space.
 
@@ -32,7 +32,7 @@ MOTION = jb.QuinticSpinUp(0.31, 1.0)
 END = 20.0  # s: about one turn
 LENGTH = float(ROTOR.beam.length)
 XI = np.linspace(0, 1, 41)
-HYBRID, NONLINEAR = "hybrid", "geometrically non-linear"
+HYBRID, NONLINEAR = "hybrid", "geometrically exact"
 COLOURS = {HYBRID: "#D55E00", NONLINEAR: "#0072B2"}
 
 Shapes = dict[str, Any]  # (T, p, 2) in m, for each model
@@ -42,7 +42,7 @@ def shapes(times: Any, quick: bool) -> tuple[Shapes, Shapes]:
     """The beams in the hub frame and in space."""
     turn = np.asarray(jax.vmap(MOTION.attitude)(times))[:, :2, :2]
     hub, space = {}, {}
-    models = {HYBRID: jb.Hybrid(0, 8, 0), NONLINEAR: jb.GreenANCF(4 if quick else 8)}
+    models = {HYBRID: jb.Hybrid(0, 8, 0), NONLINEAR: jb.EngineeringANCF(4 if quick else 8)}
     for name, model in models.items():
         run = jb.simulate(model, ROTOR, MOTION, times)
         place = np.asarray(run.displacement(XI))[:, :, :2] + np.outer(LENGTH * XI, [1, 0])

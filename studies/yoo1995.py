@@ -101,7 +101,7 @@ class Example(NamedTuple):
         for name, run in runs.items():
             ended = jb.Status(int(run.status)).name, float(np.nanmax(np.abs(run.imbalance)))
             for label, component in self.components.items():
-                peak = (float(v) for v in run.peak(component))
+                peak = (float(v) for v in run.partial.peak(component))
                 peaks.append((self.figure, self.case, name, label, *peak, *ended))
                 line = "  {:5} {:9} {:17} {:3} {:9.4f} m at {:7.3f} s  {:9} {:.0e}"
                 print(line.format(*peaks[-1]), flush=True)
@@ -123,7 +123,7 @@ def rotor(mass: float, modulus: float, length: float, area: float, *moments: flo
 
 def history(run: jb.Simulation, component: int) -> np.ndarray:
     """At the output times alone: a run with an event has one time more."""
-    return np.asarray(run.tip)[:POINTS, component]
+    return np.asarray(run.partial.tip)[:POINTS, component]
 
 
 def draw(axes: Iterable[Any], example: Example, runs: Mapping[str, jb.Simulation]) -> None:
@@ -321,7 +321,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     # With flap functions in the planar examples as well, where they rest: one compilation for all.
     models: Models = {
         VON_KARMAN: jb.VonKarman(2 * n, n, n),
-        EXACT: jb.GreenANCF(8 if quick else 12),
+        EXACT: jb.EngineeringANCF(8 if quick else 12),
         PRESENT: jb.Hybrid(4, n, n),
         CLASSICAL: jb.Classical(4, n, n),
     }

@@ -1,11 +1,18 @@
 """Strict numerics for the whole session, set before anything is computed."""
 
+import contextlib
+import faulthandler
 import gc
+import hashlib
 import os
+import tempfile
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import equinox as eqx
 import jax
+import numpy as np
 import pytest
 
 jax.config.update("jax_enable_x64", True)
@@ -14,6 +21,8 @@ jax.config.update("jax_num_cpu_devices", 8)  # virtual ones, for sweeps over sev
 # Much of the time of all tests is LLVM's: here it does not optimise. What users run, optimised, is
 # tested in processes of their own: the README, the studies, and what takes `tests.helpers.USERS`.
 os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+if version("jaxlib").startswith("0.10."):  # others may not know the flag, which halves the rest
+    os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -34,3 +43,38 @@ def _room_for_programs():
         jax.clear_caches()
         eqx.clear_caches()
         gc.collect()
+
+
+LONGEST = 300.0  # s for one random scene, with its compilation on a busy machine
+
+
+@pytest.fixture
+def watched(request: pytest.FixtureRequest, testrun_uid: str) -> Iterator[Callable]:
+    """`with watched(scene):` ends the process with a traceback where a random scene does not end.
+
+    pytest-xdist starts a test again whose process ended: then tell of the scene instead. NumPy need
+    not warn: what is not finite is found by comparisons.
+    """
+    test = hashlib.sha256(f"{testrun_uid} {request.node.nodeid}".encode()).hexdigest()
+    current = Path(tempfile.gettempdir(), f"jaxbeam-fuzz-{test[:16]}")
+    if current.exists():
+        scene = current.read_text()
+        current.unlink()
+        pytest.fail(f"the process ended (after {LONGEST:.0f} s?) at: {scene}")
+    # A traceback is to be seen although pytest captures what tests write.
+    with request.config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+        terminal = os.dup(2)
+
+    @contextlib.contextmanager
+    def watch(scene: object) -> Iterator[None]:
+        current.write_text(repr(scene))
+        faulthandler.dump_traceback_later(LONGEST, exit=True, file=terminal)
+        try:
+            with np.errstate(all="ignore"):
+                yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
+    yield watch
+    current.unlink(missing_ok=True)
+    os.close(terminal)

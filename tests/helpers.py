@@ -28,6 +28,7 @@ USERS = {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_"
 ELEMENTS = [
     jb.SmallStrainANCF(2),
     jb.ANCF(2),
+    jb.EngineeringANCF(2),
     jb.GreenANCF(2),
     jb.ChordANCF(2),
     jb.TangentANCF(2),

@@ -144,7 +144,7 @@ def test_functions_with_other_operations_still_work():
     np.testing.assert_allclose(jax.jit(fast)(x, x), np.sort(TABLE[:, :5] @ x), rtol=1e-14)
 
 
-MODELS = [jb.GreenANCF(2), jb.ANCF(2), jb.ChordANCF(2), jb.TangentANCF(2)]
+MODELS = [jb.EngineeringANCF(2), jb.ANCF(2), jb.ChordANCF(2), jb.TangentANCF(2)]
 
 
 ROTOR = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), tip_mass=0.1)
@@ -193,7 +193,7 @@ def test_any_number_of_elements(n):
     """Programs grow with it, and XLA treats large operations in other ways."""
 
     def tip(n, speed):
-        run = jb.simulate(jb.GreenANCF(n), ROTOR, jb.SmoothSpinUp(speed, 5.0), [0.0, 2.0])
+        run = jb.simulate(jb.EngineeringANCF(n), ROTOR, jb.SmoothSpinUp(speed, 5.0), [0.0, 2.0])
         return run.tip[-1, 1]
 
     np.testing.assert_allclose(tip(n, 2.0), tip(16, 2.0), rtol=1e-4)

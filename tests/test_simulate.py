@@ -259,6 +259,7 @@ def test_event_ends_the_run_where_the_limit_is_reached():
     np.testing.assert_allclose(np.abs(run.tip[reached][-1, 1]), 0.05, rtol=1e-5)
     assert np.isnan(run.tip[~reached]).all()
     assert int(run.status) == jb.Status.OK
+    np.testing.assert_allclose(np.abs(run.peak()[0]), 0.05, rtol=1e-5)
 
 
 @pytest.mark.slow
@@ -671,7 +672,8 @@ def test_a_success_that_is_nonsense_is_flagged():
     good = run_case(model=model)
     bad = run_case(model=model, throw=False, dt0=0.25, **loose)
     assert bad.solution.result == diffrax.RESULTS.successful
-    assert np.abs(bad.tip[-1] - good.tip[-1]).max() > 0.01
+    assert np.abs(bad.partial.tip[-1] - good.tip[-1]).max() > 0.01
+    assert np.isnan(bad.tip).all()
     assert int(bad.status) == jb.Status.UNBALANCED
     assert int(good.status) == jb.Status.OK
 
@@ -718,3 +720,21 @@ def test_single_precision_warns():
         rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0))
         with pytest.warns(UserWarning, match="32-bit"), pytest.raises(TypeError, match="motion"):
             jb.simulate(jb.Hybrid(0, 1, 0), rotor, None, [0.0, 1.0])
+
+
+def gap(t, value):
+    """NaN for a hundredth of a run from 0 to 1, off the output times and their 64th parts."""
+    return jnp.where((t > 0.392) & (t < 0.402), jnp.nan, value)
+
+
+def test_a_gap_in_motion_or_load_between_outputs_is_named():
+    def run(motion, loads):
+        return jb.simulate(
+            jb.DiscreteNC(), SPRINGS, motion, [0.0, 1.0], loads=loads, max_steps=2000, throw=False
+        ).status
+
+    steady = jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.array([0.0, 0.0, 1.0]))
+    torn = jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.array([0.0, 0.0, gap(t, 1.0)]))
+    push = jb.Loads(tip_force=lambda t: jnp.array([0.0, gap(t, 1.0), 0.0]))
+    assert run(torn, None) == jb.Status.INVALID_MOTION
+    assert run(steady, push) == jb.Status.INVALID_LOAD

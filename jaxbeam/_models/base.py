@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import Rotor, SpringRotor, checked_rotor, checked_speed
+from jaxbeam._beam import Rotor, SpringRotor, checked_rotor, checked_speed, kind_of
 from jaxbeam._blocks import BlockTridiagonal
 from jaxbeam._linalg import dense, find_root
 from jaxbeam._motion import Hub, spinning
+from jaxbeam._results import where_known
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Triple, Vector
 
@@ -42,6 +43,9 @@ class Label(NamedTuple):
 
 def labels(*, in_plane: int = 0, flap: int = 0, axial: int = 0) -> tuple[Label, ...]:
     """Labels of the first modes of each family: `labels(in_plane=2, flap=1)` is three labels."""
+    named = {"in_plane": in_plane, "flap": flap, "axial": axial}
+    for name, count in named.items():
+        count_functions(name, int(count) if isinstance(count, np.integer) else count)
     counts = {Family.IN_PLANE: in_plane, Family.FLAP: flap, Family.AXIAL: axial}
     return tuple(Label(f, k + 1) for f, count in counts.items() for k in range(count))
 
@@ -55,7 +59,7 @@ class LinearSystem(eqx.Module):
     plane, and what the eigensolver builds on. `families` names the direction of each coordinate.
     `steady_strain` is the axial strain at the root, the largest of the steady state, without
     unit: that of the steady state in `ANCF`, elsewhere the estimate P(0) / EA from the tension on
-    the undeformed beam.
+    the undeformed beam. Unless `status` is OK all numbers are NaN.
     """
 
     mass: Matrix
@@ -208,7 +212,7 @@ class AbstractModel(eqx.Module):
 
         `throw=False` leaves failures in `LinearSystem.status` instead of raising.
         """
-        system = _linearised(self, *self.steady_case(rotor, angular_speed))
+        system = _linearised(self, *checked_case(self, rotor, angular_speed))
         return raise_unless_ok(system, system.status) if throw else system
 
     def matrices(self, rotor: Any, speed: Scalar) -> LinearSystem:
@@ -234,9 +238,18 @@ class AbstractModel(eqx.Module):
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
         return equilibrium(self.equations(rotor), spinning(speed))
 
-    def steady_case(self, rotor: Any, angular_speed: Any) -> tuple[Any, Scalar]:
-        """Rotor and speed, checked."""
-        return checked_rotor(self.rotor_type, rotor), checked_speed(angular_speed)
+
+def checked_model(model: Any) -> AbstractModel:
+    """The model, if it is one."""
+    if not isinstance(model, AbstractModel):
+        raise TypeError(f"model must be a model, such as jaxbeam.Hybrid(), got {kind_of(model)}")
+    return model
+
+
+def checked_case(model: Any, rotor: Any, angular_speed: Any = 0.0) -> tuple[Any, Scalar]:
+    """Rotor of a model and speed, checked."""
+    kind = checked_model(model).rotor_type
+    return checked_rotor(kind, rotor), checked_speed(angular_speed)
 
 
 def equilibrium(
@@ -266,7 +279,10 @@ def equilibrium(
 
 @eqx.filter_jit
 def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    return guarded_matrices(model, rotor, speed)
+    system = guarded_matrices(model, rotor, speed)
+    matrices = (system.mass, system.gyroscopic, system.stiffness)
+    known = where_known(system.status == Status.OK, matrices)
+    return eqx.tree_at(lambda s: (s.mass, s.gyroscopic, s.stiffness), system, known)
 
 
 def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
@@ -280,7 +296,7 @@ def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> Linea
     rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
     system = model.matrices(rotor, jnp.where(fine, speed, 0.0))
     status = jnp.where(fine, system.status, given)
-    strain = jnp.where(status == Status.OK, system.steady_strain, jnp.nan)
+    strain = where_known(status == Status.OK, system.steady_strain)
     return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
 
 

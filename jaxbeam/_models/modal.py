@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._basis import Basis, Polynomials
-from jaxbeam._beam import Rotor
+from jaxbeam._beam import Rotor, kind_of
 from jaxbeam._models.base import LinearSystem, count_functions
 from jaxbeam._models.cartesian import (
     CartesianEquations,
@@ -50,7 +50,7 @@ class _Modal(CartesianModel):
         if self.n_stretch + self.n_in_plane + self.n_flap == 0:
             raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
         if not isinstance(self.basis, Basis):
-            raise TypeError(f"basis must be a Basis, got {type(self.basis).__name__}")
+            raise TypeError(f"basis must be a Basis, got {kind_of(self.basis)}")
 
     @property
     def functions_from(self) -> Basis:

@@ -15,7 +15,9 @@ from jaxbeam._kernel import beside, contract, kernel
 from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
 from jaxbeam._types import Scalar
 
-_NODES = (1 + np.polynomial.legendre.leggauss(4)[0]) / 2
+_NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
+_NODES, WEIGHTS = (1 + _NODES) / 2, WEIGHTS / 2
+_PLACES = np.array([0.0, *_NODES, 1.0])
 # From values at the nodes to coefficients of s, ..., s^4 of the integral of the cubic there.
 _INTEGRAL = np.linalg.inv(np.vander(_NODES, increasing=True)) / np.arange(1, 5)[:, None]
 
@@ -91,9 +93,14 @@ def _kernel(core: Core, solver: SecondOrderSolver, tree: Any) -> Callable[..., A
     return kernel(lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays))
 
 
+def inputs_along(system: SecondOrderSystem, t0: Scalar, h: Scalar) -> Any:
+    """Inputs at the start of a step, at the four points of Gauss with `WEIGHTS`, and at its end."""
+    return without_derivatives(jax.vmap(system.inputs)(t0 + h * _PLACES))
+
+
 def work_inputs(system: SecondOrderSystem, t0: Scalar, h: Scalar) -> Any:
     """Inputs at the moments where `work_along` wants them."""
-    return without_derivatives(jax.vmap(system.inputs)(t0 + h * _NODES))
+    return jax.tree.map(lambda a: a[1:-1], inputs_along(system, t0, h))
 
 
 def work_along(

@@ -1,0 +1,128 @@
+"""What motion and loads do along a run, and steps that follow it.
+
+A solver sees the hub only at the stages of its steps, and at rest nothing limits a step: it would
+leap over a motion that begins later. So every run looks at its motion and loads beforehand, at
+`SAMPLES` times, and bounds each step by the shortest event that it could pass over; steps end at
+the times of change and of jumps that are declared; and in every step the change of the hub's speed
+is compared with the integral of its rate, by which a step that missed something is made anew, and
+a jump is found.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxbeam._motion import Hub, Times
+from jaxbeam._scene import Inputs, Scene
+from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._types import Scalar
+
+SAMPLES = 1024  # of a run
+_UNSEEN = 4  # a jump makes the largest difference three times the mean one around it
+_FLOOR = 1e-6  # changes that are smaller than this, relative to the largest value, do not count
+# Of a vector that stands for three components: no motion of interest is normal to it.
+_ASLANT = np.array([0.48, 0.6, 0.64])
+
+
+class Course(eqx.Module):
+    """How far steps may reach, and how fast the hub moves at most; without derivatives."""
+
+    start: Scalar
+    spacing: Scalar  # of the samples, s
+    reach: Float[Array, "64 3"]  # see `_reach`, s
+    stops: Times  # where steps end: the times declared
+    jumps: Times  # those of them at which velocities may jump
+    gap: Scalar  # by which steps keep away from stops on either side, s
+    twist: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
+    speed: Scalar  # the largest velocity, m/s
+
+    def __init__(self, scene: Scene, times: Array, seen: Inputs) -> None:
+        """`seen` are the inputs of the scene at `SAMPLES` + 1 times `during` the run."""
+        scene, times, (hub, force) = without_derivatives((scene, times, seen))
+        self.start, self.spacing = times[0], (times[-1] - times[0]) / SAMPLES
+        twists = jax.vmap(scene.twist_of)(hub)
+        self.speed = jnp.max(jnp.abs(twists))
+        # What changes by more than its rates explain may change back within one step.
+        changes = jnp.max(jnp.abs(jnp.diff(twists, axis=0)), 1)
+        rates = jnp.max(jnp.abs(jax.vmap(scene.twist_rate_of)(hub)), 1)
+        explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
+        sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
+        self.reach = self.spacing * _reach(_signals(hub, force), sudden)
+        self.stops, self.jumps, self.gap = scene.stops, scene.jumps, scene.gap
+        self.twist = scene.twist_of(scene.hub(scene.after(times[0])))
+
+    @property
+    def duration(self) -> Scalar:
+        """Of the run, s."""
+        return SAMPLES * self.spacing
+
+    def limit(self, t: Scalar, end: Scalar) -> Scalar:
+        """Where a step from t may end, when `end` is wanted."""
+        place = ((t - self.start) / (16 * self.spacing)).astype(int)
+        within, cell_end, beyond = self.reach[place]
+        end = jnp.minimum(end, jnp.minimum(t + within, self.start + cell_end + beyond))
+        if not self.stops.size:
+            return end
+        ahead = jnp.where(self.stops - self.gap > t, self.stops - self.gap, jnp.inf)
+        left = jnp.min(ahead) - t
+        h = end - t
+        # Two steps of one length rather than a long one and a splinter.
+        return jnp.where(h >= left, t + left, jnp.where(h > 0.501 * left, t + left / 2, end))
+
+
+def _signals(hub: Hub, force: Any) -> Float[Array, "4 k"]:
+    """What forces depend on, one number each, relative to its largest."""
+    parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
+    parts += [hub.angular_velocity_rate] + ([] if force is None else [force])
+    signals = jnp.stack([_ASLANT @ jnp.broadcast_to(part, parts[1].shape).T for part in parts])
+    largest = jnp.max(jnp.abs(signals), 1, keepdims=True)
+    return signals / jnp.where(largest > 0, largest, 1.0)
+
+
+def _reach(signals: Float[Array, "c k+1"], sudden: Bool[Array, " 64"]) -> Float[Array, "64 3"]:
+    """Longest step within the cell of each sixteen samples, end of that cell, and how far a step
+    may go on beyond it, in samples.
+
+    A cell is the whole run, an eighth of it, or an eighth of that, and a step within it a sixteenth
+    of its length, the stride. It is divided where something happens that steps of one stride might
+    not see: where the largest second difference over shorter times is several times the mean one
+    over a stride, wherever nearby that is taken. What varies all the time, or has a corner or a
+    jump in it, is left to the error control of the solver, since no step can fail to see it. Where
+    the hub's velocity changes in a `sudden` way, steps are half a sample long.
+    """
+    floor = _FLOOR + 16 * float(jnp.finfo(signals.dtype).eps)
+
+    def bends(s: int) -> Float[Array, " k"]:
+        bend = jnp.abs(signals[:, 2 * s :] - 2 * signals[:, s:-s] + signals[:, : -2 * s])
+        return jax.lax.pad(jnp.max(bend, 0), 0.0, [(s, s - 1, 0)])
+
+    def unseen(sharpest: Float[Array, " n"], bend: Float[Array, " k"]) -> Array:
+        """Of parts of two strides, each with its neighbours."""
+        mean = jnp.mean(bend.reshape(sharpest.size, -1), 1)
+        around = jax.lax.pad(mean, 0.0, [(1, 1, 0)])
+        around = (around[:-2] + mean + around[2:]) / 3
+        return sharpest > _UNSEEN * around + floor
+
+    sharp, middle, coarse = jnp.max(bends(1).reshape(64, 16), 1), bends(8), bends(64)
+    sharp = jnp.where(sudden, jnp.inf, sharp)
+    divided = jnp.any(unseen(sharp, middle).reshape(8, 8), 1)
+    sharper = jnp.maximum(jnp.max(sharp.reshape(8, 8), 1), jnp.max(middle.reshape(8, 128), 1))
+    all_divided = jnp.any(divided | unseen(sharper, coarse))
+    sharpest = jnp.maximum(jnp.max(sharper), jnp.max(coarse))
+
+    def chosen(a: Any, b: Any, c: Any) -> Array:
+        return jnp.where(all_divided, jnp.where(divided[:, None], a, b), c).reshape(-1)
+
+    def step(sharpest: Array, width: float) -> Array:
+        return jnp.where(sharpest > floor, width / 16, width)
+
+    start = np.arange(0.0, SAMPLES, 16).reshape(8, 8)
+    small = jnp.where(sudden, 0.5, step(sharp, 16.0)).reshape(8, 8)
+    steps = chosen(small, step(sharper, 128.0)[:, None], step(sharpest, 1024.0))
+    ends = chosen(start + 16, start[:, :1] + 128, SAMPLES)
+    beyond = jnp.concatenate([steps, jnp.zeros_like(steps[:1])])[(ends / 16).astype(int)]
+    return jnp.stack([steps, ends, beyond], 1)

@@ -1,0 +1,326 @@
+"""What sets theories of cubic elements apart: energy, force and tangent of one of them.
+
+The local coordinates e are displacement and slope of both ends, with r' = a1 + S' e. Theories
+differ in the axial strain, with d = r' - a1 the displacement gradient:
+
+    Model A        eps_A (1-4s+3s^2) + eps_M (6s-6s^2) + eps_B (3s^2-2s) of B eq. A-3, and forces
+                   int EA eps S'^T r' dx that are not the gradient of an energy
+    Green          d_1 + d.d / 2, forces from int [EA eps^2 + EI r''.r''] dx / 2
+    Engineering    |r'| - 1, forces from int [EA eps^2 + EI phi'^2] dx / 2, phi the tangent's angle
+    Model 0        t.r' - 1 and curvature n.r'' in a frame that moves with the element
+
+Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
+behind those it is said to have (see `kernel`).
+"""
+
+import abc
+import functools
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._basis import hermite
+from jaxbeam._kernel import beside, contract, total
+from jaxbeam._types import Scalar
+
+Local = Float[Array, "2 4 *lanes"]  # over L: value and L times slope at either end
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
+POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
+TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # by a right angle: a1 becomes a2, a2 becomes -a1
+
+
+def tabled(table: Float[np.ndarray, "a b"], x: Float[Array, "c b *lanes"]) -> Array:
+    """sum_b table_ab x_cb."""
+    lanes = x.ndim - 2
+    return contract(beside(table[None], lanes), x[:, None], 2, lanes)
+
+
+def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Scalar:
+    return tabled(weights[None], x[None])[0, 0]
+
+
+def _stretched(d: Float[Array, "2 *lanes"]) -> Array:
+    """a1 + d."""
+    return jnp.stack([d[0], 1 + d[1]])
+
+
+def elongation(d: Float[Array, "2 *lanes"]) -> Scalar:
+    """|a1 + d| - 1, without cancellation."""
+    excess = 2 * d[1] + d[0] ** 2 + d[1] ** 2
+    return excess / (1 + jnp.sqrt(1 + excess))
+
+
+def gradient_of(function: Callable[[Array], Scalar]) -> Callable[[Array], Array]:
+    """Of one scalar, or of one for each lane."""
+    return jax.grad(lambda x: jnp.sum(function(x)))
+
+
+class Element(eqx.Module):
+    """Elastic energy, force and tangent of an element, over EA L and with lengths over L."""
+
+    is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
+    tears: ClassVar[bool] = False  # whether steady states end where `Rotor.tears` says
+    bending: Scalar  # EI / (EA L^2)
+    n_elements: int = eqx.field(static=True)
+
+    @abc.abstractmethod
+    def energy(self, e: Local) -> Scalar:
+        """Strain energy of one element."""
+
+    def force(self, e: Local) -> Local:
+        """Elastic force of one element."""
+        return gradient_of(self.energy)(e)
+
+    def tangent(self, e: Local) -> Float[Array, "2 4 2 4 *lanes"]:
+        """d force / de."""
+
+        def column(unit: Array) -> Array:
+            along = jnp.broadcast_to(beside(unit, e.ndim - 2), e.shape)
+            return jax.jvp(self.force, (e,), (along,))[1]
+
+        columns = jax.vmap(column, out_axes=2)(jnp.eye(8, dtype=e.dtype).reshape(8, 2, 4))
+        return columns.reshape(*e.shape[:2], *e.shape)
+
+    def strain(self, d: Float[Array, "2 p *lanes"]) -> Float[Array, "p *lanes"]:
+        """Axial strain where the displacement gradient is this."""
+        return elongation(d)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the Gauss points."""
+        return WEIGHTS / self.n_elements
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """Slopes of the four shapes at the Gauss points (g, 4)."""
+        return hermite(POINTS, 1 / self.n_elements).slope
+
+    @property
+    def curvatures(self) -> np.ndarray:
+        """Curvatures of the four shapes at the Gauss points (g, 4)."""
+        return hermite(POINTS, 1 / self.n_elements).curvature
+
+
+class Continuum(Element):
+    """U = int EA eps^2 + EI r''.r'' dx / 2 and forces int EA eps S'^T r' + EI S''^T r'' dx.
+
+    The strain is interpolated from `stations`, where it depends on the displacement gradient. The
+    forces are the gradient of U where eps is the Green strain, d eps = S'^T r' . de.
+    """
+
+    @property
+    @abc.abstractmethod
+    def stations(self) -> np.ndarray:
+        """Slopes of the four shapes at the stations (k, 4)."""
+
+    @abc.abstractmethod
+    def interpolated(self, values: Float[Array, "c k *lanes"]) -> Float[Array, "c g *lanes"]:
+        """From values at the stations to those at the Gauss points."""
+
+    @abc.abstractmethod
+    def measure(
+        self, d: Float[Array, "2 k *lanes"]
+    ) -> tuple[Float[Array, "k *lanes"], Float[Array, "2 k *lanes"]]:
+        """Strain at the stations, and its derivative by d."""
+
+    def _strain(self, e: Local) -> Float[Array, "g *lanes"]:
+        return self.interpolated(self.measure(tabled(self.stations, e))[0][None])[0]
+
+    def energy(self, e: Local) -> Scalar:
+        """B eq. 9."""
+        bend = total(tabled(self.curvatures, e) ** 2)
+        return _integral(self.weights, self._strain(e) ** 2 + self.bending * bend) / 2
+
+    def force(self, e: Local) -> Local:
+        """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
+        pull = self._strain(e)[None] * _stretched(tabled(self.slopes, e))
+        return tabled((self.weights[:, None] * self.slopes).T, pull) + self.bending * tabled(
+            self.bend, e
+        )
+
+    @property
+    def bend(self) -> np.ndarray:
+        """int S''^T S'' dx."""
+        return np.einsum("g,gi,gj->ij", self.weights, self.curvatures, self.curvatures)
+
+    def tangent(self, e: Local) -> Float[Array, "2 4 2 4 *lanes"]:
+        slopes, stations = self.slopes, self.stations
+        strain, direction = self.measure(tabled(stations, e))
+        pull = _rows(slopes, _stretched(tabled(slopes, e)))
+        # By the derivative of the strain
+        turn = self.interpolated(_rows(stations, direction))
+        terms = [w * pull[:, None, g] * turn[None, :, g] for g, w in enumerate(self.weights)]
+        material = functools.reduce(jnp.add, terms).reshape(2, 4, *e.shape)
+        # and of S'^T r', the same for both components, like bending.
+        each = np.einsum("g,gi,gj->ijg", self.weights, slopes, slopes).reshape(16, -1)
+        along = tabled(each, self.interpolated(strain[None]))[0].reshape(4, *e.shape[1:])
+        along = along + self.bending * beside(self.bend, e.ndim - 2)
+        return material + _both(along)
+
+
+def _rows(
+    table: Float[np.ndarray, "p 4"], vector: Float[Array, "2 p *lanes"]
+) -> Float[Array, "8 p *lanes"]:
+    """Table^T times a vector at every point."""
+    out = vector[:, None] * beside(table.T[None], vector.ndim - 2)
+    return out.reshape(8, *vector.shape[1:])
+
+
+def _both(a: Float[Array, "4 4 *lanes"]) -> Float[Array, "2 4 2 4 *lanes"]:
+    """The same for both components, which it does not couple."""
+    return beside(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
+
+
+class ModelA(Continuum):
+    """B eq. A-3: stations are the first end, the chord and the last end."""
+
+    is_conservative = False
+
+    @property
+    def stations(self) -> np.ndarray:
+        n = self.n_elements
+        return np.array([[0, 1, 0, 0], [-n, 0, n, 0], [0, 0, 0, 1.0]])
+
+    def interpolated(self, values: Array) -> Array:
+        s = POINTS
+        return tabled(
+            np.stack([1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], 1), values
+        )
+
+    def measure(self, d: Array) -> tuple[Array, Array]:
+        strain = elongation(d)
+        return strain, _stretched(d) / (1 + strain)[None]
+
+
+class Green(Continuum):
+    """Green strain; stations are the Gauss points."""
+
+    @property
+    def stations(self) -> np.ndarray:
+        return self.slopes
+
+    def interpolated(self, values: Array) -> Array:
+        return values
+
+    def measure(self, d: Array) -> tuple[Array, Array]:
+        return self.strain(d), _stretched(d)
+
+    def strain(self, d: Array) -> Array:
+        return d[1] + (d[0] ** 2 + d[1] ** 2) / 2
+
+
+class Engineering(Element):
+    """U = int EA (|r'| - 1)^2 + EI phi'^2 dx / 2, phi' = (r' x r'') / r'.r' the rate of the angle.
+
+    With s = r'.r', J a turn by a right angle and t = r' turned back by one, phi' = t.r'' / s, and
+    its derivatives are (J r'' - 2 phi' r') / s by r' and t / s by r''.
+    """
+
+    # Three points would do for the order of convergence, and halve the error of few elements; but
+    # then two coarse meshes agree by chance, and the ladder takes that for convergence.
+    tears = True
+
+    def energy(self, e: Local) -> Scalar:
+        at = self._at(e)
+        return _integral(self.weights, at.strain**2 + self.bending * at.turning**2) / 2
+
+    def force(self, e: Local) -> Local:
+        at = self._at(e)
+        over = beside(self.weights, e.ndim - 2) / at.square
+        twist = self.bending * at.turning * over
+        pull = (at.strain * at.size - 2 * self.bending * at.turning**2) * over
+        by_slope = pull[None] * at.along + twist[None] * at.turned
+        return tabled(self.slopes.T, by_slope) + tabled(self.curvatures.T, twist[None] * at.back)
+
+    def tangent(self, e: Local) -> Float[Array, "2 4 2 4 *lanes"]:
+        """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
+
+            int (|r'| - 4 b phi'^2) / s^2 p p^T + b k k^T dx, with
+            p = S'^T r' and k = S'^T (J r'' - 4 phi' r') / s + S''^T t / s,
+
+        and, from the second derivatives of r'.r' and of r' x r'',
+
+            int (eps |r'| - 2 b phi'^2) / s S'^T S' + b phi' / s (S'^T J S'' + its transpose) dx.
+        """
+        # A compiler that fuses computes products anew for each number that is made of them, but
+        # keeps sums and what was divided: these come last here.
+        at, slopes, weights = self._at(e), self.slopes, self.weights
+        lanes, square, moment = e.ndim - 2, at.square, self.bending * at.turning
+        bent = moment * at.turning
+        p = _rows(slopes, at.along)
+        k = _rows(slopes, (at.turned - 4 * at.turning[None] * at.along) / square[None])
+        k = k + _rows(self.curvatures, at.back / square[None])
+        both, w = jnp.concatenate([p, k], 1), beside(weights, lanes)
+        by = jnp.concatenate([w * (at.size - 4 * bent) / square**2, w * self.bending + 0 * square])
+        material = contract(both[:, None], (by[None] * both)[None], 2, lanes)
+
+        def whole(x: np.ndarray, y: np.ndarray, values: Array) -> Array:
+            each = np.einsum("g,gi,gj->ijg", weights, x, y).reshape(16, -1)
+            return tabled(each, values[None])[0].reshape(4, *e.shape[1:])
+
+        along = whole(slopes, slopes, (at.strain * at.size - 2 * bent) / square)
+        across = whole(self.curvatures, slopes, moment / square)
+        across = across - across.swapaxes(0, 1)
+        turned = beside(TURN[:, None, :, None], lanes) * across[None, :, None]
+        return material.reshape(2, 4, *e.shape) + _both(along) + turned
+
+    def _at(self, e: Local) -> "_Bent":
+        """At the Gauss points."""
+        d, curved = tabled(self.slopes, e), tabled(self.curvatures, e)
+        strain, along = self.strain(d), _stretched(d)
+        size = 1 + strain
+        back, turned = jnp.stack([along[1], -along[0]]), jnp.stack([-curved[1], curved[0]])
+        turning = (along[1] * curved[0] - along[0] * curved[1]) / size**2
+        return _Bent(strain, size, size**2, along, back, turned, turning)
+
+
+class _Bent(NamedTuple):
+    """eps, |r'|, s, r', t, J r'' and phi' of `Engineering`."""
+
+    strain: Float[Array, "g *lanes"]
+    size: Float[Array, "g *lanes"]
+    square: Float[Array, "g *lanes"]
+    along: Float[Array, "2 g *lanes"]
+    back: Float[Array, "2 g *lanes"]
+    turned: Float[Array, "2 g *lanes"]
+    turning: Float[Array, "g *lanes"]
+
+
+class ModelZero(Element):
+    """Linear strain du_l/dx and curvature in a frame that moves with the element (B eq. 62)."""
+
+    tears = True
+
+    @abc.abstractmethod
+    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+        """Tangent of the frame, less a1, before it is made a unit vector."""
+
+    def energy(self, e: Local) -> Scalar:
+        axis = self.along(e)
+        size = 1 + elongation(axis)
+        # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
+        lean = jnp.stack([axis[0], axis[1] - (size - 1)]) / size[None]
+        d, tangent = tabled(self.slopes, e), _stretched(lean)
+        stretched, curved = _stretched(d), tabled(self.curvatures, e)
+        strain = lean[0] * stretched[0] + lean[1] * stretched[1] + d[1]
+        bend = tangent[1] * curved[0] - tangent[0] * curved[1]
+        return _integral(self.weights, strain**2 + self.bending * bend**2) / 2
+
+
+class Chord(ModelZero):
+    """From one end to the other."""
+
+    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+        return (e[:, 2] - e[:, 0]) * self.n_elements
+
+
+class Tangent(ModelZero):
+    """Of the first end."""
+
+    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+        return e[:, 1]

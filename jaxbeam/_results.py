@@ -1,0 +1,66 @@
+"""What all results share: NaN where a case failed, and answers of a batch case by case."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def per_case(method: Method) -> Method:
+    """Lets a method (or a property, below `@property`) of a result answer for a batch of results.
+
+    The method is written for one case, whose `status` is a scalar. Where results came out of
+    `jax.vmap` or `equinox.filter_vmap`, nested or not, `status` has leading axes, and so has every
+    array in the result: the method is mapped over these axes, and its answer has them in front.
+    Leaves that are no arrays (functions of a motion, say), or have no axis, belong to all cases.
+    """
+
+    @functools.wraps(method)
+    def answer(self: Any, *args: Any, **kwargs: Any) -> Any:
+        arrays, rest = eqx.partition(self, eqx.is_array)
+        leaves, structure = jax.tree.flatten(arrays)
+
+        def one(leaves: list[Array]) -> Any:
+            result = eqx.combine(jax.tree.unflatten(structure, leaves), rest)
+            return method(result, *args, **kwargs)
+
+        return _mapped(one, leaves, jnp.ndim(self.status))
+
+    return answer  # type: ignore[return-value]
+
+
+def _mapped(one: Callable[[list[Array]], Any], leaves: list[Array], axes: int) -> Any:
+    if axes == 0:
+        return one(leaves)
+    where = [0 if leaf.ndim else None for leaf in leaves]
+    return jax.vmap(lambda leaves: _mapped(one, leaves, axes - 1), (where,))(leaves)
+
+
+@jax.custom_jvp
+def where_known(known: Bool[Array, "..."], values: Any) -> Any:
+    """Real or complex arrays, NaN where they are not `known`, and so are their derivatives.
+
+    `known` has the leading axes of all arrays in `values`. Derivatives in forward mode are NaN
+    where the values are. In reverse mode nothing flows back from there: in a batch a NaN would
+    spoil the gradient by parameters that its cases share, and a case cannot know whether it is
+    one of a batch.
+    """
+
+    def one(value: Array) -> Array:
+        nan = complex(jnp.nan, jnp.nan) if jnp.iscomplexobj(value) else jnp.nan
+        return jnp.where(known.reshape(known.shape + (1,) * (value.ndim - known.ndim)), value, nan)
+
+    return jax.tree.map(one, values)
+
+
+@where_known.defjvp
+def _where_known_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    known, _ = primals
+    # Through the function itself: then second derivatives are NaN, too.
+    return where_known(*primals), where_known(known, tangents[1])

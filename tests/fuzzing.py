@@ -1,0 +1,169 @@
+"""Random numbers of scenes, and what holds for every answer: shared by the fuzz tests.
+
+Seeds are random; a failure prints its scene and a line that makes Hypothesis draw it again.
+"""
+
+import math
+import os
+
+import jax
+import numpy as np
+from hypothesis import HealthCheck, Phase, event, settings
+from hypothesis import strategies as st
+
+import jaxbeam as jb
+from jaxbeam import Status
+
+FACTOR = float(os.environ.get("FUZZ_FACTOR", "1"))
+
+
+def examples(number):
+    """So many scenes, times FUZZ_FACTOR."""
+    return settings(
+        max_examples=max(1, round(number * FACTOR)),
+        derandomize=False,  # which it is where CI is set
+        database=None,
+        deadline=None,
+        print_blob=True,
+        phases=[Phase.generate, Phase.shrink],
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    )
+
+
+BAD = 0.0, -1.0, math.nan, math.inf, -math.inf
+ABSURD = 1e-300, 1e-30, 1e30, 1e300  # and yet in range
+POSITIVE = {
+    "length": Status.INVALID_LENGTH,
+    "mass_per_length": Status.INVALID_MASS_PER_LENGTH,
+    "axial_stiffness": Status.INVALID_AXIAL_STIFFNESS,
+    "in_plane_bending_stiffness": Status.INVALID_IN_PLANE_BENDING_STIFFNESS,
+    "flap_bending_stiffness": Status.INVALID_FLAP_BENDING_STIFFNESS,
+    "mass": Status.INVALID_MASS,
+    "translational_spring": Status.INVALID_TRANSLATIONAL_SPRING,
+    "torsional_spring": Status.INVALID_TORSIONAL_SPRING,
+    "duration": Status.INVALID_MOTION,
+    "down_at": Status.INVALID_MOTION,
+    "frequency": Status.INVALID_MOTION,
+    "end": Status.INVALID_TIMES,
+}
+NOT_NEGATIVE = {
+    "hub_radius": Status.INVALID_HUB_RADIUS,
+    "tip_mass": Status.INVALID_TIP_MASS,
+    "mass_damping": Status.INVALID_DAMPING,
+    "stiffness_damping": Status.INVALID_DAMPING,
+}
+FINITE = {
+    "angular_speed": Status.INVALID_MOTION,
+    "depth": Status.INVALID_MOTION,
+    "axis": Status.INVALID_MOTION,
+    "gravity": Status.INVALID_LOAD,
+    "force": Status.INVALID_LOAD,
+    "start": Status.INVALID_START,
+}
+BEAM = "length", "mass_per_length", "axial_stiffness", *list(POSITIVE)[3:5]
+ROTOR = *BEAM, "hub_radius", "tip_mass"
+SPRINGS = "mass", "length", "hub_radius", "translational_spring", "torsional_spring"
+
+
+def decades(low, high):
+    return st.floats(low, high).map(lambda exponent: 10.0**exponent)
+
+
+def sizes(low, high):
+    """A number between these decades, one time in five zero."""
+    below = low - (high - low) / 4
+    return st.floats(below, high).map(lambda e: 0.0 if e < low else 10.0**e)
+
+
+def signed(numbers):
+    return st.tuples(numbers, st.sampled_from([1.0, -1.0])).map(math.prod)
+
+
+@st.composite
+def rotors(draw, model):
+    """A rotor, its unit of frequency (rad/s) and of force (N)."""
+    length, unit = draw(decades(-2, 2)), draw(decades(-1, 2))
+    slenderness = draw(decades(1, 3.5))
+    if model.rotor_type is jb.SpringRotor:
+        mass = draw(decades(-3, 3))
+        torsional = unit**2 * mass * length**2
+        rotor = {
+            "mass": mass,
+            "length": length,
+            "hub_radius": length * draw(sizes(-2, 1)),
+            "translational_spring": torsional * slenderness / length**2,
+            "torsional_spring": torsional,
+        }
+        return rotor, unit, torsional / length
+    density = draw(decades(-3, 3))
+    bending = unit**2 * density * length**4
+    rotor = {
+        "length": length,
+        "mass_per_length": density,
+        "axial_stiffness": bending * (slenderness / length) ** 2,
+        "in_plane_bending_stiffness": bending,
+        "flap_bending_stiffness": bending * draw(decades(-1, 1)),
+        "hub_radius": length * draw(sizes(-2, 1)),
+        "tip_mass": density * length * draw(sizes(-2, 1)),
+    }
+    return rotor, unit, bending / length**2
+
+
+def spoiled(draw, numbers):
+    """Most often as they are, else with one or two that make no sense."""
+    for _ in range(max(0, draw(st.integers(0, 5)) - 3)):
+        numbers[draw(st.sampled_from(list(numbers)))] = draw(st.sampled_from(BAD + ABSURD))
+    return numbers
+
+
+@st.composite
+def spinning(draw, model):
+    """A rotor, with its speed."""
+    rotor, unit, _ = draw(rotors(model))
+    return spoiled(draw, rotor | {"angular_speed": unit * draw(signed(sizes(-2, 1.5)))})
+
+
+def build(model, p):
+    """The rotor of these numbers."""
+    if model.rotor_type is jb.SpringRotor:
+        return jb.SpringRotor(*(p[key] for key in SPRINGS))
+    return jb.Rotor(jb.Beam(*(p[key] for key in BEAM)), p["hub_radius"], p["tip_mass"])
+
+
+def broken(model, p, *others, **instead):
+    """Status of the first number that is out of range: of the rotor, then of these others."""
+    for key in (SPRINGS if model.rotor_type is jb.SpringRotor else ROTOR) + others:
+        value = p.get(key, 1.0)
+        least = 0.0 if key in NOT_NEGATIVE else 5e-324 if key in POSITIVE else -math.inf
+        if not (math.isfinite(value) and value >= least):
+            return instead.get(key) or (POSITIVE | NOT_NEGATIVE | FINITE)[key]
+    return None
+
+
+def absurd(p):
+    return any(abs(value) in ABSURD for value in p.values())
+
+
+def judged(found, expected, p, ok):
+    """The status, checked: that of what is out of range, exactly; NaN is never OK."""
+    status = Status(int(found["status"]))
+    event(f"{status.name}{', absurd' if absurd(p) else ''}")
+    assert status.message
+    if expected is not None and (expected <= Status.INVALID_TORSIONAL_SPRING or not absurd(p)):
+        assert status == expected
+    elif expected is not None:
+        assert status != Status.OK
+    else:
+        assert not Status.OK < status <= Status.INVALID_TORSIONAL_SPRING
+        if not absurd(p):
+            assert not Status.OK < status <= Status.OUT_OF_PLANE
+    if status == Status.OK:
+        for key in ok:
+            assert np.isfinite(found[key]).all(), key
+    return status
+
+
+def evaluated(function, p):
+    """With all numbers as arrays, so that one compiled function takes every scene."""
+    out = function({key: np.asarray(value) for key, value in p.items()})
+    return jax.tree.map(np.asarray, out)
