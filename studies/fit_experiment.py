@@ -99,7 +99,7 @@ def left_out(free: dict[str, jb.Free]) -> list[tuple[float, int, float, float]]:
     for i, speed in enumerate(speeds):
         others = np.where(np.arange(len(speeds))[:, None] == i, np.nan, frequencies)
         found = fit(speeds, others, free)
-        said = np.asarray(frequencies_at([speed], **found.parameters))[0]
+        said = np.asarray(frequencies_at([speed], **found.partial.parameters))[0]
         for k, (f, g) in enumerate(zip(said, frequencies[i] / (2 * np.pi), strict=True)):
             rows.append((speed * 30 / np.pi, k + 1, g, f / g - 1))
     return rows
@@ -196,8 +196,10 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     }
     print("First mode at speed, predicted without having been seen there, and measured")
     for name, found in said.items():
-        first = np.asarray(frequencies_at(speeds, **found.parameters))[:, 0]
-        print(f"  {name}: " + ", ".join(f"{k} {float(v):.4g}" for k, v in found.parameters.items()))
+        best = found.partial.parameters  # also where the data leave much open
+        first = np.asarray(frequencies_at(speeds, **best))[:, 0]
+        values = ", ".join(f"{k} {float(v):.4g}" for k, v in best.items())
+        print(f"  {name}: {values} ({jb.Status(int(found.status)).message})")
         for r, f, g in zip(rpm, first, hertz[:, 0], strict=True):
             print(f"    {r:4.0f} rpm  {f:8.3f} Hz  {g:8.3f} Hz  {f / g - 1:+.1%}")
 

@@ -4,9 +4,9 @@ Three neglects, three numbers. The classical linear theory leaves out the motion
 its error goes with the ratio of that to the elastic one (`jb.stiffening_ratio`; Y, below eq. 20 and
 on Fig. 6). The hybrid theory is linear in deflection: its error goes with the square of the peak
 deflection over the length. The small-strain linearisation puts the tension on the unstretched beam:
-its error goes with the steady strain, by a factor that also holds how a law of bending counts
-stretch (here EI r''.r''; EI times the square of the curvature would take off up to one strain where
-bending carries). Beams of L = rho = EI = 1; all else follows by dimensions.
+its error goes with the steady strain, by a factor that also holds how the law of bending counts
+stretch (here a moment EI times the change of angle per unstretched length, up to 0.9; against a
+moment from EI r''.r'', up to 0.4). Beams of L = rho = EI = 1; all else follows by dimensions.
 
     python studies/validity.py [--quick] [--out FOLDER]
 """
@@ -397,7 +397,7 @@ def strain(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     grid = {key: cases.columns[key] for key in ("hub", "tip", "slenderness")}
     save(out / "strain.csv", grid | flat)
     for mode, ax in enumerate(axes, 1):
-        ax.plot(level, 0.4 * level, "--", color="k", lw=1, label="0.4 strain")
+        ax.plot(level, 0.9 * level, "--", color="k", lw=1, label="0.9 strain")
         ax.set(
             xscale="log", yscale="log", ylim=(1e-7, 1),
             xlabel="steady strain at the root P(0) / EA (-)",

@@ -385,7 +385,7 @@ def test_gradients_in_space(model):
             model, jb.Rotor(jb.Beam(*p[:5]), p[5], p[6]),
             jb.QuinticSpinUp(p[7], p[8], jb.inclined(p[9])), [0.0, 0.5, 1.0],
             loads=jb.Loads(p[10] * jnp.eye(3)[2], p[11] * jnp.ones(3)), throw=False,
-            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.02, max_steps=64, **kwargs,
+            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01, max_steps=128, **kwargs,
         )  # fmt: skip
         return run.tip[-1, 1:]
 
@@ -441,7 +441,7 @@ def test_gradients_by_parameters_of_motions(build, p):
     def final(p):
         run = jb.simulate(
             jb.Hybrid(1, 1, 1), ROTOR, build(p), [0.0, 0.5, 1.0], throw=False,
-            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01, max_steps=128,
+            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.005, max_steps=256,
         )  # fmt: skip
         return run.tip[-1]
 

@@ -74,8 +74,8 @@ class Hybrid(_Linear):
     """Arc-length stretch and two Cartesian deflections: the method of Y, linear.
 
     Stiffens as it must at any speed. The tension acts on the undeformed beam, so frequencies are
-    wrong by up to 0.4 of the steady strain, relative, and motions are right to second order in
-    deflection over length: compare `ANCF` where those are not small. `Hybrid(n_stretch=0)` is the
+    wrong by up to 0.9 of the steady strain, relative, and motions are right to second order in
+    deflection over length: compare `EngineeringANCF` where those are not small. `Hybrid(n_stretch=0)` is the
     inextensible (prestressed, bending-only) beam.
     """
 
