@@ -95,7 +95,8 @@ def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
     scale = jax.lax.stop_gradient(jnp.diag(_undeformed(model, rotor, zero))) ** -0.5
     border = x / scale / jnp.linalg.norm(x / scale)
 
-    def gap(speed: Scalar) -> Scalar:
+    def bordered(speed: Scalar) -> tuple[Scalar, Vector]:
+        """f, and the direction x."""
         k = _undeformed(model, rotor, speed)
         if not _is_affine(model, rotor):  # where a rod tears there is no state to be at
             tears = family == Family.AXIAL
@@ -103,24 +104,27 @@ def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
             k = jnp.where(tears, k, moved)
         # In a case without a critical speed any regular problem will do.
         k = jnp.where(exists, scale[:, None] * k * scale[None], jnp.eye(x.size))
-        bordered = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
-        f = solve(bordered, jnp.zeros(x.size + 1).at[-1].set(1.0))[-1]
-        return jnp.where(exists, f, speed - 1.0)
+        system = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
+        solution = solve(system, jnp.zeros(x.size + 1).at[-1].set(1.0))
+        return jnp.where(exists, solution[-1], speed - 1.0), scale * solution[:-1]
 
-    def newton(_: object, start: Scalar) -> Scalar:
-        def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            speed, _, k = state
-            value, slope = jax.jvp(gap, (speed,), (jnp.ones_like(speed),))
-            return speed - value / slope, jnp.abs(value / slope), k + 1
+    def newton(_: object, start: Scalar) -> tuple[Scalar, Vector]:
+        def body(state: tuple[Array, ...]) -> tuple[Array, ...]:
+            speed, _, _, k = state
+            value, slope, x = jax.jvp(bordered, (speed,), (jnp.ones_like(speed),), has_aux=True)
+            return speed - value / slope, x, jnp.abs(value / slope), k + 1
 
-        def go_on(state: tuple[Array, Array, Array]) -> Array:
-            speed, change, k = state
+        def go_on(state: tuple[Array, ...]) -> Array:
+            speed, _, change, k = state
             return (change > 1e-14 * jnp.abs(speed)) & (k < 8)
 
-        first = start, jnp.full_like(start, jnp.inf), jnp.asarray(0)
-        return jax.lax.while_loop(go_on, body, first)[0]
+        first = start, x, jnp.full_like(start, jnp.inf), jnp.asarray(0)
+        return jax.lax.while_loop(go_on, body, first)[:2]
 
-    found = jax.lax.custom_root(gap, start, newton, lambda g, y: y / g(jnp.ones_like(y)))
+    found, x = jax.lax.custom_root(
+        lambda speed: bordered(speed)[0], start, newton, lambda g, y: y / g(jnp.ones_like(y)),
+        has_aux=True,
+    )  # fmt: skip
     # The guess is right to many digits: another root would be another answer.
     lost = exists & ~(jnp.abs(found - start) <= 1e-4 * start)
     status = jnp.where(lost, Status.INACCURATE, status)
