@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Real, Scalar
@@ -222,6 +222,14 @@ class Rotor(_Parameters):
         """That of the beam."""
         return self.beam.frequency_scale
 
+    @property
+    def compliance(self) -> Float[Array, "2"]:
+        """Deflection of the tip in plane and in flap by the moment of a uniform load about the
+        root, L^2 / (4 EI), in 1/N."""
+        beam = self.beam
+        stiffness = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
+        return beam.length**2 / (4 * jnp.stack(stiffness))
+
     def tension(self, angular_speed: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Axial force that carries the undeformed beam round, as three coefficients in N.
 
@@ -304,6 +312,11 @@ class SpringRotor(_Parameters):
     def frequency_scale(self) -> Scalar:
         """(k_r / (m L^2))^(1/2), in rad/s."""
         return jnp.sqrt(self.torsional_spring / self.mass) / self.length
+
+    @property
+    def compliance(self) -> Float[Array, "2"]:
+        """Deflection of the tip by a moment about the hinge, in 1/N; in plane alone."""
+        return jnp.stack([self.length / self.torsional_spring, jnp.zeros_like(self.length)])
 
     def status(self, angular_speed: Scalar) -> Code:
         """As `Rotor.status`."""

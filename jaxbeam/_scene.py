@@ -1,5 +1,6 @@
 """A model in motion under loads: what solvers integrate, and its balance of energy and momentum."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -35,7 +36,7 @@ class Scene(SecondOrderSystem):
     """
 
     equations: Equations
-    inverse_mass: Matrix | BlockInverse
+    inverse_mass: Matrix | BlockInverse | None  # for solvers that ask for accelerations
     motion: Motion
     loads: Loads
     damping: Damping
@@ -48,7 +49,7 @@ class Scene(SecondOrderSystem):
     ) -> None:  # fmt: skip
         """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
         self.equations = model.equations(rotor)
-        self.inverse_mass = inverse(self.equations.mass)
+        self.inverse_mass = None
         self.motion, self.loads, self.damping = motion, loads, damping
         size = self.equations.size
         latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
@@ -85,6 +86,28 @@ class Scene(SecondOrderSystem):
     def hub(self, t: Scalar) -> Hub:
         """Motion of the hub."""
         return self.motion.hub(self._within(t), self.loads.gravity)
+
+    def traced(self, t: Scalar) -> "Scene":
+        """The same scene, with all that motion and loads are made of as leaves, what functions of
+        the user close over too, and without tracing them ever again; t is any time."""
+        gravity, force = self.loads.gravity, self.loads.tip_force
+        hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
+        motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
+        if callable(force):
+            force = eqx.filter_closure_convert(self.loads.at_tip, t)
+        scene: Scene = eqx.tree_at(
+            lambda s: (s.motion, s.loads.tip_force), self, (motion, force),
+            is_leaf=lambda leaf: leaf is None,
+        )  # fmt: skip
+        return scene
+
+    def with_inverse(self) -> "Scene":
+        """The same scene, for a solver that asks for accelerations at every stage."""
+        mass = inverse(self.mass)
+        scene: Scene = eqx.tree_at(
+            lambda s: s.inverse_mass, self, mass, is_leaf=lambda leaf: leaf is None
+        )
+        return scene
 
     def _within(self, t: Scalar) -> Scalar:
         """t, or a moment earlier at the end of a run that ends where something jumps."""
@@ -145,7 +168,7 @@ class Scene(SecondOrderSystem):
         )
         impulse = self.equations.force(jump, y.q, jnp.zeros_like(y.v), None)
         impulse = impulse - self.equations.force(still, y.q, jnp.zeros_like(y.v), None)
-        v = y.v + self.inverse_mass @ impulse
+        v = y.v + self._over_mass(impulse)
         halfway = jump._replace(
             velocity=(old.velocity + new.velocity) / 2,
             angular_velocity=(old.angular_velocity + new.angular_velocity) / 2,
@@ -178,7 +201,11 @@ class Scene(SecondOrderSystem):
         return k, c
 
     def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        return self.inverse_mass @ self.force(self.inputs(t), q, v)
+        return self._over_mass(self.force(self.inputs(t), q, v))
+
+    def _over_mass(self, force: Vector) -> Vector:
+        kept = self.inverse_mass
+        return (inverse(self.mass) if kept is None else kept) @ force
 
     def power(self, x: Inputs, q: Vector, v: Vector) -> Scalar:
         """Rate of the balance of energy, in `work_unit` per second."""
@@ -252,6 +279,27 @@ class Scene(SecondOrderSystem):
             end = self.equations.tip(q) + self.equations.end * along
             force, couple = force - tip, couple - skew(end) @ tip
         return force, couple
+
+
+class _Traced(Motion):
+    """A motion of which only the program is left."""
+
+    program: Callable[[Scalar], Hub]
+    changes: Times
+    jumps: Times
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        hub = self.program(t)
+        return hub.velocity, hub.angular_velocity
+
+    def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
+        return self.program(t)
+
+    def change_times(self) -> Times:
+        return self.changes
+
+    def jump_times(self) -> Times:
+        return self.jumps
 
 
 def _moved(y: State, rate: State, h: Scalar) -> State:

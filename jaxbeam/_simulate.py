@@ -13,10 +13,10 @@ from jaxtyping import Array
 from jaxbeam._beam import kind_of, positive, real_scalar
 from jaxbeam._course import SAMPLES, Course
 from jaxbeam._following import LOST, Struck, following
-from jaxbeam._linalg import inverse
+from jaxbeam._integration import OURS, Watch, by_diffrax, held_within, integrate, is_far
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
-from jaxbeam._motion import Motion, spinning
+from jaxbeam._motion import Motion
 from jaxbeam._results import where_known
 from jaxbeam._scene import (
     Inputs,
@@ -30,7 +30,7 @@ from jaxbeam._scene import (
 )
 from jaxbeam._simulation import Simulation, checked_point
 from jaxbeam._solvers.rodas import Rodas5P
-from jaxbeam._solvers.system import State, second_order_term, without_derivatives
+from jaxbeam._solvers.system import State, without_derivatives
 from jaxbeam._status import Status, in_range, raise_unless_ok
 from jaxbeam._types import Code, Scalar
 
@@ -120,11 +120,7 @@ def simulate(
         model, rotor, motion, times, loads, damping, start,
         Rodas5P() if solver is None else solver,
         stepsize_controller, dt0, saveat,
-        diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
-        event,
-        diffrax.NoProgressMeter() if progress_meter is None else progress_meter,
-        max_steps,
-        balance_tolerance,
+        adjoint, event, progress_meter, max_steps, balance_tolerance,
     )  # fmt: skip
     return raise_unless_ok(result, result.status) if throw else result
 
@@ -134,8 +130,9 @@ def _simulate(
     model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
     start: State | None, solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController | None, dt0: Any,
-    saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint, event: diffrax.Event | None,
-    progress_meter: diffrax.AbstractProgressMeter, max_steps: int | None, balance_tolerance: float,
+    saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint | None,
+    event: diffrax.Event | None, progress_meter: diffrax.AbstractProgressMeter | None,
+    max_steps: int | None, balance_tolerance: float,
 ) -> Simulation:  # fmt: skip
     given, seen = input_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
     fine = given == Status.OK
@@ -147,10 +144,8 @@ def _simulate(
     )
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
     times = jnp.where(increasing(times), times, jnp.linspace(0.0, 1.0, times.size))
-    if saveat is None:
-        saveat = diffrax.SaveAt(ts=times, t1=event is not None)
-    else:
-        saveat, within = _within(saveat, times)
+    if saveat is not None:
+        saveat, within = held_within(saveat, times)
         given = jnp.where(fine & ~within, Status.INVALID_TIMES, given)
     if dt0 is not None:  # diffrax raises where it points backwards
         forward = jnp.isfinite(dt0) & (dt0 > 0)
@@ -167,31 +162,28 @@ def _simulate(
         given = jnp.where(fine & ~started, Status.INVALID_START, given)
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
     if controller is None:
+        size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen)))
+        dt0 = moment if dt0 is None else dt0
         controller = diffrax.PIDController(
             rtol=1e-6,
-            atol=1e-6 * _yardstick(*without_derivatives((now, y0, _every(16, seen)))),
+            atol=1e-6 * size,
             dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
             force_dtmin=False,
         )
-    watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of these
-    runaway = event is None and watched
+    backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
     start_time = times[0]
-    if watched:
+    if not backsolved:
         controller = following(controller, Course(now, times, seen))
     if now.jumps.size:
         solver, start_time = Struck(solver), times[0] + 2 * now.gap
         at_once = jnp.any(jnp.abs(now.jumps - times[0]) <= now.gap)
         y0 = jax.lax.cond(at_once, lambda: now.struck(start_time, y0), lambda: y0)
-        saveat, _ = _within(saveat, times, start_time)
-    solution = diffrax.diffeqsolve(
-        second_order_term(solver), solver, start_time, times[-1], dt0, y0, now,
-        saveat=_with_watch(saveat, jnp.stack([start_time, times[-1]])) if watched else saveat,
-        stepsize_controller=controller, adjoint=adjoint,
-        event=diffrax.Event(_runaway) if runaway else event, max_steps=max_steps,
-        progress_meter=progress_meter, throw=False,
-    )  # fmt: skip
-    solution, watch = _without_watch(solution) if watched else (solution, None)
-    ended = _solver_status(solution.result, runaway)
+    how = (now, y0, start_time, times, solver, controller, dt0, adjoint, event, max_steps)
+    if saveat is None and progress_meter is None and isinstance(adjoint, OURS):
+        solution, watch = integrate(*how)
+    else:
+        solution, watch = by_diffrax(*how, saveat, progress_meter)
+    ended = _solver_status(solution.result, event is None and not backsolved)
     at, state = _saved(solution, times, n)
     at = jnp.where(at <= start_time, times[0], at)
     reached = jnp.isfinite(at)
@@ -224,9 +216,8 @@ def _beside(mask: Array, values: Array) -> Array:
 
 
 def _account(
-    scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State],
-    watch: tuple[Array, State] | None,
-) -> tuple[Array, Array]:  # fmt: skip
+    scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State], watch: Watch
+) -> tuple[Array, Array]:
     """Of saved states: change of energy less work over the largest energy of the run, and whether
     the tip is too far away."""
     start = t0[None], jax.tree.map(lambda a: a[None], y0)
@@ -238,46 +229,33 @@ def _account(
     def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
         parts = jnp.stack(scene.energies(scene.after(t), y))
         balance = jnp.sum(parts) - scene.work_unit * y.work
-        return balance, jnp.sum(jnp.abs(parts)), _far(scene, y)
+        return balance, jnp.sum(jnp.abs(parts)), is_far(scene, y)
 
     balance, size, far = jax.vmap(one)(jnp.where(reached, times, t0), states)
-    n = saved[0].size
-    largest = jnp.max(size)
+    n, largest = saved[0].size, jnp.max(size)
     return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
 
 
-def _every(step: int, seen: Inputs) -> Inputs:
-    return jax.tree.map(lambda a: a[::step], seen)
-
-
-def _with_watch(saveat: diffrax.SaveAt, times: Array) -> diffrax.SaveAt:
-    """Also save all along the run: outputs may miss where energies are large."""
-    watch = diffrax.SubSaveAt(ts=during(times), fn=lambda t, y, args: without_derivatives(y))
-    subs = (saveat.subs, watch)
-    return eqx.tree_at(lambda s: s.subs, saveat, subs)
-
-
-def _without_watch(solution: diffrax.Solution) -> tuple[diffrax.Solution, tuple[Array, State]]:
-    assert solution.ts is not None
-    assert solution.ys is not None
-    (ts, watch_ts), (ys, watch) = solution.ts, solution.ys
-    own = eqx.tree_at(lambda s: (s.ts, s.ys), solution, (ts, ys), is_leaf=lambda x: x is None)
-    return own, (watch_ts, watch)
-
-
-def _yardstick(scene: Scene, y0: State, seen: Inputs) -> Scalar:
+def _yardstick(rotor: Any, scene: Scene, y0: State, seen: Inputs) -> tuple[Scalar, Scalar]:
     """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
-    loads `seen`, or that at the start; at least 1e-6 and at most 0.1 lengths."""
-    equations, rest = scene.equations, jnp.zeros_like(y0.q)
-    flexibility = inverse(
-        equations.tangents(spinning(jnp.zeros_like(equations.size)), rest, rest, None)[0]
-    )
-    static = jax.vmap(lambda x: equations.tip(flexibility @ scene.force(x, rest, rest)))(seen)
-    at, rate = jax.jvp(equations.tip, (y0.q,), (y0.v,))
-    frequency = 3.5 * jnp.sqrt(equations.energy_scale / equations.rigid[0]) / equations.size
-    size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], rate[None] / frequency)]
+    loads `seen`, by that of a uniform load of the same moment about the root, or that at the start;
+    at least 1e-6 and at most 0.1 lengths. And a time within which the first mode moves, in s."""
+    equations, (hub, force) = scene.equations, seen
+    (mass, first, second), radius = equations.rigid, equations.end - equations.size
+    spin, rate = hub.angular_velocity, hub.angular_velocity_rate
+    # Inertia of the undeformed beam across its axis, at the distance X from the centre of the hub:
+    # -(acceleration + X turn) per mass.
+    turn = [rate[:, 2] + spin[:, 0] * spin[:, 1], spin[:, 0] * spin[:, 2] - rate[:, 1]]
+    across = jax.vmap(lambda hub: hub.acceleration)(hub)[:, 1:]
+    moment = across * (first - radius * mass) + jnp.stack(turn, 1) * (second - radius * first)
+    if force is not None:
+        moment = moment - force[:, 1:] * equations.size
+    static = moment * rotor.compliance[None]
+    at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
+    frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.size
+    size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], speed[None] / frequency)]
     largest = jnp.nan_to_num(jnp.max(jnp.concatenate(size)), nan=0.0)
-    return jnp.clip(largest, 1e-6 * equations.size, 0.1 * equations.size)
+    return jnp.clip(largest, 1e-6 * equations.size, 0.1 * equations.size), 0.1 / frequency
 
 
 def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, State]:
@@ -291,15 +269,6 @@ def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, Sta
     return none[:, 0], State(none, none, none[:, 0])
 
 
-def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
-    """Nothing is to be had beyond: do not let a batch wait for it."""
-    return _far(*without_derivatives((args, y)))
-
-
-def _far(scene: Scene, y: State) -> Array:
-    return jnp.linalg.norm(scene.equations.tip(y.q)) > 10 * scene.equations.size
-
-
 def _solver_status(result: Any, event_means_runaway: bool) -> Code:
     status = jnp.asarray(Status.STEP_FAILED)
     for code, meaning in (
@@ -310,24 +279,6 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
     ):
         status = jnp.where(result == code, meaning, status)
     return status
-
-
-def _within(
-    saveat: diffrax.SaveAt, times: Array, earliest: Scalar | None = None
-) -> tuple[diffrax.SaveAt, Array]:
-    """`saveat` with its times held within the run, and whether they were."""
-    within = jnp.asarray(True)
-
-    def held(sub: diffrax.SubSaveAt) -> diffrax.SubSaveAt:
-        nonlocal within
-        if sub.ts is None:
-            return sub
-        within &= jnp.all((sub.ts >= times[0]) & (sub.ts <= times[-1]))
-        ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0] if earliest is None else earliest, times[-1])
-        return eqx.tree_at(lambda s: s.ts, sub, ts)
-
-    subs = jax.tree.map(held, saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
-    return eqx.tree_at(lambda s: s.subs, saveat, subs, is_leaf=lambda s: s is None), within
 
 
 def steady_start(

@@ -18,8 +18,8 @@ from jaxbeam._solvers.steps import (
     compute,
     finished,
     length,
+    step_inputs,
     work_along,
-    work_inputs,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar, Vector
@@ -79,11 +79,10 @@ class ChordKvaerno5(SecondOrderSolver):
             a = jax.lax.cond(
                 made_jump, lambda: args.acceleration(t0, y0.q, y0.v), lambda: solver_state
             )
-        inputs = jax.vmap(args.inputs)(t0 + h * _TIMES)
+        inputs, between = step_inputs(args, t0 + h * _TIMES, t0, h)
         end, error, bends, work, last = compute(
-            ChordKvaerno5._core, self, args, h, y0, a, args.inputs(t0), inputs,
-            work_inputs(args, t0, h),
-        )  # fmt: skip
+            ChordKvaerno5._core, self, args, h, y0, a, args.inputs(t0), inputs, between
+        )
         return *finished(y0, end, error, bends, work), last, diffrax.RESULTS.successful
 
     def _core(

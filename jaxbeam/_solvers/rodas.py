@@ -17,8 +17,8 @@ from jaxbeam._solvers.steps import (
     compute,
     finished,
     length,
+    step_inputs,
     work_along,
-    work_inputs,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar
@@ -187,9 +187,9 @@ class Rosenbrock(SecondOrderSolver):
         h = length(t0, t1)
         x0, rate = jax.jvp(args.inputs, (t0,), (jnp.ones_like(t0),))
         # Rounding must not take the last stage past a jump at t1.
-        inputs = jax.vmap(args.inputs)(jnp.minimum(t0 + h * self.tableau.times, t1))
+        inputs, between = step_inputs(args, jnp.minimum(t0 + h * self.tableau.times, t1), t0, h)
         end, error, bends, work = compute(
-            Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, work_inputs(args, t0, h)
+            Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, between
         )
         return *finished(y0, end, error, bends, work), None, diffrax.RESULTS.successful
 

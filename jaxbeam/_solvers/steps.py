@@ -98,9 +98,13 @@ def inputs_along(system: SecondOrderSystem, t0: Scalar, h: Scalar) -> Any:
     return without_derivatives(jax.vmap(system.inputs)(t0 + h * _PLACES))
 
 
-def work_inputs(system: SecondOrderSystem, t0: Scalar, h: Scalar) -> Any:
-    """Inputs at the moments where `work_along` wants them."""
-    return jax.tree.map(lambda a: a[1:-1], inputs_along(system, t0, h))
+def step_inputs(
+    system: SecondOrderSystem, stages: Float[Array, " s"], t0: Scalar, h: Scalar
+) -> tuple[Any, Any]:
+    """Inputs at the times of the stages, and at those where `work_along` wants them."""
+    found = jax.vmap(system.inputs)(jnp.concatenate([stages, t0 + h * _NODES]))
+    s = stages.size
+    return jax.tree.map(lambda a: a[:s], found), jax.tree.map(lambda a: a[s:], found)
 
 
 def work_along(
