@@ -20,16 +20,16 @@ from jaxbeam._types import Scalar
 # Controllers that never tell of a jump, which saves code; with others one may come at any step.
 _NEVER_JUMP = (diffrax.PIDController, diffrax.ConstantStepSize, diffrax.StepTo)
 
-OURS = diffrax.ForwardMode | None
 Watch = tuple[Array, State] | None  # times, infinite where a run did not get, and states
 
 
 def integrate(
     scene: Scene, y0: State, start: Scalar, times: Array, solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController, dt0: Any,
-    adjoint: diffrax.ForwardMode | None, event: diffrax.Event | None, max_steps: int | None,
+    event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
 ) -> tuple[diffrax.Solution, Watch]:  # fmt: skip
-    """Outputs at `times` (and at the end of the run, with an event), and states all along the run.
+    """Outputs at `times` (and at the end of the run, with an event), and states all along the run;
+    with the discrete adjoint, or if `adjoint` is `ForwardMode` with derivatives in that mode.
 
     The first step begins at `start`, a moment after the first time if something jumps there.
     """
@@ -45,8 +45,8 @@ def integrate(
     scene = scene.traced(start)
     if not isinstance(solver, Rosenbrock):
         scene = scene.with_inverse()
-    given, task = Given(scene, y0, start, every), without_derivatives(task)
-    came = march(task, given)[0] if adjoint is not None else run(given, task)
+    given, constant = Given(scene, y0, start, every), without_derivatives(task)
+    came = march(constant, given)[0] if adjoint is not None else run(given, constant)
     n = y0.q.size
 
     def at(times: Array) -> tuple[Array, Array]:
@@ -62,8 +62,10 @@ def integrate(
         happened |= each
     if event is not None:
         end, last = _end(task, given, event, came)
-        ts = jnp.append(jnp.where(ts <= end, ts, jnp.inf), end)
-        outputs = jnp.concatenate([outputs, last[None]])
+        ts = jnp.append(jnp.where(ts <= end, ts, jnp.inf), jnp.inf)
+        place = jnp.sum(jnp.isfinite(ts))
+        ts = ts.at[place].set(end)
+        outputs = jnp.concatenate([outputs, last[None]]).at[place].set(last)
     mask = None
     if event is not None:
         structure = jax.tree.structure(event.cond_fn, is_leaf=callable)
@@ -114,7 +116,7 @@ def is_far(scene: Scene, y: State) -> Array:
 def by_diffrax(
     scene: Scene, y0: State, start: Scalar, times: Array, solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController, dt0: Any,
-    adjoint: diffrax.AbstractAdjoint | None, event: diffrax.Event | None, max_steps: int | None,
+    event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> tuple[diffrax.Solution, Watch]:  # fmt: skip
     """The same with all that diffrax knows: what is saved, progress, other adjoints."""

@@ -5,8 +5,10 @@ one they take longer to start than to finish; batched with the lanes in front, t
 axes leave vector units idle. `kernel` mends both.
 """
 
+import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from typing import Any
 
 import jax
@@ -39,22 +41,23 @@ _FEW = 16  # terms of a sum that are written out one by one: longer ones are hal
 _LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., Any]:
     """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
 
     It must work on arrays with more axes, those of lanes, behind the axes that it knows, all lanes
     alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
-    its first argument has lanes of length one, to be broadcast as NumPy does.
+    its first argument has lanes of length one if `shared`, to be broadcast as NumPy does.
 
     On a CPU it and its first derivatives are compiled to one function each, where they consist of
     operations that allow it. Keep what this returns: it is traced once.
     """
     plain = _jitted(function)
-    fast = _batched(plain, shared=True)
+    fast = _batched(plain, shared)
 
     @functools.cache
-    def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
-        """(still, at, rates, out) to the rate of out, where some of the arguments move."""
+    def maps(tree: Any, moving: tuple[bool, ...]) -> tuple[Any, Any]:
+        """(still, at, rates) to the rate of the result where some of the arguments move, and the
+        transpose of that."""
 
         def partial(still: list[Array], at: list[Array]) -> Any:
             rest, moved = iter(still), iter(at)
@@ -67,11 +70,50 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
         def pull(still: list[Array], at: list[Array], out: Any) -> Any:
             return list(jax.vjp(lambda *at: partial(still, list(at)), *at)[1](out))
 
+        return push, pull
+
+    @functools.cache
+    def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+        push, pull = maps(tree, moving)
         return _linear_map(_jitted(push), _jitted(pull))
 
-    @jax.custom_jvp
-    def call(*args: Any) -> Any:
+    @functools.cache
+    def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+        return kernel(maps(tree, moving)[1], shared=False)
+
+    @jax.custom_vjp
+    def pulled(*args: Any) -> Any:
         return fast(*args)
+
+    def forwards(*args: Any) -> tuple[Any, Any]:
+        values = jax.tree.map(lambda a: a.value, args)
+        moves = [a.perturbed for a in jax.tree.leaves(args)]
+        flat, tree = jax.tree.flatten(values)
+        at = [a if m else None for a, m in zip(flat, moves, strict=True)]
+        still = [None if m else a for a, m in zip(flat, moves, strict=True)]
+        structure = jax.tree_util.Partial(tree.unflatten)  # type: ignore[attr-defined]
+        return fast(*values), (structure, at, still)
+
+    def backwards(residuals: Any, out: Any) -> Any:
+        structure, at, still = residuals
+        unflatten = structure.func
+        moving = tuple(a is not None for a in at)
+        out = jax.tree.map(
+            lambda o: jnp.zeros(o.shape, o.dtype) if _is_zero(o) else o, out, is_leaf=_is_zero
+        )
+        some = ([a for a in part if a is not None] for part in (still, at))
+        tree = jax.tree.structure(unflatten(range(len(at))))
+        found = iter(transpose(tree, moving)(*some, out))
+        return unflatten([next(found) if moves else None for moves in moving])
+
+    pulled.defvjp(forwards, backwards, symbolic_zeros=True)
+
+    @jax.custom_jvp
+    def both_ways(*args: Any) -> Any:
+        return fast(*args)
+
+    def call(*args: Any) -> Any:
+        return (pulled if _IN_REVERSE.get() else both_ways)(*args)
 
     def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
         at, tree = jax.tree.flatten(primals)
@@ -81,11 +123,24 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
             [a for a, moves in zip(leaves, moving, strict=True) if moves == which]
             for leaves, which in ((at, False), (at, True), (rates, True))
         ]
-        out = call(*primals)
+        out = both_ways(*primals)
         return out, derivative(tree, moving)(*parts, out)
 
-    call.defjvp(rule, symbolic_zeros=True)
+    both_ways.defjvp(rule, symbolic_zeros=True)
     return call
+
+
+_IN_REVERSE: ContextVar[bool] = ContextVar("in_reverse", default=False)
+
+
+@contextlib.contextmanager
+def reverse_mode() -> Iterator[None]:
+    """Kernels called herein bear `jax.vjp` alone, and their programs hold nothing for `jax.jvp`."""
+    token = _IN_REVERSE.set(True)
+    try:
+        yield
+    finally:
+        _IN_REVERSE.reset(token)
 
 
 def contract(a: Any, x: Any, axis: int, lanes: int) -> Array:

@@ -94,7 +94,7 @@ class Scene(SecondOrderSystem):
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
         motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
         if callable(force):
-            force = eqx.filter_closure_convert(self.loads.at_tip, t)
+            force = eqx.filter_closure_convert(lambda t: self.loads.at_tip(t), t)  # type: ignore[arg-type, return-value]
         scene: Scene = eqx.tree_at(
             lambda s: (s.motion, s.loads.tip_force), self, (motion, force),
             is_leaf=lambda leaf: leaf is None,

@@ -13,7 +13,7 @@ from jaxtyping import Array
 from jaxbeam._beam import kind_of, positive, real_scalar
 from jaxbeam._course import SAMPLES, Course
 from jaxbeam._following import LOST, Struck, following
-from jaxbeam._integration import OURS, Watch, by_diffrax, held_within, integrate, is_far
+from jaxbeam._integration import Watch, by_diffrax, held_within, integrate, is_far
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
 from jaxbeam._motion import Motion
@@ -161,9 +161,10 @@ def _simulate(
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = jnp.where(fine & ~started, Status.INVALID_START, given)
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
+    size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen)))
+    if dt0 is None and isinstance(controller, _CHOOSING | None):
+        dt0 = moment
     if controller is None:
-        size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen)))
-        dt0 = moment if dt0 is None else dt0
         controller = diffrax.PIDController(
             rtol=1e-6,
             atol=1e-6 * size,
@@ -178,8 +179,9 @@ def _simulate(
         solver, start_time = Struck(solver), times[0] + 2 * now.gap
         at_once = jnp.any(jnp.abs(now.jumps - times[0]) <= now.gap)
         y0 = jax.lax.cond(at_once, lambda: now.struck(start_time, y0), lambda: y0)
-    how = (now, y0, start_time, times, solver, controller, dt0, adjoint, event, max_steps)
-    if saveat is None and progress_meter is None and isinstance(adjoint, OURS):
+    how = (now, y0, start_time, times, solver, controller, dt0, event, max_steps, adjoint)
+    ours = adjoint is None or isinstance(adjoint, diffrax.ForwardMode)
+    if saveat is None and progress_meter is None and ours:
         solution, watch = integrate(*how)
     else:
         solution, watch = by_diffrax(*how, saveat, progress_meter)
@@ -208,6 +210,10 @@ def _simulate(
         solution=solution,
         scene=now,
     )
+
+
+# Controllers that choose steps themselves. What diffrax has them begin with knows of no scene.
+_CHOOSING = diffrax.PIDController | diffrax.ClipStepSizeController
 
 
 def _beside(mask: Array, values: Array) -> Array:

@@ -109,12 +109,12 @@ def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
         return jnp.where(exists, solution[-1], speed - 1.0), scale * solution[:-1]
 
     def newton(_: object, start: Scalar) -> tuple[Scalar, Vector]:
-        def body(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        def body(state: Any) -> Any:
             speed, _, _, k = state
             value, slope, x = jax.jvp(bordered, (speed,), (jnp.ones_like(speed),), has_aux=True)
             return speed - value / slope, x, jnp.abs(value / slope), k + 1
 
-        def go_on(state: tuple[Array, ...]) -> Array:
+        def go_on(state: Any) -> Array:
             speed, _, change, k = state
             return (change > 1e-14 * jnp.abs(speed)) & (k < 8)
 

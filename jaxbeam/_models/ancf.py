@@ -173,8 +173,9 @@ class SmallStrainANCF(_ANCF):
 
     The steady strain is the *linear* one of B eqs. 41-43, eps = P / EA, found on the undeformed
     beam. Frequencies are wrong by up to 0.9 eps, relative, against `EngineeringANCF` (0.4 eps
-    against `GreenANCF`): believe them while `steady_strain` is small. The tension acts on transverse displacement and, twice, on
-    axial displacement (one EA eps is its own, the other is B eq. 52 evaluated with q_0).
+    against `GreenANCF`): believe them while `steady_strain` is small. The tension acts on
+    transverse displacement and, twice, on axial displacement (one EA eps is its own, the other is
+    B eq. 52 evaluated with q_0).
     """
 
     def equations(self, rotor: Rotor) -> CartesianEquations:

@@ -75,8 +75,8 @@ class Hybrid(_Linear):
 
     Stiffens as it must at any speed. The tension acts on the undeformed beam, so frequencies are
     wrong by up to 0.9 of the steady strain, relative, and motions are right to second order in
-    deflection over length: compare `EngineeringANCF` where those are not small. `Hybrid(n_stretch=0)` is the
-    inextensible (prestressed, bending-only) beam.
+    deflection over length: compare `EngineeringANCF` where those are not small.
+    `Hybrid(n_stretch=0)` is the inextensible (prestressed, bending-only) beam.
     """
 
     @property

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from jaxbeam._kernel import reverse_mode
 from jaxbeam._solvers.run import (
     Given,
     Run,
@@ -15,6 +16,7 @@ from jaxbeam._solvers.run import (
     Tape,
     Task,
     anywhere,
+    as_arrays,
     blank,
     level,
     march,
@@ -39,7 +41,7 @@ def run(given: Given, task: Task) -> Run:
 
 
 @run.def_fwd
-def _forwards(perturbed: Any, given: Given, task: Task) -> tuple[Run, Tape]:
+def _forwards(perturbed: Any, given: Given, task: Task) -> tuple[Run, tuple[Tape, Array, Array]]:
     result, tape = march(task, given, blank(task, given))
     assert tape is not None
     return result, (tape, result.kept, ~(result.t < given.times[-1]))
@@ -59,9 +61,7 @@ class _Back(NamedTuple):
 
 
 @run.def_bwd
-def _backwards(
-    residuals: Any, out: Run, perturbed: Any, given: Given, task: Task
-) -> Any:
+def _backwards(residuals: Any, out: Run, perturbed: Any, given: Given, task: Task) -> Any:
     (tape, count, finished), solver = residuals, task.solver
     steps, rows = len(tape.ends) - 1, len(tape.rows) - 1
     times, m = given.times, ravel_pytree(given.y0)[0].size
@@ -85,7 +85,7 @@ def _backwards(
         y, _, info, solver_state, _ = solver.step(
             task.term, t0, t1, y, own.args, solver_state, jumped
         )
-        row, _ = ravel_pytree(eqx.filter((y, solver_state), eqx.is_array))
+        row, _ = ravel_pytree(eqx.filter((y, as_arrays(solver_state)), eqx.is_array))
         return row, Step(t0, t1, info)
 
     def row_of(first: Array) -> Array:
@@ -93,8 +93,12 @@ def _backwards(
 
     first = jnp.maximum(count - 1, 0) & ~(stride - 1)
     back = _Back(
-        first, first, first < count - 1, jnp.zeros((longest + 1, zero.size), zero.dtype).at[0].set(row_of(first)),
-        _reached(times, tape, count), zero.at[:m].set(at_end),
+        first,
+        first,
+        first < count - 1,
+        jnp.zeros((longest + 1, zero.size), zero.dtype).at[0].set(row_of(first)),
+        _reached(times, tape, count),
+        zero.at[:m].set(at_end),
         jax.tree.map(jnp.zeros_like, moving),
     )
     back = back._replace(k=jnp.where(count > 0, back.k, -1))
@@ -105,7 +109,8 @@ def _backwards(
         k = jnp.maximum(k, 0)
         down = active & ~back.up
         row = back.span[k - first]
-        (after, step), pull = jax.vjp(lambda moving, row: advance(moving, row, k), moving, row)
+        with reverse_mode():
+            (after, step), pull = jax.vjp(lambda moving, row: advance(moving, row, k), moving, row)
         before = jnp.where(k > 0, tape.ends[k - 1, 1], -jnp.inf)
 
         def here(i: Array) -> Array:
@@ -135,8 +140,8 @@ def _backwards(
         if at_times is not None:
             to_given = eqx.tree_at(lambda g: g.times, to_given, to_given.times + at_times)
         # Where a lane failed, states may not be finite, but then nothing depends on them.
-        matters = [jnp.any(a != 0) for a in jax.tree.leaves((back.row, at_step))]
-        matters = down & jnp.any(jnp.stack(matters))
+        weights = jax.tree.leaves((back.row, at_step))
+        matters = down & jnp.any(jnp.stack([jnp.any(a != 0) for a in weights]))
         total = jax.tree.map(lambda a, b: a + jnp.where(matters, b, 0.0), back.given, to_given)
         to_row = jnp.where(down, jnp.where(matters, to_row, 0.0), back.row)
 

@@ -4,6 +4,7 @@ This is what `diffrax.diffeqsolve` does, for the one case that beams ask for. It
 since its size is what a user waits for: half of a spin-up is compiled, not computed.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -29,7 +30,7 @@ mlir.register_lowering(anywhere, lambda _, x: [x])
 
 
 def _anywhere_in_batch(given: Any, _: Any) -> Any:
-    return anywhere.bind(jnp.any(given[0], 0)), batching.not_mapped
+    return anywhere.bind(jnp.any(given[0], 0)), None
 
 
 batching.primitive_batchers[anywhere] = _anywhere_in_batch
@@ -67,7 +68,11 @@ def conditions(task: Task, given: Given) -> list[Callable[[Scalar, State], Any]]
         "stepsize_controller": task.controller,
     }  # fmt: skip
     found = jax.tree.leaves(task.event.cond_fn, is_leaf=callable)
-    return [lambda t, y, f=f: f(t, y, given.args, **more) for f in found]
+    return [functools.partial(_asked, f, given.args, more) for f in found]
+
+
+def _asked(function: Any, args: Any, more: dict[str, Any], t: Scalar, y: State) -> Any:
+    return function(t, y, args, **more)
 
 
 class Step(NamedTuple):
@@ -116,23 +121,23 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
     """Runs the task; with an empty `tape` that is filled."""
     solver, controller, args = task.solver, task.controller, given.args
     times, end = given.times, given.times[-1]
-    order = solver.error_order(task.term)
+    order: Any = solver.error_order(task.term)
     seen = without_derivatives((args, given.y0, given.start, end))
     t1, controller_state = controller.init(
         task.term, seen[2], seen[3], seen[1], task.dt0, seen[0], solver.func, order
     )
     t1 = jnp.minimum(t1, end)
-    solver_state = solver.init(task.term, given.start, t1, given.y0, args)
     flat, _ = ravel_pytree(given.y0)
     yes, no, count = jnp.asarray(True), jnp.asarray(False), jnp.asarray(0)
     # Steps that would leave but a splinter end at the end, to which 100 units of rounding are near.
     nearly = end - 128 * jnp.finfo(times.dtype).eps * jnp.abs(end)
 
     last = None
+    started = solver_state_of(task, given)
     located = task.event is not None and task.event.root_finder is not None
     if located:
         step = eqx.filter_eval_shape(
-            solver.step, task.term, given.start, t1, given.y0, args, solver_state, False
+            solver.step, task.term, given.start, t1, given.y0, args, started, False
         )
         info = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), step[2])
         last = Step(given.start, t1, info)
@@ -154,12 +159,9 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
         y=flat, last=last, reached=count + 1, t=given.start, stopped=no, happened=happened,
         result=diffrax.RESULTS.where(yes, _OK, _OK), steps=count, kept=count,
     )  # fmt: skip
-    solver_state, controller_state = jax.tree.map(
-        lambda a: jnp.asarray(a) if eqx.is_array_like(a) else a, (solver_state, controller_state)
-    )
     now = _Now(
-        given.start, t1, given.y0, no if task.jumps else False, solver_state, controller_state, values,
-        tape, first,
+        given.start, t1, given.y0, no if task.jumps else False, started,
+        as_arrays(controller_state), values, tape, first,
     )  # fmt: skip
     arrays, static = eqx.partition(now, eqx.is_array)
 
@@ -175,14 +177,14 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
         run = now.run
         active = goes_on(now)
         y, error, info, solver_state, solver_result = solver.step(
-            task.term, now.t0, now.t1, now.y, args, now.solver_state, now.jumped if task.jumps else False
+            task.term, now.t0, now.t1, now.y, args, now.solver_state, now.jumped
         )
         error = jax.tree.map(lambda e: jnp.where(jnp.isnan(e), jnp.inf, e), error)
         keep, t0, t1, jumped, controller_state, controller_result = controller.adapt_step_size(
             *without_derivatives((now.t0, now.t1, now.y, y, args, error)), order,
             now.controller_state,
         )  # fmt: skip
-        kept = keep & active
+        kept = jnp.asarray(keep & active)
         t0 = jnp.minimum(t0, end)
         t1 = jnp.where(t1 > nearly, jnp.where(keep, end, t0 + 0.5 * (end - t0)), t1)
         result = diffrax.RESULTS.where(keep, solver_result, _OK)
@@ -207,9 +209,7 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
             now.values, run.t, now.y, run.y, now.solver_state, now.jumped if task.jumps else None,
             run.last,
         )  # fmt: skip
-        stopped, happened, values, t, y, flat, solver_state, jumped, last = _where(
-            kept, new, old
-        )
+        stopped, happened, values, t, y, flat, solver_state, jumped, last = _where(kept, new, old)
         t0, t1, controller_state, result = _where(
             active,
             (t0, t1, controller_state, result),
@@ -219,10 +219,9 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
             outputs, flat, last, reached, t, stopped, happened, result,
             run.steps + active, run.kept + kept,
         )  # fmt: skip
-        new = _Now(
-            t0, t1, y, jumped if task.jumps else False, solver_state, controller_state, values, tape, run
-        )
-        return eqx.filter(new, eqx.is_array)
+        jumped = jumped if task.jumps else False
+        after = _Now(t0, t1, y, jumped, solver_state, controller_state, values, tape, run)
+        return eqx.filter(after, eqx.is_array)
 
     arrays = jax.lax.while_loop(
         lambda arrays: anywhere.bind(goes_on(eqx.combine(arrays, static))), body, arrays
@@ -293,14 +292,21 @@ def blank(task: Task, given: Given) -> Tape:
         )
     kept = solver_state_of(task, given)
     row, _ = ravel_pytree(eqx.filter((given.y0, kept), eqx.is_array))
+    # So many that spans between rows are no longer than there are rows.
     rows = min(max(ROWS, _power(int((2 * steps) ** 0.5))), _power(steps))
-    dtype = given.times.dtype
-    return Tape(jnp.zeros((rows + 1, row.size), row.dtype), jnp.zeros((steps + 1, 3 if task.jumps else 2), dtype))
+    ends = jnp.zeros((steps + 1, 3 if task.jumps else 2), given.times.dtype)
+    return Tape(jnp.zeros((rows + 1, row.size), row.dtype), ends)
 
 
 def solver_state_of(task: Task, given: Given) -> Any:
     """The state of the solver at the start."""
-    return task.solver.init(task.term, given.start, given.start, given.y0, given.args)
+    state = task.solver.init(task.term, given.start, given.start, given.y0, given.args)
+    return as_arrays(state)
+
+
+def as_arrays(tree: Any) -> Any:
+    """Numbers and truths as arrays, which loops carry."""
+    return jax.tree.map(lambda a: jnp.asarray(a) if eqx.is_array_like(a) else a, tree)
 
 
 def _power(n: int) -> int:

@@ -1,0 +1,206 @@
+"""Reverse mode of a run: the derivative of what was computed, to rounding."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam._solvers import run as loop
+
+TIMES = jnp.linspace(0.0, 1.2, 13)
+P = jnp.array([1.3, 1.1, 4e4, 11.0, 0.4, 0.3, 3.0, 0.9])
+
+
+def rotor_of(p):
+    return jb.Rotor(jb.Beam(p[0], p[1], p[2], p[3], p[3]), p[4], p[5])
+
+
+def spin_up(model, p, times=TIMES, motion=None, **options):
+    motion = jb.SmoothSpinUp(p[6], p[7]) if motion is None else motion(p)
+    return jb.simulate(model, rotor_of(p), motion, times, throw=False, **options)
+
+
+def both(value, p, **options):
+    """The gradient of ours, and that of diffrax, one direction of outputs at a time."""
+    found = []
+    for adjoint in (None, diffrax.RecursiveCheckpointAdjoint()):
+
+        def function(p, adjoint=adjoint):
+            return value(p, adjoint=adjoint, **options)
+
+        found.append(jax.jit(jax.jacrev(function))(p))
+    return found
+
+
+def check(ours, other, tolerance=1e-10):
+    scale = np.abs(other).max(-1, keepdims=True)
+    assert (scale > 0).all()
+    np.testing.assert_array_less(np.abs(ours - other) / scale, tolerance)
+
+
+CASES = {
+    "adaptive": {},
+    "fixed": {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.02, "max_steps": 64},
+    "chord": {"solver": jb.ChordKvaerno5()},
+    "explicit": {"solver": diffrax.Dopri5(), "max_steps": 20_000},
+    "clipped": {
+        "stepsize_controller": diffrax.ClipStepSizeController(
+            diffrax.PIDController(1e-5, 1e-7), jump_ts=jnp.array([0.31, 0.8])
+        )
+    },
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
+def test_is_that_of_diffrax(options):
+    """Peak and end, also for solvers that keep a state and for controllers that tell of jumps."""
+
+    def value(p, **options):
+        run = spin_up(jb.Hybrid(0, 2, 0), p, **options)
+        return jnp.stack([run.peak()[0], run.tip[-1, 1], run.strain_energy[7]])
+
+    check(*both(value, P, **{"max_steps": 4000} | options))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rows", [1024, 32])
+def test_checkpoints(rows, monkeypatch):
+    """Where steps are more than rows, states in between are computed once more: nothing changes."""
+    monkeypatch.setattr(loop, "ROWS", rows)
+
+    def value(p, **options):
+        run = spin_up(jb.Hybrid(0, 2, 0), p, **options)
+        return jnp.stack([run.peak()[0], run.tip[-1, 1]])
+
+    options = {"stepsize_controller": diffrax.PIDController(1e-6, 1e-8), "dt0": 0.01}
+    steps = spin_up(jb.Hybrid(0, 2, 0), P, **options).solution.stats["num_accepted_steps"]
+    assert 50 < steps < 256
+    check(*both(value, P, max_steps=256, **options))
+
+
+def test_rows_of_the_tape():
+    """Every state that the sweep asks for is where it was put, whatever the number of steps."""
+    rows = 8
+    tape = np.full(rows, -1)
+    for step in range(64):
+        level = int(loop.level(jnp.asarray(step), rows))
+        if step % 2**level == 0:
+            place = int(loop.place(jnp.asarray(step), rows))
+            assert 0 <= place < rows
+            tape[place] = step
+        wanted = range(0, step + 1, 2**level)
+        assert len(wanted) <= rows
+        assert [tape[int(loop.place(jnp.asarray(k), rows))] for k in wanted] == list(wanted)
+
+
+@pytest.mark.slow
+def test_batch_with_a_lane_that_fails():
+    """Lanes are alike and alone; one that fails has no share in the gradient."""
+    model = jb.Hybrid(0, 2, 0)
+    speeds = jnp.array([1.0, 3.0, jnp.nan, 5.0, 1.0])
+
+    def total(p, **options):
+        def one(speed):
+            run = spin_up(model, p.at[6].set(speed), max_steps=4000, **options)
+            return jnp.where(run.status == jb.Status.OK, run.peak()[0], 0.0)
+
+        return jnp.sum(jax.vmap(one)(speeds))[None]
+
+    def single(p, speed):
+        return spin_up(model, p.at[6].set(speed), max_steps=4000).peak()[0]
+
+    gradient = jax.jit(jax.grad(lambda p: total(p)[0]))(P)
+    pull = jax.jit(jax.grad(single))
+    alone = sum(pull(P, speed) for speed in speeds if np.isfinite(speed)).at[6].set(0.0)
+    np.testing.assert_allclose(gradient, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
+
+    each = jax.jit(jax.vmap(jax.grad(single), (None, 0)))(P, speeds)
+    for own, speed in zip(each, speeds, strict=True):
+        if np.isfinite(speed):
+            np.testing.assert_allclose(own, pull(P, speed), rtol=1e-9, atol=1e-12)
+        else:
+            assert np.isfinite(own).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [0.0, 0.2])
+def test_by_times_of_outputs(start):
+    """The first is where the run begins, the last where it ends."""
+
+    def value(p, **options):
+        times = jnp.stack([start * p[6], 0.3 * p[0], 0.31 * p[3], 1.3 * p[1]])
+        run = spin_up(jb.Hybrid(0, 2, 0), P, times, **options)
+        return run.tip[1:, 1]
+
+    fixed = {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.01, "max_steps": 256}
+    # Whether the last step, or only what is interpolated, ends later is a matter of rounding.
+    check(*both(value, P / jnp.array([1, 1, 1, 5.0, 1, 1, 10, 1]), **fixed), 1e-8)
+
+
+@pytest.mark.slow
+def test_with_an_event():
+    """When and how a run ends at a limit of the deflection, by the limit too."""
+
+    def value(p, **options):
+        event = jb.deflection_limit(0.05 * p[7])
+        run = spin_up(jb.Hybrid(0, 2, 0), p, event=event, max_steps=2000, **options)
+        last = jnp.sum(jnp.isfinite(run.times)) - 1
+        return jnp.stack([run.end_time, run.tip[last, 1], run.state.v[last, 0]])
+
+    ours, other = both(value, P.at[6].set(8.0))
+    check(ours, other, 1e-8)
+    run = spin_up(jb.Hybrid(0, 2, 0), P.at[6].set(8.0), event=jb.deflection_limit(0.05))
+    assert run.end_time < 1.0
+
+
+@pytest.mark.slow
+def test_with_jumps_and_closures():
+    """By the times of jumps and corners, and by what functions of the user close over."""
+
+    def value(p, **options):
+        def speed(t):
+            return jnp.stack([0.0 * t, 0.0 * t, jnp.where(t > p[0], p[1], 0.0) + p[2] * t])
+
+        motion = jb.HubVelocity(lambda t: 0.0 * speed(t), speed, jumps=p[:1])
+        loads = jb.Loads(tip_force=lambda t: p[3] * jnp.sin(t) * jnp.array([1.0, 1.0, 0.0]))
+        run = jb.simulate(
+            jb.Hybrid(0, 2, 0), rotor_of(P), motion, TIMES, loads=loads, throw=False,
+            max_steps=2000, **options,
+        )  # fmt: skip
+        return run.tip[-1:, 1]
+
+    check(*both(value, jnp.array([0.33, 0.5, 0.7, 0.2])), 1e-9)
+
+
+@pytest.mark.slow
+def test_second_derivatives():
+    """Forward over reverse, symmetric and as differences have it; reverse over reverse is refused
+    by JAX."""
+    fixed = {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.02, "max_steps": 64}
+
+    def value(p):
+        return spin_up(jb.Hybrid(0, 2, 0), P.at[jnp.array([4, 5])].set(p), **fixed).tip[-1, 1]
+
+    p = P[jnp.array([4, 5])]
+    slope = jax.jit(jax.grad(value))
+    hessian = jax.jit(jax.jacfwd(jax.grad(value)))(p)
+    h = 1e-5
+    expected = [(slope(p + h * e) - slope(p - h * e)) / (2 * h) for e in np.eye(2)]
+    np.testing.assert_allclose(hessian, expected, rtol=1e-6)
+    np.testing.assert_allclose(hessian, hessian.T, rtol=1e-9)
+    with pytest.raises(ValueError, match="Reverse-mode differentiation does not work"):
+        jax.grad(lambda p: jnp.sum(jax.grad(value)(p)))(p)
+
+
+def test_bounds_of_memory():
+    """The tape has a fixed number of rows, and max_steps=None none that would do."""
+    model = jb.Hybrid(0, 2, 0)
+    with pytest.raises(ValueError, match="give max_steps"):
+        jax.grad(lambda p: spin_up(model, p, max_steps=None).tip[-1, 1])(P)
+    run = spin_up(model, P, max_steps=None)
+    assert run.status == jb.Status.OK
+    assert eqx.is_array(run.tip)
