@@ -30,6 +30,8 @@ ORDER = [
     "_models.ancf",
     "_models.discrete",
     "_solvers.system",
+    "_solvers.run",
+    "_solvers.adjoint",
     "_solvers.steps",
     "_solvers.rodas",
     "_solvers.kvaerno",
@@ -37,6 +39,7 @@ ORDER = [
     "_scene",
     "_course",
     "_following",
+    "_integration",
     "_simulation",
     "_simulate",
     "_modes",
@@ -66,6 +69,7 @@ OWNERS = {
     "xarray": {"_table"},
     "diffrax": {
         "_following",
+        "_integration",
         "_simulation",
         "_simulate",
         "_questions",
@@ -73,7 +77,7 @@ OWNERS = {
         "_experiments",
         *(name for name in ORDER if "_solvers." in name),
     },
-    "optimistix": {"_simulate", "_fit"},
+    "optimistix": {"_integration", "_simulate", "_fit"},
     "optax": {"_fit"},
     "jaxlib": {"_kernel"},
 }
