@@ -43,6 +43,7 @@ SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in 
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
 LARGE = 0.1  # and where linear theory fails
 NOT_NEEDED = "not needed"
+_UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
 
 
 def answer(
@@ -156,20 +157,21 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
 
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
     a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
-    do. Then elements are refined until the last two differ by less than half the tolerance: they
-    are the judge (in space von Karman beams are, and estimates have their own error on top, twice
-    the square of the deflection over length plus the strain). Cheaper rungs are tried in order of
-    cost until one agrees. The estimate of a rung is its distance from the judge, plus what the
-    judge may be off, plus what ten times tighter integration changes.
+    do. Then elements are refined, from four on, until the last two differ by less than the
+    tolerance: they are the judge (in space von Karman beams are, and estimates have their own error
+    on top, twice the square of the deflection over length plus the strain). Cheaper rungs are tried
+    in order of cost until one agrees, but for those that a better one of their kind, far off
+    itself, rules out. The estimate of a rung is its distance from the judge, plus what the judge
+    may be off, plus what ten times tighter integration changes.
 
     The judge's material has the engineering strain (`EngineeringANCF`). To estimates of rungs of
     any other axial law is added what laws that agree at small strains may differ by, from the
     strains that the judge meets: see `Answer.law`, which `Choice.law` repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
-    model is compiled once for all questions of a kind. For many cases use `ladder_sweep`. Raises
-    `ValueError` or `TypeError` for a malformed argument or parameters out of range, `RuntimeError`
-    where no model gives an answer.
+    model is compiled once for all questions of a kind, side by side on the cores there are. For
+    many cases use `ladder_sweep`. Raises `ValueError` or `TypeError` for a malformed argument or
+    parameters out of range, `RuntimeError` where no model gives an answer.
     """
     checked_question(question)
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
@@ -216,7 +218,7 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
             finer = (m for m in nonlinear[nonlinear.index(model) :] if m in estimates)
             if estimates[better := next(finer)] > tolerance / 4:
                 return f"{describe(better)}: {estimates[better]:.2g}"
-        if isinstance(model, Classical | Hybrid) and ask.apart(scout, judge) > 2 * tolerance:
+        if isinstance(model, Classical | Hybrid) and ask.apart(scout, judge) > 3 * tolerance:
             # Another linear theory is no better, but by more functions, or in its stretch.
             less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
             if less or 0.1 * known.size**2 > tolerance:
@@ -314,7 +316,10 @@ def _refined(
         if np.isfinite(left) and not np.isfinite(apart):
             break
         # Two rungs may agree by chance: so little is left only if those before agreed as well.
-        here = share * apart if np.isinf(before) else max(share * apart, share**2 * before)
+        if np.isinf(before):
+            here = max(share * apart, min(apart / 2, _UNCONFIRMED * tolerance))
+        else:
+            here = max(share * apart, share**2 * before)
         judge, left, before = fine, here, apart
         if apart <= JUDGE * tolerance:
             break

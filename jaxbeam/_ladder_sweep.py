@@ -166,7 +166,7 @@ def ladder_sweep(
 
     A linear theory in bending looks at every case. Of those in the plane, and of those in space,
     `representatives` that differ most are followed up both chains of the ladder (see
-    `choose_model`) until the last two rungs differ by less than half the tolerance. They tell what
+    `choose_model`) until the last two rungs differ by less than the tolerance. They tell what
     linear theory leaves out, over the square of deflection over length plus the steady strain; on
     each rung, the error of discretisation over the distance from the rung below; what integration
     adds; and where to start. Then each case gets the answers of two neighbouring rungs. The
@@ -186,8 +186,8 @@ def ladder_sweep(
     | status   | ()     | `Status`; `TOLERANCE_NOT_MET` where the best answer is not good enough |
 
     `chunk`, `devices` (of this process alone) and `progress` are those of `sweep`. Each model is
-    compiled once; where `cases` are few that takes longer than all else, so the cheapest of four or
-    more linear rungs is left out.
+    compiled once, side by side on the cores there are; where `cases` are few that takes longer than
+    all else, so the cheapest rungs of both kinds are left out, and others until they are needed.
     Raises `ValueError` or `TypeError` for malformed arguments.
     """
     if not callable(situation):
