@@ -5,11 +5,12 @@ import jax
 import jax.numpy as jnp
 
 from jaxbeam._beam import Rotor, checked_rotor, checked_speed
+from jaxbeam._linalg import symmetric_modes
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._modes import find
 from jaxbeam._results import where_known
 from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar
+from jaxbeam._types import Real, Scalar, Vector, Vectors
 
 _BENDING = Hybrid(0, 14, 0)
 
@@ -44,6 +45,19 @@ def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
     speed = jnp.where(fine, speed, 0.0)
     still = jnp.zeros_like(speed)
     phi = find(_BENDING, rotor, still, 1).shape[0].real
+    return where_known(fine, stiffening_of(phi, rotor, speed))
+
+
+def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
+    """The same where the first mode is known and all is in range."""
     equations = _BENDING.equations(rotor)
-    motion = phi @ equations.motion_stiffness(still, speed**2, None) @ phi
-    return where_known(fine, motion / (2 * equations.strain_energy(phi)))
+    motion = phi @ equations.motion_stiffness(jnp.zeros_like(speed), speed**2, None) @ phi
+    return motion / (2 * equations.strain_energy(phi))
+
+
+def bending_at_rest(rotor: Rotor) -> tuple[Vector, Vectors]:
+    """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
+    derivatives, and a program a fifth as large."""
+    system = _BENDING.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
+    shape = symmetric_modes(system.mass, system.stiffness)
+    return jnp.sqrt(jnp.sum((shape @ system.stiffness) * shape, axis=1)), shape

@@ -1,167 +1,49 @@
-"""No more model than a question needs: rungs from cheap to rich, and the one to stand on.
+"""No more model than a question needs: of the rungs of the ladder, the one to stand on.
 
-Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
-at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
-elements converge to the right answer for a material of the engineering strain (`EngineeringANCF`;
-in space, where there are none, von Karman beams do to second order of deflection over length). The
-finest of the latter that has converged is the judge of all cheaper rungs; what is known beforehand
-says which need not come before the judge.
+The finest of the non-linear rungs that has converged is the judge of all cheaper ones; what is
+known beforehand, or follows from rungs that were asked, says which need not come before the judge.
+In a fresh process nearly all time is compilation, a program for each rung: so what is sure to be
+asked is compiled side by side, and what cannot matter is not.
 """
 
 import dataclasses
+import functools
 import itertools
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from jaxbeam._basis import CantileverModes, Polynomials
+from jaxbeam._ahead import Ahead
 from jaxbeam._beam import Rotor, checked_rotor, positive, real_scalar
-from jaxbeam._indicators import stiffening_ratio
-from jaxbeam._models.ancf import EngineeringANCF
 from jaxbeam._models.base import AbstractModel, checked_model
-from jaxbeam._models.modal import Classical, Hybrid, VonKarman
-from jaxbeam._modes import modes
-from jaxbeam._questions import Answer, ModalFrequencies, Question, checked_question
+from jaxbeam._models.modal import Classical, Hybrid
+from jaxbeam._questions import Answer, Question, checked_question
+from jaxbeam._rungs import (
+    Indicators,
+    Rung,
+    chains,
+    describe,
+    has_other_law,
+    indicators,
+    is_planar,
+    judges,
+    left_of,
+    ruled_out,
+    rungs_of,
+    scout_of,
+)
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar
 
-ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
 INTEGRATION = 0.05  # of the tolerance, left to numerical integration
-JUDGE = 0.5  # of the tolerance, by which the last two rungs of the judge may differ
+JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may differ
 SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in studies/validity.py
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
 LARGE = 0.1  # and where linear theory fails
 NOT_NEEDED = "not needed"
-
-
-class Rung(NamedTuple):
-    """A model, and what it is expected to cost, over the cheapest of the ladder."""
-
-    model: AbstractModel
-    cost: float
-
-    @property
-    def name(self) -> str:
-        """In words."""
-        return describe(self.model)
-
-
-def describe(model: AbstractModel) -> str:
-    """A rung in words: theory and size."""
-    if isinstance(model, EngineeringANCF):
-        return f"{model.n_elements} element{'s' * (model.n_elements > 1)}"
-    assert isinstance(model, Classical | Hybrid | VonKarman)
-    n, flap = model.n_in_plane, model.n_flap
-    kind = "mode" if isinstance(model.basis, CantileverModes) else "function"
-    count = f"{n} and {flap} {kind}s" if flap else f"{n} {kind}{'s' * (n > 1)}"
-    stretch = f", stretch {model.n_stretch}" if model.n_stretch else ""
-    title = {Classical: "classical", Hybrid: "hybrid", VonKarman: "von Karman"}[type(model)]
-    return f"{title}, {count}{stretch}"
-
-
-def chains(question: Question, planar: bool) -> tuple[list[AbstractModel], list[AbstractModel]]:
-    """Linear and non-linear models for a question, each from coarse to fine."""
-    linear = [_modal(Hybrid, n, planar) for n in question.functions]
-    if planar:
-        return linear, [EngineeringANCF(n) for n in ELEMENTS if 2 * n >= question.functions[0]]
-    return linear, [_modal(VonKarman, n, planar) for n in question.functions if n > 1]
-
-
-def _modal(theory: type[Any], n: int, planar: bool, stretch: int = 0) -> AbstractModel:
-    """With n functions across, each way. Those of von Karman's u1 follow u2'^2."""
-    # One or two modes at rest do better than as many polynomials, from three on these win.
-    stretch = 2 * n + 1 if theory is VonKarman else stretch
-    few = n <= 2 and theory is not VonKarman
-    basis = CantileverModes() if few else Polynomials()
-    model: AbstractModel = theory(stretch, n, 0 if planar else n, basis=basis)
-    return model
-
-
-def ladder(question: Question, rotor: Rotor) -> list[Rung]:
-    """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
-
-    In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
-    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; in the plane,
-    elements. Nothing out of the plane where motion and loads stay in it.
-    """
-    checked_question(question)
-    return rungs_of(question, bool(_planar(question, checked_rotor(Rotor, rotor))))
-
-
-def rungs_of(question: Question, planar: bool) -> list[Rung]:
-    """The same where it is known whether all stays in the plane."""
-    linear, nonlinear = chains(question, planar)
-    models = [_modal(Classical, n, planar) for n in question.functions if n < 8]
-    models += [*linear, *nonlinear]
-    for n in question.functions:
-        models += [_modal(Hybrid, n, planar, n)] * (n >= 4)
-        models += [_modal(VonKarman, n, planar)] * (n in (2, 4) and planar)
-    costs = [_cost(question, model) for model in models]
-    rungs = [Rung(m, cost / min(costs)) for m, cost in zip(models, costs, strict=True)]
-    return sorted(rungs, key=lambda rung: rung.cost)
-
-
-def _cost(question: Question, model: AbstractModel) -> float:
-    """In us of a case in a batch on one core, roughly: of steps and unknowns. `studies/ladder.py`
-    measures some."""
-    n = len(model.families)
-    if isinstance(question, ModalFrequencies):
-        return 40 + 5e-3 * n**3
-    if isinstance(model, EngineeringANCF):  # more than twice as many steps as linear motion
-        return 2.3 * 200 * (2 + 2.2 * model.n_elements)
-    step = (1.9 if isinstance(model, Classical) else 2) + 1.2 * n
-    return 200 * step * (5 if isinstance(model, VonKarman) else 1)
-
-
-class Indicators(eqx.Module):
-    """What is known of a question before it is answered.
-
-    | field            | shape |                                                                |
-    |------------------|-------|----------------------------------------------------------------|
-    | stiffening_ratio | ()    | motion-induced over elastic stiffness at the largest speed     |
-    | steady_strain    | ()    | P(0) / EA at the largest speed                                 |
-    | size             | ()    | largest deflection of the tip over the length, linear theory   |
-    | slope            | ()    | largest slope there, of the same                               |
-    | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
-    | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
-    """
-
-    stiffening_ratio: Scalar
-    steady_strain: Scalar
-    size: Scalar
-    slope: Scalar
-    rest_frequency: Array
-    excited: Array
-
-    @property
-    def reach(self) -> Scalar:
-        """What linear theories, and that of von Karman, leave out goes with this."""
-        return self.size**2 + self.steady_strain
-
-
-@eqx.filter_jit
-def _indicators(question: Question, rotor: Rotor, found: Answer) -> Indicators:
-    """`found` is the answer of a linear theory."""
-    speed = question.speed()
-    fine = found.status == Status.OK
-    omega = modes(Hybrid(0, 8, 0), rotor, 0.0, 6, throw=False).frequency
-    return Indicators(
-        stiffening_ratio=stiffening_ratio(rotor, speed),
-        steady_strain=rotor.steady_strain(speed),
-        size=jnp.where(fine, found.size, jnp.inf),
-        slope=jnp.where(fine, found.slope, jnp.inf),
-        rest_frequency=omega,
-        excited=question.excited(omega),
-    )
-
-
-@eqx.filter_jit
-def _planar(question: Question, rotor: Rotor) -> Array:
-    return question.planar(rotor)
+_UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
 
 
 def answer(
@@ -261,36 +143,6 @@ class Choice:
         return "\n".join(lines)
 
 
-def scout_of(linear: list[AbstractModel]) -> AbstractModel:
-    """The linear theory that says how large deflections are."""
-    return linear[min(2, len(linear) - 1)]
-
-
-def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
-    """Why it need not be tried: a tenth of what it leaves out as a rule (`studies/validity.py`; of
-    a mode, its share) is too much."""
-    if isinstance(model, EngineeringANCF):
-        return ""
-    assert isinstance(model, Classical | Hybrid | VonKarman)
-    if isinstance(model, Classical) and 0.05 * known.stiffening_ratio > tolerance:
-        return f"stiffening ratio {float(known.stiffening_ratio):.2g}"
-    if not isinstance(model, VonKarman):
-        if 0.03 * known.size**2 > tolerance:
-            return f"deflection {float(known.size):.2g} L, slope {float(known.slope):.2g}"
-        if 0.04 * known.steady_strain > tolerance:
-            return f"steady strain {float(known.steady_strain):.2g}"
-    n = model.n_in_plane
-    if n < len(known.excited) and known.excited[n] > 10 * tolerance:
-        return f"mode {n + 1} takes part, {float(known.excited[n]):.1g} of what the first could"
-    return ""
-
-
-def has_other_law(model: AbstractModel) -> bool:
-    """Whether its material is not that of the engineering strain, to which errors refer. Then what
-    the law may change (`Answer.law`) is part of its error, even if it agrees by chance."""
-    return not isinstance(model, EngineeringANCF)
-
-
 def checked_tolerance(tolerance: float) -> float:
     """As a float."""
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.floating):
@@ -305,35 +157,51 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
 
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
     a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
-    do. Then elements are refined until the last two differ by less than half the tolerance: they
-    are the judge (in space von Karman beams are, and estimates have their own error on top, twice
-    the square of the deflection over length plus the strain). Cheaper rungs are tried in order of
-    cost until one agrees. The estimate of a rung is its distance from the judge, plus what the
-    judge may be off, plus what ten times tighter integration changes.
+    do. Then elements are refined, from four on, until the last two differ by less than the
+    tolerance: they are the judge (in space von Karman beams are, and estimates have their own error
+    on top, twice the square of the deflection over length plus the strain). Cheaper rungs are tried
+    in order of cost until one agrees, but for those that a better one of their kind, far off
+    itself, rules out. The estimate of a rung is its distance from the judge, plus what the judge
+    may be off, plus what ten times tighter integration changes.
 
     The judge's material has the engineering strain (`EngineeringANCF`). To estimates of rungs of
     any other axial law is added what laws that agree at small strains may differ by, from the
     strains that the judge meets: see `Answer.law`, which `Choice.law` repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
-    model is compiled once for all questions of a kind. For many cases use `ladder_sweep`. Raises
-    `ValueError` or `TypeError` for a malformed argument or parameters out of range, `RuntimeError`
-    where no model gives an answer.
+    model is compiled once for all questions of a kind, side by side on the cores there are. For
+    many cases use `ladder_sweep`. Raises `ValueError` or `TypeError` for a malformed argument or
+    parameters out of range, `RuntimeError` where no model gives an answer.
     """
     checked_question(question)
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
-    planar = bool(_planar(question, rotor))
+    with Ahead() as ahead:
+        return _chosen(_Asker(question, rotor, INTEGRATION * tolerance, ahead), tolerance)
+
+
+def _chosen(ask: "_Asker", tolerance: float) -> Choice:
+    question, rotor = ask.question, ask.rotor
+    planar = bool(is_planar(question, rotor))
     linear, nonlinear = chains(question, planar)
-    rungs = rungs_of(question, planar)
-    ask = _Asker(question, rotor, INTEGRATION * tolerance)
-    scout = ask.now(scout_of(linear))
-    given = Status(int(scout.status))
+    rungs, elements, scout = rungs_of(question, planar), judges(nonlinear), scout_of(linear)
+    ask.begin(scout)
+    lowered = functools.partial(indicators.lower, question, rotor)  # type: ignore[attr-defined]
+    ask.ahead.begin(Indicators, lambda: lowered().compile())
+    ask.begin(*elements[:2])
+    seen = ask.now(scout)
+    given = Status(int(seen.status))
     if Status.OK < given < Status.OUT_OF_PLANE:
         raise ValueError(given.message)
-    known = jax.device_get(_indicators(question, rotor, scout))
+    ask.ahead.await_it(Indicators)
+    known = jax.device_get(indicators(question, rotor))
+    if given == Status.OK:
+        known = dataclasses.replace(known, size=seen.size, slope=seen.slope)
     ask.size = float(np.clip(known.size, 1e-9, 1.0)) if given == Status.OK else LARGE
+    if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
+        cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
+        ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, known, tolerance)][:1])
 
-    judge, left = _refined(ask, nonlinear, tolerance)
+    judge, left = _refined(ask, elements, tolerance)
     noise = ask.now(judge, 0.1).distance(ask(judge))
     left = left + float(noise) + (0.0 if planar else SPACE * float(known.reach))
     law = float(ask(judge).law)
@@ -341,17 +209,31 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
     def estimate(model: AbstractModel) -> float:
         return ask.apart(model, judge) + left + (law if has_other_law(model) else 0.0)
 
-    estimates = {m: estimate(m) for m in nonlinear if m in ask.found}
-    # Then whatever costs less, from the cheapest on.
     enough = next(rung.cost for rung in rungs if rung.model == judge)
+    estimates = {m: estimate(m) for m in (scout, *elements) if m in ask.found or m == scout}
+
+    def misses(model: AbstractModel) -> str:
+        """What rungs that were asked say against it."""
+        if model in nonlinear:  # half as fine is four times as wrong, or more
+            finer = (m for m in nonlinear[nonlinear.index(model) :] if m in estimates)
+            if estimates[better := next(finer)] > tolerance / 4:
+                return f"{describe(better)}: {estimates[better]:.2g}"
+        if isinstance(model, Classical | Hybrid) and ask.apart(scout, judge) > 3 * tolerance:
+            # Another linear theory is no better, but by more functions, or in its stretch.
+            less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
+            if less or 0.1 * known.size**2 > tolerance:
+                return f"{describe(scout)}: {estimates[scout]:.2g}"
+        return ""
+
+    # Whatever costs less than the judge, from the cheapest on.
     verdicts: dict[AbstractModel, str] = {}
     tried: dict[Any, list[AbstractModel]] = {}
     chosen: Rung | None = None
     for rung in rungs:
         model = rung.model
+        before = tried.setdefault((type(model), getattr(model, "n_stretch", 0) > 0), [])
         if chosen is None and model not in estimates and rung.cost < enough:
-            before = tried.setdefault((type(model), getattr(model, "n_stretch", 0) > 0), [])
-            why = ruled_out(model, known, tolerance)
+            why = ruled_out(model, known, tolerance) or misses(model)
             if (
                 not why
                 and len(before) > 1
@@ -362,8 +244,8 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
                 verdicts[model] = f"ruled out: {why}"
                 continue
             estimates[model] = estimate(model)
-            before.append(model)
         if model in estimates:
+            before.append(model)
             status = Status(int(ask(model).status))
             verdicts[model] = "misses it" if status == Status.OK else status.name
             if estimates[model] <= tolerance:
@@ -386,19 +268,32 @@ def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> C
     )
 
 
+def _compiled(*given: Any) -> Any:
+    return _answer.lower(*given).compile()  # type: ignore[attr-defined]
+
+
 class _Asker:
     """Answers to one question, kept."""
 
-    def __init__(self, question: Question, rotor: Rotor, accuracy: float) -> None:
-        self.question, self.rotor, self.accuracy = question, rotor, accuracy
+    def __init__(self, question: Question, rotor: Rotor, accuracy: float, ahead: Ahead) -> None:
+        self.question, self.rotor, self.accuracy, self.ahead = question, rotor, accuracy, ahead
         self.size = UNKNOWN
         self.found: dict[AbstractModel, Answer] = {}
 
-    def now(self, model: AbstractModel, tighter: float = 1.0) -> Answer:
-        """Without keeping it."""
+    def given(self, model: AbstractModel, tighter: float = 1.0) -> tuple[Any, ...]:
         # Arrays that are not weakly typed, as those of `answer`: else all would compile twice.
         how = (real_scalar("accuracy", self.accuracy * tighter), real_scalar("size", self.size))
-        return jax.device_get(_answer(self.question, self.rotor, model, *how))
+        return self.question, self.rotor, model, *how
+
+    def begin(self, *models: AbstractModel) -> None:
+        """Compile what is to be asked soon."""
+        for model in models:
+            self.ahead.begin(model, functools.partial(_compiled, *self.given(model)))
+
+    def now(self, model: AbstractModel, tighter: float = 1.0) -> Answer:
+        """Without keeping it."""
+        self.ahead.await_it(model)
+        return jax.device_get(_answer(*self.given(model, tighter)))
 
     def __call__(self, model: AbstractModel) -> Answer:
         if model not in self.found:
@@ -410,28 +305,25 @@ class _Asker:
 
 
 def _refined(
-    ask: _Asker, nonlinear: list[AbstractModel], tolerance: float
+    ask: _Asker, elements: list[AbstractModel], tolerance: float
 ) -> tuple[AbstractModel, float]:
     """The judge, refined until it stands still, and how far it may be off. Where a finer one fails,
     the finest that another confirms."""
     share = left_of(ask.question)
-    judge, left, before = nonlinear[2], np.inf, np.inf
-    for coarse, fine in itertools.pairwise(nonlinear[1:]):
+    judge, left, before = elements[1], np.inf, np.inf
+    for coarse, fine in itertools.pairwise(elements):
         apart = ask.apart(coarse, fine)
         if np.isfinite(left) and not np.isfinite(apart):
             break
         # Two rungs may agree by chance: so little is left only if those before agreed as well.
-        here = share * apart if np.isinf(before) else max(share * apart, share**2 * before)
+        if np.isinf(before):
+            here = max(share * apart, min(apart / 2, _UNCONFIRMED * tolerance))
+        else:
+            here = max(share * apart, share**2 * before)
         judge, left, before = fine, here, apart
         if apart <= JUDGE * tolerance:
             break
     return judge, left
-
-
-def left_of(question: Question) -> float:
-    """Share of the difference between two rungs that the finer may be off: twice what the order of
-    convergence says, elements being halved."""
-    return float(2.0 ** (1 - question.order))
 
 
 def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung:

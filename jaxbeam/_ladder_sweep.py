@@ -1,8 +1,8 @@
 """Many questions on the ladder: a few say how rungs err, all are answered on what suffices."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,26 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxbeam._ahead import Ahead
 from jaxbeam._beam import Rotor, real_scalar
 from jaxbeam._cases import Cases, checked_cases
 from jaxbeam._devices import Team
-from jaxbeam._ladder import (
-    INTEGRATION,
-    JUDGE,
-    LARGE,
-    SPACE,
-    UNKNOWN,
-    chains,
-    checked_tolerance,
-    describe,
-    has_other_law,
-    left_of,
-    scout_of,
-)
+from jaxbeam._ladder import INTEGRATION, JUDGE, LARGE, SPACE, UNKNOWN, checked_tolerance
 from jaxbeam._models.base import AbstractModel, count_functions
 from jaxbeam._questions import Answer, Question
+from jaxbeam._rungs import chains, describe, has_other_law, judges, left_of, scout_of
 from jaxbeam._status import Status
-from jaxbeam._sweep import sweep
+from jaxbeam._sweep import compiled, sweep
 from jaxbeam._table import Table, tabled
 from jaxbeam._types import Scalar
 
@@ -37,6 +27,8 @@ Situation = Callable[..., tuple[Question, Rotor]]
 _SAFETY = 1.5
 _RATIO = 0.25  # error over distance from the rung below, where nothing is known of it
 _NOISE = 0.1  # of the tolerance: differences below mean nothing
+_SMALL = 0.1  # of the tolerance: what linear theory leaves out means nothing at a reach below
+_START = 0.5  # of the tolerance, which the usual error of the first rung to ask may be
 _SIZE = "deflection to expect"  # no parameter of the user's has this name
 
 
@@ -80,25 +72,40 @@ def _of(answers: Answer, which: np.ndarray) -> Answer:
 class _Pool:
     """Answers of cases by models, computed when asked for and kept."""
 
-    def __init__(self, situation: Situation, cases: Cases, accuracy: float, **how: Any) -> None:
-        self.situation, self.columns, self.accuracy = situation, cases.columns, accuracy
+    def __init__(
+        self, situation: Situation, cases: Cases, accuracy: float, ahead: Ahead, **how: Any
+    ) -> None:
+        self.ahead, self.situation, self.accuracy = ahead, situation, accuracy
+        self.columns = cases.columns
         self.how, self.n = how, len(cases)  # how: chunk, devices and progress of `sweep`
         self.size, self.steps = np.full(self.n, UNKNOWN), np.zeros(self.n, int)
         self.found: dict[AbstractModel, Answer] = {}  # batched; status -1 where not asked
 
-    def run(self, function: Any, which: np.ndarray, **more: np.ndarray) -> Table:
+    def cases(self, which: np.ndarray, more: Mapping[str, np.ndarray]) -> Cases:
         """Always in whole chunks: other sizes would compile anew."""
         chunk = self.how["chunk"]
         filled = np.resize(which, -(-len(which) // chunk) * chunk)
         columns = {name: c[filled] for name, c in {**self.columns, **more}.items()}
-        cases = Cases({"row": np.arange(len(filled))}, columns)
-        table = sweep(function, cases, **self.how)
+        return Cases({"row": np.arange(len(filled))}, columns)
+
+    def run(self, function: Any, which: np.ndarray, **more: np.ndarray) -> Table:
+        table = sweep(function, self.cases(which, more), **self.how)
         return table.take("row", np.arange(len(which)))
+
+    def asks(self, model: AbstractModel, tighter: float = 1.0) -> _Ask:
+        return _Ask(self.situation, model, real_scalar("accuracy", self.accuracy * tighter))
+
+    def begin(self, *models: AbstractModel) -> None:
+        """Compile what is to be asked soon."""
+        some = self.cases(np.zeros(1, int), {_SIZE: self.size})
+        how = self.how["chunk"], self.how["devices"]
+        for model in models:
+            self.ahead.begin(model, functools.partial(compiled, self.asks(model), some, *how))
 
     def ask(self, model: AbstractModel, which: np.ndarray, tighter: float = 1.0) -> Table:
         """Without keeping it."""
-        accuracy = real_scalar("accuracy", self.accuracy * tighter)
-        return self.run(_Ask(self.situation, model, accuracy), which, **{_SIZE: self.size})
+        self.ahead.await_it(model)
+        return self.run(self.asks(model, tighter), which, **{_SIZE: self.size})
 
     def __call__(self, model: AbstractModel, which: np.ndarray) -> Answer:
         known = self.found.get(model)
@@ -159,7 +166,7 @@ def ladder_sweep(
 
     A linear theory in bending looks at every case. Of those in the plane, and of those in space,
     `representatives` that differ most are followed up both chains of the ladder (see
-    `choose_model`) until the last two rungs differ by less than half the tolerance. They tell what
+    `choose_model`) until the last two rungs differ by less than the tolerance. They tell what
     linear theory leaves out, over the square of deflection over length plus the steady strain; on
     each rung, the error of discretisation over the distance from the rung below; what integration
     adds; and where to start. Then each case gets the answers of two neighbouring rungs. The
@@ -179,8 +186,8 @@ def ladder_sweep(
     | status   | ()     | `Status`; `TOLERANCE_NOT_MET` where the best answer is not good enough |
 
     `chunk`, `devices` (of this process alone) and `progress` are those of `sweep`. Each model is
-    compiled once; where `cases` are few that takes longer than all else, so the cheapest of four or
-    more linear rungs is left out.
+    compiled once, side by side on the cores there are; where `cases` are few that takes longer than
+    all else, so the cheapest rungs of both kinds are left out, and others until they are needed.
     Raises `ValueError` or `TypeError` for malformed arguments.
     """
     if not callable(situation):
@@ -191,11 +198,17 @@ def ladder_sweep(
     if Team.of(devices).shared:  # the sweeps below do not come in one order
         raise ValueError("devices must be of this process alone: use jax.local_devices()")
     question = _example(situation, cases)
+    with Ahead() as ahead:
+        how = {"chunk": chunk, "devices": devices, "progress": progress}
+        pool = _Pool(situation, cases, INTEGRATION * tolerance, ahead, **how)
+        return _answered(pool, cases, question, tolerance, representatives)
+
+
+def _answered(
+    pool: _Pool, cases: Cases, question: Question, tolerance: float, representatives: int
+) -> Table:
     n = len(cases)
-    pool = _Pool(
-        situation, cases, INTEGRATION * tolerance, chunk=chunk, devices=devices, progress=progress
-    )
-    known = pool.run(_Know(situation), np.arange(n))
+    known = pool.run(_Know(pool.situation), np.arange(n))
     given = known["status"]
     results = _blank(n, 1)
     results["status"][:] = given
@@ -240,12 +253,16 @@ def _swept(
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Results of these cases, which all stay in the plane or all do not."""
     linear, nonlinear = chains(question, planar)
-    scout = pool.ask(scout_of(linear), cases)
+    elements, top = judges(nonlinear), linear.index(scout_of(linear))
+    linear = linear[max(top - 1, 0) :]  # cheaper ones would have to be compiled for few cases
+    top = min(top, 1)
+    pool.begin(linear[top], *elements[:2])
+    scout = pool.ask(linear[top], cases)
     given, ok = scout["status"], scout["status"] == Status.OK
     pool.size[cases] = np.where(ok, np.clip(scout["size"], 1e-9, 1.0), LARGE)
     pool.steps[cases] = scout["steps"]
     exact = np.flatnonzero(ok & (scout["size"] >= UNKNOWN))  # integrated tightly enough as it is
-    pool.keep(scout_of(linear), cases[exact], scout.take("row", exact))
+    pool.keep(linear[top], cases[exact], scout.take("row", exact))
     reach = np.where(ok, scout["size"] ** 2 + strain[cases], np.inf)
     fine = ok | ((given > Status.OUT_OF_PLANE) & (given != Status.RAISED))
 
@@ -253,16 +270,18 @@ def _swept(
     out["status"][:] = given
     if not fine.any():
         return out
+    if 0.03 * reach.min() > tolerance:  # a tenth of what linear theory leaves out as a rule
+        linear = []
+    pool.begin(*linear[:top])
     told = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
-    linear = linear[1:] if len(linear) > 3 else linear  # every model has to be compiled
-    both = _calibrated(
-        pool, cases[told], linear, nonlinear, reach[told], tolerance, planar, left_of(question)
-    )
+    known = cases[told], reach[told], tolerance, left_of(question)
+    rich, truth = _calibrated(pool, elements, *known, 0.0 if planar else SPACE)
+    poor = [_linear(pool, linear, truth, rich.theory, *known)] if linear else []
     estimate, status = out["estimate"], out["status"]
-    for chain in both:
+    for chain in (*poor, rich):
         left_out = chain.left_out(reach)
         todo = fine & ~(estimate <= tolerance)
-        if chain is both[0]:  # no finer rung mends what its theory leaves out
+        if chain is not rich:  # no finer rung mends what its theory leaves out
             todo &= _SAFETY * left_out <= 0.8 * tolerance
         which = np.flatnonzero(todo)
         for k in range(chain.start, len(chain.models)):
@@ -280,7 +299,7 @@ def _swept(
             out["rung"][best] = describe(chain.models[k])
             status[which] = here.status
             which = which[~(error <= tolerance)]
-            if k + 1 < len(chain.models) or chain is both[0]:
+            if k + 1 < len(chain.models) or chain is not rich:
                 out["outgrown"][which] += 1
     best_kept = np.isfinite(estimate) | (status == Status.OK)
     status[fine & best_kept] = Status.TOLERANCE_NOT_MET
@@ -307,47 +326,66 @@ def _representatives(
 
 
 def _calibrated(
-    pool: _Pool, told: np.ndarray, linear: list[AbstractModel], nonlinear: list[AbstractModel],
-    reach: np.ndarray, tolerance: float, planar: bool, share: float,
-) -> list[_Chain]:  # fmt: skip
-    with ThreadPoolExecutor() as threads:  # to compile them takes longer than to run them
-        list(threads.map(lambda model: pool(model, told), [*linear, *nonlinear[1:3]]))
-    judge = np.full(len(told), len(nonlinear) - 1)
+    pool: _Pool, elements: list[AbstractModel], told: np.ndarray, reach: np.ndarray,
+    tolerance: float, share: float, beyond: float,
+) -> tuple[_Chain, Answer]:  # fmt: skip
+    """The non-linear chain, and its best answers; `beyond`: see `_Chain.theory`."""
+    judge, truth = _judged(pool, told, elements, tolerance)
+    chain = _chain(pool, told, elements, truth, judge, share, tolerance)
+    middle = elements[int(np.median(judge))]
+    noise = _noise(pool, told, middle, np.asarray(truth.status == Status.OK))
+    return chain._replace(theory=beyond, noise=noise), truth
+
+
+def _linear(
+    pool: _Pool, linear: Sequence[AbstractModel], truth: Answer, beyond: float,
+    told: np.ndarray, reach: np.ndarray, tolerance: float, share: float,
+) -> _Chain:  # fmt: skip
+    """The linear chain, up to a rung whose number of functions will do. Where the reach is small it
+    errs by that number alone."""
+    small = (reach <= _SMALL * tolerance) & (truth.status == Status.OK)
+    for top in range(min(2, len(linear)), len(linear) + 1):
+        models = list(linear[:top])
+        chain = _chain(pool, told, models, truth, np.where(small, top, 0), share, tolerance)
+        best = pool(models[-1], told)
+        off, own = best.distance(truth), np.zeros(len(told))
+        if top > 1:
+            own = chain.ratio[-1] * best.distance(pool(models[-2], told))
+        if not small.any() or np.median(own[small]) <= _START * tolerance:
+            break
+    use = np.isfinite(off) & np.isfinite(own) & (reach > 0)
+    more = np.maximum(off - own - _NOISE * tolerance, 0)[use] / reach[use]
+    limit = float(np.max(reach[np.isfinite(off)], initial=-1.0))
+    return chain._replace(theory=float(np.max(more, initial=0.0)) + beyond, limit=limit)
+
+
+def _judged(
+    pool: _Pool, told: np.ndarray, elements: list[AbstractModel], tolerance: float
+) -> tuple[np.ndarray, Answer]:
+    """The rung that judges each representative, and its answer, not OK where none stands still."""
+    judge = np.full(len(told), len(elements) - 1)
     left = np.arange(len(told))
-    for k in range(2, len(nonlinear)):
-        coarse, fine = (pool(model, told[left]) for model in nonlinear[k - 1 : k + 1])
+    for k in range(1, len(elements)):
+        coarse, fine = (pool(model, told[left]) for model in elements[k - 1 : k + 1])
         judge[left] = k
         left = left[~(coarse.distance(fine) <= JUDGE * tolerance)]
         if not left.size:
             break
-    finest = [pool(nonlinear[k], told[i : i + 1]) for i, k in enumerate(judge)]
+    finest = [pool(elements[k], told[i : i + 1]) for i, k in enumerate(judge)]
     truth = jax.tree.map(lambda *leaves: np.concatenate(leaves), *finest)
     unsure = np.isin(np.arange(len(told)), left)
     status = np.where(unsure, Status.TOLERANCE_NOT_MET, truth.status)
-    truth = dataclasses.replace(truth, status=status)
-
-    off = pool(linear[-1], told).distance(truth)
-    use = np.isfinite(off) & (reach > 0)
-    theory = np.max(np.maximum(off - _NOISE * tolerance, 0)[use] / reach[use], initial=0.0)
-    limit = float(np.max(reach[np.isfinite(off)], initial=-1.0))
-    beyond = 0.0 if planar else SPACE  # what the judge itself leaves out
-    middle = nonlinear[int(np.median(judge))]
-    return [
-        _chain(pool, told, linear, pool(linear[-1], told), np.full(len(told), len(linear) - 1),
-               share, tolerance)._replace(theory=float(theory) + beyond, limit=limit),
-        _chain(pool, told, nonlinear, truth, judge, share, tolerance)._replace(
-            theory=beyond, noise=_noise(pool, told, middle, ~unsure)),
-    ]  # fmt: skip
+    return judge, dataclasses.replace(truth, status=status)
 
 
 def _chain(
     pool: _Pool, told: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
     share: float, tolerance: float,
 ) -> _Chain:  # fmt: skip
-    """From errors against the best answers, those of rung judge[i] for representative i."""
+    """From errors of all rungs below judge[i] for representative i, against the best answers."""
     ratio, floor = np.full(len(models), _RATIO), np.zeros(len(models))
-    start = len(models) - 1
-    for k in range(1, int(judge.max()) + 1):
+    start = last = len(models) - 1
+    for k in range(1, min(int(judge.max()), last) + 1):
         some = np.flatnonzero((judge > k) & (best.status == Status.OK))
         if not some.size:
             continue
@@ -360,9 +398,9 @@ def _chain(
         seen &= apart > _NOISE * tolerance
         if seen.any():
             ratio[k] = max(share / 2, np.max((error[seen] - floor[k]) / apart[seen]))
-        if np.median(error) <= JUDGE * tolerance:
+        if np.median(error) <= _START * tolerance:
             start = min(start, k)
-    start = min(start, int(np.median(judge)))
+    start = min(start, max(int(np.median(judge)), 1), last)
     noise = _noise(pool, told, models[start], np.asarray(best.status == Status.OK))
     return _Chain(models, start, ratio, floor, 0.0, np.inf, noise)
 

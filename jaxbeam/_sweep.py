@@ -170,8 +170,7 @@ def _computed(
     n = min(chunk, len(cases) - start)
     results = {name: spec.blank(n) for name, spec in specs.items()}
     errors: dict[int, str] = {}
-    arrays, rest = eqx.partition(function, eqx.is_array)  # what is bound to it
-    placed = function if device is None else eqx.combine(jax.device_put(arrays, device), rest)
+    placed = _placed(function, device)
 
     def run(lanes: np.ndarray) -> dict[str, np.ndarray]:
         # One shape, one compilation: other lanes are filled up. A case keeps its lane, whatever
@@ -192,6 +191,21 @@ def _computed(
         for name, leaf in found.items():
             results[name][lanes] = leaf
     return errors, results
+
+
+def _placed(function: Callable[..., Any], device: jax.Device | None) -> Callable[..., Any]:
+    """The function with what is bound to it on a device."""
+    arrays, rest = eqx.partition(function, eqx.is_array)
+    return function if device is None else eqx.combine(jax.device_put(arrays, device), rest)
+
+
+def compiled(
+    function: Callable[..., Any], cases: Cases, chunk: int, devices: Sequence[jax.Device] | None
+) -> None:
+    """Have the program at hand that `sweep` runs, on the first device."""
+    device = Team.of(devices).here[0]
+    first = jax.device_put(cases.at(np.arange(min(chunk, len(cases)))), device)
+    batched.lower(_placed(function, device), first).compile()  # type: ignore[attr-defined]
 
 
 def _keep(store: Memory | Folder, chunks: dict[int, Said]) -> Said:

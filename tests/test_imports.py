@@ -45,6 +45,8 @@ ORDER = [
     "_modes",
     "_indicators",
     "_questions",
+    "_rungs",
+    "_ahead",
     "_ladder",
     "_stable_step",
     "_stability",
