@@ -28,8 +28,7 @@ from jaxtyping import Array
 from jaxbeam._linalg import dense, lowest_eigenpair, solve
 from jaxbeam._models.base import AbstractModel, Family, checked_case
 from jaxbeam._motion import spinning
-from jaxbeam._results import where_known
-from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
