@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._beam import kind_of, positive
+from jaxbeam._beam import kind_of, known, positive
 from jaxbeam._linalg import (
     dense,
     eigensystem,
@@ -102,7 +102,7 @@ def _checked(
     if period is None:
         if not isinstance(motion, ModulatedSpeed):
             raise TypeError("period must be given, but for a ModulatedSpeed")
-        period = 2 * np.pi / motion.frequency
+        period = 2 * np.pi / known(motion.frequency)
     return rotor, motion, positive("period", period), checked_damping(damping)
 
 

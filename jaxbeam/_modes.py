@@ -153,7 +153,8 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
                 f"which: this model has {available} modes of {label.family.title}, "
                 f"so there is no {label}"
             )
-    return jnp.array([int(f) for f, _ in which]), jnp.array([k for _, k in which])
+    named = np.array([(int(family), order) for family, order in which])
+    return jnp.asarray(named[:, 0]), jnp.asarray(named[:, 1])
 
 
 @eqx.filter_jit
