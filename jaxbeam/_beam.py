@@ -29,7 +29,7 @@ def real_scalar(name: str, value: Any) -> Scalar:
     if isinstance(value, int | float):
         if isinstance(value, int) and abs(value) >= 2**1024:
             raise ValueError(f"{name} must be finite, got an int beyond the range of floats")
-        return jnp.asarray(float(value), _default_float())
+        return jnp.asarray(np.asarray(value, _default_float()))
     dtype = getattr(value, "dtype", None)
     if dtype is None or not jnp.issubdtype(dtype, jnp.floating):
         kind = type(value).__name__ if dtype is None else f"an array of {dtype}"
@@ -39,7 +39,12 @@ def real_scalar(name: str, value: Any) -> Scalar:
             f"{name} must be a scalar, got shape {np.shape(value)}; "
             "batch from outside with jax.vmap or jaxbeam.sweep"
         )
-    return jnp.asarray(value, _default_float())
+    return jnp.asarray(known(value), _default_float())
+
+
+def known(value: Any) -> Any:
+    """In NumPy, whose arithmetic is not compiled, if the value is known."""
+    return value if isinstance(value, jax.core.Tracer) else np.asarray(value)
 
 
 def kind_of(value: Any) -> str:
@@ -147,7 +152,7 @@ class Beam(_Parameters):
         }
         if flap_second_moment is not None:
             named["flap_second_moment"] = flap_second_moment
-        section = {name: positive(name, value) for name, value in named.items()}
+        section = {name: known(positive(name, value)) for name, value in named.items()}
         modulus = section["youngs_modulus"]
         in_plane = modulus * section["in_plane_second_moment"]
         flap = in_plane
@@ -169,7 +174,7 @@ class Beam(_Parameters):
         are in units of sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses
         in units of the mass of the beam. `flap_to_in_plane` is EI_yy / EI_zz.
         """
-        ratio = positive("slenderness", slenderness)
+        ratio = known(positive("slenderness", slenderness))
         return cls(
             length=1.0,
             mass_per_length=1.0,

@@ -53,11 +53,12 @@ class BlockTridiagonal(eqx.Module):
     def dense(self) -> Float[Array, "n n"]:
         """As an array; not for lanes."""
         k, b, _ = self.rows.shape
-        blocks = self.rows.reshape(k, b, 3, b)
-        out = jnp.zeros((k, b, k + 2, b), self.rows.dtype)
-        for i in range(3):
-            out = out.at[np.arange(k), :, np.arange(k) + i].set(blocks[:, :, i])
-        return out[:, :, 1:-1].reshape(k * b, k * b)[self.absent :, self.absent :]
+        # Written one behind the other, rows that are b longer than those of the matrix each begin
+        # b places farther on in it.
+        width = (k + 2) * b
+        rows = jnp.pad(self.rows.swapaxes(0, 1), ((0, 0), (0, 0), (0, width - 2 * b)))
+        out = rows.reshape(b, k * (width + b))[:, : k * width].reshape(b, k, width)
+        return out.swapaxes(0, 1).reshape(k * b, width)[self.absent :, b + self.absent : -b]
 
     def inverse(self) -> "BlockInverse":
         """What solves with this matrix, once eliminated; differentiable in both modes."""

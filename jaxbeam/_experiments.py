@@ -1,6 +1,7 @@
 """What was measured, and what a model says of it."""
 
 import abc
+import functools
 import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -292,6 +293,41 @@ class Clearance(Experiment):
         distance = self.distance()
         side = jnp.sign(jnp.mean(jnp.log1p(jax.lax.stop_gradient(distance)), 2, keepdims=True))
         return jnp.maximum(self.margin - side * distance, 0.0)
+
+
+def residuals_of(experiments: list[Experiment]) -> list[Array]:
+    """Of each experiment; those of one structure go, one by one, through one program."""
+    groups: list[list[int]] = []
+    for i, experiment in enumerate(experiments):
+        for group in groups:
+            if _alike(experiments[group[0]], experiment):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    found: dict[int, Array] = {}
+    for group in groups:
+        arrays, rest = zip(
+            *(eqx.partition(experiments[i], eqx.is_array) for i in group), strict=True
+        )
+        stacked = jax.tree.map(lambda *a: jnp.stack(a), *arrays)
+        one = functools.partial(_residual, rest[0])
+        rows = jax.lax.map(one, stacked) if len(group) > 1 else [one(arrays[0])]
+        found.update(zip(group, rows, strict=True))
+    return [found[i] for i in range(len(experiments))]
+
+
+def _residual(rest: Experiment, arrays: Experiment) -> Array:
+    return eqx.combine(arrays, rest).residual().ravel()
+
+
+def _alike(a: Experiment, b: Experiment) -> bool:
+    """Whether they differ in the values of arrays alone."""
+    parts = [eqx.partition(each, eqx.is_array) for each in (a, b)]
+    shapes = [[(x.shape, x.dtype) for x in jax.tree.leaves(arrays)] for arrays, _ in parts]
+    structures = {jax.tree.structure(arrays) for arrays, _ in parts}
+    others_equal = bool(eqx.tree_equal(*(rest for _, rest in parts)))
+    return len(structures) == 1 and shapes[0] == shapes[1] and others_equal
 
 
 def _frequencies(

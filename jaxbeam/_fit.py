@@ -15,8 +15,8 @@ import optax
 import optimistix
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import kind_of, real_scalar
-from jaxbeam._experiments import Experiment
+from jaxbeam._beam import kind_of, known, real_scalar
+from jaxbeam._experiments import Experiment, residuals_of
 from jaxbeam._free import Free, values_of
 from jaxbeam._models.base import count_functions
 from jaxbeam._results import per_case, where_known
@@ -33,11 +33,14 @@ class _Problem(eqx.Module):
     free: dict[str, Free]
 
     def listed(self, z: Array) -> list[Experiment]:
-        found = self.experiments(**values_of(self.free, z))
+        return self.named(values_of(self.free, z))
+
+    def named(self, values: dict[str, Scalar]) -> list[Experiment]:
+        found = self.experiments(**values)
         return list(found) if isinstance(found, list | tuple) else [found]  # type: ignore[list-item]
 
     def residual(self, z: Array, _: Any = None) -> Array:
-        parts = [experiment.residual().ravel() for experiment in self.listed(z)]
+        parts = residuals_of(self.listed(z))
         for i, free in enumerate(self.free.values()):
             if free.prior is not None:
                 mean, deviation = free.prior
@@ -49,10 +52,10 @@ class _Problem(eqx.Module):
         jacobian, residual = jax.jacfwd(lambda z: (self.residual(z),) * 2, has_aux=True)(z)
         return residual, jacobian
 
-    def count(self, z: Array) -> Array:
-        """Of numbers measured, priors among them."""
-        present = [jnp.sum(experiment.present) for experiment in self.listed(z)]
-        return sum(present) + jnp.asarray(sum(f.prior is not None for f in self.free.values()))
+    def count(self, experiments: list[Experiment]) -> Any:
+        """Of numbers measured, priors among them; in NumPy if they are known."""
+        present = [known(experiment.present).sum() for experiment in experiments]
+        return sum(present) + sum(f.prior is not None for f in self.free.values())
 
 
 class Fit(eqx.Module):
@@ -196,7 +199,11 @@ class Fit(eqx.Module):
     @per_case
     def excess(self) -> Scalar:
         """By how many of its standard deviations the misfit is above 1."""
-        return (self.misfit - 1.0) / jnp.sqrt(2.0 / jnp.maximum(self.freedom, 1))
+        return _excess(jnp, self.misfit, self.freedom)
+
+
+def _excess(xp: Any, misfit: Any, freedom: Any) -> Any:
+    return (misfit - 1.0) / xp.sqrt(2.0 / xp.maximum(freedom, 1))
 
 
 _UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
@@ -266,8 +273,9 @@ def fit(
         if not isinstance(each, Free):
             raise TypeError(f"free[{name!r}] must be a Free, got {type(each).__name__}")
     problem = _Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
-    zero = jnp.zeros(len(free))
-    for experiment in problem.listed(zero):
+    zero = jnp.asarray(np.zeros(len(free)))
+    guessed = problem.named({name: each.guess for name, each in free.items()})
+    for experiment in guessed:
         if not isinstance(experiment, Experiment):
             raise TypeError("experiments must return an Experiment or several of them")
     if not known_noise and any(each.prior is not None for each in free.values()):
@@ -281,7 +289,7 @@ def fit(
         if not isinstance(descent.optimiser, optax.GradientTransformation):
             got = kind_of(descent.optimiser)
             raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
-    count = problem.count(zero)
+    count = problem.count(guessed)
     known = not isinstance(count, jax.core.Tracer)
     if known and int(count) < len(free):
         raise ValueError(
@@ -297,7 +305,9 @@ def fit(
     if not traced:
         _tell(shown, f"from the guess: misfit {float(best.misfit):.3g}, {int(best.steps)} steps")
         lost = int(best.status) in (Status.FIT_NOT_CONVERGED, Status.NOT_FINITE)
-        poor = lost or (known_noise and best.excess() > 5)
+        poor = lost or (
+            known_noise and _excess(np, *map(np.asarray, (best.misfit, best.freedom))) > 5
+        )
         descent = Descent() if descent is None and poor else descent
     if descent is None:
         return best
@@ -326,7 +336,8 @@ def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_nois
     )
     z = found.value
     residual, jacobian = problem.with_jacobian(z)
-    freedom = problem.count(z) - m
+    listed = problem.listed(z)
+    freedom = jnp.asarray(problem.count(listed) - m)
     square = jnp.sum(residual**2)
     misfit = square / jnp.maximum(freedom, 1)
     level = jnp.where(freedom < 1, jnp.inf, jnp.sqrt(misfit))
@@ -349,7 +360,7 @@ def _refine(problem: _Problem, z: Array, solver: Any, max_steps: int, known_nois
     known = (values_of(problem.free, z), deviation, covariance)
     values, deviation, covariance = where_known(status == Status.OK, known)
     names, residuals, start = list(problem.free), [], 0
-    for each in problem.listed(z):
+    for each in listed:
         own = residual[start : start + each.measured.size].reshape(each.measured.shape)
         residuals.append(jnp.where(each.present, own, jnp.nan))
         start += own.size

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._beam import kind_of, positive
+from jaxbeam._beam import kind_of, known, positive
 from jaxbeam._linalg import (
     dense,
     eigensystem,
@@ -35,8 +35,7 @@ from jaxbeam._linalg import (
 from jaxbeam._loads import Damping
 from jaxbeam._models.base import AbstractModel, Family, checked_case, count_functions
 from jaxbeam._motion import Spin
-from jaxbeam._results import where_known
-from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
@@ -103,7 +102,7 @@ def _checked(
     if period is None:
         if not isinstance(motion, ModulatedSpeed):
             raise TypeError("period must be given, but for a ModulatedSpeed")
-        period = 2 * np.pi / motion.frequency
+        period = 2 * np.pi / known(motion.frequency)
     return rotor, motion, positive("period", period), checked_damping(damping)
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._beam import real_scalar
+from jaxbeam._beam import known, real_scalar
 from jaxbeam._types import Scalar
 
 
@@ -39,8 +39,10 @@ class Free(eqx.Module):
         self.guess, self.lower = real_scalar("guess", guess), real_scalar("lower", lower)
         self.upper = real_scalar("upper", upper)
         self.bounded = (bool(np.isfinite(lower)), bool(np.isfinite(upper)))
-        inside = (self.lower < self.guess) & (self.guess < self.upper) & jnp.isfinite(self.guess)
-        if not isinstance(inside, jax.core.Tracer) and not bool(inside):
+        numbers = [known(number) for number in (self.lower, self.guess, self.upper)]
+        if not any(isinstance(number, jax.core.Tracer) for number in numbers) and not (
+            numbers[0] < numbers[1] < numbers[2] and np.isfinite(numbers[1])
+        ):
             raise ValueError(f"guess must be finite and between {lower} and {upper}, got {guess}")
         self.prior = None
         if prior is not None:

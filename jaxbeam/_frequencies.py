@@ -29,8 +29,7 @@ from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._motion import spinning
-from jaxbeam._results import where_known
-from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector
 

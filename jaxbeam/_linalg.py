@@ -7,6 +7,7 @@ loop over single calls, which leaves LAPACK to one core but costs little besides
 the time goes), and gives each lane its own branches and its own number of iterations.
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple, overload
 
@@ -134,7 +135,8 @@ def find_root(
     def newton(x: Array, fraction: Array) -> tuple[Array, Array]:
         def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
             x, _, k = state
-            dx = solve(jax.jacfwd(residual)(x, fraction), residual(x, fraction))
+            slope, value = jax.jacfwd(lambda x: (residual(x, fraction),) * 2, has_aux=True)(x)
+            dx = solve(slope, value)
             return x - dx, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
 
         def go_on(state: tuple[Array, Array, Array]) -> Array:
@@ -230,11 +232,12 @@ def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array,
         n = m.shape[0]
         na = n - nt
         g = gyro[:nt, nt:]
-        signature = jnp.where(jnp.arange(n) < nt, 1.0, -1.0)
+        transverse = (np.arange(n) < nt)[:, None]
         lu = _cholesky(k[nt:, nt:])
         lw = _cholesky(k[:nt, :nt])
-        axial_ok = jnp.all(jnp.isfinite(lu))
-        finite = jnp.all(jnp.isfinite(m)) & jnp.all(jnp.isfinite(gyro)) & jnp.all(jnp.isfinite(k))
+        # Where there is no factor all of its entries are NaN, so that the first one tells.
+        axial_ok, stable = (jnp.all(jnp.isfinite(factor[:1, :1])) for factor in (lu, lw))
+        finite = jnp.all(jnp.isfinite(m + gyro + k))
 
         def hermitian(_: None) -> tuple[Array, Array]:
             fw = lower(lw, _cholesky(m[:nt, :nt]))
@@ -244,7 +247,10 @@ def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array,
             u, sigma, vt = jax.lax.linalg.svd(b, full_matrices=False)
             w = lower(lw, u[:nt], transpose=True)
             a = lower(lu, vt.T[:na], transpose=True)
-            return 1j / sigma, jnp.concatenate([w + 0j, -1j * a])
+            x = jnp.concatenate([w, a])
+            x = x / jnp.sqrt(jnp.sum(x * (m @ x), axis=0))[None]
+            x = jax.lax.complex(jnp.where(transverse, x, 0.0), jnp.where(transverse, 0.0, -x))
+            return jax.lax.complex(0 * sigma, 1 / sigma), x
 
         def symmetric(_: None) -> tuple[Array, Array]:  # general, where no axial part is there
             v, mu = _symmetric_modes(m, k)
@@ -261,19 +267,19 @@ def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array,
             growing = (omega.real == 0) & (omega.imag > 0)
             omega = jnp.where(growing, -omega, omega)
             lam = jax.lax.complex(-omega.imag, jnp.abs(omega.real))  # i omega, no negative zero
-            x = jnp.where(jnp.arange(n)[:, None] < nt, z, -lam[None] * z)
+            x = jnp.where(transverse, z, -lam[None] * z)
             order = jnp.argsort(-(lam**2).real)
-            return lam[order], x[:, order]
+            lam, x = lam[order], x[:, order]
+            norm = jnp.sum(jnp.where(transverse, x, -x) * (m @ x), axis=0)
+            return lam, x / jnp.sqrt(norm)[None]
 
         def nothing(_: None) -> tuple[Array, Array]:
             nan = jnp.full((n, n), jnp.nan, m.dtype) + 0j
             return nan[0], nan
 
-        stable = jnp.all(jnp.isfinite(lw))
         case = jnp.where(finite & axial_ok, jnp.where(stable, 0, 1), 2)
         lam, x = jax.lax.switch(case, [hermitian, general if na else symmetric, nothing], None)
-        norm = jnp.sum(x * signature[:, None] * (m @ x), axis=0)
-        return lam, (x / jnp.sqrt(norm)[None]).T, axial_ok.astype(int)
+        return lam, x.T, axial_ok.astype(int)
 
     return solver
 
@@ -289,21 +295,47 @@ def symmetric_modes(
     return _symmetric_modes(mass, stiffness)[0]
 
 
-@sequential_vmap
-def lowest_eigenpair(
-    a: Float[Array, "n n"], b: Float[Array, "n n"]
-) -> tuple[Float[Array, ""], Float[Array, " n"]]:
-    """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
+@functools.partial(jax.jit, static_argnums=2)
+def uncoupled(
+    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], first: int
+) -> Float[Array, "n n"]:
+    """Columns: M v for the modes v without coupling between the `first` coordinates and the others,
+    the lowest first in each family; mass-normalised.
+
+    With M = F F^T and F^-1 K F^-T = Y diag(mu) Y^T these are F Y: where the lowest mu come out less
+    exactly than by `symmetric_modes`, but without another solution of linear equations.
+    """
+
+    @sequential_vmap
+    def columns(mass: Array, stiffness: Array) -> Array:
+        f, inner = _reduced(stiffness, mass)
+        parts = slice(0, first), slice(first, None)
+        own = [f[p, p] @ jax.lax.linalg.eigh(inner[p, p], symmetrize_input=False)[0] for p in parts]
+        return jax.scipy.linalg.block_diag(*own)
+
+    return columns(mass, stiffness)
+
+
+def _reduced(a: Array, b: Array) -> tuple[Array, Array]:
+    """F with b = F F^T, and F^-1 a F^-T."""
     f = _cholesky(b)
 
     def lower(x: Array) -> Array:
         return jax.lax.linalg.triangular_solve(f, x, left_side=True, lower=True)
 
     inner = lower(lower(a).T)
-    y, mu = jax.lax.linalg.eigh((inner + inner.T) / 2, symmetrize_input=False)
-    low = jnp.argmin(mu)
-    return mu[low], jax.lax.linalg.triangular_solve(
-        f, y[:, low][:, None], left_side=True, lower=True, transpose_a=True
+    return f, (inner + inner.T) / 2
+
+
+@sequential_vmap
+def lowest_eigenpair(
+    a: Float[Array, "n n"], b: Float[Array, "n n"]
+) -> tuple[Float[Array, ""], Float[Array, " n"]]:
+    """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
+    f, inner = _reduced(a, b)
+    y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # in order
+    return mu[0], jax.lax.linalg.triangular_solve(
+        f, y[:, :1], left_side=True, lower=True, transpose_a=True
     )[:, 0]
 
 

@@ -1,8 +1,9 @@
 """Frequencies, growth rates and mode shapes about steady rotation, labelled and differentiable."""
 
+import functools
 import operator
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._beam import Rotor
-from jaxbeam._linalg import planar_eigenpairs, solve, symmetric_modes
+from jaxbeam._linalg import planar_eigenpairs, solve, uncoupled
 from jaxbeam._models.base import (
     AbstractModel,
     Family,
@@ -152,29 +153,34 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
                 f"which: this model has {available} modes of {label.family.title}, "
                 f"so there is no {label}"
             )
-    return jnp.array([int(f) for f, _ in which]), jnp.array([k for _, k in which])
+    named = np.array([(int(family), order) for family, order in which])
+    return jnp.asarray(named[:, 0]), jnp.asarray(named[:, 1])
 
 
 @eqx.filter_jit
 def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Modes:
     """`modes` without its checks."""
     system = guarded_matrices(model, rotor, speed)
-    everything = [
+    planes = [
         _plane(system, *families)
         for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
         if system.where(*families).size
     ]
-    eigenvalue, shape, family, order, positive = (
-        jnp.concatenate(parts) for parts in zip(*everything, strict=True)
-    )
+    rows = np.concatenate([plane.rows for plane in planes])
+    family_of, order_of = _labels(system.families, rows)
+    eigenvalue = jnp.concatenate([plane.eigenvalue for plane in planes])
+    shape = jax.scipy.linalg.block_diag(*[plane.shape for plane in planes])
+    starts = np.cumsum([0, *(plane.rows.size for plane in planes)])
+    label = jnp.concatenate([a.label + i for a, i in zip(planes, starts[:-1], strict=True)])
+    family, order = family_of[label], order_of[label]
     if isinstance(choice, int):
         pick = jnp.argsort(-(eigenvalue**2).real)[:choice]
+        family, order = family[pick], order[pick]
     else:
-        right_family, right_order = (
-            have[None] == want[:, None] for have, want in zip((family, order), choice, strict=True)
-        )
-        pick = jnp.argmax(right_family & right_order, axis=1)
-    eigenvalue, shape, family, order = (a[pick] for a in (eigenvalue, shape, family, order))
+        named = (family[None] == choice[0][:, None]) & (order[None] == choice[1][:, None])
+        pick, (family, order) = jnp.argmax(named, axis=1), choice
+    eigenvalue, shape = eigenvalue[pick], shape[pick][:, np.argsort(rows)]
+    positive = functools.reduce(jnp.logical_and, [plane.positive for plane in planes])
 
     matrices = (system.mass, system.gyroscopic, system.stiffness)
     residual = jax.lax.stop_gradient(_residual(matrices, eigenvalue, shape))
@@ -182,7 +188,7 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
     status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
     finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
     status = jnp.where(finite, status, Status.NOT_FINITE)
-    status = jnp.where(jnp.all(positive), status, Status.NO_EQUILIBRIUM)
+    status = jnp.where(positive, status, Status.NO_EQUILIBRIUM)
     status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
     ok = status == Status.OK
 
@@ -204,7 +210,7 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
     )
 
     kinetic = (shape.conj() * (shape @ system.mass)).real
-    share = jnp.stack([jnp.sum(kinetic * (kinds == f)[None], -1) for f in Family], -1)
+    share = kinetic @ (kinds[:, None] == np.array(Family)[None]).astype(speed.dtype)
     return Modes(
         eigenvalue=where_known(ok, eigenvalue),
         shape=where_known(ok, shape * _sign(model, shape, family)[:, None]),
@@ -217,39 +223,44 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
     )
 
 
-def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> tuple[Array, ...]:
-    """Eigenvalues, shapes (padded to all coordinates), labels of one plane; nothing flows back."""
+class _Plane(NamedTuple):
+    """What is found in one plane: modes in coordinates `rows`, and the label of each as the place
+    among `rows` of the coordinate that bears the same one."""
+
+    rows: np.ndarray
+    eigenvalue: Complex[Array, " n"]
+    shape: Complex[Array, "n n"]
+    label: Int[Array, " n"]
+    positive: Array
+
+
+def _labels(families: tuple[Family, ...], rows: np.ndarray) -> tuple[Array, Array]:
+    """Family of each coordinate, and its number within the family."""
+    kinds = np.asarray([int(families[row]) for row in rows])
+    return jnp.asarray(kinds), jnp.asarray(
+        [sum(kinds[:i] == kinds[i]) + 1 for i in range(rows.size)]
+    )
+
+
+def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> _Plane:
+    """All modes of one plane; nothing flows back."""
     rows = system.where(transverse, *axial)
-    n_transverse = system.where(transverse).size
+    n, n_transverse = rows.size, system.where(transverse).size
     m, g, k = (
         jax.lax.stop_gradient(a)[np.ix_(rows, rows)]
         for a in (system.mass, system.gyroscopic, system.stiffness)
     )
-    n = rows.size
     pairs = planar_eigenpairs(m, g, k, n_transverse)
-    shape = jnp.zeros((n, len(system.families)), pairs.right.dtype).at[:, rows].set(pairs.right)
-    orders = np.concatenate([np.arange(n_transverse), np.arange(n - n_transverse)]) + 1
-    kinds = np.asarray([int(system.families[row]) for row in rows])
-    if 0 < n_transverse < n:
-        column = _assign(_participation(m, k, pairs.right, n_transverse))
-    else:  # one family alone: no coupling, the rank is the order
-        column = jnp.arange(n)
-    return (
-        pairs.eigenvalue,
-        shape,
-        jnp.asarray(kinds)[column],
-        jnp.asarray(orders)[column],
-        jnp.full(n, pairs.positive == 1),
-    )
+    label = jnp.arange(n)
+    if 0 < n_transverse < n:  # in one family alone the rank is the order
+        label = _assign(_participation(m, k, pairs.right, n_transverse))
+    return _Plane(rows, pairs.eigenvalue, pairs.right, label, pairs.positive == 1)
 
 
 def _participation(m: Array, k: Array, x: Array, n_transverse: int) -> Float[Array, "n n"]:
     """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j."""
-    parts = []
-    for part in (slice(0, n_transverse), slice(n_transverse, None)):
-        v = symmetric_modes(m[part, part], k[part, part])
-        parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
-    share = jnp.concatenate(parts, axis=1)
+    part = x @ uncoupled(m, k, n_transverse)
+    share = part.real**2 + part.imag**2
     return share / jnp.sum(share, axis=1, keepdims=True)
 
 
@@ -325,14 +336,15 @@ def _residual(matrices: tuple[Array, Array, Array], lam: Array, x: Array) -> Flo
     m, g, k = matrices
     q = lam[:, None] ** 2 * (x @ m.T) + lam[:, None] * (x @ g.T) + x @ k.T
     size = jnp.abs(lam)
-    return norm(q, axis=-1) / ((size**2 * norm(m) + size * norm(g) + norm(k)) * norm(x, axis=-1))
+    m, g, k = norm(jnp.stack(matrices), axis=(1, 2))
+    return norm(q, axis=-1) / ((size**2 * m + size * g + k) * norm(x, axis=-1))
 
 
 def _sign(model: AbstractModel, shape: Vectors, family: Array) -> Float[Array, " k"]:
     """Sign that makes the tip move the positive way in the direction that names the mode."""
-    tip = jnp.einsum("cn,kn->kc", model.displacement(np.ones(1))[:, 0], shape)
-    row = jnp.asarray([1, 2, 0])[family]  # displacement is ordered axial, in plane, flap
-    own = jnp.take_along_axis(tip, row[:, None], 1)[:, 0]
+    # Displacement is ordered axial, in plane, flap.
+    tip = model.displacement(np.ones(1))[np.array([1, 2, 0]), 0]
+    own = jnp.sum(tip[family] * shape, -1)
     # Stable axial parts are imaginary: x = (w, -i u).
     own = jnp.where(family == Family.AXIAL, -own.imag, own.real)
     return jax.lax.stop_gradient(jnp.where(own < 0, -1.0, 1.0))

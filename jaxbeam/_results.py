@@ -1,4 +1,4 @@
-"""What all results share: NaN where a case failed, and answers of a batch case by case."""
+"""What results share: NaN where a case failed, answers of a batch case by case, no derivatives."""
 
 import functools
 from collections.abc import Callable
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 Method = TypeVar("Method", bound=Callable[..., Any])
+Tree = TypeVar("Tree")
 
 
 def per_case(method: Method) -> Method:
@@ -64,3 +65,9 @@ def _where_known_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tup
     known, _ = primals
     # Through the function itself: then second derivatives are NaN, too.
     return where_known(*primals), where_known(known, tangents[1])
+
+
+def without_derivatives(tree: Tree) -> Tree:
+    """`jax.lax.stop_gradient` on all arrays of a pytree, leaving all else in place."""
+    dynamic, static = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.lax.stop_gradient(dynamic), static)

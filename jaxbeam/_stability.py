@@ -28,8 +28,7 @@ from jaxtyping import Array
 from jaxbeam._linalg import dense, lowest_eigenpair, solve
 from jaxbeam._models.base import AbstractModel, Family, checked_case
 from jaxbeam._motion import spinning
-from jaxbeam._results import where_known
-from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
@@ -62,8 +61,8 @@ def critical_speed(model: AbstractModel, rotor: Any, *, throw: bool = True) -> C
     Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`)
     this is one eigenproblem, K_0 x = -Omega^2 K_1 x. Else K, at the steady state of each speed, is
     looked at from half the first rest frequency up to the speed at which a rod of constant axial
-    stiffness tears, and a change of sign of its lowest eigenvalue is enclosed. From there it is, by
-    Newton's method, the root of the scalar f of the bordered system
+    stiffness tears, and the speed at which its lowest eigenvalue changes sign is found to rounding.
+    It is also the root of the scalar f of the bordered system
 
         [[K, b], [b^T, 0]] (x, f) = (0, 1),
 
@@ -87,54 +86,68 @@ def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
     given = rotor.status(zero)
     fine = given == Status.OK
     rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
-    start, family, x, status = _guess(model, *without_derivatives((rotor, zero)))
+    found, family, x, status = _search(model, *without_derivatives((rotor, zero)))
     status = jnp.where(fine, status, given).astype(int)
-    exists = jnp.isfinite(start) & (status == Status.OK)
-    start = jnp.where(exists, start, 1.0)
-    # Coordinates in which K has ones on its diagonal at rest, so that the border fits.
-    scale = jax.lax.stop_gradient(jnp.diag(_undeformed(model, rotor, zero))) ** -0.5
-    border = x / scale / jnp.linalg.norm(x / scale)
-
-    def bordered(speed: Scalar) -> tuple[Scalar, Vector]:
-        """f, and the direction x."""
-        k = _undeformed(model, rotor, speed)
-        if not _is_affine(model, rotor):  # where a rod tears there is no state to be at
-            tears = family == Family.AXIAL
-            moved = model.matrices(rotor, jnp.where(tears | ~exists, 0.0, speed)).stiffness
-            k = jnp.where(tears, k, moved)
-        # In a case without a critical speed any regular problem will do.
-        k = jnp.where(exists, scale[:, None] * k * scale[None], jnp.eye(x.size))
-        system = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
-        solution = solve(system, jnp.zeros(x.size + 1).at[-1].set(1.0))
-        return jnp.where(exists, solution[-1], speed - 1.0), scale * solution[:-1]
-
-    def newton(_: object, start: Scalar) -> tuple[Scalar, Vector]:
-        def body(state: Any) -> Any:
-            speed, _, _, k = state
-            value, slope, x = jax.jvp(bordered, (speed,), (jnp.ones_like(speed),), has_aux=True)
-            return speed - value / slope, x, jnp.abs(value / slope), k + 1
-
-        def go_on(state: Any) -> Array:
-            speed, _, change, k = state
-            return (change > 1e-14 * jnp.abs(speed)) & (k < 8)
-
-        first = start, x, jnp.full_like(start, jnp.inf), jnp.asarray(0)
-        return jax.lax.while_loop(go_on, body, first)[:2]
-
-    found, x = jax.lax.custom_root(
-        lambda speed: bordered(speed)[0], start, newton, lambda g, y: y / g(jnp.ones_like(y)),
-        has_aux=True,
-    )  # fmt: skip
-    # The guess is right to many digits: another root would be another answer.
-    lost = exists & ~(jnp.abs(found - start) <= 1e-4 * start)
-    status = jnp.where(lost, Status.INACCURATE, status)
     ok = status == Status.OK
+    exists = jnp.isfinite(found) & ok
+    place = _Place(model, family, x, exists)
+    speed = _root(place, rotor, jnp.where(exists, found, 1.0))
     return CriticalSpeed(
-        angular_speed=where_known(ok, jnp.where(exists, found, jnp.inf)),
+        angular_speed=where_known(ok, jnp.where(exists, speed, jnp.inf)),
         family=family,
-        shape=jnp.where(ok & exists, x / x[jnp.argmax(jnp.abs(x))], jnp.nan),
+        shape=jnp.where(exists, x / x[jnp.argmax(jnp.abs(x))], jnp.nan),
         status=status,
     )
+
+
+class _Place(eqx.Module):
+    """What is known of a critical speed, without derivatives."""
+
+    model: AbstractModel
+    family: Code
+    x: Vector
+    exists: Array
+
+    def bordered(self, rotor: Any, speed: Scalar) -> Scalar:
+        """f, which is zero at the critical speed."""
+        model, x = self.model, self.x
+        # Coordinates in which K has ones on its diagonal at rest, so that the border fits.
+        rest = without_derivatives(_undeformed(model, rotor, jnp.zeros_like(speed)))
+        scale = jnp.diag(rest) ** -0.5
+        border = x / scale / jnp.linalg.norm(x / scale)
+        k = _undeformed(model, rotor, speed)
+        if not _is_affine(model, rotor):  # where a rod tears there is no state to be at
+            tears = self.family == Family.AXIAL
+            moved = model.matrices(rotor, jnp.where(tears | ~self.exists, 0.0, speed)).stiffness
+            k = jnp.where(tears, k, moved)
+        # In a case without a critical speed any regular problem will do.
+        k = jnp.where(self.exists, scale[:, None] * k * scale[None], jnp.eye(x.size))
+        system = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
+        solution = solve(system, jnp.zeros(x.size + 1).at[-1].set(1.0))
+        return jnp.where(self.exists, solution[-1], speed - 1.0)
+
+
+@eqx.filter_custom_jvp
+def _root(place: _Place, rotor: Any, speed: Scalar) -> Scalar:
+    """The critical speed, with its derivatives as the root of f: only where they are asked for is
+    f looked at."""
+    return speed
+
+
+@_root.def_jvp
+def _root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scalar, Scalar]:
+    place, rotor, speed = primals
+    # Through the function itself: then this rule can be differentiated again.
+    speed = _root(*primals)
+    _, change = jax.linearize(place.bordered, rotor, speed)
+    still = jax.tree.map(jnp.zeros_like, rotor)
+    rates = jax.tree.map(lambda t, z: z if t is None else t, tangents[1], still, is_leaf=_is_none)
+    slope = change(still, jnp.ones_like(speed))
+    return speed, -change(rates, jnp.zeros_like(speed)) / slope
+
+
+def _is_none(x: Any) -> bool:
+    return x is None
 
 
 def _is_affine(model: AbstractModel, rotor: Any) -> bool:
@@ -150,15 +163,15 @@ def _undeformed(model: AbstractModel, rotor: Any, speed: Scalar) -> Matrix:
     return (k + k.T) / 2
 
 
-def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code, Vector, Code]:
+def _search(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code, Vector, Code]:
     """Critical speed, family and direction, and a status."""
     one, n = jnp.ones_like(zero), len(model.families)
 
-    def rate(speed: Scalar) -> Matrix:
-        return jax.jvp(lambda speed: _undeformed(model, rotor, speed), (speed,), (one,))[1]
+    def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:
+        return jax.jvp(lambda speed: _undeformed(model, rotor, speed), (speed,), (one,))
 
-    k0 = _undeformed(model, rotor, zero)
-    k1 = jax.jvp(rate, (zero,), (one,))[1] / 2  # exactly, without the cancellation of differences
+    (k0, _), (_, curvature) = jax.jvp(with_rate, (zero,), (one,))
+    k1 = curvature / 2  # exactly, without the cancellation of differences
     present = [family for family in Family if family in model.families]
     rows = {family: _rows(model, family) for family in present}
     speeds, shapes = [], []
@@ -167,7 +180,7 @@ def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code
         least, x = lowest_eigenpair(k1[own], k0[own])  # K_1 x = least K_0 x
         soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])
         speeds.append(jnp.where(soft, jnp.abs(jnp.where(soft, least, 1.0)) ** -0.5, jnp.inf))
-        shapes.append(jnp.zeros(n, zero.dtype).at[rows[family]].set(x))
+        shapes.append(x @ np.eye(n)[rows[family]])
     speed, shape, codes = (
         jnp.stack(speeds),
         jnp.stack(shapes),
@@ -181,61 +194,69 @@ def _guess(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code
     bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
     ratio = (top / bottom) ** (1 / (_SCANNED - 1))
 
-    def body(search: _Search) -> _Search:
-        """Steps up while K is positive definite, then regula falsi and bisection in turn."""
+    def body(search: _State) -> _State:
+        """Steps up while K is positive definite, then the Illinois rule: secants between the ends
+        of the bracket, with the value at an end that stays halved each time."""
         system = model.matrices(rotor, search.speed)
         value, x = [], []
         for family in present:
             own = np.ix_(rows[family], rows[family])
             least, direction = lowest_eigenpair(system.stiffness[own], k0[own])
             value.append(least)
-            x.append(jnp.zeros(n, zero.dtype).at[rows[family]].set(direction))
+            x.append(direction @ np.eye(n)[rows[family]])
         least, low = jnp.min(jnp.stack(value)), jnp.argmin(jnp.stack(value))
-        stable = least > 0
-        a = jnp.where(stable, jnp.stack([search.speed, least]), search.a)
-        b = jnp.where(stable, search.b, jnp.stack([search.speed, least]))
-        false = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
-        inside = jnp.where(search.tries % 2 == 0, false, (a[0] + b[0]) / 2)
-        return _Search(
+        here, stable = jnp.stack([search.speed, least]), least > 0
+        weight = jnp.stack([one, jnp.where(stable == search.stable, one / 2, one)])
+        a = jnp.where(stable, here, search.a * weight)
+        b = jnp.where(stable, search.b * weight, here)
+        found = b[1] <= 0
+        secant = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
+        return _State(
             tries=search.tries + 1,
-            speed=jnp.where(b[1] <= 0, inside, search.speed * ratio),
-            a=a, b=b, family=codes[low], x=jnp.stack(x)[low], axial=value[tears],
-            status=system.status,
+            last=search.speed,
+            speed=jnp.where(found, secant, search.speed * ratio),
+            # Until a change of sign is found the upper end is none.
+            a=a, b=jnp.where(found, b, search.b), stable=stable, family=codes[low],
+            x=jnp.stack(x)[low], axial=value[tears], status=system.status,
         )  # fmt: skip
 
-    def go_on(search: _Search) -> Array:
+    def go_on(search: _State) -> Array:
         more = jnp.where(
             search.b[1] <= 0,
-            search.b[0] - search.a[0] > 1e-5 * search.a[0],
+            jnp.abs(search.speed - search.last) > 1e-14 * search.speed,
             search.speed <= top * (1 + 1e-9),
         )
         return more & (search.status == Status.OK) & (search.tries < _SCANNED + 100)
 
     ok = jnp.asarray(int(Status.OK))
-    start = _Search(
-        tries=jnp.asarray(0), speed=bottom, a=jnp.stack([0 * one, one]), b=jnp.stack([top, one]),
-        family=codes[tears], x=shape[tears], axial=one, status=ok,
+    start = _State(
+        tries=jnp.asarray(0), last=zero, speed=bottom, a=jnp.stack([zero, one]),
+        b=jnp.stack([top, one]), stable=jnp.asarray(True), family=codes[tears], x=shape[tears],
+        axial=one, status=ok,
     )  # fmt: skip
     end = jax.lax.while_loop(go_on, body, start)
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
     diverges, hardens = end.b[1] <= 0, end.axial > 0.1
     torn = jnp.where(hardens, jnp.inf, speed[tears])
+    lost = (end.tries == _SCANNED + 100) & (end.status == Status.OK)
     return (
-        jnp.where(diverges, (end.a[0] + end.b[0]) / 2, torn),
+        jnp.where(diverges, end.speed, torn),
         jnp.where(diverges, end.family, codes[tears]),
         jnp.where(diverges, end.x, shape[tears]),
-        end.status,
+        jnp.where(lost, Status.INACCURATE, end.status),
     )
 
 
-class _Search(NamedTuple):
+class _State(NamedTuple):
     """Where the search for a change of sign is: `a` and `b` are speeds and lowest eigenvalues."""
 
     tries: Array
+    last: Scalar
     speed: Scalar
     a: Vector
     b: Vector
+    stable: Array  # whether K was positive definite at `last`
     family: Code
     x: Vector
     axial: Scalar  # lowest eigenvalue of the axial block

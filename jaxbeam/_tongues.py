@@ -14,8 +14,7 @@ from jaxbeam._linalg import eigensystem
 from jaxbeam._loads import Damping
 from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, count_functions
 from jaxbeam._modes import Choice, choose, find
-from jaxbeam._results import where_known
-from jaxbeam._solvers.system import without_derivatives
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector

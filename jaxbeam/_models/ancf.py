@@ -80,18 +80,19 @@ class _Nodal(_ANCF):
         equations, hub = self.equations(rotor), spinning(speed)
         length, axial = rotor.beam.length, self._axial
         zero = jnp.zeros(len(self.families), speed.dtype)
+        along = length * np.eye(zero.size)[axial]
         points, _ = self.functions_from.quadrature(axial.size)
 
         def residual(u: Array, fraction: Array | float = 1.0) -> Array:
             part = hub._replace(angular_velocity=jnp.sqrt(fraction) * hub.angular_velocity)
-            q = zero.at[axial].set(length * u)
+            q = u @ along
             return -equations.force(part, q, zero, None)[axial] / rotor.beam.axial_stiffness
 
         def acceptable(u: Array) -> Array:
-            return jnp.all(equations.gradient(zero.at[axial].set(length * u), points)[1] > -0.5)
+            return jnp.all(equations.gradient(u @ along, points)[1] > -0.5)
 
         u, done = find_root(residual, zero[axial], acceptable)
-        q = zero.at[axial].set(length * u)
+        q = u @ along
         status = jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
         if self.element.tears:
             status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
