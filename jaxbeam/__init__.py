@@ -32,11 +32,8 @@ if TYPE_CHECKING:
     from jaxbeam._indicators import stiffening_ratio as stiffening_ratio
     from jaxbeam._ladder import Choice as Choice
     from jaxbeam._ladder import Evidence as Evidence
-    from jaxbeam._rungs import Indicators as Indicators
-    from jaxbeam._rungs import Rung as Rung
     from jaxbeam._ladder import answer as answer
     from jaxbeam._ladder import choose_model as choose_model
-    from jaxbeam._rungs import ladder as ladder
     from jaxbeam._ladder_sweep import ladder_sweep as ladder_sweep
     from jaxbeam._loads import Damping as Damping
     from jaxbeam._loads import Loads as Loads
@@ -72,6 +69,9 @@ if TYPE_CHECKING:
     from jaxbeam._questions import PeakDeflection as PeakDeflection
     from jaxbeam._questions import Question as Question
     from jaxbeam._questions import RootStrain as RootStrain
+    from jaxbeam._rungs import Indicators as Indicators
+    from jaxbeam._rungs import Rung as Rung
+    from jaxbeam._rungs import ladder as ladder
     from jaxbeam._scene import Scene as Scene
     from jaxbeam._simulate import deflection_limit as deflection_limit
     from jaxbeam._simulate import simulate as simulate

@@ -13,12 +13,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import jaxlib
 import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
-from jax.extend.core import Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, JaxprEqn, jaxpr_as_fun
 from jaxtyping import Array, Float
 
 # What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
@@ -29,13 +28,11 @@ _ALLOWED = frozenset({
     "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
     "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
     "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reduce_or", "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin",
+    "reduce_or", "reduce_sum", "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin",
     "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub", "transpose",
     "unstack", "while", "zeros_like",
 })
 # fmt: on
-# Releases of jaxlib with which it is known to work: elsewhere operations run one by one.
-_KNOWN = ("0.10.",)
 _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
 _FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
 _LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
@@ -254,104 +251,73 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
 
 def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compiled to one function on a CPU, if all its operations are allowed."""
-    short = _with_short_sums(function)
 
     @jax.jit
-    def touching(*args: Any) -> tuple[Any, Array]:
-        # The emitter does not bear operands that nothing uses.
-        used = [a.ravel()[0] for a in jax.tree.leaves(args) if a.size]
-        return short(*args), sum(used)
-
-    def fast(*args: Any) -> Any:
-        return set_xla_metadata(touching(*args), xla_cpu_small_call="true", inlineable="false")[0]
-
     def run(*args: Any) -> Any:
-        known = jaxlib.__version__.startswith(_KNOWN)
-        if not (known and _allowed(jax.make_jaxpr(short)(*args).jaxpr)):
+        closed, out = jax.make_jaxpr(function, return_shape=True)(*args)
+        short = _shortened(closed)
+        if not all(_is_allowed(equation) for equation in _equations(short)):
             return function(*args)
+
+        @jax.jit
+        def one_function(*args: Any) -> tuple[Any, Array]:
+            leaves = jax.tree.leaves(args)
+            # The emitter does not bear operands that nothing uses.
+            used = sum(a.ravel()[0] for a in leaves if a.size)
+            return jax.tree.unflatten(jax.tree.structure(out), jaxpr_as_fun(short)(*leaves)), used
+
+        def fast(*args: Any) -> Any:
+            how = {"xla_cpu_small_call": "true", "inlineable": "false"}
+            return set_xla_metadata(one_function(*args), **how)[0]
+
         return jax.lax.platform_dependent(*args, cpu=fast, default=function)
 
     return run
 
 
-def _with_short_sums(function: Callable[..., Any]) -> Callable[..., Any]:
-    """With large sums written out in pieces: XLA gives them to a library, which a function that is
+def _equations(closed: ClosedJaxpr) -> Iterator[JaxprEqn]:
+    """All that are run, at any depth."""
+    for equation in closed.jaxpr.eqns:
+        yield equation
+        inner = equation.params
+        if equation.primitive.name == "custom_linear_solve":
+            inner = inner["jaxprs"].solve
+        for value in jax.tree.leaves(inner, is_leaf=_is_jaxpr):
+            if _is_jaxpr(value):
+                yield from _equations(value)
+
+
+def _is_jaxpr(value: Any) -> bool:
+    return isinstance(value, ClosedJaxpr)
+
+
+def _is_allowed(equation: JaxprEqn) -> bool:
+    return equation.primitive.name in _ALLOWED and not _is_long_sum(equation)
+
+
+def _is_long_sum(equation: Any) -> bool:
+    return equation.primitive.name == "reduce_sum" and equation.invars[0].aval.size > _REDUCED
+
+
+def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
+    """With long sums in pieces, at any depth: XLA gives them to a library, which a function that is
     compiled as one cannot call."""
+    if not any(_is_long_sum(equation) for equation in _equations(closed)):
+        return closed
 
-    def run(*args: Any) -> Any:
-        jaxpr, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
-        leaves = _shortened(jaxpr)(*jax.tree.leaves(args))
-        return jax.tree.unflatten(jax.tree.structure(shapes), leaves)
+    def mended(equation: JaxprEqn) -> JaxprEqn:
+        if _is_long_sum(equation):
+            pieces = jax.jit(functools.partial(_short_sum, axes=equation.params["axes"]))
+            [call] = jax.make_jaxpr(pieces)(equation.invars[0].aval).jaxpr.eqns
+            return call.replace(invars=equation.invars, outvars=equation.outvars)
+        inner = jax.tree.map(
+            lambda value: _shortened(value) if _is_jaxpr(value) else value,
+            equation.params, is_leaf=_is_jaxpr,
+        )  # fmt: skip
+        return equation.replace(params=inner)
 
-    return run
-
-
-def _shortened(closed: Any) -> Callable[..., list[Any]]:
-    jaxpr = closed.jaxpr
-    if not _has_long_sums(jaxpr):
-        return jaxpr_as_fun(closed)
-
-    def run(*args: Any) -> list[Any]:
-        variables = [*jaxpr.constvars, *jaxpr.invars]
-        at = dict(zip(variables, [*closed.consts, *args], strict=True))
-
-        def value(x: Any) -> Any:
-            return x.val if isinstance(x, Literal) else at[x]
-
-        for equation in jaxpr.eqns:
-            values, how = [value(x) for x in equation.invars], equation.params
-            match equation.primitive.name:
-                case "reduce_sum":
-                    out = [_short_sum(values[0], how["axes"])]
-                case "jit":
-                    out = _shortened(how["jaxpr"])(*values)
-                case "scan":
-                    out = _shortened_scan(how, values)
-                case "while":
-                    out = _shortened_while(how, values)
-                case _:
-                    out = equation.primitive.bind(
-                        *values, **equation.primitive.get_bind_params(how)
-                    )
-                    out = out if equation.primitive.multiple_results else [out]
-            at.update(zip(equation.outvars, out, strict=True))
-        return [value(x) for x in jaxpr.outvars]
-
-    return run
-
-
-def _shortened_scan(how: dict[str, Any], values: list[Any]) -> list[Any]:
-    body, n, carried = _shortened(how["jaxpr"]), how["num_consts"], how["num_carry"]
-
-    def one(state: list[Any], row: list[Any]) -> tuple[list[Any], list[Any]]:
-        out = body(*values[:n], *state, *row)
-        return list(out[:carried]), list(out[carried:])
-
-    state, rows = values[n : n + carried], values[n + carried :]
-    state, out = jax.lax.scan(one, state, rows, how["length"], how["reverse"])
-    return [*state, *out]
-
-
-def _shortened_while(how: dict[str, Any], values: list[Any]) -> list[Any]:
-    go_on, body = _shortened(how["cond_jaxpr"]), _shortened(how["body_jaxpr"])
-    a, b = how["cond_nconsts"], how["cond_nconsts"] + how["body_nconsts"]
-    return jax.lax.while_loop(
-        lambda state: go_on(*values[:a], *state)[0],
-        lambda state: list(body(*values[a:b], *state)),
-        values[b:],
-    )
-
-
-def _has_long_sums(jaxpr: Any) -> bool:
-    """Whether there are any that `_shortened` mends."""
-    for equation in jaxpr.eqns:
-        name, how = equation.primitive.name, equation.params
-        if name == "reduce_sum" and equation.invars[0].aval.size > _REDUCED:
-            return True
-        inner = {"jit": ["jaxpr"], "scan": ["jaxpr"], "while": ["cond_jaxpr", "body_jaxpr"]}
-        if any(_has_long_sums(how[key].jaxpr) for key in inner.get(name, [])):
-            return True
-    return False
+    equations = [mended(equation) for equation in closed.jaxpr.eqns]
+    return ClosedJaxpr(closed.jaxpr.replace(eqns=equations), closed.consts)
 
 
 def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
@@ -364,21 +330,3 @@ def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
         else:
             x = total(jnp.moveaxis(x, axis, 0))
     return x
-
-
-def _allowed(jaxpr: Any) -> bool:
-    """Whether all that is called in it, at any depth, may be."""
-    for equation in jaxpr.eqns:
-        name, inner = equation.primitive.name, equation.params
-        if name == "reduce_sum":
-            if equation.invars[0].aval.size > _REDUCED:
-                return False
-        elif name not in _ALLOWED:
-            return False
-        if name == "custom_linear_solve":
-            inner = inner["jaxprs"].solve  # the others are not run
-        for value in jax.tree.leaves(inner, is_leaf=lambda v: hasattr(v, "jaxpr")):
-            value = getattr(value, "jaxpr", value)
-            if hasattr(value, "eqns") and not _allowed(value):
-                return False
-    return True

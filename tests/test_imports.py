@@ -81,7 +81,6 @@ OWNERS = {
     },
     "optimistix": {"_integration", "_simulate", "_fit"},
     "optax": {"_fit"},
-    "jaxlib": {"_kernel"},
 }
 FILES = sorted(PACKAGE.rglob("*.py"))
 
