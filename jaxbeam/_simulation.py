@@ -123,13 +123,10 @@ class Simulation(eqx.Module):
         """
         if self.times.size < 2:
             raise ValueError("peak needs two or more output times")
-        known, times, state = self._outputs(self.status == Status.OK)
-        found = _peak(self.scene, times, state, known, *checked_point(component, xi))
-        return where_known(jnp.any(known[:-1] & known[1:]), found)
+        return _peak(self, *checked_point(component, xi))
 
     def _each(self, function: Any, *xi: float) -> Any:
-        known, times, state = self._outputs(trusted(self.status))
-        return where_known(known, _mapped(function, self.scene, times, state, xi))
+        return _mapped(self, function, xi)
 
     def _outputs(self, fine: Array) -> tuple[Array, Array, State]:
         """Which outputs there are an answer for, given that the status is `fine`; times and states.
@@ -150,8 +147,11 @@ class Simulation(eqx.Module):
 
 
 @eqx.filter_jit
-def _mapped(function: Any, scene: Scene, times: Array, state: State, xi: tuple[float, ...]) -> Any:
-    return jax.vmap(lambda t, y: function(scene, scene.after(t), y, *xi))(times, state)
+def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
+    scene = run.scene
+    known, times, state = run._outputs(trusted(run.status))
+    found = jax.vmap(lambda t, y: function(scene, scene.after(t), y, *xi))(times, state)
+    return where_known(known, found)
 
 
 def _points(xi: Any) -> tuple[float, ...]:
@@ -192,11 +192,11 @@ def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
 
 
 @eqx.filter_jit
-def _peak(
-    scene: Scene, times: Array, state: State, known: Array, component: int, xi: float
-) -> tuple[Scalar, Scalar]:
+def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
+    known, times, state = run._outputs(run.status == Status.OK)
+
     def place(q: Vector) -> Scalar:
-        return scene.equations.displacement(q, np.array([xi]))[0, component]
+        return run.scene.equations.displacement(q, np.array([xi]))[0, component]
 
     def both(y: State) -> tuple[Scalar, Scalar]:
         return jax.jvp(place, (y.q,), (y.v,))
@@ -204,8 +204,10 @@ def _peak(
     u, rate = jax.vmap(both)(state)
     t, h = times[:-1], jnp.diff(times)
     s, value = jax.vmap(_extremes)(u[:-1], h * rate[:-1], u[1:], h * rate[1:])
-    at = jnp.argmax(jnp.where((known[:-1] & known[1:])[:, None], jnp.abs(value), -1.0))
-    return value.ravel()[at], (t[:, None] + h[:, None] * s).ravel()[at]
+    between = known[:-1] & known[1:]
+    at = jnp.argmax(jnp.where(between[:, None], jnp.abs(value), -1.0))
+    found = value.ravel()[at], (t[:, None] + h[:, None] * s).ravel()[at]
+    return where_known(jnp.any(between), found)
 
 
 def _extremes(u0: Scalar, v0: Scalar, u1: Scalar, v1: Scalar) -> tuple[Vector, Vector]:
