@@ -256,7 +256,8 @@ def _keys(maker: Callable[..., Any]) -> dict[str, inspect.Parameter]:
 
 def _class(table: str, name: Any, base: type) -> type:
     """The public class of this name, of those that are made from numbers."""
-    kinds = {n: k for n, k in vars(jb).items() if inspect.isclass(k) and issubclass(k, base)}
+    public = {name: getattr(jb, name) for name in sorted(dir(jb)) if name[0].isupper()}
+    kinds = {n: k for n, k in public.items() if inspect.isclass(k) and issubclass(k, base)}
     offered = [
         name for name, kind in kinds.items() if not inspect.isabstract(kind)
         and all(_is_real(p) or p.default is not p.empty for p in _keys(kind).values())
