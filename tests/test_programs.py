@@ -18,6 +18,12 @@ HYBRID, WHICH = jb.Hybrid(), jb.labels(in_plane=2, flap=1)
 MOTION = jb.ModulatedSpeed(3.0, 0.5, 10.0)
 
 
+def spun_up(rotor):
+    times = jax.numpy.linspace(0.0, 20.0, 201)
+    run = jb.simulate(jb.GreenANCF(8), rotor, jb.SmoothSpinUp(4.0, 15.0), times, throw=False)
+    return run.peak()[0]
+
+
 def fitted(measured):
     def experiments(stiffness, tip_mass):
         return [
@@ -44,8 +50,19 @@ def fitted(measured):
         (lambda rotor: jb.critical_speed(jb.ChordANCF(4), rotor), ROTOR, 5000),
         (lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3100),
         (fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300),
+        (spun_up, ROTOR, 4900),
+        (jax.grad(spun_up), ROTOR, 9400),
     ],
-    ids=["modes", "frequencies", "southwell", "critical_speed", "floquet", "fit"],
+    ids=[
+        "modes",
+        "frequencies",
+        "southwell",
+        "critical_speed",
+        "floquet",
+        "fit",
+        "spin-up",
+        "gradient of a spin-up",
+    ],
 )
 def test_programs_are_small(answer, argument, most):
     """In lines of StableHLO."""
