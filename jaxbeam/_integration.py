@@ -42,9 +42,7 @@ def integrate(
     # Outputs may miss where energies are large.
     watch = jnp.maximum(without_derivatives(during(times)), start)
     every = jnp.sort(jnp.concatenate([times, watch]))
-    scene = scene.traced(start)
-    if not isinstance(solver, Rosenbrock):
-        scene = scene.with_inverse()
+    scene = _prepared(scene, solver).traced(start)
     given, constant = Given(scene, y0, start, every), without_derivatives(task)
     came = march(constant, given)[0] if adjoint is not None else run(given, constant)
     n = y0.q.size
@@ -81,6 +79,11 @@ def integrate(
     )  # fmt: skip
     seen, outputs = at(watch)
     return solution, (seen, states(outputs))
+
+
+def _prepared(scene: Scene, solver: diffrax.AbstractSolver) -> Scene:
+    """Rosenbrock methods alone ask for no accelerations, others at every stage."""
+    return scene if isinstance(solver, Rosenbrock) else scene.with_inverse()
 
 
 def _end(task: Task, given: Given, event: diffrax.Event, came: Run) -> tuple[Scalar, Array]:
@@ -120,6 +123,7 @@ def by_diffrax(
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> tuple[diffrax.Solution, Watch]:  # fmt: skip
     """The same with all that diffrax knows: what is saved, progress, other adjoints."""
+    scene = _prepared(scene, solver)
     watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)
     if saveat is None:
         saveat = diffrax.SaveAt(ts=times, t1=event is not None)

@@ -30,6 +30,7 @@ from jaxbeam._scene import (
 )
 from jaxbeam._simulation import Simulation, checked_point
 from jaxbeam._solvers.rodas import Rodas5P
+from jaxbeam._solvers.steps import SecondOrderSolver
 from jaxbeam._solvers.system import State, without_derivatives
 from jaxbeam._status import Status, in_range, raise_unless_ok
 from jaxbeam._types import Code, Scalar
@@ -171,6 +172,7 @@ def _simulate(
             dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
             force_dtmin=False,
         )
+    ours = isinstance(solver, SecondOrderSolver) and isinstance(adjoint, diffrax.ForwardMode | None)
     backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
     start_time = times[0]
     if not backsolved:
@@ -180,8 +182,7 @@ def _simulate(
         at_once = jnp.any(jnp.abs(now.jumps - times[0]) <= now.gap)
         y0 = jax.lax.cond(at_once, lambda: now.struck(start_time, y0), lambda: y0)
     how = (now, y0, start_time, times, solver, controller, dt0, event, max_steps, adjoint)
-    ours = adjoint is None or isinstance(adjoint, diffrax.ForwardMode)
-    if saveat is None and progress_meter is None and ours:
+    if ours and saveat is None and progress_meter is None:
         solution, watch = integrate(*how)
     else:
         solution, watch = by_diffrax(*how, saveat, progress_meter)

@@ -45,7 +45,7 @@ CASES = {
     "adaptive": {},
     "fixed": {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.02, "max_steps": 64},
     "chord": {"solver": jb.ChordKvaerno5()},
-    "explicit": {"solver": diffrax.Dopri5(), "max_steps": 20_000},
+    "exponential": {"solver": jb.Magnus()},
     "clipped": {
         "stepsize_controller": diffrax.ClipStepSizeController(
             diffrax.PIDController(1e-5, 1e-7), jump_ts=jnp.array([0.31, 0.8])

@@ -1,4 +1,4 @@
-"""A run: steps of any solver under any controller, with outputs at given times, as a small program.
+"""A run: steps of a solver under any controller, with outputs at given times, as a small program.
 
 This is what `diffrax.diffeqsolve` does, for the one case that beams ask for. It is written anew
 since its size is what a user waits for: half of a spin-up is compiled, not computed.
