@@ -7,7 +7,6 @@ loop over single calls, which leaves LAPACK to one core but costs little besides
 the time goes), and gives each lane its own branches and its own number of iterations.
 """
 
-import functools
 from collections.abc import Callable
 from typing import NamedTuple, overload
 
@@ -293,27 +292,6 @@ def symmetric_modes(
     From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
     """
     return _symmetric_modes(mass, stiffness)[0]
-
-
-@functools.partial(jax.jit, static_argnums=2)
-def uncoupled(
-    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], first: int
-) -> Float[Array, "n n"]:
-    """Columns: M v for the modes v without coupling between the `first` coordinates and the others,
-    the lowest first in each family; mass-normalised.
-
-    With M = F F^T and F^-1 K F^-T = Y diag(mu) Y^T these are F Y: where the lowest mu come out less
-    exactly than by `symmetric_modes`, but without another solution of linear equations.
-    """
-
-    @sequential_vmap
-    def columns(mass: Array, stiffness: Array) -> Array:
-        f, inner = _reduced(stiffness, mass)
-        parts = slice(0, first), slice(first, None)
-        own = [f[p, p] @ jax.lax.linalg.eigh(inner[p, p], symmetrize_input=False)[0] for p in parts]
-        return jax.scipy.linalg.block_diag(*own)
-
-    return columns(mass, stiffness)
 
 
 def _reduced(a: Array, b: Array) -> tuple[Array, Array]:

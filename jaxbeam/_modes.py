@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._beam import Rotor
-from jaxbeam._linalg import planar_eigenpairs, solve, uncoupled
+from jaxbeam._linalg import planar_eigenpairs, solve, symmetric_modes
 from jaxbeam._models.base import (
     AbstractModel,
     Family,
@@ -259,8 +259,11 @@ def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> _Plane:
 
 def _participation(m: Array, k: Array, x: Array, n_transverse: int) -> Float[Array, "n n"]:
     """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j."""
-    part = x @ uncoupled(m, k, n_transverse)
-    share = part.real**2 + part.imag**2
+    parts = []
+    for part in (slice(0, n_transverse), slice(n_transverse, None)):
+        v = symmetric_modes(m[part, part], k[part, part])
+        parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
+    share = jnp.concatenate(parts, axis=1)
     return share / jnp.sum(share, axis=1, keepdims=True)
 
 
