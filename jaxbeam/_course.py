@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._motion import Hub, Times
+from jaxbeam._results import without_derivatives
 from jaxbeam._scene import Inputs, Scene
-from jaxbeam._solvers.system import without_derivatives
 from jaxbeam._types import Scalar
 
 SAMPLES = 1024  # of a run

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._course import Course
+from jaxbeam._results import without_derivatives
 from jaxbeam._scene import Scene
 from jaxbeam._solvers.steps import WEIGHTS, inputs_along, length
-from jaxbeam._solvers.system import State, without_derivatives
+from jaxbeam._solvers.system import State
 from jaxbeam._types import Scalar
 
 _MISMATCH = 1e-6  # of the hub's speed in a step, relative to the largest, that is not accepted

@@ -10,11 +10,12 @@ import optimistix
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from jaxbeam._results import without_derivatives
 from jaxbeam._scene import Scene, during
 from jaxbeam._solvers.adjoint import run
 from jaxbeam._solvers.rodas import Rosenbrock
 from jaxbeam._solvers.run import Given, Run, Task, conditions, march, output
-from jaxbeam._solvers.system import State, second_order_term, without_derivatives
+from jaxbeam._solvers.system import State, second_order_term
 from jaxbeam._types import Scalar
 
 # Controllers that never tell of a jump, which saves code; with others one may come at any step.
@@ -58,14 +59,13 @@ def integrate(
     happened = came.stopped
     for each in came.happened:
         happened |= each
+    mask = None
     if event is not None:
         end, last = _end(task, given, event, came)
         ts = jnp.append(jnp.where(ts <= end, ts, jnp.inf), jnp.inf)
         place = jnp.sum(jnp.isfinite(ts))
         ts = ts.at[place].set(end)
         outputs = jnp.concatenate([outputs, last[None]]).at[place].set(last)
-    mask = None
-    if event is not None:
         structure = jax.tree.structure(event.cond_fn, is_leaf=callable)
         mask = jax.tree.unflatten(structure, came.happened)
     solution = diffrax.Solution(

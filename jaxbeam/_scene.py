@@ -16,7 +16,8 @@ from jaxbeam._linalg import inverse
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, Equations, Family
 from jaxbeam._motion import Hub, Motion, Times, skew
-from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
+from jaxbeam._results import without_derivatives
+from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
 

@@ -17,7 +17,7 @@ from jaxbeam._integration import Watch, by_diffrax, held_within, integrate, is_f
 from jaxbeam._loads import Damping, Loads
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
 from jaxbeam._motion import Motion
-from jaxbeam._results import where_known
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._scene import (
     Inputs,
     Scene,
@@ -31,7 +31,7 @@ from jaxbeam._scene import (
 from jaxbeam._simulation import Simulation, checked_point
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver
-from jaxbeam._solvers.system import State, without_derivatives
+from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, raise_unless_ok
 from jaxbeam._types import Code, Scalar
 

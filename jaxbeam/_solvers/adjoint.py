@@ -33,7 +33,8 @@ def run(given: Given, task: Task) -> Run:
     The derivative of what was computed, to rounding: each step that was kept is transposed, with
     its length as it is (as in diffrax, error control carries no derivatives). Before each step the
     state is written down: `ROWS` = 1024 states at most; where steps are more, every 2nd, 4th, ...
-    is, and those between are computed once more. Besides, three numbers for each of `max_steps`.
+    is, and those between are computed once more. Besides, two numbers for each of `max_steps`, and
+    a third where something may jump.
 
     Derivatives of derivatives: forward over reverse.
     """
@@ -66,9 +67,8 @@ def _backwards(residuals: Any, out: Run, perturbed: Any, given: Given, task: Tas
     steps, rows = len(tape.ends) - 1, len(tape.rows) - 1
     times, m = given.times, ravel_pytree(given.y0)[0].size
     moving, still = eqx.partition(given, perturbed)
-    start_state = eqx.filter((given.y0, solver_state_of(task, given)), eqx.is_array)
+    start_state, shape = eqx.partition((given.y0, solver_state_of(task, given)), eqx.is_array)
     _, unravel = ravel_pytree(start_state)
-    shape = eqx.filter((given.y0, solver_state_of(task, given)), eqx.is_array, inverse=True)
     zero = jnp.zeros_like(tape.rows[0])
     at_outputs = jnp.zeros((times.size, m), zero.dtype) if out.outputs is None else out.outputs
     at_end = zero[:m] if out.y is None else out.y

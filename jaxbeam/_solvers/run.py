@@ -17,7 +17,8 @@ from jax.flatten_util import ravel_pytree
 from jax.interpreters import batching, mlir
 from jaxtyping import Array, Float
 
-from jaxbeam._solvers.system import State, without_derivatives
+from jaxbeam._results import without_derivatives
+from jaxbeam._solvers.system import State
 from jaxbeam._types import Scalar
 
 _OK = diffrax.RESULTS.successful
@@ -165,12 +166,16 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
     )  # fmt: skip
     arrays, static = eqx.partition(now, eqx.is_array)
 
-    def goes_on(now: _Now) -> Array:
+    def unfinished(now: _Now) -> Array:
         run = now.run
         more = (now.t0 < end) & (run.result == _OK) & ~run.stopped
         for event in run.happened:
             more &= ~event
-        return more if task.max_steps is None else more & (run.steps < task.max_steps)
+        return more
+
+    def goes_on(now: _Now) -> Array:
+        more = unfinished(now)
+        return more if task.max_steps is None else more & (now.run.steps < task.max_steps)
 
     def body(arrays: Any) -> Any:
         now: _Now = eqx.combine(arrays, static)
@@ -228,10 +233,7 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
     )
     now = eqx.combine(arrays, static)
     run = now.run
-    ended = ~(now.t0 < end) | run.stopped | (run.result != _OK)
-    for event in run.happened:
-        ended |= event
-    result = diffrax.RESULTS.where(ended, run.result, diffrax.RESULTS.max_steps_reached)
+    result = diffrax.RESULTS.where(unfinished(now), diffrax.RESULTS.max_steps_reached, run.result)
     return run._replace(outputs=run.outputs[:-1], result=result), now.tape
 
 

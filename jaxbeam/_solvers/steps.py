@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._kernel import beside, contract, kernel
-from jaxbeam._solvers.system import SecondOrderSystem, State, without_derivatives
+from jaxbeam._results import without_derivatives
+from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar
 
 _NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)

@@ -1,7 +1,7 @@
 """Second-order systems, as solvers see them."""
 
 import abc
-from typing import Any, TypeVar, get_origin
+from typing import Any, get_origin
 
 import diffrax
 import equinox as eqx
@@ -10,9 +10,8 @@ import jax.numpy as jnp
 
 from jaxbeam._blocks import BlockTridiagonal
 from jaxbeam._linalg import inverse
+from jaxbeam._results import without_derivatives
 from jaxbeam._types import Matrix, Scalar, Vector
-
-Tree = TypeVar("Tree")
 
 
 class State(eqx.Module):
@@ -88,12 +87,6 @@ def work_rate(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> Sca
     """`system.power` without derivatives, which nobody asks for and which cost compilation."""
     system, t, q, v = without_derivatives((system, t, q, v))
     return system.power(system.inputs(t), q, v)
-
-
-def without_derivatives(tree: Tree) -> Tree:
-    """`jax.lax.stop_gradient` on all arrays of a pytree, leaving all else in place."""
-    dynamic, static = eqx.partition(tree, eqx.is_array)
-    return eqx.combine(jax.lax.stop_gradient(dynamic), static)
 
 
 def second_order_term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
