@@ -123,9 +123,14 @@ def test_pulses_of_force_are_seen_wherever_they_are():
     widths = np.tile([2.0, 0.3, 0.1, 0.03], 11)
     cases = [(np.full(3, s), np.full(3, w), np.array([0.5, 0, 0]))
              for s, w in zip(np.repeat(places, 4), widths, strict=True)]  # fmt: skip
-    cases += [
-        (chance.uniform(1.0, 18.0, 3), chance.uniform(0.03, 0.3, 3), np.ones(3)) for _ in range(4)
-    ]
+    for spread in (1.0, 17.0):  # side by side, and far apart
+        first = chance.uniform(1.0, 18.0 - spread, (4, 1))
+        starts = first + chance.uniform(0.0, spread, (4, 3))
+        pairs = zip(starts, chance.uniform(0.03, 0.3, (4, 3)), strict=True)
+        cases += [(start, width, np.ones(3)) for start, width in pairs]
+    # Short ones beside longer ones, which hid them once.
+    cases += [(np.array([12.21, 2.1, 1.693]), np.array([0.0338, 0.1409, 0.0358]), np.ones(3))]
+    cases += [(np.array([17.95, 17.821, 17.653]), np.array([0.0752, 0.2246, 0.0341]), np.ones(3))]
     cases += [(np.array([3.3, 15.0, 15.0]), np.array([0.2, 2.0, 2.0]), np.array([1e-3, 1.0, 0.0]))]
     status, found, expected = pushed(*(jnp.asarray(column) for column in zip(*cases, strict=True)))
     np.testing.assert_array_equal(status, jb.Status.OK)
