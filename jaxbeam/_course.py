@@ -96,29 +96,37 @@ def _reach(signals: Float[Array, "c k+1"], sudden: Bool[Array, " 64"]) -> Float[
     four samples, or the hub's velocity changes in a `sudden` way, steps are half a sample long.
     """
     floor = _FLOOR + 16 * float(jnp.finfo(signals.dtype).eps)
+    either = jnp.concatenate([signals, -signals])
 
-    def bends(s: int) -> Float[Array, " k"]:
-        bend = jnp.abs(signals[:, 2 * s :] - 2 * signals[:, s:-s] + signals[:, : -2 * s])
-        return jax.lax.pad(jnp.max(bend, 0), 0.0, [(s, s - 1, 0)])
+    def highest(values: Array, n: int, apart: int) -> Array:
+        """Of each value and n - 1 behind it, so far apart."""
+        return jax.lax.reduce_window(
+            values, -jnp.inf, jax.lax.max, (1, n), (1, 1), "VALID", window_dilation=(1, apart)
+        )
 
-    def unseen(s: int, bend: Float[Array, " k"]) -> Bool[Array, " n"]:
-        """Of parts of two strides s: what rises and falls within one in the middle of such."""
-        away = either = jnp.concatenate([signals, -signals])
-        for shift in (1 << i for i in range(s.bit_length() - 1)):
-            away = jnp.maximum(away[:, shift:], away[:, :-shift])
-        away = jnp.maximum(away[:, 1:], away[:, :-1])
-        away = jnp.max(away - jnp.maximum(either[:, s:], either[:, :-s]), 0)
-        total = jnp.cumulative_sum(bend, include_initial=True)
-        around = jnp.pad(total[2 * s :] - total[: -2 * s], s // 2, mode="edge")
-        passed = away > _UNSEEN * around / (2 * s) + floor
-        return jnp.any(jnp.pad(passed, (s // 2, s // 2 - 1)).reshape(-1, 2 * s), 1)
+    def unseen(s: int, of_these: Float[Array, "2*c n"], bend: Float[Array, " k"]) -> Array:
+        """Of parts of a stride s: what rises and falls within one with its middle there."""
+        passed = of_these - highest(either, 2, s)
+        passed = jax.lax.pad(passed, 0.0, [(0, 0, 0), (s // 2, s // 2 - 1, 0)])
+        mean = jnp.pad(jnp.mean(bend.reshape(-1, s), 1)[1:-1], 2, mode="edge")
+        around = (mean[:-2] + 2 * mean[1:-1] + mean[2:]) / 4
+        return jnp.max(passed.reshape(len(either), -1, s), (0, 2)) > _UNSEEN * around + floor
 
-    sharp, middle, coarse = jnp.max(bends(1).reshape(64, 16), 1), bends(8), bends(64)
-    sudden = sudden | jnp.any(unseen(4, bends(4)).reshape(64, 2), 1)
-    divided = jnp.any((unseen(8, middle) | sudden).reshape(8, 8), 1)
-    all_divided = jnp.any(divided | unseen(64, coarse))
-    sharper = jnp.maximum(jnp.max(sharp.reshape(8, 8), 1), jnp.max(middle.reshape(8, 128), 1))
-    sharpest = jnp.maximum(jnp.max(sharper), jnp.max(coarse))
+    strides = np.array([[1], [4], [8], [64]])
+    place = np.arange(SAMPLES)
+    before, after = place - strides, place + strides
+    bends = signals[:, np.minimum(after, SAMPLES)] - 2 * signals[:, None, :-1]
+    bends = jnp.max(jnp.abs(bends + signals[:, np.maximum(before, 0)]), 0)
+    bends = jnp.where((before >= 0) & (after <= SAMPLES), bends, 0.0)
+    within_four = highest(either, 5, 1)
+    within_eight = highest(within_four, 2, 4)
+    sudden |= jnp.any(unseen(4, within_four, bends[1]).reshape(64, 4), 1)
+    divided = unseen(8, within_eight, bends[2]).reshape(64, 2)
+    divided = jnp.any((jnp.any(divided, 1) | sudden).reshape(8, 8), 1)
+    all_divided = jnp.any(divided) | jnp.any(unseen(64, highest(within_eight, 8, 8), bends[3]))
+    sharp = jnp.max(bends[0].reshape(64, 16), 1)
+    sharper = jnp.max(bends[:3].reshape(3, 8, 128), (0, 2))
+    sharpest = jnp.max(bends)
 
     def chosen(a: Any, b: Any, c: Any) -> Array:
         return jnp.where(all_divided, jnp.where(divided[:, None], a, b), c).reshape(-1)
