@@ -1,9 +1,9 @@
 """What things cost: gradients, elements, and the first result of a fresh process.
 
 Reverse mode against the forward run (the peak of a spin-up, a sweep of frequencies); a step
-against the number of elements, with the slope on logarithmic scales; and from `import` to the first
-result of a new process (a spin-up, its gradient), with an empty and with a filled compilation
-cache. JAX does not keep programs that can raise in that cache, hence EQX_ON_ERROR=nan there.
+against the number of elements, with the slope on logarithmic scales; and from the start of a new
+process to its first result, beside what diffrax alone takes for ten linear oscillators, and in the
+next process where JAX keeps programs in a cache. It measures the Python that runs it.
 
     python studies/costs.py [--quick] [--out FOLDER]
 """
@@ -11,11 +11,12 @@ cache. JAX does not keep programs that can raise in that cache, hence EQX_ON_ERR
 import argparse
 import csv
 import os
+import platform
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -38,24 +39,72 @@ BLADE = jb.Beam.from_section(
     youngs_modulus=6.895e10,
 )  # fmt: skip
 TIMES = np.linspace(0.0, 20.0, 201)
-FIRST = """
+START = """
 import time
 start = time.perf_counter()
 import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
+"""
+SCENE = """
 import jaxbeam as jb
-
+blade = jb.Beam.from_section(length=8.0, youngs_modulus=6.895e10, density=2767.0,
+                             area=7.299e-5, in_plane_second_moment=8.214e-9)
+rotor, model, which = jb.Rotor(blade, 0.5, 0.1), jb.Hybrid(), jb.labels(in_plane=2, flap=1)
+"""
+END = """
+jax.block_until_ready(ANSWER)
+print(time.perf_counter() - start)
+"""
+SPIN_UP = """
 @jax.jit
 def peak(tip_mass):
-    blade = jb.Beam.from_section(length=8.0, youngs_modulus=6.895e10, density=2767.0,
-                                 area=7.299e-5, in_plane_second_moment=8.214e-9)
     motion, times = jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 20.0, 201)
-    rotor = jb.Rotor(blade, 0.0, tip_mass)
-    return jb.simulate(jb.EngineeringANCF(8), rotor, motion, times).peak()[0]
-
-FUNCTION(0.1).block_until_ready()
-print(time.perf_counter() - start)
+    run = jb.simulate(jb.EngineeringANCF(8), jb.Rotor(blade, 0.0, tip_mass), motion, times,
+                      throw=False)
+    return run.peak()[0]
+"""
+# What another library takes that does much less: diffrax alone, with ten linear oscillators.
+YARDSTICK = """
+import diffrax
+@jax.jit
+def peak(scale):
+    term = diffrax.ODETerm(lambda t, y, scale: scale * jnp.arange(1.0, 11.0) * jnp.roll(y, 5)
+                           * jnp.repeat(jnp.array([1.0, -1.0]), 5))
+    solution = diffrax.diffeqsolve(
+        term, diffrax.Kvaerno5(), 0.0, 20.0, 0.01, jnp.ones(10), scale,
+        saveat=diffrax.SaveAt(ts=jnp.linspace(0.0, 20.0, 201)),
+        stepsize_controller=diffrax.PIDController(1e-6, 1e-6))
+    return jnp.max(jnp.abs(solution.ys))
+"""
+FIT = """
+import numpy as np
+true = dict(mass=0.202, axial=5e5, bending=566.0, flap=700.0, hub_radius=0.5, tip_mass=0.1)
+model, labels = jb.Hybrid(4, 6, 6), jb.labels(in_plane=4, flap=3, axial=1)
+speeds = jnp.linspace(0.0, 12.0, 7)
+measuring = time.perf_counter()
+def rotor_of(mass, axial, bending, flap, hub_radius, tip_mass):
+    return jb.Rotor(jb.Beam(8.0, mass, axial, bending, flap), hub_radius, tip_mass)
+seen = jax.vmap(lambda speed: jb.modes(model, rotor_of(**true), speed, labels,
+                                       throw=False).frequency)(speeds)
+seen += 0.02 * np.random.default_rng(1).normal(size=seen.shape)
+first = time.perf_counter()
+def experiment(**parameters):
+    return jb.FrequencyData(model, rotor_of(**parameters), speeds, seen, 0.02, labels)
+found = jb.fit(experiment, {name: jb.Free(1.1 * value) for name, value in true.items()})
+start += first - measuring  # the measurements are not the fit's
+"""
+CHOICE = """
+times = jnp.linspace(0.0, 20.0, 201)
+question = jb.PeakDeflection(jb.SmoothSpinUp(4.0, 15.0), times)
+"""
+LADDER = """
+import numpy as np
+def situation(speed, duration):
+    times = jnp.linspace(0.0, 1.5 * duration, 121)
+    return jb.PeakDeflection(jb.SmoothSpinUp(speed, duration), times), rotor
+draw = np.random.default_rng(7)
+cases = jb.listed(speed=draw.uniform(0.2, 4.0, COUNT), duration=draw.uniform(5.0, 20.0, COUNT))
 """
 Row = tuple[str, str, float, str]  # what, of what, number, unit
 
@@ -146,26 +195,56 @@ def elements(quick: bool, out: Path) -> list[Row]:
     return [*rows, ("slope of step over elements", "Rodas5P", float(slope), "-")]
 
 
-def fresh_processes(quick: bool) -> list[Row]:
-    """From the first line of a script to its first result."""
-    tried = (("spin-up", "peak"), ("gradient of its peak", "jax.grad(peak)"))
+# What is asked, what comes before it, and whether another process is asked again with a cache.
+FIRST = {
+    "yardstick: diffrax alone": ("peak(1.0)", YARDSTICK, False),
+    "yardstick's gradient": ("jax.grad(peak)(1.0)", YARDSTICK, False),
+    "spin-up": ("peak(0.1)", SCENE + SPIN_UP, True),
+    "gradient of its peak": ("jax.grad(peak)(0.1)", SCENE + SPIN_UP, True),
+    "modes": ("jb.modes(model, rotor, 5.0, which)", SCENE, False),
+    "frequencies": ("jb.frequencies(model, rotor, 5.0)", SCENE, False),
+    "southwell": ("jb.southwell(model, rotor, which)", SCENE, False),
+    "critical_speed": ("jb.critical_speed(jb.ChordANCF(4), rotor)", SCENE, False),
+    "floquet": (
+        "jb.floquet(jb.Hybrid(2, 3, 2), rotor, jb.ModulatedSpeed(3.0, 0.5, 10.0))", SCENE, False,
+    ),
+    "fit of six parameters": ("found", SCENE + FIT, False),
+    "choose_model": ("str(jb.choose_model(question, rotor, 1e-2))", SCENE + CHOICE, False),
+    "ladder_sweep, 1000 spin-ups": (
+        'jb.ladder_sweep(situation, cases, 1e-3)["value"]',
+        SCENE + LADDER.replace("COUNT", "1000"), False,
+    ),
+}  # fmt: skip
+
+
+def fresh_processes(quick: bool) -> Iterator[Row]:
+    """From the start of Python, imports included, to the first result: medians of five."""
     plain = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "EQX_", "XLA_"))}
-    rows = []
-    with tempfile.TemporaryDirectory() as cache:
-        kept = {
-            "EQX_ON_ERROR": "nan", "JAX_COMPILATION_CACHE_DIR": cache,
-            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        }  # fmt: skip
-        for what, function in tried[: 1 if quick else 2]:
-            for how, more in (
-                ("no cache", {}), ("cache being filled", kept), ("warm cache", kept),
-            ):  # fmt: skip
-                done = subprocess.run(
-                    [sys.executable, "-c", FIRST.replace("FUNCTION", function)],
-                    capture_output=True, text=True, check=True, env={**plain, **more},
-                )  # fmt: skip
-                rows.append((f"fresh process, {how}", what, float(done.stdout), "s"))
-    return rows
+
+    def waited(what: str, repeats: int, more: dict[str, str]) -> float:
+        answer, before, _ = FIRST[what]
+        script = START + before + END.replace("ANSWER", answer)
+        taken = []
+        for _ in range(repeats):
+            done = subprocess.run(
+                [sys.executable, "-c", script],
+                capture_output=True, text=True, check=True, env={**plain, **more},
+            )  # fmt: skip
+            taken.append(float(done.stdout))
+        return float(np.median(taken))
+
+    repeats = 1 if quick else 5
+    for what in ("yardstick: diffrax alone", "spin-up") if quick else FIRST:
+        yield "fresh process", what, waited(what, repeats, {}), "s"
+        if not FIRST[what][2]:
+            continue
+        with tempfile.TemporaryDirectory() as cache:
+            kept = {
+                "JAX_COMPILATION_CACHE_DIR": cache,
+                "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+            }
+            waited(what, 1, kept)
+            yield "the next, with a cache", what, waited(what, repeats, kept), "s"
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
@@ -174,6 +253,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "costs"
     out.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = []
+    print(f"Python {platform.python_version()}, jax {jax.__version__}", flush=True)
     for part in (
         lambda: gradients(quick),
         lambda: elements(quick, out),

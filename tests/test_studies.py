@@ -182,7 +182,7 @@ def test_costs(tmp_path):
     rows = rows_of(tmp_path / "costs.csv")
     assert all(np.isfinite(float(r["number"])) and float(r["number"]) > 0 for r in rows)
     assert {r["what"] for r in rows} >= {
-        "reverse mode over forward run", "a step of Rodas5P", "fresh process, warm cache",
+        "reverse mode over forward run", "a step of Rodas5P", "the next, with a cache",
     }  # fmt: skip
     assert (tmp_path / "elements.png").stat().st_size > 10_000
 
