@@ -231,11 +231,13 @@ class Scene(SecondOrderSystem):
 
     def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:
         """T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is their sum."""
-        hub, zero = self.hub(t), jnp.zeros(3, y.q.dtype)
-        moving = self.equations.kinetic_energy(y.q, y.v, zero, zero)
-        carried = self.equations.kinetic_energy(
-            y.q, jnp.zeros_like(y.v), hub.velocity, hub.angular_velocity
-        )
+        hub = self.hub(t)
+        # Once with the beam moving in a hub at rest, once at rest in the hub that moves.
+        moving, carried = jax.vmap(
+            lambda own: self.equations.kinetic_energy(
+                y.q, own * y.v, (1 - own) * hub.velocity, (1 - own) * hub.angular_velocity
+            )
+        )(jnp.array([1.0, 0.0], y.q.dtype))
         return moving, -carried, self.equations.strain_energy(y.q)
 
     def total_energy(self, t: Scalar, y: State) -> Scalar:

@@ -81,7 +81,7 @@ def test_default_run_tells_the_causes(tmp_path):
 def study(name, out):
     done = subprocess.run(
         [sys.executable, STUDIES / f"{name}.py", "--quick", "--out", out],
-        capture_output=True, text=True, timeout=400, check=True, env=USERS,
+        capture_output=True, text=True, timeout=600, check=True, env=USERS,
     )  # fmt: skip
     return done.stdout
 
