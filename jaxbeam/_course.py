@@ -22,7 +22,7 @@ from jaxbeam._scene import Inputs, Scene
 from jaxbeam._types import Scalar
 
 SAMPLES = 1024  # of a run
-# A pulse as long as a stride reaches 1.4, two strides 0.5, three 0.2, a smooth course 0.12.
+# A pulse as long as a stride reaches 1.4, two strides 0.5, three 0.3, a smooth course 0.12.
 _UNSEEN = 0.3
 _FLOOR = 1e-6  # changes that are smaller than this, relative to the largest value, do not count
 # Of a vector that stands for three components: no motion of interest is normal to it.
@@ -121,8 +121,8 @@ def _reach(signals: Float[Array, "c k+1"], sudden: Bool[Array, " 64"]) -> Float[
     within_four = highest(either, 5, 1)
     within_eight = highest(within_four, 2, 4)
     sudden |= jnp.any(unseen(4, within_four, bends[1]).reshape(64, 4), 1)
-    divided = unseen(8, within_eight, bends[2]).reshape(64, 2)
-    divided = jnp.any((jnp.any(divided, 1) | sudden).reshape(8, 8), 1)
+    divided = jnp.any(unseen(8, within_eight, bends[2]).reshape(8, 16), 1)
+    divided |= jnp.any(sudden.reshape(8, 8), 1)
     all_divided = jnp.any(divided) | jnp.any(unseen(64, highest(within_eight, 8, 8), bends[3]))
     sharp = jnp.max(bends[0].reshape(64, 16), 1)
     sharper = jnp.max(bends[:3].reshape(3, 8, 128), (0, 2))

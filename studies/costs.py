@@ -104,7 +104,7 @@ def situation(speed, duration):
     times = jnp.linspace(0.0, 1.5 * duration, 121)
     return jb.PeakDeflection(jb.SmoothSpinUp(speed, duration), times), rotor
 draw = np.random.default_rng(7)
-cases = jb.listed(speed=draw.uniform(0.2, 4.0, COUNT), duration=draw.uniform(5.0, 20.0, COUNT))
+cases = jb.listed(speed=draw.uniform(0.2, 4.0, 1000), duration=draw.uniform(5.0, 20.0, 1000))
 """
 Row = tuple[str, str, float, str]  # what, of what, number, unit
 
@@ -211,8 +211,7 @@ FIRST = {
     "fit of six parameters": ("found", SCENE + FIT, False),
     "choose_model": ("str(jb.choose_model(question, rotor, 1e-2))", SCENE + CHOICE, False),
     "ladder_sweep, 1000 spin-ups": (
-        'jb.ladder_sweep(situation, cases, 1e-3)["value"]',
-        SCENE + LADDER.replace("COUNT", "1000"), False,
+        'jb.ladder_sweep(situation, cases, 1e-3)["value"]', SCENE + LADDER, False,
     ),
 }  # fmt: skip
 
