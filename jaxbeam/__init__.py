@@ -7,36 +7,30 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jaxbeam._basis import CantileverModes as CantileverModes
-    from jaxbeam._basis import Polynomials as Polynomials
-    from jaxbeam._beam import Beam as Beam
-    from jaxbeam._beam import Rotor as Rotor
-    from jaxbeam._beam import SpringRotor as SpringRotor
-    from jaxbeam._cases import Cases as Cases
-    from jaxbeam._cases import grid as grid
-    from jaxbeam._cases import listed as listed
-    from jaxbeam._experiments import Clearance as Clearance
-    from jaxbeam._experiments import Experiment as Experiment
-    from jaxbeam._experiments import FrequencyData as FrequencyData
-    from jaxbeam._experiments import HistoryData as HistoryData
-    from jaxbeam._experiments import StaticData as StaticData
-    from jaxbeam._experiments import match_modes as match_modes
-    from jaxbeam._fit import Descent as Descent
-    from jaxbeam._fit import Fit as Fit
-    from jaxbeam._fit import fit as fit
-    from jaxbeam._floquet import Floquet as Floquet
-    from jaxbeam._floquet import floquet as floquet
-    from jaxbeam._free import Free as Free
-    from jaxbeam._frequencies import Frequencies as Frequencies
-    from jaxbeam._frequencies import frequencies as frequencies
-    from jaxbeam._indicators import stiffening_ratio as stiffening_ratio
-    from jaxbeam._ladder import Choice as Choice
-    from jaxbeam._ladder import Evidence as Evidence
-    from jaxbeam._ladder import answer as answer
-    from jaxbeam._ladder import choose_model as choose_model
-    from jaxbeam._ladder_sweep import ladder_sweep as ladder_sweep
-    from jaxbeam._loads import Damping as Damping
-    from jaxbeam._loads import Loads as Loads
+    from jaxbeam._fitting.experiments import Clearance as Clearance
+    from jaxbeam._fitting.experiments import Experiment as Experiment
+    from jaxbeam._fitting.experiments import FrequencyData as FrequencyData
+    from jaxbeam._fitting.experiments import HistoryData as HistoryData
+    from jaxbeam._fitting.experiments import StaticData as StaticData
+    from jaxbeam._fitting.experiments import match_modes as match_modes
+    from jaxbeam._fitting.fit import Descent as Descent
+    from jaxbeam._fitting.fit import fit as fit
+    from jaxbeam._fitting.free import Free as Free
+    from jaxbeam._fitting.result import Fit as Fit
+    from jaxbeam._ladder.choose import Choice as Choice
+    from jaxbeam._ladder.choose import Evidence as Evidence
+    from jaxbeam._ladder.choose import answer as answer
+    from jaxbeam._ladder.choose import choose_model as choose_model
+    from jaxbeam._ladder.questions import Answer as Answer
+    from jaxbeam._ladder.questions import DeflectionHistory as DeflectionHistory
+    from jaxbeam._ladder.questions import ModalFrequencies as ModalFrequencies
+    from jaxbeam._ladder.questions import PeakDeflection as PeakDeflection
+    from jaxbeam._ladder.questions import Question as Question
+    from jaxbeam._ladder.questions import RootStrain as RootStrain
+    from jaxbeam._ladder.rungs import Indicators as Indicators
+    from jaxbeam._ladder.rungs import Rung as Rung
+    from jaxbeam._ladder.rungs import ladder as ladder
+    from jaxbeam._ladder.sweep import ladder_sweep as ladder_sweep
     from jaxbeam._models.ancf import ANCF as ANCF
     from jaxbeam._models.ancf import ChordANCF as ChordANCF
     from jaxbeam._models.ancf import EngineeringANCF as EngineeringANCF
@@ -48,6 +42,8 @@ if TYPE_CHECKING:
     from jaxbeam._models.base import Label as Label
     from jaxbeam._models.base import LinearSystem as LinearSystem
     from jaxbeam._models.base import labels as labels
+    from jaxbeam._models.basis import CantileverModes as CantileverModes
+    from jaxbeam._models.basis import Polynomials as Polynomials
     from jaxbeam._models.discrete import DiscreteLC as DiscreteLC
     from jaxbeam._models.discrete import DiscreteLP as DiscreteLP
     from jaxbeam._models.discrete import DiscreteNC as DiscreteNC
@@ -56,27 +52,31 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal import Classical as Classical
     from jaxbeam._models.modal import Hybrid as Hybrid
     from jaxbeam._models.modal import VonKarman as VonKarman
-    from jaxbeam._modes import Modes as Modes
-    from jaxbeam._modes import modes as modes
-    from jaxbeam._motion import Hub as Hub
-    from jaxbeam._motion import HubPose as HubPose
-    from jaxbeam._motion import HubVelocity as HubVelocity
-    from jaxbeam._motion import Motion as Motion
-    from jaxbeam._motion import Spin as Spin
-    from jaxbeam._questions import Answer as Answer
-    from jaxbeam._questions import DeflectionHistory as DeflectionHistory
-    from jaxbeam._questions import ModalFrequencies as ModalFrequencies
-    from jaxbeam._questions import PeakDeflection as PeakDeflection
-    from jaxbeam._questions import Question as Question
-    from jaxbeam._questions import RootStrain as RootStrain
-    from jaxbeam._rungs import Indicators as Indicators
-    from jaxbeam._rungs import Rung as Rung
-    from jaxbeam._rungs import ladder as ladder
-    from jaxbeam._scene import Scene as Scene
-    from jaxbeam._simulate import deflection_limit as deflection_limit
-    from jaxbeam._simulate import simulate as simulate
-    from jaxbeam._simulate import steady_start as steady_start
-    from jaxbeam._simulation import Simulation as Simulation
+    from jaxbeam._rotor.beam import Beam as Beam
+    from jaxbeam._rotor.beam import Rotor as Rotor
+    from jaxbeam._rotor.beam import SpringRotor as SpringRotor
+    from jaxbeam._rotor.loads import Damping as Damping
+    from jaxbeam._rotor.loads import Loads as Loads
+    from jaxbeam._rotor.motion import Hub as Hub
+    from jaxbeam._rotor.motion import HubPose as HubPose
+    from jaxbeam._rotor.motion import HubVelocity as HubVelocity
+    from jaxbeam._rotor.motion import Motion as Motion
+    from jaxbeam._rotor.motion import Spin as Spin
+    from jaxbeam._rotor.spins import ConstantSpeed as ConstantSpeed
+    from jaxbeam._rotor.spins import ModulatedSpeed as ModulatedSpeed
+    from jaxbeam._rotor.spins import QuinticSpinUp as QuinticSpinUp
+    from jaxbeam._rotor.spins import SmoothSpinUp as SmoothSpinUp
+    from jaxbeam._rotor.spins import SpinUpThenDown as SpinUpThenDown
+    from jaxbeam._rotor.spins import TabulatedSpeed as TabulatedSpeed
+    from jaxbeam._rotor.spins import inclined as inclined
+    from jaxbeam._simulation.result import Simulation as Simulation
+    from jaxbeam._simulation.scene import Scene as Scene
+    from jaxbeam._simulation.simulate import deflection_limit as deflection_limit
+    from jaxbeam._simulation.simulate import simulate as simulate
+    from jaxbeam._simulation.simulate import steady_start as steady_start
+    from jaxbeam._simulation.stable_step import StableStep as StableStep
+    from jaxbeam._simulation.stable_step import amplification as amplification
+    from jaxbeam._simulation.stable_step import stable_step as stable_step
     from jaxbeam._solvers.kvaerno import ChordKvaerno5 as ChordKvaerno5
     from jaxbeam._solvers.magnus import Magnus as Magnus
     from jaxbeam._solvers.rodas import Rodas4P as Rodas4P
@@ -85,30 +85,30 @@ if TYPE_CHECKING:
     from jaxbeam._solvers.system import SecondOrderSystem as SecondOrderSystem
     from jaxbeam._solvers.system import State as State
     from jaxbeam._solvers.system import second_order_term as second_order_term
-    from jaxbeam._southwell import Campbell as Campbell
-    from jaxbeam._southwell import Crossing as Crossing
-    from jaxbeam._southwell import Resonance as Resonance
-    from jaxbeam._southwell import Southwell as Southwell
-    from jaxbeam._southwell import campbell as campbell
-    from jaxbeam._southwell import crossing as crossing
-    from jaxbeam._southwell import southwell as southwell
-    from jaxbeam._spins import ConstantSpeed as ConstantSpeed
-    from jaxbeam._spins import ModulatedSpeed as ModulatedSpeed
-    from jaxbeam._spins import QuinticSpinUp as QuinticSpinUp
-    from jaxbeam._spins import SmoothSpinUp as SmoothSpinUp
-    from jaxbeam._spins import SpinUpThenDown as SpinUpThenDown
-    from jaxbeam._spins import TabulatedSpeed as TabulatedSpeed
-    from jaxbeam._spins import inclined as inclined
-    from jaxbeam._stability import CriticalSpeed as CriticalSpeed
-    from jaxbeam._stability import critical_speed as critical_speed
-    from jaxbeam._stable_step import StableStep as StableStep
-    from jaxbeam._stable_step import amplification as amplification
-    from jaxbeam._stable_step import stable_step as stable_step
     from jaxbeam._status import Status as Status
-    from jaxbeam._sweep import sweep as sweep
-    from jaxbeam._table import Table as Table
-    from jaxbeam._tongues import Tongue as Tongue
-    from jaxbeam._tongues import tongue as tongue
+    from jaxbeam._sweeps.cases import Cases as Cases
+    from jaxbeam._sweeps.cases import grid as grid
+    from jaxbeam._sweeps.cases import listed as listed
+    from jaxbeam._sweeps.sweep import sweep as sweep
+    from jaxbeam._sweeps.table import Table as Table
+    from jaxbeam._vibration.critical_speed import CriticalSpeed as CriticalSpeed
+    from jaxbeam._vibration.critical_speed import critical_speed as critical_speed
+    from jaxbeam._vibration.floquet import Floquet as Floquet
+    from jaxbeam._vibration.floquet import floquet as floquet
+    from jaxbeam._vibration.frequencies import Frequencies as Frequencies
+    from jaxbeam._vibration.frequencies import frequencies as frequencies
+    from jaxbeam._vibration.modes import Modes as Modes
+    from jaxbeam._vibration.modes import modes as modes
+    from jaxbeam._vibration.southwell import Campbell as Campbell
+    from jaxbeam._vibration.southwell import Crossing as Crossing
+    from jaxbeam._vibration.southwell import Resonance as Resonance
+    from jaxbeam._vibration.southwell import Southwell as Southwell
+    from jaxbeam._vibration.southwell import campbell as campbell
+    from jaxbeam._vibration.southwell import crossing as crossing
+    from jaxbeam._vibration.southwell import southwell as southwell
+    from jaxbeam._vibration.stiffening import stiffening_ratio as stiffening_ratio
+    from jaxbeam._vibration.tongues import Tongue as Tongue
+    from jaxbeam._vibration.tongues import tongue as tongue
 else:
     # The table above is read, not run: what a script does not ask for is not imported. Half of what
     # `import jaxbeam` would take is for solvers in time alone.

@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxbeam._fit import Fit
+from jaxbeam._fitting.result import Fit
 from jaxbeam._models.base import AbstractModel, Family, Label
-from jaxbeam._modes import Modes
-from jaxbeam._southwell import Campbell
 from jaxbeam._status import Status
-from jaxbeam._table import Table
+from jaxbeam._sweeps.table import Table
+from jaxbeam._vibration.modes import Modes
+from jaxbeam._vibration.southwell import Campbell
 
 COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
 UNITS = {

@@ -36,7 +36,7 @@ from matplotlib.colors import LogNorm  # noqa: E402
 from yoo1995 import spin_up  # noqa: E402
 
 import jaxbeam as jb  # noqa: E402
-from jaxbeam._basis import HermiteElements  # noqa: E402
+from jaxbeam._models.basis import HermiteElements  # noqa: E402
 
 BLUE, RED, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 MARKERS = "os^vDP*Xd"

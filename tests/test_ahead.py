@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._ahead import Ahead
+from jaxbeam._ladder.ahead import Ahead
 from tests.helpers import slender
 from tests.test_ladder import spin_up, steady
 

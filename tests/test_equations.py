@@ -7,8 +7,8 @@ import pytest
 from numpy.polynomial import chebyshev
 
 import jaxbeam as jb
-from jaxbeam._linalg import dense
-from jaxbeam._motion import Hub, skew
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._rotor.motion import Hub, skew
 from tests.helpers import DISCRETE, ELEMENTS, name
 
 BLADE = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0)

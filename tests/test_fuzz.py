@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 
 import jaxbeam as jb
 from jaxbeam import Family, Status
-from jaxbeam._linalg import dense
+from jaxbeam._numerics.linalg import dense
 
 from .fuzzing import (
     BEAM,
@@ -347,7 +347,7 @@ def check_modes(model, p):
     scale = size**2 * norm(m) + size * norm(g) + norm(k)
     assert (norm(q, axis=1) <= 1.1e-9 * scale * norm(x, axis=1)).all()
     # All are there: the product of their squares is det K / det M; and as many grow as K has
-    # negative eigenvalues (the reasons are in `jaxbeam._stability`).
+    # negative eigenvalues (the reasons are in `jaxbeam._vibration.critical_speed`).
     scaled = np.sqrt(np.diag(m))
     m, k = (a / scaled / scaled[:, None] for a in (m, k))
     spread = np.abs(np.linalg.eigvalsh(k))

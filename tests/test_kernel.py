@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._blocks import BlockTridiagonal
-from jaxbeam._kernel import beside, contract, kernel, total
+from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.kernel import beside, contract, kernel, total
 from jaxbeam._solvers.system import State
 
 compiled = pytest.mark.skipif(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from jaxbeam._blocks import BlockTridiagonal
-from jaxbeam._linalg import exponential
+from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.linalg import exponential
 
 
 def case(blocks, size, absent, seed=1):

@@ -12,7 +12,7 @@ import scipy.linalg
 import scipy.optimize
 
 import jaxbeam as jb
-from jaxbeam._linalg import planar_eigenpairs
+from jaxbeam._numerics.linalg import planar_eigenpairs
 from tests import reference
 from tests.helpers import NAMES, build, finite_difference, slender
 

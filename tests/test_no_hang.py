@@ -1,7 +1,8 @@
 """Batched sweeps run to their end on two cores, without any environment variable.
 
 Programs with several independent batched LAPACK calls wait for each other for ever there (see
-jaxbeam._linalg). Each program below runs in a process of its own that sees two cores at most.
+jaxbeam._numerics.linalg). Each program below runs in a process of its own that sees two cores at
+most.
 """
 
 import subprocess

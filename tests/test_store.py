@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam import _store, _sweep
 from tests.helpers import USERS
 from tests.test_devices import assert_same
 
@@ -45,13 +44,13 @@ def run(folder, function=function, cases=CASES, **how):
 def computed(monkeypatch):
     """Numbers of the chunks that are computed."""
     numbers = []
-    original = _sweep._computed
+    original = sweep._computed
 
     def counting(*args):
         numbers.append(args[-2])
         return original(*args)
 
-    monkeypatch.setattr(_sweep, "_computed", counting)
+    monkeypatch.setattr(sweep, "_computed", counting)
     return numbers
 
 
@@ -148,7 +147,7 @@ def test_results_of_other_circumstances_are_refused(name, there, tmp_path):
     path = tmp_path / "kept" / "sweep.json"
     told = {**json.loads(path.read_text()), name: there}
     del told["check"]
-    path.write_text(json.dumps({**told, "check": _store._digest(told)}))
+    path.write_text(json.dumps({**told, "check": store._digest(told)}))
     with pytest.raises(ValueError, match=f"belongs to another sweep, of .*different in {name}"):
         run(tmp_path / "kept")
     if name == "format":
@@ -268,11 +267,11 @@ def test_a_disk_that_fails(number, where, tmp_path, monkeypatch, computed):
         wanted = {"array": ".npy", "index": ".txt"}[where]
         return Full(file) if str(path).endswith(wanted) and mode != "rb" else file
 
-    monkeypatch.setattr(_store, "open", failing, raising=False)
+    monkeypatch.setattr(store, "open", failing, raising=False)
     with pytest.raises(OSError, match=f"cannot write to .*kept: {os.strerror(number)}") as failure:
         run(tmp_path / "kept")
     assert failure.value.errno == number
-    monkeypatch.setattr(_store, "open", open)
+    monkeypatch.setattr(store, "open", open)
     computed.clear()
     assert_same(table, run(tmp_path / "kept"))
     assert computed == [3, 4, 5, 6, 7]
@@ -375,7 +374,7 @@ def test_killed_at_twenty_moments(tmp_path):
     assert_same(jb.Table.load(tmp_path / "at once"), jb.Table.load(folder))
     # No finished chunk was computed again: at most one is lost where a process is killed.
     lines = [line.partition(b" ") for line in index.read_bytes().split(b"\n")]
-    whole = [json.loads(text)["chunk"] for check, _, text in lines if check == _store._check(text)]
+    whole = [json.loads(text)["chunk"] for check, _, text in lines if check == store._check(text)]
     assert sorted(whole) == list(range(250))
 
 

@@ -1,1 +1,1 @@
-"""Theories of a rotating beam, one file each."""
+"""Theories of the beam, one file each, all with the contract of `base`."""

@@ -10,10 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._basis import HermiteElements, stretch_integrals
-from jaxbeam._beam import Rotor
-from jaxbeam._linalg import dense, find_root
 from jaxbeam._models.base import Family, LinearSystem, checked_case, count_functions
+from jaxbeam._models.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.cartesian import (
     CartesianEquations,
     CartesianModel,
@@ -22,7 +20,9 @@ from jaxbeam._models.cartesian import (
 )
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.laws import Chord, Element, Engineering, Green, ModelA, Tangent
-from jaxbeam._motion import spinning
+from jaxbeam._numerics.linalg import dense, find_root
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 

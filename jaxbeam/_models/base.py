@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import Rotor, SpringRotor, checked_rotor, checked_speed, kind_of
-from jaxbeam._blocks import BlockTridiagonal
-from jaxbeam._linalg import dense, find_root
-from jaxbeam._motion import Hub, spinning
+from jaxbeam._checks import checked_speed, kind_of
+from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._results import where_known
+from jaxbeam._rotor.beam import Rotor, SpringRotor, checked_rotor
+from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Triple, Vector
 

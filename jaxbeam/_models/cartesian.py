@@ -20,9 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._basis import Basis, Functions, bending_integrals, stretch_integrals
-from jaxbeam._beam import Rotor
-from jaxbeam._linalg import dense
 from jaxbeam._models.base import (
     AbstractModel,
     Equations,
@@ -30,7 +27,10 @@ from jaxbeam._models.base import (
     LinearSystem,
     rigid_moments,
 )
-from jaxbeam._motion import Hub, skew, spinning
+from jaxbeam._models.basis import Basis, Functions, bending_integrals, stretch_integrals
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.motion import Hub, skew, spinning
 from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Scalar, Triple, Vector
 

@@ -21,9 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._beam import SpringRotor
 from jaxbeam._models.base import AbstractModel, Equations, Family
-from jaxbeam._motion import Hub, cross, skew
+from jaxbeam._rotor.beam import SpringRotor
+from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._types import Matrix, Scalar, Triple, Vector
 
 

@@ -18,13 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._basis import Functions, hermite
-from jaxbeam._beam import Rotor
-from jaxbeam._blocks import BlockTridiagonal, padded
-from jaxbeam._kernel import beside, total
 from jaxbeam._models.base import Equations, rigid_moments
+from jaxbeam._models.basis import Functions, hermite
 from jaxbeam._models.laws import POINTS, TURN, WEIGHTS, Element, gradient_of, tabled
-from jaxbeam._motion import Hub
+from jaxbeam._numerics.blocks import BlockTridiagonal, padded
+from jaxbeam._numerics.kernel import beside, total
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Scalar, Triple, Vector
 
 Nodes = Float[Array, "k 2 2 *lanes"]  # in m: value and L times slope

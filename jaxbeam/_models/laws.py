@@ -24,8 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._basis import hermite
-from jaxbeam._kernel import beside, contract, total
+from jaxbeam._models.basis import hermite
+from jaxbeam._numerics.kernel import beside, contract, total
 from jaxbeam._types import Scalar
 
 Local = Float[Array, "2 4 *lanes"]  # over L: value and L times slope at either end

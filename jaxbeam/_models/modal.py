@@ -19,9 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._basis import Basis, Polynomials
-from jaxbeam._beam import Rotor, kind_of
+from jaxbeam._checks import kind_of
 from jaxbeam._models.base import LinearSystem, count_functions
+from jaxbeam._models.basis import Basis, Polynomials
 from jaxbeam._models.cartesian import (
     CartesianEquations,
     CartesianModel,
@@ -30,6 +30,7 @@ from jaxbeam._models.cartesian import (
     all_functions,
     linear_system,
 )
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._types import Matrix, Scalar, Vector
 
 

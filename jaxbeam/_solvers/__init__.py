@@ -1,1 +1,1 @@
-"""diffrax solvers that use the structure of M q'' = force(t, q, q')."""
+"""Integrators in time of systems M(t) q'' = f(t, q, q') that exploit their structure."""

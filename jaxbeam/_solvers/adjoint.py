@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from jaxbeam._kernel import reverse_mode
+from jaxbeam._numerics.kernel import reverse_mode
 from jaxbeam._solvers.run import (
     Given,
     Run,

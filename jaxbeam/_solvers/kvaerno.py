@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._blocks import padded
-from jaxbeam._linalg import inverse
+from jaxbeam._numerics.blocks import padded
+from jaxbeam._numerics.linalg import inverse
 from jaxbeam._solvers.steps import (
     SecondOrderSolver,
     StepPolynomial,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._linalg import inverse
+from jaxbeam._numerics.linalg import inverse
 from jaxbeam._solvers.steps import (
     SecondOrderSolver,
     StepPolynomial,

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._kernel import beside, contract, kernel
+from jaxbeam._numerics.kernel import beside, contract, kernel
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar

@@ -8,8 +8,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxbeam._blocks import BlockTridiagonal
-from jaxbeam._linalg import inverse
+from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.linalg import inverse
 from jaxbeam._results import without_derivatives
 from jaxbeam._types import Matrix, Scalar, Vector
 
@@ -50,8 +50,8 @@ class SecondOrderSystem(eqx.Module):
 
     @property
     def kernel(self) -> "SecondOrderSystem | None":
-        """All of this system but `inputs`, if force, tangents and power suit `jaxbeam._kernel`;
-        its arrays must be its leaves. By default None."""
+        """All of this system but `inputs`, if force, tangents and power suit `kernel`; its arrays
+        must be its leaves. By default None."""
         return None
 
     def inputs(self, t: Scalar) -> Any:

@@ -1,0 +1,114 @@
+"""Arguments of public functions: numbers as arrays of real floats, or errors that name them."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._status import Status
+from jaxbeam._types import Scalar
+
+
+def _default_float() -> Any:
+    return jnp.result_type(float)
+
+
+def real_scalar(name: str, value: Any) -> Scalar:
+    """`value` as a real floating-point scalar array, or an error that names the argument.
+
+    Python numbers are welcome. Arrays must be real, floating and without axes: an integer array
+    has no derivative, and a batch belongs outside, in `jax.vmap` or `jaxbeam.sweep`. Shorter
+    floats are promoted to the default float, so that one of them does not spoil a result.
+    """
+    if isinstance(value, bool):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    if isinstance(value, int | float):
+        if isinstance(value, int) and abs(value) >= 2**1024:
+            raise ValueError(f"{name} must be finite, got an int beyond the range of floats")
+        return jnp.asarray(np.asarray(value, _default_float()))
+    dtype = getattr(value, "dtype", None)
+    if dtype is None or not jnp.issubdtype(dtype, jnp.floating):
+        kind = type(value).__name__ if dtype is None else f"an array of {dtype}"
+        raise TypeError(f"{name} must be a real floating-point scalar, got {kind}")
+    if np.shape(value) != ():
+        raise ValueError(
+            f"{name} must be a scalar, got shape {np.shape(value)}; "
+            "batch from outside with jax.vmap or jaxbeam.sweep"
+        )
+    return jnp.asarray(known(value), _default_float())
+
+
+def known(value: Any) -> Any:
+    """In NumPy, whose arithmetic is not compiled, if the value is known."""
+    return value if isinstance(value, jax.core.Tracer) else np.asarray(value)
+
+
+def kind_of(value: Any) -> str:
+    """What an argument of the wrong type is called in an error."""
+    return f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
+
+
+def real_array(name: str, value: Any) -> Array:
+    """`value` as an array of real floats of any shape, or an error that names the argument.
+
+    Lists of numbers, integers too, are welcome; complex numbers, booleans, texts and lists of
+    unequal lengths are not.
+    """
+    return jnp.asarray(_real(name, value), _default_float())
+
+
+def known_array(name: str, value: Any) -> np.ndarray:
+    """The same for numbers that must be known when a program is compiled, in NumPy."""
+    array = _real(name, value)
+    if isinstance(array, jax.core.Tracer):
+        raise TypeError(f"{name} must be known when a program is compiled, got {value!r}")
+    return np.asarray(array, float)
+
+
+def _real(name: str, value: Any) -> Any:
+    try:
+        array = value if hasattr(value, "dtype") else np.asarray(value)
+    except (TypeError, ValueError):  # unequal lengths, or traced numbers in a list
+        try:
+            array = jnp.asarray(value)
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"{name} must be real numbers, got {value!r}") from error
+    if not (jnp.issubdtype(array.dtype, np.floating) or jnp.issubdtype(array.dtype, np.integer)):
+        raise TypeError(f"{name} must be real numbers, got {value!r}")
+    return array
+
+
+def is_valid(value: Any, zero_allowed: bool) -> Any:
+    return jnp.isfinite(value) & ((value >= 0) if zero_allowed else (value > 0))
+
+
+def is_known_valid(value: Any, zero_allowed: bool) -> bool:
+    """The same for a value that is known, in NumPy: under `jit` jax would trace even constants."""
+    number = float(np.asarray(value))
+    return bool(np.isfinite(number)) and (number >= 0 if zero_allowed else number > 0)
+
+
+def require(status: Status, ok: bool, value: Any) -> None:
+    """Raise `ValueError` with the sentence of `status` unless `ok`."""
+    if not ok:
+        raise ValueError(f"{status.message}, got {value}")
+
+
+def positive(name: str, value: Any) -> Scalar:
+    value = real_scalar(name, value)
+    if isinstance(value, jax.core.Tracer):
+        # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
+        return jnp.where(is_valid(value, False), value, jnp.nan)
+    if not is_known_valid(value, False):
+        raise ValueError(f"{name} must be finite and > 0, got {value}")
+    return value
+
+
+def checked_speed(angular_speed: Any) -> Scalar:
+    """The speed as a finite real scalar."""
+    speed = real_scalar("angular_speed", angular_speed)
+    if not isinstance(speed, jax.core.Tracer):
+        require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)
+    return speed

@@ -1,0 +1,383 @@
+"""What was measured, and what a model says of it."""
+
+import abc
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxbeam._checks import checked_speed, known_array, real_array, real_scalar
+from jaxbeam._models.base import (
+    AbstractModel,
+    Family,
+    Label,
+    checked_case,
+    checked_model,
+    count_functions,
+    equilibrium,
+)
+from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.motion import Motion
+from jaxbeam._rotor.spins import ConstantSpeed
+from jaxbeam._simulation.result import Simulation, checked_point
+from jaxbeam._simulation.scene import check_scene, checked_times, input_status
+from jaxbeam._simulation.simulate import simulate
+from jaxbeam._status import Status
+from jaxbeam._types import Scalar
+from jaxbeam._vibration.frequencies import frequencies
+from jaxbeam._vibration.modes import choose, modes
+
+
+class Experiment(eqx.Module):
+    """Numbers measured, NaN where one is missing, and the standard deviation of their noise."""
+
+    measured: eqx.AbstractVar[Array]
+    noise: eqx.AbstractVar[Array]
+
+    @abc.abstractmethod
+    def predicted(self) -> Array:
+        """What the model says, in the shape of `measured`; NaN where it has no answer."""
+
+    @property
+    def present(self) -> Bool[Array, "..."]:
+        """Which numbers there are."""
+        return jnp.isfinite(self.measured)
+
+    def residual(self) -> Float[Array, "..."]:
+        """Predicted less measured, over the noise; 0 where nothing was measured."""
+        apart = self.predicted() - jnp.where(self.present, self.measured, 0.0)
+        return jnp.where(self.present, apart / self.noise, 0.0)
+
+
+class FrequencyData(Experiment):
+    """Frequencies in rad/s, shape (S, k), at S angular speeds (rad/s, increasing).
+
+    `which` labels the k columns (`jaxbeam.labels`), whatever their order; or it is k, and the
+    columns are the lowest in plane, in order, by `jaxbeam.frequencies`: much faster in batches, for
+    the models that it takes. Without it the modes are not known: each row holds k frequencies in
+    any order, and is held against the lowest `among` ones of the model by the assignment of least
+    squares in which each mode serves once. Modes that the measurement missed are so passed over.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    angular_speed: Float[Array, " S"]
+    measured: Float[Array, "S k"]
+    noise: Float[Array, "S k"]
+    which: tuple[Label, ...] | int | None = eqx.field(static=True)
+    among: int = eqx.field(static=True)
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, angular_speed: Any, measured: Any, noise: Any,
+        which: Sequence[Label] | int | None = None, *, among: int | None = None,
+    ) -> None:  # fmt: skip
+        self.model, self.rotor = checked_model(model), checked_rotor(Rotor, rotor)
+        self.angular_speed = _increasing("angular_speed", angular_speed)
+        self.measured, self.noise = _data(measured, noise, (self.angular_speed.size, None))
+        _all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
+        k, total = self.measured.shape[1], len(model.families)
+        self.which = tuple(which) if isinstance(which, Sequence) else which
+        if isinstance(self.which, tuple):
+            choose(model, self.which)
+        elif self.which is not None and (isinstance(which, bool) or not isinstance(which, int)):
+            raise TypeError(f"which must be labels, an int or None, got {which!r}")
+        named = self.which if self.which is None or isinstance(self.which, int) else len(self.which)
+        if named not in (None, k):
+            raise ValueError(f"which must name {k} modes, one a column, got {named}")
+        self.among = min(2 * k, total) if among is None else among
+        count_functions("among", self.among)
+        if not k <= self.among <= total:
+            raise ValueError(f"among must be between {k} and {total}, got {among}")
+
+    def predicted(self) -> Float[Array, "S k"]:
+        """Of each column, or of the modes matched to each row."""
+        if isinstance(self.which, int):
+            count = self.which
+            return jax.vmap(
+                lambda w: frequencies(self.model, self.rotor, w, count, throw=False).frequency
+            )(self.angular_speed)
+        which = self.among if self.which is None else self.which
+        found = _frequencies(self.model, self.rotor, self.angular_speed, which)
+        if self.which is not None:
+            return found
+        matched = jax.vmap(match_modes)(self.measured, found)
+        return jnp.take_along_axis(found, matched, axis=1)
+
+
+def match_modes(measured: Any, computed: Any) -> Array:
+    """Which of the computed frequencies, shape (n,), each measured one, (k,), belongs to.
+
+    The assignment of k different modes with the least sum of squares of log(measured / computed),
+    by dynamic programming: on a line the best assignment crosses nothing. NaN among the measured
+    takes no mode, and its index means nothing; NaN among the computed is a mode that is not there.
+    No derivative.
+    """
+    measured, computed = real_array("measured", measured), real_array("computed", computed)
+    if measured.ndim != 1 or computed.ndim != 1 or not 0 < measured.size <= computed.size:
+        raise ValueError(
+            "measured and computed must be lists, not empty and the latter no shorter, got shapes "
+            f"{measured.shape} and {computed.shape}"
+        )
+    measured, computed = jax.lax.stop_gradient((jnp.log(measured), jnp.log(computed)))
+    rows, columns = jnp.argsort(measured), jnp.argsort(computed)  # NaN last
+    given = jnp.isfinite(measured[rows])
+    cost = (measured[rows][:, None] - computed[columns][None]) ** 2
+    cost = jnp.where(jnp.isfinite(cost), cost, 1e30)
+    n = computed.size
+    never = jnp.asarray([jnp.inf], cost.dtype)
+    least = jnp.zeros(n + 1, cost.dtype)  # of the rows so far with the first 0 .. n modes
+    ends = []
+    for i in range(measured.size):
+        end = least[:-1] + cost[i]  # at mode j: what went before used modes below j
+        ends.append(end)
+        best = jax.lax.cummin(jnp.concatenate([never, end]))
+        least = jnp.where(given[i], best, least)
+    found, below = [jnp.zeros((), int)] * measured.size, jnp.asarray(n)
+    for i in reversed(range(measured.size)):
+        at = jnp.argmin(jnp.where(jnp.arange(n) < below, ends[i], jnp.inf))
+        found[i], below = at, jnp.where(given[i], at, below)
+    matched = columns[jnp.stack(found)]
+    return jnp.zeros(measured.size, int).at[rows].set(matched)
+
+
+def _tip(run: Simulation) -> Array:
+    return run.tip[:, 1]
+
+
+class HistoryData(Experiment):
+    """Something that `simulate` computes, at `times` (s, increasing): deflection, strain, torque.
+
+    `of(run)` takes it from a `Simulation`, in the shape of `measured` (T, ...); the in-plane
+    deflection of the tip if not given. `lambda run: run.strain(0.1)[:, 0]` and
+    `lambda run: run.hub_torque[:, 2]` are others (name a function once: a new lambda compiles
+    anew). Other keywords are those of `simulate`; runs must be differentiable forwards.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    motion: Motion
+    times: Float[Array, " T"]
+    measured: Float[Array, "T ..."]
+    noise: Float[Array, "T ..."]
+    of: Callable[[Simulation], Array] = eqx.field(static=True)
+    loads: Loads
+    damping: Damping
+    options: dict[str, Any]
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, motion: Motion, times: Any, measured: Any,
+        noise: Any, of: Callable[[Simulation], Array] = _tip, *, loads: Loads | None = None,
+        damping: Damping | None = None, **options: Any,
+    ) -> None:  # fmt: skip
+        self.model, (self.rotor, _) = model, checked_case(model, rotor)
+        self.motion = motion
+        self.times = checked_times(times)
+        self.measured, self.noise = _data(measured, noise, (self.times.size, ...))
+        if not callable(of):
+            raise TypeError(f"of must be a function of a Simulation, got {of!r}")
+        for name in options:
+            if name not in inspect.signature(simulate).parameters:
+                raise TypeError(f"{name} is no argument of HistoryData, nor of simulate")
+        self.of, self.options = of, options
+        self.loads = Loads() if loads is None else loads
+        self.damping = Damping() if damping is None else damping
+        check_scene(self.motion, self.loads, self.damping, self.times[0])
+
+    def predicted(self) -> Float[Array, "T ..."]:
+        """From a run."""
+        run = simulate(
+            self.model, self.rotor, self.motion, self.times, loads=self.loads,
+            damping=self.damping, adjoint=diffrax.ForwardMode(), throw=False, **self.options,
+        )  # fmt: skip
+        value = self.of(run.partial)  # what may not be used is left out below
+        if value.shape != self.measured.shape:
+            raise ValueError(f"of must give the shape {self.measured.shape}, got {value.shape}")
+        usable = (run.status == Status.OK) | (run.status == Status.UNBALANCED)
+        return jnp.where(usable, value, jnp.nan)
+
+
+class StaticData(Experiment):
+    """Displacement in m of the points xi = x / L, shape (p,), at rest under constant `loads` or in
+    steady rotation; `component` 0, 1, 2 is axial, in plane, flap."""
+
+    model: AbstractModel
+    rotor: Rotor
+    measured: Float[Array, " p"]
+    noise: Float[Array, " p"]
+    loads: Loads
+    angular_speed: Scalar
+    xi: tuple[float, ...] = eqx.field(static=True)
+    component: int = eqx.field(static=True)
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, loads: Loads, measured: Any, noise: Any,
+        xi: Any = 1.0, component: int = 1, *, angular_speed: Any = 0.0,
+    ) -> None:  # fmt: skip
+        self.model, (self.rotor, _), self.loads = model, checked_case(model, rotor), loads
+        points = np.atleast_1d(known_array("xi", xi)).tolist()
+        self.component, _ = checked_point(component, 1.0)
+        self.xi = tuple(checked_point(component, point)[1] for point in points)
+        if component == 2 and Family.FLAP not in model.families:
+            raise ValueError("component 2 needs a model with flap functions")
+        self.measured, self.noise = _data(measured, noise, (len(self.xi),))
+        self.angular_speed = checked_speed(angular_speed)
+        zero = jnp.zeros_like(self.angular_speed)
+        check_scene(ConstantSpeed(self.angular_speed), loads, Damping(), zero)
+
+    def predicted(self) -> Float[Array, " p"]:
+        """At equilibrium."""
+        motion, zero = ConstantSpeed(self.angular_speed), jnp.zeros_like(self.angular_speed)
+        moments = jnp.stack([zero, zero + 1])
+        given, _ = input_status(
+            self.model, self.rotor, motion, self.loads, Damping(), moments, moments
+        )
+        equations = self.model.equations(self.rotor)
+        q, status = equilibrium(
+            equations, motion.hub(zero, self.loads.gravity), self.loads.at_tip(zero)
+        )
+        value = equations.displacement(q, np.array(self.xi))[:, self.component]
+        return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
+
+
+class Clearance(Experiment):
+    """A demand in place of a measurement: no frequency within `margin` of a harmonic of the speed.
+
+    For the modes `which` and the integer `harmonics` k of the working speeds Omega (rad/s,
+    increasing, all > 0; as many as make the range dense), f / (k Omega) stays above 1 + margin or
+    below 1 - margin all along, on the side where most of it lies. `predicted`, shape
+    (modes, harmonics, S), is by how much that falls short; `slack` stands for the noise. Give
+    priors: where the demand is met it says nothing about the parameters.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    angular_speed: Float[Array, " S"]
+    which: tuple[Label, ...] = eqx.field(static=True)
+    harmonics: tuple[int, ...] = eqx.field(static=True)
+    margin: Scalar
+    measured: Float[Array, "m h S"]
+    noise: Float[Array, "m h S"]
+
+    def __init__(
+        self, model: AbstractModel, rotor: Rotor, angular_speed: Any, which: Sequence[Label],
+        harmonics: Sequence[int], margin: Any = 0.05, slack: Any = 1e-3,
+    ) -> None:  # fmt: skip
+        self.model, self.rotor = checked_model(model), checked_rotor(Rotor, rotor)
+        self.angular_speed = _increasing("angular_speed", angular_speed)
+        _all("angular_speed must be > 0", self.angular_speed, lambda x: x > 0)
+        self.which = (which,) if isinstance(which, Label) else tuple(_list_of("which", which))
+        self.harmonics = tuple(_list_of("harmonics", harmonics))
+        choose(model, self.which)
+        if not self.harmonics or any(type(k) is not int or k < 1 for k in self.harmonics):
+            raise ValueError(f"harmonics must be integers >= 1, got {harmonics}")
+        self.margin = real_scalar("margin", margin)
+        _all("margin must be in (0, 1)", self.margin, lambda x: (x > 0) & (x < 1))
+        shape = (len(self.which), len(self.harmonics), self.angular_speed.size)
+        self.measured, self.noise = _data(np.zeros(shape), slack, shape)
+
+    def distance(self) -> Float[Array, "m h S"]:
+        """f / (k Omega) - 1."""
+        found = _frequencies(self.model, self.rotor, self.angular_speed, self.which).T
+        lines = np.array(self.harmonics, float)[:, None] * self.angular_speed[None]
+        return found[:, None] / lines[None] - 1
+
+    def predicted(self) -> Float[Array, "m h S"]:
+        """What is missing."""
+        distance = self.distance()
+        side = jnp.sign(jnp.mean(jnp.log1p(jax.lax.stop_gradient(distance)), 2, keepdims=True))
+        return jnp.maximum(self.margin - side * distance, 0.0)
+
+
+def residuals_of(experiments: list[Experiment]) -> list[Array]:
+    """Of each experiment; those of one structure go, one by one, through one program."""
+    groups: list[list[int]] = []
+    for i, experiment in enumerate(experiments):
+        for group in groups:
+            if _alike(experiments[group[0]], experiment):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    found: dict[int, Array] = {}
+    for group in groups:
+        arrays, rest = zip(
+            *(eqx.partition(experiments[i], eqx.is_array) for i in group), strict=True
+        )
+        stacked = jax.tree.map(lambda *a: jnp.stack(a), *arrays)
+        one = functools.partial(_residual, rest[0])
+        rows = jax.lax.map(one, stacked) if len(group) > 1 else [one(arrays[0])]
+        found.update(zip(group, rows, strict=True))
+    return [found[i] for i in range(len(experiments))]
+
+
+def _residual(rest: Experiment, arrays: Experiment) -> Array:
+    return eqx.combine(arrays, rest).residual().ravel()
+
+
+def _alike(a: Experiment, b: Experiment) -> bool:
+    """Whether they differ in the values of arrays alone."""
+    parts = [eqx.partition(each, eqx.is_array) for each in (a, b)]
+    shapes = [[(x.shape, x.dtype) for x in jax.tree.leaves(arrays)] for arrays, _ in parts]
+    structures = {jax.tree.structure(arrays) for arrays, _ in parts}
+    others_equal = bool(eqx.tree_equal(*(rest for _, rest in parts)))
+    return len(structures) == 1 and shapes[0] == shapes[1] and others_equal
+
+
+def _frequencies(
+    model: AbstractModel, rotor: Rotor, speeds: Array, which: int | tuple[Label, ...]
+) -> Array:
+    """At each speed; NaN where there are none."""
+
+    return jax.vmap(lambda w: modes(model, rotor, w, which, throw=False).frequency)(speeds)
+
+
+def _list_of(name: str, values: Any) -> Sequence[Any]:
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        raise TypeError(f"{name} must be a list, got {values!r}")
+    return values
+
+
+def _all(rule: str, values: Array, holds: Callable[[Any], Any]) -> None:
+    if not isinstance(values, jax.core.Tracer) and not holds(np.asarray(values)).all():
+        raise ValueError(f"{rule}, got {values}")
+
+
+def _increasing(name: str, values: Any) -> Array:
+    values = real_array(name, values)
+    if values.ndim != 1 or not values.size:
+        raise ValueError(f"{name} must be a list of numbers, got shape {values.shape}")
+    _all(f"{name} must be finite", values, np.isfinite)
+    _all(f"{name} must increase", values, lambda x: np.diff(x) > 0)
+    return values
+
+
+def _data(measured: Any, noise: Any, shape: tuple[Any, ...]) -> tuple[Array, Array]:
+    """Measured numbers, of the lengths given (None: any; a last ...: any more axes), and noise."""
+    measured = real_array("measured", measured)
+    given = shape[:-1] if shape[-1] is ... else shape
+    right = len(measured.shape) >= len(given) if shape[-1] is ... else measured.ndim == len(given)
+    if not right or any(n not in (None, m) for n, m in zip(given, measured.shape, strict=False)):
+        wanted = ", ".join("any" if n is None else "..." if n is ... else str(n) for n in shape)
+        raise ValueError(f"measured must have shape ({wanted}), got {measured.shape}")
+    _all("measured must be finite, or NaN where missing", measured, lambda x: ~np.isinf(x))
+    _all("measured must hold a number at least", jnp.asarray(measured), _some)
+    noise, shape = real_array("noise", noise), measured.shape
+    if noise.ndim > len(shape) or any(
+        n not in (1, m) for n, m in zip(noise.shape[::-1], shape[::-1], strict=False)
+    ):
+        raise ValueError(f"noise must be a number or have shape {shape}, got {noise.shape}")
+    noise = jnp.broadcast_to(noise, shape)
+    _all("noise must be finite and > 0", noise, lambda x: np.isfinite(x) & (x > 0))
+    return measured, noise
+
+
+def _some(values: np.ndarray) -> np.ndarray:
+    return np.isfinite(values).any()

@@ -1,0 +1,226 @@
+"""Parameters from measurements: least squares, what is sure about them, and what is not."""
+
+import sys
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import optimistix
+from jaxtyping import Array
+
+from jaxbeam._checks import kind_of, real_scalar
+from jaxbeam._fitting.experiments import Experiment
+from jaxbeam._fitting.free import Free, values_of
+from jaxbeam._fitting.result import Experiments, Fit, Problem, excess_of, spread
+from jaxbeam._models.base import count_functions
+from jaxbeam._results import where_known
+from jaxbeam._status import Status
+
+
+class Descent(NamedTuple):
+    """First-order search from many starts at once: `optimiser` of optax, for `steps`.
+
+    `starts` lie within `spread` of the guess in the variables of the search: a factor of e each way
+    by default, in a Latin hypercube.
+    """
+
+    optimiser: optax.GradientTransformation = optax.adam(0.05)
+    starts: int = 16
+    steps: int = 150
+    spread: float = 1.0
+
+
+def fit(
+    experiments: Experiments,
+    free: dict[str, Free],
+    *,
+    descent: Descent | None = None,
+    solver: Any = None,
+    max_steps: int = 100,
+    known_noise: bool = True,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> Fit:
+    """The parameters that explain the measurements best.
+
+    `experiments(**parameters)` returns one `Experiment` or several, built with the parameters as
+    scalars; an `equinox.Module` with the data as leaves compiles once for all data of one shape.
+    `free` names the parameters. The sum of squared residuals over the noise, and of priors, is
+    minimised: by Levenberg-Marquardt from the guess. Where that does not converge, or leaves
+    residuals that the noise does not explain (the sum five standard deviations above what is
+    expected), 16 starts around the guess (`Descent`) go downhill in one batch and
+    Levenberg-Marquardt goes on from the best; the better of the two ends is kept. With a `descent`
+    given that happens at once. `solver` is a least-squares solver of optimistix: it stops where
+    both the sum of squares and the variables of the search change by less than 1e-10, absolute
+    plus relative, or after `max_steps`; a parameter that ran into a bound by then is held there.
+
+    The covariance is that of Gauss and Newton, (J^T J)^-1. With `known_noise=False` only the
+    relative size of the noise is believed and its level taken from the residuals, which priors
+    would not bear. A direction in which the standard deviation is as large as the parameters, or
+    in which the Jacobian is singular, gives `NOT_IDENTIFIABLE`; in `Fit.partial` its parameters are
+    as near the guess as the search left them, their deviations large or infinite.
+
+    Under `jax.vmap` and `jax.jit` (a batch of data: build the experiments from it inside) there is
+    no second search, unless `descent` asks for one. Raises `ValueError` or `TypeError` for
+    malformed arguments and fewer numbers than parameters; all else is left in `Fit.status`, with
+    NaN for parameters and deviations unless it is `OK`, and the best found in `Fit.partial`.
+    """
+    if not callable(experiments):
+        raise TypeError(f"experiments must be a function of the parameters, got {experiments!r}")
+    if not isinstance(free, dict) or not free:
+        raise ValueError("free must be a dict that names one parameter at least")
+    count_functions("max_steps", max_steps, least=1)
+    if solver is not None and not isinstance(
+        solver, optimistix.AbstractLeastSquaresSolver | optimistix.AbstractMinimiser
+    ):
+        raise TypeError(f"solver must be a least-squares solver, got {kind_of(solver)}")
+    for name, each in free.items():
+        if not isinstance(name, str):
+            raise TypeError(f"free must name parameters by texts, got {name!r}")
+        if not isinstance(each, Free):
+            raise TypeError(f"free[{name!r}] must be a Free, got {type(each).__name__}")
+    problem = Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
+    zero = jnp.asarray(np.zeros(len(free)))
+    guessed = problem.named({name: each.guess for name, each in free.items()})
+    for experiment in guessed:
+        if not isinstance(experiment, Experiment):
+            raise TypeError("experiments must return an Experiment or several of them")
+    if not known_noise and any(each.prior is not None for each in free.values()):
+        raise ValueError("a prior is in units of the parameter: it needs known_noise=True")
+    if descent is not None and not isinstance(descent, Descent):
+        raise TypeError(f"descent must be a Descent, got {kind_of(descent)}")
+    if descent is not None:
+        count_functions("descent.starts", descent.starts, least=1)
+        count_functions("descent.steps", descent.steps, least=1)
+        real_scalar("descent.spread", descent.spread)
+        if not isinstance(descent.optimiser, optax.GradientTransformation):
+            got = kind_of(descent.optimiser)
+            raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
+    count = problem.count(guessed)
+    known = not isinstance(count, jax.core.Tracer)
+    if known and int(count) < len(free):
+        raise ValueError(
+            f"{int(count)} numbers measured are too few for {len(free)} parameters: measure more, "
+            "fix some, or give a prior"
+        )
+    if known and not known_noise and int(count) == len(free):
+        raise ValueError("with as many numbers as parameters nothing tells the level of the noise")
+    solver = optimistix.LevenbergMarquardt(rtol=1e-10, atol=1e-10) if solver is None else solver
+    best = _refine(problem, zero, solver, max_steps, known_noise)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(best))
+    shown = (sys.stderr.isatty() if progress is None else progress) and not traced
+    if not traced:
+        _tell(shown, f"from the guess: misfit {float(best.misfit):.3g}, {int(best.steps)} steps")
+        lost = int(best.status) in (Status.FIT_NOT_CONVERGED, Status.NOT_FINITE)
+        poor = lost or (
+            known_noise and excess_of(np, *map(np.asarray, (best.misfit, best.freedom))) > 5
+        )
+        descent = Descent() if descent is None and poor else descent
+    if descent is None:
+        return best
+    z = _descend(problem, descent, jax.random.key(seed))
+    other = _refine(problem, z, solver, max_steps, known_noise)
+    if not traced:
+        _tell(shown, f"from the best of {descent.starts} starts: misfit {float(other.misfit):.3g}")
+    lower = other.misfit < best.misfit * (1 - 1e-6)
+    ended = (best.status == Status.FIT_NOT_CONVERGED) & (other.status != best.status)
+    better = (
+        ~jnp.isfinite(best.misfit) | lower | (ended & (other.misfit <= best.misfit * (1 + 1e-6)))
+    )
+    return jax.tree.map(lambda a, b: jnp.where(better, b, a), best, other)
+
+
+def _tell(shown: bool, text: str) -> None:
+    if shown:
+        print(f"fit {text}", file=sys.stderr, flush=True)
+
+
+@eqx.filter_jit
+def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise: bool) -> Fit:
+    m = z.size
+    found: Any = optimistix.least_squares(
+        problem.residual, solver, z, options={"jac": "fwd"}, max_steps=max_steps, throw=False
+    )
+    z = found.value
+    residual, jacobian = problem.with_jacobian(z)
+    listed = problem.listed(z)
+    freedom = jnp.asarray(problem.count(listed) - m)
+    square = jnp.sum(residual**2)
+    misfit = square / jnp.maximum(freedom, 1)
+    level = jnp.where(freedom < 1, jnp.inf, jnp.sqrt(misfit))
+    scale = jnp.ones_like(level) if known_noise else level
+    finite = jnp.all(jnp.isfinite(jacobian)) & jnp.isfinite(square)
+    units = [free.unit(z[i]) for i, free in enumerate(problem.free.values())]
+    slope, unit = (jnp.stack(column) for column in zip(*units, strict=True))
+    by_unit = jacobian * (unit / jnp.maximum(slope, jnp.finfo(z.dtype).tiny))[None]
+    few = max(m - residual.size, 0)  # rows of zeros, for directions that nothing was measured in
+    by_unit = jnp.pad(jnp.where(finite, by_unit, 0.0), ((0, few), (0, 0)))
+    _, certainty, directions = jnp.linalg.svd(by_unit, full_matrices=False)
+    certainty = jnp.where(certainty > _RANK * certainty[0], certainty, 0.0)
+    deviation, covariance = spread(certainty, directions, unit, scale)
+    room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
+    at_bound = jnp.isfinite(deviation) & (room < 0.1 * deviation)
+    status = jnp.where(jnp.min(certainty) < scale * _UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
+    ended = (found.result == optimistix.RESULTS.successful) | jnp.any(at_bound)
+    status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
+    status = jnp.where(finite, status, Status.NOT_FINITE)
+    known = (values_of(problem.free, z), deviation, covariance)
+    values, deviation, covariance = where_known(status == Status.OK, known)
+    names, residuals, start = list(problem.free), [], 0
+    for each in listed:
+        own = residual[start : start + each.measured.size].reshape(each.measured.shape)
+        residuals.append(jnp.where(each.present, own, jnp.nan))
+        start += own.size
+    return Fit(
+        parameters=values,
+        deviation={name: deviation[i] for i, name in enumerate(names)},
+        covariance=covariance,
+        residuals=tuple(residuals),
+        misfit=jnp.where(finite, misfit, jnp.nan),
+        freedom=freedom,
+        certainty=certainty,
+        directions=directions,
+        unit=unit,
+        at_bound=dict(zip(names, at_bound, strict=True)),
+        steps=found.stats["num_steps"],
+        status=status,
+        free=problem.free,
+        z=z,
+        scale=scale,
+        known_noise=known_noise,
+    )
+
+
+@eqx.filter_jit
+def _descend(problem: Problem, descent: Descent, key: Any) -> Array:
+    """The best end of all starts."""
+    n, m = descent.starts, len(problem.free)
+    # A Latin hypercube: each parameter takes n values evenly, in an order of its own.
+    order, within = jax.random.split(key)
+    rows = jax.vmap(lambda k: jax.random.permutation(k, n), out_axes=1)(jax.random.split(order, m))
+    away = descent.spread * (2 * (rows + jax.random.uniform(within, (n, m))) / n - 1)
+    starts = away.at[0].set(0.0)
+
+    def loss(z: Array) -> tuple[Array, Array]:
+        residual, jacobian = problem.with_jacobian(z)
+        gradient = jacobian.T @ residual
+        return jnp.sum(residual**2) / 2, jnp.where(jnp.isfinite(gradient), gradient, 0.0)
+
+    def one(z: Array) -> tuple[Array, Array]:
+        def step(carry: Any, _: None) -> tuple[Any, None]:
+            z, state, best, least = carry
+            value, gradient = loss(z)
+            better = value < least
+            best, least = jnp.where(better, z, best), jnp.where(better, value, least)
+            update, state = descent.optimiser.update(gradient, state, z)
+            return (optax.apply_updates(z, update), state, best, least), None
+
+        begin = (z, descent.optimiser.init(z), z, jnp.asarray(jnp.inf))
+        (_, _, best, least), _ = jax.lax.scan(step, begin, None, length=descent.steps)
+        return best, least
+
+    ends, least = jax.vmap(one)(starts)
+    return ends[jnp.argmin(least)]

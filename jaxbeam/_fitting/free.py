@@ -1,0 +1,84 @@
+"""Parameters that a fit is to find."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._checks import known, real_scalar
+from jaxbeam._types import Scalar
+
+
+class Free(eqx.Module):
+    """A parameter to be found: a guess, strict bounds, and what is known of it before.
+
+    The search runs over z, with z = 0 at the guess:
+
+        value = lower + (guess - lower) exp(z)                   lower bound alone (0 by default)
+        value = upper - (upper - guess) exp(-z)                  upper bound alone
+        value = lower + (upper - lower) / (1 + r exp(-z))        both, r = (upper - guess) /
+                                                                 (guess - lower)
+        value = guess + |guess| z (guess + z where it is 0)      none
+
+    `prior` is (mean, standard deviation) of a normal distribution: one more measurement.
+    """
+
+    guess: Scalar
+    lower: Scalar
+    upper: Scalar
+    prior: tuple[Scalar, Scalar] | None
+    bounded: tuple[bool, bool] = eqx.field(static=True)
+
+    def __init__(
+        self, guess: Any, lower: float = 0.0, upper: float = float("inf"), *,
+        prior: tuple[Any, Any] | None = None,
+    ) -> None:  # fmt: skip
+        self.guess, self.lower = real_scalar("guess", guess), real_scalar("lower", lower)
+        self.upper = real_scalar("upper", upper)
+        self.bounded = (bool(np.isfinite(lower)), bool(np.isfinite(upper)))
+        numbers = [known(number) for number in (self.lower, self.guess, self.upper)]
+        if not any(isinstance(number, jax.core.Tracer) for number in numbers) and not (
+            numbers[0] < numbers[1] < numbers[2] and np.isfinite(numbers[1])
+        ):
+            raise ValueError(f"guess must be finite and between {lower} and {upper}, got {guess}")
+        self.prior = None
+        if prior is not None:
+            if not isinstance(prior, tuple | list) or len(prior) != 2:
+                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
+            mean, deviation = (real_scalar("prior", number) for number in prior)
+            sound = jnp.isfinite(mean) & jnp.isfinite(deviation) & (deviation > 0)
+            if not isinstance(sound, jax.core.Tracer) and not bool(sound):
+                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
+            self.prior = mean, deviation
+
+    def value(self, z: Scalar) -> Scalar:
+        """The parameter, from the variable of the search."""
+        match self.bounded:
+            case True, True:
+                r = (self.upper - self.guess) / (self.guess - self.lower)
+                return self.lower + (self.upper - self.lower) / (1 + r * jnp.exp(-z))
+            case True, False:
+                return self.lower + (self.guess - self.lower) * jnp.exp(z)
+            case False, True:
+                return self.upper - (self.upper - self.guess) * jnp.exp(-z)
+        return self.guess + jnp.where(self.guess == 0, 1.0, jnp.abs(self.guess)) * z
+
+    def unit(self, z: Scalar) -> tuple[Scalar, Scalar]:
+        """d value / dz, and what a change of the parameter is measured by: that, but no less than
+        a tenth of it at the guess; without bounds, so of the value and the guess."""
+        slope = jax.grad(self.value)
+        here = jnp.abs(self.value(z)) if self.bounded == (False, False) else slope(z)
+        return slope(z), jnp.maximum(here, 0.1 * slope(jnp.zeros_like(z)))
+
+    def room(self, z: Scalar) -> Scalar:
+        """How far the nearest bound is."""
+        value = self.value(z)
+        return jnp.minimum(value - self.lower, self.upper - value)
+
+
+def values_of(free: dict[str, Free], z: Array) -> dict[str, Scalar]:
+    """The parameters by name, from the variables of the search."""
+    return {name: each.value(z[i]) for i, (name, each) in enumerate(free.items())}

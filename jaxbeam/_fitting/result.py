@@ -1,0 +1,239 @@
+"""What a fit is asked to make small, and what is said of the parameters found."""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.scipy.stats as stats
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import known
+from jaxbeam._fitting.experiments import Experiment, residuals_of
+from jaxbeam._fitting.free import Free, values_of
+from jaxbeam._results import per_case, where_known
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar
+
+Experiments = Callable[..., Experiment | Sequence[Experiment]]
+
+
+class Problem(eqx.Module):
+    """Residuals as a function of z, with those of priors at the end."""
+
+    experiments: Experiments
+    free: dict[str, Free]
+
+    def listed(self, z: Array) -> list[Experiment]:
+        return self.named(values_of(self.free, z))
+
+    def named(self, values: dict[str, Scalar]) -> list[Experiment]:
+        found = self.experiments(**values)
+        return list(found) if isinstance(found, list | tuple) else [found]  # type: ignore[list-item]
+
+    def residual(self, z: Array, _: Any = None) -> Array:
+        parts = residuals_of(self.listed(z))
+        for i, free in enumerate(self.free.values()):
+            if free.prior is not None:
+                mean, deviation = free.prior
+                parts.append((free.value(z[i]) - mean)[None] / deviation)
+        return jnp.concatenate(parts)
+
+    def with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        """Residuals and their derivatives, from one run of the models."""
+        jacobian, residual = jax.jacfwd(lambda z: (self.residual(z),) * 2, has_aux=True)(z)
+        return residual, jacobian
+
+    def count(self, experiments: list[Experiment]) -> Any:
+        """Of numbers measured, priors among them; in NumPy if they are known."""
+        present = [known(experiment.present).sum() for experiment in experiments]
+        return sum(present) + sum(f.prior is not None for f in self.free.values())
+
+
+class Fit(eqx.Module):
+    """What a fit found: m parameters, from n numbers measured.
+
+    | field       | shape  |                                                                      |
+    |-------------|--------|----------------------------------------------------------------------|
+    | parameters  | ()     | values by name                                                       |
+    | deviation   | ()     | standard deviations by name; infinite where the data cannot tell     |
+    | covariance  | (m, m) | of the parameters in alphabetical order (Gauss-Newton)               |
+    | residuals   |        | of each experiment, over the noise, in its shape; NaN where missing  |
+    | misfit      | ()     | sum of squared residuals over `freedom`: near 1 where noise is all   |
+    | freedom     | ()     | n - m                                                                |
+    | certainty   | (m,)   | singular values of the Jacobian by parameters over their `unit`      |
+    | directions  | (m, m) | the combination of these that belongs to each, in rows               |
+    | unit        | (m,)   | what changes of a parameter are measured by: its size, see `Free`    |
+    | at_bound    | ()     | by name, whether a bound is nearer than a tenth of the deviation     |
+    | steps       | ()     | of the last search                                                   |
+    | status      | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`          |
+
+    Unless the status is `OK`, `parameters`, `deviation`, `covariance` and all that follows from
+    them is NaN; `partial` is the same fit with the best that was found. Of a batch, every answer
+    has the axes of the batch in front.
+    """
+
+    parameters: dict[str, Scalar]
+    deviation: dict[str, Scalar]
+    covariance: Float[Array, "m m"]
+    residuals: tuple[Array, ...]
+    misfit: Scalar
+    freedom: Array
+    certainty: Float[Array, " m"]
+    directions: Float[Array, "m m"]
+    unit: Float[Array, " m"]
+    at_bound: dict[str, Array]
+    steps: Array
+    status: Code
+    free: dict[str, Free]
+    z: Float[Array, " m"]
+    scale: Scalar
+    known_noise: bool = eqx.field(static=True)
+
+    @property
+    @per_case
+    def partial(self) -> "Fit":
+        """The same fit with the best parameters found, whatever its status, and how sure they are:
+        where the data cannot tell, with infinite deviations."""
+        deviation, covariance = spread(self.certainty, self.directions, self.unit, self.scale)
+        return dataclasses.replace(
+            self,
+            parameters=values_of(self.free, self.z),
+            deviation={name: deviation[i] for i, name in enumerate(self.free)},
+            covariance=covariance,
+        )
+
+    @property
+    @per_case
+    def correlation(self) -> Float[Array, "m m"]:
+        """Of the parameters."""
+        deviation = jnp.sqrt(jnp.diag(self.covariance))
+        return self.covariance / (deviation[:, None] * deviation[None])
+
+    @per_case
+    def width(self, confidence: float = 0.95) -> Array:
+        """Half of an interval of this confidence, in standard deviations: of the normal
+        distribution, or of Student's where the level of noise was estimated."""
+        if not isinstance(confidence, int | float) or not 0 < confidence < 1:
+            raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
+        if self.known_noise:
+            return jnp.asarray(stats.norm.ppf(0.5 + confidence / 2))
+        return student(0.5 + confidence / 2, jnp.maximum(self.freedom, 1).astype(float))
+
+    @per_case
+    def interval(self, confidence: float = 0.95) -> dict[str, Array]:
+        """(lower, upper) of each parameter. Symmetric in the variable of the search; where that
+        would be a factor of e or more, symmetric in the parameter and cut off at its bounds."""
+        found = {}
+        for z, (name, free) in zip(self.z, self.free.items(), strict=True):
+            half = self.width(confidence) * self.deviation[name]
+            plain = jnp.stack([self.parameters[name] - half, self.parameters[name] + half])
+            far = half / free.unit(z)[0]
+            near = far < 1
+            reach = jnp.where(near, far, 0.0)
+            curved = jnp.stack([free.value(z - reach), free.value(z + reach)])
+            found[name] = jnp.where(near, curved, jnp.clip(plain, free.lower, free.upper))
+        return found
+
+    @per_case
+    def predict(self, function: Callable[..., Array]) -> tuple[Array, Array]:
+        """A function of the parameters, by name, and the standard deviation of its values."""
+
+        def at(values: Array) -> Array:
+            return jnp.asarray(function(**dict(zip(self.free, values, strict=True))))
+
+        values = jnp.stack(list(self.parameters.values()))
+        slope = jax.jacfwd(at)(values)
+        change = (slope * jnp.broadcast_to(self.unit, slope.shape)) @ self.directions.T
+        still = jnp.abs(change) <= 1e-6 * jnp.max(jnp.abs(change), axis=-1, keepdims=True)
+        sure = jnp.broadcast_to(self.certainty, change.shape)
+        spread = jnp.where(still, 0.0, change / jnp.where(still, 1.0, sure))
+        found = at(values), self.scale * jnp.linalg.norm(spread, axis=-1)
+        return where_known(jnp.all(jnp.isfinite(values)), found)
+
+    def __str__(self) -> str:
+        """A table, of one that failed with the numbers of `partial`; of a batch, how many ended
+        how."""
+        if not eqx.is_array(self.status) or isinstance(self.status, jax.core.Tracer):
+            return repr(self)
+        if np.ndim(self.status):
+            ended = Counter(np.ravel(self.status).tolist())
+            how = [f"{count} {Status(status).message}" for status, count in sorted(ended.items())]
+            return f"{np.size(self.status)} fits: " + "; ".join(how)
+        names, found = list(self.parameters), self.partial
+        lines = [f"{'':28}{'value':>13}{'deviation':>12}   95 % interval"]
+        for name, (low, high) in found.interval().items():
+            lines.append(
+                f"{name:28}{float(found.parameters[name]):13.6g}{float(found.deviation[name]):12.2g}"
+                f"   {float(low):.6g} to {float(high):.6g}"
+            )
+        lines.append(
+            f"misfit {float(self.misfit):.3g} with {int(self.freedom)} degrees of freedom, "
+            f"{int(self.steps)} steps: {Status(int(self.status)).message}"
+        )
+        if self.known_noise and self.excess() > 5:
+            lines.append(
+                "residuals are larger than the noise explains: the model leaves something out, or "
+                "the noise is larger than said"
+            )
+        if bound := ", ".join(name for name, there in self.at_bound.items() if there):
+            lines.append(f"held by a bound: {bound}")
+        for sure, direction in zip(self.certainty, self.directions, strict=True):
+            if float(sure) < float(self.scale) * _UNSURE:
+                share = ", ".join(
+                    f"{float(x):+.2f} {name}"
+                    for name, x in zip(names, direction, strict=True)
+                    if abs(float(x)) > 0.05
+                )
+                lines.append(f"the data cannot tell this combination: {share}")
+        return "\n".join(lines)
+
+    @per_case
+    def excess(self) -> Scalar:
+        """By how many of its standard deviations the misfit is above 1."""
+        return excess_of(jnp, self.misfit, self.freedom)
+
+
+def excess_of(xp: Any, misfit: Any, freedom: Any) -> Any:
+    return (misfit - 1.0) / xp.sqrt(2.0 / xp.maximum(freedom, 1))
+
+
+_UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
+_RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
+
+
+def spread(certainty: Array, directions: Array, unit: Array, scale: Scalar) -> tuple[Array, Array]:
+    """Deviation of each parameter, and their covariance."""
+    spread = unit[:, None] * directions.T / jnp.where(certainty > 0, certainty, 1.0)[None]
+    covariance = scale**2 * spread @ spread.T
+    deviation = scale * unit * jnp.sqrt(variance(certainty, directions))
+    lost = ~jnp.isfinite(deviation)
+    endless = jnp.where(np.eye(unit.size, dtype=bool), jnp.inf, jnp.nan)
+    return deviation, jnp.where(lost[:, None] | lost[None], endless, covariance)
+
+
+def variance(certainty: Array, directions: Array) -> Array:
+    """Of the variables of the search; infinite where a direction without certainty has a share."""
+    share = directions**2
+    share = jnp.where(share < 1e-12, 0.0, share)
+    each = jnp.where(share == 0, 0.0, share / jnp.where(share == 0, 1.0, certainty[:, None] ** 2))
+    return jnp.sum(each, axis=0)
+
+
+def student(p: float, freedom: Array) -> Array:
+    """Quantile of Student's distribution by bisection of its incomplete beta function."""
+    low, high = jnp.zeros_like(freedom), jnp.full_like(freedom, 1e4)
+
+    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
+        middle = (low + high) / 2
+        x = freedom / (freedom + middle**2)
+        below = 1 - 0.5 * jax.scipy.special.betainc(freedom / 2, 0.5, x) < p
+        return jnp.where(below, middle, low), jnp.where(below, high, middle)
+
+    low, high = jax.lax.fori_loop(0, 60, halve, (low, high))
+    return (low + high) / 2

@@ -1,0 +1,1 @@
+"""Which model is cheap enough and still right."""

@@ -1,0 +1,340 @@
+"""No more model than a question needs: of the rungs of the ladder, the one to stand on.
+
+The finest of the non-linear rungs that has converged is the judge of all cheaper ones; what is
+known beforehand, or follows from rungs that were asked, says which need not come before the judge.
+In a fresh process nearly all time is compilation, a program for each rung: so what is sure to be
+asked is compiled side by side, and what cannot matter is not.
+"""
+
+import dataclasses
+import functools
+import itertools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxbeam._checks import positive, real_scalar
+from jaxbeam._ladder.ahead import Ahead
+from jaxbeam._ladder.questions import Answer, Question, checked_question
+from jaxbeam._ladder.rungs import (
+    Indicators,
+    Rung,
+    chains,
+    describe,
+    has_other_law,
+    indicators,
+    is_planar,
+    judges,
+    left_of,
+    ruled_out,
+    rungs_of,
+    scout_of,
+)
+from jaxbeam._models.base import AbstractModel, checked_model
+from jaxbeam._models.modal import Classical, Hybrid
+from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._status import Status
+from jaxbeam._types import Real, Scalar
+
+INTEGRATION = 0.05  # of the tolerance, left to numerical integration
+JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may differ
+SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in studies/validity.py
+UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
+LARGE = 0.1  # and where linear theory fails
+NOT_NEEDED = "not needed"
+_UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
+
+
+def answer(
+    question: Question,
+    rotor: Rotor,
+    model: AbstractModel,
+    accuracy: Real = 1e-6,
+    size: Real = UNKNOWN,
+) -> Answer:
+    """What one model says: `Question.answer`, compiled. Failures are left in `Answer.status`,
+    and the numbers are then NaN.
+
+    `accuracy` is that of numerical integration, relative, where the largest deflection is `size`
+    times the length. Raises `ValueError` or `TypeError` for parameters out of range.
+    """
+    return _answer(
+        checked_question(question),
+        checked_rotor(Rotor, rotor),
+        checked_model(model),
+        positive("accuracy", accuracy),
+        positive("size", size),
+    )
+
+
+@eqx.filter_jit
+def _answer(
+    question: Question, rotor: Rotor, model: AbstractModel, accuracy: Scalar, size: Scalar
+) -> Answer:
+    return question.answer(model, rotor, accuracy, size)
+
+
+class Evidence(NamedTuple):
+    """What became of one rung: its expected cost, the estimate of its error (NaN: not run), and
+    the verdict in words."""
+
+    rung: Rung
+    estimate: float
+    verdict: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Choice:
+    """The cheapest rung found to meet a tolerance; as text, a table of the rungs looked at.
+
+    `met` is False where no rung was found to: then `rung` is the best there is, and `estimate` its
+    error. `partial` is what the rung says, `answer` the same where the tolerance is met, else NaN.
+    `law` is what an axial law other than the engineering strain might change (`Answer.law`).
+    """
+
+    rung: Rung
+    estimate: float
+    met: bool
+    tolerance: float
+    partial: np.ndarray
+    law: float
+    indicators: Indicators
+    evidence: tuple[Evidence, ...]
+
+    @property
+    def answer(self) -> np.ndarray:
+        """What the rung says, if that meets the tolerance."""
+        return self.partial if self.met else np.full_like(self.partial, np.nan)
+
+    @property
+    def model(self) -> AbstractModel:
+        """Of the rung."""
+        return self.rung.model
+
+    def __str__(self) -> str:
+        known = self.indicators
+        takes_part = known.excited > 0.1 * self.tolerance
+        highest = np.max(known.rest_frequency, where=takes_part, initial=0.0)
+        excited = f"excited up to {highest:.3g} rad/s" if highest else "no mode excited by the hub"
+        lines = [
+            f"stiffening ratio {float(known.stiffening_ratio):.2g}, deflection "
+            f"{float(known.size):.2g} L, slope {float(known.slope):.2g}, steady strain "
+            f"{float(known.steady_strain):.2g}, {excited}",
+        ]
+        if self.law > self.tolerance:
+            lines.append(
+                "strains are not small: an axial law other than that of the engineering strain "
+                f"might change this by some {self.law:.1g}"
+            )
+        lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
+        for rung, estimate, verdict in self.evidence:
+            if verdict == NOT_NEEDED:
+                continue
+            said = "" if np.isnan(estimate) else f"{estimate:.2g}"
+            lines.append(f"{rung.name:34} {rung.cost:8.3g} {said:>10}  {verdict}")
+        if self.met:
+            lines.append(f"{self.rung.name}: error {self.estimate:.2g}, asked {self.tolerance:.2g}")
+        else:
+            lines.append(
+                f"no rung was found to meet {self.tolerance:.2g}; the best, {self.rung.name}, has "
+                f"{self.estimate:.2g}"
+            )
+        return "\n".join(lines)
+
+
+def checked_tolerance(tolerance: float) -> float:
+    """As a float."""
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.floating):
+        raise TypeError(f"tolerance must be a number, got {type(tolerance).__name__}")
+    if not 1e-8 <= tolerance < 1:
+        raise ValueError(f"tolerance must be between 1e-8 and 1, got {tolerance}")
+    return float(tolerance)
+
+
+def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> Choice:
+    """The cheapest model that answers a question about a rotor to a relative `tolerance`.
+
+    `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
+    a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
+    do. Then elements are refined, from four on, until the last two differ by less than the
+    tolerance: they are the judge (in space von Karman beams are, and estimates have their own error
+    on top, twice the square of the deflection over length plus the strain). Cheaper rungs are tried
+    in order of cost until one agrees, but for those that a better one of their kind, far off
+    itself, rules out. The estimate of a rung is its distance from the judge, plus what the judge
+    may be off, plus what ten times tighter integration changes.
+
+    The judge's material has the engineering strain (`EngineeringANCF`). To estimates of rungs of
+    any other axial law is added what laws that agree at small strains may differ by, from the
+    strains that the judge meets: see `Answer.law`, which `Choice.law` repeats.
+
+    It takes the time of the judge and half of it again, seldom that of the finest elements; each
+    model is compiled once for all questions of a kind, side by side on the cores there are. For
+    many cases use `ladder_sweep`. Raises `ValueError` or `TypeError` for a malformed argument or
+    parameters out of range, `RuntimeError` where no model gives an answer.
+    """
+    checked_question(question)
+    rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
+    with Ahead() as ahead:
+        return _chosen(_Asker(question, rotor, INTEGRATION * tolerance, ahead), tolerance)
+
+
+def _chosen(ask: "_Asker", tolerance: float) -> Choice:
+    question, rotor = ask.question, ask.rotor
+    planar = bool(is_planar(question, rotor))
+    linear, nonlinear = chains(question, planar)
+    rungs, elements, scout = rungs_of(question, planar), judges(nonlinear), scout_of(linear)
+    ask.begin(scout)
+    lowered = functools.partial(indicators.lower, question, rotor)  # type: ignore[attr-defined]
+    ask.ahead.begin(Indicators, lambda: lowered().compile())
+    ask.begin(*elements[:2])
+    seen = ask.now(scout)
+    given = Status(int(seen.status))
+    if Status.OK < given < Status.OUT_OF_PLANE:
+        raise ValueError(given.message)
+    ask.ahead.await_it(Indicators)
+    known = jax.device_get(indicators(question, rotor))
+    if given == Status.OK:
+        known = dataclasses.replace(known, size=seen.size, slope=seen.slope)
+    ask.size = float(np.clip(known.size, 1e-9, 1.0)) if given == Status.OK else LARGE
+    if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
+        cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
+        ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, known, tolerance)][:1])
+
+    judge, left = _refined(ask, elements, tolerance)
+    noise = ask.now(judge, 0.1).distance(ask(judge))
+    left = left + float(noise) + (0.0 if planar else SPACE * float(known.reach))
+    law = float(ask(judge).law)
+
+    def estimate(model: AbstractModel) -> float:
+        return ask.apart(model, judge) + left + (law if has_other_law(model) else 0.0)
+
+    enough = next(rung.cost for rung in rungs if rung.model == judge)
+    estimates = {m: estimate(m) for m in (scout, *elements) if m in ask.found or m == scout}
+
+    def misses(model: AbstractModel) -> str:
+        """What rungs that were asked say against it."""
+        if model in nonlinear:  # half as fine is four times as wrong, or more
+            finer = (m for m in nonlinear[nonlinear.index(model) :] if m in estimates)
+            if estimates[better := next(finer)] > tolerance / 4:
+                return f"{describe(better)}: {estimates[better]:.2g}"
+        if isinstance(model, Classical | Hybrid) and ask.apart(scout, judge) > 3 * tolerance:
+            # Another linear theory is no better, but by more functions, or in its stretch.
+            less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
+            if less or 0.1 * known.size**2 > tolerance:
+                return f"{describe(scout)}: {estimates[scout]:.2g}"
+        return ""
+
+    # Whatever costs less than the judge, from the cheapest on.
+    verdicts: dict[AbstractModel, str] = {}
+    tried: dict[Any, list[AbstractModel]] = {}
+    chosen: Rung | None = None
+    for rung in rungs:
+        model = rung.model
+        before = tried.setdefault((type(model), getattr(model, "n_stretch", 0) > 0), [])
+        if chosen is None and model not in estimates and rung.cost < enough:
+            why = ruled_out(model, known, tolerance) or misses(model)
+            if (
+                not why
+                and len(before) > 1
+                and ask.apart(*before[-2:]) < 0.1 * estimates[before[-1]]
+            ):
+                why = "more functions do not help"
+            if why:
+                verdicts[model] = f"ruled out: {why}"
+                continue
+            estimates[model] = estimate(model)
+        if model in estimates:
+            before.append(model)
+            status = Status(int(ask(model).status))
+            verdicts[model] = "misses it" if status == Status.OK else status.name
+            if estimates[model] <= tolerance:
+                verdicts[model] = "meets it" if chosen is None else "meets it too"
+                chosen = chosen or rung
+    evidence = tuple(
+        Evidence(r, estimates.get(r.model, np.nan), verdicts.get(r.model, NOT_NEEDED))
+        for r in rungs
+    )
+    best = chosen or _best(ask, evidence)
+    return Choice(
+        rung=best,
+        estimate=estimates.get(best.model, np.inf),
+        met=chosen is not None,
+        tolerance=tolerance,
+        partial=np.asarray(ask(best.model).value),
+        law=law,
+        indicators=known,
+        evidence=evidence,
+    )
+
+
+def _compiled(*given: Any) -> Any:
+    return _answer.lower(*given).compile()  # type: ignore[attr-defined]
+
+
+class _Asker:
+    """Answers to one question, kept."""
+
+    def __init__(self, question: Question, rotor: Rotor, accuracy: float, ahead: Ahead) -> None:
+        self.question, self.rotor, self.accuracy, self.ahead = question, rotor, accuracy, ahead
+        self.size = UNKNOWN
+        self.found: dict[AbstractModel, Answer] = {}
+
+    def given(self, model: AbstractModel, tighter: float = 1.0) -> tuple[Any, ...]:
+        # Arrays that are not weakly typed, as those of `answer`: else all would compile twice.
+        how = (real_scalar("accuracy", self.accuracy * tighter), real_scalar("size", self.size))
+        return self.question, self.rotor, model, *how
+
+    def begin(self, *models: AbstractModel) -> None:
+        """Compile what is to be asked soon."""
+        for model in models:
+            self.ahead.begin(model, functools.partial(_compiled, *self.given(model)))
+
+    def now(self, model: AbstractModel, tighter: float = 1.0) -> Answer:
+        """Without keeping it."""
+        self.ahead.await_it(model)
+        return jax.device_get(_answer(*self.given(model, tighter)))
+
+    def __call__(self, model: AbstractModel) -> Answer:
+        if model not in self.found:
+            self.found[model] = self.now(model)
+        return self.found[model]
+
+    def apart(self, model: AbstractModel, better: AbstractModel) -> float:
+        return float(self(model).distance(self(better)))
+
+
+def _refined(
+    ask: _Asker, elements: list[AbstractModel], tolerance: float
+) -> tuple[AbstractModel, float]:
+    """The judge, refined until it stands still, and how far it may be off. Where a finer one fails,
+    the finest that another confirms."""
+    share = left_of(ask.question)
+    judge, left, before = elements[1], np.inf, np.inf
+    for coarse, fine in itertools.pairwise(elements):
+        apart = ask.apart(coarse, fine)
+        if np.isfinite(left) and not np.isfinite(apart):
+            break
+        # Two rungs may agree by chance: so little is left only if those before agreed as well.
+        if np.isinf(before):
+            here = max(share * apart, min(apart / 2, _UNCONFIRMED * tolerance))
+        else:
+            here = max(share * apart, share**2 * before)
+        judge, left, before = fine, here, apart
+        if apart <= JUDGE * tolerance:
+            break
+    return judge, left
+
+
+def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung:
+    """Where none is good enough: the least estimate, else the richest that has an answer."""
+    answers = [e for e in evidence if np.isfinite(e.estimate)]
+    if answers:
+        return min(answers, key=lambda e: e.estimate).rung
+    asked = [e.rung for e in evidence if e.rung.model in ask.found]
+    fine = [rung for rung in asked if int(ask(rung.model).status) == Status.OK]
+    if not fine:
+        said = Status(int(ask(asked[-1].model).status))
+        raise RuntimeError(f"no rung has an answer: {said.message}")
+    return fine[-1]

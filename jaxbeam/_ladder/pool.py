@@ -1,0 +1,119 @@
+"""Answers of many cases by many models, each computed once."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxbeam._checks import real_scalar
+from jaxbeam._ladder.ahead import Ahead
+from jaxbeam._ladder.choose import UNKNOWN
+from jaxbeam._ladder.questions import Answer, Question
+from jaxbeam._models.base import AbstractModel
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._sweeps.cases import Cases
+from jaxbeam._sweeps.sweep import compiled, sweep
+from jaxbeam._sweeps.table import Table
+from jaxbeam._types import Scalar
+
+Situation = Callable[..., tuple[Question, Rotor]]
+SIZE = "deflection to expect"  # no parameter of the user's has this name
+
+
+class Know(eqx.Module):
+    """What needs no answer: steady strain, and whether all stays in the plane."""
+
+    situation: Situation
+
+    def __call__(self, **parameters: Scalar) -> dict[str, Any]:
+        question, rotor = self.situation(**parameters)
+        speed = question.speed()
+        strain = rotor.steady_strain(speed)
+        status = rotor.status(jnp.zeros_like(speed))  # the rest is for the first answer to say
+        return {"strain": strain, "planar": question.planar(rotor), "status": status}
+
+
+class Ask(eqx.Module):
+    """The answer of one case."""
+
+    situation: Situation
+    model: AbstractModel
+    accuracy: Scalar
+
+    def __call__(self, **parameters: Scalar) -> Answer:
+        size = parameters.pop(SIZE)
+        question, rotor = self.situation(**parameters)
+        return question.answer(self.model, rotor, self.accuracy, size)
+
+
+def answers_in(table: Table) -> Answer:
+    """Those that a table holds."""
+    leaves: list[Any] = [table[field.name] for field in dataclasses.fields(Answer)]
+    return Answer(*leaves)
+
+
+def some_of(answers: Answer, which: np.ndarray) -> Answer:
+    """Those of some cases."""
+    return jax.tree.map(lambda leaf: leaf[which], answers)
+
+
+class Pool:
+    """Answers of cases by models, computed when asked for and kept."""
+
+    def __init__(
+        self, situation: Situation, cases: Cases, accuracy: float, ahead: Ahead, **how: Any
+    ) -> None:
+        self.ahead, self.situation, self.accuracy = ahead, situation, accuracy
+        self.columns = cases.columns
+        self.how, self.n = how, len(cases)  # how: chunk, devices and progress of `sweep`
+        self.size, self.steps = np.full(self.n, UNKNOWN), np.zeros(self.n, int)
+        self.found: dict[AbstractModel, Answer] = {}  # batched; status -1 where not asked
+
+    def cases(self, which: np.ndarray, more: Mapping[str, np.ndarray]) -> Cases:
+        """Always in whole chunks: other sizes would compile anew."""
+        chunk = self.how["chunk"]
+        filled = np.resize(which, -(-len(which) // chunk) * chunk)
+        columns = {name: c[filled] for name, c in {**self.columns, **more}.items()}
+        return Cases({"row": np.arange(len(filled))}, columns)
+
+    def run(self, function: Any, which: np.ndarray, **more: np.ndarray) -> Table:
+        table = sweep(function, self.cases(which, more), **self.how)
+        return table.take("row", np.arange(len(which)))
+
+    def asks(self, model: AbstractModel, tighter: float = 1.0) -> Ask:
+        return Ask(self.situation, model, real_scalar("accuracy", self.accuracy * tighter))
+
+    def begin(self, *models: AbstractModel) -> None:
+        """Compile what is to be asked soon."""
+        some = self.cases(np.zeros(1, int), {SIZE: self.size})
+        how = self.how["chunk"], self.how["devices"]
+        for model in models:
+            self.ahead.begin(model, functools.partial(compiled, self.asks(model), some, *how))
+
+    def ask(self, model: AbstractModel, which: np.ndarray, tighter: float = 1.0) -> Table:
+        """Without keeping it."""
+        self.ahead.await_it(model)
+        return self.run(self.asks(model, tighter), which, **{SIZE: self.size})
+
+    def __call__(self, model: AbstractModel, which: np.ndarray) -> Answer:
+        known = self.found.get(model)
+        new = which if known is None else which[known.status[which] < 0]
+        if new.size:
+            # A batch goes on until its slowest case is done.
+            new = new[np.argsort(self.steps[new], kind="stable")]
+            self.keep(model, new, self.ask(model, new))
+        return some_of(self.found[model], which)
+
+    def keep(self, model: AbstractModel, which: np.ndarray, table: Table) -> None:
+        """Answers of these cases."""
+        new = answers_in(table)
+        if model not in self.found:
+            blank = jax.tree.map(lambda leaf: np.zeros((self.n, *leaf.shape[1:]), leaf.dtype), new)
+            self.found[model] = dataclasses.replace(blank, status=np.full(self.n, -1))
+        for kept, leaf in zip(*map(jax.tree.leaves, (self.found[model], new)), strict=True):
+            kept[which] = leaf

@@ -1,0 +1,280 @@
+"""What can be asked of a rotor, in terms that every theory answers."""
+
+import abc
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import checked_speed, kind_of
+from jaxbeam._models.base import AbstractModel, Family, Label, count_functions
+from jaxbeam._models.modal import Hybrid
+from jaxbeam._results import where_known
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.motion import Motion
+from jaxbeam._simulation.result import Simulation, checked_point
+from jaxbeam._simulation.scene import check_scene, checked_times, during, input_status
+from jaxbeam._simulation.simulate import simulate
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Real, Scalar, Vector
+from jaxbeam._vibration.modes import modes
+
+
+class Answer(eqx.Module):
+    """What one model says.
+
+    `value` (m,) and what its errors are relative to, `scale` (m,); `size`, the largest deflection
+    of the tip on the way over the length; `slope`, the largest at the tip; `steps` in time;
+    `status`, and unless it is OK all but the steps is NaN; `law`, what another axial law that
+    agrees at small strains might change, relative.
+
+    `law` is the largest strain eps of the centre line plus the square of the largest curvature
+    times the radius of gyration, (EI / EA)^(1/2), at the root: to first order in both the bending
+    stiffness and the length of `GreenANCF` and `EngineeringANCF` differ. The limits of these two
+    differ by 0.1 to 0.5 of it in static deflection, at most 0.4 in peaks of spin-ups, 0.1 to 0.8 in
+    histories and frequencies; once, in a history long enough for phases to drift apart, by 1.4.
+    """
+
+    value: Vector
+    scale: Vector
+    size: Scalar
+    slope: Scalar
+    steps: Array
+    status: Code
+    law: Real = 0.0
+
+    def distance(self, reference: "Answer") -> np.ndarray:
+        """Largest difference from a better answer, relative; infinite where one has failed. Of
+        answers in a batch one by one."""
+        apart = np.abs(np.asarray(self.value) - np.asarray(reference.value))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(apart == 0, 0.0, apart / np.asarray(reference.scale))
+        off = np.max(relative, axis=-1)
+        failed = (np.asarray(self.status) != 0) | (np.asarray(reference.status) != 0)
+        return np.where(failed | np.isnan(off), np.inf, off)
+
+
+class Question(eqx.Module):
+    """Something to be known of a rotor: its parameters are leaves, so a batch of questions is one
+    question with batched leaves."""
+
+    order: eqx.AbstractClassVar[int]  # of convergence with the number of elements
+
+    @abc.abstractmethod
+    def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
+        """By this model, with numerical errors of the size of `accuracy` where the largest
+        deflection is `size` times the length."""
+
+    @abc.abstractmethod
+    def speed(self) -> Scalar:
+        """Largest angular speed, rad/s."""
+
+    @abc.abstractmethod
+    def planar(self, rotor: Rotor) -> Array:
+        """Whether all of it stays in the plane of rotation."""
+
+    @property
+    @abc.abstractmethod
+    def functions(self) -> tuple[int, ...]:
+        """Numbers of bending functions that are worth while."""
+
+    @abc.abstractmethod
+    def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
+        """A-priori: how much bending modes of these frequencies at rest take part, of what a first
+        one could at most."""
+
+
+class _InTime(Question):
+    order: ClassVar[int] = 4
+    motion: Motion
+    times: Float[Array, " T"]
+    loads: Loads
+    damping: Damping
+    max_steps: int = eqx.field(static=True)
+
+    def __init__(
+        self, motion: Motion, times: Any, *, loads: Loads | None = None,
+        damping: Damping | None = None, max_steps: int = 20_000,
+    ) -> None:  # fmt: skip
+        count_functions("max_steps", max_steps, least=1)
+        self.motion, self.times, self.max_steps = motion, checked_times(times), max_steps
+        self.loads = Loads() if loads is None else loads
+        self.damping = Damping() if damping is None else damping
+        check_scene(self.motion, self.loads, self.damping, self.times[0])
+
+    def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
+        """The displacement over length that matters, where the largest deflection is `size`."""
+        return size
+
+    @abc.abstractmethod
+    def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
+        """What is asked, from the run."""
+
+    def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
+        controller = diffrax.PIDController(
+            rtol=accuracy,
+            atol=accuracy * self.resolved(rotor, size) * rotor.beam.length,
+            dtmin=1e-12 * (self.times[-1] - self.times[0]),
+            force_dtmin=False,
+        )
+        run = simulate(
+            model, rotor, self.motion, self.times, loads=self.loads, damping=self.damping,
+            stepsize_controller=controller, max_steps=self.max_steps, throw=False,
+            balance_tolerance=jnp.maximum(1e-3, 10 * accuracy),  # type: ignore[arg-type]
+        )  # fmt: skip
+        value = self.read(model, rotor, run)
+        ends = run.displacement((0.99, 1.0))
+        size = jnp.max(jnp.linalg.norm(ends[:, 1, 1:], axis=1)) / rotor.beam.length
+        rise = jnp.linalg.norm(ends[:, 1, 1:] - ends[:, 0, 1:], axis=1)
+        slope = jnp.max(rise) / (0.01 * rotor.beam.length)
+        scale = jnp.max(jnp.abs(value)) + jnp.zeros_like(value)
+        beam = rotor.beam
+        stiffness = jnp.stack([beam.in_plane_bending_stiffness, beam.flap_bending_stiffness])
+        bent = run.curvature(0.0)[:, 0] ** 2 @ (stiffness / beam.axial_stiffness)
+        law = jnp.max(jnp.abs(run.strain(0.0))) + jnp.max(bent)
+        numbers = (value, scale, size, slope, law)
+        value, scale, size, slope, law = where_known(run.status == Status.OK, numbers)
+        steps = run.solution.stats["num_steps"]
+        return Answer(value, scale, size, slope, steps, run.status, law)
+
+    def speed(self) -> Scalar:
+        moments = jnp.concatenate([self.times, during(self.times)])
+        spin = jax.vmap(lambda t: self.motion.hub(t, None).angular_velocity)(moments)
+        return jnp.max(jnp.linalg.norm(spin, axis=1))
+
+    def planar(self, rotor: Rotor) -> Array:
+        given, _ = input_status(
+            _LEAST, rotor, self.motion, self.loads, self.damping, self.times, during(self.times)
+        )
+        return given != Status.OUT_OF_PLANE
+
+    @property
+    def functions(self) -> tuple[int, ...]:
+        return 1, 2, 4, 8
+
+    def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
+        """|spectrum of the hub's angular acceleration| at each frequency over its largest possible,
+        times (omega_1 / omega_k)^3: response to it of a clamped beam on a turning root.
+
+        A mode takes part in the rotation of its root by an amount that falls with omega^2, and
+        answers to an impulse with one that falls with omega.
+        """
+        n = 2048
+        t = jnp.linspace(self.times[0], self.times[-1], n)
+        step = t[1] - t[0]
+        rate = jax.vmap(lambda t: self.motion.hub(t, None).angular_velocity_rate)(t)
+        # Above the highest frequency that the samples resolve, take the highest.
+        seen = jnp.minimum(omega, jnp.pi / (2 * step))
+        spectrum = jnp.exp(1j * seen[:, None] * t[None]) @ rate
+        total = jnp.sum(jnp.linalg.norm(rate, axis=1))
+        least = jnp.finfo(omega.dtype).tiny
+        return jnp.linalg.norm(spectrum, axis=1) / (total + least) * (omega[0] / omega) ** 3
+
+
+_LEAST = Hybrid(0, 1, 0)
+
+
+class _AtPoint(_InTime):
+    component: int = eqx.field(static=True)
+    xi: float = eqx.field(static=True)
+
+    def __init__(
+        self, motion: Motion, times: Any, component: int = 1, xi: float = 1.0, *,
+        loads: Loads | None = None, damping: Damping | None = None, max_steps: int = 20_000,
+    ) -> None:  # fmt: skip
+        super().__init__(motion, times, loads=loads, damping=damping, max_steps=max_steps)
+        self.component, self.xi = checked_point(component, xi)
+
+
+class DeflectionHistory(_AtPoint):
+    """Displacement of a point at `times` (s), in the hub frame, in m; errors over its largest.
+
+    `component` 0, 1, 2: axial, in plane, flap; the point is x = xi L.
+    """
+
+    def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
+        return run.displacement(self.xi)[:, 0, self.component]
+
+
+class PeakDeflection(_AtPoint):
+    """The largest displacement of a point either way (`Simulation.peak`, m), shape (1,), without
+    sign: a free vibration goes as far one way as the other. Arguments as in `DeflectionHistory`."""
+
+    def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
+        return jnp.abs(run.peak(self.component, self.xi)[0])[None]
+
+
+class RootStrain(_InTime):
+    """Axial strain at the root, at `times` (s); errors over its largest.
+
+    The force of the hub along the beam over EA. Of models without stretch that is the quasi-static
+    strain; of elements it converges as deflections do, which their strain at a point does not.
+    """
+
+    def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
+        """Stretch is far smaller than deflection."""
+        return jnp.minimum(size, rotor.steady_strain(self.speed()) + 1e-12)
+
+    def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
+        return -run.hub_force[:, 0] / rotor.beam.axial_stiffness
+
+
+class ModalFrequencies(Question):
+    """Frequencies of bending in steady rotation at `angular_speed` (rad/s), in rad/s, by label;
+    errors over each of them."""
+
+    order: ClassVar[int] = 4
+    angular_speed: Scalar
+    which: tuple[Label, ...] = eqx.field(static=True)
+
+    def __init__(self, angular_speed: Any, which: Sequence[Label]) -> None:
+        self.angular_speed = checked_speed(angular_speed)
+        listed = isinstance(which, Sequence) and not isinstance(which, Label)
+        self.which = tuple(which) if listed else (which,)  # type: ignore[assignment]
+        if not self.which or not all(isinstance(label, Label) for label in self.which):
+            raise ValueError(f"which must be labels, see jaxbeam.labels; got {which!r}")
+        for label in self.which:
+            if label.family == Family.AXIAL or not 1 <= label.order <= 8:
+                raise ValueError(f"which: bending modes of order 1 to 8, got {label}")
+
+    def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
+        found = modes(model, rotor, self.angular_speed, self.which, throw=False)
+        value = found.frequency
+        zero = where_known(found.status == Status.OK, jnp.zeros_like(self.angular_speed))
+        # A mode that diverges where another theory has it vibrate must not pass as 0 of 0.
+        tiny = 1e-9 * rotor.beam.frequency_scale
+        scale = jnp.maximum(jnp.abs(value), tiny)
+        law = rotor.steady_strain(self.angular_speed)
+        return Answer(value, scale, zero, zero, jnp.asarray(0), found.status, law)
+
+    def speed(self) -> Scalar:
+        return jnp.abs(self.angular_speed)
+
+    def planar(self, rotor: Rotor) -> Array:
+        return jnp.asarray(all(label.family != Family.FLAP for label in self.which))
+
+    @property
+    def functions(self) -> tuple[int, ...]:
+        """No fewer than the modes asked for."""
+        return tuple(n for n in (1, 2, 4, 8, 16, 24, 32) if n >= self._highest)
+
+    @property
+    def _highest(self) -> int:
+        return max(label.order for label in self.which)
+
+    def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
+        """Those asked for."""
+        return jnp.where(np.arange(omega.size) < self._highest, 1.0, 0.0)
+
+
+def checked_question(question: Question) -> Question:
+    """The question, if it is one."""
+    if not isinstance(question, Question):
+        raise TypeError(f"question must be a Question, got {kind_of(question)}")
+    return question

@@ -1,0 +1,191 @@
+"""What a question can be answered by: rungs from cheap to rich, and what speaks against one.
+
+Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
+at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
+elements converge to the right answer for a material of the engineering strain (`EngineeringANCF`;
+in space, where there are none, von Karman beams do to second order of deflection over length).
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxbeam._ladder.questions import ModalFrequencies, Question, checked_question
+from jaxbeam._models.ancf import EngineeringANCF
+from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.basis import CantileverModes, Polynomials
+from jaxbeam._models.modal import Classical, Hybrid, VonKarman
+from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._types import Scalar
+from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of
+
+ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
+
+
+class Rung(NamedTuple):
+    """A model, and what it is expected to cost, over the cheapest of the ladder."""
+
+    model: AbstractModel
+    cost: float
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return describe(self.model)
+
+
+def describe(model: AbstractModel) -> str:
+    """A rung in words: theory and size."""
+    if isinstance(model, EngineeringANCF):
+        return f"{model.n_elements} element{'s' * (model.n_elements > 1)}"
+    assert isinstance(model, Classical | Hybrid | VonKarman)
+    n, flap = model.n_in_plane, model.n_flap
+    kind = "mode" if isinstance(model.basis, CantileverModes) else "function"
+    count = f"{n} and {flap} {kind}s" if flap else f"{n} {kind}{'s' * (n > 1)}"
+    stretch = f", stretch {model.n_stretch}" if model.n_stretch else ""
+    title = {Classical: "classical", Hybrid: "hybrid", VonKarman: "von Karman"}[type(model)]
+    return f"{title}, {count}{stretch}"
+
+
+def chains(question: Question, planar: bool) -> tuple[list[Hybrid], list[AbstractModel]]:
+    """Linear and non-linear models for a question, each from coarse to fine."""
+    linear = [_modal(Hybrid, n, planar) for n in question.functions]
+    if planar:
+        return linear, [EngineeringANCF(n) for n in ELEMENTS if 2 * n >= question.functions[0]]
+    return linear, [_modal(VonKarman, n, planar) for n in question.functions if n > 1]
+
+
+def _modal(theory: type[Any], n: int, planar: bool, stretch: int = 0) -> Any:
+    """With n functions across, each way. Those of von Karman's u1 follow u2'^2."""
+    # One or two modes at rest do better than as many polynomials, from three on these win.
+    stretch = 2 * n + 1 if theory is VonKarman else stretch
+    few = n <= 2 and theory is not VonKarman
+    basis = CantileverModes() if few else Polynomials()
+    return theory(stretch, n, 0 if planar else n, basis=basis)
+
+
+def ladder(question: Question, rotor: Rotor) -> list[Rung]:
+    """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
+
+    In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
+    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; in the plane,
+    elements. Nothing out of the plane where motion and loads stay in it.
+    """
+    checked_question(question)
+    return rungs_of(question, bool(is_planar(question, checked_rotor(Rotor, rotor))))
+
+
+def rungs_of(question: Question, planar: bool) -> list[Rung]:
+    """The same where it is known whether all stays in the plane."""
+    linear, nonlinear = chains(question, planar)
+    models = [_modal(Classical, n, planar) for n in question.functions if n < 8]
+    models += [*linear, *nonlinear]
+    for n in question.functions:
+        models += [_modal(Hybrid, n, planar, n)] * (n >= 4)
+        models += [_modal(VonKarman, n, planar)] * (n in (2, 4) and planar)
+    costs = [_cost(question, model) for model in models]
+    rungs = [Rung(m, cost / min(costs)) for m, cost in zip(models, costs, strict=True)]
+    return sorted(rungs, key=lambda rung: rung.cost)
+
+
+def _cost(question: Question, model: AbstractModel) -> float:
+    """In us of a case in a batch on one core, roughly: of steps and unknowns. `studies/ladder.py`
+    measures some."""
+    n = len(model.families)
+    if isinstance(question, ModalFrequencies):
+        return 40 + 5e-3 * n**3
+    if isinstance(model, EngineeringANCF):  # more than twice as many steps as linear motion
+        return 2.3 * 200 * (2 + 2.2 * model.n_elements)
+    step = (1.9 if isinstance(model, Classical) else 2) + 1.2 * n
+    return 200 * step * (5 if isinstance(model, VonKarman) else 1)
+
+
+class Indicators(eqx.Module):
+    """What is known of a question before it is answered.
+
+    | field            | shape |                                                                |
+    |------------------|-------|----------------------------------------------------------------|
+    | stiffening_ratio | ()    | motion-induced over elastic stiffness at the largest speed     |
+    | steady_strain    | ()    | P(0) / EA at the largest speed                                 |
+    | size             | ()    | largest deflection of the tip over the length, linear theory   |
+    | slope            | ()    | largest slope there, of the same                               |
+    | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
+    | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
+    """
+
+    stiffening_ratio: Scalar
+    steady_strain: Scalar
+    size: Scalar
+    slope: Scalar
+    rest_frequency: Array
+    excited: Array
+
+    @property
+    def reach(self) -> Scalar:
+        """What linear theories, and that of von Karman, leave out goes with this."""
+        return self.size**2 + self.steady_strain
+
+
+@eqx.filter_jit
+def indicators(question: Question, rotor: Rotor) -> Indicators:
+    """All but the size and the slope, which a linear theory has to say: they are infinite."""
+    speed = question.speed()
+    omega, shape = bending_at_rest(rotor)
+    unknown = jnp.full_like(speed, jnp.inf)
+    return Indicators(
+        stiffening_ratio=stiffening_of(shape[0], rotor, speed),
+        steady_strain=rotor.steady_strain(speed),
+        size=unknown,
+        slope=unknown,
+        rest_frequency=omega[:6],
+        excited=question.excited(omega[:6]),
+    )
+
+
+@eqx.filter_jit
+def is_planar(question: Question, rotor: Rotor) -> Array:
+    """Whether all of it stays in the plane of rotation."""
+    return question.planar(rotor)
+
+
+def scout_of(linear: list[Hybrid]) -> Hybrid:
+    """The linear theory that says how large deflections are."""
+    return linear[min(2, len(linear) - 1)]
+
+
+def judges(nonlinear: list[AbstractModel]) -> list[AbstractModel]:
+    """Those that may judge: coarser ones seldom do, and each would have to be compiled."""
+    return nonlinear[min(2, len(nonlinear) - 2) :]
+
+
+def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
+    """Why it need not be tried: a tenth of what it leaves out as a rule (`studies/validity.py`; of
+    a mode, its share) is too much."""
+    if isinstance(model, EngineeringANCF):
+        return ""
+    assert isinstance(model, Classical | Hybrid | VonKarman)
+    if isinstance(model, Classical) and 0.05 * known.stiffening_ratio > tolerance:
+        return f"stiffening ratio {float(known.stiffening_ratio):.2g}"
+    if not isinstance(model, VonKarman):
+        if 0.03 * known.size**2 > tolerance:
+            return f"deflection {float(known.size):.2g} L, slope {float(known.slope):.2g}"
+        if 0.04 * known.steady_strain > tolerance:
+            return f"steady strain {float(known.steady_strain):.2g}"
+    n = model.n_in_plane
+    if n < len(known.excited) and known.excited[n] > 10 * tolerance:
+        return f"mode {n + 1} takes part, {float(known.excited[n]):.1g} of what the first could"
+    return ""
+
+
+def has_other_law(model: AbstractModel) -> bool:
+    """Whether its material is not that of the engineering strain, to which errors refer. Then what
+    the law may change (`Answer.law`) is part of its error, even if it agrees by chance."""
+    return not isinstance(model, EngineeringANCF)
+
+
+def left_of(question: Question) -> float:
+    """Share of the difference between two rungs that the finer may be off: twice what the order of
+    convergence says, elements being halved."""
+    return float(2.0 ** (1 - question.order))

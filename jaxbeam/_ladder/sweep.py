@@ -1,0 +1,316 @@
+"""Many questions on the ladder: a few say how rungs err, all are answered on what suffices."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxbeam._ladder.ahead import Ahead
+from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, SPACE, UNKNOWN, checked_tolerance
+from jaxbeam._ladder.pool import Know, Pool, Situation, answers_in, some_of
+from jaxbeam._ladder.questions import Answer, Question
+from jaxbeam._ladder.rungs import chains, describe, has_other_law, judges, left_of, scout_of
+from jaxbeam._models.base import AbstractModel, count_functions
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._status import Status
+from jaxbeam._sweeps.cases import Cases, checked_cases
+from jaxbeam._sweeps.devices import Team
+from jaxbeam._sweeps.table import Table, tabled
+
+_SAFETY = 1.5
+_RATIO = 0.25  # error over distance from the rung below, where nothing is known of it
+_NOISE = 0.1  # of the tolerance: differences below mean nothing
+_SMALL = 0.1  # of the tolerance: what linear theory leaves out means nothing at a reach below
+_START = 0.5  # of the tolerance, which the usual error of the first rung to ask may be
+
+
+class _Chain(NamedTuple):
+    """What representatives say of a chain of models.
+
+    The error of rung k is `ratio[k]` times its distance from rung k - 1, at least `floor[k]`; plus
+    `theory` times `Indicators.reach`, up to the reach `limit`; plus `noise` of integration.
+    """
+
+    models: list[AbstractModel]
+    start: int
+    ratio: np.ndarray
+    floor: np.ndarray
+    theory: float
+    limit: float
+    noise: float
+
+    def left_out(self, reach: np.ndarray) -> np.ndarray:
+        """By the theory, whatever the rung."""
+        known = np.isfinite(reach) | (self.theory == 0)
+        inside = self.theory * np.where(np.isfinite(reach), reach, 0.0)
+        return np.where(known & (reach <= self.limit), inside, np.inf)
+
+
+def ladder_sweep(
+    situation: Situation,
+    cases: Cases | Mapping[str, Any],
+    tolerance: float = 1e-3,
+    *,
+    representatives: int = 16,
+    chunk: int = 16,
+    devices: Sequence[jax.Device] | None = None,
+    progress: bool | None = None,
+) -> Table:
+    """Answer a question about every case, each on a rung that suffices.
+
+    `situation(**parameters)` returns a `Question` and a `Rotor`; like a function given to `sweep`
+    it is written for one case and sees the parameters of `cases` as scalars. All questions must be
+    of one kind, and of equally many times.
+
+    A linear theory in bending looks at every case. Of those in the plane, and of those in space,
+    `representatives` that differ most are followed up both chains of the ladder (see
+    `choose_model`) until the last two rungs differ by less than the tolerance. They tell what
+    linear theory leaves out, over the square of deflection over length plus the steady strain; on
+    each rung, the error of discretisation over the distance from the rung below; what integration
+    adds; and where to start. Then each case gets the answers of two neighbouring rungs. The
+    estimate of its error is 1.5 times the sum of what these, its deflection and integration say,
+    plus, but for elements, what another axial law might change (`Answer.law`); where that is more
+    than the tolerance the case goes on to a richer rung, of the same chain or the non-linear one.
+
+    The `Table` holds, beside the coordinates of the cases:
+
+    | name     | shape  |                                                                        |
+    |----------|--------|------------------------------------------------------------------------|
+    | value    | (m,)   | the answer: `Answer.value` of the rung; NaN unless status is OK        |
+    | partial  | (m,)   | the best answer that there is, whatever the estimate of its error      |
+    | estimate | ()     | of its relative error; infinite where no rung has an answer            |
+    | rung     | ()     | in words                                                               |
+    | outgrown | ()     | how often the estimate was too large and a richer rung was asked       |
+    | status   | ()     | `Status`; `TOLERANCE_NOT_MET` where the best answer is not good enough |
+
+    `chunk`, `devices` (of this process alone) and `progress` are those of `sweep`. Each model is
+    compiled once, side by side on the cores there are; where `cases` are few that takes longer than
+    all else, so the cheapest rungs of both kinds are left out, and others until they are needed.
+    Raises `ValueError` or `TypeError` for malformed arguments.
+    """
+    if not callable(situation):
+        raise TypeError(f"situation must take parameters by name, got {type(situation).__name__}")
+    cases, tolerance = checked_cases(cases), checked_tolerance(tolerance)
+    count_functions("representatives", representatives, least=2)
+    count_functions("chunk", chunk, least=1)
+    if Team.of(devices).shared:  # the sweeps below do not come in one order
+        raise ValueError("devices must be of this process alone: use jax.local_devices()")
+    question = _example(situation, cases)
+    with Ahead() as ahead:
+        how = {"chunk": chunk, "devices": devices, "progress": progress}
+        pool = Pool(situation, cases, INTEGRATION * tolerance, ahead, **how)
+        return _answered(pool, cases, question, tolerance, representatives)
+
+
+def _answered(
+    pool: Pool, cases: Cases, question: Question, tolerance: float, representatives: int
+) -> Table:
+    n = len(cases)
+    known = pool.run(Know(pool.situation), np.arange(n))
+    given = known["status"]
+    results = _blank(n, 1)
+    results["status"][:] = given
+    for planar in (True, False):
+        which = np.flatnonzero((given == Status.OK) & (known["planar"] == planar))
+        if which.size:
+            part = _swept(
+                pool, question, which, known["strain"], planar, tolerance, representatives
+            )
+            for name in ("value", "partial"):
+                if results[name].shape[1:] != part[name].shape[1:]:
+                    results[name] = np.full((n, *part[name].shape[1:]), np.nan)
+            for name, values in part.items():
+                results[name][which] = values
+    return tabled(cases, results, known.errors, {})
+
+
+def _blank(n: int, m: int) -> dict[str, np.ndarray]:
+    return {
+        "value": np.full((n, m), np.nan),
+        "partial": np.full((n, m), np.nan),
+        "estimate": np.full(n, np.inf),
+        "rung": np.full(n, "", "U64"),
+        "outgrown": np.zeros(n, int),
+        "status": np.zeros(n, int),
+    }
+
+
+def _example(situation: Situation, cases: Cases) -> Question:
+    """What kind of question it is."""
+    number = jax.ShapeDtypeStruct((), jnp.result_type(float))
+    out = eqx.filter_eval_shape(situation, **dict.fromkeys(cases.columns, number))
+    match out:
+        case (Question() as question, Rotor()):
+            return question
+    raise TypeError("situation must return a Question and a Rotor")
+
+
+def _swept(
+    pool: Pool, question: Question, cases: np.ndarray, strain: np.ndarray, planar: bool,
+    tolerance: float, representatives: int,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Results of these cases, which all stay in the plane or all do not."""
+    linear, nonlinear = chains(question, planar)
+    elements, top = judges(nonlinear), linear.index(scout_of(linear))
+    linear = linear[max(top - 1, 0) :]  # cheaper ones would have to be compiled for few cases
+    top = min(top, 1)
+    pool.begin(linear[top], *elements[:2])
+    scout = pool.ask(linear[top], cases)
+    given, ok = scout["status"], scout["status"] == Status.OK
+    pool.size[cases] = np.where(ok, np.clip(scout["size"], 1e-9, 1.0), LARGE)
+    pool.steps[cases] = scout["steps"]
+    exact = np.flatnonzero(ok & (scout["size"] >= UNKNOWN))  # integrated tightly enough as it is
+    pool.keep(linear[top], cases[exact], scout.take("row", exact))
+    reach = np.where(ok, scout["size"] ** 2 + strain[cases], np.inf)
+    fine = ok | ((given > Status.OUT_OF_PLANE) & (given != Status.RAISED))
+
+    out = _blank(len(cases), scout["value"].shape[1])
+    out["status"][:] = given
+    if not fine.any():
+        return out
+    if 0.03 * reach.min() > tolerance:  # a tenth of what linear theory leaves out as a rule
+        linear = []
+    pool.begin(*linear[:top])
+    told = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
+    known = cases[told], reach[told], tolerance, left_of(question)
+    rich, truth = _calibrated(pool, elements, *known, 0.0 if planar else SPACE)
+    poor = [_linear(pool, linear, truth, rich.theory, *known)] if linear else []
+    estimate, status = out["estimate"], out["status"]
+    for chain in (*poor, rich):
+        left_out = chain.left_out(reach)
+        todo = fine & ~(estimate <= tolerance)
+        if chain is not rich:  # no finer rung mends what its theory leaves out
+            todo &= _SAFETY * left_out <= 0.8 * tolerance
+        which = np.flatnonzero(todo)
+        for k in range(chain.start, len(chain.models)):
+            if not which.size:
+                break
+            coarse, here = (pool(model, cases[which]) for model in chain.models[k - 1 : k + 1])
+            own = np.maximum(chain.ratio[k] * here.distance(coarse), chain.floor[k])
+            error = _SAFETY * (own + left_out[which] + chain.noise)
+            if has_other_law(chain.models[k]):  # models without stretch know no strain
+                error = error + np.maximum(here.law, strain[cases[which]])
+            nothing = out["rung"][which] == ""  # then any answer is better
+            better = (error < estimate[which]) | (nothing & (here.status == Status.OK))
+            best = which[better]
+            estimate[best], out["partial"][best] = error[better], here.value[better]
+            out["rung"][best] = describe(chain.models[k])
+            status[which] = here.status
+            which = which[~(error <= tolerance)]
+            if k + 1 < len(chain.models) or chain is not rich:
+                out["outgrown"][which] += 1
+    best_kept = np.isfinite(estimate) | (status == Status.OK)
+    status[fine & best_kept] = Status.TOLERANCE_NOT_MET
+    status[fine & (estimate <= tolerance)] = Status.OK
+    ok = status == Status.OK
+    out["value"][ok] = out["partial"][ok]
+    return out
+
+
+def _representatives(
+    pool: Pool, cases: np.ndarray, reach: np.ndarray, fine: np.ndarray, count: int
+) -> np.ndarray:
+    """Places in `cases` far from each other in the ranks of parameters and of reach, the farthest
+    reach first: each is the one that is farthest from all before it."""
+    columns = [c[cases][fine] for c in pool.columns.values()] + 2 * [reach[fine]]  # counts twice
+    ranks = [np.unique(c, return_inverse=True)[1].astype(float) for c in columns]
+    place = np.stack([r / max(r.max(), 1.0) for r in ranks], 1)
+    chosen = [int(np.argmax(np.where(np.isfinite(reach[fine]), reach[fine], -1.0)))]
+    nearest = np.full(len(fine), np.inf)
+    while len(chosen) < min(count, len(fine)):
+        nearest = np.minimum(nearest, np.linalg.norm(place - place[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(nearest)))
+    return fine[np.array(chosen)]
+
+
+def _calibrated(
+    pool: Pool, elements: list[AbstractModel], told: np.ndarray, reach: np.ndarray,
+    tolerance: float, share: float, beyond: float,
+) -> tuple[_Chain, Answer]:  # fmt: skip
+    """The non-linear chain, and its best answers; `beyond`: see `_Chain.theory`."""
+    judge, truth = _judged(pool, told, elements, tolerance)
+    chain = _chain(pool, told, elements, truth, judge, share, tolerance)
+    middle = elements[int(np.median(judge))]
+    noise = _noise(pool, told, middle, np.asarray(truth.status == Status.OK))
+    return chain._replace(theory=beyond, noise=noise), truth
+
+
+def _linear(
+    pool: Pool, linear: Sequence[AbstractModel], truth: Answer, beyond: float,
+    told: np.ndarray, reach: np.ndarray, tolerance: float, share: float,
+) -> _Chain:  # fmt: skip
+    """The linear chain, up to a rung whose number of functions will do. Where the reach is small it
+    errs by that number alone."""
+    small = (reach <= _SMALL * tolerance) & (truth.status == Status.OK)
+    for top in range(min(2, len(linear)), len(linear) + 1):
+        models = list(linear[:top])
+        chain = _chain(pool, told, models, truth, np.where(small, top, 0), share, tolerance)
+        best = pool(models[-1], told)
+        off, own = best.distance(truth), np.zeros(len(told))
+        if top > 1:
+            own = chain.ratio[-1] * best.distance(pool(models[-2], told))
+        if not small.any() or np.median(own[small]) <= _START * tolerance:
+            break
+    use = np.isfinite(off) & np.isfinite(own) & (reach > 0)
+    more = np.maximum(off - own - _NOISE * tolerance, 0)[use] / reach[use]
+    limit = float(np.max(reach[np.isfinite(off)], initial=-1.0))
+    return chain._replace(theory=float(np.max(more, initial=0.0)) + beyond, limit=limit)
+
+
+def _judged(
+    pool: Pool, told: np.ndarray, elements: list[AbstractModel], tolerance: float
+) -> tuple[np.ndarray, Answer]:
+    """The rung that judges each representative, and its answer, not OK where none stands still."""
+    judge = np.full(len(told), len(elements) - 1)
+    left = np.arange(len(told))
+    for k in range(1, len(elements)):
+        coarse, fine = (pool(model, told[left]) for model in elements[k - 1 : k + 1])
+        judge[left] = k
+        left = left[~(coarse.distance(fine) <= JUDGE * tolerance)]
+        if not left.size:
+            break
+    finest = [pool(elements[k], told[i : i + 1]) for i, k in enumerate(judge)]
+    truth = jax.tree.map(lambda *leaves: np.concatenate(leaves), *finest)
+    unsure = np.isin(np.arange(len(told)), left)
+    status = np.where(unsure, Status.TOLERANCE_NOT_MET, truth.status)
+    return judge, dataclasses.replace(truth, status=status)
+
+
+def _chain(
+    pool: Pool, told: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
+    share: float, tolerance: float,
+) -> _Chain:  # fmt: skip
+    """From errors of all rungs below judge[i] for representative i, against the best answers."""
+    ratio, floor = np.full(len(models), _RATIO), np.zeros(len(models))
+    start = last = len(models) - 1
+    for k in range(1, min(int(judge.max()), last) + 1):
+        some = np.flatnonzero((judge > k) & (best.status == Status.OK))
+        if not some.size:
+            continue
+        below, here = (pool(models[i], told[some]) for i in (k - 1, k))
+        apart, error = here.distance(below), here.distance(some_of(best, some))
+        seen = np.isfinite(apart) & np.isfinite(error)
+        if seen.any():
+            # Two rungs may agree by chance: then the error that is usual here is believed.
+            floor[k] = np.median(error[seen]) / 2
+        seen &= apart > _NOISE * tolerance
+        if seen.any():
+            ratio[k] = max(share / 2, np.max((error[seen] - floor[k]) / apart[seen]))
+        if np.median(error) <= _START * tolerance:
+            start = min(start, k)
+    start = min(start, max(int(np.median(judge)), 1), last)
+    noise = _noise(pool, told, models[start], np.asarray(best.status == Status.OK))
+    return _Chain(models, start, ratio, floor, 0.0, np.inf, noise)
+
+
+def _noise(pool: Pool, told: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
+    """What ten times tighter integration changes."""
+    if not fine.any():
+        return 0.0
+    tight = pool.ask(model, told[fine], 0.1)
+    off = pool(model, told[fine]).distance(answers_in(tight))
+    return float(np.max(off[np.isfinite(off)], initial=0.0))

@@ -1,0 +1,193 @@
+"""Symmetric band matrices with lanes behind, and the eigenvalues of gyroscopic systems of them.
+
+A matrix (n, b + 1) holds, column by column, its diagonal and what is below it; the rest is zero.
+All is written for `kernel`.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxbeam._numerics.kernel import total
+
+Band = Float[Array, "n w *lanes"]
+_Vector = Float[Array, "n *lanes"]
+
+
+def band(matrix: Float[np.ndarray, "n n"], width: int) -> Float[np.ndarray, "n w"]:
+    """A constant matrix in this form, `width` being b + 1."""
+    n = len(matrix)
+    wide = np.pad(matrix, ((0, width), (0, 0)))
+    return np.stack([wide[j : j + width, j] for j in range(n)])
+
+
+def full(matrix: Float[Array, "n n *lanes"]) -> Float[Array, "n n *lanes"]:
+    """A symmetric matrix that is all band, in this form."""
+    none = jnp.zeros_like(matrix)
+    return jnp.stack([jnp.concatenate([matrix[j:, j], none[:j, j]]) for j in range(len(matrix))])
+
+
+def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
+    """b + 1."""
+    return 1 + max(int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
+
+
+def product(a: Band, x: _Vector) -> _Vector:
+    """A x."""
+    y = a[:, 0] * x
+    for m in range(1, a.shape[1]):
+        below = a[:-m, m]
+        none = jnp.zeros_like(y[:m])
+        y = y + jnp.concatenate([below * x[m:], none]) + jnp.concatenate([none, below * x[:-m]])
+    return y
+
+
+def factors(a: Band) -> tuple[_Vector, Band]:
+    """A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without their diagonal."""
+    b = a.shape[1] - 1
+
+    none = jnp.zeros((b, *a.shape[2:]), a.dtype)
+
+    def longer(x: Array) -> Array:
+        return jnp.concatenate([x, none[:1]])
+
+    def eliminate(ahead: Any, column: Array) -> tuple[Any, tuple[Array, Array]]:
+        # `ahead` is what has been taken from each of the next b columns, as far as it reaches.
+        column = column - longer(ahead[0])
+        below = column[1:] * (1 / column[0])[None]
+        taken = [column[j + 1][None] * below[j:] for j in range(b)]
+        before = [longer(x) for x in ahead[1:]] + [none[:1]]
+        return [x + y for x, y in zip(before, taken, strict=True)], (column[0], below)
+
+    _, (d, below) = jax.lax.scan(eliminate, [none[j:] for j in range(b)], a)
+    return d, below
+
+
+def solved(d: _Vector, below: Band, x: _Vector) -> _Vector:
+    """A^-1 x from `factors`."""
+
+    def forward(ahead: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        y = row[0] - ahead[0]
+        ahead = jnp.concatenate([ahead[1:], jnp.zeros_like(ahead[:1])])
+        return ahead + row[1] * y[None], y
+
+    def back(after: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        y = row[0] - total(row[1] * after)
+        return jnp.concatenate([y[None], after[:-1]]), y
+
+    none = jnp.zeros_like(below[0])
+    _, y = jax.lax.scan(forward, none, (x, below))
+    return jax.lax.scan(back, none, (y / d, below), reverse=True)[1]
+
+
+def polished(a: Band, x: _Vector) -> _Vector:
+    """An inverse iteration in the null space of A, of unit length."""
+    x = solved(*factors(a), x)
+    return x / jnp.sqrt(total(x**2))
+
+
+def refined(
+    k: Band, m: Band, c: Band, omega: Float[Array, "*lanes"], x: _Vector, tolerance: float
+) -> tuple[Float[Array, "*lanes"], _Vector, Bool[Array, "*lanes"], Float[Array, "*lanes"]]:
+    """Frequency omega and vector x of D x = (K - omega^2 M + omega C) x = 0 near a guess.
+
+    Inverse iteration x <- D^-1 D' x with Rayleigh quotients: the error of x falls by a factor of
+    the order of the relative change of omega, that of omega is its square. It ends where the former
+    falls below `tolerance`. Also whether it did end, and how many frequencies lie below the one
+    found, by Sylvester's law: K must be positive definite.
+    """
+    none = jnp.zeros_like(omega)
+
+    def go_on(state: tuple[Array, ...]) -> Array:
+        return (state[0] < 6) & jnp.any(state[3] < 1)
+
+    def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        i, omega, x, done, below = state
+        d, columns = factors(k - omega**2 * m + omega * c)
+        slope = c - 2 * omega * m
+        right = product(slope, x)
+        new = solved(d, columns, right)
+        size = 1 / jnp.sqrt(total(new**2))
+        new = new * size
+        # The root of x^T D(omega + change) x, with D x = right * size; m > 0.
+        now = size * total(new * right)
+        first, second = total(new * product(slope, new)), total(new * product(m, new))
+        change = 2 * now / (jnp.sqrt(first**2 + 4 * second * now) - first)
+        better = omega + change
+        turn = jnp.sqrt(total((x - total(x * new) * new) ** 2))
+        # Below omega, where the one found may lie. The last count is the nearest one, but where
+        # omega is right to rounding its own sign is not.
+        here = total(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
+        counts = (done < 1) & ((i < 1) | (jnp.abs(change) > 1e-10 * better))
+        # What is done stays as it is, whatever its neighbours in a batch still need.
+        small = jnp.where(jnp.abs(change) * turn < tolerance * better, 1.0, 0.0)
+        return (
+            i + 1,
+            jnp.where(done < 1, better, omega),
+            jnp.where(done < 1, new, x),
+            jnp.where(done < 1, small, done),
+            jnp.where(counts, here, below),
+        )
+
+    x = x / jnp.sqrt(total(x**2))
+    state: tuple[Array, ...] = (jnp.zeros((), int), omega, x, none, none)
+    _, omega, x, done, below = jax.lax.while_loop(go_on, improve, state)
+    return omega, x, done > 0, below
+
+
+def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "count *lanes"]:
+    """Largest eigenvalues of small symmetric matrices of even size, good to about three digits
+    beyond their spread: three sweeps of Jacobi's method with disjoint rotations side by side."""
+    m = len(a)
+    half = m // 2
+    # Players of a tournament, the first of whom stays: everybody meets everybody.
+    order = np.concatenate([[0, half], np.arange(1, half - 1), np.arange(half + 1, m), [half - 1]])
+
+    def rotations(a: Array, _: Any) -> tuple[Array, None]:
+        pairs = [(a[i, i], a[half + i, half + i], a[i, half + i]) for i in range(half)]
+        first, second, between = (jnp.stack(part) for part in zip(*pairs, strict=True))
+        alone = jnp.abs(between) < 1e3 * jnp.finfo(a.dtype).tiny
+        slope = (second - first) / (2 * jnp.where(alone, 1.0, between))
+        t = jnp.where(slope < 0, -1.0, 1.0) / (jnp.abs(slope) + jnp.sqrt(slope**2 + 1))
+        t = jnp.where(alone, 0.0, t)
+        cosine = 1 / jnp.sqrt(1 + t**2)
+        c, s = cosine[:, None], (t * cosine)[:, None]
+        for _side in range(2):
+            a = jnp.concatenate([c * a[:half] - s * a[half:], s * a[:half] + c * a[half:]])
+            a = jnp.swapaxes(jnp.stack([a[i] for i in order]), 0, 1)
+        return a, None
+
+    a, _ = jax.lax.scan(rotations, a, None, length=3 * (m - 1))
+    rest = [a[i, i] for i in range(m)]
+    found: list[Array] = []
+    while len(found) < count:
+        for i in range(len(rest) - 1):  # the largest sinks to the end
+            low, high = jnp.minimum(rest[i], rest[i + 1]), jnp.maximum(rest[i], rest[i + 1])
+            rest[i], rest[i + 1] = low, high
+        found.append(rest.pop())
+    return jnp.stack(found)
+
+
+def congruent(
+    k: Float[Array, "m m *lanes"], a: Float[Array, "m m *lanes"]
+) -> Float[Array, "m m *lanes"]:
+    """F^-1 A F^-T with K = F F^T, for small matrices."""
+    m = len(k)
+    f: list[list[Array]] = []
+    for i in range(m):
+        f.append([])
+        for j in range(i + 1):
+            rest = k[i, j] - sum(f[i][n] * f[j][n] for n in range(j))
+            f[i].append(jnp.sqrt(rest) if i == j else rest / f[j][j])
+
+    def divided(b: Array) -> Array:
+        out: list[Array] = []
+        for i in range(m):
+            rest = b[i] - sum(f[i][n][None] * out[n] for n in range(i))
+            out.append(rest / f[i][i][None])
+        return jnp.stack(out)
+
+    return divided(jnp.swapaxes(divided(a), 0, 1))

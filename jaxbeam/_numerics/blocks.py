@@ -1,0 +1,181 @@
+"""Block-tridiagonal matrices: products, sums and elimination at a cost linear in their size."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._numerics.kernel import contract
+
+Blocks = Float[Array, "k b b *lanes"]
+_Vector = Float[Array, "n *lanes"]
+
+
+class BlockTridiagonal(eqx.Module):
+    """Square matrix with k blocks of b by b on its diagonal and k - 1 beside it on either side.
+
+    `rows` (k, b, 3 b) holds, row of blocks by row, the lower block, the diagonal and the upper one;
+    the first lower and the last upper block are ignored. So are the first `absent` rows and columns
+    of the first block, which are not part of the matrix: its size is n = k b - absent. Sums,
+    multiples by scalars and products with vectors (n,) are written as for arrays. Further axes, of
+    lanes, may follow in all of them (see `kernel`).
+    """
+
+    rows: Float[Array, "k b 3b *lanes"]
+    absent: int = eqx.field(static=True, default=0)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        k, b = self.rows.shape[:2]
+        return (k * b - self.absent,) * 2
+
+    def __add__(self, other: "BlockTridiagonal") -> "BlockTridiagonal":
+        return jax.tree.map(jnp.add, self, other)
+
+    def __mul__(self, factor: Any) -> "BlockTridiagonal":
+        return jax.tree.map(lambda a: factor * a, self)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> "BlockTridiagonal":
+        return self * (1 / divisor)
+
+    def __matmul__(self, x: _Vector) -> _Vector:
+        b = self.rows.shape[1]
+        beside = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:])
+        window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
+        return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
+
+    def dense(self) -> Float[Array, "n n"]:
+        """As an array; not for lanes."""
+        k, b, _ = self.rows.shape
+        # Written one behind the other, rows that are b longer than those of the matrix each begin
+        # b places farther on in it.
+        width = (k + 2) * b
+        rows = jnp.pad(self.rows.swapaxes(0, 1), ((0, 0), (0, 0), (0, width - 2 * b)))
+        out = rows.reshape(b, k * (width + b))[:, : k * width].reshape(b, k, width)
+        return out.swapaxes(0, 1).reshape(k * b, width)[self.absent :, b + self.absent : -b]
+
+    def inverse(self) -> "BlockInverse":
+        """What solves with this matrix, once eliminated; differentiable in both modes."""
+        return BlockInverse(self)
+
+    def blocked(self, x: _Vector) -> Float[Array, "k b *lanes"]:
+        """A vector block by block, zero where it is absent."""
+        return padded(x, self.absent, 0).reshape(*self.rows.shape[:2], *x.shape[1:])
+
+    def flat(self, x: Float[Array, "k b *lanes"]) -> _Vector:
+        """The vector of these blocks."""
+        return x.reshape(-1, *x.shape[2:])[self.absent :]
+
+
+class BlockInverse(eqx.Module):
+    """Inverse of a block-tridiagonal A, to be multiplied with vectors (`@`).
+
+    Block elimination A = (S^-1 + L) (1 + G), S block-diagonal, L the lower blocks, without
+    pivoting: for matrices whose leading parts are safely invertible, such as those of time steps
+    (mass plus a little of all else) and of stable structures.
+    """
+
+    matrix: BlockTridiagonal
+    pivots: Blocks  # S
+    fore: Blocks  # S L
+    back: Blocks  # G = S U
+
+    def __init__(self, matrix: BlockTridiagonal) -> None:
+        self.matrix = matrix
+        rows = jax.lax.stop_gradient(matrix.rows)
+        k, b = rows.shape[:2]
+        # Ones on the diagonal for what is absent, and nothing beside them.
+        there = np.ones((k, b, 3, b), bool)
+        there[0, :, 0] = there[-1, :, 2] = there[0, : matrix.absent] = False
+        there[0, :, 1, : matrix.absent] = there[1:2, :, 0, : matrix.absent] = False
+        ones = np.zeros((k, b, 3, b))
+        ones[0, :, 1][np.arange(matrix.absent), np.arange(matrix.absent)] = 1.0
+        shape = (k, b, 3 * b, *(1,) * (rows.ndim - 3))
+        rows = jnp.where(there.reshape(shape), rows, ones.reshape(shape))
+
+        low, diagonal, up = rows[:, :, :b], rows[:, :, b : 2 * b], rows[:, :, 2 * b :]
+
+        def eliminate(before: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
+            low, diagonal, up = row
+            pivot = _small_inverse(diagonal - _times(low, _times(before, up)))
+            return pivot, pivot
+
+        above = jnp.concatenate([jnp.zeros_like(up[:1]), up[:-1]])
+        self.pivots = jax.lax.scan(eliminate, jnp.zeros_like(up[0]), (low, diagonal, above))[1]
+        each = jax.vmap(_times)
+        self.fore, self.back = each(self.pivots, low), each(self.pivots, up)
+
+    def __matmul__(self, b: _Vector) -> _Vector:
+        parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
+        a = self.matrix
+        x: Array = jax.lax.custom_linear_solve(
+            lambda x: a @ x,
+            b,
+            solve=lambda _, b: a.flat(_solve(*parts, a.blocked(b))),
+            transpose_solve=lambda _, b: a.flat(_solve_transposed(*parts, a.blocked(b))),
+        )
+        return x
+
+
+def padded(x: Array, before: int, after: int) -> Array:
+    """With zeros along the first axis."""
+    return jnp.pad(x, ((before, after), *((0, 0),) * (x.ndim - 1)))
+
+
+def _sweep(
+    steps: Blocks, b: Float[Array, "k b *lanes"], *, reverse: bool
+) -> Float[Array, "k b *lanes"]:
+    """y_i = b_i - steps_i y_before."""
+
+    def one(y: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        y = row[0] - _apply(row[1], y)
+        return y, y
+
+    return jax.lax.scan(one, jnp.zeros_like(b[0]), (b, steps), reverse=reverse)[1]
+
+
+def _solve(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lanes"]) -> Array:
+    return _sweep(back, _sweep(fore, jax.vmap(_apply)(pivots, b), reverse=False), reverse=True)
+
+
+def _solve_transposed(
+    pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lanes"]
+) -> Array:
+    """(1 + G)^T z = b, then (1 + S L)^T w = z, x = S^T w: the roles of G and S L change."""
+    before = jnp.concatenate([jnp.zeros_like(back[:1]), back[:-1]]).swapaxes(1, 2)
+    after = jnp.concatenate([fore[1:], jnp.zeros_like(fore[:1])]).swapaxes(1, 2)
+    w = _sweep(after, _sweep(before, b, reverse=False), reverse=True)
+    return jax.vmap(_apply)(pivots.swapaxes(1, 2), w)
+
+
+def _small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
+    """Gauss and Jordan in place, without pivoting; so short a loop compiles to one function."""
+    lanes = (1,) * (a.ndim - 2)
+    places = np.arange(len(a))
+
+    def body(k: Array, a: Array) -> Array:
+        here = places == k
+        across, down = here.reshape(1, -1, *lanes), here.reshape(-1, 1, *lanes)
+        row = jax.lax.dynamic_index_in_dim(a, k, 0)
+        column = jax.lax.dynamic_index_in_dim(a, k, 1)
+        pivot = jax.lax.dynamic_index_in_dim(column, k, 0)
+        row = jnp.where(across, 1.0, row) / pivot
+        a = jnp.where(across, 0.0, a) - jnp.where(down, 0.0, column) * row
+        return jnp.where(down, row, a)
+
+    return jax.lax.fori_loop(0, len(a), body, a)
+
+
+def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Array:
+    """Products of small matrices as sums: they fuse, and lanes fill vector units."""
+    return contract(a[:, :, None], b[None], 1, a.ndim - 2)
+
+
+def _apply(a: Float[Array, "b b *lanes"], x: Float[Array, "b *lanes"]) -> Array:
+    return contract(a, x[None], 1, x.ndim - 1)

@@ -1,0 +1,336 @@
+"""Dense linear algebra that cannot hang.
+
+Two independent *batched* LAPACK calls in one XLA program can wait for each other for ever on a
+machine with two cores: each is split into tasks for the thread pool whose workers they block.
+Everything below therefore meets LAPACK one matrix at a time. `sequential_vmap` turns `vmap` into a
+loop over single calls, which leaves LAPACK to one core but costs little besides (it is where
+the time goes), and gives each lane its own branches and its own number of iterations.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, overload
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array, Bool, Float, Inexact, Int
+
+from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
+
+
+@sequential_vmap
+def _lapack_solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, " n"]:
+    return jnp.linalg.solve(a, b)
+
+
+def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, " n"]:
+    """x with a x = b, differentiable to any order in both modes."""
+    frozen = jax.lax.stop_gradient(a)
+    return jax.lax.custom_linear_solve(
+        lambda x: a @ x,
+        b,
+        solve=lambda _, y: _lapack_solve(frozen, y),
+        transpose_solve=lambda _, y: _lapack_solve(frozen.T, y),
+    )
+
+
+@sequential_vmap
+def _lapack_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    return jnp.linalg.inv(a)
+
+
+def _gauss_jordan(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Inverse in place, with row pivoting."""
+    n = a.shape[0]
+    places = jnp.arange(n)
+
+    def body(k: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        a, order = state
+        p = jnp.argmax(jnp.where(places >= k, jnp.abs(a[:, k]), -1.0))
+        row, pivot, chosen = a[p], a[p, k], order[p]
+        a, order = a.at[p].set(a[k]), order.at[p].set(order[k]).at[k].set(chosen)
+        here = places == k
+        column = jnp.where(here, 0.0, a[:, k])
+        row = jnp.where(here, 1.0, row) / pivot
+        a = jnp.where(here[None], 0.0, a) - column[:, None] * row[None]
+        return jnp.where(here[:, None], row[None], a), order
+
+    a, order = jax.lax.fori_loop(0, n, body, (a, places))
+    return a[:, jnp.argsort(order)]
+
+
+def dense(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"]:
+    """The matrix as an array."""
+    return a.dense() if isinstance(a, BlockTridiagonal) else a
+
+
+@overload
+def inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]: ...
+@overload
+def inverse(a: BlockTridiagonal) -> BlockInverse: ...
+def inverse(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"] | BlockInverse:
+    """Inverse of a matrix that is used many times: what multiplies (`@`) right-hand sides."""
+    return a.inverse() if isinstance(a, BlockTridiagonal) else _dense_inverse(a)
+
+
+@jax.custom_jvp
+def _dense_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Up to n = 100 without LAPACK, about as fast: its threads, which on a busy machine can wait
+    for each other a hundred times as long as they work, stay out of the loop over time steps.
+    """
+    return _gauss_jordan(a) if a.shape[0] <= 100 else _lapack_inverse(a)
+
+
+@_dense_inverse.defjvp
+def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    b = _dense_inverse(*primals)
+    return b, -b @ tangents[0] @ b
+
+
+def exponential(a: Float[Array, "n n"], squarings: int = 26) -> Float[Array, "n n"]:
+    """exp(a), by Taylor's series of a / 2^k and k squarings; differentiable in both modes.
+
+    Without LAPACK, and for norms up to 2^24 (`jax.scipy.linalg.expm` stops at 2^16 by default).
+    Relative error about eps times the norm, as a skew matrix of that norm has anyhow. A batch pays
+    for all `squarings`: fewer are quicker, and NaN where they do not suffice.
+    """
+    n = a.shape[0]
+    norm = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(a), 0)))
+    # With the norm at most 1/4, the terms left out after degree 12 are below 1e-17.
+    k = jnp.maximum(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-300))) + 2, 0)
+    a = jnp.where(k <= squarings, a * jnp.exp2(-k), jnp.nan)
+    eye = jnp.eye(n, dtype=a.dtype)
+    a2 = a @ a
+    a3 = a2 @ a
+    # exp(a) - 1, which squares without losing what is small beside 1: (1 + e)^2 - 1 = 2 e + e^2
+    weights = 1.0 / np.cumprod(np.arange(1.0, 13.0))
+    groups = [
+        weights[3 * i] * a + weights[3 * i + 1] * a2 + weights[3 * i + 2] * a3 for i in range(4)
+    ]
+    e = groups[3]
+    for group in groups[2::-1]:
+        e = group + a3 @ e
+
+    def square(e: Array, i: Array) -> tuple[Array, None]:
+        return jax.lax.cond(i < k, lambda e: 2 * e + e @ e, lambda e: e, e), None
+
+    e, _ = jax.lax.scan(square, e, jnp.arange(float(squarings), dtype=a.dtype))
+    return e + eye
+
+
+def find_root(
+    residual: Callable[..., Float[Array, " n"]],
+    start: Float[Array, " n"],
+    acceptable: Callable[[Float[Array, " n"]], Bool[Array, ""]] = lambda _: jnp.asarray(True),
+) -> tuple[Float[Array, " n"], Float[Array, ""]]:
+    """x with residual(x) = 0, and the share of the load that was reached (1: all of it).
+
+    Newton's method on residual(x, fraction), with the fraction raised from zero to one in adaptive
+    steps where one step will not do. Unknowns should be of order one. `acceptable` bars roots that
+    mean nothing. Differentiable to any order by the implicit function theorem.
+    """
+
+    def newton(x: Array, fraction: Array) -> tuple[Array, Array]:
+        def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            x, _, k = state
+            slope, value = jax.jacfwd(lambda x: (residual(x, fraction),) * 2, has_aux=True)(x)
+            dx = solve(slope, value)
+            return x - dx, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
+
+        def go_on(state: tuple[Array, Array, Array]) -> Array:
+            return (state[1] > 1e-13) & (state[2] < 20)  # NaN ends it too
+
+        x, change, _ = jax.lax.while_loop(go_on, body, (x, jnp.asarray(jnp.inf), jnp.asarray(0)))
+        # At round-off the step stalls slightly above the tolerance: accept that.
+        return x, (change < 1e-10) & acceptable(x)
+
+    def continuation(_: object, start: Array) -> tuple[Array, Array]:
+        def body(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+            x, done, step, k = state
+            target = jnp.minimum(done + step, 1.0)
+            new, ok = newton(x, target)
+            return (
+                jnp.where(ok, new, x),
+                jnp.where(ok, target, done),
+                jnp.where(ok, 2 * step, step / 4),
+                k + 1,
+            )
+
+        def go_on(state: tuple[Array, Array, Array, Array]) -> Array:
+            return (state[1] < 1) & (state[2] > 1e-9) & (state[3] < 100)
+
+        one = jnp.ones((), start.dtype)
+        x, done, _, _ = jax.lax.while_loop(go_on, body, (start, 0 * one, one, jnp.asarray(0)))
+        return x, done
+
+    return jax.lax.custom_root(
+        residual,
+        start,
+        continuation,
+        lambda g, y: solve(jax.jacfwd(g)(jnp.zeros_like(y)), y),
+        has_aux=True,
+    )
+
+
+def _cholesky(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    return jax.lax.linalg.cholesky(a, symmetrize_input=False)
+
+
+class BlockPairs(NamedTuple):
+    """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
+
+    eigenvalue: Inexact[Array, " n"]
+    right: Inexact[Array, "n n"]  # rows
+    positive: Int[Array, ""]  # whether the axial stiffness is positive definite
+
+
+def planar_eigenpairs(
+    mass: Float[Array, "n n"],
+    gyroscopic: Float[Array, "n n"],
+    stiffness: Float[Array, "n n"],
+    n_transverse: int,
+) -> BlockPairs:
+    """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda >= 0, lowest first.
+
+    The first `n_transverse` coordinates w are transverse, the others u axial; M and K do not
+    couple the two, G couples nothing else. Then w and u move in quadrature, and with g the block
+    of G that takes u' into the equations of w, two real n-by-n problems replace the complex
+    2n-by-2n one.
+
+    K positive definite (Hermitian, all modes stable). With K = L L^T and M = F F^T,
+
+        B = [[-L_w^-1 g L_u^-T, L_w^-1 F_w], [(L_u^-1 F_u)^T, 0]]
+
+    has the singular values 1 / omega. The lowest frequencies are the largest singular values, so
+    they come out to full relative accuracy however stiff the rest is.
+
+    K indefinite in w. The general problem in nu = 1 / omega^2, z = (w, -u / lambda),
+
+        A^-1 B z = nu z,  A = [[K_w, 0], [g^T, K_u]],  B = [[M_w, -g], [0, M_u]],
+
+    gives growing and decaying modes (without axial coordinates a symmetric problem does). Of a pair
+    +-lambda the one with Im > 0 is returned, of a real pair the growing one.
+
+    K not positive in u: there is no steady state to vibrate about; `positive` is 0, results NaN.
+
+    Eigenvectors are scaled to x^T S M x = 1 with S = diag(1 on w, -1 on u). For stable modes that
+    is unit modal mass: w is real, u imaginary.
+    """
+    return BlockPairs(*_eigensolver(n_transverse)(mass, gyroscopic, stiffness))
+
+
+def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
+    def lower(a: Array, b: Array, transpose: bool = False) -> Array:
+        return jax.lax.linalg.triangular_solve(
+            a, b, left_side=True, lower=True, transpose_a=transpose
+        )
+
+    @sequential_vmap
+    def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+        n = m.shape[0]
+        na = n - nt
+        g = gyro[:nt, nt:]
+        transverse = (np.arange(n) < nt)[:, None]
+        lu = _cholesky(k[nt:, nt:])
+        lw = _cholesky(k[:nt, :nt])
+        # Where there is no factor all of its entries are NaN, so that the first one tells.
+        axial_ok, stable = (jnp.all(jnp.isfinite(factor[:1, :1])) for factor in (lu, lw))
+        finite = jnp.all(jnp.isfinite(m + gyro + k))
+
+        def hermitian(_: None) -> tuple[Array, Array]:
+            fw = lower(lw, _cholesky(m[:nt, :nt]))
+            fu = lower(lu, _cholesky(m[nt:, nt:]))
+            coupling = lower(lu, lower(lw, g).T).T
+            b = jnp.block([[-coupling, fw], [fu.T, jnp.zeros((na, nt), m.dtype)]])
+            u, sigma, vt = jax.lax.linalg.svd(b, full_matrices=False)
+            w = lower(lw, u[:nt], transpose=True)
+            a = lower(lu, vt.T[:na], transpose=True)
+            x = jnp.concatenate([w, a])
+            x = x / jnp.sqrt(jnp.sum(x * (m @ x), axis=0))[None]
+            x = jax.lax.complex(jnp.where(transverse, x, 0.0), jnp.where(transverse, 0.0, -x))
+            return jax.lax.complex(0 * sigma, 1 / sigma), x
+
+        def symmetric(_: None) -> tuple[Array, Array]:  # general, where no axial part is there
+            v, mu = _symmetric_modes(m, k)
+            root = jnp.sqrt(jnp.abs(mu))
+            lam = jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root))
+            return lam, v.T + 0j
+
+        def general(_: None) -> tuple[Array, Array]:
+            zero = jnp.zeros((nt, na), m.dtype)
+            a = jnp.block([[k[:nt, :nt], zero], [g.T, k[nt:, nt:]]])
+            b = jnp.block([[m[:nt, :nt], -g], [zero.T, m[nt:, nt:]]])
+            nu, z = jax.lax.linalg.eig(jnp.linalg.solve(a, b), compute_left_eigenvectors=False)
+            omega = jnp.sqrt(1 / nu)  # principal root: Re >= 0
+            growing = (omega.real == 0) & (omega.imag > 0)
+            omega = jnp.where(growing, -omega, omega)
+            lam = jax.lax.complex(-omega.imag, jnp.abs(omega.real))  # i omega, no negative zero
+            x = jnp.where(transverse, z, -lam[None] * z)
+            order = jnp.argsort(-(lam**2).real)
+            lam, x = lam[order], x[:, order]
+            norm = jnp.sum(jnp.where(transverse, x, -x) * (m @ x), axis=0)
+            return lam, x / jnp.sqrt(norm)[None]
+
+        def nothing(_: None) -> tuple[Array, Array]:
+            nan = jnp.full((n, n), jnp.nan, m.dtype) + 0j
+            return nan[0], nan
+
+        case = jnp.where(finite & axial_ok, jnp.where(stable, 0, 1), 2)
+        lam, x = jax.lax.switch(case, [hermitian, general if na else symmetric, nothing], None)
+        return lam, x.T, axial_ok.astype(int)
+
+    return solver
+
+
+@sequential_vmap
+def symmetric_modes(
+    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"]
+) -> Float[Array, "n n"]:
+    """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite.
+
+    From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
+    """
+    return _symmetric_modes(mass, stiffness)[0]
+
+
+def _reduced(a: Array, b: Array) -> tuple[Array, Array]:
+    """F with b = F F^T, and F^-1 a F^-T."""
+    f = _cholesky(b)
+
+    def lower(x: Array) -> Array:
+        return jax.lax.linalg.triangular_solve(f, x, left_side=True, lower=True)
+
+    inner = lower(lower(a).T)
+    return f, (inner + inner.T) / 2
+
+
+@sequential_vmap
+def lowest_eigenpair(
+    a: Float[Array, "n n"], b: Float[Array, "n n"]
+) -> tuple[Float[Array, ""], Float[Array, " n"]]:
+    """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
+    f, inner = _reduced(a, b)
+    y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # in order
+    return mu[0], jax.lax.linalg.triangular_solve(
+        f, y[:, :1], left_side=True, lower=True, transpose_a=True
+    )[:, 0]
+
+
+@sequential_vmap
+def eigensystem(
+    a: Float[Array, "n n"],
+) -> tuple[Inexact[Array, " n"], Inexact[Array, "n n"], Inexact[Array, "n n"]]:
+    """Eigenvalues, right eigenvectors and left ones (y^H a = mu y^H), as columns."""
+    mu, left, right = jax.lax.linalg.eig(a)
+    return mu, right, left
+
+
+def _symmetric_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
+    f = _cholesky(mass)
+    flexible = jnp.linalg.solve(stiffness, f)
+    a = f.T @ flexible
+    y, nu = jax.lax.linalg.eigh((a + a.T) / 2, symmetrize_input=False)
+    order = jnp.argsort(1 / nu)
+    v = (flexible @ y)[:, order].T
+    return v / jnp.sqrt(jnp.sum(v * (v @ mass), axis=1))[:, None], 1 / nu[order]

@@ -1,0 +1,304 @@
+"""What rotates: a uniform slender beam, and the rotor that carries it."""
+
+import warnings
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import is_known_valid, is_valid, kind_of, known, positive, real_scalar, require
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Real, Scalar
+
+
+class _Parameters(eqx.Module):
+    """Scalars with a lower bound of zero, checked when built from concrete numbers."""
+
+    def __check_init__(self) -> None:
+        for name, (status, zero_allowed) in _RULES.items():
+            value = getattr(self, name, None)
+            if value is not None and not isinstance(value, jax.core.Tracer):
+                require(status, is_known_valid(value, zero_allowed), value)
+
+
+class Beam(_Parameters):
+    """Uniform, initially straight, slender beam: no shear, no rotary inertia.
+
+    | field                       | symbol | unit  | allowed |
+    |-----------------------------|--------|-------|---------|
+    | length                      | L      | m     | > 0     |
+    | mass_per_length             | rho    | kg/m  | > 0     |
+    | axial_stiffness             | EA     | N     | > 0     |
+    | in_plane_bending_stiffness  | EI_zz  | N m^2 | > 0     |
+    | flap_bending_stiffness      | EI_yy  | N m^2 | > 0     |
+
+    "In plane" is bending within the plane of rotation (lag), "flap" bending out of it. Every
+    field is a scalar leaf, so any of them can be swept, fitted or differentiated.
+    """
+
+    length: Scalar
+    mass_per_length: Scalar
+    axial_stiffness: Scalar
+    in_plane_bending_stiffness: Scalar
+    flap_bending_stiffness: Scalar
+
+    def __init__(
+        self,
+        length: Real,
+        mass_per_length: Real,
+        axial_stiffness: Real,
+        in_plane_bending_stiffness: Real,
+        flap_bending_stiffness: Real,
+    ) -> None:
+        self.length = real_scalar("length", length)
+        self.mass_per_length = real_scalar("mass_per_length", mass_per_length)
+        self.axial_stiffness = real_scalar("axial_stiffness", axial_stiffness)
+        self.in_plane_bending_stiffness = real_scalar(
+            "in_plane_bending_stiffness", in_plane_bending_stiffness
+        )
+        self.flap_bending_stiffness = real_scalar("flap_bending_stiffness", flap_bending_stiffness)
+
+    @classmethod
+    def from_section(
+        cls,
+        *,
+        length: Real,
+        youngs_modulus: Real,
+        density: Real,
+        area: Real,
+        in_plane_second_moment: Real,
+        flap_second_moment: Real | None = None,
+    ) -> Self:
+        """From material and cross-section: rho = density * area, EA, EI.
+
+        SI units: m, Pa, kg/m^3, m^2, m^4. `flap_second_moment` defaults to the in-plane one.
+        """
+        named = {
+            "youngs_modulus": youngs_modulus,
+            "density": density,
+            "area": area,
+            "in_plane_second_moment": in_plane_second_moment,
+        }
+        if flap_second_moment is not None:
+            named["flap_second_moment"] = flap_second_moment
+        section = {name: known(positive(name, value)) for name, value in named.items()}
+        modulus = section["youngs_modulus"]
+        in_plane = modulus * section["in_plane_second_moment"]
+        flap = in_plane
+        if flap_second_moment is not None:
+            flap = modulus * section["flap_second_moment"]
+        return cls(
+            length=length,
+            mass_per_length=section["density"] * section["area"],
+            axial_stiffness=modulus * section["area"],
+            in_plane_bending_stiffness=in_plane,
+            flap_bending_stiffness=flap,
+        )
+
+    @classmethod
+    def from_slenderness(cls, slenderness: Real, *, flap_to_in_plane: Real = 1.0) -> Self:
+        """Nondimensional beam: L = rho = EI_zz = 1, EA = slenderness^2.
+
+        slenderness = L sqrt(EA / EI_zz) = L sqrt(A / I_zz). Frequencies and speeds of such a beam
+        are in units of sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses
+        in units of the mass of the beam. `flap_to_in_plane` is EI_yy / EI_zz.
+        """
+        ratio = known(positive("slenderness", slenderness))
+        return cls(
+            length=1.0,
+            mass_per_length=1.0,
+            axial_stiffness=ratio**2,
+            in_plane_bending_stiffness=1.0,
+            flap_bending_stiffness=positive("flap_to_in_plane", flap_to_in_plane),
+        )
+
+    @property
+    def mass(self) -> Scalar:
+        """Mass of the beam, rho L, in kg."""
+        return self.mass_per_length * self.length
+
+    @property
+    def frequency_scale(self) -> Scalar:
+        """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L)."""
+        return jnp.sqrt(self.in_plane_bending_stiffness / (self.mass_per_length * self.length**4))
+
+    @property
+    def slenderness(self) -> Scalar:
+        """L sqrt(EA / EI_zz), without unit."""
+        return self.length * jnp.sqrt(self.axial_stiffness / self.in_plane_bending_stiffness)
+
+
+class Rotor(_Parameters):
+    """A beam clamped radially to a rigid hub, with a point mass at its tip.
+
+    | field      | symbol | unit | allowed |
+    |------------|--------|------|---------|
+    | beam       |        |      |         |
+    | hub_radius | R      | m    | >= 0    |
+    | tip_mass   | m_t    | kg   | >= 0    |
+
+    The hub radius is the distance from the axis of rotation to the root of the beam.
+    """
+
+    beam: Beam
+    hub_radius: Scalar
+    tip_mass: Scalar
+
+    def __init__(self, beam: Beam, hub_radius: Real = 0.0, tip_mass: Real = 0.0) -> None:
+        if not isinstance(beam, Beam):
+            raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
+        self.beam = beam
+        self.hub_radius = real_scalar("hub_radius", hub_radius)
+        self.tip_mass = real_scalar("tip_mass", tip_mass)
+
+    @property
+    def frequency_scale(self) -> Scalar:
+        """That of the beam."""
+        return self.beam.frequency_scale
+
+    @property
+    def compliance(self) -> Float[Array, "2"]:
+        """Deflection of the tip in plane and in flap by the moment of a uniform load about the
+        root, L^2 / (4 EI), in 1/N."""
+        beam = self.beam
+        stiffness = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
+        return beam.length**2 / (4 * jnp.stack(stiffness))
+
+    def tension(self, angular_speed: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Axial force that carries the undeformed beam round, as three coefficients in N.
+
+        P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
+             = c_0 + c_1 (1 - xi) + c_2 (1 - xi^2) / 2,  xi = x / L,
+
+        P of Y eqs. 19-20 for steady rotation, with the tip mass in the mass measure, and EA times
+        the strains of B eqs. 41-43.
+        """
+        beam, speed2 = self.beam, angular_speed**2
+        return (
+            speed2 * self.tip_mass * (self.hub_radius + beam.length),
+            speed2 * beam.mass * self.hub_radius,
+            speed2 * beam.mass * beam.length,
+        )
+
+    def steady_strain(self, angular_speed: Scalar) -> Scalar:
+        """P(0) / EA, without unit: the largest of `tension`, at the root, over EA."""
+        c0, c1, c2 = self.tension(angular_speed)
+        return (c0 + c1 + c2 / 2) / self.beam.axial_stiffness
+
+    def tears(self, angular_speed: Scalar) -> Any:
+        """Whether a rod of constant axial stiffness has no steady state at this speed.
+
+        Omega L (rho / EA)^(1/2) = beta with m_t beta tan(beta) = rho L or beyond.
+        """
+        beam = self.beam
+        beta = jnp.abs(angular_speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
+        holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
+        return ~holds
+
+    def status(self, angular_speed: Scalar) -> Code:
+        """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
+        values = {name: getattr(self.beam, name) for name in _BEAM_NAMES}
+        values |= {"hub_radius": self.hub_radius, "tip_mass": self.tip_mass}
+        return _first_broken(values, angular_speed)
+
+    def checked(self) -> Self:
+        """Rebuilt, so that rotors from `eqx.tree_at` or `vmap` meet the checks as well."""
+        beam = Beam(*(getattr(self.beam, name) for name in _BEAM_NAMES))
+        return type(self)(beam, self.hub_radius, self.tip_mass)
+
+
+class SpringRotor(_Parameters):
+    """The discrete analogue of a rotating beam (Y, section 6, Fig. 10, Table 2).
+
+    A particle slides in a massless tube that is hinged at the distance `hub_radius` from the axis;
+    one spring acts along the tube, one at the hinge.
+
+    | field                 | symbol | unit   | allowed |
+    |-----------------------|--------|--------|---------|
+    | mass                  | m      | kg     | > 0     |
+    | length                | L      | m      | > 0     |
+    | hub_radius            | d      | m      | >= 0    |
+    | translational_spring  | k_T    | N/m    | > 0     |
+    | torsional_spring      | k_r    | N m    | > 0     |
+    """
+
+    mass: Scalar
+    length: Scalar
+    hub_radius: Scalar
+    translational_spring: Scalar
+    torsional_spring: Scalar
+
+    def __init__(
+        self,
+        mass: Real,
+        length: Real,
+        hub_radius: Real,
+        translational_spring: Real,
+        torsional_spring: Real,
+    ) -> None:
+        self.mass = real_scalar("mass", mass)
+        self.length = real_scalar("length", length)
+        self.hub_radius = real_scalar("hub_radius", hub_radius)
+        self.translational_spring = real_scalar("translational_spring", translational_spring)
+        self.torsional_spring = real_scalar("torsional_spring", torsional_spring)
+
+    @property
+    def frequency_scale(self) -> Scalar:
+        """(k_r / (m L^2))^(1/2), in rad/s."""
+        return jnp.sqrt(self.torsional_spring / self.mass) / self.length
+
+    @property
+    def compliance(self) -> Float[Array, "2"]:
+        """Deflection of the tip by a moment about the hinge, in 1/N; in plane alone."""
+        return jnp.stack([self.length / self.torsional_spring, jnp.zeros_like(self.length)])
+
+    def status(self, angular_speed: Scalar) -> Code:
+        """As `Rotor.status`."""
+        return _first_broken({name: getattr(self, name) for name in _SPRING_NAMES}, angular_speed)
+
+    def checked(self) -> Self:
+        """As `Rotor.checked`."""
+        return type(self)(*(getattr(self, name) for name in _SPRING_NAMES))
+
+
+_RULES = {  # argument: (status when broken, whether zero is allowed)
+    "length": (Status.INVALID_LENGTH, False),
+    "mass_per_length": (Status.INVALID_MASS_PER_LENGTH, False),
+    "axial_stiffness": (Status.INVALID_AXIAL_STIFFNESS, False),
+    "in_plane_bending_stiffness": (Status.INVALID_IN_PLANE_BENDING_STIFFNESS, False),
+    "flap_bending_stiffness": (Status.INVALID_FLAP_BENDING_STIFFNESS, False),
+    "hub_radius": (Status.INVALID_HUB_RADIUS, True),
+    "tip_mass": (Status.INVALID_TIP_MASS, True),
+    "mass": (Status.INVALID_MASS, False),
+    "translational_spring": (Status.INVALID_TRANSLATIONAL_SPRING, False),
+    "torsional_spring": (Status.INVALID_TORSIONAL_SPRING, False),
+}
+_BEAM_NAMES = tuple(_RULES)[:5]
+_SPRING_NAMES = ("mass", "length", "hub_radius", "translational_spring", "torsional_spring")
+
+
+def _first_broken(values: dict[str, Scalar], angular_speed: Scalar) -> Code:
+    code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
+    for name, value in reversed(values.items()):
+        status, zero_allowed = _RULES[name]
+        code = jnp.where(is_valid(value, zero_allowed), code, status)
+    return code
+
+
+def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
+    """The rotor, checked for structure and, where values are known, for range.
+
+    Every public function comes through here. Also the place that warns when 64-bit floats are off.
+    """
+    if not jax.config.read("jax_enable_x64"):
+        warnings.warn(
+            "jax runs in 32-bit floats: results will carry about three digits. Call "
+            "jax.config.update('jax_enable_x64', True) before anything else.",
+            stacklevel=4,
+        )
+    if not isinstance(rotor, kind):
+        raise TypeError(f"rotor must be a {kind.__name__}, got {kind_of(rotor)}")
+    return rotor.checked()

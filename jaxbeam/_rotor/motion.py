@@ -1,0 +1,273 @@
+"""Prescribed motion of the hub.
+
+Every motion states where the hub is or how fast it moves; rates come from `jax.jvp`. Components are
+those of the hub frame: a1 along the undeformed beam, a2 in the plane of rotation, a3 normal to it.
+Numbers in a motion are leaves: they can be swept, fitted and differentiated like those of a beam.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import kind_of, real_array
+from jaxbeam._types import Scalar, Triple
+
+Rotation = Float[Array, "3 3"]
+Times = Float[Array, " k"]
+# _EPSILON[i] is the matrix of b -> e_i x b.
+_EPSILON = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
+
+
+class Hub(NamedTuple):
+    """Motion of the hub at one time, components in the hub frame.
+
+    `velocity` (m/s) is that of the point on the axis from which the hub radius is measured,
+    `angular_velocity` (rad/s) that of the frame; the other two are the rates of these *components*.
+    `gravity` (m/s^2) enters like an acceleration of the hub the other way.
+    """
+
+    velocity: Triple
+    angular_velocity: Triple
+    velocity_rate: Triple
+    angular_velocity_rate: Triple
+    gravity: Triple
+
+    @property
+    def acceleration(self) -> Triple:
+        """Of the reference point, less gravity: v' + omega x v - g."""
+        turning = cross(self.angular_velocity, self.velocity)
+        return self.velocity_rate + turning - self.gravity
+
+
+def spinning(angular_speed: Scalar) -> Hub:
+    """The hub turning steadily about a3."""
+    none = jnp.zeros_like(angular_speed)
+    zero = jnp.stack([none, none, none])
+    return Hub(zero, jnp.stack([none, none, angular_speed]), zero, zero, zero)
+
+
+class Motion(eqx.Module):
+    """How the hub moves: subclass it, or use `HubVelocity` and `HubPose`."""
+
+    @abc.abstractmethod
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        """Velocity and angular velocity of the hub in the hub frame at time t (s)."""
+
+    def attitude(self, t: Scalar) -> Rotation:
+        """Columns: hub axes in inertial components. Only gravity asks for it."""
+        raise ValueError(
+            f"gravity needs the attitude of the hub, which {type(self).__name__} does not state; "
+            "use HubPose, or one of the motions about a fixed axis"
+        )
+
+    def valid(self, t: Scalar) -> Array:
+        """Whether the motion makes sense at time t, beside being finite."""
+        return jnp.asarray(True)
+
+    def change_times(self) -> Times:
+        """Times (s) at which the motion begins or ends something smoothly; none by default.
+
+        Steps end there, so that nothing that happens between two of them is passed over, however
+        short it is. What lasts longer than a thousandth of a run is found without being declared.
+        """
+        return no_times()
+
+    def jump_times(self) -> Times:
+        """Times (s) at which velocity, angular velocity or their rates jump; none by default.
+
+        Steps end there, the beam gets the impulse of a jump of velocity, and derivatives by such a
+        time are right. A jump of a velocity that is not declared ends a run as `UNRESOLVED`.
+        """
+        return no_times()
+
+    def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
+        """Everything at time t; `gravity` is in inertial components."""
+        (velocity, spin), (rate, spin_rate) = self.twist_and_rates(t)
+        pull = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
+        return Hub(velocity, spin, rate, spin_rate, pull)
+
+    def twist_and_rates(self, t: Scalar) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
+        """`twist` and its rate."""
+        return jax.jvp(self.twist, (t,), (jnp.ones_like(t),))
+
+
+class Spin(Motion):
+    """Rotation about an axis that is fixed in space and in the hub; subclasses state the angle."""
+
+    axis: eqx.AbstractVar[Triple]
+
+    @abc.abstractmethod
+    def angle(self, t: Scalar) -> Scalar:
+        """Angle turned since t = 0, in rad."""
+
+    def angular_speed(self, t: Scalar) -> Scalar:
+        """Rate of the angle, in rad/s."""
+        return jax.jvp(self.angle, (t,), (jnp.ones_like(t),))[1]
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        return jnp.zeros_like(self.axis), self.angular_speed(t) * self.axis
+
+    def twist_and_rates(self, t: Scalar) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
+        # Through the one scalar that varies: a third of the operations to compile.
+        speed, rate = jax.jvp(self.angular_speed, (t,), (jnp.ones_like(t),))
+        zero = jnp.zeros_like(self.axis)
+        return (zero, speed * self.axis), (zero, rate * self.axis)
+
+    def valid(self, t: Scalar) -> Array:
+        return jnp.abs(self.axis @ self.axis - 1) < 1e-6
+
+    def attitude(self, t: Scalar) -> Rotation:
+        """By Rodrigues' formula; hub and inertial axes coincide at angle zero."""
+        angle, k = self.angle(t), skew(self.axis)
+        return jnp.eye(3, dtype=k.dtype) + jnp.sin(angle) * k + (1 - jnp.cos(angle)) * (k @ k)
+
+
+def cross(a: Triple, b: Triple) -> Triple:
+    """a x b; `jnp.cross` takes three times as many operations."""
+    (x, y, z), (u, v, w) = a, b
+    return jnp.stack([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
+def skew(a: Triple) -> Rotation:
+    """The matrix of b -> a x b."""
+    return jnp.tensordot(a, _EPSILON, 1)
+
+
+def no_times() -> Times:
+    return jnp.zeros(0, jnp.result_type(float))
+
+
+def time_list(name: str, given: Any) -> Times:
+    """`given` as a list of finite real numbers, or the error that says which argument is wrong."""
+    values = real_array(name, given) if np.size(given) else no_times()
+    if values.ndim != 1:
+        raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
+    if not isinstance(values, jax.core.Tracer) and not np.isfinite(np.asarray(values)).all():
+        raise ValueError(f"{name} must be finite")
+    return values
+
+
+class _Declared(Motion):
+    changes: Times
+    jumps: Times
+
+    def __init__(self, changes: Any, jumps: Any) -> None:
+        self.changes, self.jumps = time_list("changes", changes), time_list("jumps", jumps)
+
+    def change_times(self) -> Times:
+        """Those that were given."""
+        return self.changes
+
+    def jump_times(self) -> Times:
+        """Those that were given."""
+        return self.jumps
+
+
+class HubVelocity(_Declared):
+    """Any motion, by functions of time for velocity and angular velocity in the hub frame.
+
+    Each takes a scalar time (s) and returns shape (3,) (m/s, rad/s). Callables that are pytrees
+    (an `equinox.Module`, a `jax.tree_util.Partial`) carry their parameters as leaves. `changes` and
+    `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
+    """
+
+    velocity: Callable[[Scalar], Triple]
+    angular_velocity: Callable[[Scalar], Triple]
+
+    def __init__(
+        self,
+        velocity: Callable[[Scalar], Triple],
+        angular_velocity: Callable[[Scalar], Triple],
+        *,
+        changes: Any = (),
+        jumps: Any = (),
+    ) -> None:
+        super().__init__(changes, jumps)
+        self.velocity = function_of_time(velocity)
+        self.angular_velocity = function_of_time(angular_velocity)
+
+    def __check_init__(self) -> None:
+        check_function_of_time("velocity", self.velocity, (3,))
+        check_function_of_time("angular_velocity", self.angular_velocity, (3,))
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        return jnp.asarray(self.velocity(t)), jnp.asarray(self.angular_velocity(t))
+
+
+class HubPose(_Declared):
+    """Any motion, by functions of time for position and rotation.
+
+    `position(t)`, shape (3,), in m and inertial components; `rotation(t)`, shape (3, 3), proper
+    orthogonal, its columns the hub axes in inertial components. v = Q^T p', omega = vee(Q^T Q').
+    `changes` and `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
+    """
+
+    position: Callable[[Scalar], Triple]
+    rotation: Callable[[Scalar], Rotation]
+
+    def __init__(
+        self,
+        position: Callable[[Scalar], Triple],
+        rotation: Callable[[Scalar], Rotation],
+        *,
+        changes: Any = (),
+        jumps: Any = (),
+    ) -> None:
+        super().__init__(changes, jumps)
+        self.position, self.rotation = function_of_time(position), function_of_time(rotation)
+
+    def __check_init__(self) -> None:
+        check_function_of_time("position", self.position, (3,))
+        check_function_of_time("rotation", self.rotation, (3, 3))
+        start = self.rotation(jnp.zeros((), jnp.result_type(float)))
+        if not isinstance(start, jax.core.Tracer):
+            q = np.asarray(start)
+            if not (np.abs(q.T @ q - np.eye(3)).max() < 1e-6 and np.linalg.det(q) > 0):
+                raise ValueError("rotation must be a proper orthogonal matrix; at t = 0 it is not")
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        one = (jnp.ones_like(t),)
+        _, velocity = jax.jvp(lambda t: jnp.asarray(self.position(t)), (t,), one)
+        q, rate = jax.jvp(lambda t: jnp.asarray(self.rotation(t)), (t,), one)
+        return q.T @ velocity, jnp.tensordot(_EPSILON, q.T @ rate, 2) / 2
+
+    def attitude(self, t: Scalar) -> Rotation:
+        return jnp.asarray(self.rotation(t))
+
+    def valid(self, t: Scalar) -> Array:
+        q = self.attitude(t)
+        return jnp.max(jnp.abs(q.T @ q - jnp.eye(3, dtype=q.dtype))) < 1e-6
+
+
+def function_of_time(function: Any) -> Any:
+    """The same as a pytree, if it is a plain function: results that hold it may then come out of
+    `jax.jit` and `jax.vmap`."""
+    plain = callable(function) and jax.tree_util.all_leaves([function])
+    return jax.tree_util.Partial(function) if plain else function
+
+
+def check_function_of_time(name: str, function: Any, shape: tuple[int, ...]) -> None:
+    """Raise unless `function` takes a time and returns real numbers of this shape."""
+    if not callable(function):
+        raise TypeError(f"{name} must be a function of time, got {kind_of(function)}")
+
+    def array(t: Scalar) -> Array:
+        given = function(t)
+        try:
+            return jnp.asarray(given)
+        except (TypeError, ValueError) as error:
+            raise TypeError(
+                f"{name} must return real numbers of shape {shape}, got {given!r}"
+            ) from error
+
+    out = eqx.filter_eval_shape(array, jax.ShapeDtypeStruct((), jnp.result_type(float)))
+    if out.shape != shape or not jnp.issubdtype(out.dtype, jnp.floating):
+        raise ValueError(
+            f"{name} must return real numbers of shape {shape}, got {out.dtype} {out.shape}"
+        )

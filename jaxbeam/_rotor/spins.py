@@ -1,0 +1,237 @@
+"""Rotations about a fixed axis: those of the papers, constant, modulated and tabulated speed."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import kind_of, positive, real_array, real_scalar
+from jaxbeam._rotor.motion import Spin, Times, no_times, time_list
+from jaxbeam._types import Real, Scalar, Triple
+
+
+def inclined(angle: Real) -> Triple:
+    """Axis of rotation at `angle` (rad) from the beam, in the plane of a1 and a2.
+
+    cos(angle) a1 + sin(angle) a2, the beam on a tapered hub (Y, Figs. 7-9): then a3, and with it
+    "flap", is the direction of rotation, and "in plane" the outward one. Default axes are a3.
+    """
+    angle = real_scalar("angle", angle)
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
+
+
+def _axis(axis: Any) -> Triple:
+    if axis is None:
+        return jnp.asarray([0.0, 0.0, 1.0], jnp.result_type(float))
+    vector = real_array("axis", axis)
+    if vector.shape != (3,):
+        raise ValueError(f"axis must have shape (3,), got {vector.shape}")
+    if not isinstance(vector, jax.core.Tracer):
+        length = float(np.linalg.norm(np.asarray(vector)))
+        if not abs(length - 1) < 1e-6:
+            raise ValueError(f"axis must be a unit vector, got length {length}")
+    return vector
+
+
+class ConstantSpeed(Spin):
+    """Steady rotation at `angular_speed` (rad/s)."""
+
+    speed: Scalar
+    axis: Triple
+
+    def __init__(self, angular_speed: Real, axis: Any = None) -> None:
+        self.speed, self.axis = real_scalar("angular_speed", angular_speed), _axis(axis)
+
+    def angle(self, t: Scalar) -> Scalar:
+        return self.speed * t
+
+
+class _SpinUp(Spin):
+    # Subclasses repeat __init__: type checkers would otherwise make one from the fields.
+    speed: Scalar
+    duration: Scalar
+    axis: Triple
+
+    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
+        self.speed, self.axis = real_scalar("angular_speed", angular_speed), _axis(axis)
+        self.duration = positive("duration", duration)
+
+    @abc.abstractmethod
+    def profile(self, tau: Scalar) -> Scalar:
+        """Integral from 0 to tau in [0, 1] of `rise`; 1/2 at 1."""
+
+    @abc.abstractmethod
+    def rise(self, tau: Scalar) -> Scalar:
+        """The speed over its final value. It is the derivative of `profile`, stated since one
+        derivative less is a third of the operations to compile."""
+
+    def change_times(self) -> Times:
+        """When the speed begins and ends to rise."""
+        return jnp.stack([jnp.zeros_like(self.duration), self.duration])
+
+    def angle(self, t: Scalar) -> Scalar:
+        # By comparison of times alone: where t / duration rounds to one, and t is a little more, a
+        # clipped ratio has half of its derivative, and the speed would be off by half.
+        done, tau = self._share(t)
+        after = jnp.where(done, t - self.duration, 0.0)
+        return self.speed * (self.duration * self.profile(tau) + after)
+
+    def angular_speed(self, t: Scalar) -> Scalar:
+        return self.speed * self.rise(self._share(t)[1])
+
+    def _share(self, t: Scalar) -> tuple[Array, Scalar]:
+        """Whether the spin-up is over, and how much of its time has passed."""
+        done = t > self.duration
+        return done, jnp.where(done, 1.0, jnp.where(t < 0, 0.0, t / self.duration))
+
+
+class SmoothSpinUp(_SpinUp):
+    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
+
+    Omega(t) = Omega_s [t / T - sin(2 pi t / T) / (2 pi)] (Y eq. 23); its integral is B eq. 13.
+    """
+
+    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
+        super().__init__(angular_speed, duration, axis)
+
+    def profile(self, tau: Scalar) -> Scalar:
+        turn = 2 * jnp.pi
+        return tau**2 / 2 + (jnp.cos(turn * tau) - 1) / turn**2
+
+    def rise(self, tau: Scalar) -> Scalar:
+        turn = 2 * jnp.pi
+        return tau - jnp.sin(turn * tau) / turn
+
+
+class QuinticSpinUp(_SpinUp):
+    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
+
+    Omega(t) = Omega_s (6 tau^5 - 15 tau^4 + 10 tau^3), tau = t / T (Y eq. 21).
+    """
+
+    def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
+        super().__init__(angular_speed, duration, axis)
+
+    def profile(self, tau: Scalar) -> Scalar:
+        return tau**6 - 3 * tau**5 + 2.5 * tau**4
+
+    def rise(self, tau: Scalar) -> Scalar:
+        return tau**3 * (10 + tau * (6 * tau - 15))
+
+
+class ModulatedSpeed(Spin):
+    """Omega(t) = mean [1 + depth sin(frequency t)]: `mean` in rad/s, `frequency` in rad/s."""
+
+    mean: Scalar
+    depth: Scalar
+    frequency: Scalar
+    axis: Triple
+
+    def __init__(self, mean: Real, depth: Real, frequency: Real, axis: Any = None) -> None:
+        self.mean, self.depth = real_scalar("mean", mean), real_scalar("depth", depth)
+        self.frequency, self.axis = positive("frequency", frequency), _axis(axis)
+
+    def angle(self, t: Scalar) -> Scalar:
+        swing = (1 - jnp.cos(self.frequency * t)) / self.frequency
+        return self.mean * (t + self.depth * swing)
+
+
+class SpinUpThenDown(Spin):
+    """A spin-up, undone from time `down_at` (s) on: Omega(t) = up(t) - up(t - down_at)."""
+
+    up: Spin
+    down_at: Scalar
+    axis: Triple
+
+    def __init__(self, up: Spin, down_at: Real) -> None:
+        if not isinstance(up, Spin):
+            raise TypeError(f"up must be a motion about a fixed axis, got {kind_of(up)}")
+        self.up, self.down_at, self.axis = up, positive("down_at", down_at), up.axis
+
+    def change_times(self) -> Times:
+        """Those of the spin-up, and the same later."""
+        up = self.up.change_times()
+        return jnp.concatenate([up, self.down_at + up])
+
+    def jump_times(self) -> Times:
+        """Those of the spin-up, and the same later."""
+        up = self.up.jump_times()
+        return jnp.concatenate([up, self.down_at + up])
+
+    def angle(self, t: Scalar) -> Scalar:
+        # Angles before t = 0 are not all zero: the descent must not begin before its time.
+        return self.up.angle(t) - self.up.angle(jnp.maximum(t - self.down_at, 0.0))
+
+
+class TabulatedSpeed(Spin):
+    """A measured or planned speed: `speeds` (rad/s) at increasing `times` (s), each of shape (k,).
+
+    Between them the speed is linear, with corners that steps meet exactly. With `smooth=True` it is
+    Hermite's cubic whose slope at each time is that of the parabola through it and its neighbours,
+    and zero at both ends. Before the first time and after the last one the speed is constant.
+    """
+
+    times: Times
+    pieces: Float[Array, "4 k-1"]  # of the speed, as a cubic in the time since a piece began
+    angles: Times  # turned since the first time, where a piece begins
+    axis: Triple
+    smooth: bool = eqx.field(static=True)
+
+    def __init__(self, times: Any, speeds: Any, *, smooth: bool = False, axis: Any = None) -> None:
+        self.times, s = time_list("times", times), time_list("speeds", speeds)
+        if self.times.size < 2 or self.times.shape != s.shape:
+            raise ValueError(
+                "times and speeds must be two or more numbers each, equally many: got shapes "
+                f"{self.times.shape} and {s.shape}"
+            )
+        if not isinstance(self.times, jax.core.Tracer) and not (np.diff(self.times) > 0).all():
+            raise ValueError("times of a tabulated speed must increase")
+        self.axis, self.smooth = _axis(axis), smooth
+        h = jnp.diff(self.times)
+        rise = jnp.diff(s) / h
+        none = jnp.zeros_like(rise)
+        if smooth:
+            inner = (h[1:] * rise[:-1] + h[:-1] * rise[1:]) / (h[1:] + h[:-1])
+            slope = jnp.concatenate([none[:1], inner, none[:1]])
+            bend = (3 * rise - 2 * slope[:-1] - slope[1:]) / h
+            twist = (slope[:-1] + slope[1:] - 2 * rise) / h**2
+            self.pieces = jnp.stack([s[:-1], slope[:-1], bend, twist])
+        else:
+            self.pieces = jnp.stack([s[:-1], rise, none, none])
+        a, b, c, d = self.pieces
+        turned = h * (a + h * (b / 2 + h * (c / 3 + h * d / 4)))
+        self.angles = jnp.concatenate([none[:1], jnp.cumsum(turned)])
+
+    def change_times(self) -> Times:
+        """The ends, where the speed is smooth there."""
+        return self.times[jnp.array([0, -1])] if self.smooth else no_times()
+
+    def jump_times(self) -> Times:
+        """The corners of the speed, if it has any."""
+        return no_times() if self.smooth else self.times
+
+    def valid(self, t: Scalar) -> Array:
+        return super().valid(t) & jnp.all(jnp.diff(self.times) > 0)
+
+    def _piece(self, t: Scalar) -> tuple[Scalar, Scalar, Array, Scalar]:
+        """Time since the piece at t began, time beyond the table, and the piece."""
+        first, last = self.times[0], self.times[-1]
+        inside = jnp.where(t < first, first, jnp.where(t > last, last, t))
+        i = jnp.searchsorted(self.times, t, side="right") - 1
+        i = jnp.clip(i, 0, self.times.size - 2)
+        return inside - self.times[i], t - inside, self.pieces[:, i], self.angles[i]
+
+    def angular_speed(self, t: Scalar) -> Scalar:
+        """By the table, in rad/s."""
+        s, _, (a, b, c, d), _ = self._piece(t)
+        return a + s * (b + s * (c + s * d))
+
+    def angle(self, t: Scalar) -> Scalar:
+        """Its integral from the first time of the table on, in rad."""
+        s, beyond, (a, b, c, d), before = self._piece(t)
+        turned = before + s * (a + s * (b / 2 + s * (c / 3 + s * d / 4)))
+        return turned + self.angular_speed(t) * beyond

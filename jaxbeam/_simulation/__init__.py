@@ -1,0 +1,1 @@
+"""Motions in time: a model on a moving hub, integrated."""

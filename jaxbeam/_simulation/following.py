@@ -1,0 +1,187 @@
+"""Steps that follow the motion, and impulses where it jumps, for any controller and solver."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxbeam._results import without_derivatives
+from jaxbeam._simulation.course import Course
+from jaxbeam._simulation.scene import Scene
+from jaxbeam._solvers.steps import WEIGHTS, inputs_along, length
+from jaxbeam._solvers.system import State
+from jaxbeam._types import Scalar
+
+_MISMATCH = 1e-6  # of the hub's speed in a step, relative to the largest, that is not accepted
+_JUMP = 1e-5  # the same in the shortest step, by which a run ends
+_MISSED = 1e-3  # the same summed over a run
+_SHORTEST = 1e-9  # step, relative to the run: what changes within it is a jump
+# What a run ends with that missed something of its motion; diffrax itself does not use it here.
+LOST = diffrax.RESULTS.max_steps_rejected
+
+
+class _Followed(eqx.Module):
+    """State of `Following`."""
+
+    wanted: Scalar  # end of the step that the controller wants
+    inner: Any
+    twist: Float[Array, " 6"]  # at the end of the last step that was kept
+    missed: Float[Array, " 6"]  # of the change of the twist so far, by the integral of its rate
+    speed: Scalar
+
+
+class _Following(diffrax.AbstractStepSizeController):
+    """Any controller, with steps that see what motion and loads do."""
+
+    controller: diffrax.AbstractStepSizeController
+    course: Course
+
+    def __init__(self, controller: diffrax.AbstractStepSizeController, course: Course) -> None:
+        self.controller, self.course = controller, course
+
+    def wrap(self, direction: Any) -> Any:
+        """As in diffrax; runs go forwards."""
+        return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
+
+    def init(
+        self, terms: Any, t0: Any, t1: Any, y0: State, dt0: Any, args: Scene, *rest: Any
+    ) -> Any:
+        """End of the first step, and the state."""
+        course = self.course
+        # With jumps a run begins a moment late, which some controllers would refuse.
+        wanted, inner = self.controller.init(terms, course.start, t1, y0, dt0, args, *rest)
+        state = _Followed(
+            jnp.asarray(wanted), inner, course.twist, jnp.zeros_like(course.twist), course.speed
+        )
+        return course.limit(*without_derivatives((t0, state.wanted))), state
+
+    def adapt_step_size(
+        self, t0: Any, t1: Any, y0: State, y1_candidate: State, args: Scene, y_error: Any,
+        error_order: Any, controller_state: _Followed,
+    ) -> Any:  # fmt: skip
+        """Whether the step is kept, the next one, and whether a stop was passed between them."""
+        course, state = self.course, controller_state
+        keep, start, wanted, jumped, inner, result = self.controller.adapt_step_size(
+            t0, t1, y0, y1_candidate, args, y_error, error_order, state.inner
+        )
+        t0, t1 = without_derivatives((t0, t1))
+        if not isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController):
+            # It knows the steps that it wants alone, and not those into which they are divided.
+            whole = t1 + 4 * course.gap >= state.wanted  # it may be a stop, before which steps end
+            start = jnp.where(whole, start, t1)
+            wanted = jnp.where(whole, wanted, state.wanted)
+            inner = _chosen(whole, inner, state.inner)
+
+        h = length(t0, t1)
+        hub, _ = inputs_along(args, t0, h)
+        twist = jax.vmap(args.twist_of)(hub)
+        rate = jax.vmap(args.twist_rate_of)(hub)
+        before = state.twist
+        if course.jumps.size:
+            struck = jnp.any(jnp.abs(t0 - course.gap - course.jumps) < course.gap / 2)
+            before = jnp.where(struck, twist[0], before)
+        mismatch = twist[-1] - before - h * (WEIGHTS @ rate[1:-1])
+        speed = jnp.maximum(state.speed, jnp.max(jnp.abs(twist)))
+        off, rounding = jnp.max(jnp.abs(mismatch)), float(jnp.finfo(h.dtype).eps)
+        shortest = h <= jnp.maximum(_SHORTEST * course.duration, 16 * course.gap)
+        seen = shortest | (off <= (_MISMATCH + 32 * rounding) * speed)
+        missed = state.missed + mismatch
+
+        kept = keep & seen
+        again = keep & ~seen
+        start = jnp.where(again, t0, start)
+        inner = _chosen(again, state.inner, inner)
+        jump = shortest & (off > (_JUMP + 1e2 * rounding) * speed)
+        lost = kept & (jump | (jnp.max(jnp.abs(missed)) > (_MISSED + 1e3 * rounding) * speed))
+        result = diffrax.RESULTS.where(lost, LOST, result)
+        if course.stops.size:
+            stopped = kept & jnp.any(jnp.abs(start + course.gap - course.stops) < course.gap / 2)
+            jumped = jumped | stopped
+            start = jnp.where(stopped, start + 2 * course.gap, start)
+        end = jnp.where(
+            again, t0 + h / 10, course.limit(*without_derivatives((start, jnp.asarray(wanted))))
+        )
+        state = _Followed(
+            jnp.where(again, state.wanted, wanted), inner, jnp.where(kept, twist[-1], state.twist),
+            jnp.where(kept, missed, state.missed), speed,
+        )  # fmt: skip
+        return kept, start, end, jumped, state, result
+
+
+class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController):
+    """The same of a controller with tolerances."""
+
+    rtol: Any
+    atol: Any
+    norm: Any
+
+    def __init__(
+        self, controller: diffrax.AbstractAdaptiveStepSizeController, course: Course
+    ) -> None:
+        super().__init__(controller, course)
+        self.rtol, self.atol, self.norm = controller.rtol, controller.atol, controller.norm
+
+
+def following(controller: diffrax.AbstractStepSizeController, course: Course) -> _Following:
+    """`controller`, with steps that see what motion and loads do."""
+    if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController):
+        return _AdaptiveFollowing(controller, course)
+    return _Following(controller, course)
+
+
+def _chosen(which: Any, a: Any, b: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
+
+
+class Struck(diffrax.AbstractWrappedSolver):
+    """Any solver, with the impulse of a jump of the hub's velocity where steps resume after one."""
+
+    solver: diffrax.AbstractSolver  # type: ignore[misc]
+
+    @property
+    def term_structure(self) -> Any:
+        """Of the solver."""
+        return self.solver.term_structure
+
+    @property
+    def interpolation_cls(self) -> Any:  # type: ignore[override]
+        """Of the solver."""
+        return self.solver.interpolation_cls
+
+    @property
+    def term_compatible_contr_kwargs(self) -> Any:
+        """Of the solver."""
+        return self.solver.term_compatible_contr_kwargs
+
+    @property
+    def root_finder(self) -> Any:
+        """Of the solver, if it is implicit."""
+        return self.solver.root_finder  # type: ignore[attr-defined]
+
+    def order(self, terms: Any) -> Any:
+        """Of the solver."""
+        return self.solver.order(terms)
+
+    def error_order(self, terms: Any) -> Any:
+        """Of the solver."""
+        return self.solver.error_order(terms)
+
+    def init(self, *args: Any) -> Any:
+        """Of the solver."""
+        return self.solver.init(*args)
+
+    def func(self, *args: Any) -> Any:
+        """Of the solver."""
+        return self.solver.func(*args)
+
+    def step(
+        self, terms: Any, t0: Any, t1: Any, y0: State, args: Scene, solver_state: Any,
+        made_jump: Any,
+    ) -> Any:  # fmt: skip
+        """One step, after the impulse if there is one."""
+        if made_jump is not False:
+            y0 = jax.lax.cond(made_jump, lambda: args.struck(t0, y0), lambda: y0)
+        return self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)

@@ -1,0 +1,223 @@
+"""What comes out of a simulation, computed when asked for."""
+
+import dataclasses
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import known_array
+from jaxbeam._results import per_case, where_known
+from jaxbeam._simulation.scene import Scene
+from jaxbeam._solvers.system import State
+from jaxbeam._status import Status, in_range, trusted
+from jaxbeam._types import Code, Scalar, Vector
+
+
+class Simulation(eqx.Module):
+    """What became of a scene: T times, n coordinates, p points.
+
+    | field      | shape  | unit |                                                               |
+    |------------|--------|------|---------------------------------------------------------------|
+    | times      | (T,)   | s    | output times                                                  |
+    | state      | (T, n) | m    | coordinates `q`, rates `v`, `work` (see `Scene`); NaN where   |
+    |            |        |      | the run did not get (it failed, or an event ended it)         |
+    | imbalance  | (T,)   |      | change of `jacobi_integral` less work, over its largest parts |
+    | status     | ()     |      | `Status`                                                      |
+    | end_time   | ()     | s    | the last output time that was reached                         |
+    | solution   |        |      | the solution of diffrax: statistics, interpolation, events    |
+    | scene      |        |      | what was simulated                                            |
+
+    Everything else is computed when asked for. Displacements are in the hub frame, components
+    axial, in plane, flap, from the undeformed place; points are given as xi = x / L.
+
+    **Runs that failed** do not pass for others. `peak` is NaN unless `status` is OK (a run that an
+    event of yours ended is OK). Histories of a run that was stopped (`MAX_STEPS`, `STEP_FAILED`,
+    `DIVERGED`) reach as far as it got and are NaN from there on, as after an event; with any other
+    failure they are NaN throughout. `partial` answers with all that there is. Where a number is
+    NaN, so is its derivative in forward mode; in reverse mode nothing flows back from it.
+
+    **Batches**: a `Simulation` that `jax.vmap` or `equinox.filter_vmap` returns answers everything
+    with the axes of the batch in front. Only where a function in the scene (of a `HubPose`, say)
+    closes over a number that was mapped, JAX wants it to be asked in the mapped function.
+    """
+
+    times: Float[Array, " T"]
+    state: State
+    imbalance: Float[Array, " T"]
+    status: Code
+    end_time: Scalar
+    solution: diffrax.Solution
+    scene: Scene
+    is_partial: bool = eqx.field(static=True, default=False)
+
+    @property
+    def partial(self) -> "Simulation":
+        """The same run, which answers with all that there is, whatever its status: the history up
+        to where it got, and the peak of that. NaN where parameters are out of range: then nothing
+        was simulated."""
+        return dataclasses.replace(self, is_partial=True)
+
+    @per_case
+    def displacement(self, xi: Any = 1.0) -> Float[Array, "T p 3"]:
+        """Displacement of the points xi, in m."""
+        return self._each(_displacement, *_points(xi))
+
+    @property
+    @per_case
+    def tip(self) -> Float[Array, "T 3"]:
+        """Displacement of the tip, in m."""
+        return self.displacement()[:, 0]
+
+    @per_case
+    def strain(self, xi: Any = 0.0) -> Float[Array, "T p"]:
+        """Axial strain of the centre line."""
+        return self._each(_strain, *_points(xi))
+
+    @per_case
+    def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
+        """In-plane and flap curvature, in 1/m: surface strain is the axial one less y times it."""
+        return self._each(_curvature, *_points(xi))
+
+    @property
+    @per_case
+    def strain_energy(self) -> Float[Array, " T"]:
+        """In J."""
+        return self._each(_strain_energy)
+
+    @property
+    @per_case
+    def energy(self) -> Float[Array, " T"]:
+        """Kinetic energy in the inertial frame plus strain energy, in J."""
+        return self._each(Scene.total_energy)
+
+    @property
+    @per_case
+    def jacobi_integral(self) -> Float[Array, " T"]:
+        """Kinetic energy seen from the hub, centrifugal potential and strain energy, in J."""
+        return self._each(_jacobi)
+
+    @property
+    @per_case
+    def hub_force(self) -> Float[Array, "T 3"]:
+        """Force of the hub on the beam, in N, hub axes."""
+        return self._each(Scene.reaction)[0]
+
+    @property
+    @per_case
+    def hub_torque(self) -> Float[Array, "T 3"]:
+        """Moment of the hub on the beam about the centre of the hub, in N m, hub axes."""
+        return self._each(Scene.reaction)[1]
+
+    @per_case
+    def peak(self, component: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
+        """Largest deflection either way (m, with its sign) of a point, and when (s).
+
+        Between output times by cubic interpolation with the rates, exact to fourth order.
+        Components 0, 1, 2 are axial, in plane, flap. The value is differentiable; the time carries
+        no derivative. NaN unless `status` is OK: `partial.peak()` is that of the run so far.
+        """
+        if self.times.size < 2:
+            raise ValueError("peak needs two or more output times")
+        return _peak(self, *checked_point(component, xi))
+
+    def _each(self, function: Any, *xi: float) -> Any:
+        return _mapped(self, function, xi)
+
+    def _outputs(self, fine: Array) -> tuple[Array, Array, State]:
+        """Which outputs there are an answer for, given that the status is `fine`; times and states.
+
+        What is out of range ran with harmless numbers in place of its own, and never has an answer.
+        Harmless ones take the place of outputs without an answer, too: NaN would end up in
+        gradients by the parameters of the scene.
+        """
+        known = jnp.isfinite(self.times) & (in_range(self.status) if self.is_partial else fine)
+        for part in (self.state.q, self.state.v):
+            known &= jnp.all(jnp.isfinite(part), axis=1)
+        first = jnp.min(jnp.where(known, self.times, jnp.inf), initial=jnp.inf)
+        times = jnp.where(known, self.times, jnp.where(jnp.isfinite(first), first, 0.0))
+        state = jax.tree.map(
+            lambda a: jnp.where(known.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0), self.state
+        )
+        return known, times, state
+
+
+@eqx.filter_jit
+def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
+    scene = run.scene
+    known, times, state = run._outputs(trusted(run.status))
+    found = jax.vmap(lambda t, y: function(scene, scene.after(t), y, *xi))(times, state)
+    return where_known(known, found)
+
+
+def _points(xi: Any) -> tuple[float, ...]:
+    points = np.atleast_1d(known_array("xi", xi))
+    if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
+        raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
+    return tuple(points.tolist())
+
+
+def checked_point(component: int, xi: float) -> tuple[int, float]:
+    whole = isinstance(component, int | np.integer) and not isinstance(component, bool)
+    if not whole or component not in (0, 1, 2):
+        raise ValueError(f"component must be 0 (axial), 1 (in plane) or 2 (flap), got {component}")
+    points = _points(xi)
+    if len(points) != 1:
+        raise ValueError(f"xi must be one number in [0, 1], got {xi}")
+    return int(component), points[0]
+
+
+def _displacement(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 3"]:
+    return scene.equations.displacement(y.q, np.array(xi))
+
+
+def _strain(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
+    return scene.equations.strain(y.q, np.array(xi))
+
+
+def _curvature(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 2"]:
+    return scene.equations.curvature(y.q, np.array(xi))
+
+
+def _strain_energy(scene: Scene, t: Scalar, y: State) -> Scalar:
+    return scene.equations.strain_energy(y.q)
+
+
+def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
+    return sum(scene.energies(t, y))  # type: ignore[return-value]
+
+
+@eqx.filter_jit
+def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
+    known, times, state = run._outputs(run.status == Status.OK)
+
+    def place(q: Vector) -> Scalar:
+        return run.scene.equations.displacement(q, np.array([xi]))[0, component]
+
+    def both(y: State) -> tuple[Scalar, Scalar]:
+        return jax.jvp(place, (y.q,), (y.v,))
+
+    u, rate = jax.vmap(both)(state)
+    t, h = times[:-1], jnp.diff(times)
+    s, value = jax.vmap(_extremes)(u[:-1], h * rate[:-1], u[1:], h * rate[1:])
+    between = known[:-1] & known[1:]
+    at = jnp.argmax(jnp.where(between[:, None], jnp.abs(value), -1.0))
+    found = value.ravel()[at], (t[:, None] + h[:, None] * s).ravel()[at]
+    return where_known(jnp.any(between), found)
+
+
+def _extremes(u0: Scalar, v0: Scalar, u1: Scalar, v1: Scalar) -> tuple[Vector, Vector]:
+    """Where in [0, 1] the cubic of these values and slopes can be extreme, and its values there."""
+    rise = u1 - u0
+    a, b = v0 + v1 - 2 * rise, 3 * rise - 2 * v0 - v1
+    # Roots of v0 + 2 b s + 3 a s^2, in the form that does not cancel. They carry no derivative:
+    # where an extremum is does not matter to the derivative of its value.
+    half = -b - jnp.copysign(jnp.sqrt(jnp.maximum(b**2 - 3 * a * v0, 0.0)), b)
+    roots = half / jnp.where(a == 0, 1.0, 3 * a), v0 / jnp.where(half == 0, 1.0, half)
+    s = jax.lax.stop_gradient(jnp.stack([jnp.zeros_like(a), jnp.ones_like(a), *roots]))
+    s = jnp.clip(s, 0.0, 1.0)
+    return s, u0 + s * (v0 + s * (b + s * a))

@@ -1,0 +1,395 @@
+"""A model in motion under loads: what solvers integrate, and its balance of energy and momentum."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import kind_of, real_array, require
+from jaxbeam._models.base import AbstractModel, Equations, Family
+from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
+from jaxbeam._numerics.kernel import total
+from jaxbeam._numerics.linalg import inverse
+from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.motion import Hub, Motion, Times, skew
+from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
+
+Inputs = tuple[Hub, Triple | None]
+
+
+class Scene(SecondOrderSystem):
+    """A model of one rotor, its motion, loads and damping: what diffrax gets as `args`.
+
+    The balance that is kept along the way is that of the energy relative to the hub,
+    h = q'.dT/dq' - T + U: the Jacobi integral, constant while the hub turns steadily. It changes by
+
+        h' = -(dT/dv . v' + dT/domega . omega') + power of gravity, tip force and damping
+
+    with T less that of the rigid beam, which does not need the inertia of the rigid beam and so
+    does not drown what matters.
+    """
+
+    equations: Equations
+    inverse_mass: Matrix | BlockInverse | None  # for solvers that ask for accelerations
+    motion: Motion
+    loads: Loads
+    damping: Damping
+    gap: Scalar  # by which steps keep away from declared times on either side, s
+    end: Scalar  # of the run, s
+
+    def __init__(
+        self, model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping,
+        times: Array | None = None,
+    ) -> None:  # fmt: skip
+        """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
+        self.equations = model.equations(rotor)
+        self.inverse_mass = None
+        self.motion, self.loads, self.damping = motion, loads, damping
+        size = self.equations.size
+        latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
+        self.gap = 4 * jnp.finfo(size.dtype).eps * jax.lax.stop_gradient(latest)
+        last = jnp.full_like(size, jnp.inf) if times is None else times[-1]
+        self.end = jax.lax.stop_gradient(last)
+
+    @property  # type: ignore[misc]
+    def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[override]
+        return self.equations.mass
+
+    @property
+    def kernel(self) -> "Scene | None":
+        if not self.equations.takes_lanes:
+            return None
+        without: Scene = eqx.tree_at(
+            lambda s: (
+                s.inverse_mass, s.motion, s.gap, s.end,
+                s.loads.tip_force, s.loads.changes, s.loads.jumps,
+            ),
+            self, (None,) * 7, is_leaf=lambda leaf: leaf is None,
+        )  # fmt: skip
+        return without
+
+    @property
+    def work_unit(self) -> Scalar:
+        """J per unit of `State.work`."""
+        return self.equations.energy_scale / self.equations.size
+
+    @property
+    def is_linear(self) -> bool:
+        return self.equations.is_linear
+
+    def hub(self, t: Scalar) -> Hub:
+        """Motion of the hub."""
+        return self.motion.hub(self._within(t), self.loads.gravity)
+
+    def traced(self, t: Scalar) -> "Scene":
+        """The same scene, with all that motion and loads are made of as leaves, what functions of
+        the user close over too, and without tracing them ever again; t is any time."""
+        gravity, force = self.loads.gravity, self.loads.tip_force
+        hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
+        motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
+        if callable(force):
+            force = eqx.filter_closure_convert(lambda t: self.loads.at_tip(t), t)  # type: ignore[arg-type, return-value]
+        scene: Scene = eqx.tree_at(
+            lambda s: (s.motion, s.loads.tip_force), self, (motion, force),
+            is_leaf=lambda leaf: leaf is None,
+        )  # fmt: skip
+        return scene
+
+    def with_inverse(self) -> "Scene":
+        """The same scene, for a solver that asks for accelerations at every stage."""
+        mass = inverse(self.mass)
+        scene: Scene = eqx.tree_at(
+            lambda s: s.inverse_mass, self, mass, is_leaf=lambda leaf: leaf is None
+        )
+        return scene
+
+    def _within(self, t: Scalar) -> Scalar:
+        """t, or a moment earlier at the end of a run that ends where something jumps."""
+        jumps = self.jumps
+        if not jumps.size:
+            return t
+        at_end = jnp.any(jnp.abs(self.end - jumps) <= self.gap)
+        return jnp.where(at_end, jnp.minimum(t, self.end - 2 * self.gap), t)
+
+    @property
+    def jumps(self) -> Times:
+        """Times at which the hub's velocity, its rate or a load may jump, as declared."""
+        return jnp.concatenate([self.motion.jump_times(), self.loads.jumps])
+
+    @property
+    def stops(self) -> Times:
+        """All times that are declared."""
+        smooth = [self.motion.change_times(), self.loads.changes]
+        return jnp.concatenate([*smooth, self.jumps])
+
+    def after(self, t: Scalar) -> Scalar:
+        """t, or a moment later where something jumps at t; at the end of the run, which no jump
+        is part of, a moment earlier."""
+        jumps = self.jumps
+        if not jumps.size:
+            return t
+        aside = jnp.where(t < self.end - self.gap, 2 * self.gap, -2 * self.gap)
+        return jnp.where(jnp.any(jnp.abs(t - jumps) <= self.gap), t + aside, t)
+
+    def twist_of(self, hub: Hub) -> Float[Array, " 6"]:
+        """Velocity of the hub and what its rotation makes of it at the tip, in m/s."""
+        return jnp.concatenate([hub.velocity, self.equations.end * hub.angular_velocity])
+
+    def twist_rate_of(self, hub: Hub) -> Float[Array, " 6"]:
+        """Its rate, in m/s^2."""
+        return jnp.concatenate([hub.velocity_rate, self.equations.end * hub.angular_velocity_rate])
+
+    def struck(self, t: Scalar, y: State) -> State:
+        """y after what jumped at the declared time just before t.
+
+        A jump of the hub's velocities is a rate without end: the generalised momentum that it
+        leaves behind is that of the inertia forces, M dq' = -(inertia forces of the jump), q stays,
+        and the work is exact since velocities rise together. By the time of the jump the state
+        has derivatives: y goes on to it with the rates before, and back with those after.
+        """
+        jumps = self.jumps
+        at = jumps[jnp.argmin(jnp.abs(jumps - t))]
+        late = at - jax.lax.stop_gradient(at)
+        t = jax.lax.stop_gradient(t)
+        before, after = jax.lax.stop_gradient(at) - self.gap, t
+        y = _moved(y, self.rate(before, y), late)
+        old, new = self.hub(before + late), self.hub(after + late)
+        zero = jnp.zeros_like(old.velocity)
+        still = Hub(zero, zero, zero, zero, zero)
+        jump = still._replace(
+            velocity_rate=new.velocity - old.velocity,
+            angular_velocity_rate=new.angular_velocity - old.angular_velocity,
+        )
+        impulse = self.equations.force(jump, y.q, jnp.zeros_like(y.v), None)
+        impulse = impulse - self.equations.force(still, y.q, jnp.zeros_like(y.v), None)
+        v = y.v + self._over_mass(impulse)
+        halfway = jump._replace(
+            velocity=(old.velocity + new.velocity) / 2,
+            angular_velocity=(old.angular_velocity + new.angular_velocity) / 2,
+        )
+        work = self._moved_by(*without_derivatives((halfway, y.q, (y.v + v) / 2))) / self.work_unit
+        y = State(y.q, v, y.work - jax.lax.stop_gradient(work))
+        return _moved(y, self.rate(after, y), -late)
+
+    def inputs(self, t: Scalar) -> Inputs:
+        """Motion of the hub, and force at the tip."""
+        return self.hub(t), self.loads.at_tip(self._within(t))
+
+    def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
+        hub, tip_force = x
+        out = self.equations.force(hub, q, v, tip_force)
+        return out - self.equations.as_force(q, self._damping(q, v))
+
+    def _damping(self, q: Vector, v: Vector) -> Vector:
+        """As a generalised force."""
+        return self.equations.damping(q, v, self.damping.mass, self.damping.stiffness)
+
+    def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
+        hub, tip_force = x
+        k, c = self.equations.tangents(hub, q, v, tip_force)
+        if self.damping.mass is not None or self.damping.stiffness is not None:
+            dk, dc = self.equations.damping_tangents(
+                q, v, self.damping.mass, self.damping.stiffness
+            )
+            k, c = k + dk, c + dc
+        return k, c
+
+    def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
+        return self._over_mass(self.force(self.inputs(t), q, v))
+
+    def _over_mass(self, force: Vector) -> Vector:
+        kept = self.inverse_mass
+        return (inverse(self.mass) if kept is None else kept) @ force
+
+    def power(self, x: Inputs, q: Vector, v: Vector) -> Scalar:
+        """Rate of the balance of energy, in `work_unit` per second."""
+        (hub, tip_force), equations = x, self.equations
+        out = -self._moved_by(hub, q, v) - total(
+            (equations.nonconservative_force(q) + self._damping(q, v)) * v
+        )
+        if self.loads.gravity is not None:
+            out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (v,))[1])
+        if tip_force is not None:
+            out = out + total(tip_force * jax.jvp(equations.tip, (q,), (v,))[1])
+        return out / self.work_unit
+
+    def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Scalar:
+        """dT/dv . v' + dT/domega . omega'."""
+        _, out = jax.jvp(
+            lambda *twist: self.equations.kinetic_energy(q, v, *twist),
+            (hub.velocity, hub.angular_velocity),
+            (hub.velocity_rate, hub.angular_velocity_rate),
+        )
+        return out
+
+    def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:
+        """T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is their sum."""
+        hub = self.hub(t)
+        # Once with the beam moving in a hub at rest, once at rest in the hub that moves.
+        moving, carried = jax.vmap(
+            lambda own: self.equations.kinetic_energy(
+                y.q, own * y.v, (1 - own) * hub.velocity, (1 - own) * hub.angular_velocity
+            )
+        )(jnp.array([1.0, 0.0], y.q.dtype))
+        return moving, -carried, self.equations.strain_energy(y.q)
+
+    def total_energy(self, t: Scalar, y: State) -> Scalar:
+        """Kinetic energy in the inertial frame, rigid beam included, plus strain energy, J."""
+        hub = self.hub(t)
+        return self.kinetic(y.q, y.v, hub.velocity, hub.angular_velocity) + (
+            self.equations.strain_energy(y.q)
+        )
+
+    def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+        """T in the inertial frame, J."""
+        mass, first, second = self.equations.rigid
+        beam = jnp.zeros(3, q.dtype).at[0].set(first)
+        rigid = (
+            mass * (velocity @ velocity) / 2
+            + velocity @ skew(spin) @ beam
+            + second * (spin[1] ** 2 + spin[2] ** 2) / 2
+        )
+        return rigid + self.equations.kinetic_energy(q, v, velocity, spin)
+
+    def reaction(self, t: Scalar, y: State) -> tuple[Triple, Triple]:
+        """Force and moment about the centre of the hub by which the hub moves the beam.
+
+        F = p' + omega x p - M g - F_tip, C = H' + omega x H + v x p - S x g - r_tip x F_tip, with
+        p = dT/dv and H = dT/domega. Damping by `Damping.mass` is taken to act between hub and beam.
+        """
+        hub, q, v = self.hub(t), y.q, y.v
+        a = self.acceleration(t, q, v)
+        (p, h), (dp, dh) = jax.jvp(
+            jax.grad(self.kinetic, argnums=(2, 3)),
+            (q, v, hub.velocity, hub.angular_velocity),
+            (v, a, hub.velocity_rate, hub.angular_velocity_rate),
+        )
+        mass, first, _ = self.equations.rigid
+        along = jnp.zeros(3, q.dtype).at[0].set(1.0)
+        moment = self.equations.first_moment(q) + first * along
+        force = dp + skew(hub.angular_velocity) @ p - mass * hub.gravity
+        couple = dh + skew(hub.angular_velocity) @ h + skew(hub.velocity) @ p
+        couple = couple - skew(moment) @ hub.gravity
+        tip = self.loads.at_tip(t)
+        if tip is not None:
+            end = self.equations.tip(q) + self.equations.end * along
+            force, couple = force - tip, couple - skew(end) @ tip
+        return force, couple
+
+
+class _Traced(Motion):
+    """A motion of which only the program is left."""
+
+    program: Callable[[Scalar], Hub]
+    changes: Times
+    jumps: Times
+
+    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+        hub = self.program(t)
+        return hub.velocity, hub.angular_velocity
+
+    def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
+        return self.program(t)
+
+    def change_times(self) -> Times:
+        return self.changes
+
+    def jump_times(self) -> Times:
+        return self.jumps
+
+
+def _moved(y: State, rate: State, h: Scalar) -> State:
+    return State(y.q + h * rate.q, y.v + h * rate.v, y.work)
+
+
+def input_status(
+    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array,
+    between: Array,
+) -> tuple[Code, Inputs]:  # fmt: skip
+    """The first thing that is out of range, at any of the output times or at others `between`,
+    and the inputs at these."""
+
+    def seen(t: Scalar) -> Inputs:
+        return motion.hub(t, loads.gravity), loads.at_tip(t)
+
+    def one(t: Scalar, x: Inputs) -> tuple[Array, Array, Array]:
+        hub, force = x
+        force = jnp.zeros(3, t.dtype) if force is None else force
+        turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
+        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2]])
+        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], jnp.max(jnp.abs(push)), force[1]])
+        planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
+        moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
+        return moves, jnp.all(jnp.isfinite(force)) & jnp.all(jnp.isfinite(hub.gravity)), planar
+
+    moments = jnp.concatenate([between, times])
+    inputs = jax.vmap(seen)(moments)
+    moves, loaded, planar = jax.vmap(one)(moments, inputs)
+    rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
+    status = jnp.asarray(Status.OK)
+    if Family.FLAP not in model.families:
+        status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
+    for ok, code in (
+        (jnp.all(loaded), Status.INVALID_LOAD),
+        (jnp.all(moves), Status.INVALID_MOTION),
+        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+        (increasing(times), Status.INVALID_TIMES),
+    ):
+        status = jnp.where(ok, status, code)
+    given = rotor.status(jnp.zeros((), times.dtype))
+    status = jnp.where(given == Status.OK, status, given).astype(int)
+    return status, jax.tree.map(lambda a: a[: between.size], inputs)
+
+
+def increasing(times: Array) -> Array:
+    """Whether times are finite and increasing."""
+    return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
+
+
+def during(times: Array, parts: int = 64) -> Array:
+    """Times all along a run, whatever its output times are: what is looked at on the way."""
+    return jnp.linspace(times[0], times[-1], parts + 1)
+
+
+def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
+    for name, value, kind in (
+        ("motion", motion, Motion), ("loads", loads, Loads), ("damping", damping, Damping)
+    ):  # fmt: skip
+        if not isinstance(value, kind):
+            article = "a" if kind is Motion else "of class"
+            raise TypeError(f"{name} must be {article} {kind.__name__}, got {kind_of(value)}")
+    shapes = [a.shape for a in eqx.filter_eval_shape(motion.twist, t)]
+    if shapes != [(3,), (3,)]:
+        raise ValueError(f"motion.twist must return two vectors of shape (3,), got {shapes}")
+    if loads.gravity is not None:
+        eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
+
+
+def checked_times(times: Any) -> Array:
+    times = real_array("times", times)
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
+    if not isinstance(times, jax.core.Tracer):
+        known = np.asarray(times)
+        require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
+        require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)
+    return times
+
+
+def checked_start(model: AbstractModel, start: Any) -> State:
+    """The state, if it is one of this model, without work done."""
+    if not isinstance(start, State):
+        raise TypeError(f"start must be a State, got {kind_of(start)}")
+    n = len(model.families)
+    parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
+    for name, part in zip(("q", "v"), parts, strict=True):
+        if part.shape != (n,):
+            raise ValueError(f"start.{name} must have shape ({n},), got {part.shape}")
+    return State(*parts)

@@ -1,0 +1,352 @@
+"""Motions in time: a model on a moving hub, integrated with diffrax."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array
+
+from jaxbeam._checks import kind_of, positive, real_scalar
+from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
+from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.motion import Motion
+from jaxbeam._simulation.course import SAMPLES, Course
+from jaxbeam._simulation.following import LOST, Struck, following
+from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
+from jaxbeam._simulation.result import Simulation, checked_point
+from jaxbeam._simulation.scene import (
+    Inputs,
+    Scene,
+    check_scene,
+    checked_start,
+    checked_times,
+    during,
+    increasing,
+    input_status,
+)
+from jaxbeam._solvers.rodas import Rodas5P
+from jaxbeam._solvers.steps import SecondOrderSolver
+from jaxbeam._solvers.system import State
+from jaxbeam._status import Status, in_range, raise_unless_ok
+from jaxbeam._types import Code, Scalar
+
+
+def simulate(
+    model: AbstractModel,
+    rotor: Any,
+    motion: Motion,
+    times: Any,
+    *,
+    loads: Loads | None = None,
+    damping: Damping | None = None,
+    start: State | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    dt0: Any = None,
+    saveat: diffrax.SaveAt | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+    event: diffrax.Event | None = None,
+    progress_meter: diffrax.AbstractProgressMeter | None = None,
+    max_steps: int | None = 100_000,
+    balance_tolerance: float = 1e-3,
+    throw: bool = True,
+) -> Simulation:
+    """Integrate a model through a motion of its hub, from times[0] to times[-1] (s, increasing).
+
+    By default the beam starts undeformed and at rest in the hub (`start`: see `steady_start`, or
+    give a `State`), `Rodas5P` integrates with tolerance 1e-6, relative to the state and to the
+    deflection to expect (the largest static one under the loads), and the state is saved at
+    `times`. `solver`, `stepsize_controller`, `dt0`, `saveat`, `adjoint`, `event`, `progress_meter`
+    and `max_steps` are those of `diffrax.diffeqsolve`; functions in them see t, the `State` and the
+    `Scene`. Numbers in them compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do
+    not. With an `event`, a last output at the end of the run comes on top. With a `saveat` of
+    another shape than that of a state (`fn`, `subs`), take the result from `Simulation.solution`;
+    nothing is then judged but whether the solver gave up.
+
+    Steps follow the motion and the loads, whatever controller asks for them: they are no longer
+    than an event that lasts a thousandth of the run or more, wherever it is; they end at the times
+    that motion and loads declare (`Motion.change_times`, `Motion.jump_times`, `Loads`), at which
+    also the shortest event is seen, and the beam gets the impulse of a jump of the hub's velocity;
+    and a step in which the hub's velocity changes by other than the integral of its rate is made
+    anew and shorter. `BacksolveAdjoint` has none of this: give its controller a `dtmax`.
+
+    Reverse mode works as it is, forward mode with `adjoint=diffrax.ForwardMode()`. Write one case;
+    `jax.vmap` or `jaxbeam.sweep` batch it. `throw=False` keeps failures in `Simulation.status`;
+    what is asked of a run that failed is NaN from there on, or throughout (see `Simulation`):
+
+    - the parameters, the motion or the loads are out of range, or leave the plane of the model;
+    - the solver gave up (`MAX_STEPS`, `STEP_FAILED`), or its result is not finite;
+    - the tip went farther than ten lengths: `DIVERGED`. The run ends there, and what came before is
+      kept. With an `event` of your own, or `BacksolveAdjoint`, it goes on;
+    - the hub's velocity jumps, by more than 1e-5 of its largest, where no jump is declared
+      (`UNRESOLVED`): the run ends there, and what came before is kept;
+    - the energy is out of balance with the work done by more than `balance_tolerance` times the
+      largest energy (`UNBALANCED`): a loose tolerance with an explicit solver can return a success
+      that is nonsense.
+    """
+    rotor, _ = checked_case(model, rotor)
+    times = checked_times(times)
+    loads = Loads() if loads is None else loads
+    damping = Damping() if damping is None else damping
+    check_scene(motion, loads, damping, times[0])
+    if start is not None:
+        start = checked_start(model, start)
+    if max_steps is not None:
+        count_functions("max_steps", max_steps, least=1)
+    real_scalar("balance_tolerance", balance_tolerance)
+    if dt0 is not None:
+        real_scalar("dt0", dt0)
+    for name, given, kind in (
+        ("solver", solver, diffrax.AbstractSolver),
+        ("stepsize_controller", stepsize_controller, diffrax.AbstractStepSizeController),
+        ("saveat", saveat, diffrax.SaveAt),
+        ("adjoint", adjoint, diffrax.AbstractAdjoint),
+        ("event", event, diffrax.Event),
+        ("progress_meter", progress_meter, diffrax.AbstractProgressMeter),
+    ):
+        if given is not None and not isinstance(given, kind):
+            raise TypeError(f"{name} must be a diffrax.{kind.__name__}, got {kind_of(given)}")
+    jumps = motion.jump_times().size or loads.jumps.size
+    if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event or jumps):
+        raise ValueError(
+            "BacksolveAdjoint integrates another system backwards and bears neither events nor "
+            "jumps: give a solver that takes any system (diffrax.Kvaerno5(), ...) and none of these"
+        )
+    result = _simulate(
+        model, rotor, motion, times, loads, damping, start,
+        Rodas5P() if solver is None else solver,
+        stepsize_controller, dt0, saveat,
+        adjoint, event, progress_meter, max_steps, balance_tolerance,
+    )  # fmt: skip
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+@eqx.filter_jit
+def _simulate(
+    model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
+    start: State | None, solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractStepSizeController | None, dt0: Any,
+    saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint | None,
+    event: diffrax.Event | None, progress_meter: diffrax.AbstractProgressMeter | None,
+    max_steps: int | None, balance_tolerance: float,
+) -> Simulation:  # fmt: skip
+    given, seen = input_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
+    fine = given == Status.OK
+    # A NaN in one lane of a batch would keep all others waiting, and end up in gradients of
+    # parameters that lanes share: harmless values take its place.
+    rotor, motion, loads, damping, seen = jax.tree.map(
+        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+        (rotor, motion, loads, damping, seen),
+    )
+    # Only bad times change: a `saveat` and a controller may hold others that go with them.
+    times = jnp.where(increasing(times), times, jnp.linspace(0.0, 1.0, times.size))
+    if saveat is not None:
+        saveat, within = held_within(saveat, times)
+        given = jnp.where(fine & ~within, Status.INVALID_TIMES, given)
+    if dt0 is not None:  # diffrax raises where it points backwards
+        forward = jnp.isfinite(dt0) & (dt0 > 0)
+        given = jnp.where(fine & ~forward, Status.INVALID_TIMES, given)
+        dt0 = jnp.where(forward, dt0, times[-1] - times[0])
+    now = Scene(model, rotor, motion, loads, damping, times)
+    n = len(model.families)
+    if start is None:
+        zero = jnp.zeros(n, times.dtype)
+        y0 = State(zero, zero)
+    else:
+        y0 = start
+        started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
+        given = jnp.where(fine & ~started, Status.INVALID_START, given)
+        y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
+    size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen)))
+    if dt0 is None and isinstance(controller, _CHOOSING | None):
+        dt0 = moment
+    if controller is None:
+        controller = diffrax.PIDController(
+            rtol=1e-6,
+            atol=1e-6 * size,
+            dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
+            force_dtmin=False,
+        )
+    ours = isinstance(solver, SecondOrderSolver) and isinstance(adjoint, diffrax.ForwardMode | None)
+    backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
+    start_time = times[0]
+    if not backsolved:
+        controller = following(controller, Course(now, times, seen))
+    if now.jumps.size:
+        solver, start_time = Struck(solver), times[0] + 2 * now.gap
+        at_once = jnp.any(jnp.abs(now.jumps - times[0]) <= now.gap)
+        y0 = jax.lax.cond(at_once, lambda: now.struck(start_time, y0), lambda: y0)
+    how = (now, y0, start_time, times, solver, controller, dt0, event, max_steps, adjoint)
+    if ours and saveat is None and progress_meter is None:
+        solution, watch = integrate(*how)
+    else:
+        solution, watch = by_diffrax(*how, saveat, progress_meter)
+    ended = _solver_status(solution.result, event is None and not backsolved)
+    at, state = _saved(solution, times, n)
+    at = jnp.where(at <= start_time, times[0], at)
+    reached = jnp.isfinite(at)
+    state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
+    imbalance, far = _account(*without_derivatives((now, times[0], y0, (at, state), watch)))
+
+    status = jnp.asarray(Status.OK)
+    unbalanced = jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance))
+    status = jnp.where(unbalanced, Status.UNBALANCED, status)
+    status = jnp.where(jnp.any(reached & far), Status.DIVERGED, status)
+    finite = jax.tree.map(lambda a: jnp.all(jnp.isfinite(a) | ~_beside(reached, a)), state)
+    status = jnp.where(jax.tree.reduce(jnp.logical_and, finite), status, Status.NOT_FINITE)
+    status = jnp.where(ended != Status.OK, ended, status)
+    status = jnp.where(given != Status.OK, given, status)
+    when = jnp.where(reached, at, times[0])
+    return Simulation(
+        times=jnp.where(reached, at, jnp.nan),
+        state=state,
+        imbalance=jnp.where(reached & in_range(given), imbalance, jnp.nan),
+        status=status,
+        end_time=jnp.max(when, initial=times[0]),
+        solution=solution,
+        scene=now,
+    )
+
+
+# Controllers that choose steps themselves. What diffrax has them begin with knows of no scene.
+_CHOOSING = diffrax.PIDController | diffrax.ClipStepSizeController
+
+
+def _beside(mask: Array, values: Array) -> Array:
+    """`mask` with axes of length one, to stand beside `values`."""
+    return mask.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def _account(
+    scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State], watch: Watch
+) -> tuple[Array, Array]:
+    """Of saved states: change of energy less work over the largest energy of the run, and whether
+    the tip is too far away."""
+    start = t0[None], jax.tree.map(lambda a: a[None], y0)
+    parts = [saved, start] if watch is None else [saved, start, watch]
+    times, states = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
+    reached = jnp.isfinite(times)
+    states = jax.tree.map(lambda a: jnp.where(_beside(reached, a), jnp.nan_to_num(a), 0.0), states)
+
+    def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
+        parts = jnp.stack(scene.energies(scene.after(t), y))
+        balance = jnp.sum(parts) - scene.work_unit * y.work
+        return balance, jnp.sum(jnp.abs(parts)), is_far(scene, y)
+
+    balance, size, far = jax.vmap(one)(jnp.where(reached, times, t0), states)
+    n, largest = saved[0].size, jnp.max(size)
+    return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
+
+
+def _yardstick(rotor: Any, scene: Scene, y0: State, seen: Inputs) -> tuple[Scalar, Scalar]:
+    """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
+    loads `seen`, by that of a uniform load of the same moment about the root, or that at the start;
+    at least 1e-6 and at most 0.1 lengths. And a time within which the first mode moves, in s."""
+    equations, (hub, force) = scene.equations, seen
+    (mass, first, second), radius = equations.rigid, equations.end - equations.size
+    spin, rate = hub.angular_velocity, hub.angular_velocity_rate
+    # Inertia of the undeformed beam across its axis, at the distance X from the centre of the hub:
+    # -(acceleration + X turn) per mass.
+    turn = [rate[:, 2] + spin[:, 0] * spin[:, 1], spin[:, 0] * spin[:, 2] - rate[:, 1]]
+    across = jax.vmap(lambda hub: hub.acceleration)(hub)[:, 1:]
+    moment = across * (first - radius * mass) + jnp.stack(turn, 1) * (second - radius * first)
+    if force is not None:
+        moment = moment - force[:, 1:] * equations.size
+    static = moment * rotor.compliance[None]
+    at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
+    frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.size
+    size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], speed[None] / frequency)]
+    largest = jnp.nan_to_num(jnp.max(jnp.concatenate(size)), nan=0.0)
+    return jnp.clip(largest, 1e-6 * equations.size, 0.1 * equations.size), 0.1 / frequency
+
+
+def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, State]:
+    if isinstance(solution.ys, State):
+        assert solution.ts is not None
+        return solution.ts, solution.ys
+    if solution.interpolation is not None:
+        reached = times <= solution.interpolation.t1
+        return jnp.where(reached, times, jnp.inf), jax.vmap(solution.evaluate)(times)
+    none = jnp.zeros((0, n), times.dtype)
+    return none[:, 0], State(none, none, none[:, 0])
+
+
+def _solver_status(result: Any, event_means_runaway: bool) -> Code:
+    status = jnp.asarray(Status.STEP_FAILED)
+    for code, meaning in (
+        (diffrax.RESULTS.successful, Status.OK),
+        (diffrax.RESULTS.event_occurred, Status.DIVERGED if event_means_runaway else Status.OK),
+        (diffrax.RESULTS.max_steps_reached, Status.MAX_STEPS),
+        (LOST, Status.UNRESOLVED),
+    ):
+        status = jnp.where(result == code, meaning, status)
+    return status
+
+
+def steady_start(
+    model: AbstractModel,
+    rotor: Any,
+    motion: Motion,
+    t: Any = 0.0,
+    *,
+    loads: Loads | None = None,
+    throw: bool = True,
+) -> State:
+    """The state in which the beam rests in the hub if the hub went on as it moves at time t.
+
+    Rates of the hub's velocities are left out. Displacements of a state are
+    `model.equations(rotor).displacement(state.q, xi)`, xi an array. Raises `RuntimeError` where
+    no such state is found; with `throw=False` its coordinates are then NaN, which `simulate`
+    reports. An equilibrium need not be stable: ask `modes`.
+    """
+    rotor, _ = checked_case(model, rotor)
+    t = real_scalar("t", t)
+    loads = Loads() if loads is None else loads
+    check_scene(motion, loads, Damping(), t)
+    state, status = _steady(model, rotor, motion, t, loads)
+    return raise_unless_ok(state, status) if throw else state
+
+
+@eqx.filter_jit
+def _steady(
+    model: AbstractModel, rotor: Any, motion: Motion, t: Scalar, loads: Loads
+) -> tuple[State, Code]:
+    given, _ = input_status(model, rotor, motion, loads, Damping(), t[None], t[None])
+    fine = given == Status.OK
+    rotor, motion, loads = jax.tree.map(
+        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+        (rotor, motion, loads),
+    )
+    hub = motion.hub(t, loads.gravity)
+    zero = jnp.zeros(3, t.dtype)
+    hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
+    q, status = equilibrium(model.equations(rotor), hub, loads.at_tip(t))
+    status = jnp.where(given == Status.OK, status, given)
+    q = where_known(status == Status.OK, q)
+    return State(q, jnp.zeros_like(q)), status
+
+
+def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax.Event:
+    """Event that ends a run where a deflection reaches `limit` (m) either way, to rounding in time.
+
+    `component` 0, 1, 2: axial, in plane, flap, of the point xi. The last output is at the event.
+    """
+    return diffrax.Event(
+        _Limit(positive("limit", limit), *checked_point(component, xi)),
+        optimistix.Newton(rtol=1e-10, atol=1e-10),
+    )
+
+
+class _Limit(eqx.Module):
+    limit: Scalar
+    component: int = eqx.field(static=True)
+    xi: float = eqx.field(static=True)
+
+    def __call__(self, t: Scalar, y: State, args: Scene, **_: Any) -> Scalar:
+        u = args.equations.displacement(y.q, np.array([self.xi]))[0, self.component]
+        return self.limit - jnp.abs(u)

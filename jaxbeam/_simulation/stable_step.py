@@ -1,0 +1,161 @@
+"""How long a fixed step may be: growth of one step, and the largest step of a model."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._checks import kind_of, positive, real_scalar
+from jaxbeam._models.base import AbstractModel, checked_case, count_functions
+from jaxbeam._results import where_known
+from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Real, Scalar
+from jaxbeam._vibration.modes import find
+
+# rad a step. Explicit methods of s stages end before s - 1; implicit ones that last are let go.
+_ANGLES = np.geomspace(1e-3, 1e3, 2000)
+# They carry more from step to step than the state, or want a state in two parts.
+_OTHERS = diffrax.LeapfrogMidpoint, diffrax.ReversibleHeun, diffrax.SemiImplicitEuler
+
+
+class _Oscillator(SecondOrderSystem):
+    """q'' + 2 zeta q' + q = 0."""
+
+    mass: Matrix
+    ratio: Scalar
+
+    @property
+    def is_linear(self) -> bool:
+        return True
+
+    def force(self, x: Any, q: Array, v: Array) -> Array:
+        return -q - 2 * self.ratio * v
+
+
+def amplification(solver: diffrax.AbstractSolver, angle: Real, damping_ratio: Real = 0.0) -> Scalar:
+    """Factor by which one step multiplies the amplitude of a vibration: above 1 it grows.
+
+    The spectral radius of one step of length h on q'' + 2 zeta omega q' + omega^2 q = 0, with
+    `angle` = h omega (rad, > 0) and `damping_ratio` = zeta. For a Runge-Kutta method and zeta = 0
+    it is abs(R(i angle)), R the stability function. `solver` is any one-step solver that `simulate`
+    takes; stages of stock implicit ones are solved to rounding, whatever their root finder; NaN
+    where that fails.
+
+    Raises `TypeError` or `ValueError` for a malformed argument.
+
+    E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), sections IV.2, IV.3.
+    """
+    solver = _checked(solver)
+    return _amplification(
+        solver, positive("angle", angle), real_scalar("damping_ratio", damping_ratio)
+    )
+
+
+def _checked(solver: Any) -> diffrax.AbstractSolver:
+    if not isinstance(solver, diffrax.AbstractSolver):
+        raise TypeError(f"solver must be a diffrax solver, got {kind_of(solver)}")
+    if isinstance(solver, _OTHERS):
+        raise TypeError(f"solver must be a one-step method, got {type(solver).__name__}")
+    if isinstance(solver, diffrax.AbstractImplicitSolver):
+        # Theirs may take its tolerances from a step-size controller, and there is none here.
+        tight = diffrax.VeryChord(rtol=1e-12, atol=1e-12)
+        solver = eqx.tree_at(lambda s: s.root_finder, solver, tight)
+    return solver
+
+
+@eqx.filter_jit
+def _amplification(solver: diffrax.AbstractSolver, angle: Scalar, ratio: Scalar) -> Scalar:
+    system = _Oscillator(jnp.eye(1, dtype=angle.dtype), ratio)
+    case = second_order_term(solver), jnp.zeros_like(angle), angle
+
+    def step(start: Array) -> tuple[Array, Any]:
+        y0 = State(start[:1], start[1:])
+        kept = solver.init(*case, y0, system)
+        y1, *_, result = solver.step(*case, y0, system, kept, False)
+        return jnp.concatenate([y1.q, y1.v]), result == diffrax.RESULTS.successful
+
+    ((a, b), (c, d)), done = jax.vmap(step)(jnp.eye(2, dtype=angle.dtype))
+    # Eigenvalues are half +- sqrt(square): in this form nothing cancels.
+    half, square = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
+    root = jnp.sqrt(jnp.abs(square))
+    radius = jnp.where(square < 0, jnp.hypot(half, root), jnp.abs(half) + root)
+    return jnp.where(jnp.all(done), radius, jnp.nan)
+
+
+class StableStep(eqx.Module):
+    """`step`: the largest stable step, in s; infinite where any step is stable.
+
+    `frequency` is the highest of the model, in rad/s, the one that limits. Unless `status` is OK
+    both are NaN (derivatives: as in `modes`).
+    """
+
+    step: Scalar
+    frequency: Scalar
+    status: Code
+
+
+def stable_step(
+    solver: diffrax.AbstractSolver,
+    model: AbstractModel,
+    rotor: Any,
+    angular_speed: Real,
+    *,
+    steps: int = 1000,
+    growth: Real = 100.0,
+    throw: bool = True,
+) -> StableStep:
+    """Largest fixed step with which small motion about steady rotation at `angular_speed` (rad/s)
+    does not grow by more than the factor `growth` in `steps` steps.
+
+    It is the smallest z with amplification(solver, z)^steps > growth, over the highest frequency of
+    the model: of all modes that one is the first to grow. An allowance for growth is needed because
+    many methods (Euler, Heun, and some of high order) grow at any step, those of low order too fast
+    to be of use, others so slowly that nobody sees it; where a method is truly stable up to some
+    step, the allowance changes little. A longer run wants more `steps`. Without damping; adaptive
+    explicit methods end up near this step however slow the motion. z is a number of the method:
+    derivatives are those of the frequency.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, and what `modes` raises. With
+    `throw=False` failures are in `status`: those of `modes`, and `NO_EQUILIBRIUM` where the model
+    itself has a mode that grows.
+    """
+    solver = _checked(solver)
+    count_functions("steps", steps, 1)
+    growth = real_scalar("growth", growth)
+    if not isinstance(growth, jax.core.Tracer) and not 1 < growth < np.inf:
+        raise ValueError(f"growth must be finite and > 1, got {growth}")
+    found = find(model, *checked_case(model, rotor, angular_speed), len(model.families))
+    frequency = jnp.max(found.frequency)
+    grows = jnp.max(found.growth_rate) > 1e-8 * frequency
+    status = jnp.where(grows & (found.status == Status.OK), Status.NO_EQUILIBRIUM, found.status)
+    ok = status == Status.OK
+    frequency = jnp.where(ok, frequency, 1.0)
+    step = _limit(solver, jnp.log(growth) / steps) / frequency
+    result = StableStep(where_known(ok, step), where_known(ok, frequency), status)
+    return raise_unless_ok(result, status) if throw else result
+
+
+@eqx.filter_jit
+def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
+    """Smallest angle at which the logarithm of the amplification is more than `rate`."""
+
+    def grows(angle: Scalar) -> Array:
+        # NaN, a stage that was not solved, counts as unstable.
+        return ~(jnp.log(_amplification(solver, angle, jnp.zeros_like(angle))) <= rate)
+
+    def narrow(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        angles, limited = state
+        unstable = jax.vmap(grows)(angles)
+        first = jnp.argmax(unstable)
+        below = jnp.where(first > 0, angles[first - 1], 0.0)
+        shares = np.arange(1, _ANGLES.size + 1) / _ANGLES.size
+        return below + (angles[first] - below) * shares, limited & jnp.any(unstable)
+
+    start = jnp.asarray(_ANGLES, rate.dtype), jnp.asarray(True)
+    angles, limited = jax.lax.fori_loop(0, 4, narrow, start)  # to 1e-12
+    return jnp.where(limited, angles[-1], jnp.inf)

@@ -1,0 +1,1 @@
+"""Many cases: grids and lists of them, tables of results, folders, devices."""

@@ -1,0 +1,304 @@
+"""Results of a sweep, chunk by chunk: in memory, or in a folder that outlives the process.
+
+A folder holds
+
+    sweep.json     what sweep it is: program, parameters, chunk, results, precision, versions
+    cases.npz      the parameters of all cases
+    NAME.npy       one ordinary NumPy array for each result, all cases along its first axis
+    index.txt      a line for each finished chunk: checksums of its part of each array
+
+A chunk is written into the arrays first and into the index then. So whatever ends the process, a
+chunk is in the index only if it was written whole; and as its checksums are compared with the
+arrays on opening, it counts only if it still is. Lines of the index carry a checksum too.
+"""
+
+import io
+import json
+import os
+import urllib.parse
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxbeam._sweeps.cases import Cases
+
+_FORMAT = 1
+_NEW = ".new-"  # begins the names of files that are not yet in place
+INFORMATION = ("function", "reads")  # for people: the program is what is compared
+
+
+class Spec(NamedTuple):
+    """What one case brings for one result."""
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+    def blank(self, n: int) -> np.ndarray:
+        """Of n cases: NaN, or zero where there is none."""
+        filled = np.nan if np.issubdtype(self.dtype, np.inexact) else 0
+        return np.full((n, *self.shape), filled, self.dtype)
+
+
+class _Chunks:
+    """How cases are divided: `chunk` of them at a time, the last chunk holds the rest."""
+
+    def __init__(self, n: int, chunk: int) -> None:
+        self.n, self.chunk = n, chunk
+        self.number = -(-n // chunk)
+
+    def length(self, number: int) -> int:
+        """Cases in a chunk."""
+        return min(self.chunk, self.n - number * self.chunk)
+
+
+class Memory(_Chunks):
+    """Results in memory."""
+
+    def __init__(self, specs: Mapping[str, Spec], n: int, chunk: int) -> None:
+        super().__init__(n, chunk)
+        self._results = {name: spec.blank(n) for name, spec in specs.items()}
+        self._errors: dict[int, str] = {}
+        self._left = dict.fromkeys(range(self.number))
+
+    def missing(self) -> list[int]:
+        """Numbers of the chunks that are not there."""
+        return list(self._left)
+
+    def put(self, number: int, part: Mapping[str, np.ndarray], errors: dict[int, str]) -> None:
+        """Keep a chunk, and the messages of its cases that raised, by number of case."""
+        start = number * self.chunk
+        del self._left[number]
+        for name, values in part.items():
+            self._results[name][start : start + len(values)] = values
+        self._errors |= errors
+
+    def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+        """Results and messages of all cases."""
+        assert not self._left
+        return self._results, self._errors
+
+
+class Folder(_Chunks):
+    """Results in a folder, made by `opened` or `reopened`; others write where `writes` is False."""
+
+    def __init__(
+        self, folder: Path, specs: Mapping[str, Spec], n: int, chunk: int, writes: bool
+    ) -> None:
+        super().__init__(n, chunk)
+        self.folder, self.specs, self.writes = folder, specs, writes
+        self.errors: dict[int, dict[int, str]] = {}  # of the finished chunks, by number
+        index = folder / "index.txt"
+        lines = index.read_bytes().split(b"\n") if index.exists() else []
+        for line in lines:
+            check, _, text = line.partition(b" ")
+            if check == _check(text):
+                entry = json.loads(text)
+                if entry["checks"] == self._checks(entry["chunk"]):
+                    self.errors[entry["chunk"]] = {int(i): e for i, e in entry["errors"].items()}
+
+    def missing(self) -> list[int]:
+        """Numbers of the chunks that are not there, or not whole."""
+        return [k for k in range(self.number) if k not in self.errors]
+
+    def put(self, number: int, part: Mapping[str, np.ndarray], errors: dict[int, str]) -> None:
+        """Write a chunk, and the messages of its cases that raised, by number of case."""
+        self.errors[number] = errors
+        if not self.writes:
+            return
+        try:
+            checks = {}
+            for name, values in part.items():
+                data = np.ascontiguousarray(values, self.specs[name].dtype).tobytes()
+                checks[name] = zlib.crc32(data)
+                self._write(name, number, data)
+            text = json.dumps({"chunk": number, "checks": checks, "errors": errors}).encode()
+            with open(self.folder / "index.txt", "ab+") as file:
+                # A line that a dying process left half done must not swallow this one.
+                torn = file.tell() and (file.seek(-1, os.SEEK_END), file.read())[1] != b"\n"
+                file.write(b"\n" * bool(torn) + _check(text) + b" " + text + b"\n")
+        except OSError as error:
+            del self.errors[number]
+            raise _told(error, self.folder) from error
+
+    def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+        """Results, mapped from their files as they are looked at, and messages of all cases."""
+        missing = self.missing()
+        if missing:
+            raise ValueError(
+                f"{self.folder}: {len(missing)} of {self.number} chunks are missing or "
+                "damaged; run the same sweep again to compute them"
+            )
+        results = {}
+        for name, spec in self.specs.items():
+            shape = (self.n, *spec.shape)
+            if 0 in shape:
+                results[name] = np.zeros(shape, spec.dtype)
+            else:
+                start = len(self._header(name))
+                results[name] = np.memmap(self._file(name), spec.dtype, "r", start, shape)
+        return results, {i: e for part in self.errors.values() for i, e in part.items()}
+
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{urllib.parse.quote(name, safe=' ')}.npy"
+
+    def _header(self, name: str) -> bytes:
+        spec = self.specs[name]
+        description = np.lib.format.dtype_to_descr(spec.dtype)
+        header = {"descr": description, "fortran_order": False, "shape": (self.n, *spec.shape)}
+        file = io.BytesIO()
+        np.lib.format.write_array_header_1_0(file, header)
+        return file.getvalue()
+
+    def _place(self, name: str, number: int) -> tuple[int, int]:
+        """Where the part of a chunk begins in the file, and how long it is, in bytes."""
+        start = number * self.chunk
+        spec = self.specs[name]
+        row = spec.dtype.itemsize * int(np.prod(spec.shape, dtype=int))
+        return len(self._header(name)) + start * row, self.length(number) * row
+
+    def _checks(self, number: int) -> dict[str, int]:
+        """Checksums of a chunk as it stands in the files, of those that can be read."""
+        checks = {}
+        for name in self.specs:
+            place, length = self._place(name, number)
+            try:
+                with open(self._file(name), "rb") as file:
+                    header = self._header(name)
+                    whole = file.read(len(header)) == header
+                    file.seek(place)
+                    data = file.read(length)
+            except FileNotFoundError:
+                continue
+            if whole and len(data) == length:
+                checks[name] = zlib.crc32(data)
+        return checks
+
+    def _write(self, name: str, number: int, data: bytes) -> None:
+        path, header = self._file(name), self._header(name)
+        place, _ = self._place(name, number)
+        path.touch()
+        with open(path, "r+b") as file:
+            if file.read(len(header)) != header:
+                file.seek(0)
+                file.write(header)
+            file.seek(place)
+            file.write(data)
+
+
+def opened(
+    folder: Path, identity: dict[str, Any], specs: Mapping[str, Spec], cases: Cases, writes: bool
+) -> Folder:
+    """The folder of this sweep, new or to go on with; one of another sweep is refused."""
+    results = {name: [spec.dtype.str, list(spec.shape)] for name, spec in specs.items()}
+    if len({name.casefold() for name in results}) < len(results):
+        raise ValueError(f"names of results must differ in more than case, got {list(results)}")
+    described = {"format": _FORMAT, **identity, "results": results}
+    try:
+        there = os.listdir(folder) if folder.exists() else []
+        if "sweep.json" in there:
+            _refuse_another(folder, _identity(folder), described)
+        elif not writes:
+            raise ValueError(f"{folder} must be in a file system that all processes share")
+        elif any(not name.startswith(_NEW) for name in there):
+            raise ValueError(
+                f"{folder} holds files that are not of a sweep: name a folder that is new or empty"
+            )
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            described["check"] = _digest(described)
+            _replace(folder / "sweep.json", json.dumps(described, indent=2).encode())
+        if writes and not _whole(_cases(folder), identity):
+            file = io.BytesIO()
+            arrays: dict[str, Any] = {f"axis:{n}": a for n, a in cases.axes.items()}
+            arrays |= {f"list:{n}": a for n, a in (cases.of_list or {}).items()}
+            np.savez(file, **arrays)
+            _replace(folder / "cases.npz", file.getvalue())
+    except OSError as error:
+        raise _told(error, folder) from error
+    return Folder(folder, specs, len(cases), identity["chunk"], writes)
+
+
+def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
+    """The folder of some sweep, what sweep it is, and its cases."""
+    identity, cases = _identity(folder), _cases(folder)
+    if identity["format"] != _FORMAT:
+        raise ValueError(f"{folder} has format {identity['format']}, which is not {_FORMAT}")
+    if cases is None or not _whole(cases, identity):
+        raise ValueError(f"{folder}: cases.npz is missing or damaged; run the same sweep again")
+    specs = {n: Spec(np.dtype(d), tuple(s)) for n, (d, s) in identity["results"].items()}
+    return Folder(folder, specs, len(cases), identity["chunk"], False), identity, cases
+
+
+def _identity(folder: Path) -> dict[str, Any]:
+    try:
+        identity = json.loads((folder / "sweep.json").read_text())
+        if identity.pop("check") != _digest(identity):
+            raise ValueError("its checksum is another one")
+    except FileNotFoundError:
+        raise ValueError(f"{folder} is not the folder of a sweep: it has no sweep.json") from None
+    except (ValueError, KeyError) as error:
+        raise ValueError(
+            f"{folder}/sweep.json is damaged, so it cannot be said whose results these are: name "
+            "another folder"
+        ) from error
+    return identity
+
+
+def _digest(identity: dict[str, Any]) -> str:
+    return _check(json.dumps(identity).encode()).decode()
+
+
+def _refuse_another(folder: Path, there: dict[str, Any], here: dict[str, Any]) -> None:
+    # As texts: the order of parameters and of dimensions matters.
+    names = [name for name in {**here, **there} if name not in INFORMATION]
+    both = {name: [json.dumps(one.get(name)) for one in (there, here)] for name in names}
+    other = {name: texts for name, texts in both.items() if texts[0] != texts[1]}
+    if other:
+        said = [
+            f"{n} (there {a}, here {b})" if len(a + b) < 60 else n for n, (a, b) in other.items()
+        ]
+        raise ValueError(
+            f"{folder} belongs to another sweep, of {there.get('function')}, different in "
+            f"{', '.join(said)}: name another folder, or remove this one"
+        )
+
+
+def _cases(folder: Path) -> Cases | None:
+    try:
+        with np.load(folder / "cases.npz", allow_pickle=False) as file:
+            axes = {n[5:]: file[n] for n in file.files if n.startswith("axis:")}
+            of_list = {n[5:]: file[n] for n in file.files if n.startswith("list:")}
+    except PermissionError:
+        raise
+    except Exception:  # whatever NumPy, zipfile and zlib say of a file that is damaged
+        return None
+    return Cases(axes, of_list or None)
+
+
+def _whole(cases: Cases | None, identity: dict[str, Any]) -> bool:
+    return cases is not None and cases.told() == identity["parameters"]
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Write a file at once or not at all."""
+    new = path.with_name(f"{_NEW}{path.name}.{os.getpid()}")
+    with open(new, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(new, path)
+
+
+def _check(text: bytes) -> bytes:
+    return f"{zlib.crc32(text):08x}".encode()
+
+
+def _told(error: OSError, folder: Path) -> OSError:
+    text = (
+        f"cannot write to {folder}: {error.strerror or error}. Chunks finished before are intact: "
+        "once this is mended, the same sweep goes on from there"
+    )
+    return OSError(error.errno, text)

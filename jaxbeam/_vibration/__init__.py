@@ -1,0 +1,1 @@
+"""What follows from a model linearised about steady or periodic rotation."""

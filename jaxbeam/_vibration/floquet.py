@@ -1,0 +1,283 @@
+"""Parametric stability: Floquet multipliers of a beam whose speed is modulated periodically.
+
+Small motions of a beam that turns at Omega(t) obey the Hill equation of B made periodic,
+
+    (M q')' + G q' + G' q / 2 + D q' + K q = 0,   G = G(Omega(t)) skew,   K = K(Omega(t)) symmetric,
+
+with the matrices of steady rotation at that speed; the rate of the speed enters through G' alone,
+and D is damping. Bending about the straight beam, that is: what the modulation itself drives is a
+motion about which a linear model vibrates in the same way; non-linear ones are linearised about the
+straight beam stretched as in steady rotation. With momenta p = M q' + G q / 2 it is Hamiltonian,
+
+    q' = v,   p' = -G v / 2 - K q - D v,   v = M^-1 (p - G q / 2),
+
+but for D. Exponentials of its matrices and their commutators are then symplectic, so multipliers
+of undamped beams come in pairs mu, 1 / mu to rounding, whatever the steps are.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jaxbeam._checks import kind_of, known, positive
+from jaxbeam._models.base import AbstractModel, Family, checked_case, count_functions
+from jaxbeam._numerics.linalg import (
+    dense,
+    eigensystem,
+    exponential,
+    inverse,
+    lowest_eigenpair,
+    symmetric_modes,
+)
+from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._rotor.loads import Damping
+from jaxbeam._rotor.motion import Spin
+from jaxbeam._rotor.spins import ModulatedSpeed
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
+
+_NODES = (1 + np.polynomial.legendre.leggauss(3)[0]) / 2
+_SQUARINGS = 12  # steps of up to 160 periods of the fastest mode, which are too long anyhow
+PLANES = ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
+
+
+class Floquet(eqx.Module):
+    """Multipliers of n coordinates over one period.
+
+    | field       | shape | unit |                                                              |
+    |-------------|-------|------|--------------------------------------------------------------|
+    | multipliers | (2n,) |      | largest modulus first; NaN, as the rate, unless status is OK |
+    | family      | (2n,) |      | `Family.IN_PLANE` (with axial motion) or `FLAP`, of each     |
+    | growth_rate | ()    | 1/s  | log(largest modulus) / period; of undamped stable beams zero |
+    |             |       |      | to rounding (1e-8 / period where two multipliers are close)  |
+    | status      | ()    |      | `Status`; being unstable is no failure                       |
+    """
+
+    multipliers: Complex[Array, " m"]
+    family: Int[Array, " m"]
+    growth_rate: Scalar
+    status: Code
+
+
+def floquet(
+    model: AbstractModel,
+    rotor: Any,
+    motion: Spin,
+    period: Real | None = None,
+    *,
+    damping: Damping | None = None,
+    steps: int = 64,
+    throw: bool = True,
+) -> Floquet:
+    """Floquet multipliers of small motions while the speed varies with `period` (s).
+
+    `motion` turns about the axis a3 with a speed of that period; a `ModulatedSpeed` states its own.
+    The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
+    order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping;
+    double `steps` to see what is left. Many functions need many steps, for a mode that nobody asks
+    for: take small models. First derivatives of multipliers by every parameter are
+    exact in both modes, where a multiplier is simple.
+
+    `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
+    of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
+    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`). Otherwise failures are
+    raised, with malformed arguments, as by `modes`.
+    """
+    rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
+    count_functions("steps", steps, least=1)
+    result = _floquet(model, rotor, motion, period, damping, steps)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+def _checked(
+    model: AbstractModel, rotor: Any, motion: Any, period: Any, damping: Any
+) -> tuple[Any, Spin, Scalar, Damping]:
+    rotor, _ = checked_case(model, rotor)
+    if not isinstance(motion, Spin):
+        raise TypeError(f"motion must turn about a fixed axis, got {kind_of(motion)}")
+    if period is None:
+        if not isinstance(motion, ModulatedSpeed):
+            raise TypeError("period must be given, but for a ModulatedSpeed")
+        period = 2 * np.pi / known(motion.frequency)
+    return rotor, motion, positive("period", period), checked_damping(damping)
+
+
+def checked_damping(damping: Any) -> Damping:
+    """The damping, none by default."""
+    damping = Damping() if damping is None else damping
+    if not isinstance(damping, Damping):
+        raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
+    return damping
+
+
+@eqx.filter_jit
+def _floquet(
+    model: AbstractModel, rotor: Any, motion: Spin, period: Scalar, damping: Damping, steps: int
+) -> Floquet:
+    given = input_status(rotor, motion, period, damping)
+    fine = given == Status.OK
+    rotor, motion, period, damping = jax.tree.map(
+        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+        (rotor, motion, period, damping),
+    )
+
+    def speed(t: Scalar) -> Scalar:
+        return jnp.where(fine, motion.angular_speed(t), 0.0)
+
+    parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
+    for families in PLANES:
+        if any(family in model.families for family in families):
+            plane = Plane(model, rotor, speed, period, damping, families)
+            monodromy, correction = plane.monodromy(steps)
+            sound = jnp.all(jnp.isfinite(monodromy))
+            mu = multipliers(jnp.where(sound, monodromy, jnp.eye(len(monodromy))))
+            parts.append((mu, jnp.full(mu.shape, int(families[0]))))
+            ok &= plane.status == Status.OK
+            enough &= sound & (correction < 1)  # False for NaN
+    mu, family = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+    order = jnp.argsort(-jnp.abs(mu))
+    mu, family = mu[order], family[order]
+    status = jnp.where(enough, Status.OK, Status.TOO_FEW_STEPS)
+    status = jnp.where(ok, status, Status.NO_EQUILIBRIUM)
+    status = jnp.where(fine, status, given).astype(int)
+    ok = status == Status.OK
+    rate = jnp.log(jnp.abs(jnp.where(ok, mu[0], 1.0))) / period
+    return Floquet(where_known(ok, mu), family, where_known(ok, rate), status)
+
+
+def input_status(rotor: Any, motion: Spin, period: Scalar, damping: Damping) -> Code:
+    t = period * jnp.linspace(0.0, 1.0, 8)
+    now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
+    scale = jnp.max(jnp.abs(now))
+    repeats = jnp.all(jnp.abs(later - now) <= 1e-6 * scale)  # False for NaN
+    rates = jnp.stack([jnp.zeros_like(period), *jax.tree.leaves(damping)])
+    status = jnp.asarray(Status.OK)
+    planar = jnp.max(jnp.abs(motion.axis - np.array([0.0, 0.0, 1.0]))) < 1e-9
+    for holds, code in (
+        (planar, Status.OUT_OF_PLANE),
+        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+        (repeats & jnp.isfinite(period) & (period > 0), Status.INVALID_MOTION),
+    ):
+        status = jnp.where(holds, status, code)
+    given = rotor.status(jnp.zeros_like(period))
+    return jnp.where(given == Status.OK, status, given).astype(int)
+
+
+class Plane(NamedTuple):
+    """Motion in one plane over a period, in coordinates of its modes at the mean speed.
+
+    With Phi^T M Phi = 1 and the frequencies w there, q = Phi w^-1/2 x, p = M Phi w^1/2 y:
+    canonical, and each mode turns in its plane (x, y) at its own frequency. The change of
+    coordinates carries no derivatives, which multipliers do not ask for.
+    """
+
+    model: AbstractModel
+    rotor: Any
+    speed: Any
+    period: Scalar
+    damping: Damping
+    families: tuple[Family, ...]
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Indices of the coordinates."""
+        return np.flatnonzero([f in self.families for f in self.model.families])
+
+    def matrices(self, speed: Scalar) -> tuple[Matrix, Matrix, Matrix, Matrix, Code]:
+        """M, G, K, D."""
+        own = np.ix_(self.rows, self.rows)
+        system = self.model.matrices(self.rotor, speed)
+        m, g, k = (a[own] for a in (system.mass, system.gyroscopic, system.stiffness))
+        rates = self.damping.mass, self.damping.stiffness
+        if rates == (None, None):
+            return m, g, k, jnp.zeros_like(m), system.status
+        equations = self.model.equations(self.rotor)
+        q = jnp.zeros(len(self.model.families), m.dtype)
+        if not equations.is_linear:
+            q, _ = self.model.steady(self.rotor, speed)
+        d = dense(equations.damping_tangents(q, jnp.zeros_like(q), *rates)[1])
+        return m, g, k, (d / equations.as_force(q, jnp.ones_like(q))[:, None])[own], system.status
+
+    @property
+    def mean_speed(self) -> Scalar:
+        """Over eight times of the period."""
+        return jnp.mean(jax.vmap(self.speed)(self.period * jnp.arange(8) / 8))
+
+    @property
+    def status(self) -> Code:
+        """At the largest speed: the search for the steady state, and whether the rod bears it."""
+        speeds = jnp.abs(jax.vmap(self.speed)(self.period * jnp.arange(32) / 32))
+        m, _, k, _, status = without_derivatives(self.matrices(jnp.max(speeds)))
+        axial = np.flatnonzero([self.model.families[row] == Family.AXIAL for row in self.rows])
+        if axial.size:
+            least, _ = lowest_eigenpair(k[np.ix_(axial, axial)], m[np.ix_(axial, axial)])
+            status = jnp.where(least > 0, status, Status.NO_EQUILIBRIUM)
+        return status
+
+    @property
+    def coordinates(self) -> tuple[Matrix, Vector]:
+        """Phi and w^1/2."""
+        m, _, k, _, _ = without_derivatives(self.matrices(self.mean_speed))
+        phi = symmetric_modes(m, k).T
+        w2 = jnp.abs(jnp.sum(phi * (k @ phi), 0))
+        slow = (2 * jnp.pi / without_derivatives(self.period)) ** 2 / 100
+        return phi, jnp.maximum(w2, slow) ** 0.25
+
+    def monodromy(self, steps: int) -> tuple[Float[Array, "m m"], Scalar]:
+        """What takes (x, y) through the period, and the largest part of an exponent that is of
+        third order, which says whether the steps are short enough."""
+        phi, root = self.coordinates
+        n, h = root.size, self.period / steps
+
+        def rate(t: Scalar) -> Matrix:
+            m, g, k, d, _ = self.matrices(self.speed(t))
+            m, g, k, d = (phi.T @ a @ phi for a in (m, g, k, d))  # m is one, but has derivatives
+            light = inverse(m)
+            turn = light @ (g / 2)
+            press = g / 2 + d
+            blocks = [[-turn, light], [press @ turn - k, -press @ light]]
+            scale = jnp.concatenate([root, 1 / root])
+            return scale[:, None] * jnp.block(blocks) / scale[None]
+
+        def step(state: Matrix, i: Array) -> tuple[Matrix, Scalar]:
+            a, b, c = jax.vmap(rate)(h * (i + _NODES))
+            one, two = h * b, np.sqrt(15) / 3 * h * (c - a)
+            three = 10 / 3 * h * (a - 2 * b + c)
+            first = _commutator(one, two)
+            second = -_commutator(one, 2 * three + first) / 60
+            both = _commutator(-20 * one - three + first, two + second) / 240
+            size = jax.lax.stop_gradient(jnp.max(jnp.abs(both)))
+            # What is too long for its order may be too long for any number as well.
+            exponent = jnp.where(size < 1, one + three / 12 + both, 0.0)
+            return exponential(exponent, _SQUARINGS) @ state, size
+
+        product, sizes = jax.lax.scan(step, jnp.eye(2 * n), jnp.arange(float(steps)))
+        return product, jnp.max(sizes)
+
+
+def _commutator(a: Matrix, b: Matrix) -> Matrix:
+    return a @ b - b @ a
+
+
+def multipliers(monodromy: Float[Array, "m m"]) -> Complex[Array, " m"]:
+    """Eigenvalues, differentiable."""
+    return _differentiable(monodromy, *eigensystem(jax.lax.stop_gradient(monodromy)))
+
+
+@jax.custom_jvp
+def _differentiable(monodromy: Array, mu: Array, right: Array, left: Array) -> Array:
+    return mu
+
+
+@_differentiable.defjvp
+def _differentiable_jvp(
+    primals: tuple[Array, ...], tangents: tuple[Array, ...]
+) -> tuple[Array, Array]:
+    """d mu = y^H dPhi x / y^H x."""
+    _, mu, x, y = primals
+    turned = y.conj()
+    return mu, jnp.sum(turned * (tangents[0] @ x), 0) / jnp.sum(turned * x, 0)

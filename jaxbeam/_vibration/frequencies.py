@@ -1,0 +1,347 @@
+"""The lowest frequencies alone, at the speed that sweeps of many cases want.
+
+Transverse motion w and axial motion u move in quadrature, so that frequencies omega are where
+
+    D(omega) = K - omega^2 M + omega C,   C symmetric, from the Coriolis coupling of w and u,
+
+is singular. Bending polynomials and elements both give narrow bands. A Ritz problem of few
+functions, which all beams share, guesses omega to some 1e-4; one or two inverse iterations in all
+functions with Rayleigh quotients make it exact, and Sylvester's law says whether it is the one
+asked for.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.ancf import _Nodal
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.elements import ElementEquations
+from jaxbeam._models.modal import Hybrid
+from jaxbeam._numerics.band import (
+    Band,
+    band,
+    polished,
+    product,
+    refined,
+    width_of,
+)
+from jaxbeam._numerics.kernel import beside, contract, kernel, total
+from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.motion import spinning
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Real, Scalar, Vector
+from jaxbeam._vibration.ritz import PLAIN, Numbers, combined, integrals, numbers_of, ritz_problem
+
+_TOLERANCE = 2e-5  # of the vector: what is left of the frequency is below 1e-9
+_Case = tuple[Rotor, Scalar]  # and its speed
+
+
+class Frequencies(eqx.Module):
+    """The lowest k frequencies (rad/s) of motion in the plane of rotation, in order.
+
+    NaN unless `status` is `Status.OK`.
+    """
+
+    frequency: Float[Array, " k"]
+    status: Code
+
+
+def frequencies(
+    model: AbstractModel, rotor: Rotor, angular_speed: Real, count: int = 3, *, throw: bool = True
+) -> Frequencies:
+    """The lowest `count` frequencies (rad/s) in the plane of rotation, much faster than `modes`.
+
+    Roots omega > 0 of det(K - omega^2 M + omega C) = 0 about the steady state, C from the Coriolis
+    coupling of bending and axial motion (Y eqs. 18-19, B eqs. 53-54), to 1e-9 of those of `modes`.
+    For `Hybrid` with its usual basis (`Polynomials()`, eight or more functions in plane) and the
+    elements that simulate too (`EngineeringANCF`, `GreenANCF`, `ANCF`, `ChordANCF`, `TangentANCF`).
+    `angular_speed` in rad/s; `count` from 1 to 6. Made for `jax.vmap` over many cases, with first
+    derivatives by every parameter; for second ones, labels, shapes, flap or growth take `modes`.
+
+    Raises `TypeError` for other models, `ValueError` for parameters out of range, `RuntimeError`
+    where there is no steady state (`NO_EQUILIBRIUM`) or where the search did not find what was
+    asked for (`NOT_CONVERGED`): where an axial mode is among the lowest, or the steady state is
+    unstable. `throw=False` keeps all but the first in `status`, and the frequencies are NaN, with
+    derivatives that are NaN in forward mode and zero in reverse mode (see `modes`).
+    """
+    if isinstance(count, bool) or not isinstance(count, int):
+        raise TypeError(f"count must be an int, got {type(count).__name__}")
+    rotor, speed = checked_case(model, rotor, angular_speed)
+    result = _frequencies(_solver(model, count), rotor, speed)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+@functools.lru_cache(maxsize=64)
+def _solver(model: AbstractModel, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    if isinstance(model, Hybrid) and model.basis == PLAIN and model.n_in_plane >= 8:
+        _check_count(count, model.n_in_plane - 4)
+        return _of_polynomials(model, count)
+    if isinstance(model, _Nodal):
+        _check_count(count, model.n_elements)
+        return _of_elements(model, count)
+    raise TypeError(
+        "model must be Hybrid with Polynomials() and n_in_plane >= 8, EngineeringANCF, GreenANCF, "
+        f"ANCF, ChordANCF or TangentANCF, got {model!r}; take modes for other models"
+    )
+
+
+def _check_count(count: int, most: int) -> None:
+    most = min(most, 6)
+    if not 1 <= count <= most:
+        raise ValueError(f"count must be between 1 and {most} for this model, got {count}")
+
+
+@eqx.filter_jit
+def _frequencies(solver: Any, rotor: Rotor, speed: Scalar) -> Frequencies:
+    given = rotor.status(speed)
+    fine = given == Status.OK
+    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    omega, status = solver(rotor, jnp.where(fine, speed, 0.0))
+    status = jnp.where(fine, status, given).astype(int)
+    return Frequencies(where_known(status == Status.OK, omega), status)
+
+
+class _Pencil(NamedTuple):
+    """K, M, C of D(omega)."""
+
+    k: Band
+    m: Band
+    c: Band
+
+    def by_mode(self) -> "_Pencil":
+        """With an axis for the modes, before those of lanes."""
+        return _Pencil(*(a[:, :, None] for a in self))
+
+
+def _differentiable(
+    search: Callable[[Any], Any], polish: Callable[..., Any], form: Callable[..., Any]
+) -> Callable[..., Any]:
+    """search(arrays) -> (omega, hidden, found) with derivatives of omega from
+
+        polish(arrays, hidden, omega) = what form wants, slope = -x^T D'(omega) x,
+        form(arrays, what it wants, omega) = x^T D(omega) x = 0:
+
+    d omega = d(x^T D x) / slope. `hidden` holds x and what else was found on the way; `polish`
+    makes x as exact as omega is.
+    """
+
+    @jax.custom_jvp
+    def call(arrays: Any) -> Any:
+        return search(arrays)
+
+    @call.defjvp
+    def rule(primals: tuple[Any], rates: tuple[Any]) -> tuple[Any, Any]:
+        out = call(*primals)
+        ok = jnp.all(out[2] > 0)
+        omega, hidden = jax.tree.map(lambda a: jnp.where(ok, a, 1.0), _once(out[:2]))
+        hidden, slope = jax.tree.map(
+            lambda a: jnp.where(ok, a, 1.0), _once(polish(*primals, hidden, omega))
+        )
+        change = jax.jvp(lambda a: form(a, hidden, omega), primals, rates)[1]
+        rate = jnp.where(ok, change / slope, 0.0)
+        _, *others = jax.tree.map(jnp.zeros_like, out)
+        return out, (rate, *others)
+
+    return call
+
+
+@jax.custom_jvp
+def _once(out: Any) -> Any:
+    """No second derivatives: those of x would be missing."""
+    return out
+
+
+@_once.defjvp
+def _no_more(primals: Any, tangents: Any) -> Any:
+    raise NotImplementedError("frequencies has first derivatives only: take modes for second ones")
+
+
+def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    n, m = model.n_in_plane, model.n_stretch
+    a, ritz = integrals(n, m), ritz_problem(count)
+    # Functions of both directions by degree: the band is then narrow.
+    order = np.argsort(np.append(np.arange(n), np.arange(m) + 0.5), kind="stable")
+
+    def whole(ww: np.ndarray | None, uu: np.ndarray | None, wu: np.ndarray | None) -> np.ndarray:
+        out = np.zeros((n + m, n + m))
+        if ww is not None:
+            out[:n, :n] = ww
+        if uu is not None:
+            out[n:, n:] = uu
+        if wu is not None:
+            out[:n, n:], out[n:, :n] = wu, wu.T
+        return np.where(np.abs(out) > 1e-14, out, 0.0)[np.ix_(order, order)]
+
+    ends = np.outer(a.end, a.end), np.outer(a.axial_end, a.axial_end)
+    tables = [
+        whole(np.eye(n), None, None), whole(None, np.eye(m), None), whole(a.tip, None, None),
+        whole(a.hub, None, None), whole(a.own, None, None), whole(a.mass, a.axial, None),
+        whole(*ends, None), whole(None, None, a.mixed),
+        whole(None, None, np.outer(a.end, a.axial_end)),
+    ]  # fmt: skip
+    width = width_of(*tables)
+    wide = [band(table, width) for table in tables]
+    narrow = [band(table, width_of(table)) for table in tables]
+    functions = np.zeros((n + m, ritz.functions.shape[1]))
+    functions[:n] = np.pad(ritz.functions, ((0, max(n - 24, 0)), (0, 0)))[:n]
+    functions = functions[order]
+
+    def matrices(tables: Sequence[Any], numbers: Numbers) -> tuple[Array, Array, Array]:
+        """K, M, C of the nine tables, with lanes behind."""
+        g, hub, tip, softness = numbers
+        one = jnp.ones_like(g)
+        rigid = [g**2 * tip * (1 + hub), g**2 * hub, g**2]
+        weights = [one, 1 / softness, *rigid, -(g**2), -(g**2) * tip]
+
+        def summed(some: slice, weights: list[Array]) -> Array:
+            return combined(jnp.stack(tables[some], -1 - g.ndim), weights)
+
+        return (
+            summed(slice(7), weights),
+            summed(slice(5, 7), [one, tip * one]),
+            summed(slice(7, 9), [2 * g, 2 * g * tip]),
+        )
+
+    def pencil(numbers: Numbers) -> _Pencil:
+        return _Pencil(*matrices([beside(a, numbers.speed.ndim) for a in wide], numbers)).by_mode()
+
+    @kernel
+    def search(numbers: Numbers) -> tuple[Array, Array, Array]:
+        seen = numbers if m else numbers._replace(softness=0 * numbers.softness)
+        return _search(pencil(numbers), *ritz.guess(seen), functions)
+
+    @kernel
+    def polish(numbers: Numbers, x: Array, omega: Array) -> tuple[list[Array], Array]:
+        x = polished(_at(pencil(numbers), omega), x)
+        each = [beside(table[:, :, None], numbers.speed.ndim) for table in narrow]
+        shares = [total(x * product(table, x)) for table in each]
+        _, m, c = matrices(shares, numbers)
+        return shares, 2 * omega * m - c
+
+    @kernel
+    def form(numbers: Numbers, shares: list[Array], omega: Array) -> Array:
+        k, m, c = matrices(shares, numbers)
+        return k - omega**2 * m + omega * c
+
+    lowest = _differentiable(search, polish, form)
+
+    def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+        omega, _, found = lowest(numbers_of(rotor, speed))
+        status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
+        if m:
+            status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
+        return omega * rotor.beam.frequency_scale, status
+
+    return solver
+
+
+def _search(
+    pencil: _Pencil, guess: Array, modes: Array, functions: np.ndarray
+) -> tuple[Array, Array, Array]:
+    lanes = guess.ndim - 1
+    x = contract(beside(functions[:, :, None], lanes), modes[None], 1, lanes)
+    omega, x, done, below = refined(*pencil, guess, x, _TOLERANCE)
+    place = beside(np.arange(len(guess)), lanes)
+    right = done & (below == place)
+    # What was not found must not end up, as NaN, in gradients of parameters that cases share.
+    return jnp.where(right, omega, 1.0), x, jnp.where(right, 1.0, 0.0)
+
+
+def _at(pencil: _Pencil, omega: Array) -> Band:
+    """D(omega)."""
+    return pencil.k - omega**2 * pencil.m + omega * pencil.c
+
+
+def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    n, ritz = model.n_elements, ritz_problem(count)
+    at = PLAIN.bending(24, np.linspace(0.0, 1.0, n + 1)[1:])
+    size = ritz.functions.shape[1]
+    functions = np.zeros((n, 4, size))
+    functions[:, 0], functions[:, 1] = at.value @ ritz.functions, at.slope @ ritz.functions
+    functions = np.concatenate([np.zeros((1, size)), functions.reshape(4 * n, size)])
+    # Quadrature: rows of w and of u see the Coriolis force with opposite signs.
+    signs = np.tile([-1.0, -1.0, 1.0, 1.0], n + 1).reshape(n + 1, 4, 1)
+
+    @kernel
+    def search(case: _Case) -> tuple[Array, Any, Array]:
+        rotor, speed = case
+        equations = model.equations(rotor)
+        q, steady = _steady(equations, speed)
+        guess, modes = ritz.guess(numbers_of(rotor, speed))
+        pencil = _banded(equations, speed, q, signs)
+        guess = rotor.beam.frequency_scale * guess
+        omega, x, found = _search(pencil, guess, modes, functions)
+        return omega, (x, q), found * steady
+
+    @kernel
+    def polish(case: _Case, hidden: Any, omega: Array) -> tuple[Any, Array]:
+        x, q = hidden
+        pencil = _banded(model.equations(case[0]), case[1], q, signs)
+        x = polished(_at(pencil, omega), x)
+        return (x, q), total(x * product(2 * omega * pencil.m - pencil.c, x))
+
+    @kernel
+    def form(case: _Case, hidden: Any, omega: Array) -> Array:
+        equations, (x, q) = model.equations(case[0]), hidden
+        pencil = _banded(equations, case[1], _newton(equations, case[1], q), signs)
+        return total(x * product(_at(pencil, omega), x))
+
+    lowest = _differentiable(search, polish, form)
+
+    def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
+        omega, _, found = lowest((rotor, speed))
+        status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
+        if model.element.tears:
+            status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
+        return omega, status
+
+    return solver
+
+
+def _newton(equations: ElementEquations, speed: Scalar, q: Vector) -> Vector:
+    """One step towards the steady state. Where it has been reached, the derivatives of the new q
+    are those of the steady state."""
+    rest, hub = jnp.zeros_like(q), spinning(speed)
+    k, _ = without_derivatives(equations.tangents(hub, q, rest, None))
+    return q + k.inverse() @ equations.force(hub, q, rest, None)
+
+
+def _steady(equations: ElementEquations, speed: Scalar) -> tuple[Vector, Scalar]:
+    """The steady state, and whether it was found."""
+    size = jnp.broadcast_to(equations.size, speed.shape)
+
+    def go_on(state: tuple[Array, ...]) -> Array:
+        return (state[0] < 20) & jnp.any(state[2] < 1)
+
+    def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        i, q, done = state
+        new = _newton(equations, speed, q)
+        small = jnp.where(total((new - q) ** 2) < (1e-9 * size) ** 2, 1.0, 0.0)
+        return i + 1, jnp.where(done < 1, new, q), jnp.where(done < 1, small, done)
+
+    n = equations.mass.shape[0]
+    zero = jnp.zeros((n, *speed.shape), speed.dtype)
+    state: tuple[Array, ...] = (jnp.zeros((), int), zero, jnp.zeros_like(speed))
+    _, q, done = jax.lax.while_loop(go_on, improve, state)
+    return q, done
+
+
+def _banded(equations: ElementEquations, speed: Scalar, q: Vector, signs: np.ndarray) -> _Pencil:
+    k, c = equations.tangents(spinning(speed), q, jnp.zeros_like(q), None)
+
+    def bands(rows: Float[Array, "k 4 12 *lanes"]) -> Band:
+        longer = jnp.concatenate([rows, jnp.zeros_like(rows[:, :, :3])], 2)
+        columns = jnp.stack([longer[:, i, 4 + i : 12 + i] for i in range(4)], 1)
+        return columns.reshape(-1, *columns.shape[2:])[3:]
+
+    m = jnp.broadcast_to(equations.mass.rows, k.rows.shape)
+    turned = c.rows * beside(signs, q.ndim - 1)
+    return _Pencil(bands(k.rows), bands(m), bands(turned)).by_mode()

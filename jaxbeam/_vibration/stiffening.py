@@ -1,0 +1,64 @@
+"""What says beforehand whether a theory may be used."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxbeam._checks import checked_speed
+from jaxbeam._models.modal import Hybrid
+from jaxbeam._numerics.linalg import symmetric_modes
+from jaxbeam._results import where_known
+from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._status import Status
+from jaxbeam._types import Real, Scalar, Vector, Vectors
+from jaxbeam._vibration.modes import find
+
+_BENDING = Hybrid(0, 14, 0)
+
+
+def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
+    """Motion-induced over elastic stiffness of the first in-plane mode at rest, without unit.
+
+        ratio = int P(x) phi'^2 dx / int EI_zz phi''^2 dx,
+
+    P(x) the tension that carries the rigid motion at `angular_speed` (rad/s; `Rotor.tension`, N),
+    phi the first bending mode of the beam at rest with its tip mass. These are the terms that Y
+    eq. 19 has and the classical theory (`Classical`) has not; Y, below eq. 20 and on Fig. 6: that
+    theory may be used while they are small beside the elastic ones, however small the deflection.
+    The ratio is Omega^2 times an affine function of the hub radius, and does not depend on the
+    axial stiffness. By Rayleigh
+
+        omega^2 = omega_0^2 (1 + ratio) - Omega^2  (`Hybrid`),  omega_0^2 - Omega^2  (`Classical`):
+
+    the classical frequency is too low by ratio / 2, relative, while that is small: by 1 % at 0.02.
+
+    Derivatives of any order, those by what changes phi included. Raises `ValueError` or
+    `TypeError` for a malformed argument or a parameter out of range; NaN where a traced one is.
+    """
+    return _ratio(checked_rotor(Rotor, rotor), checked_speed(angular_speed))
+
+
+@eqx.filter_jit
+def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
+    # As in `guarded_matrices`: no NaN in gradients of what lanes of a batch share.
+    fine = rotor.status(speed) == Status.OK
+    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    speed = jnp.where(fine, speed, 0.0)
+    still = jnp.zeros_like(speed)
+    phi = find(_BENDING, rotor, still, 1).shape[0].real
+    return where_known(fine, stiffening_of(phi, rotor, speed))
+
+
+def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
+    """The same where the first mode is known and all is in range."""
+    equations = _BENDING.equations(rotor)
+    motion = phi @ equations.motion_stiffness(jnp.zeros_like(speed), speed**2, None) @ phi
+    return motion / (2 * equations.strain_energy(phi))
+
+
+def bending_at_rest(rotor: Rotor) -> tuple[Vector, Vectors]:
+    """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
+    derivatives, and a program a fifth as large."""
+    system = _BENDING.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
+    shape = symmetric_modes(system.mass, system.stiffness)
+    return jnp.sqrt(jnp.sum((shape @ system.stiffness) * shape, axis=1)), shape

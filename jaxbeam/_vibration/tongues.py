@@ -1,0 +1,293 @@
+"""Tongues: where a modulation of the speed makes two modes grow."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jaxbeam._checks import positive, real_array
+from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, count_functions
+from jaxbeam._numerics.linalg import eigensystem
+from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._rotor.loads import Damping
+from jaxbeam._rotor.spins import ModulatedSpeed
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Real, Scalar, Vector
+from jaxbeam._vibration.floquet import PLANES, Plane, checked_damping, input_status
+from jaxbeam._vibration.modes import Choice, choose, find
+
+
+class Tongue(eqx.Module):
+    """Boundaries of a region of parametric resonance, at D depths of modulation.
+
+    | field     | shape  | unit  |                                                               |
+    |-----------|--------|-------|---------------------------------------------------------------|
+    | depth     | (D,)   |       | as given                                                      |
+    | frequency | (D, 2) | rad/s | lowest and highest frequency of modulation of the region      |
+    | tip       | ()     | rad/s | where it begins without damping: (omega_i + omega_j) / order  |
+    | status    | (D,)   |       | `Status`; `NO_TONGUE` where damping leaves none at this depth |
+
+    Where `status` is not OK the frequencies are NaN (derivatives: as in `modes`); so is `tip` where
+    nothing could be computed at any depth.
+    """
+
+    depth: Vector
+    frequency: Float[Array, "D 2"]
+    tip: Scalar
+    status: Code
+
+
+def tongue(
+    model: AbstractModel,
+    rotor: Any,
+    mean: Real,
+    pair: tuple[Label, Label],
+    depths: Any,
+    *,
+    order: int = 1,
+    damping: Damping | None = None,
+    steps: int = 64,
+    throw: bool = True,
+) -> Tongue:
+    """Where `ModulatedSpeed(mean, depth, frequency)` makes the modes of `pair` grow.
+
+    The region of parametric resonance that begins at frequency (omega_i + omega_j) / order, the
+    frequencies being those at the speed `mean` (rad/s): principal where both labels are the same,
+    of combination type where they differ. `depths` are positive and increasing.
+
+    The two multipliers that belong to the two modes define a function that changes sign at the
+    boundary. With their sum s and product p, t = s / p^1/2 and r = abs(p)^-1/2 it is
+
+        Re(t)^2 + [Im(t) (r + 1/r) / (r - 1/r)]^2 - (r + 1/r)^2,
+
+    positive where one of them is outside the unit circle (condition of Schur and Cohn, for
+    abs(p) <= 1); without damping (s^2 - 4 p) / p, negative while they are apart on the circle. Its
+    roots are found by Newton's method with exact derivatives, from depth to depth along the tangent
+    that the gradient gives, set right by a parabola through three points. First derivatives of
+    `frequency` by parameters are exact.
+
+    The modulation is about a positive mean speed at which the beam is stable, else the status is
+    `NO_EQUILIBRIUM`. `INACCURATE` where the two modes are not recognised by what they are without
+    modulation, `NOT_CONVERGED` where Newton's method did not settle, because multipliers of another
+    mode pass by, say. `throw=False` returns failures in `Tongue.status`. Errors as in `floquet`.
+    """
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise ValueError(f"pair must be two labels, got {pair!r}")
+    choice = choose(model, tuple(pair))
+    planes = [families for families in PLANES if all(label.family in families for label in pair)]
+    if not planes:
+        raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
+    count_functions("order", order, least=1)
+    count_functions("steps", steps, least=1)
+    depths = real_array("depths", depths)
+    if depths.ndim != 1 or depths.size == 0:
+        raise ValueError(f"depths must be a list of numbers, got shape {depths.shape}")
+    if not isinstance(depths, jax.core.Tracer):
+        known = np.asarray(depths)
+        if not (np.isfinite(known).all() and known[0] > 0 and (np.diff(known) > 0).all()):
+            raise ValueError(f"depths must be finite, positive and increasing, got {known}")
+    speed = positive("mean", mean)
+    rotor, _ = checked_case(model, rotor)
+    damping = checked_damping(damping)
+    share = jnp.asarray(float(order))  # an array: another order does not compile anew
+    result = _tongue(model, rotor, speed, choice, depths, share, damping, planes[0], steps)
+    return raise_unless_ok(result, jnp.max(result.status)) if throw else result
+
+
+@eqx.filter_jit
+def _tongue(
+    model: AbstractModel, rotor: Any, mean: Scalar, choice: Choice, depths: Vector, order: Scalar,
+    damping: Damping, families: tuple[Family, ...], steps: int,
+) -> Tongue:  # fmt: skip
+    unit = ModulatedSpeed(mean, 0.0, 1.0)
+    given = input_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
+    found = find(model, rotor, mean, choice)
+    given = jnp.where(given == Status.OK, found.status, given)
+    unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
+    given = jnp.where(unstable, Status.NO_EQUILIBRIUM, given)
+    fine = given == Status.OK
+    rotor, damping = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), (rotor, damping))
+    mean = jnp.where(fine, mean, 0.0)
+    eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
+    tip_now = jnp.sum(eigenvalue.imag) / order
+    tip = without_derivatives(tip_now)
+
+    def plane(case: _Case) -> Plane:
+        rotor, mean, damping, frequency, depth = case
+        motion = ModulatedSpeed(mean, depth, frequency)
+        period = 2 * jnp.pi / frequency
+        return Plane(model, rotor, motion.angular_speed, period, damping, families)
+
+    def case(frequency: Scalar, depth: Scalar) -> _Case:
+        return without_derivatives((rotor, mean, damping, frequency, depth))
+
+    still = plane(case(tip, 0 * tip))
+    shapes = jnp.where(fine, found.shape, 1.0)
+    basis = without_derivatives(_basis(still, mean, eigenvalue, shapes))
+
+    def margin(case: _Case) -> tuple[Scalar, Scalar]:
+        """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
+        the steps are too long."""
+        monodromy, correction = plane(case).monodromy(steps)
+        sound = jnp.all(jnp.isfinite(monodromy))
+        monodromy = jnp.where(sound, monodromy, jnp.eye(len(basis)))
+        _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
+        share = jnp.linalg.norm(basis.conj().T @ right, axis=0)
+        likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
+        # Of the two-dimensional invariant subspace: at the boundary the two multipliers coincide,
+        # with derivatives that are infinite, while sum and product stay smooth.
+        x, y = (_orthonormal(*a[:, index[:2]].T) for a in (right, left))
+        small = _inverse2(y.conj().T @ x) @ (y.conj().T @ (monodromy @ x))
+        total, product = small[0, 0] + small[1, 1], _determinant2(small)
+        # Scaled to a product of one, the sum is t and the unit circle has the radius rho: both are
+        # within while t is in the ellipse with the half axes rho +- 1 / rho.
+        t, rho = total / jnp.sqrt(product), jnp.abs(product) ** -0.5
+        minor = rho - 1 / rho
+        flat = jnp.abs(minor) < 1e-12  # without damping t is real
+        aside = jnp.where(flat, 0.0, t.imag / jnp.where(flat, 1.0, minor))
+        major = rho + 1 / rho
+        value = t.real**2 + (aside * major) ** 2 - major**2
+        ahead = likeness[1] - likeness[2] if share.size > 2 else likeness[1]
+        return value, jnp.where(sound & (correction < 1), ahead, jnp.nan)
+
+    def slope(nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
+        """`margin`, and the derivative of its value along (frequency, depth)."""
+        start, one = case(nu, depth), jnp.ones_like(nu)
+        zero = jax.tree.map(jnp.zeros_like, start[:3])
+        push = (*zero, along[0] * one, along[1] * one)
+        (value, likeness), (rate, _) = jax.jvp(margin, (start,), (push,))
+        return value, likeness, rate
+
+    def vertex(centre: Scalar, reach: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
+        """Middle and half width of a parabola through three points; NaN if it stays negative."""
+
+        def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+            centre, reach = state[:2]
+            at = centre + reach * jnp.arange(-1.0, 2.0)
+            low, mid, high = jax.lax.map(lambda nu: margin(case(nu, depth))[0], at)
+            bend, tilt = (low + high) / 2 - mid, (high - low) / 2
+            shift = jnp.clip(-tilt / (2 * jnp.minimum(bend, -1e-30)), -2.0, 2.0)
+            top = mid + shift * (tilt + shift * bend)
+            width = reach * jnp.sqrt(jnp.maximum(top / -bend, 0.0))
+            near = jnp.where(width > 0, jnp.clip(width, 0.05 * reach, 2.0 * reach), reach)
+            near = jnp.where(jnp.abs(shift) >= 2, 4 * reach, near)  # far from it yet
+            return centre + shift * reach, near, jnp.where(top > 0, width, jnp.nan)
+
+        centre, _, width = jax.lax.fori_loop(0, 6, body, (centre, reach, reach))
+        return centre, width
+
+    def newton(start: Scalar, depth: Scalar) -> _End:
+        def body(end: _End) -> _End:
+            value, likeness, rate = slope(end.frequency, depth, (1.0, 0.0))
+            change = jnp.clip(value / rate, -0.02 * tip, 0.02 * tip)
+            return _End(end.frequency - change, jnp.abs(change), likeness, rate, end.tries + 1)
+
+        def go_on(end: _End) -> Array:
+            return (end.change > 1e-13 * tip) & (end.tries < 20)
+
+        one = jnp.ones_like(start)
+        return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
+
+    def step(state: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
+        valid = jnp.isfinite(given) & (given > 0)
+        depth = jnp.where(valid, given, state.depth)
+        # To second order in depth the middle moves with its square, the width with its power.
+        drift = jnp.nan_to_num(jnp.mean(state.slopes)) / (2 * state.depth)
+        centre = state.centre + drift * (depth**2 - state.depth**2)
+        centre, width = vertex(centre, state.width * (depth / state.depth) ** order, depth)
+        exists = jnp.isfinite(width)
+        start = jnp.where(exists, centre + width * np.array([-1.0, 1.0]), tip)
+        end = jax.vmap(lambda nu: newton(nu, depth))(start)
+        rise = jax.vmap(lambda nu: slope(nu, depth, (0.0, 1.0))[2])(end.frequency)
+        ends = end.frequency
+        good = exists & jnp.all(end.change <= 1e-9 * tip) & (ends[1] > ends[0])
+        known = jnp.all(end.likeness > 0.2)
+        status = jnp.where(known, Status.OK, Status.INACCURATE)
+        status = jnp.where(good, status, Status.NOT_CONVERGED)
+        status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
+        status = jnp.where(exists, status, Status.NO_TONGUE)
+        status = jnp.where(valid, status, Status.INVALID_MOTION)
+        good &= valid
+        new = _Traced(
+            depth=depth,
+            centre=jnp.where(good, jnp.mean(ends), centre),
+            width=jnp.where(good, (ends[1] - ends[0]) / 2, state.width),
+            slopes=jnp.where(good, -rise / end.rate, jnp.nan),
+        )
+        return new, (jnp.where(good, ends, jnp.nan), end.rate, status)
+
+    least = jnp.full_like(tip, 1e-3)
+    first = _Traced(least, tip, 0.01 * tip * least**order, jnp.full(2, jnp.nan))
+    start = without_derivatives((first, depths))
+    _, (kept, rates, status) = jax.lax.scan(step, *start)
+
+    def polished(end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
+        """One more step, in which the parameters carry their derivatives."""
+        here = jnp.isfinite(end)
+        depth = jnp.where(here, depth, 1e-3)
+        value, _ = margin((rotor, mean, damping, jnp.where(here, end, tip), depth))
+        value, end = jnp.where(here, value, 0.0), jnp.where(here, end, tip)
+        return end - value / jnp.where(here, rate, 1.0)
+
+    ends = jax.vmap(jax.vmap(polished, (0, 0, None)))(kept, rates, depths)
+    status = jnp.where(fine, status, given).astype(int)
+    ok = status == Status.OK
+    known = ok[:, None] & jnp.isfinite(kept)
+    return Tongue(depths, where_known(known, ends), where_known(fine, tip_now), status)
+
+
+_Case = tuple[Any, Scalar, Damping, Scalar, Scalar]  # rotor, mean speed, ..., frequency and depth
+
+
+class _End(NamedTuple):
+    """Newton's method on the way to a boundary."""
+
+    frequency: Scalar
+    change: Scalar
+    likeness: Scalar
+    rate: Scalar
+    tries: Scalar
+
+
+class _Traced(NamedTuple):
+    """What one depth leaves to the next."""
+
+    depth: Scalar
+    centre: Scalar
+    width: Scalar
+    slopes: Float[Array, " 2"]
+
+
+def _basis(
+    plane: Plane, speed: Scalar, eigenvalue: Complex[Array, " 2"], shape: Complex[Array, "2 n"]
+) -> Complex[Array, "m 2"]:
+    """Orthonormal, of two modes in (x, y), the second one turning backwards: these two meet."""
+    phi, root = plane.coordinates
+    m, g, *_ = plane.matrices(speed)
+
+    def canonical(lam: Scalar, x: Vector) -> Vector:
+        own = x[plane.rows]
+        p = lam * (m @ own) + g @ own / 2
+        return jnp.concatenate([root * (phi.T @ (m @ own)), (phi.T @ p) / root])
+
+    return _orthonormal(
+        canonical(eigenvalue[0], shape[0]), canonical(eigenvalue[1], shape[1]).conj()
+    )
+
+
+def _orthonormal(a: Complex[Array, " m"], b: Complex[Array, " m"]) -> Complex[Array, "m 2"]:
+    a = a / jnp.linalg.norm(a)
+    b = b - a * (a.conj() @ b)
+    return jnp.stack([a, b / jnp.linalg.norm(b)], 1)
+
+
+def _determinant2(a: Complex[Array, "2 2"]) -> Complex[Array, ""]:
+    return a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+
+
+def _inverse2(a: Complex[Array, "2 2"]) -> Complex[Array, "2 2"]:
+    rows = [jnp.stack([a[1, 1], -a[0, 1]]), jnp.stack([-a[1, 0], a[0, 0]])]
+    return jnp.stack(rows) / _determinant2(a)
