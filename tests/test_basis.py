@@ -8,6 +8,7 @@ import pytest
 import scipy.integrate
 
 import jaxbeam as jb
+from jaxbeam._models import basis as basis_module
 
 BASES = [jb.Polynomials(), jb.Polynomials(grading=2), jb.CantileverModes()]
 ids = [repr(b) for b in BASES]

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._sweeps import store, sweep
 from tests.helpers import USERS
 from tests.test_devices import assert_same
 
@@ -333,6 +334,7 @@ import sys
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxbeam as jb
+from jaxbeam._sweeps import store, sweep
 from tests.test_store import KILLED_CASES, spin
 jb.sweep(spin, KILLED_CASES, chunk=4, folder=sys.argv[1])
 """

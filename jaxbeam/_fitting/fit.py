@@ -14,10 +14,19 @@ from jaxtyping import Array
 from jaxbeam._checks import kind_of, real_scalar
 from jaxbeam._fitting.experiments import Experiment
 from jaxbeam._fitting.free import Free, values_of
-from jaxbeam._fitting.result import Experiments, Fit, Problem, excess_of, spread
+from jaxbeam._fitting.result import (
+    UNSURE,
+    Experiments,
+    Fit,
+    Problem,
+    excess_of,
+    spread,
+)
 from jaxbeam._models.base import count_functions
 from jaxbeam._results import where_known
 from jaxbeam._status import Status
+
+_RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
 
 
 class Descent(NamedTuple):
@@ -163,7 +172,7 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     deviation, covariance = spread(certainty, directions, unit, scale)
     room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
     at_bound = jnp.isfinite(deviation) & (room < 0.1 * deviation)
-    status = jnp.where(jnp.min(certainty) < scale * _UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
+    status = jnp.where(jnp.min(certainty) < scale * UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
     ended = (found.result == optimistix.RESULTS.successful) | jnp.any(at_bound)
     status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
     status = jnp.where(finite, status, Status.NOT_FINITE)

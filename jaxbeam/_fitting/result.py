@@ -19,6 +19,8 @@ from jaxbeam._results import per_case, where_known
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar
 
+UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
+
 Experiments = Callable[..., Experiment | Sequence[Experiment]]
 
 
@@ -183,7 +185,7 @@ class Fit(eqx.Module):
         if bound := ", ".join(name for name, there in self.at_bound.items() if there):
             lines.append(f"held by a bound: {bound}")
         for sure, direction in zip(self.certainty, self.directions, strict=True):
-            if float(sure) < float(self.scale) * _UNSURE:
+            if float(sure) < float(self.scale) * UNSURE:
                 share = ", ".join(
                     f"{float(x):+.2f} {name}"
                     for name, x in zip(names, direction, strict=True)
@@ -200,10 +202,6 @@ class Fit(eqx.Module):
 
 def excess_of(xp: Any, misfit: Any, freedom: Any) -> Any:
     return (misfit - 1.0) / xp.sqrt(2.0 / xp.maximum(freedom, 1))
-
-
-_UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
-_RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
 
 
 def spread(certainty: Array, directions: Array, unit: Array, scale: Scalar) -> tuple[Array, Array]:

@@ -29,7 +29,7 @@ from jaxbeam._models.base import (
 )
 from jaxbeam._models.basis import Basis, Functions, bending_integrals, stretch_integrals
 from jaxbeam._numerics.linalg import dense
-from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._rotor.motion import Hub, skew, spinning
 from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Scalar, Triple, Vector
@@ -207,14 +207,9 @@ class CartesianEquations(Equations):
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
         assert self.stiffening is not None
         mass, tip_mass = self.masses
+        tip, *rest = tension(spin2, self.hub_radius, tip_mass, mass, self.size, axial)
         pull = 0.0 if tip_force is None else tip_force[0]
-        coefficients = jnp.stack(
-            [
-                tip_mass * (spin2 * self.end - axial) + pull,
-                mass * (spin2 * self.hub_radius - axial),
-                mass * spin2 * self.size,
-            ]
-        )
+        coefficients = jnp.stack([tip + pull, *rest])
         return jnp.tensordot(coefficients / self.size, self.stiffening, 1)
 
     @property

@@ -138,7 +138,7 @@ def refined(
     return omega, x, done > 0, below
 
 
-def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "count *lanes"]:
+def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "k *lanes"]:
     """Largest eigenvalues of small symmetric matrices of even size, good to about three digits
     beyond their spread: three sweeps of Jacobi's method with disjoint rotations side by side."""
     m = len(a)

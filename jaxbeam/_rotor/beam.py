@@ -167,21 +167,10 @@ class Rotor(_Parameters):
         stiffness = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
         return beam.length**2 / (4 * jnp.stack(stiffness))
 
-    def tension(self, angular_speed: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-        """Axial force that carries the undeformed beam round, as three coefficients in N.
-
-        P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
-             = c_0 + c_1 (1 - xi) + c_2 (1 - xi^2) / 2,  xi = x / L,
-
-        P of Y eqs. 19-20 for steady rotation, with the tip mass in the mass measure, and EA times
-        the strains of B eqs. 41-43.
-        """
-        beam, speed2 = self.beam, angular_speed**2
-        return (
-            speed2 * self.tip_mass * (self.hub_radius + beam.length),
-            speed2 * beam.mass * self.hub_radius,
-            speed2 * beam.mass * beam.length,
-        )
+    def tension(self, angular_speed: Scalar) -> tuple[Any, Any, Any]:
+        """Axial force of steady rotation, as three coefficients in N: see `tension`."""
+        beam = self.beam
+        return tension(angular_speed**2, self.hub_radius, self.tip_mass, beam.mass, beam.length)
 
     def steady_strain(self, angular_speed: Scalar) -> Scalar:
         """P(0) / EA, without unit: the largest of `tension`, at the root, over EA."""
@@ -208,6 +197,26 @@ class Rotor(_Parameters):
         """Rebuilt, so that rotors from `eqx.tree_at` or `vmap` meet the checks as well."""
         beam = Beam(*(getattr(self.beam, name) for name in _BEAM_NAMES))
         return type(self)(beam, self.hub_radius, self.tip_mass)
+
+
+def tension(
+    spin2: Any, hub_radius: Any, tip_mass: Any, mass: Any = 1.0, length: Any = 1.0, axial: Any = 0.0
+) -> tuple[Any, Any, Any]:
+    """Axial force that carries the undeformed beam along, as three coefficients c in N:
+
+    P(x) = -int_x^L a1 dm = c_0 + c_1 (1 - xi) + c_2 (1 - xi^2) / 2,  xi = x / L,
+
+    where a1(X) = axial - spin2 X is the acceleration along the beam at the distance X = R + x from
+    the axis. P of Y eqs. 19-20, with the tip mass in the mass measure; in steady rotation, spin2 =
+    Omega^2 and axial = 0, EA times the strains of B eqs. 41-43:
+
+    P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
+    """
+    return (
+        tip_mass * (spin2 * (hub_radius + length) - axial),
+        mass * (spin2 * hub_radius - axial),
+        mass * spin2 * length,
+    )
 
 
 class SpringRotor(_Parameters):

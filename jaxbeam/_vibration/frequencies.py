@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.ancf import _Nodal
 from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.basis import Polynomials
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._numerics.band import (
@@ -34,11 +35,11 @@ from jaxbeam._numerics.band import (
 )
 from jaxbeam._numerics.kernel import beside, contract, kernel, total
 from jaxbeam._results import where_known, without_derivatives
-from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector
-from jaxbeam._vibration.ritz import PLAIN, Numbers, combined, integrals, numbers_of, ritz_problem
+from jaxbeam._vibration.ritz import BENDING, Numbers, combined, numbers_of, ritz_problem
 
 _TOLERANCE = 2e-5  # of the vector: what is left of the frequency is below 1e-9
 _Case = tuple[Rotor, Scalar]  # and its speed
@@ -81,7 +82,8 @@ def frequencies(
 
 @functools.lru_cache(maxsize=64)
 def _solver(model: AbstractModel, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
-    if isinstance(model, Hybrid) and model.basis == PLAIN and model.n_in_plane >= 8:
+    # Not those that derive from it: their equations may be others.
+    if type(model) is Hybrid and model.basis == Polynomials() and model.n_in_plane >= 8:
         _check_count(count, model.n_in_plane - 4)
         return _of_polynomials(model, count)
     if isinstance(model, _Nodal):
@@ -164,54 +166,48 @@ def _no_more(primals: Any, tangents: Any) -> Any:
     raise NotImplementedError("frequencies has first derivatives only: take modes for second ones")
 
 
+def _planar_tables(model: Hybrid) -> tuple[list[np.ndarray], np.ndarray]:
+    """Integrals of the functions in the plane that K, M, C of `_matrices` are sums of; and the
+    place of each function, in-plane ones first, by its degree: bands are then narrow."""
+    own, m, n = model.tables, model.n_stretch, model.n_in_plane
+    order = np.argsort(np.append(np.arange(m) + 0.5, np.arange(n)), kind="stable")
+    rows, way = np.ix_(order, order), own.direction[order]
+    alike, end = way @ way.T, np.outer(own.tip, own.tip)[rows]
+    elastic, tensions = own.elastic[[1, 0]], own.tension
+    tables = [table[rows] for table in (*elastic, *tensions)]
+    tables += [alike * own.gram[rows], alike * end]
+    tables += [(1 - alike) * own.gram[rows], (1 - alike) * end]
+    return [np.where(np.abs(a) > 1e-14, a, 0.0) for a in tables], np.argsort(order)[m:]
+
+
+def _matrices(tables: Sequence[Any], numbers: Numbers) -> tuple[Array, Array, Array]:
+    """K, M, C of the nine tables, with lanes behind."""
+    g, hub, tip, softness = numbers
+    one = jnp.ones_like(g)
+    weights = [one, 1 / softness, *tension(g**2, hub, tip), -(g**2), -(g**2) * tip]
+
+    def summed(some: slice, weights: list[Array]) -> Array:
+        return combined(jnp.stack(tables[some], -1 - g.ndim), weights)
+
+    return (
+        summed(slice(7), weights),
+        summed(slice(5, 7), [one, tip * one]),
+        summed(slice(7, 9), [2 * g, 2 * g * tip]),
+    )
+
+
 def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
-    n, m = model.n_in_plane, model.n_stretch
-    a, ritz = integrals(n, m), ritz_problem(count)
-    # Functions of both directions by degree: the band is then narrow.
-    order = np.argsort(np.append(np.arange(n), np.arange(m) + 0.5), kind="stable")
-
-    def whole(ww: np.ndarray | None, uu: np.ndarray | None, wu: np.ndarray | None) -> np.ndarray:
-        out = np.zeros((n + m, n + m))
-        if ww is not None:
-            out[:n, :n] = ww
-        if uu is not None:
-            out[n:, n:] = uu
-        if wu is not None:
-            out[:n, n:], out[n:, :n] = wu, wu.T
-        return np.where(np.abs(out) > 1e-14, out, 0.0)[np.ix_(order, order)]
-
-    ends = np.outer(a.end, a.end), np.outer(a.axial_end, a.axial_end)
-    tables = [
-        whole(np.eye(n), None, None), whole(None, np.eye(m), None), whole(a.tip, None, None),
-        whole(a.hub, None, None), whole(a.own, None, None), whole(a.mass, a.axial, None),
-        whole(*ends, None), whole(None, None, a.mixed),
-        whole(None, None, np.outer(a.end, a.axial_end)),
-    ]  # fmt: skip
+    ritz, m = ritz_problem(count), model.n_stretch
+    tables, places = _planar_tables(model)
     width = width_of(*tables)
     wide = [band(table, width) for table in tables]
     narrow = [band(table, width_of(table)) for table in tables]
-    functions = np.zeros((n + m, ritz.functions.shape[1]))
-    functions[:n] = np.pad(ritz.functions, ((0, max(n - 24, 0)), (0, 0)))[:n]
-    functions = functions[order]
-
-    def matrices(tables: Sequence[Any], numbers: Numbers) -> tuple[Array, Array, Array]:
-        """K, M, C of the nine tables, with lanes behind."""
-        g, hub, tip, softness = numbers
-        one = jnp.ones_like(g)
-        rigid = [g**2 * tip * (1 + hub), g**2 * hub, g**2]
-        weights = [one, 1 / softness, *rigid, -(g**2), -(g**2) * tip]
-
-        def summed(some: slice, weights: list[Array]) -> Array:
-            return combined(jnp.stack(tables[some], -1 - g.ndim), weights)
-
-        return (
-            summed(slice(7), weights),
-            summed(slice(5, 7), [one, tip * one]),
-            summed(slice(7, 9), [2 * g, 2 * g * tip]),
-        )
+    functions = np.zeros((len(tables[0]), ritz.functions.shape[1]))
+    few = min(len(places), BENDING)
+    functions[places[:few]] = ritz.functions[:few]
 
     def pencil(numbers: Numbers) -> _Pencil:
-        return _Pencil(*matrices([beside(a, numbers.speed.ndim) for a in wide], numbers)).by_mode()
+        return _Pencil(*_matrices([beside(a, numbers.speed.ndim) for a in wide], numbers)).by_mode()
 
     @kernel
     def search(numbers: Numbers) -> tuple[Array, Array, Array]:
@@ -223,12 +219,12 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
         x = polished(_at(pencil(numbers), omega), x)
         each = [beside(table[:, :, None], numbers.speed.ndim) for table in narrow]
         shares = [total(x * product(table, x)) for table in each]
-        _, m, c = matrices(shares, numbers)
+        _, m, c = _matrices(shares, numbers)
         return shares, 2 * omega * m - c
 
     @kernel
     def form(numbers: Numbers, shares: list[Array], omega: Array) -> Array:
-        k, m, c = matrices(shares, numbers)
+        k, m, c = _matrices(shares, numbers)
         return k - omega**2 * m + omega * c
 
     lowest = _differentiable(search, polish, form)
@@ -262,7 +258,7 @@ def _at(pencil: _Pencil, omega: Array) -> Band:
 
 def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
     n, ritz = model.n_elements, ritz_problem(count)
-    at = PLAIN.bending(24, np.linspace(0.0, 1.0, n + 1)[1:])
+    at = Polynomials().bending(BENDING, np.linspace(0.0, 1.0, n + 1)[1:])
     size = ritz.functions.shape[1]
     functions = np.zeros((n, 4, size))
     functions[:, 0], functions[:, 1] = at.value @ ritz.functions, at.slope @ ritz.functions
