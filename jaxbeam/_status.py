@@ -6,158 +6,161 @@ import logging
 import os
 import re
 from collections.abc import Iterator
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 
 Result = TypeVar("Result")
 
 
+INPUT = True  # is to blame
+
+
 class Status(enum.IntEnum):
-    """Outcome of one case. Zero means that the numbers beside it may be used."""
+    """Outcome of one case. Zero means that the numbers beside it may be used.
 
-    OK = 0
-    INVALID_LENGTH = 1
-    INVALID_MASS_PER_LENGTH = 2
-    INVALID_AXIAL_STIFFNESS = 3
-    INVALID_IN_PLANE_BENDING_STIFFNESS = 4
-    INVALID_FLAP_BENDING_STIFFNESS = 5
-    INVALID_HUB_RADIUS = 6
-    INVALID_TIP_MASS = 7
-    INVALID_ANGULAR_SPEED = 8
-    INVALID_MASS = 9
-    INVALID_TRANSLATIONAL_SPRING = 10
-    INVALID_TORSIONAL_SPRING = 11
-    INVALID_MOTION = 12
-    INVALID_LOAD = 13
-    INVALID_DAMPING = 14
-    INVALID_TIMES = 15
-    INVALID_START = 16
-    OUT_OF_PLANE = 17
-    NO_EQUILIBRIUM = 18
-    NOT_CONVERGED = 19
-    NO_CROSSING = 20
-    NOT_FINITE = 21
-    RAISED = 22
-    INACCURATE = 23
-    MAX_STEPS = 24
-    STEP_FAILED = 25
-    DIVERGED = 26
-    UNBALANCED = 27
-    NO_TONGUE = 28
-    TOO_FEW_STEPS = 29
-    TOLERANCE_NOT_MET = 30
-    NOT_IDENTIFIABLE = 31
-    FIT_NOT_CONVERGED = 32
-    UNRESOLVED = 33
+    A code keeps its number in all releases, since files hold them; new ones go to the end. Each
+    has the sentence that an exception with it carries, and says whether the input is to blame.
+    """
 
-    @property
-    def message(self) -> str:
-        """The sentence that an exception with this status carries."""
-        return _MESSAGES[self]
+    message: str
+    blames_input: bool
 
+    def __new__(cls, code: int, message: str = "", blames_input: bool = False) -> Self:
+        status = int.__new__(cls, code)
+        status._value_, status.message, status.blames_input = code, message, blames_input
+        return status
 
-_MESSAGES = {
-    Status.OK: "ok",
-    Status.INVALID_LENGTH: "length must be finite and > 0",
-    Status.INVALID_MASS_PER_LENGTH: "mass_per_length must be finite and > 0",
-    Status.INVALID_AXIAL_STIFFNESS: "axial_stiffness must be finite and > 0",
-    Status.INVALID_IN_PLANE_BENDING_STIFFNESS: (
-        "in_plane_bending_stiffness must be finite and > 0"
-    ),
-    Status.INVALID_FLAP_BENDING_STIFFNESS: "flap_bending_stiffness must be finite and > 0",
-    Status.INVALID_HUB_RADIUS: "hub_radius must be finite and >= 0",
-    Status.INVALID_TIP_MASS: "tip_mass must be finite and >= 0",
-    Status.INVALID_ANGULAR_SPEED: "angular_speed must be finite",
-    Status.INVALID_MASS: "mass must be finite and > 0",
-    Status.INVALID_TRANSLATIONAL_SPRING: "translational_spring must be finite and > 0",
-    Status.INVALID_TORSIONAL_SPRING: "torsional_spring must be finite and > 0",
-    Status.INVALID_MOTION: (
+    OK = 0, "ok"
+    INVALID_LENGTH = 1, "length must be finite and > 0", INPUT
+    INVALID_MASS_PER_LENGTH = 2, "mass_per_length must be finite and > 0", INPUT
+    INVALID_AXIAL_STIFFNESS = 3, "axial_stiffness must be finite and > 0", INPUT
+    INVALID_IN_PLANE_BENDING_STIFFNESS = (
+        4,
+        "in_plane_bending_stiffness must be finite and > 0",
+        INPUT,
+    )
+    INVALID_FLAP_BENDING_STIFFNESS = (
+        5,
+        "flap_bending_stiffness must be finite and > 0",
+        INPUT,
+    )
+    INVALID_HUB_RADIUS = 6, "hub_radius must be finite and >= 0", INPUT
+    INVALID_TIP_MASS = 7, "tip_mass must be finite and >= 0", INPUT
+    INVALID_ANGULAR_SPEED = 8, "angular_speed must be finite", INPUT
+    INVALID_MASS = 9, "mass must be finite and > 0", INPUT
+    INVALID_TRANSLATIONAL_SPRING = 10, "translational_spring must be finite and > 0", INPUT
+    INVALID_TORSIONAL_SPRING = 11, "torsional_spring must be finite and > 0", INPUT
+    INVALID_MOTION = (
+        12,
         "motion must be finite over the whole run, its durations and frequencies > 0, its "
-        "rotation proper orthogonal"
-    ),
-    Status.INVALID_LOAD: "gravity and tip_force must be finite over the whole run",
-    Status.INVALID_DAMPING: "damping must be finite and >= 0",
-    Status.INVALID_TIMES: (
-        "times must be finite and increasing, saveat must save within them, and dt0 be > 0"
-    ),
-    Status.INVALID_START: "start must be finite",
-    Status.OUT_OF_PLANE: (
-        "the motion or the loads leave the plane of rotation, and the model has no coordinates "
-        "there: take a model with flap functions"
-    ),
-    Status.NO_EQUILIBRIUM: (
+        "rotation proper orthogonal",
+        INPUT,
+    )
+    INVALID_LOAD = 13, "gravity and tip_force must be finite over the whole run", INPUT
+    INVALID_DAMPING = 14, "damping must be finite and >= 0", INPUT
+    INVALID_TIMES = (
+        15,
+        "times must be finite and increasing, saveat must save within them, and dt0 be > 0",
+        INPUT,
+    )
+    INVALID_START = 16, "start must be finite", INPUT
+    OUT_OF_PLANE = (
+        17,
+        "the motion or the loads leave the plane of rotation, and the model has no "
+        "coordinates there: take a model with flap functions",
+        INPUT,
+    )
+    NO_EQUILIBRIUM = (
+        18,
         "no stable steady rotation at this angular_speed: the centrifugal load grows faster "
         "with stretch than the axial stiffness carries; lower angular_speed, tip_mass or "
-        "length, or raise axial_stiffness"
-    ),
-    Status.NOT_CONVERGED: (
-        "the search did not converge at this angular_speed: where it was for the steady rotation, "
-        "lower angular_speed or use more elements; where it was for the lowest frequencies, an "
-        "axial mode is among them or the steady rotation is unstable, so take modes; where it was "
-        "for the boundary of a tongue, another mode passes by"
-    ),
-    Status.NO_CROSSING: (
+        "length, or raise axial_stiffness",
+    )
+    NOT_CONVERGED = (
+        19,
+        "the search did not converge at this angular_speed: where it was for the steady "
+        "rotation, lower angular_speed or use more elements; where it was for the lowest "
+        "frequencies, an axial mode is among them or the steady rotation is unstable, so take "
+        "modes; where it was for the boundary of a tongue, another mode passes by",
+    )
+    NO_CROSSING = (
+        20,
         "no crossing in bracket: frequency minus harmonic times angular_speed must change "
-        "sign between its ends, and not by a jump where the label changes branch in a veering"
-    ),
-    Status.NOT_FINITE: "the result is not finite",
-    Status.RAISED: "the case raised an exception; see `errors`",
-    Status.INACCURATE: (
-        "eigenvectors miss their equation by more than 1e-9 (see residual): use fewer functions, "
-        "or keep away from a critical speed"
-    ),
-    Status.MAX_STEPS: (
+        "sign between its ends, and not by a jump where the label changes branch in a veering",
+    )
+    NOT_FINITE = 21, "the result is not finite"
+    RAISED = 22, "the case raised an exception; see `errors`"
+    INACCURATE = (
+        23,
+        "eigenvectors miss their equation by more than 1e-9 (see residual): use fewer "
+        "functions, or keep away from a critical speed",
+    )
+    MAX_STEPS = (
+        24,
         "the solver used up max_steps before the last time: raise max_steps, loosen the "
-        "tolerance, or look whether the model is unstable here"
-    ),
-    Status.STEP_FAILED: (
-        "the solver could not make a step: an implicit stage did not converge, or the step fell "
-        "below its minimum"
-    ),
-    Status.DIVERGED: (
+        "tolerance, or look whether the model is unstable here",
+    )
+    STEP_FAILED = (
+        25,
+        "the solver could not make a step: an implicit stage did not converge, or the step "
+        "fell below its minimum",
+    )
+    DIVERGED = (
+        26,
         "the tip left its place by more than ten lengths: no such beam. The model is unstable "
-        "here (Classical and LC above a critical speed are), or the step is too long"
-    ),
-    Status.UNBALANCED: (
+        "here (Classical and LC above a critical speed are), or the step is too long",
+    )
+    UNBALANCED = (
+        27,
         "the solver called it a success, but energy is not balanced by the work done: tighten "
-        "the tolerance, shorten the step, or take an implicit solver"
-    ),
-    Status.NO_TONGUE: (
-        "no parametric resonance at this depth: damping outweighs the modulation, or the region is "
-        "narrower than rounding resolves; raise the depth"
-    ),
-    Status.TOO_FEW_STEPS: (
+        "the tolerance, shorten the step, or take an implicit solver",
+    )
+    NO_TONGUE = (
+        28,
+        "no parametric resonance at this depth: damping outweighs the modulation, or the "
+        "region is narrower than rounding resolves; raise the depth",
+    )
+    TOO_FEW_STEPS = (
+        29,
         "steps are far too long for the fastest mode: raise steps, or take a model with fewer "
-        "functions"
-    ),
-    Status.TOLERANCE_NOT_MET: (
-        "no rung of the ladder is sure to meet the tolerance: the best answer and the estimate of "
-        "its error are kept"
-    ),
-    Status.NOT_IDENTIFIABLE: (
-        "the data cannot tell all parameters apart: fix some, give a prior, or measure something "
-        "else (see directions)"
-    ),
-    Status.FIT_NOT_CONVERGED: (
-        "the search for the best parameters did not end within max_steps: raise it, start nearer, "
-        "or give bounds or priors"
-    ),
-    Status.UNRESOLVED: (
-        "the hub's velocity changes by more than its rate integrates to: it jumps. Declare when "
-        "(jumps=[...] of HubVelocity and HubPose, jump_times of a motion of your own), so that the "
-        "beam gets the impulse, or let the motion rise smoothly"
-    ),
-}
+        "functions",
+    )
+    TOLERANCE_NOT_MET = (
+        30,
+        "no rung of the ladder is sure to meet the tolerance: the best answer and the "
+        "estimate of its error are kept",
+    )
+    NOT_IDENTIFIABLE = (
+        31,
+        "the data cannot tell all parameters apart: fix some, give a prior, or measure "
+        "something else (see directions)",
+    )
+    FIT_NOT_CONVERGED = (
+        32,
+        "the search for the best parameters did not end within max_steps: raise it, start "
+        "nearer, or give bounds or priors",
+    )
+    UNRESOLVED = (
+        33,
+        "the hub's velocity changes by more than its rate integrates to: it jumps. Declare "
+        "when (jumps=[...] of HubVelocity and HubPose, jump_times of a motion of your own), "
+        "so that the beam gets the impulse, or let the motion rise smoothly",
+    )
+
+
+_ALLOWED = np.ones(max(Status) + 1, bool)
+_ALLOWED[[status for status in Status if status.blames_input]] = False
 
 
 def in_range(status: Any) -> Any:
     """Whether the numbers of a case were allowed, whatever became of it."""
-    return (status == Status.OK) | (status >= Status.NO_EQUILIBRIUM)
+    return jnp.asarray(_ALLOWED)[status]
 
 
 def trusted(status: Any) -> Any:
@@ -178,7 +181,7 @@ def raise_unless_ok(result: Result, status: Any) -> Result:
         _raise_unless_ok(status)
         return result
     if os.environ.get("EQX_ON_ERROR", "raise") != "raise":  # NaN instead, say
-        sentences = [_MESSAGES.get(Status(code), "") for code in range(max(Status) + 1)]
+        sentences = [status.message for status in sorted(Status)]
         return eqx.branched_error_if(result, status != Status.OK, status, sentences)
     passed = _passed.bind(status) >= 0  # always true, but the compiler does not know
     return jax.tree.map(
@@ -227,7 +230,7 @@ logging.getLogger("jax._src.callback").addFilter(
 
 def _raise_unless_ok(status: Any) -> None:
     ended = Status(int(status))
-    if not in_range(ended):
+    if ended.blames_input:
         raise ValueError(ended.message)
     if ended != Status.OK:
         raise RuntimeError(ended.message)

@@ -1,6 +1,8 @@
 """What rotates: a uniform slender beam, and the rotor that carries it."""
 
+import dataclasses
 import warnings
+from collections.abc import Iterator, Mapping
 from typing import Any, Self
 
 import equinox as eqx
@@ -14,14 +16,39 @@ from jaxbeam._status import Status
 from jaxbeam._types import Code, Real, Scalar
 
 
+def parameter(status: Status, *, zero: bool = False) -> Any:
+    """Field of a scalar that is positive, or `zero`; `status` is what breaking that is called."""
+    return eqx.field(metadata={"status": status, "zero": zero})
+
+
 class _Parameters(eqx.Module):
-    """Scalars with a lower bound of zero, checked when built from concrete numbers."""
+    """Scalars with rules, each at its field, checked when built from numbers that are known."""
 
     def __check_init__(self) -> None:
-        for name, (status, zero_allowed) in _RULES.items():
-            value = getattr(self, name, None)
-            if value is not None and not isinstance(value, jax.core.Tracer):
-                require(status, is_known_valid(value, zero_allowed), value)
+        for field in dataclasses.fields(self):
+            value, rule = getattr(self, field.name), field.metadata
+            if rule and not isinstance(value, jax.core.Tracer):
+                require(rule["status"], is_known_valid(value, rule["zero"]), value)
+
+    def status(self, angular_speed: Scalar) -> Code:
+        """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
+        code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
+        for value, rule in reversed([*self._rules()]):
+            code = jnp.where(is_valid(value, rule["zero"]), code, rule["status"])
+        return code
+
+    def _rules(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, _Parameters):
+                yield from value._rules()
+            else:
+                yield value, field.metadata
+
+    def checked(self) -> Self:
+        """Rebuilt, so that what comes from `eqx.tree_at` or `vmap` meets the checks as well."""
+        values = [getattr(self, field.name) for field in dataclasses.fields(self)]
+        return type(self)(*(v.checked() if isinstance(v, _Parameters) else v for v in values))
 
 
 class Beam(_Parameters):
@@ -39,11 +66,11 @@ class Beam(_Parameters):
     field is a scalar leaf, so any of them can be swept, fitted or differentiated.
     """
 
-    length: Scalar
-    mass_per_length: Scalar
-    axial_stiffness: Scalar
-    in_plane_bending_stiffness: Scalar
-    flap_bending_stiffness: Scalar
+    length: Scalar = parameter(Status.INVALID_LENGTH)
+    mass_per_length: Scalar = parameter(Status.INVALID_MASS_PER_LENGTH)
+    axial_stiffness: Scalar = parameter(Status.INVALID_AXIAL_STIFFNESS)
+    in_plane_bending_stiffness: Scalar = parameter(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
+    flap_bending_stiffness: Scalar = parameter(Status.INVALID_FLAP_BENDING_STIFFNESS)
 
     def __init__(
         self,
@@ -144,8 +171,8 @@ class Rotor(_Parameters):
     """
 
     beam: Beam
-    hub_radius: Scalar
-    tip_mass: Scalar
+    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
+    tip_mass: Scalar = parameter(Status.INVALID_TIP_MASS, zero=True)
 
     def __init__(self, beam: Beam, hub_radius: Real = 0.0, tip_mass: Real = 0.0) -> None:
         if not isinstance(beam, Beam):
@@ -187,17 +214,6 @@ class Rotor(_Parameters):
         holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
         return ~holds
 
-    def status(self, angular_speed: Scalar) -> Code:
-        """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
-        values = {name: getattr(self.beam, name) for name in _BEAM_NAMES}
-        values |= {"hub_radius": self.hub_radius, "tip_mass": self.tip_mass}
-        return _first_broken(values, angular_speed)
-
-    def checked(self) -> Self:
-        """Rebuilt, so that rotors from `eqx.tree_at` or `vmap` meet the checks as well."""
-        beam = Beam(*(getattr(self.beam, name) for name in _BEAM_NAMES))
-        return type(self)(beam, self.hub_radius, self.tip_mass)
-
 
 def tension(
     spin2: Any, hub_radius: Any, tip_mass: Any, mass: Any = 1.0, length: Any = 1.0, axial: Any = 0.0
@@ -234,11 +250,11 @@ class SpringRotor(_Parameters):
     | torsional_spring      | k_r    | N m    | > 0     |
     """
 
-    mass: Scalar
-    length: Scalar
-    hub_radius: Scalar
-    translational_spring: Scalar
-    torsional_spring: Scalar
+    mass: Scalar = parameter(Status.INVALID_MASS)
+    length: Scalar = parameter(Status.INVALID_LENGTH)
+    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
+    translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
+    torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
 
     def __init__(
         self,
@@ -263,38 +279,6 @@ class SpringRotor(_Parameters):
     def compliance(self) -> Float[Array, "2"]:
         """Deflection of the tip by a moment about the hinge, in 1/N; in plane alone."""
         return jnp.stack([self.length / self.torsional_spring, jnp.zeros_like(self.length)])
-
-    def status(self, angular_speed: Scalar) -> Code:
-        """As `Rotor.status`."""
-        return _first_broken({name: getattr(self, name) for name in _SPRING_NAMES}, angular_speed)
-
-    def checked(self) -> Self:
-        """As `Rotor.checked`."""
-        return type(self)(*(getattr(self, name) for name in _SPRING_NAMES))
-
-
-_RULES = {  # argument: (status when broken, whether zero is allowed)
-    "length": (Status.INVALID_LENGTH, False),
-    "mass_per_length": (Status.INVALID_MASS_PER_LENGTH, False),
-    "axial_stiffness": (Status.INVALID_AXIAL_STIFFNESS, False),
-    "in_plane_bending_stiffness": (Status.INVALID_IN_PLANE_BENDING_STIFFNESS, False),
-    "flap_bending_stiffness": (Status.INVALID_FLAP_BENDING_STIFFNESS, False),
-    "hub_radius": (Status.INVALID_HUB_RADIUS, True),
-    "tip_mass": (Status.INVALID_TIP_MASS, True),
-    "mass": (Status.INVALID_MASS, False),
-    "translational_spring": (Status.INVALID_TRANSLATIONAL_SPRING, False),
-    "torsional_spring": (Status.INVALID_TORSIONAL_SPRING, False),
-}
-_BEAM_NAMES = tuple(_RULES)[:5]
-_SPRING_NAMES = ("mass", "length", "hub_radius", "translational_spring", "torsional_spring")
-
-
-def _first_broken(values: dict[str, Scalar], angular_speed: Scalar) -> Code:
-    code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
-    for name, value in reversed(values.items()):
-        status, zero_allowed = _RULES[name]
-        code = jnp.where(is_valid(value, zero_allowed), code, status)
-    return code
 
 
 def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
