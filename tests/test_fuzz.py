@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 import jaxbeam as jb
 from jaxbeam import Family, Status
 from jaxbeam._numerics.linalg import dense
+from tests.helpers import name
 
 from .fuzzing import (
     BEAM,
@@ -44,7 +45,6 @@ from .fuzzing import (
     spinning,
     spoiled,
 )
-from .helpers import name
 
 EPS = np.finfo(float).eps
 

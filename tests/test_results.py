@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.test_fit import line
+from tests.fitting.test_fit import line
 
 BEAM = jb.Beam.from_slenderness(70.0)
 FIRST = jb.labels(in_plane=1)

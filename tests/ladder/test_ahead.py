@@ -14,7 +14,7 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._ladder.ahead import Ahead
 from tests.helpers import slender
-from tests.test_ladder import spin_up, steady
+from tests.ladder.test_ladder import spin_up, steady
 
 COMPILED: list[str] = []
 

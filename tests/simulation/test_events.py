@@ -8,7 +8,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.helpers import finite_difference, optimised
-from tests.test_simulate import BLADE, ROTOR, SPRINGS, TIGHT, each_model
+from tests.simulation.test_simulate import BLADE, ROTOR, SPRINGS, TIGHT, each_model
 
 A3 = jnp.array([0.0, 0.0, 1.0])
 TIMES = jnp.linspace(0.0, 20.0, 201)

@@ -171,7 +171,7 @@ port, me, out = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 jax.distributed.initialize(f"127.0.0.1:{port}", 2, me)
 import json
 import jaxbeam as jb
-from tests.test_devices import CASES, found_modes, raising
+from tests.sweeps.test_devices import CASES, found_modes, raising
 assert len(jax.devices()) == 4 and len(jax.local_devices()) == 2
 
 for name, function in (("modes", found_modes), ("raising", raising)):

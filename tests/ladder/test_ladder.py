@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-import tests.reference as reference
 from tests.helpers import slender
+from tests.vibration import reference
 
 TIMES = np.linspace(0.0, 1.0, 61)
 QUESTIONS = {

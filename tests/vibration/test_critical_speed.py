@@ -11,10 +11,9 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxbeam as jb
+from tests.helpers import finite_difference, name, slender
 
-from .helpers import finite_difference, name, slender
-
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)
 # B, Table 1: the beam of its Ref. 21
 REF_21 = jb.Rotor(

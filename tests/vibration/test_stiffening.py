@@ -8,8 +8,8 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam import stiffening_ratio
-from tests import reference
 from tests.helpers import build, finite_difference, slender
+from tests.vibration import reference
 
 
 def closed_form(hub, tip, speed):

@@ -9,7 +9,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 import jaxbeam as jb
-from tests.elastica import tip_history
+from tests.simulation.elastica import tip_history
 
 # B Table 1, "Ref. 21", and Y Figs. 3, 5, 7.
 BLADE = jb.Beam.from_section(

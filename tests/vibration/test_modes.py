@@ -13,10 +13,10 @@ import scipy.optimize
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import planar_eigenpairs
-from tests import reference
 from tests.helpers import NAMES, build, finite_difference, slender
+from tests.vibration import reference
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
 
 

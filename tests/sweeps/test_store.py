@@ -18,7 +18,7 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._sweeps import store, sweep
 from tests.helpers import USERS
-from tests.test_devices import assert_same
+from tests.sweeps.test_devices import assert_same
 
 CASES = jb.grid(a=np.linspace(0.0, 1.0, 10), b=[0.0, 1.0, float("nan")])
 
@@ -335,7 +335,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import jaxbeam as jb
 from jaxbeam._sweeps import store, sweep
-from tests.test_store import KILLED_CASES, spin
+from tests.sweeps.test_store import KILLED_CASES, spin
 jb.sweep(spin, KILLED_CASES, chunk=4, folder=sys.argv[1])
 """
 KILLED_CASES = jb.grid(hub_radius=np.linspace(0.0, 1.0, 40), tip_mass=np.linspace(0.0, 1.0, 25))

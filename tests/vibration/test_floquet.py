@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import mathieu_a, mathieu_b
 
 import jaxbeam as jb
-
-from .helpers import finite_difference, name, slender
+from tests.helpers import finite_difference, name, slender
 
 ROTOR = slender(hub=0.5, tip=0.3)
 SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 400.0, 300.0)

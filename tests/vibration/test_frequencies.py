@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests import reference
+from tests.vibration import reference
 
 PLANE = jb.Hybrid(n_stretch=8, n_in_plane=16, n_flap=0)
 ELEMENTS = [jb.ANCF(10), jb.EngineeringANCF(6), jb.ChordANCF(6), jb.TangentANCF(6)]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests import reference
 from tests.helpers import DISCRETE, finite_difference, name, slender
+from tests.vibration import reference
 
 IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
 PLANAR = jb.labels(in_plane=3)
