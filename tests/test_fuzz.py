@@ -26,9 +26,7 @@ from hypothesis import strategies as st
 import jaxbeam as jb
 from jaxbeam import Family, Status
 from jaxbeam._numerics.linalg import dense
-from tests.helpers import name
-
-from .fuzzing import (
+from tests.fuzzing import (
     BEAM,
     POSITIVE,
     SPRINGS,
@@ -45,6 +43,7 @@ from .fuzzing import (
     spinning,
     spoiled,
 )
+from tests.helpers import name
 
 EPS = np.finfo(float).eps
 

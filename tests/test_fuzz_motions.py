@@ -16,9 +16,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 import jaxbeam as jb
 from jaxbeam import Status
+from tests.fuzzing import build, decades, evaluated, examples, rotors, signed, sizes
 from tests.helpers import name
-
-from .fuzzing import build, decades, evaluated, examples, rotors, signed, sizes
 
 # New, and slow to compile: run by hand, with FUZZ_FACTOR=1 or more.
 pytestmark = pytest.mark.skipif("FUZZ_FACTOR" not in os.environ, reason="set FUZZ_FACTOR=1")

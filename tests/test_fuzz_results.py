@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 import jaxbeam as jb
 from jaxbeam import Status
-
-from .fuzzing import (
+from tests.fuzzing import (
     BAD,
     ROTOR,
     build,
