@@ -91,20 +91,19 @@ if TYPE_CHECKING:
     from jaxbeam._sweeps.cases import listed as listed
     from jaxbeam._sweeps.sweep import sweep as sweep
     from jaxbeam._sweeps.table import Table as Table
+    from jaxbeam._vibration.campbell import Campbell as Campbell
+    from jaxbeam._vibration.campbell import campbell as campbell
     from jaxbeam._vibration.critical_speed import CriticalSpeed as CriticalSpeed
     from jaxbeam._vibration.critical_speed import critical_speed as critical_speed
+    from jaxbeam._vibration.crossing import Crossing as Crossing
+    from jaxbeam._vibration.crossing import crossing as crossing
     from jaxbeam._vibration.floquet import Floquet as Floquet
     from jaxbeam._vibration.floquet import floquet as floquet
     from jaxbeam._vibration.frequencies import Frequencies as Frequencies
     from jaxbeam._vibration.frequencies import frequencies as frequencies
     from jaxbeam._vibration.modes import Modes as Modes
     from jaxbeam._vibration.modes import modes as modes
-    from jaxbeam._vibration.southwell import Campbell as Campbell
-    from jaxbeam._vibration.southwell import Crossing as Crossing
-    from jaxbeam._vibration.southwell import Resonance as Resonance
     from jaxbeam._vibration.southwell import Southwell as Southwell
-    from jaxbeam._vibration.southwell import campbell as campbell
-    from jaxbeam._vibration.southwell import crossing as crossing
     from jaxbeam._vibration.southwell import southwell as southwell
     from jaxbeam._vibration.stiffening import stiffening_ratio as stiffening_ratio
     from jaxbeam._vibration.tongues import Tongue as Tongue

@@ -2,13 +2,12 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, is_known
 
 
 def _default_float() -> Any:
@@ -42,7 +41,7 @@ def real_scalar(name: str, value: Any) -> Scalar:
 
 def known(value: Any) -> Any:
     """In NumPy, whose arithmetic is not compiled, if the value is known."""
-    return value if isinstance(value, jax.core.Tracer) else np.asarray(value)
+    return np.asarray(value) if is_known(value) else value
 
 
 def kind_of(value: Any) -> str:
@@ -62,7 +61,7 @@ def real_array(name: str, value: Any) -> Array:
 def known_array(name: str, value: Any) -> np.ndarray:
     """The same for numbers that must be known when a program is compiled, in NumPy."""
     array = _real(name, value)
-    if isinstance(array, jax.core.Tracer):
+    if not is_known(array):
         raise TypeError(f"{name} must be known when a program is compiled, got {value!r}")
     return np.asarray(array, float)
 
@@ -98,7 +97,7 @@ def require(status: Status, ok: bool, value: Any) -> None:
 
 def positive(name: str, value: Any) -> Scalar:
     value = real_scalar(name, value)
-    if isinstance(value, jax.core.Tracer):
+    if not is_known(value):
         # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
         return jnp.where(is_valid(value, False), value, jnp.nan)
     if not is_known_valid(value, False):
@@ -109,6 +108,6 @@ def positive(name: str, value: Any) -> Scalar:
 def checked_speed(angular_speed: Any) -> Scalar:
     """The speed as a finite real scalar."""
     speed = real_scalar("angular_speed", angular_speed)
-    if not isinstance(speed, jax.core.Tracer):
+    if is_known(speed):
         require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)
     return speed

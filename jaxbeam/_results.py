@@ -71,3 +71,14 @@ def without_derivatives(tree: Tree) -> Tree:
     """`jax.lax.stop_gradient` on all arrays of a pytree, leaving all else in place."""
     dynamic, static = eqx.partition(tree, eqx.is_array)
     return eqx.combine(jax.lax.stop_gradient(dynamic), static)
+
+
+def harmless(fine: Bool[Array, ""], tree: Tree) -> Tree:
+    """Real arrays of a pytree, ones in their place unless they are `fine`.
+
+    A NaN in one lane of a batch would keep the others waiting, and end up in gradients of
+    parameters that lanes share; and what is out of range may be worse.
+    """
+    return jax.tree.map(
+        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf, tree
+    )

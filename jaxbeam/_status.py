@@ -15,6 +15,8 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 
+from jaxbeam._types import is_known
+
 Result = TypeVar("Result")
 
 
@@ -177,7 +179,7 @@ def raise_unless_ok(result: Result, status: Any) -> Result:
     as a rule the latter, and it comes from the runtime of XLA: the sentence is its last line, and
     is logged before it (`said` finds it again). Of a batch the largest status counts.
     """
-    if not isinstance(status, jax.core.Tracer):
+    if is_known(status):
         _raise_unless_ok(status)
         return result
     if os.environ.get("EQX_ON_ERROR", "raise") != "raise":  # NaN instead, say

@@ -1,5 +1,8 @@
-"""Shapes that recur in signatures, under one name each."""
+"""Shapes that recur in signatures, under one name each; and whether numbers are known."""
 
+from typing import Any
+
+import jax
 from jaxtyping import Array, Complex, Float, Int
 
 Scalar = Float[Array, ""]
@@ -9,3 +12,8 @@ Matrix = Float[Array, "n n"]
 Vector = Float[Array, " n"]  # one number a coordinate
 Vectors = Complex[Array, "k n"]
 Triple = Float[Array, " 3"]  # components along a1 (the beam), a2 (in plane), a3 (the axis)
+
+
+def is_known(tree: Any) -> bool:
+    """Whether the numbers of a pytree are known now: under `jit`, `vmap` or `grad` they may not."""
+    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))

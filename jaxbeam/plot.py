@@ -10,8 +10,8 @@ from jaxbeam._fitting.result import Fit
 from jaxbeam._models.base import AbstractModel, Family, Label
 from jaxbeam._status import Status
 from jaxbeam._sweeps.table import Table
+from jaxbeam._vibration.campbell import Campbell
 from jaxbeam._vibration.modes import Modes
-from jaxbeam._vibration.southwell import Campbell
 
 COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
 UNITS = {

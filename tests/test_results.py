@@ -58,7 +58,7 @@ RESULTS = {
     "Frequencies": lambda x: jb.frequencies(jb.Hybrid(), rotor(), x, 2, throw=False),
     "LinearSystem": lambda x: MODEL.linearise(rotor(), x, throw=False),
     "Southwell": lambda x: jb.southwell(jb.Hybrid(0, 3, 0), rotor(), FIRST, x, throw=False),
-    "Resonance": lambda x: jb.crossing(
+    "Crossing": lambda x: jb.crossing(
         jb.Hybrid(0, 3, 0), rotor(), FIRST[0], 2.0 * x, (0.1, 9.0), throw=False
     ),
     "CriticalSpeed": lambda x: jb.critical_speed(jb.Classical(0, 3, 0), rotor(x), throw=False),
@@ -79,7 +79,7 @@ SLOW = {
     "Simulation through functions",
     "Tongue",
     "StableStep",
-    "Resonance",
+    "Crossing",
     "Floquet",
 }
 

@@ -31,7 +31,7 @@ from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.scene import check_scene, checked_times, input_status
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, is_known
 from jaxbeam._vibration.frequencies import frequencies
 from jaxbeam._vibration.modes import choose, modes
 
@@ -346,7 +346,7 @@ def _list_of(name: str, values: Any) -> Sequence[Any]:
 
 
 def _all(rule: str, values: Array, holds: Callable[[Any], Any]) -> None:
-    if not isinstance(values, jax.core.Tracer) and not holds(np.asarray(values)).all():
+    if is_known(values) and not holds(np.asarray(values)).all():
         raise ValueError(f"{rule}, got {values}")
 
 

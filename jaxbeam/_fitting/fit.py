@@ -25,6 +25,7 @@ from jaxbeam._fitting.result import (
 from jaxbeam._models.base import count_functions
 from jaxbeam._results import where_known
 from jaxbeam._status import Status
+from jaxbeam._types import is_known
 
 _RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
 
@@ -109,7 +110,7 @@ def fit(
             got = kind_of(descent.optimiser)
             raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
     count = problem.count(guessed)
-    known = not isinstance(count, jax.core.Tracer)
+    known = is_known(count)
     if known and int(count) < len(free):
         raise ValueError(
             f"{int(count)} numbers measured are too few for {len(free)} parameters: measure more, "
@@ -119,7 +120,7 @@ def fit(
         raise ValueError("with as many numbers as parameters nothing tells the level of the noise")
     solver = optimistix.LevenbergMarquardt(rtol=1e-10, atol=1e-10) if solver is None else solver
     best = _refine(problem, zero, solver, max_steps, known_noise)
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(best))
+    traced = not is_known(best)
     shown = (sys.stderr.isatty() if progress is None else progress) and not traced
     if not traced:
         _tell(shown, f"from the guess: misfit {float(best.misfit):.3g}, {int(best.steps)} steps")

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import known, real_scalar
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, is_known
 
 
 class Free(eqx.Module):
@@ -40,7 +40,7 @@ class Free(eqx.Module):
         self.upper = real_scalar("upper", upper)
         self.bounded = (bool(np.isfinite(lower)), bool(np.isfinite(upper)))
         numbers = [known(number) for number in (self.lower, self.guess, self.upper)]
-        if not any(isinstance(number, jax.core.Tracer) for number in numbers) and not (
+        if is_known(numbers) and not (
             numbers[0] < numbers[1] < numbers[2] and np.isfinite(numbers[1])
         ):
             raise ValueError(f"guess must be finite and between {lower} and {upper}, got {guess}")
@@ -50,7 +50,7 @@ class Free(eqx.Module):
                 raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
             mean, deviation = (real_scalar("prior", number) for number in prior)
             sound = jnp.isfinite(mean) & jnp.isfinite(deviation) & (deviation > 0)
-            if not isinstance(sound, jax.core.Tracer) and not bool(sound):
+            if is_known(sound) and not bool(sound):
                 raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
             self.prior = mean, deviation
 

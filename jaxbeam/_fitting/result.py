@@ -17,7 +17,7 @@ from jaxbeam._fitting.experiments import Experiment, residuals_of
 from jaxbeam._fitting.free import Free, values_of
 from jaxbeam._results import per_case, where_known
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar
+from jaxbeam._types import Code, Scalar, is_known
 
 UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
 
@@ -160,7 +160,7 @@ class Fit(eqx.Module):
     def __str__(self) -> str:
         """A table, of one that failed with the numbers of `partial`; of a batch, how many ended
         how."""
-        if not eqx.is_array(self.status) or isinstance(self.status, jax.core.Tracer):
+        if not eqx.is_array(self.status) or not is_known(self.status):
             return repr(self)
         if np.ndim(self.status):
             ended = Counter(np.ravel(self.status).tolist())

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense, find_root
-from jaxbeam._results import where_known
+from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import Rotor, SpringRotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._status import Status, raise_unless_ok
@@ -294,7 +294,7 @@ def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> Linea
     """
     given = rotor.status(speed)
     fine = given == Status.OK
-    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    rotor = harmless(fine, rotor)
     system = model.matrices(rotor, jnp.where(fine, speed, 0.0))
     status = jnp.where(fine, system.status, given)
     strain = where_known(status == Status.OK, system.steady_strain)

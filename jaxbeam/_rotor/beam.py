@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import is_known_valid, is_valid, kind_of, known, positive, real_scalar, require
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Real, Scalar
+from jaxbeam._types import Code, Real, Scalar, is_known
 
 
 def parameter(status: Status, *, zero: bool = False) -> Any:
@@ -27,7 +27,7 @@ class _Parameters(eqx.Module):
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
             value, rule = getattr(self, field.name), field.metadata
-            if rule and not isinstance(value, jax.core.Tracer):
+            if rule and is_known(value):
                 require(rule["status"], is_known_valid(value, rule["zero"]), value)
 
     def status(self, angular_speed: Scalar) -> Code:

@@ -4,14 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._checks import real_array, real_scalar, require
 from jaxbeam._rotor.motion import Times, check_function_of_time, function_of_time, time_list
 from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar, Triple
+from jaxbeam._types import Real, Scalar, Triple, is_known
 
 
 class Loads(eqx.Module):
@@ -73,7 +72,7 @@ def _rate(name: str, value: Any) -> Scalar | None:
     if value is None:
         return None
     value = real_scalar(f"damping {name}", value)
-    if not isinstance(value, jax.core.Tracer):
+    if is_known(value):
         number = float(np.asarray(value))
         require(Status.INVALID_DAMPING, bool(np.isfinite(number)) and number >= 0, number)
     return value
@@ -83,6 +82,6 @@ def _triple(name: str, value: Any) -> Triple:
     vector = real_array(name, value)
     if vector.shape != (3,):
         raise ValueError(f"{name} must have shape (3,), got {vector.shape}")
-    if not isinstance(vector, jax.core.Tracer):
+    if is_known(vector):
         require(Status.INVALID_LOAD, bool(np.isfinite(np.asarray(vector)).all()), vector)
     return vector

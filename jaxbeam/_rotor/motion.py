@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, real_array
-from jaxbeam._types import Scalar, Triple
+from jaxbeam._types import Scalar, Triple, is_known
 
 Rotation = Float[Array, "3 3"]
 Times = Float[Array, " k"]
@@ -148,7 +148,7 @@ def time_list(name: str, given: Any) -> Times:
     values = real_array(name, given) if np.size(given) else no_times()
     if values.ndim != 1:
         raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
-    if not isinstance(values, jax.core.Tracer) and not np.isfinite(np.asarray(values)).all():
+    if is_known(values) and not np.isfinite(np.asarray(values)).all():
         raise ValueError(f"{name} must be finite")
     return values
 
@@ -226,7 +226,7 @@ class HubPose(_Declared):
         check_function_of_time("position", self.position, (3,))
         check_function_of_time("rotation", self.rotation, (3, 3))
         start = self.rotation(jnp.zeros((), jnp.result_type(float)))
-        if not isinstance(start, jax.core.Tracer):
+        if is_known(start):
             q = np.asarray(start)
             if not (np.abs(q.T @ q - np.eye(3)).max() < 1e-6 and np.linalg.det(q) > 0):
                 raise ValueError("rotation must be a proper orthogonal matrix; at t = 0 it is not")

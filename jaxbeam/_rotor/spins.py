@@ -4,14 +4,13 @@ import abc
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, positive, real_array, real_scalar
 from jaxbeam._rotor.motion import Spin, Times, no_times, time_list
-from jaxbeam._types import Real, Scalar, Triple
+from jaxbeam._types import Real, Scalar, Triple, is_known
 
 
 def inclined(angle: Real) -> Triple:
@@ -30,7 +29,7 @@ def _axis(axis: Any) -> Triple:
     vector = real_array("axis", axis)
     if vector.shape != (3,):
         raise ValueError(f"axis must have shape (3,), got {vector.shape}")
-    if not isinstance(vector, jax.core.Tracer):
+    if is_known(vector):
         length = float(np.linalg.norm(np.asarray(vector)))
         if not abs(length - 1) < 1e-6:
             raise ValueError(f"axis must be a unit vector, got length {length}")
@@ -188,7 +187,7 @@ class TabulatedSpeed(Spin):
                 "times and speeds must be two or more numbers each, equally many: got shapes "
                 f"{self.times.shape} and {s.shape}"
             )
-        if not isinstance(self.times, jax.core.Tracer) and not (np.diff(self.times) > 0).all():
+        if is_known(self.times) and not (np.diff(self.times) > 0).all():
             raise ValueError("times of a tabulated speed must increase")
         self.axis, self.smooth = _axis(axis), smooth
         h = jnp.diff(self.times)

@@ -19,7 +19,7 @@ from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
+from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector, is_known
 
 Inputs = tuple[Hub, Triple | None]
 
@@ -376,7 +376,7 @@ def checked_times(times: Any) -> Array:
     times = real_array("times", times)
     if times.ndim != 1 or times.size < 2:
         raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
-    if not isinstance(times, jax.core.Tracer):
+    if is_known(times):
         known = np.asarray(times)
         require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
         require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)

@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from jaxbeam._checks import kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
-from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._simulation.course import SAMPLES, Course
@@ -139,8 +139,8 @@ def _simulate(
     fine = given == Status.OK
     # A NaN in one lane of a batch would keep all others waiting, and end up in gradients of
     # parameters that lanes share: harmless values take its place.
-    rotor, motion, loads, damping, seen = jax.tree.map(
-        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+    rotor, motion, loads, damping, seen = harmless(
+        fine,
         (rotor, motion, loads, damping, seen),
     )
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
@@ -318,8 +318,8 @@ def _steady(
 ) -> tuple[State, Code]:
     given, _ = input_status(model, rotor, motion, loads, Damping(), t[None], t[None])
     fine = given == Status.OK
-    rotor, motion, loads = jax.tree.map(
-        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+    rotor, motion, loads = harmless(
+        fine,
         (rotor, motion, loads),
     )
     hub = motion.hub(t, loads.gravity)

@@ -14,7 +14,7 @@ from jaxbeam._models.base import AbstractModel, checked_case, count_functions
 from jaxbeam._results import where_known
 from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Real, Scalar
+from jaxbeam._types import Code, Matrix, Real, Scalar, is_known
 from jaxbeam._vibration.modes import find
 
 # rad a step. Explicit methods of s stages end before s - 1; implicit ones that last are let go.
@@ -127,7 +127,7 @@ def stable_step(
     solver = _checked(solver)
     count_functions("steps", steps, 1)
     growth = real_scalar("growth", growth)
-    if not isinstance(growth, jax.core.Tracer) and not 1 < growth < np.inf:
+    if is_known(growth) and not 1 < growth < np.inf:
         raise ValueError(f"growth must be finite and > 1, got {growth}")
     found = find(model, *checked_case(model, rotor, angular_speed), len(model.families))
     frequency = jnp.max(found.frequency)

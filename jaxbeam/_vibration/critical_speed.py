@@ -27,7 +27,7 @@ from jaxtyping import Array
 
 from jaxbeam._models.base import AbstractModel, Family, checked_case
 from jaxbeam._numerics.linalg import dense, lowest_eigenpair, solve
-from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
@@ -85,7 +85,7 @@ def critical_speed(model: AbstractModel, rotor: Any, *, throw: bool = True) -> C
 def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
     given = rotor.status(zero)
     fine = given == Status.OK
-    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    rotor = harmless(fine, rotor)
     found, family, x, status = _search(model, *without_derivatives((rotor, zero)))
     status = jnp.where(fine, status, given).astype(int)
     ok = status == Status.OK

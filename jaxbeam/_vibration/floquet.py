@@ -33,7 +33,7 @@ from jaxbeam._numerics.linalg import (
     lowest_eigenpair,
     symmetric_modes,
 )
-from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.loads import Damping
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
@@ -120,8 +120,8 @@ def _floquet(
 ) -> Floquet:
     given = input_status(rotor, motion, period, damping)
     fine = given == Status.OK
-    rotor, motion, period, damping = jax.tree.map(
-        lambda leaf: jnp.where(fine, leaf, 1.0) if eqx.is_inexact_array(leaf) else leaf,
+    rotor, motion, period, damping = harmless(
+        fine,
         (rotor, motion, period, damping),
     )
 

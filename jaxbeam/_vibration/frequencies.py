@@ -34,7 +34,7 @@ from jaxbeam._numerics.band import (
     width_of,
 )
 from jaxbeam._numerics.kernel import beside, contract, kernel, total
-from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
@@ -105,7 +105,7 @@ def _check_count(count: int, most: int) -> None:
 def _frequencies(solver: Any, rotor: Rotor, speed: Scalar) -> Frequencies:
     given = rotor.status(speed)
     fine = given == Status.OK
-    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    rotor = harmless(fine, rotor)
     omega, status = solver(rotor, jnp.where(fine, speed, 0.0))
     status = jnp.where(fine, status, given).astype(int)
     return Frequencies(where_known(status == Status.OK, omega), status)

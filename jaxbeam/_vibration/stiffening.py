@@ -1,13 +1,12 @@
 """What says beforehand whether a theory may be used."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from jaxbeam._checks import checked_speed
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._numerics.linalg import symmetric_modes
-from jaxbeam._results import where_known
+from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector, Vectors
@@ -42,7 +41,7 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
 def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
     # As in `guarded_matrices`: no NaN in gradients of what lanes of a batch share.
     fine = rotor.status(speed) == Status.OK
-    rotor = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), rotor)
+    rotor = harmless(fine, rotor)
     speed = jnp.where(fine, speed, 0.0)
     still = jnp.zeros_like(speed)
     phi = find(_BENDING, rotor, still, 1).shape[0].real

@@ -11,11 +11,11 @@ from jaxtyping import Array, Complex, Float
 from jaxbeam._checks import positive, real_array
 from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, count_functions
 from jaxbeam._numerics.linalg import eigensystem
-from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.loads import Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Real, Scalar, Vector
+from jaxbeam._types import Code, Real, Scalar, Vector, is_known
 from jaxbeam._vibration.floquet import PLANES, Plane, checked_damping, input_status
 from jaxbeam._vibration.modes import Choice, choose, find
 
@@ -85,7 +85,7 @@ def tongue(
     depths = real_array("depths", depths)
     if depths.ndim != 1 or depths.size == 0:
         raise ValueError(f"depths must be a list of numbers, got shape {depths.shape}")
-    if not isinstance(depths, jax.core.Tracer):
+    if is_known(depths):
         known = np.asarray(depths)
         if not (np.isfinite(known).all() and known[0] > 0 and (np.diff(known) > 0).all()):
             raise ValueError(f"depths must be finite, positive and increasing, got {known}")
@@ -109,7 +109,7 @@ def _tongue(
     unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
     given = jnp.where(unstable, Status.NO_EQUILIBRIUM, given)
     fine = given == Status.OK
-    rotor, damping = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 1.0), (rotor, damping))
+    rotor, damping = harmless(fine, (rotor, damping))
     mean = jnp.where(fine, mean, 0.0)
     eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
     tip_now = jnp.sum(eigenvalue.imag) / order

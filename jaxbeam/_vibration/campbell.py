@@ -1,0 +1,93 @@
+"""Campbell diagrams: frequencies over speed."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import known_array
+from jaxbeam._models.base import AbstractModel, Label, checked_case
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._status import Status
+from jaxbeam._sweeps.cases import grid
+from jaxbeam._sweeps.sweep import sweep
+from jaxbeam._sweeps.table import Table
+from jaxbeam._types import Scalar
+from jaxbeam._vibration.crossing import Crossing, crossing
+from jaxbeam._vibration.modes import Choice, choose, find
+
+
+class Campbell(eqx.Module):
+    """Frequency over speed for labelled modes of one rotor.
+
+    `table` holds `frequency` and `growth_rate` (rad/s, 1/s; dimensions angular_speed, mode) and
+    `status`; `labels` names the modes.
+    """
+
+    model: AbstractModel
+    rotor: Rotor
+    labels: tuple[Label, ...] = eqx.field(static=True)
+    table: Table = eqx.field(static=True)
+
+    def crossings(self, harmonics: Sequence[float] = (1, 2, 3, 4, 5, 6)) -> list[Crossing]:
+        """All speeds in the range of the diagram where frequency = harmonic * speed.
+
+        Sign changes between neighbouring speeds of the diagram, refined by `crossing`; two
+        crossings between two neighbours are not seen. Their numbers are those of Python. Where a label changes branch in a veering and
+        the line passes through the gap, there is no crossing. Ordered by speed.
+        """
+        factors = known_array("harmonics", harmonics)
+        if factors.ndim != 1 or not (np.isfinite(factors) & (factors > 0)).all():
+            raise ValueError(f"harmonics must be a list of numbers > 0, got {harmonics!r}")
+        speed = self.table.coords["angular_speed"]
+        found = []
+        for column, label in enumerate(self.labels):
+            for harmonic in harmonics:
+                gap = self.table["frequency"][:, column] - harmonic * np.abs(speed)
+                # A gap that is zero at rest, in divergence, is no resonance.
+                gap = np.where(self.table["growth_rate"][:, column] > 0, np.nan, gap)
+                # A root on a sample counts once, for the interval that it begins.
+                change = (gap[:-1] * gap[1:] < 0) | (gap[:-1] == 0)
+                change[-1:] |= gap[-1:] == 0
+                for i in np.flatnonzero(change):
+                    bracket = (float(speed[i]), float(speed[i + 1]))
+                    at = crossing(self.model, self.rotor, label, harmonic, bracket, throw=False)
+                    if at.status == Status.OK:
+                        found.append(jax.tree.map(lambda number: number.item(), at))
+        return sorted(found, key=lambda crossing: crossing.angular_speed)
+
+
+def campbell(
+    model: AbstractModel,
+    rotor: Rotor,
+    angular_speeds: Float[np.ndarray, " s"],
+    which: Sequence[Label],
+) -> Campbell:
+    """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s)."""
+    which = (which,) if isinstance(which, Label) else which
+    if not isinstance(which, Sequence):
+        raise TypeError(f"which must be labels, got {which!r}")
+    which = tuple(which)
+    rotor, _ = checked_case(model, rotor)
+    table = sweep(
+        # the rotor as an argument: diagrams of other rotors reuse the compiled code
+        jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which)),
+        grid(angular_speed=angular_speeds),
+        dims={
+            name: {"mode": [str(label) for label in which]} for name in ("frequency", "growth_rate")
+        },
+    )
+    return Campbell(model, rotor, which, table)
+
+
+def _campbell_case(
+    model: AbstractModel, rotor: Rotor, choice: Choice, *, angular_speed: Scalar
+) -> dict[str, Array]:
+    found = find(model, rotor, angular_speed, choice)
+    return {
+        "frequency": found.frequency,
+        "growth_rate": found.growth_rate,
+        "status": found.status,
+    }

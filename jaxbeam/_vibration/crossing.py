@@ -1,0 +1,115 @@
+"""Speeds at which a frequency is a multiple of the speed."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._checks import real_scalar
+from jaxbeam._models.base import AbstractModel, Label, checked_case
+from jaxbeam._results import where_known
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Real, Scalar, is_known
+from jaxbeam._vibration.modes import Choice, choose, find
+
+
+class Crossing(eqx.Module):
+    """`angular_speed` (rad/s) at which the frequency of the mode `label` is `harmonic` times it,
+    and a `status`."""
+
+    label: Label = eqx.field(static=True)
+    harmonic: Scalar
+    angular_speed: Scalar
+    status: Code
+
+
+def crossing(
+    model: AbstractModel,
+    rotor: Rotor,
+    label: Label,
+    harmonic: Real,
+    bracket: tuple[Real, Real],
+    *,
+    throw: bool = True,
+) -> Crossing:
+    """Speed in `bracket` (rad/s) at which the frequency of `label` is `harmonic` times the speed.
+
+    Newton's method with exact derivatives, kept inside the bracket by bisection, to rounding.
+    Differentiable with respect to rotor and harmonic by the implicit function theorem, and works
+    under `jit` and `vmap`. If frequency - harmonic * speed does not change sign over the bracket,
+    or only jumps because the label changes branch in a veering, that is an error, or `NO_CROSSING`
+    and NaN with `throw=False` (derivatives: as in `modes`).
+    """
+    if not isinstance(label, Label):
+        raise TypeError(f"label must be a Label, got {label!r}")
+    if not isinstance(bracket, tuple | list) or len(bracket) != 2:
+        raise ValueError(f"bracket must be two speeds, got {bracket!r}")
+    ends = tuple(real_scalar("bracket", end) for end in bracket)
+    ratio = real_scalar("harmonic", harmonic)
+    for name, value, least in (("harmonic", ratio, 0), *(("bracket", e, -np.inf) for e in ends)):
+        known = is_known(value)
+        if known and not (np.isfinite(number := float(np.asarray(value))) and number > least):
+            raise ValueError(
+                f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
+            )
+    rotor, _ = checked_case(model, rotor)
+    speed, status = _crossing(model, rotor, choose(model, (label,)), ratio, *ends)
+    result = Crossing(label, ratio, speed, status)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+@eqx.filter_jit
+def _crossing(
+    model: AbstractModel, rotor: Rotor, choice: Choice, harmonic: Scalar, low: Scalar, high: Scalar
+) -> tuple[Scalar, Code]:
+    sound = jnp.isfinite(harmonic)
+    harmonic = jnp.where(sound, harmonic, 1.0)
+
+    def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
+        found = find(model, rotor, speed, choice)
+        return found.frequency[0] - harmonic * jnp.abs(speed), found.status
+
+    def gap(speed: Scalar) -> Scalar:
+        return gap_and_status(speed)[0]
+
+    def regular(speed: Scalar) -> Scalar:
+        """`gap`; in a case that failed, a function that has a slope."""
+        value, status = gap_and_status(speed)
+        return jnp.where(status == Status.OK, value, speed)
+
+    low, high = jax.lax.stop_gradient((low, high))
+    (at_low, at_high), (status, at_high_status) = jax.lax.map(
+        gap_and_status, jnp.stack([low, high])
+    )
+    status = jnp.where(status == Status.OK, at_high_status, status)
+    ok = sound & (at_low * at_high <= 0)  # False for NaN
+
+    State = tuple[Array, Array, Array, Array, Array]  # speed, bracket, last change, count
+
+    def search(_: object, start: Scalar) -> Scalar:
+        def body(state: State) -> State:
+            speed, a, b, _, k = state
+            value, slope = jax.jvp(gap, (speed,), (jnp.ones_like(speed),))
+            left = jnp.sign(value) == jnp.sign(at_low)
+            a, b = jnp.where(left, speed, a), jnp.where(left, b, speed)
+            trial = speed - value / slope
+            inside = (trial >= jnp.minimum(a, b)) & (trial <= jnp.maximum(a, b))
+            new = jnp.where(value == 0, speed, jnp.where(inside, trial, (a + b) / 2))
+            return new, a, b, jnp.abs(new - speed), k + 1
+
+        def go_on(state: State) -> Array:
+            speed, _, _, change, k = state
+            return ok & (change > 4 * jnp.finfo(speed.dtype).eps * jnp.abs(speed)) & (k < 100)
+
+        infinite = jnp.full_like(start, jnp.inf)
+        return jax.lax.while_loop(go_on, body, (start, low, high, infinite, jnp.asarray(0)))[0]
+
+    middle = (low + high) / 2
+    speed = jax.lax.custom_root(regular, middle, search, lambda g, y: y / g(jnp.ones_like(y)))
+    # Bisection also ends at a jump, where a label changes branch: the gap says which it was.
+    miss = jnp.abs(gap(jax.lax.stop_gradient(speed)))
+    ok &= miss <= 1e-9 * jnp.abs(harmonic * speed)
+    status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
+    return where_known(status == Status.OK, speed), status
