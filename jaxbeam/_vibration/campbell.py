@@ -35,8 +35,9 @@ class Campbell(eqx.Module):
         """All speeds in the range of the diagram where frequency = harmonic * speed.
 
         Sign changes between neighbouring speeds of the diagram, refined by `crossing`; two
-        crossings between two neighbours are not seen. Their numbers are those of Python. Where a label changes branch in a veering and
-        the line passes through the gap, there is no crossing. Ordered by speed.
+        crossings between two neighbours are not seen. Where a label changes branch in a veering
+        and the line passes through the gap, there is no crossing. Ordered by speed; their numbers
+        are those of Python.
         """
         factors = known_array("harmonics", harmonics)
         if factors.ndim != 1 or not (np.isfinite(factors) & (factors > 0)).all():
