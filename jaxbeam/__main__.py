@@ -289,7 +289,7 @@ def _fitting(
 
 
 def _values(name: str, given: Any) -> list[float]:
-    """Of a swept number."""
+    """The values of a number that is swept."""
     if isinstance(given, dict) and given.keys() == {"from", "to", "count"}:
         with _blamed("sweep"):
             count_functions(f"{name} count", given["count"], 2)
@@ -334,7 +334,7 @@ def run(scene: Scene, out: Path, cores: int, chunk: int) -> bool:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """The command; returns its exit status."""
+    """Run the command and return its exit status."""
     form = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
         "python -m jaxbeam", description=__doc__, epilog=_EPILOG, formatter_class=form

@@ -106,7 +106,7 @@ def positive(name: str, value: Any) -> Scalar:
 
 
 def checked_speed(angular_speed: Any) -> Scalar:
-    """The speed as a finite real scalar."""
+    """The angular speed as a finite real scalar, or an error that names it."""
     speed = real_scalar("angular_speed", angular_speed)
     if is_known(speed):
         require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)

@@ -48,7 +48,7 @@ class Experiment(eqx.Module):
 
     @property
     def present(self) -> Bool[Array, "..."]:
-        """Which numbers there are."""
+        """Which of the numbers were measured: the others are NaN in the data."""
         return jnp.isfinite(self.measured)
 
     def residual(self) -> Float[Array, "..."]:
@@ -192,7 +192,7 @@ class HistoryData(Experiment):
         check_scene(self.motion, self.loads, self.damping, self.times[0])
 
     def predicted(self) -> Float[Array, "T ..."]:
-        """From a run."""
+        """The history of a run, NaN where the run failed."""
         run = simulate(
             self.model, self.rotor, self.motion, self.times, loads=self.loads,
             damping=self.damping, adjoint=diffrax.ForwardMode(), throw=False, **self.options,
@@ -233,7 +233,7 @@ class StaticData(Experiment):
         check_scene(ConstantSpeed(self.angular_speed), loads, Damping(), zero)
 
     def predicted(self) -> Float[Array, " p"]:
-        """At equilibrium."""
+        """Displacements at the equilibrium, NaN where none was found."""
         motion, zero = ConstantSpeed(self.angular_speed), jnp.zeros_like(self.angular_speed)
         moments = jnp.stack([zero, zero + 1])
         given, _ = input_status(
@@ -284,13 +284,13 @@ class Clearance(Experiment):
         self.measured, self.noise = _data(np.zeros(shape), slack, shape)
 
     def distance(self) -> Float[Array, "m h S"]:
-        """f / (k Omega) - 1."""
+        """The relative distance f / (k Omega) - 1 of each frequency from each harmonic."""
         found = _frequencies(self.model, self.rotor, self.angular_speed, self.which).T
         lines = np.array(self.harmonics, float)[:, None] * self.angular_speed[None]
         return found[:, None] / lines[None] - 1
 
     def predicted(self) -> Float[Array, "m h S"]:
-        """What is missing."""
+        """How much of the margin is missing, zero where it is kept."""
         distance = self.distance()
         side = jnp.sign(jnp.mean(jnp.log1p(jax.lax.stop_gradient(distance)), 2, keepdims=True))
         return jnp.maximum(self.margin - side * distance, 0.0)
@@ -334,7 +334,7 @@ def _alike(a: Experiment, b: Experiment) -> bool:
 def _frequencies(
     model: AbstractModel, rotor: Rotor, speeds: Array, which: int | tuple[Label, ...]
 ) -> Array:
-    """At each speed; NaN where there are none."""
+    """Frequencies at each speed, NaN where the case failed."""
 
     return jax.vmap(lambda w: modes(model, rotor, w, which, throw=False).frequency)(speeds)
 

@@ -206,7 +206,7 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
 
 @eqx.filter_jit
 def _descend(problem: Problem, descent: Descent, key: Any) -> Array:
-    """The best end of all starts."""
+    """The best of the points at which descents from all starts ended."""
     n, m = descent.starts, len(problem.free)
     # A Latin hypercube: each parameter takes n values evenly, in an order of its own.
     order, within = jax.random.split(key)

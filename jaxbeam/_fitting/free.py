@@ -55,7 +55,7 @@ class Free(eqx.Module):
             self.prior = mean, deviation
 
     def value(self, z: Scalar) -> Scalar:
-        """The parameter, from the variable of the search."""
+        """The parameter that belongs to the variable z of the search, which knows no bounds."""
         match self.bounded:
             case True, True:
                 r = (self.upper - self.guess) / (self.guess - self.lower)
@@ -74,7 +74,7 @@ class Free(eqx.Module):
         return slope(z), jnp.maximum(here, 0.1 * slope(jnp.zeros_like(z)))
 
     def room(self, z: Scalar) -> Scalar:
-        """How far the nearest bound is."""
+        """The distance from a value of the parameter to its nearest bound."""
         value = self.value(z)
         return jnp.minimum(value - self.lower, self.upper - value)
 

@@ -112,7 +112,7 @@ class Fit(eqx.Module):
     @property
     @per_case
     def correlation(self) -> Float[Array, "m m"]:
-        """Of the parameters."""
+        """Correlation coefficients of the parameters."""
         deviation = jnp.sqrt(jnp.diag(self.covariance))
         return self.covariance / (deviation[:, None] * deviation[None])
 

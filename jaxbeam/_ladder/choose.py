@@ -105,12 +105,12 @@ class Choice:
 
     @property
     def answer(self) -> np.ndarray:
-        """What the rung says, if that meets the tolerance."""
+        """The answer of the rung chosen, NaN unless it meets the tolerance."""
         return self.partial if self.met else np.full_like(self.partial, np.nan)
 
     @property
     def model(self) -> AbstractModel:
-        """Of the rung."""
+        """The model of the rung chosen."""
         return self.rung.model
 
     def __str__(self) -> str:
@@ -145,7 +145,7 @@ class Choice:
 
 
 def checked_tolerance(tolerance: float) -> float:
-    """As a float."""
+    """The tolerance as a float, or an error where it is not a positive number."""
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.floating):
         raise TypeError(f"tolerance must be a number, got {type(tolerance).__name__}")
     if not 1e-8 <= tolerance < 1:
@@ -214,7 +214,7 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     estimates = {m: estimate(m) for m in (scout, *elements) if m in ask.found or m == scout}
 
     def misses(model: AbstractModel) -> str:
-        """What rungs that were asked say against it."""
+        """What the answers of rungs that were asked say against a rung."""
         if model in nonlinear:  # half as fine is four times as wrong, or more
             finer = (m for m in nonlinear[nonlinear.index(model) :] if m in estimates)
             if estimates[better := next(finer)] > tolerance / 4:
@@ -274,7 +274,7 @@ def _compiled(*given: Any) -> Any:
 
 
 class _Asker:
-    """Answers to one question, kept."""
+    """Asks rungs one question about one rotor, and keeps their answers."""
 
     def __init__(self, question: Question, rotor: Rotor, accuracy: float, ahead: Ahead) -> None:
         self.question, self.rotor, self.accuracy, self.ahead = question, rotor, accuracy, ahead
@@ -287,12 +287,12 @@ class _Asker:
         return self.question, self.rotor, model, *how
 
     def begin(self, *models: AbstractModel) -> None:
-        """Compile what is to be asked soon."""
+        """Compile, in the background, the programs of models that are to be asked soon."""
         for model in models:
             self.ahead.begin(model, functools.partial(_compiled, *self.given(model)))
 
     def now(self, model: AbstractModel, tighter: float = 1.0) -> Answer:
-        """Without keeping it."""
+        """The answer of a model now, which is not kept."""
         self.ahead.await_it(model)
         return jax.device_get(_answer(*self.given(model, tighter)))
 

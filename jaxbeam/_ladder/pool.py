@@ -39,7 +39,7 @@ class Know(eqx.Module):
 
 
 class Ask(eqx.Module):
-    """The answer of one case."""
+    """The function that a sweep maps over the cases: the answer of one case by `model`."""
 
     situation: Situation
     model: AbstractModel
@@ -52,13 +52,13 @@ class Ask(eqx.Module):
 
 
 def answers_in(table: Table) -> Answer:
-    """Those that a table holds."""
+    """The answers that a table holds, as one batched `Answer`."""
     leaves: list[Any] = [table[field.name] for field in dataclasses.fields(Answer)]
     return Answer(*leaves)
 
 
 def some_of(answers: Answer, which: np.ndarray) -> Answer:
-    """Those of some cases."""
+    """The part of a batched `Answer` that belongs to some cases."""
     return jax.tree.map(lambda leaf: leaf[which], answers)
 
 
@@ -89,14 +89,14 @@ class Pool:
         return Ask(self.situation, model, real_scalar("accuracy", self.accuracy * tighter))
 
     def begin(self, *models: AbstractModel) -> None:
-        """Compile what is to be asked soon."""
+        """Compile, in the background, the programs of models that are to be asked soon."""
         some = self.cases(np.zeros(1, int), {SIZE: self.size})
         how = self.how["chunk"], self.how["devices"]
         for model in models:
             self.ahead.begin(model, functools.partial(compiled, self.asks(model), some, *how))
 
     def ask(self, model: AbstractModel, which: np.ndarray, tighter: float = 1.0) -> Table:
-        """Without keeping it."""
+        """The table of answers of some cases by a model, which is not kept."""
         self.ahead.await_it(model)
         return self.run(self.asks(model, tighter), which, **{SIZE: self.size})
 
@@ -110,7 +110,7 @@ class Pool:
         return some_of(self.found[model], which)
 
     def keep(self, model: AbstractModel, which: np.ndarray, table: Table) -> None:
-        """Answers of these cases."""
+        """Remember the answers of these cases by a model."""
         new = answers_in(table)
         if model not in self.found:
             blank = jax.tree.map(lambda leaf: np.zeros((self.n, *leaf.shape[1:]), leaf.dtype), new)

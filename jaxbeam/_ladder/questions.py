@@ -73,11 +73,11 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def speed(self) -> Scalar:
-        """Largest angular speed, rad/s."""
+        """The largest angular speed that the question reaches, in rad/s."""
 
     @abc.abstractmethod
     def planar(self, rotor: Rotor) -> Array:
-        """Whether all of it stays in the plane of rotation."""
+        """Whether motion, loads and answer stay in the plane of rotation."""
 
     @property
     @abc.abstractmethod
@@ -114,7 +114,7 @@ class _InTime(Question):
 
     @abc.abstractmethod
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
-        """What is asked, from the run."""
+        """The numbers that are asked for, read from a run."""
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
         controller = diffrax.PIDController(
@@ -218,7 +218,7 @@ class RootStrain(_InTime):
     """
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
-        """Stretch is far smaller than deflection."""
+        """The stretch that matters, which is far smaller than the deflection."""
         return jnp.minimum(size, rotor.steady_strain(self.speed()) + 1e-12)
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
@@ -261,7 +261,7 @@ class ModalFrequencies(Question):
 
     @property
     def functions(self) -> tuple[int, ...]:
-        """No fewer than the modes asked for."""
+        """Numbers of bending functions, no fewer than the modes that are asked for."""
         return tuple(n for n in (1, 2, 4, 8, 16, 24, 32) if n >= self._highest)
 
     @property
@@ -269,12 +269,12 @@ class ModalFrequencies(Question):
         return max(label.order for label in self.which)
 
     def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
-        """Those asked for."""
+        """The modes that are asked for take part, others do not."""
         return jnp.where(np.arange(omega.size) < self._highest, 1.0, 0.0)
 
 
 def checked_question(question: Question) -> Question:
-    """The question, if it is one."""
+    """The argument, if it is a question; else an error that says what is."""
     if not isinstance(question, Question):
         raise TypeError(f"question must be a Question, got {kind_of(question)}")
     return question

@@ -32,7 +32,7 @@ class Rung(NamedTuple):
 
     @property
     def name(self) -> str:
-        """In words."""
+        """The name of the rung in words: its theory and its size."""
         return describe(self.model)
 
 
@@ -146,7 +146,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
 
 @eqx.filter_jit
 def is_planar(question: Question, rotor: Rotor) -> Array:
-    """Whether all of it stays in the plane of rotation."""
+    """Whether motion, loads and answer stay in the plane of rotation."""
     return question.planar(rotor)
 
 

@@ -44,7 +44,7 @@ class _Chain(NamedTuple):
     noise: float
 
     def left_out(self, reach: np.ndarray) -> np.ndarray:
-        """By the theory, whatever the rung."""
+        """The error of the theory itself at a deflection, which no finer rung mends."""
         known = np.isfinite(reach) | (self.theory == 0)
         inside = self.theory * np.where(np.isfinite(reach), reach, 0.0)
         return np.where(known & (reach <= self.limit), inside, np.inf)
@@ -140,7 +140,7 @@ def _blank(n: int, m: int) -> dict[str, np.ndarray]:
 
 
 def _example(situation: Situation, cases: Cases) -> Question:
-    """What kind of question it is."""
+    """The question of the first case, which shows of what kind all are."""
     number = jax.ShapeDtypeStruct((), jnp.result_type(float))
     out = eqx.filter_eval_shape(situation, **dict.fromkeys(cases.columns, number))
     match out:
@@ -308,7 +308,7 @@ def _chain(
 
 
 def _noise(pool: Pool, told: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
-    """What ten times tighter integration changes."""
+    """By how much answers change where integration is ten times tighter."""
     if not fine.any():
         return 0.0
     tight = pool.ask(model, told[fine], 0.1)

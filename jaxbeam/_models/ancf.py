@@ -43,7 +43,7 @@ class _ANCF(CartesianModel):
 
 
 class _Nodal(_ANCF):
-    """Non-linear: coordinates go node by node."""
+    """Geometrically non-linear elements, whose coordinates are ordered node by node."""
 
     element: ClassVar[type[Element]]
 
@@ -54,7 +54,7 @@ class _Nodal(_ANCF):
         return (Family.AXIAL, *self.n_elements * node)
 
     def equations(self, rotor: Rotor) -> ElementEquations:
-        """Geometrically non-linear."""
+        """Equations of motion with the law of strain of `element`."""
         return ElementEquations(rotor, self.n_elements, self.element)
 
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
@@ -75,7 +75,7 @@ class _Nodal(_ANCF):
         return q[self._axial]
 
     def steady(self, rotor: Rotor, speed: Scalar) -> tuple[Vector, Code]:
-        """Straight, whatever the speed."""
+        """The straight beam, which these linear equations keep at any speed."""
         # In the axial coordinates alone, and over EA, unknowns are of order one.
         equations, hub = self.equations(rotor), spinning(speed)
         length, axial = rotor.beam.length, self._axial

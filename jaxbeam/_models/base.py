@@ -241,14 +241,14 @@ class AbstractModel(eqx.Module):
 
 
 def checked_model(model: Any) -> AbstractModel:
-    """The model, if it is one."""
+    """The argument, if it is a model; else an error that says what is."""
     if not isinstance(model, AbstractModel):
         raise TypeError(f"model must be a model, such as jaxbeam.Hybrid(), got {kind_of(model)}")
     return model
 
 
 def checked_case(model: Any, rotor: Any, angular_speed: Any = 0.0) -> tuple[Any, Scalar]:
-    """Rotor of a model and speed, checked."""
+    """The rotor that a model takes and the angular speed, both checked."""
     kind = checked_model(model).rotor_type
     return checked_rotor(kind, rotor), checked_speed(angular_speed)
 

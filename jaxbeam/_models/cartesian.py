@@ -98,7 +98,7 @@ class CartesianModel(AbstractModel):
     @property
     @abc.abstractmethod
     def functions_from(self) -> Basis:
-        """The basis."""
+        """The basis that all functions of the model come from."""
 
     @property
     @abc.abstractmethod
@@ -107,7 +107,7 @@ class CartesianModel(AbstractModel):
 
     @property
     def families(self) -> tuple[Family, ...]:
-        """Axial, then in plane, then flap."""
+        """Families of the coordinates: axial first, then in plane, then flap."""
         each = zip((Family.AXIAL, Family.IN_PLANE, Family.FLAP), self.counts, strict=True)
         return tuple(family for family, count in each for _ in range(count))
 
@@ -330,7 +330,7 @@ class CartesianEquations(Equations):
 
 
 def _turning(hub: Hub) -> Float[Array, "3 3"]:
-    """W = w~ w~ + w~'."""
+    """W = w~ w~ + w~', the acceleration of a point at rest in the hub by its position."""
     k = skew(hub.angular_velocity)
     return k @ k + skew(hub.angular_velocity_rate)
 

@@ -32,7 +32,7 @@ class _Discrete(AbstractModel):
 
     @property
     def families(self) -> tuple[Family, ...]:
-        """Along the tube, then across."""
+        """Families of the two coordinates: along the tube first, then across."""
         return Family.AXIAL, Family.IN_PLANE
 
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
@@ -74,7 +74,7 @@ class _Particle(Equations):
 
     @abc.abstractmethod
     def place(self, q: Vector) -> Float[Array, " 2"]:
-        """x, y."""
+        """Cartesian displacements x, y of the particle in the hub frame."""
 
     def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         """Stretch of the spring along the tube over its length."""
@@ -254,7 +254,7 @@ class DiscreteNC(_Discrete):
     """Exact in x, y: U = k_T (|r| - L)^2 / 2 + k_r atan(y / (L + x))^2 / 2."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
-        """Coordinates x, y in m."""
+        """Equations in the coordinates x, y, in m."""
         return _particle(_Cartesian, rotor, _exact)
 
 
@@ -262,7 +262,7 @@ class DiscreteLC(_Discrete):
     """Linear in x, y: unstable above Omega = sqrt(k_r / m) / L, whatever d is."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
-        """Coordinates x, y in m."""
+        """Equations in the coordinates x, y, in m."""
         return _particle(_Cartesian, rotor, _quadratic)
 
 
@@ -270,7 +270,7 @@ class DiscreteNS(_Discrete):
     """Stretch x + y^2 / (2 L): U = k_T (x + y^2 / (2 L))^2 / 2 + k_r (y / L)^2 / 2."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
-        """Coordinates x, y in m."""
+        """Equations in the coordinates x, y, in m."""
         return _particle(_Cartesian, rotor, _second_degree)
 
 
@@ -278,7 +278,7 @@ class DiscreteNP(_Discrete):
     """Exact in s, theta; the same motion as `DiscreteNC`."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
-        """Coordinates s in m, theta in rad."""
+        """Equations in the coordinates s, in m, and theta, in rad."""
         return _particle(_ExactPolar, rotor, _polar)
 
 
@@ -286,5 +286,5 @@ class DiscreteLP(_Discrete):
     """Linear in s, theta: stiffens with speed as it must."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
-        """Coordinates s in m, theta in rad."""
+        """Equations in the coordinates s, in m, and theta, in rad."""
         return _particle(_LinearPolar, rotor, _polar)

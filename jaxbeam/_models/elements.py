@@ -176,7 +176,7 @@ class ElementEquations(Equations):
         return _local(self._nodes(q)) / self.size
 
     def _nodes(self, q: Vector) -> Nodes:
-        """Those of the clamped node included."""
+        """Coordinates node by node, those of the clamped node included."""
         return padded(q, 3, 0).reshape(-1, 2, 2, *q.shape[1:])
 
 
@@ -196,7 +196,7 @@ def _constant(vector: Triple) -> Float[Array, "1 2 2 *lanes"]:
 
 
 def _turned(nodes: Nodes) -> Nodes:
-    """`TURN` applied to a field."""
+    """A field turned by a quarter: `TURN` applied at every node."""
     return jnp.stack([nodes[:, 1], -nodes[:, 0]], 1)
 
 

@@ -35,7 +35,7 @@ TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # by a right angle: a1 becomes a2, a
 
 
 def tabled(table: Float[np.ndarray, "a b"], x: Float[Array, "c b *lanes"]) -> Array:
-    """sum_b table_ab x_cb."""
+    """The product sum_b table_ab x_cb, with axes of lanes behind."""
     lanes = x.ndim - 2
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
 
@@ -45,7 +45,7 @@ def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Scalar:
 
 
 def _stretched(d: Float[Array, "2 *lanes"]) -> Array:
-    """a1 + d."""
+    """The tangent a1 + d of the deformed axis."""
     return jnp.stack([d[0], 1 + d[1]])
 
 
@@ -56,7 +56,7 @@ def elongation(d: Float[Array, "2 *lanes"]) -> Scalar:
 
 
 def gradient_of(function: Callable[[Array], Scalar]) -> Callable[[Array], Array]:
-    """Of one scalar, or of one for each lane."""
+    """Gradient of a function whose value is one scalar, or one for each lane."""
     return jax.grad(lambda x: jnp.sum(function(x)))
 
 
@@ -92,7 +92,7 @@ class Element(eqx.Module):
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the Gauss points."""
+        """Weights of the Gauss points."""
         return WEIGHTS / self.n_elements
 
     @property
@@ -132,7 +132,7 @@ class Continuum(Element):
         return self.interpolated(self.measure(tabled(self.stations, e))[0][None])[0]
 
     def energy(self, e: Local) -> Scalar:
-        """B eq. 9."""
+        """Strain energy of B eq. 9."""
         bend = total(tabled(self.curvatures, e) ** 2)
         return _integral(self.weights, self._strain(e) ** 2 + self.bending * bend) / 2
 
@@ -270,7 +270,7 @@ class Engineering(Element):
         return material.reshape(2, 4, *e.shape) + _both(along) + turned
 
     def _at(self, e: Local) -> "_Bent":
-        """At the Gauss points."""
+        """The strain and its derivatives at the Gauss points."""
         d, curved = tabled(self.slopes, e), tabled(self.curvatures, e)
         strain, along = self.strain(d), _stretched(d)
         size = 1 + strain
@@ -313,14 +313,14 @@ class ModelZero(Element):
 
 
 class Chord(ModelZero):
-    """From one end to the other."""
+    """The frame of an element lies along the chord from one end to the other."""
 
     def along(self, e: Local) -> Float[Array, "2 *lanes"]:
         return (e[:, 2] - e[:, 0]) * self.n_elements
 
 
 class Tangent(ModelZero):
-    """Of the first end."""
+    """The frame of an element lies along the tangent at its first end."""
 
     def along(self, e: Local) -> Float[Array, "2 *lanes"]:
         return e[:, 1]

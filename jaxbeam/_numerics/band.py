@@ -31,12 +31,12 @@ def full(matrix: Float[Array, "n n *lanes"]) -> Float[Array, "n n *lanes"]:
 
 
 def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
-    """b + 1."""
+    """Width of a band that holds all tables: the number of diagonals from the main one on."""
     return 1 + max(int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
 
 
 def product(a: Band, x: _Vector) -> _Vector:
-    """A x."""
+    """The product A x of a symmetric band matrix with a vector."""
     y = a[:, 0] * x
     for m in range(1, a.shape[1]):
         below = a[:-m, m]

@@ -29,7 +29,7 @@ class BlockTridiagonal(eqx.Module):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(n, n)."""
+        """Shape (n, n) of the whole matrix."""
         k, b = self.rows.shape[:2]
         return (k * b - self.absent,) * 2
 
@@ -51,7 +51,7 @@ class BlockTridiagonal(eqx.Module):
         return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
 
     def dense(self) -> Float[Array, "n n"]:
-        """As an array; not for lanes."""
+        """The whole matrix as an array; not where there are lanes."""
         k, b, _ = self.rows.shape
         # Written one behind the other, rows that are b longer than those of the matrix each begin
         # b places farther on in it.
@@ -124,14 +124,14 @@ class BlockInverse(eqx.Module):
 
 
 def padded(x: Array, before: int, after: int) -> Array:
-    """With zeros along the first axis."""
+    """An array with as many rows of zeros as wanted before and behind its first axis."""
     return jnp.pad(x, ((before, after), *((0, 0),) * (x.ndim - 1)))
 
 
 def _sweep(
     steps: Blocks, b: Float[Array, "k b *lanes"], *, reverse: bool
 ) -> Float[Array, "k b *lanes"]:
-    """y_i = b_i - steps_i y_before."""
+    """Solve y_i = b_i - steps_i y_before, one block after the other."""
 
     def one(y: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         y = row[0] - _apply(row[1], y)

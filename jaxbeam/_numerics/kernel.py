@@ -154,7 +154,7 @@ def contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
 
 
 def beside(table: Any, axes: int) -> Any:
-    """With more axes, of length one, behind its own."""
+    """The table with axes of length one behind its own, to stand beside arrays with lanes."""
     return table.reshape(*table.shape, *(1,) * axes)
 
 
@@ -276,7 +276,7 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _equations(closed: ClosedJaxpr) -> Iterator[JaxprEqn]:
-    """All that are run, at any depth."""
+    """All equations that a program runs, at any depth."""
     for equation in closed.jaxpr.eqns:
         yield equation
         inner = equation.params

@@ -183,7 +183,7 @@ class Rotor(_Parameters):
 
     @property
     def frequency_scale(self) -> Scalar:
-        """That of the beam."""
+        """The frequency scale of the beam, in rad/s."""
         return self.beam.frequency_scale
 
     @property

@@ -161,11 +161,11 @@ class _Declared(Motion):
         self.changes, self.jumps = time_list("changes", changes), time_list("jumps", jumps)
 
     def change_times(self) -> Times:
-        """Those that were given."""
+        """The times that were given."""
         return self.changes
 
     def jump_times(self) -> Times:
-        """Those that were given."""
+        """The times that were given."""
         return self.jumps
 
 

@@ -152,12 +152,12 @@ class SpinUpThenDown(Spin):
         self.up, self.down_at, self.axis = up, positive("down_at", down_at), up.axis
 
     def change_times(self) -> Times:
-        """Those of the spin-up, and the same later."""
+        """The times of the spin-up, and the same for the spin-down."""
         up = self.up.change_times()
         return jnp.concatenate([up, self.down_at + up])
 
     def jump_times(self) -> Times:
-        """Those of the spin-up, and the same later."""
+        """The times of the spin-up, and the same for the spin-down."""
         up = self.up.jump_times()
         return jnp.concatenate([up, self.down_at + up])
 
@@ -225,7 +225,7 @@ class TabulatedSpeed(Spin):
         return inside - self.times[i], t - inside, self.pieces[:, i], self.angles[i]
 
     def angular_speed(self, t: Scalar) -> Scalar:
-        """By the table, in rad/s."""
+        """The speed by the table, in rad/s."""
         s, _, (a, b, c, d), _ = self._piece(t)
         return a + s * (b + s * (c + s * d))
 

@@ -58,7 +58,7 @@ class Course(eqx.Module):
 
     @property
     def duration(self) -> Scalar:
-        """Of the run, s."""
+        """How long the run lasts, in s."""
         return SAMPLES * self.spacing
 
     def limit(self, t: Scalar, end: Scalar) -> Scalar:
@@ -99,7 +99,7 @@ def _reach(signals: Float[Array, "c k+1"], sudden: Bool[Array, " 64"]) -> Float[
     either = jnp.concatenate([signals, -signals])
 
     def highest(values: Array, n: int, apart: int) -> Array:
-        """Of each value and n - 1 behind it, so far apart."""
+        """The largest of each value and n - 1 values behind it, so far apart."""
         return jax.lax.reduce_window(
             values, -jnp.inf, jax.lax.max, (1, n), (1, 1), "VALID", window_dilation=(1, apart)
         )

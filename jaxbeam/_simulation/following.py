@@ -43,13 +43,13 @@ class _Following(diffrax.AbstractStepSizeController):
         self.controller, self.course = controller, course
 
     def wrap(self, direction: Any) -> Any:
-        """As in diffrax; runs go forwards."""
+        """As in diffrax; nothing changes, since runs go forwards."""
         return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
 
     def init(
         self, terms: Any, t0: Any, t1: Any, y0: State, dt0: Any, args: Scene, *rest: Any
     ) -> Any:
-        """End of the first step, and the state."""
+        """The end of the first step, and the state of the controller."""
         course = self.course
         # With jumps a run begins a moment late, which some controllers would refuse.
         wanted, inner = self.controller.init(terms, course.start, t1, y0, dt0, args, *rest)
@@ -112,7 +112,7 @@ class _Following(diffrax.AbstractStepSizeController):
 
 
 class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController):
-    """The same of a controller with tolerances."""
+    """The same for a controller that has tolerances."""
 
     rtol: Any
     atol: Any
@@ -143,38 +143,38 @@ class Struck(diffrax.AbstractWrappedSolver):
 
     @property
     def term_structure(self) -> Any:
-        """Of the solver."""
+        """That of the solver within."""
         return self.solver.term_structure
 
     @property
     def interpolation_cls(self) -> Any:  # type: ignore[override]
-        """Of the solver."""
+        """That of the solver within."""
         return self.solver.interpolation_cls
 
     @property
     def term_compatible_contr_kwargs(self) -> Any:
-        """Of the solver."""
+        """That of the solver within."""
         return self.solver.term_compatible_contr_kwargs
 
     @property
     def root_finder(self) -> Any:
-        """Of the solver, if it is implicit."""
+        """That of the solver within, if it is implicit."""
         return self.solver.root_finder  # type: ignore[attr-defined]
 
     def order(self, terms: Any) -> Any:
-        """Of the solver."""
+        """That of the solver within."""
         return self.solver.order(terms)
 
     def error_order(self, terms: Any) -> Any:
-        """Of the solver."""
+        """That of the solver within."""
         return self.solver.error_order(terms)
 
     def init(self, *args: Any) -> Any:
-        """Of the solver."""
+        """That of the solver within."""
         return self.solver.init(*args)
 
     def func(self, *args: Any) -> Any:
-        """Of the solver."""
+        """That of the solver within."""
         return self.solver.func(*args)
 
     def step(

@@ -86,7 +86,7 @@ class Simulation(eqx.Module):
     @property
     @per_case
     def strain_energy(self) -> Float[Array, " T"]:
-        """In J."""
+        """Strain energy, in J."""
         return self._each(_strain_energy)
 
     @property

@@ -125,7 +125,7 @@ class Scene(SecondOrderSystem):
 
     @property
     def stops(self) -> Times:
-        """All times that are declared."""
+        """All times that motion and loads declare."""
         smooth = [self.motion.change_times(), self.loads.changes]
         return jnp.concatenate([*smooth, self.jumps])
 
@@ -143,7 +143,7 @@ class Scene(SecondOrderSystem):
         return jnp.concatenate([hub.velocity, self.equations.end * hub.angular_velocity])
 
     def twist_rate_of(self, hub: Hub) -> Float[Array, " 6"]:
-        """Its rate, in m/s^2."""
+        """The rate of `twist_of`, in m/s^2."""
         return jnp.concatenate([hub.velocity_rate, self.equations.end * hub.angular_velocity_rate])
 
     def struck(self, t: Scalar, y: State) -> State:
@@ -188,7 +188,7 @@ class Scene(SecondOrderSystem):
         return out - self.equations.as_force(q, self._damping(q, v))
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
-        """As a generalised force."""
+        """The damping as a generalised force."""
         return self.equations.damping(q, v, self.damping.mass, self.damping.stiffness)
 
     def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
@@ -221,7 +221,7 @@ class Scene(SecondOrderSystem):
         return out / self.work_unit
 
     def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Scalar:
-        """dT/dv . v' + dT/domega . omega'."""
+        """The rate dT/dv . v' + dT/domega . omega' at which the moving hub changes T."""
         _, out = jax.jvp(
             lambda *twist: self.equations.kinetic_energy(q, v, *twist),
             (hub.velocity, hub.angular_velocity),
@@ -248,7 +248,7 @@ class Scene(SecondOrderSystem):
         )
 
     def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        """T in the inertial frame, J."""
+        """Kinetic energy in the inertial frame, in J."""
         mass, first, second = self.equations.rigid
         beam = jnp.zeros(3, q.dtype).at[0].set(first)
         rigid = (

@@ -24,7 +24,7 @@ _OTHERS = diffrax.LeapfrogMidpoint, diffrax.ReversibleHeun, diffrax.SemiImplicit
 
 
 class _Oscillator(SecondOrderSystem):
-    """q'' + 2 zeta q' + q = 0."""
+    """The test equation q'' + 2 zeta q' + q = 0."""
 
     mass: Matrix
     ratio: Scalar

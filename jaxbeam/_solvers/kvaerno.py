@@ -61,7 +61,7 @@ class ChordKvaerno5(SecondOrderSolver):
             raise ValueError(f"iterations must be at least 1, got {self.iterations}")
 
     def order(self, terms: Any) -> int:
-        """5."""
+        """The order of the solution, 5."""
         return 5
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> Vector:

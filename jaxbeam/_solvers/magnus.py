@@ -47,12 +47,12 @@ class MagnusInterpolation(Interpolation):
         return self.state(s, self.offset(s))
 
     def offset(self, s: Scalar) -> Float[Array, " m"]:
-        """z at the share s of the step."""
+        """The vector z at the share s of the step."""
         mean, tilt, twist = self.exponent
         return exponential(s * (mean + (s - 1) / 2 * tilt + s**2 * twist)) @ self.start
 
     def state(self, s: Scalar, z: Float[Array, " m"]) -> State:
-        """y where z is this."""
+        """The state whose vector is z."""
         n = self.y0.q.size
 
         def equilibrium(s: Scalar) -> Vector:
@@ -86,7 +86,7 @@ class Magnus(SecondOrderSolver):
     interpolation_cls: ClassVar = MagnusInterpolation
 
     def order(self, terms: Any) -> int:
-        """4."""
+        """The order of the solution, 4."""
         return 4
 
     def error_order(self, terms: Any) -> int:
@@ -102,7 +102,7 @@ class Magnus(SecondOrderSolver):
         self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem, solver_state: None,
         made_jump: Any,
     ) -> tuple[State, State, dict[str, Any], None, Any]:  # fmt: skip
-        """One step."""
+        """One step of the method."""
         h = length(t0, t1)
         n = y0.q.size
         flexible = inverse(dense(args.mass))
@@ -135,7 +135,7 @@ class Magnus(SecondOrderSolver):
 
 
 def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar) -> _Moment:
-    """`flexible` is the inverse of the mass."""
+    """What the method takes of the system at a time; `flexible` is the inverse of the mass."""
     one, zero = jnp.ones_like(t), jnp.zeros_like(flexible[0])
 
     def place(t: Scalar) -> tuple[Vector, tuple[Matrix, Matrix]]:
@@ -153,7 +153,7 @@ def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar) -> _Moment:
 
 
 def _first_order(at: _Moment, scale: Scalar) -> Float[Array, "m m"]:
-    """z' = A z with z = (q, q' / scale, 1)."""
+    """The matrix of z' = A z with z = (q, q' / scale, 1)."""
     n = at.place.size
     none = jnp.zeros((n, n + 1))
     above = jnp.concatenate([none[:, :n], scale * jnp.eye(n), none[:, :1]], 1)

@@ -176,14 +176,14 @@ class Rosenbrock(SecondOrderSolver):
     interpolation_cls: ClassVar = StepPolynomial
 
     def order(self, terms: Any) -> int:
-        """Of the solution."""
+        """The order of the solution."""
         return self.tableau.order
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem, solver_state: None,
         made_jump: Any,
     ) -> tuple[State, State, dict[str, State], None, Any]:  # fmt: skip
-        """One step."""
+        """One step of the method."""
         h = length(t0, t1)
         x0, rate = jax.jvp(args.inputs, (t0,), (jnp.ones_like(t0),))
         # Rounding must not take the last stage past a jump at t1.

@@ -60,7 +60,7 @@ class Given(eqx.Module):
 
 
 def conditions(task: Task, given: Given) -> list[Callable[[Scalar, State], Any]]:
-    """Those of the event, as functions of t and y."""
+    """The conditions of the event, as functions of t and y."""
     if task.event is None:
         return []
     more = {
@@ -85,7 +85,7 @@ class Step(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What came of it."""
+    """What came of a run: its outputs, how it ended, and what was spent."""
 
     outputs: Float[Array, "T m"]  # the flat state at the times; `reached` of them
     y: Float[Array, " m"]  # at the end of the last step
@@ -312,7 +312,7 @@ def as_arrays(tree: Any) -> Any:
 
 
 def _power(n: int) -> int:
-    """The power of two that is not less."""
+    """The smallest power of two that is not less than n."""
     return 1 << max(n - 1, 0).bit_length()
 
 

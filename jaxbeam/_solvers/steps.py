@@ -32,7 +32,7 @@ class Interpolation(diffrax.AbstractLocalInterpolation):
 
     @abc.abstractmethod
     def at(self, s: Scalar) -> State:
-        """y at t0 + s (t1 - t0)."""
+        """The state at the time t0 + s (t1 - t0) within the step."""
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
         """As in diffrax: the value at t0, or the increment from t0 to t1."""
@@ -126,7 +126,7 @@ def work_along(
 
 
 def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r n *lanes"]:
-    """weights (r, s) times rows."""
+    """Sums of s rows with weights (r, s)."""
     return contract(beside(weights, rows.ndim - 1), rows[None], 1, rows.ndim - 2)
 
 

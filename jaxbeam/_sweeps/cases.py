@@ -26,12 +26,12 @@ class Cases:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """The names of the parameters."""
         return tuple(self.axes if self.of_list is None else self.of_list)
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """Value of each parameter in each case."""
+        """The value of each parameter in each case."""
         return self.at(np.arange(len(self)))
 
     def told(self) -> list[list[Any]]:
@@ -74,7 +74,7 @@ def listed(**columns: Any) -> Cases:
 
 
 def checked_cases(cases: Any) -> Cases:
-    """The cases; a dictionary is that of a grid."""
+    """The argument as cases; a dictionary is taken for the axes of a grid."""
     if isinstance(cases, Cases):
         return cases
     if isinstance(cases, Mapping):

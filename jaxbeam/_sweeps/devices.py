@@ -155,7 +155,7 @@ def _streamed(
 
 
 def _packed(compute: Compute, numbers: Sequence[int], devices: Sequence[Any]) -> Said:
-    """Several in one."""
+    """Several arrays in one, since every transfer between processes has a price."""
     found = dict(_streamed(compute, numbers, devices))
     arrays = {f"{k} {name}": a for k, (_, part) in found.items() for name, a in part.items()}
     return {k: said for k, (said, _) in found.items()}, arrays
@@ -176,7 +176,7 @@ def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
 
 
 def _everyones(mine: bytes) -> list[bytes]:
-    """What each process hands in, in all of them."""
+    """What each process hands in, brought to all of them."""
     sizes = multihost_utils.process_allgather(np.asarray(len(mine), np.int32))
     # Of a length that seldom changes: each is compiled for.
     padded = np.zeros(1 << int(sizes.max() - 1).bit_length(), np.uint8)

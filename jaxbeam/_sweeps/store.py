@@ -37,7 +37,7 @@ class Spec(NamedTuple):
     shape: tuple[int, ...]
 
     def blank(self, n: int) -> np.ndarray:
-        """Of n cases: NaN, or zero where there is none."""
+        """Values of n cases that are not known yet: NaN, or zero where the kind has none."""
         filled = np.nan if np.issubdtype(self.dtype, np.inexact) else 0
         return np.full((n, *self.shape), filled, self.dtype)
 
@@ -50,7 +50,7 @@ class _Chunks:
         self.number = -(-n // chunk)
 
     def length(self, number: int) -> int:
-        """Cases in a chunk."""
+        """The number of cases in a chunk."""
         return min(self.chunk, self.n - number * self.chunk)
 
 

@@ -109,7 +109,7 @@ class _Place(eqx.Module):
     exists: Array
 
     def bordered(self, rotor: Any, speed: Scalar) -> Scalar:
-        """f, which is zero at the critical speed."""
+        """The function f that is zero at the critical speed."""
         model, x = self.model, self.x
         # Coordinates in which K has ones on its diagonal at rest, so that the border fits.
         rest = without_derivatives(_undeformed(model, rotor, jnp.zeros_like(speed)))

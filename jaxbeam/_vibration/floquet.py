@@ -184,11 +184,11 @@ class Plane(NamedTuple):
 
     @property
     def rows(self) -> np.ndarray:
-        """Indices of the coordinates."""
+        """Indices of the coordinates that are looked at."""
         return np.flatnonzero([f in self.families for f in self.model.families])
 
     def matrices(self, speed: Scalar) -> tuple[Matrix, Matrix, Matrix, Matrix, Code]:
-        """M, G, K, D."""
+        """The matrices M, G, K, D at a speed, and the status of the steady state."""
         own = np.ix_(self.rows, self.rows)
         system = self.model.matrices(self.rotor, speed)
         m, g, k = (a[own] for a in (system.mass, system.gyroscopic, system.stiffness))
@@ -204,7 +204,7 @@ class Plane(NamedTuple):
 
     @property
     def mean_speed(self) -> Scalar:
-        """Over eight times of the period."""
+        """The mean speed over eight equidistant times of the period."""
         return jnp.mean(jax.vmap(self.speed)(self.period * jnp.arange(8) / 8))
 
     @property
@@ -220,7 +220,7 @@ class Plane(NamedTuple):
 
     @property
     def coordinates(self) -> tuple[Matrix, Vector]:
-        """Phi and w^1/2."""
+        """The coordinates of the reduced problem: modes Phi and scales w^(1/2)."""
         m, _, k, _, _ = without_derivatives(self.matrices(self.mean_speed))
         phi = symmetric_modes(m, k).T
         w2 = jnp.abs(jnp.sum(phi * (k @ phi), 0))
@@ -264,7 +264,7 @@ def _commutator(a: Matrix, b: Matrix) -> Matrix:
 
 
 def multipliers(monodromy: Float[Array, "m m"]) -> Complex[Array, " m"]:
-    """Eigenvalues, differentiable."""
+    """The eigenvalues of a monodromy matrix, with derivatives."""
     return _differentiable(monodromy, *eigensystem(jax.lax.stop_gradient(monodromy)))
 
 
@@ -277,7 +277,7 @@ def _differentiable(monodromy: Array, mu: Array, right: Array, left: Array) -> A
 def _differentiable_jvp(
     primals: tuple[Array, ...], tangents: tuple[Array, ...]
 ) -> tuple[Array, Array]:
-    """d mu = y^H dPhi x / y^H x."""
+    """The derivative d mu = y^H dPhi x / y^H x of a simple eigenvalue."""
     _, mu, x, y = primals
     turned = y.conj()
     return mu, jnp.sum(turned * (tangents[0] @ x), 0) / jnp.sum(turned * x, 0)

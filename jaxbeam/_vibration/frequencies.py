@@ -112,7 +112,7 @@ def _frequencies(solver: Any, rotor: Rotor, speed: Scalar) -> Frequencies:
 
 
 class _Pencil(NamedTuple):
-    """K, M, C of D(omega)."""
+    """The matrices K, M, C of D(omega), as bands."""
 
     k: Band
     m: Band
@@ -252,7 +252,7 @@ def _search(
 
 
 def _at(pencil: _Pencil, omega: Array) -> Band:
-    """D(omega)."""
+    """The matrix D(omega) as a band."""
     return pencil.k - omega**2 * pencil.m + omega * pencil.c
 
 
@@ -311,7 +311,7 @@ def _newton(equations: ElementEquations, speed: Scalar, q: Vector) -> Vector:
 
 
 def _steady(equations: ElementEquations, speed: Scalar) -> tuple[Vector, Scalar]:
-    """The steady state, and whether it was found."""
+    """The steady state by Newton's method, and whether it was found."""
     size = jnp.broadcast_to(equations.size, speed.shape)
 
     def go_on(state: tuple[Array, ...]) -> Array:

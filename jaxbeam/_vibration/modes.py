@@ -159,7 +159,7 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
 
 @eqx.filter_jit
 def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Modes:
-    """`modes` without its checks."""
+    """What `modes` does once its arguments are checked."""
     system = guarded_matrices(model, rotor, speed)
     planes = [
         _plane(system, *families)
@@ -243,7 +243,7 @@ def _labels(families: tuple[Family, ...], rows: np.ndarray) -> tuple[Array, Arra
 
 
 def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> _Plane:
-    """All modes of one plane; nothing flows back."""
+    """All modes of one plane, without derivatives: these come in `find`."""
     rows = system.where(transverse, *axial)
     n, n_transverse = rows.size, system.where(transverse).size
     m, g, k = (

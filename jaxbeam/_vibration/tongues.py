@@ -243,7 +243,7 @@ _Case = tuple[Any, Scalar, Damping, Scalar, Scalar]  # rotor, mean speed, ..., f
 
 
 class _End(NamedTuple):
-    """Newton's method on the way to a boundary."""
+    """The state of Newton's method on its way to a boundary of the tongue."""
 
     frequency: Scalar
     change: Scalar
@@ -253,7 +253,7 @@ class _End(NamedTuple):
 
 
 class _Traced(NamedTuple):
-    """What one depth leaves to the next."""
+    """What the boundary at one depth leaves to the search at the next."""
 
     depth: Scalar
     centre: Scalar
