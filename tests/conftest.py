@@ -1,13 +1,13 @@
 """Strict numerics for the whole session, set before anything is computed."""
 
 import contextlib
+import ctypes
 import faulthandler
 import gc
 import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from importlib.metadata import version
 from pathlib import Path
 
 import equinox as eqx
@@ -15,23 +15,26 @@ import jax
 import numpy as np
 import pytest
 
+from tests.helpers import OLD_EMITTERS
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_num_cpu_devices", 8)  # virtual ones, for sweeps over several
 # Much of the time of all tests is LLVM's: here it does not optimise. What users run, optimised, is
-# tested in processes of their own: the README, the studies, and what takes `tests.helpers.USERS`.
-os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
-if version("jaxlib").startswith("0.10."):  # others may not know the flag, which halves the rest
-    os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
+# tested in processes of their own: the README, and what takes `tests.helpers.USERS`.
+os.environ["XLA_FLAGS"] = " ".join(["--xla_backend_optimization_level=0", *OLD_EMITTERS])
+gc.set_threshold(100_000, 50, 100)  # tracing makes many objects, few of them garbage
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         item.add_marker(pytest.mark.filterwarnings("error"))
+    # The longest first: else one worker waits for the other at the end.
+    items.sort(key=lambda item: item.path.name != "test_studies.py")
 
 
 @pytest.fixture(autouse=True)
-def _room_for_programs():
+def _room_for_programs() -> Iterator[None]:
     """Compiled programs keep memory, and memory maps; with all 65,530 of Linux taken the compiler
     crashes."""
     yield
@@ -43,6 +46,9 @@ def _room_for_programs():
         jax.clear_caches()
         eqx.clear_caches()
         gc.collect()
+        # The allocator of Linux keeps what is freed: we would come here after every test.
+        with contextlib.suppress(AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 LONGEST = 300.0  # s for one random scene, with its compilation on a busy machine

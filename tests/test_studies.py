@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.helpers import USERS
+from tests.helpers import HASTY, USERS
 
 STUDIES = Path(__file__).parents[1] / "studies"
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """The main study, as a user runs it: in another folder, without environment variables."""
+    """The main study, in another folder."""
     out = tmp_path_factory.mktemp("study")
     done = subprocess.run(
         [sys.executable, STUDIES / "rotating_cantilever.py", "--quick", "--out", out / "made"],
@@ -25,7 +25,7 @@ def run(tmp_path_factory):
         timeout=240,
         check=True,
         cwd=out,
-        env=USERS,
+        env=HASTY,
     )
     return out / "made", done.stdout, set(out.iterdir())
 
@@ -78,10 +78,10 @@ def test_default_run_tells_the_causes(tmp_path):
     assert (fast[0, 2:5] > 20).all()  # at gamma = 50 each cause moves some first mode by over 20 %
 
 
-def study(name, out):
+def study(name, out, env=HASTY):
     done = subprocess.run(
         [sys.executable, STUDIES / f"{name}.py", "--quick", "--out", out],
-        capture_output=True, text=True, timeout=600, check=True, env=USERS,
+        capture_output=True, text=True, timeout=600, check=True, env=env,
     )  # fmt: skip
     return done.stdout
 
@@ -160,7 +160,7 @@ def test_speed_accuracy(tmp_path):
 @pytest.mark.slow
 def test_peers(tmp_path):
     """Other integrators and other codes find the same motion."""
-    printed = study("peers", tmp_path)
+    printed = study("peers", tmp_path, USERS)
     rows = {(r["method"], r["setting"]): float(r["error"]) for r in rows_of(tmp_path / "peers.csv")}
     assert rows["jaxbeam Rodas5P", "1e-05"] < 1e-5
     assert rows["SciPy Radau", "1e-05"] < 1e-5
@@ -178,7 +178,7 @@ def test_peers(tmp_path):
 
 @pytest.mark.slow
 def test_costs(tmp_path):
-    study("costs", tmp_path)
+    study("costs", tmp_path, USERS)
     rows = rows_of(tmp_path / "costs.csv")
     assert all(np.isfinite(float(r["number"])) and float(r["number"]) > 0 for r in rows)
     assert {r["what"] for r in rows} >= {
