@@ -27,6 +27,7 @@ from jaxbeam._results import where_known
 from jaxbeam._status import Status
 from jaxbeam._types import is_known
 
+_ENOUGH = 1e-10  # of the sum of squares, absolute plus relative
 _RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
 
 
@@ -65,7 +66,8 @@ def fit(
     Levenberg-Marquardt goes on from the best; the better of the two ends is kept. With a `descent`
     given that happens at once. `solver` is a least-squares solver of optimistix: it stops where
     both the sum of squares and the variables of the search change by less than 1e-10, absolute
-    plus relative, or after `max_steps`; a parameter that ran into a bound by then is held there.
+    plus relative, or after `max_steps`, which is no failure where a step of Gauss and Newton would
+    gain less than that; a parameter that ran into a bound by then is held there.
 
     The covariance is that of Gauss and Newton, (J^T J)^-1. With `known_noise=False` only the
     relative size of the noise is believed and its level taken from the residuals, which priors
@@ -118,7 +120,7 @@ def fit(
         )
     if known and not known_noise and int(count) == len(free):
         raise ValueError("with as many numbers as parameters nothing tells the level of the noise")
-    solver = optimistix.LevenbergMarquardt(rtol=1e-10, atol=1e-10) if solver is None else solver
+    solver = optimistix.LevenbergMarquardt(rtol=_ENOUGH, atol=_ENOUGH) if solver is None else solver
     best = _refine(problem, zero, solver, max_steps, known_noise)
     traced = not is_known(best)
     shown = (sys.stderr.isatty() if progress is None else progress) and not traced
@@ -168,13 +170,17 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     by_unit = jacobian * (unit / jnp.maximum(slope, jnp.finfo(z.dtype).tiny))[None]
     few = max(m - residual.size, 0)  # rows of zeros, for directions that nothing was measured in
     by_unit = jnp.pad(jnp.where(finite, by_unit, 0.0), ((0, few), (0, 0)))
-    _, certainty, directions = jnp.linalg.svd(by_unit, full_matrices=False)
+    along, certainty, directions = jnp.linalg.svd(by_unit, full_matrices=False)
     certainty = jnp.where(certainty > _RANK * certainty[0], certainty, 0.0)
+    # What a step of Gauss and Newton would still take off the sum of squares. Where that is lost
+    # in rounding, no step is seen to be one downhill, and the solver goes on until it gives up.
+    gain = jnp.where(certainty > 0, jnp.pad(residual, (0, few)) @ along, 0.0)
+    arrived = jnp.sum(gain**2) <= _ENOUGH * (1 + square)
     deviation, covariance = spread(certainty, directions, unit, scale)
     room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
     at_bound = jnp.isfinite(deviation) & (room < 0.1 * deviation)
     status = jnp.where(jnp.min(certainty) < scale * UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
-    ended = (found.result == optimistix.RESULTS.successful) | jnp.any(at_bound)
+    ended = (found.result == optimistix.RESULTS.successful) | arrived | jnp.any(at_bound)
     status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
     status = jnp.where(finite, status, Status.NOT_FINITE)
     known = (values_of(problem.free, z), deviation, covariance)

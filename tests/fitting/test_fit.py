@@ -265,6 +265,17 @@ def line(x, y, noise=1.0):
     return lambda a, b: Line(a, b, jnp.asarray(y), noise * jnp.ones(len(y)))
 
 
+def test_a_search_that_cannot_get_lower_has_arrived():
+    """At the minimum the sum of squares is all rounding, and no step is seen to be one downhill."""
+    x = np.linspace(-1.0, 2.0, 12)
+    y = 0.3 + 0.7 * x + 0.1 * np.cos(9 * x)
+    slope, intercept = np.polyfit(x, y, 1)
+    for off, status in ((0.0, jb.Status.OK), (1e-3, jb.Status.FIT_NOT_CONVERGED)):
+        free = {"a": jb.Free(intercept + off, -np.inf), "b": jb.Free(slope, -np.inf)}
+        descent = jb.Descent(starts=1, steps=1, spread=0.0)
+        assert jb.fit(line(x, y, 0.01), free, max_steps=1, descent=descent).status == status
+
+
 FREE_LINE = {"a": jb.Free(0.5, -np.inf), "b": jb.Free(0.5, -np.inf)}
 
 
