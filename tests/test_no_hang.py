@@ -52,13 +52,14 @@ for _ in range(8):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "body",
     [
         SWEEP.replace("MODEL", "jb.Hybrid(8, 12, 12)"),
-        pytest.param(SWEEP.replace("MODEL", "jb.ANCF(10)"), marks=pytest.mark.slow),
-        pytest.param(SWEEP.replace("MODEL", "jb.Classical(6, 8, 0)"), marks=pytest.mark.slow),
-        pytest.param(MIXED, marks=pytest.mark.slow),
+        SWEEP.replace("MODEL", "jb.ANCF(10)"),
+        SWEEP.replace("MODEL", "jb.Classical(6, 8, 0)"),
+        MIXED,
     ],
     ids=["hybrid", "ancf", "classical", "mixed"],
 )

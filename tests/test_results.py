@@ -74,14 +74,7 @@ RESULTS = {
     "Fit": fitted,
     "Answer": answered,
 }
-SLOW = {
-    "Simulation",
-    "Simulation through functions",
-    "Tongue",
-    "StableStep",
-    "Crossing",
-    "Floquet",
-}
+QUICK = ("Modes", "LinearSystem", "Southwell")
 
 
 def asked(result):
@@ -114,7 +107,7 @@ def assert_same(a, b, **tolerance):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in RESULTS]
+    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in RESULTS]
 )
 def test_batches_answer_as_their_cases_do(name):
     """Nested maps of either kind, asked outside and inside, and a single case of them."""
@@ -300,7 +293,7 @@ NUMBERS = {
 }  # fmt: skip
 
 
-SLOW_NUMBERS = {"tongue", "southwell", "crossing", "stable_step", "floquet"}
+QUICK_NUMBERS = ("modes", "linearise", "stiffening_ratio")
 
 
 def check_derivatives(push, pull, x):
@@ -325,7 +318,7 @@ def check_derivatives(push, pull, x):
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.slow) if n in SLOW_NUMBERS else n for n in NUMBERS],
+    [n if n in QUICK_NUMBERS else pytest.param(n, marks=pytest.mark.slow) for n in NUMBERS],
 )
 def test_derivatives_where_a_case_failed(name):
     """NaN forwards, nothing in reverse: gradients by what lanes share are those of good lanes."""
@@ -345,6 +338,7 @@ def test_derivatives_where_a_run_failed():
     check_derivatives(number(adjoint=diffrax.ForwardMode()), number(), [1.0, 1e3, np.nan])
 
 
+@pytest.mark.slow
 def test_second_derivatives_where_a_case_failed():
     number, (good, bad, _) = NUMBERS["modes"]
     second = jax.jit(jax.jacfwd(jax.jacfwd(number)))

@@ -229,6 +229,7 @@ def at_rest(measured, noise=0.01):
 AT_REST = np.sqrt(2.0 / 1.1) * np.array([[3.5160152685, 22.0344915647]])
 
 
+@pytest.mark.slow
 def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
     found = jb.fit(at_rest(AT_REST), {"in_plane": jb.Free(1.5), "mass": jb.Free(1.0)})
     assert int(found.status) == jb.Status.NOT_IDENTIFIABLE

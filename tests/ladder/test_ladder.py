@@ -190,7 +190,6 @@ def sweep_of(tolerance, **columns):
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("ladder sweep")
 def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
     """Against 16 elements, integrated tightly."""
     rng = np.random.default_rng(11)

@@ -73,8 +73,9 @@ def test_values_and_first_and_second_derivatives_are_those_of_the_function():
         close(derivative(fast), derivative(plain), rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize("size", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 70))])
-@pytest.mark.parametrize("shared", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("size", [1, 3, 70])
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.slow
 def test_lanes_see_their_own_case_alone(size, shared):
     fast = kernel(chain)
     parameters, x = case((size,))
@@ -196,6 +197,7 @@ def step(model, speed, mass):
 SEVERAL = jnp.full(40, 2.0), jnp.full(40, 0.1)  # more lanes than are worked on together
 
 
+@pytest.mark.slow
 @compiled
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_steps_of_elements_are_one_function(model):
@@ -209,6 +211,7 @@ def test_steps_of_elements_are_one_function(model):
 
 
 @compiled
+@pytest.mark.slow
 def test_steps_are_compiled_to_one_function():
     """What is asked for is what XLA does."""
     run = jax.value_and_grad(functools.partial(step, jb.EngineeringANCF(2)), (0, 1))

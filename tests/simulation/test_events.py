@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.helpers import finite_difference, optimised
-from tests.simulation.test_simulate import BLADE, ROTOR, SPRINGS, TIGHT, each_model
+from tests.helpers import finite_difference, name, optimised
+from tests.simulation.test_simulate import BLADE, EVERY, ROTOR, SPRINGS, TIGHT, each_model
 
 A3 = jnp.array([0.0, 0.0, 1.0])
 TIMES = jnp.linspace(0.0, 20.0, 201)
@@ -89,7 +89,8 @@ def test_a_spin_up_that_begins_later_is_the_same_later():
     assert (jnp.max(jnp.abs(later), (1, 2)) > 4.0).all()
 
 
-@each_model
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
 def test_a_start_before_the_spin_up_changes_nothing(model, rotor):
     motion, times = jb.SmoothSpinUp(0.5, 0.4), jnp.linspace(0.0, 2.0, 41)
     options = {"stepsize_controller": TIGHT, "max_steps": 30_000}
@@ -116,6 +117,7 @@ def pushed(starts, widths, sizes):
     return found.status + declared.status, found.tip, declared.tip
 
 
+@pytest.mark.slow
 def test_pulses_of_force_are_seen_wherever_they_are():
     """Short, repeated, small beside large ones: at places that no step would look at."""
     chance = np.random.default_rng()
@@ -171,9 +173,10 @@ CONTROLLED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("solver", "controller", "dt0"),
-    [CONTROLLED[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in CONTROLLED[1:])],
+    CONTROLLED,
     ids=lambda value: type(value).__name__,
 )
 def test_every_controller_sees_what_comes_later(solver, controller, dt0):
@@ -244,10 +247,8 @@ def test_the_impulse_of_a_jump_is_the_limit_of_short_rises(model, rotor):
 SOLVERS = [None, jb.ChordKvaerno5(5), diffrax.Dopri8(), diffrax.Kvaerno5()]
 
 
-@pytest.mark.parametrize(
-    "solver", [None, *(pytest.param(s, marks=pytest.mark.slow) for s in SOLVERS[1:])],
-    ids=lambda value: type(value).__name__,
-)  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda value: type(value).__name__)
 def test_jumps_of_all_kinds_at_any_time(solver):
     """Of the hub's place and angle together; at the start, at an output, in between."""
     times = jnp.linspace(0.0, 1.0, 21)
@@ -273,6 +274,7 @@ def test_jumps_of_all_kinds_at_any_time(solver):
         assert jnp.max(jnp.abs(found.imbalance)) < 1e-5
 
 
+@pytest.mark.slow
 def test_jumps_at_both_ends_of_a_run():
     """Struck at the start; what jumps at the end is no part of the run."""
     times = jnp.linspace(0.0, 1.0, 21)
@@ -295,6 +297,7 @@ def test_jumps_at_both_ends_of_a_run():
         np.testing.assert_allclose(a[0], a[1], rtol=0, atol=1e-5 * jnp.max(jnp.abs(a[1])))
 
 
+@pytest.mark.slow
 def test_corners_cost_no_rejected_steps_where_they_are_declared():
     """With a tolerance that rejects nothing, what is left are steps that missed a corner."""
     times = jnp.array([0.0, 2.03, 3.07, 6.01, 6.52, 10.04])
@@ -370,6 +373,7 @@ def test_a_small_speed_profile_from_a_file(tmp_path):
     assert errors[61, True] < 0.2 * errors[31, True] < 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smooth", [False, True])
 def test_tabulated_speeds(smooth):
     times, speeds = jnp.array([1.0, 2.0, 2.5, 4.0]), jnp.array([0.5, 1.0, -1.0, 2.0])

@@ -163,7 +163,6 @@ def deviation(model, speed, exact):
     return distance / peak, abs(abs(float(run.peak()[0])) / peak - 1)
 
 
-@pytest.mark.xdist_group("exact")
 @pytest.mark.slow
 def test_reference_is_converged(exact):
     """Two functions more for the angle, one for the strain."""
@@ -172,7 +171,6 @@ def test_reference_is_converged(exact):
     np.testing.assert_allclose(exact[4.0], more, atol=1e-8)
 
 
-@pytest.mark.xdist_group("exact")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "counts", "order", "peak_order", "peak_error"),
@@ -194,7 +192,6 @@ def test_elements_converge_to_the_exact_beam(exact, family, counts, order, peak_
         assert errors[-1, 1] < peak_error
 
 
-@pytest.mark.xdist_group("exact")
 @pytest.mark.slow
 def test_two_elements_of_model_a_are_enough(exact):
     """B, section 3: at 2 and 4 rad/s."""
@@ -219,7 +216,6 @@ def test_remainder_of_model_a_vanishes_with_its_elements():
     assert np.polyfit(np.log(counts), np.log(shares), 1)[0] < -1.7
 
 
-@pytest.mark.xdist_group("exact")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("build", "limit"),
@@ -246,7 +242,6 @@ def test_modal_models_converge_exponentially_to_their_own_limit(exact, build, li
     assert slow < fast / 3
 
 
-@pytest.mark.xdist_group("exact")
 @pytest.mark.slow
 def test_linear_elements_have_the_limit_of_the_hybrid_model(exact):
     """One linear theory, small-strain, by elements and by polynomials."""

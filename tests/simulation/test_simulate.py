@@ -200,6 +200,7 @@ def test_damping_ratio():
     np.testing.assert_allclose(decrement, 2 * np.pi * ratio / np.sqrt(1 - ratio**2), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_outputs():
     model = jb.Hybrid(2, 3, 2)
     run = jb.simulate(model, ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 11))
@@ -521,6 +522,7 @@ def test_what_goes_wrong_is_told(changes, error, message):
         run_case(**changes)
 
 
+@pytest.mark.slow
 def test_what_a_bad_case_brings_along():
     """A bad rotor or time beside times that a saveat or a controller holds: a status each."""
     times = jnp.array([0.0, 1.5, 3.0])

@@ -144,6 +144,7 @@ def test_error_estimate_is_honest(solver):
         assert error < 100 * tol
 
 
+@pytest.mark.slow
 def test_stock_solvers_take_the_same_system():
     exact = system(1e2).known(2.0)
     for solver in (diffrax.Dopri8(), diffrax.KenCarp4()):  # explicit; implicit-explicit
@@ -215,6 +216,7 @@ def test_forces_may_jump_where_the_controller_is_told(solver):
     np.testing.assert_allclose(found.ys.v[-1], 1.0, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jumped", [True, jnp.asarray(True)])
 def test_an_acceleration_from_before_a_jump_is_not_used(jumped):
     solver, still = jb.ChordKvaerno5(), jb.State(jnp.zeros(1), jnp.zeros(1))

@@ -48,7 +48,7 @@ SLOW = (jb.ChordANCF, jb.TangentANCF)  # to compile
 
 def cases(*lists):
     # in one process, where a model compiles once
-    marks = [pytest.mark.slow, pytest.mark.xdist_group("model 0")]
+    marks = pytest.mark.slow
     return [
         pytest.param(*case, marks=marks) if isinstance(case[0], SLOW) else case
         for part in lists
@@ -144,7 +144,6 @@ def test_stiffness_changes_sign_within_a_hundred_millionth(model, rotor, family)
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("model 0")
 def test_model_0_as_b_says():
     """One element fails at 10 rad/s, ten do not; two fail at 40 rad/s (B, Figs. 6 and 7). Always a
     critical speed, that grows with the number of elements; in the tangent frame a lower one, with
@@ -164,7 +163,6 @@ def test_model_0_as_b_says():
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("model 0")
 def test_a_batch_finds_what_single_cases_find():
     """Along hub radii, where the boundary of Model 0 rises steeply before it falls."""
 

@@ -159,7 +159,6 @@ def test_mass_damping_without_stretch_is_a_factor():
     np.testing.assert_allclose(np.sort(damped.multipliers.real), np.sort(shrunk.real), atol=1e-9)
 
 
-@pytest.mark.xdist_group("tongues")
 @pytest.mark.parametrize(
     ("model", "pair", "order"),
     [

@@ -277,6 +277,7 @@ def test_no_resonance_where_a_label_changes_branch():
         assert abs(c.angular_speed - 25.5325) > 1e-3
 
 
+@pytest.mark.slow
 def test_status_in_sweeps():
     model, label = jb.Hybrid(4, 8, 0), jb.Label(IN_PLANE, 1)
 
