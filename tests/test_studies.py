@@ -315,3 +315,26 @@ def test_scale(tmp_path):
     assert {row["processes"] for row in rows} == {"1", "2"}
     assert all(float(row["ok"]) > 0.99 and float(row["memory"]) < 2048 for row in rows)
     assert (tmp_path / "scale.png").stat().st_size > 20_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "made", "told"),
+    [
+        ("campbell", ["campbell.png"], "in-plane bending 1 meets 1 per turn at 3.0427"),
+        ("sweep", ["frequencies.csv"], "39 of 195 cases failed; the first says: tip_mass must be"),
+        ("spin_ups", [], "  4.0   -0.6759"),
+        ("fit", [], "misfit"),
+        ("critical_speeds", ["critical_speeds.csv", "critical_speeds.png"], "slowest: 16.1531"),
+    ],
+)
+def test_templates(name, made, told, tmp_path):
+    """Scripts to be copied are short, and run where they are."""
+    script = STUDIES / "short" / f"{name}.py"
+    assert len(script.read_text().splitlines()) <= 40
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, timeout=300, check=True,
+        env=HASTY, cwd=tmp_path,
+    )  # fmt: skip
+    assert told in done.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(made)
