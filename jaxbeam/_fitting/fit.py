@@ -3,7 +3,6 @@
 import sys
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +22,7 @@ from jaxbeam._fitting.result import (
     spread,
 )
 from jaxbeam._models.base import count_functions
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._status import Status
 from jaxbeam._types import is_known
@@ -150,7 +150,7 @@ def _tell(shown: bool, text: str) -> None:
         print(f"fit {text}", file=sys.stderr, flush=True)
 
 
-@eqx.filter_jit
+@Program
 def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise: bool) -> Fit:
     m = z.size
     found: Any = optimistix.least_squares(
@@ -210,7 +210,7 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     )
 
 
-@eqx.filter_jit
+@Program
 def _descend(problem: Problem, descent: Descent, key: Any) -> Array:
     """The best of the points at which descents from all starts ended."""
     n, m = descent.starts, len(problem.free)

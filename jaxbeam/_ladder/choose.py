@@ -11,7 +11,6 @@ import functools
 import itertools
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -34,6 +33,7 @@ from jaxbeam._ladder.rungs import (
 )
 from jaxbeam._models.base import AbstractModel, checked_model
 from jaxbeam._models.modal import Classical, Hybrid
+from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar
@@ -69,7 +69,7 @@ def answer(
     )
 
 
-@eqx.filter_jit
+@Program
 def _answer(
     question: Question, rotor: Rotor, model: AbstractModel, accuracy: Scalar, size: Scalar
 ) -> Answer:
@@ -186,7 +186,7 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     linear, nonlinear = chains(question, planar)
     rungs, elements, scout = rungs_of(question, planar), judges(nonlinear), scout_of(linear)
     ask.begin(scout)
-    lowered = functools.partial(indicators.lower, question, rotor)  # type: ignore[attr-defined]
+    lowered = functools.partial(indicators.lower, question, rotor)
     ask.ahead.begin(Indicators, lambda: lowered().compile())
     ask.begin(*elements[:2])
     seen = ask.now(scout)
@@ -270,7 +270,7 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
 
 
 def _compiled(*given: Any) -> Any:
-    return _answer.lower(*given).compile()  # type: ignore[attr-defined]
+    return _answer.lower(*given).compile()
 
 
 class _Asker:

@@ -17,6 +17,7 @@ from jaxbeam._models.ancf import EngineeringANCF
 from jaxbeam._models.base import AbstractModel
 from jaxbeam._models.basis import CantileverModes, Polynomials
 from jaxbeam._models.modal import Classical, Hybrid, VonKarman
+from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._types import Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of
@@ -128,7 +129,7 @@ class Indicators(eqx.Module):
         return self.size**2 + self.steady_strain
 
 
-@eqx.filter_jit
+@Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
     """All but the size and the slope, which a linear theory has to say: they are infinite."""
     speed = question.speed()
@@ -144,7 +145,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
     )
 
 
-@eqx.filter_jit
+@Program
 def is_planar(question: Question, rotor: Rotor) -> Array:
     """Whether motion, loads and answer stay in the plane of rotation."""
     return question.planar(rotor)

@@ -21,6 +21,7 @@ from jaxbeam._models.cartesian import (
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.laws import Chord, Element, Engineering, Green, ModelA, Tangent
 from jaxbeam._numerics.linalg import dense, find_root
+from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
@@ -210,6 +211,6 @@ class ANCF(_Nodal):
     element = ModelA
 
 
-@eqx.filter_jit
+@Program
 def _jitted_steady(model: _Nodal, rotor: Rotor, speed: Scalar) -> tuple[Vector, Code]:
     return model.steady(rotor, speed)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense, find_root
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import Rotor, SpringRotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
@@ -278,7 +279,7 @@ def equilibrium(
     return equations.size * q, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
 
-@eqx.filter_jit
+@Program
 def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
     system = guarded_matrices(model, rotor, speed)
     matrices = (system.mass, system.gyroscopic, system.stiffness)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import known_array
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import per_case, where_known
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
@@ -146,7 +147,7 @@ class Simulation(eqx.Module):
         return known, times, state
 
 
-@eqx.filter_jit
+@Program
 def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
     scene = run.scene
     known, times, state = run._outputs(trusted(run.status))
@@ -191,7 +192,7 @@ def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
     return sum(scene.energies(t, y))  # type: ignore[return-value]
 
 
-@eqx.filter_jit
+@Program
 def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
     known, times, state = run._outputs(run.status == Status.OK)
 

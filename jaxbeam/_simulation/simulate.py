@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from jaxbeam._checks import kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Motion
@@ -126,7 +127,7 @@ def simulate(
     return raise_unless_ok(result, result.status) if throw else result
 
 
-@eqx.filter_jit
+@Program
 def _simulate(
     model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
     start: State | None, solver: diffrax.AbstractSolver,
@@ -312,7 +313,7 @@ def steady_start(
     return raise_unless_ok(state, status) if throw else state
 
 
-@eqx.filter_jit
+@Program
 def _steady(
     model: AbstractModel, rotor: Any, motion: Motion, t: Scalar, loads: Loads
 ) -> tuple[State, Code]:

@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from jaxbeam._checks import kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
 from jaxbeam._status import Status, raise_unless_ok
@@ -68,7 +69,7 @@ def _checked(solver: Any) -> diffrax.AbstractSolver:
     return solver
 
 
-@eqx.filter_jit
+@Program
 def _amplification(solver: diffrax.AbstractSolver, angle: Scalar, ratio: Scalar) -> Scalar:
     system = _Oscillator(jnp.eye(1, dtype=angle.dtype), ratio)
     case = second_order_term(solver), jnp.zeros_like(angle), angle
@@ -140,7 +141,7 @@ def stable_step(
     return raise_unless_ok(result, status) if throw else result
 
 
-@eqx.filter_jit
+@Program
 def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
     """Smallest angle at which the logarithm of the amplification is more than `rate`."""
 

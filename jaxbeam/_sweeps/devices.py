@@ -16,10 +16,11 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Self, TypeVar
 
-import equinox as eqx
 import jax
 import numpy as np
 from jax.experimental import multihost_utils
+
+from jaxbeam._numerics.program import Program
 
 Result = TypeVar("Result")
 Said = tuple[Any, dict[str, np.ndarray]]  # what JSON bears, and arrays
@@ -169,7 +170,7 @@ def _unpacked(packed: Said) -> Iterator[tuple[int, Said]]:
         yield int(k), (said, part)
 
 
-@eqx.filter_jit  # its errors, unlike those of jax.jit, say only what went wrong
+@Program  # its errors, unlike those of jax.jit, say only what went wrong
 def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
     """`function(**parameters)` of every case."""
     return jax.vmap(lambda parameters: function(**parameters))(columns)

@@ -205,7 +205,7 @@ def compiled(
     """Have the program at hand that `sweep` runs, on the first device."""
     device = Team.of(devices).here[0]
     first = jax.device_put(cases.at(np.arange(min(chunk, len(cases)))), device)
-    batched.lower(_placed(function, device), first).compile()  # type: ignore[attr-defined]
+    batched.lower(_placed(function, device), first).compile()
 
 
 def _keep(store: Memory | Folder, chunks: dict[int, Said]) -> Said:
@@ -243,7 +243,7 @@ def _isolated(
 def _program(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[str, Any]:
     """What tells a function from others: the program that it compiles to, with all constants in
     it, and the arrays bound to it; beside them, for people, what it reads."""
-    text = batched.lower(function, columns).as_text()  # type: ignore[attr-defined]
+    text = batched.lower(function, columns).as_text()
     program = hashlib.sha256(text.encode())
     for leaf in jax.tree.leaves(eqx.filter(function, eqx.is_array)):
         program.update(np.asarray(leaf).tobytes())

@@ -27,6 +27,7 @@ from jaxtyping import Array
 
 from jaxbeam._models.base import AbstractModel, Family, checked_case
 from jaxbeam._numerics.linalg import dense, lowest_eigenpair, solve
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
@@ -81,7 +82,7 @@ def critical_speed(model: AbstractModel, rotor: Any, *, throw: bool = True) -> C
     return raise_unless_ok(result, result.status) if throw else result
 
 
-@eqx.filter_jit
+@Program
 def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
     given = rotor.status(zero)
     fine = given == Status.OK

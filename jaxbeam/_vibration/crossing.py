@@ -8,6 +8,7 @@ from jaxtyping import Array
 
 from jaxbeam._checks import real_scalar
 from jaxbeam._models.base import AbstractModel, Label, checked_case
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._status import Status, raise_unless_ok
@@ -60,7 +61,7 @@ def crossing(
     return raise_unless_ok(result, result.status) if throw else result
 
 
-@eqx.filter_jit
+@Program
 def _crossing(
     model: AbstractModel, rotor: Rotor, choice: Choice, harmonic: Scalar, low: Scalar, high: Scalar
 ) -> tuple[Scalar, Code]:

@@ -33,6 +33,7 @@ from jaxbeam._numerics.linalg import (
     lowest_eigenpair,
     symmetric_modes,
 )
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.loads import Damping
 from jaxbeam._rotor.motion import Spin
@@ -114,7 +115,7 @@ def checked_damping(damping: Any) -> Damping:
     return damping
 
 
-@eqx.filter_jit
+@Program
 def _floquet(
     model: AbstractModel, rotor: Any, motion: Spin, period: Scalar, damping: Damping, steps: int
 ) -> Floquet:

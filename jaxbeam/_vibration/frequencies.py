@@ -34,6 +34,7 @@ from jaxbeam._numerics.band import (
     width_of,
 )
 from jaxbeam._numerics.kernel import beside, contract, kernel, total
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._rotor.motion import spinning
@@ -101,7 +102,7 @@ def _check_count(count: int, most: int) -> None:
         raise ValueError(f"count must be between 1 and {most} for this model, got {count}")
 
 
-@eqx.filter_jit
+@Program
 def _frequencies(solver: Any, rotor: Rotor, speed: Scalar) -> Frequencies:
     given = rotor.status(speed)
     fine = given == Status.OK

@@ -21,6 +21,7 @@ from jaxbeam._models.base import (
     guarded_matrices,
 )
 from jaxbeam._numerics.linalg import planar_eigenpairs, solve, symmetric_modes
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._status import Status, raise_unless_ok
@@ -157,7 +158,7 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
     return jnp.asarray(named[:, 0]), jnp.asarray(named[:, 1])
 
 
-@eqx.filter_jit
+@Program
 def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Modes:
     """What `modes` does once its arguments are checked."""
     system = guarded_matrices(model, rotor, speed)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel, Label, checked_case
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar
@@ -46,7 +47,7 @@ def southwell(
     return raise_unless_ok(result, result.status) if throw else result
 
 
-@eqx.filter_jit
+@Program
 def _southwell(model: AbstractModel, rotor: Any, speed: Scalar, choice: Choice) -> Southwell:
     given = rotor.status(speed)
     fine = given == Status.OK

@@ -1,11 +1,11 @@
 """What says beforehand whether a theory may be used."""
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from jaxbeam._checks import checked_speed
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._numerics.linalg import symmetric_modes
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._status import Status
@@ -37,7 +37,7 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
     return _ratio(checked_rotor(Rotor, rotor), checked_speed(angular_speed))
 
 
-@eqx.filter_jit
+@Program
 def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
     # As in `guarded_matrices`: no NaN in gradients of what lanes of a batch share.
     fine = rotor.status(speed) == Status.OK

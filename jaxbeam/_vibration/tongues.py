@@ -11,6 +11,7 @@ from jaxtyping import Array, Complex, Float
 from jaxbeam._checks import positive, real_array
 from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, count_functions
 from jaxbeam._numerics.linalg import eigensystem
+from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.loads import Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
@@ -97,7 +98,7 @@ def tongue(
     return raise_unless_ok(result, jnp.max(result.status)) if throw else result
 
 
-@eqx.filter_jit
+@Program
 def _tongue(
     model: AbstractModel, rotor: Any, mean: Scalar, choice: Choice, depths: Vector, order: Scalar,
     damping: Damping, families: tuple[Family, ...], steps: int,
