@@ -29,9 +29,6 @@ gc.set_threshold(100_000, 50, 100)  # tracing makes many objects, few of them ga
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         item.add_marker(pytest.mark.filterwarnings("error"))
-    # The longest files first: else one worker waits for the other at the end.
-    first = ["test_simulate.py", "test_studies.py"]
-    items.sort(key=lambda item: item.path.name not in first)
 
 
 @pytest.fixture(autouse=True)

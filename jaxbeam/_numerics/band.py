@@ -46,9 +46,12 @@ def product(a: Band, x: _Vector) -> _Vector:
 
 
 def factors(a: Band) -> tuple[_Vector, Band]:
-    """A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without their diagonal."""
-    b = a.shape[1] - 1
+    """A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without their diagonal.
 
+    A pivot that is zero to the last bit, as of D(omega) where omega is that right, is replaced by
+    one that is zero to rounding: inverse iteration bears the latter alone.
+    """
+    b, eps = a.shape[1] - 1, jnp.finfo(a.dtype).eps
     none = jnp.zeros((b, *a.shape[2:]), a.dtype)
 
     def longer(x: Array) -> Array:
@@ -56,11 +59,12 @@ def factors(a: Band) -> tuple[_Vector, Band]:
 
     def eliminate(ahead: Any, column: Array) -> tuple[Any, tuple[Array, Array]]:
         # `ahead` is what has been taken from each of the next b columns, as far as it reaches.
-        column = column - longer(ahead[0])
-        below = column[1:] * (1 / column[0])[None]
+        whole, column = column[0], column - longer(ahead[0])
+        pivot = jnp.where(column[0] == 0, eps * jnp.abs(whole), column[0])
+        below = column[1:] * (1 / pivot)[None]
         taken = [column[j + 1][None] * below[j:] for j in range(b)]
         before = [longer(x) for x in ahead[1:]] + [none[:1]]
-        return [x + y for x, y in zip(before, taken, strict=True)], (column[0], below)
+        return [x + y for x, y in zip(before, taken, strict=True)], (pivot, below)
 
     _, (d, below) = jax.lax.scan(eliminate, [none[j:] for j in range(b)], a)
     return d, below

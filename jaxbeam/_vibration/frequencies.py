@@ -178,7 +178,8 @@ def _planar_tables(model: Hybrid) -> tuple[list[np.ndarray], np.ndarray]:
     tables = [table[rows] for table in (*elastic, *tensions)]
     tables += [alike * own.gram[rows], alike * end]
     tables += [(1 - alike) * own.gram[rows], (1 - alike) * end]
-    return [np.where(np.abs(a) > 1e-14, a, 0.0) for a in tables], np.argsort(order)[m:]
+    sparse = [np.where(np.abs(a) > 1e-12 * np.abs(a).max(initial=0.0), a, 0.0) for a in tables]
+    return sparse, np.argsort(order)[m:]
 
 
 def _matrices(tables: Sequence[Any], numbers: Numbers) -> tuple[Array, Array, Array]:
