@@ -240,7 +240,10 @@ def _account(
         return balance, jnp.sum(jnp.abs(parts)), is_far(scene, y)
 
     balance, size, far = jax.vmap(one)(jnp.where(reached, times, t0), states)
-    n, largest = saved[0].size, jnp.max(size)
+    # Of motions as small as this (1e-60 lengths) parts are so close to the smallest number that
+    # what one piece of the program computes is zero in another.
+    least = scene.equations.energy_scale * jnp.finfo(size.dtype).tiny ** 0.4
+    n, largest = saved[0].size, jnp.maximum(jnp.max(size), least)
     return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
 
 
