@@ -24,8 +24,14 @@ class Program:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
+        self.part = part = eqx.filter_jit(function)
+
+        @functools.wraps(function)
+        def whole(*args: Any, **kwargs: Any) -> Any:
+            return part(*args, **kwargs)  # what is traced for one is there for the other
+
         how: Any = {"compiler_options": _HASTE}
-        self.part, self.alone = eqx.filter_jit(function), eqx.filter_jit(function, **how)
+        self.alone = eqx.filter_jit(whole, **how)
 
     @property
     def here(self) -> Any:
