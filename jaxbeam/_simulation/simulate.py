@@ -138,8 +138,6 @@ def _simulate(
 ) -> Simulation:  # fmt: skip
     given, seen = input_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
     fine = given == Status.OK
-    # A NaN in one lane of a batch would keep all others waiting, and end up in gradients of
-    # parameters that lanes share: harmless values take its place.
     rotor, motion, loads, damping, seen = harmless(
         fine,
         (rotor, motion, loads, damping, seen),

@@ -50,8 +50,9 @@ def crossing(
     ends = tuple(real_scalar("bracket", end) for end in bracket)
     ratio = real_scalar("harmonic", harmonic)
     for name, value, least in (("harmonic", ratio, 0), *(("bracket", e, -np.inf) for e in ends)):
-        known = is_known(value)
-        if known and not (np.isfinite(number := float(np.asarray(value))) and number > least):
+        if is_known(value) and not (
+            np.isfinite(number := float(np.asarray(value))) and number > least
+        ):
             raise ValueError(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )

@@ -144,10 +144,8 @@ def _differentiable(
     def rule(primals: tuple[Any], rates: tuple[Any]) -> tuple[Any, Any]:
         out = call(*primals)
         ok = jnp.all(out[2] > 0)
-        omega, hidden = jax.tree.map(lambda a: jnp.where(ok, a, 1.0), _once(out[:2]))
-        hidden, slope = jax.tree.map(
-            lambda a: jnp.where(ok, a, 1.0), _once(polish(*primals, hidden, omega))
-        )
+        omega, hidden = harmless(ok, _once(out[:2]))
+        hidden, slope = harmless(ok, _once(polish(*primals, hidden, omega)))
         change = jax.jvp(lambda a: form(a, hidden, omega), primals, rates)[1]
         rate = jnp.where(ok, change / slope, 0.0)
         _, *others = jax.tree.map(jnp.zeros_like, out)

@@ -47,10 +47,8 @@ SLOW = (jb.ChordANCF, jb.TangentANCF)  # to compile
 
 
 def cases(*lists):
-    # in one process, where a model compiles once
-    marks = pytest.mark.slow
     return [
-        pytest.param(*case, marks=marks) if isinstance(case[0], SLOW) else case
+        pytest.param(*case, marks=pytest.mark.slow) if isinstance(case[0], SLOW) else case
         for part in lists
         for case in part
     ]
