@@ -98,7 +98,7 @@ def _southwell(
     axial: int = 0,
 ) -> dict[str, Any]:  # fmt: skip
     which = _which(in_plane, flap, axial)
-    return vars(jb.southwell(model, rotor, which, angular_speed, throw=False))
+    return vars(jb.southwell(model, rotor, angular_speed, which, throw=False))
 
 
 def _spin_up(
@@ -113,7 +113,9 @@ def _spin_up(
     return {**found, "status": run.status}
 
 
-def _which(in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any) -> tuple[jb.Label, ...]:
+def _which(
+    in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any
+) -> tuple[jb.models.Label, ...]:
     counts = {"in_plane": in_plane, "flap": flap, "axial": axial}
     for family, count in counts.items():
         count_functions(family, count)
@@ -149,7 +151,7 @@ QUESTIONS: dict[str, tuple[Callable[..., Any], Callable[..., Dims], str]] = {
 }
 
 
-class Scene(NamedTuple):
+class Job(NamedTuple):
     """A question, the function of the swept numbers that answers it, and what it is swept over."""
 
     question: str
@@ -158,7 +160,7 @@ class Scene(NamedTuple):
     dims: Dims
 
 
-def read(tables: Mapping[str, Any]) -> Scene:
+def read(tables: Mapping[str, Any]) -> Job:
     """The scene in a file, or a `ValueError` with the first mistake there; nothing is computed."""
     for key, value in tables.items():
         _unless_among(key, (*TABLES, *QUESTIONS, "sweep"), f"there is no table {key}", "but")
@@ -171,7 +173,7 @@ def read(tables: Mapping[str, Any]) -> Scene:
     (question,) = asked
     ask, over, _ = QUESTIONS[question]
     axes = {name: _values(name, given) for name, given in tables.get("sweep", {}).items()}
-    bases = {"model": jb.AbstractModel, "motion": jb.Motion}
+    bases = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}
     makers: dict[str, list[Any]] = {"loads": [jb.Loads], "damping": [jb.Damping], question: [ask]}
     makers["beam"] = [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness]
     takes: dict[str, dict[str, inspect.Parameter]] = {}
@@ -215,7 +217,7 @@ def read(tables: Mapping[str, Any]) -> Scene:
         jb.grid(**axes) if axes else None
     with _blamed(question):
         case = functools.partial(_answer, made[question], tables)
-        return Scene(question, case, axes, over(**tables[question]))
+        return Job(question, case, axes, over(**tables[question]))
 
 
 def _answer(make: Callable[[Mapping[str, Any]], Any], _: Any, **numbers: Any) -> Any:
@@ -256,8 +258,9 @@ def _keys(maker: Callable[..., Any]) -> dict[str, inspect.Parameter]:
 
 def _class(table: str, name: Any, base: type) -> type:
     """The public class of this name, of those that are made from numbers."""
-    public = {name: getattr(jb, name) for name in sorted(dir(jb)) if name[0].isupper()}
-    kinds = {n: k for n, k in public.items() if inspect.isclass(k) and issubclass(k, base)}
+    places = (jb, jb.models, jb.motions)
+    public = {name: getattr(at, name) for at in places for name in dir(at) if name[0].isupper()}
+    kinds = {n: k for n, k in sorted(public.items()) if inspect.isclass(k) and issubclass(k, base)}
     offered = [
         name for name, kind in kinds.items() if not inspect.isabstract(kind)
         and all(_is_real(p) or p.default is not p.empty for p in _keys(kind).values())
@@ -301,7 +304,7 @@ def _values(name: str, given: Any) -> list[float]:
     return [float(value) for value in given]
 
 
-def run(scene: Scene, out: Path, cores: int, chunk: int) -> bool:
+def run(scene: Job, out: Path, cores: int, chunk: int) -> bool:
     """Answer the question, write all files, and say what became of the cases."""
     if scene.axes:
         cases = jb.grid(**scene.axes)

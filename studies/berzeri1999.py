@@ -53,7 +53,7 @@ Z1, Z2, Z10 = (f"Model 0, chord, {n}" for n in ("1 element", "2 elements", "10 e
 T2, MODAL = "Model 0, tangent, 2 elements", "prestressed, 8 functions"
 
 Row = dict[str, Any]
-Runs = dict[str, jb.Simulation]  # the first is the reference
+Runs = dict[str, jb.results.Simulation]  # the first is the reference
 
 
 class Case(NamedTuple):
@@ -72,13 +72,13 @@ CASES = (
     Case("6", jb.Rotor(REF_21, 0.0, 0.0), 10.0, (A10, Z10, Z1)),
     Case("7", jb.Rotor(REF_21, 0.0, 0.0), 40.0, (A2, A10, Z2)),
 )
-MODELS: dict[str, jb.AbstractModel] = {
-    A2: jb.ANCF(2), A10: jb.ANCF(10), Z1: jb.ChordANCF(1), Z2: jb.ChordANCF(2),
-    Z10: jb.ChordANCF(10), T2: jb.TangentANCF(2), MODAL: jb.Hybrid(0, 8, 0),
+MODELS: dict[str, jb.models.AbstractModel] = {
+    A2: jb.ANCF(2), A10: jb.ANCF(10), Z1: jb.models.ChordANCF(1), Z2: jb.models.ChordANCF(2),
+    Z10: jb.models.ChordANCF(10), T2: jb.models.TangentANCF(2), MODAL: jb.Hybrid(0, 8, 0),
 }  # fmt: skip
 
 
-def spin_up(model: jb.AbstractModel, case: Case, quick: bool) -> jb.Simulation:
+def spin_up(model: jb.models.AbstractModel, case: Case, quick: bool) -> jb.results.Simulation:
     # A stable run takes at most 7500 steps. An unstable one swings ever faster and would take
     # millions: the limit stops it, and `throw=False` keeps what it found.
     return jb.simulate(
@@ -87,14 +87,14 @@ def spin_up(model: jb.AbstractModel, case: Case, quick: bool) -> jb.Simulation:
     )  # fmt: skip
 
 
-def status(run: jb.Simulation) -> str:
+def status(run: jb.results.Simulation) -> str:
     return jb.Status(int(run.status)).name
 
 
 def run_case(case: Case, quick: bool) -> tuple[Runs, list[Row]]:
     """Simulate all models of a figure; the runs, and a line of the table for each."""
     count = 8 if quick else 16
-    models: dict[str, jb.AbstractModel] = {
+    models: dict[str, jb.models.AbstractModel] = {
         f"reference, {count} elements": jb.EngineeringANCF(count)
     }
     models |= {name: MODELS[name] for name in case.names}
@@ -122,11 +122,11 @@ def run_case(case: Case, quick: bool) -> tuple[Runs, list[Row]]:
     return runs, rows
 
 
-def deflection(run: jb.Simulation) -> Any:
+def deflection(run: jb.results.Simulation) -> Any:
     return np.asarray(run.partial.tip)[:, 1]
 
 
-def rotation(run: jb.Simulation) -> Any:
+def rotation(run: jb.results.Simulation) -> Any:
     """Angle of the last ten-thousandth of the beam."""
     short = 1e-4
     before, tip = np.moveaxis(np.asarray(run.partial.displacement((1 - short, 1.0))), 1, 0)
@@ -134,7 +134,7 @@ def rotation(run: jb.Simulation) -> Any:
     return np.arctan2(chord[:, 1], short * float(run.scene.equations.size) + chord[:, 0])
 
 
-def apart(run: jb.Simulation, runs: Runs) -> Any:
+def apart(run: jb.results.Simulation, runs: Runs) -> Any:
     """Distance of the tip deflection from that of the reference."""
     return np.abs(deflection(run) - deflection(next(iter(runs.values()))))
 
@@ -160,7 +160,7 @@ def lines(ax: Axes, runs: Runs, values: dict[str, Any]) -> None:
 
 def draw(
     out: Path, name: str, cases: Sequence[Case], found: dict[str, Runs],
-    quantities: Mapping[str, Callable[[jb.Simulation], Any]],
+    quantities: Mapping[str, Callable[[jb.results.Simulation], Any]],
 ) -> None:  # fmt: skip
     """Angular velocity, quantities, distance from the reference; a column for each figure of B."""
     count = len(quantities) + 2
@@ -248,7 +248,7 @@ def remainder(quick: bool) -> None:
         print(f"  {count:2d} element{'s' * (count > 1):1s} {end:9.5f}, largest {largest:.5f}")
 
 
-def critical_speed(model: jb.AbstractModel) -> float:
+def critical_speed(model: jb.models.AbstractModel) -> float:
     """Speed in rad/s up to which steady rotation is stable, by bisection; 100 is the highest."""
     low, high = 0.0, 100.0
     while high - low > 0.05:
@@ -261,7 +261,7 @@ def critical_speed(model: jb.AbstractModel) -> float:
 def critical_speeds() -> None:
     """B: "there always exists a critical value" that depends on the number of elements."""
     print("\nModel 0 in either frame, Ref. 21 beam: speed (rad/s) up to which it is stable")
-    models = [kind(n) for kind in (jb.ChordANCF, jb.TangentANCF) for n in (1, 2, 10)]
+    models = [kind(n) for kind in (jb.models.ChordANCF, jb.models.TangentANCF) for n in (1, 2, 10)]
     with ThreadPoolExecutor(2) as pool:
         for model, speed in zip(models, pool.map(critical_speed, models), strict=True):
             name = f"{type(model).__name__}, {model.n_elements}:"

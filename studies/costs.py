@@ -90,20 +90,20 @@ seen += 0.02 * np.random.default_rng(1).normal(size=seen.shape)
 first = time.perf_counter()
 def experiment(**parameters):
     return jb.FrequencyData(model, rotor_of(**parameters), speeds, seen, 0.02, labels)
-found = jb.fit(experiment, {name: jb.Free(1.1 * value) for name, value in true.items()})
+found = jb.fit(experiment, {name: jb.FreeParameter(1.1 * value) for name, value in true.items()})
 start += first - measuring  # the measurements are not the fit's
 """
 CHOICE = """
 times = jnp.linspace(0.0, 20.0, 201)
-question = jb.PeakDeflection(jb.SmoothSpinUp(4.0, 15.0), times)
+question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(4.0, 15.0), times)
 """
 LADDER = """
 import numpy as np
 def situation(speed, duration):
     times = jnp.linspace(0.0, 1.5 * duration, 121)
-    return jb.PeakDeflection(jb.SmoothSpinUp(speed, duration), times), rotor
+    return rotor, jb.ladder.PeakDeflection(jb.SmoothSpinUp(speed, duration), times)
 draw = np.random.default_rng(7)
-cases = jb.listed(speed=draw.uniform(0.2, 4.0, 1000), duration=draw.uniform(5.0, 20.0, 1000))
+cases = jb.points(speed=draw.uniform(0.2, 4.0, 1000), duration=draw.uniform(5.0, 20.0, 1000))
 """
 Row = tuple[str, str, float, str]  # what, of what, number, unit
 
@@ -202,13 +202,14 @@ FIRST = {
     "gradient of its peak": ("jax.jit(jax.grad(peak))(0.1)", SCENE + SPIN_UP, True),
     "modes": ("jb.modes(model, rotor, 5.0, which)", SCENE, False),
     "frequencies": ("jb.frequencies(model, rotor, 5.0)", SCENE, False),
-    "southwell": ("jb.southwell(model, rotor, which)", SCENE, False),
-    "critical_speed": ("jb.critical_speed(jb.ChordANCF(4), rotor)", SCENE, False),
+    "southwell": ("jb.southwell(model, rotor, 0.0, which)", SCENE, False),
+    "critical_speed": ("jb.critical_speed(jb.models.ChordANCF(4), rotor)", SCENE, False),
     "floquet": (
-        "jb.floquet(jb.Hybrid(2, 3, 2), rotor, jb.ModulatedSpeed(3.0, 0.5, 10.0))", SCENE, False,
+        "jb.floquet(jb.Hybrid(2, 3, 2), rotor, jb.motions.ModulatedSpeed(3.0, 0.5, 10.0))",
+        SCENE, False,
     ),
     "fit of six parameters": ("found", SCENE + FIT, False),
-    "choose_model": ("str(jb.choose_model(question, rotor, 1e-2))", SCENE + CHOICE, False),
+    "choose_model": ("str(jb.choose_model(rotor, question, 1e-2))", SCENE + CHOICE, False),
     "ladder_sweep, 1000 spin-ups": (
         'jb.ladder_sweep(situation, cases, 1e-3)["value"]', SCENE + LADDER, False,
     ),

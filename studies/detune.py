@@ -1,8 +1,8 @@
 """Tip mass and hub radius for which no harmonic of the speed meets a frequency.
 
 A rotor in a range of working speeds: as designed, frequencies cross lines of so many per turn.
-`jb.Clearance` demands a margin along the whole range, priors ask for as little change as may be,
-and `jb.fit` searches from many starts at once.
+`jb.fitting.Clearance` demands a margin along the whole range, priors ask for as little change as
+may be, and `jb.fit` searches from many starts at once.
 
     python studies/detune.py [--quick] [--out FOLDER]
 """
@@ -44,8 +44,8 @@ def rotor(hub: Any, tip: Any) -> jb.Rotor:
 def demand(count: int, margin: float = MARGIN) -> Any:
     speeds = np.linspace(*WORKING, count)
 
-    def experiments(hub: Any, tip: Any) -> jb.Clearance:
-        return jb.Clearance(MODEL, rotor(hub, tip), speeds, WHICH, HARMONICS, margin)
+    def experiments(hub: Any, tip: Any) -> jb.fitting.Clearance:
+        return jb.fitting.Clearance(MODEL, rotor(hub, tip), speeds, WHICH, HARMONICS, margin)
 
     return experiments
 
@@ -64,13 +64,13 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "detune"
     out.mkdir(parents=True, exist_ok=True)
     free = {
-        "hub": jb.Free(HUB, 0.05, 1.0, prior=(HUB, 0.3)),
-        "tip": jb.Free(TIP, 0.0, 6.0, prior=(TIP, 2.0)),
+        "hub": jb.FreeParameter(HUB, 0.05, 1.0, prior=(HUB, 0.3)),
+        "tip": jb.FreeParameter(TIP, 0.0, 6.0, prior=(TIP, 2.0)),
     }
     began = time.perf_counter()
     # A little more than is wanted: priors pull back into the margin by the slack.
     experiments = demand(13, MARGIN + 0.001)
-    descent = jb.Descent(starts=16 if quick else 64, steps=100, spread=3.0)
+    descent = jb.fitting.Descent(starts=16 if quick else 64, steps=100, spread=3.0)
     found = jb.fit(experiments, free, descent=descent)
     seconds = time.perf_counter() - began
     new = {name: float(value) for name, value in found.partial.parameters.items()}

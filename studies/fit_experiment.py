@@ -82,17 +82,19 @@ def frequencies_at(speeds: Any, stiffness: Any, clamp: Any = 0.0) -> Any:
     return found / (2 * np.pi)
 
 
-STIFFNESS = {"stiffness": jb.Free(NOMINAL)}
-BOTH = STIFFNESS | {"clamp": jb.Free(1.0 * INCH, 0.0, 6.0 * INCH)}
+STIFFNESS = {"stiffness": jb.FreeParameter(NOMINAL)}
+BOTH = STIFFNESS | {"clamp": jb.FreeParameter(1.0 * INCH, 0.0, 6.0 * INCH)}
 
 
-def fit(speeds: Any, frequencies: Any, free: dict[str, jb.Free], known: bool = False) -> jb.Fit:
+def fit(
+    speeds: Any, frequencies: Any, free: dict[str, jb.FreeParameter], known: bool = False
+) -> jb.results.Fit:
     # How well beams can explain this is the question: no second search where they do not.
     seen = Seen(jnp.asarray(speeds), jnp.asarray(frequencies))
     return jb.fit(seen, free, known_noise=known, progress=False)
 
 
-def left_out(free: dict[str, jb.Free]) -> list[tuple[float, int, float, float]]:
+def left_out(free: dict[str, jb.FreeParameter]) -> list[tuple[float, int, float, float]]:
     """(rpm, mode, measured in Hz, relative error of what the other speeds predict)."""
     speeds, frequencies = measured()
     rows = []
@@ -105,7 +107,7 @@ def left_out(free: dict[str, jb.Free]) -> list[tuple[float, int, float, float]]:
     return rows
 
 
-def one_mode(mode: int) -> jb.Fit:
+def one_mode(mode: int) -> jb.results.Fit:
     """Stiffness from one mode at rest and at speed alone."""
     speeds, frequencies = measured()
     only = np.full_like(frequencies, np.nan)
@@ -123,8 +125,8 @@ def costs(quick: bool) -> list[str]:
     )
     truth = {"in_plane": 2.0, "flap": 1.2, "axial": 3e4, "mass": 1.1, "hub": 0.3, "tip": 0.4}
 
-    def build(measured: Any, noise: Any) -> Callable[..., list[jb.Experiment]]:
-        def experiments(**p: Any) -> list[jb.Experiment]:
+    def build(measured: Any, noise: Any) -> Callable[..., list[jb.fitting.Experiment]]:
+        def experiments(**p: Any) -> list[jb.fitting.Experiment]:
             beam = jb.Beam(1.0, p["mass"], p["axial"], p["in_plane"], p["flap"])
             return [
                 jb.FrequencyData(
@@ -140,9 +142,9 @@ def costs(quick: bool) -> list[str]:
     noise = 1e-3 * exact
     rng = np.random.default_rng(0)
     measured = exact + noise * rng.normal(size=(draws, *exact.shape))
-    free = {name: jb.Free(1.1 * value) for name, value in truth.items()}
+    free = {name: jb.FreeParameter(1.1 * value) for name, value in truth.items()}
 
-    def one(y: Any) -> jb.Fit:
+    def one(y: Any) -> jb.results.Fit:
         return jb.fit(build(y, noise), free)
 
     vector = jnp.asarray(list(truth.values()))
@@ -242,7 +244,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     return out
 
 
-def draw(path: Path, found: jb.Fit, rpm: np.ndarray, hertz: np.ndarray) -> None:
+def draw(path: Path, found: jb.results.Fit, rpm: np.ndarray, hertz: np.ndarray) -> None:
     """Campbell diagram with intervals, and residuals."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")
     fine = np.linspace(0.0, 800.0, 41)

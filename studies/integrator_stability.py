@@ -33,7 +33,7 @@ from yoo1995 import write_csv  # noqa: E402
 import jaxbeam as jb  # noqa: E402
 
 ROTOR = jb.Rotor(REF_21)
-SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)  # Y Figs. 12-14
+SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)  # Y Figs. 12-14
 SPEEDS = (0.0, 2.0)  # rad/s
 STEPS, GROWTH, TINY = 1000, 100.0, 1e-9  # TINY in m: far above rounding, and linear
 WRONG = 0.05  # of the peak
@@ -43,7 +43,7 @@ EXPLICIT = (
     diffrax.Euler(), diffrax.Heun(), diffrax.Bosh3(), diffrax.Tsit5(), diffrax.Dopri5(),
     diffrax.Dopri8(),
 )  # fmt: skip
-SOLVERS = (*EXPLICIT, jb.Rodas5P())
+SOLVERS = (*EXPLICIT, jb.solvers.Rodas5P())
 # Colours of Okabe and Ito.
 COLOURS = {
     "Euler": "0.75", "Heun": "0.5", "Bosh3": "#E69F00", "Tsit5": "#D55E00", "Dopri5": "#CC79A7",
@@ -53,9 +53,9 @@ MODELS = {
     "hybrid, 3 + 2 functions": jb.Hybrid(2, 3, 0),
     "Green, 2 elements": jb.GreenANCF(2),
     "Model A, 2 elements": jb.ANCF(2),
-    "Model 0, 1 element": jb.ChordANCF(1),
-    "discrete, NC": jb.DiscreteNC(),
-    "discrete, LP": jb.DiscreteLP(),
+    "Model 0, 1 element": jb.models.ChordANCF(1),
+    "discrete, NC": jb.models.DiscreteNC(),
+    "discrete, LP": jb.models.DiscreteLP(),
 }
 MARKERS = {"OK": "o", "UNBALANCED": "X", "DIVERGED": "^", "MAX_STEPS": "s", "STEP_FAILED": "D"}
 
@@ -78,9 +78,9 @@ class Limit(NamedTuple):
 def growth(solver: Any, model: Any, rotor: Any, speed: Any, mode: Any, h: Any) -> Any:
     """Of the fastest mode, started as a trace on steady rotation, in STEPS steps of length h."""
     omega, shape, still = mode
-    scene = jb.Scene(model, rotor, jb.ConstantSpeed(speed), jb.Loads(), jb.Damping())
-    case = jb.second_order_term(solver), jnp.zeros_like(h), h
-    start = jb.State(still + shape.real, -omega * shape.imag)
+    scene = jb.results.Scene(model, rotor, jb.ConstantSpeed(speed), jb.Loads(), jb.Damping())
+    case = jb.solvers.second_order_term(solver), jnp.zeros_like(h), h
+    start = jb.solvers.State(still + shape.real, -omega * shape.imag)
 
     def step(_: Any, carry: Any) -> Any:
         y, kept = carry
@@ -93,7 +93,7 @@ def growth(solver: Any, model: Any, rotor: Any, speed: Any, mode: Any, h: Any) -
 
 def limits(name: str, model: Any, solvers: Any) -> list[Limit]:
     """Of one model: all integrators at all speeds."""
-    rotor: Any = SPRINGS if model.rotor_type is jb.SpringRotor else ROTOR
+    rotor: Any = SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR
     settings: dict[str, Any] = {"steps": STEPS, "growth": GROWTH}
     modes = []
     for speed in SPEEDS:
@@ -114,10 +114,10 @@ def limits(name: str, model: Any, solvers: Any) -> list[Limit]:
     }
     for speed, mode in zip(SPEEDS, modes, strict=True):
         for solver, run in runs.items():
-            theory = float(jb.stable_step(solver, model, rotor, speed, **settings).step)
+            theory = float(jb.stable_step(model, rotor, speed, solver, **settings).step)
             bounds = theory / 2, 1.5 * theory
             if np.isinf(theory):
-                explicit = jb.stable_step(EXPLICIT[-1], model, rotor, speed, **settings)
+                explicit = jb.stable_step(model, rotor, speed, EXPLICIT[-1], **settings)
                 bounds = 0.0, 100 * float(explicit.step)
             for _ in range(3):  # sixteen steps at a time
                 steps = np.linspace(*bounds, 17)
@@ -154,11 +154,11 @@ def draw_amplification(out: Path, quick: bool) -> None:
     """Near the limits, and far beyond."""
     figure, axes = plt.subplots(1, 2, figsize=(9, 4.6), layout="constrained")
     ranges = np.linspace(0.01, 5, 300), np.geomspace(0.1, 1000, 300)
-    solvers = (*SOLVERS, jb.ChordKvaerno5(), jb.Magnus())
+    solvers = (*SOLVERS, jb.solvers.ChordKvaerno5(), jb.solvers.Magnus())
     columns = []
     for solver in solvers:
         name = title(solver)
-        sizes = jax.jit(jax.vmap(lambda z, solver=solver: jb.amplification(solver, z)))
+        sizes = jax.jit(jax.vmap(lambda z, solver=solver: jb.solvers.amplification(solver, z)))
         for ax, angles in zip(axes, ranges, strict=True):
             size = np.asarray(sizes(jnp.asarray(angles)))
             dash = "-" if solver in EXPLICIT else (0, (5, 2))
@@ -216,7 +216,7 @@ def spin_ups(quick: bool) -> list[Run]:
             for t, e, s, w, n in zip(tolerances, error, status, worst, steps, strict=True)
         ]
 
-    solvers = [diffrax.Tsit5(), diffrax.Dopri8(), diffrax.Bosh3(), jb.Rodas5P()]
+    solvers = [diffrax.Tsit5(), diffrax.Dopri8(), diffrax.Bosh3(), jb.solvers.Rodas5P()]
     if not quick:
         solvers.insert(1, diffrax.Dopri5())
     with ThreadPoolExecutor(2) as pool:

@@ -35,10 +35,10 @@ import jaxbeam as jb  # noqa: E402
 TOLERANCES = (1e-2, 1e-3, 1e-4)
 SHARES = np.linspace(0.0, 1.0, 121)  # of a run, where it is looked at
 TRUTH = 64  # elements
-KINDS: dict[str, Callable[..., jb.Question]] = {
-    "peak": jb.PeakDeflection,
-    "history": jb.DeflectionHistory,
-    "strain": functools.partial(jb.RootStrain, max_steps=200_000),  # stretch rings fast
+KINDS: dict[str, Callable[..., jb.ladder.Question]] = {
+    "peak": jb.ladder.PeakDeflection,
+    "history": jb.ladder.DeflectionHistory,
+    "strain": functools.partial(jb.ladder.RootStrain, max_steps=200_000),  # stretch rings fast
 }
 
 
@@ -57,7 +57,7 @@ def rotor_of(scene: Scene) -> jb.Rotor:
     return jb.Rotor(jb.Beam.from_slenderness(scene.slenderness), scene.hub, scene.tip)
 
 
-def spin_up(kind: Callable[..., jb.Question], scene: Scene, rest: Any) -> jb.Question:
+def spin_up(kind: Callable[..., jb.ladder.Question], scene: Scene, rest: Any) -> jb.ladder.Question:
     """Up to three fifths of a period after the spin-up; `rest` is the frequency at rest, rad/s."""
     period = 2 * np.pi / rest
     duration = scene.duration * period
@@ -77,12 +77,12 @@ def looked_at(scenes: Scene) -> jb.Table:
     def look(**parameters: Any) -> dict[str, Any]:
         scene = Scene(**parameters)
         rotor = rotor_of(scene)
-        question = spin_up(jb.PeakDeflection, scene, at_rest(scene.tip))
+        question = spin_up(jb.ladder.PeakDeflection, scene, at_rest(scene.tip))
         found = question.answer(jb.Hybrid(0, 3, 0), rotor, jnp.asarray(1e-4), jnp.asarray(0.01))
         strain = rotor.steady_strain(question.speed())
         return {"size": found.size, "strain": strain, "status": found.status}
 
-    return jb.sweep(look, jb.listed(**scenes._asdict()), chunk=32, progress=False)
+    return jb.sweep(look, jb.points(**scenes._asdict()), chunk=32, progress=False)
 
 
 def drawn(count: int, seed: int, **fixed: float) -> tuple[Scene, np.ndarray]:
@@ -133,21 +133,21 @@ class Outcome(NamedTuple):
 class Asked(NamedTuple):
     kind: str
     scene: Scene
-    question: jb.Question
+    question: jb.ladder.Question
     rotor: jb.Rotor
-    truth: jb.Answer
+    truth: jb.ladder.Answer
 
 
 def asked(kind: str, scene: Scene, size: float) -> Asked:
     rotor = rotor_of(scene)
     if kind == "frequencies":
-        question: jb.Question = jb.ModalFrequencies(
+        question: jb.ladder.Question = jb.ladder.ModalFrequencies(
             scene.speed * float(at_rest(scene.tip)), jb.labels(in_plane=2)
         )
     else:
         question = spin_up(KINDS[kind], scene, float(at_rest(scene.tip)))
     accuracy = 1e-6 if kind == "strain" else 1e-7
-    truth = jb.answer(question, rotor, jb.EngineeringANCF(TRUTH), accuracy, size)
+    truth = jb.ladder.ask(jb.EngineeringANCF(TRUTH), rotor, question, accuracy, size)
     if int(truth.status) != jb.Status.OK:
         raise RuntimeError(
             f"no truth for {kind} of {scene}: {jb.Status(int(truth.status)).message}"
@@ -157,12 +157,12 @@ def asked(kind: str, scene: Scene, size: float) -> Asked:
 
 def judged(each: Asked, tolerance: float) -> Outcome:
     began = time.perf_counter()
-    choice = jb.choose_model(each.question, each.rotor, tolerance)
+    choice = jb.choose_model(each.rotor, each.question, tolerance)
     seconds = time.perf_counter() - began
     size = float(np.clip(choice.indicators.size, 1e-9, 1.0))
 
     def error(model: Any) -> float:
-        found = jb.answer(each.question, each.rotor, model, 0.05 * tolerance, size)
+        found = jb.ladder.ask(model, each.rotor, each.question, 0.05 * tolerance, size)
         return float(found.distance(each.truth))
 
     began = time.perf_counter()
@@ -236,17 +236,17 @@ def _error_against_estimate(ax: Any, title: str) -> None:
 HUB, TIP, SLENDERNESS = 0.5, 0.2, 200.0  # of the rotor of the sweep
 
 
-def situation(speed: Any, duration: Any) -> tuple[jb.Question, jb.Rotor]:
+def situation(speed: Any, duration: Any) -> tuple[jb.Rotor, jb.ladder.Question]:
     """One rotor, spun up."""
     scene = Scene(speed, duration, HUB, TIP, SLENDERNESS)
-    return spin_up(jb.PeakDeflection, scene, at_rest(scene.tip)), rotor_of(scene)
+    return rotor_of(scene), spin_up(jb.ladder.PeakDeflection, scene, at_rest(scene.tip))
 
 
 def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     """Part 2: one rotor through many spin-ups."""
     n, tolerance = (192 if quick else 1000), 1e-3
     scenes, sizes = drawn(n, seed=7, hub=HUB, tip=TIP, slenderness=SLENDERNESS)
-    cases = jb.listed(speed=scenes.speed, duration=scenes.duration)
+    cases = jb.points(speed=scenes.speed, duration=scenes.duration)
     times = []
     for _ in range(1 if quick else 2):
         began = time.perf_counter()
@@ -256,12 +256,12 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     finest = max((int(r.split()[0]) for r in used if "element" in r), default=TRUTH)
 
     def everywhere(
-        model: jb.AbstractModel, accuracy: float, runs: int = 1 if quick else 2
+        model: jb.models.AbstractModel, accuracy: float, runs: int = 1 if quick else 2
     ) -> tuple[jb.Table, list[float]]:
         """All cases by one model; seconds with compilation and without."""
 
         def one(size: Any, accuracy: Any, **parameters: Any) -> dict[str, Any]:
-            question, rotor = situation(**parameters)
+            rotor, question = situation(**parameters)
             found = question.answer(model, rotor, accuracy, size)
             return {"peak": found.value[0], "deflection": found.size, "status": found.status}
 
@@ -269,12 +269,12 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
         spent = []
         for _ in range(runs):
             began = time.perf_counter()
-            table = jb.sweep(one, jb.listed(**columns), chunk=32, progress=False)
+            table = jb.sweep(one, jb.points(**columns), chunk=32, progress=False)
             spent.append(time.perf_counter() - began)
         return table, spent
 
     accuracy = 0.05 * tolerance  # as in the ladder
-    models: list[jb.AbstractModel] = [jb.EngineeringANCF(TRUTH)]
+    models: list[jb.models.AbstractModel] = [jb.EngineeringANCF(TRUTH)]
     if not quick:
         models = [jb.Hybrid(0, 4, 0), *(jb.EngineeringANCF(k) for k in sorted({finest, TRUTH}))]
     tables, spent = zip(*(everywhere(model, accuracy) for model in models), strict=True)
@@ -289,7 +289,9 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
         f"{error[said].max(initial=0.0) / tolerance:.2f} of it; error above estimate: "
         f"{np.sum(error > table['estimate'])}"
     )
-    expected = {rung.model: (rung.name, rung.cost) for rung in jb.ladder(*situation(1.0, 1.0))}
+    expected = {
+        rung.model: (rung.name, rung.cost) for rung in jb.ladder.rungs(*situation(1.0, 1.0))
+    }
     print(
         f"  {'ladder':24} {times[-1]:6.1f} s, {times[0]:6.1f} s with compilation; over the ladder:"
     )
@@ -303,7 +305,7 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
         )
     table.to_csv(out / "sweep.csv")
 
-    ladder = [rung.name for rung in jb.ladder(*situation(1.0, 1.0))]
+    ladder = [rung.name for rung in jb.ladder.rungs(*situation(1.0, 1.0))]
     order = [name for name in ladder if name in used]
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.95, len(order)))
     size = truth["deflection"]

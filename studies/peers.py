@@ -127,8 +127,8 @@ def adaptive(solver: Any) -> Callable[[float, float], tuple[Any, Any]]:
 def spin_ups(quick: bool) -> list[Line]:
     """B Ref. 21 at 4 rad/s, one case at a time."""
     repeats = 1 if quick else 5
-    ours = adaptive(jb.Rodas5P())
-    reference = np.asarray(adaptive(jb.Rodas5P())(4.0, 1e-10)[0])
+    ours = adaptive(jb.solvers.Rodas5P())
+    reference = np.asarray(adaptive(jb.solvers.Rodas5P())(4.0, 1e-10)[0])
     lines = []
 
     def measure(method: str, settings: Iterable[float], run: Any, repeats: int) -> None:
@@ -143,11 +143,11 @@ def spin_ups(quick: bool) -> list[Line]:
             say(lines[-1])
 
     measure("jaxbeam Rodas5P", (1e-4, 3e-5, 1e-5, 1e-6), ours, repeats)
-    measure("jaxbeam Rodas4P", (1e-4, 1e-5, 1e-6), adaptive(jb.Rodas4P()), repeats)
+    measure("jaxbeam Rodas4P", (1e-4, 1e-5, 1e-6), adaptive(jb.solvers.Rodas4P()), repeats)
 
     @jax.jit
     def chord(speed: Any, h: Any) -> tuple[Any, Any]:
-        return spin_up(speed, jb.ChordKvaerno5(), diffrax.ConstantStepSize(), h)
+        return spin_up(speed, jb.solvers.ChordKvaerno5(), diffrax.ConstantStepSize(), h)
 
     measure("jaxbeam ChordKvaerno5", (0.1, 0.08), chord, repeats)
     for name, solver, tolerances in (
@@ -184,7 +184,7 @@ def spin_ups(quick: bool) -> list[Line]:
 def first_order() -> tuple[Callable[..., Any], Callable[..., Any]]:
     """The same equations for SciPy, with their exact Jacobian: functions of t and (q, v)."""
     n = 4 * ELEMENTS + 1
-    scene = jb.Scene(
+    scene = jb.results.Scene(
         jb.EngineeringANCF(ELEMENTS), jax.tree.map(jnp.asarray, jb.Rotor(REF_21)),
         jb.SmoothSpinUp(4.0, DURATION), jb.Loads(), jb.Damping(),
     )  # fmt: skip
@@ -299,7 +299,7 @@ def batches(quick: bool) -> list[Line]:
     def ours(speed: Any, finer: Any = 1.0) -> tuple[Any, Any]:
         # Deflections go with the speed, so the tolerance does.
         control = diffrax.PIDController(rtol=3e-4 * finer, atol=1.5e-5 * finer * speed)
-        return spin_up(speed, jb.Rodas5P(), control, None)
+        return spin_up(speed, jb.solvers.Rodas5P(), control, None)
 
     reference = np.asarray(jax.jit(jax.vmap(lambda s: ours(s, 1e-5)[0]))(sample))
     together = jax.jit(jax.vmap(ours))
@@ -359,11 +359,11 @@ def slow_spin_up(quick: bool) -> list[Line]:
 
         return run
 
-    best = np.asarray(runs(jb.Rodas5P(), True)(6.0, 0.0125))
+    best = np.asarray(runs(jb.solvers.Rodas5P(), True)(6.0, 0.0125))
     lines = []
     for name, solver, fixed, settings in (
-        ("jaxbeam Rodas5P", jb.Rodas5P(), True, (0.2, 0.1, 0.08, 0.05)),
-        ("jaxbeam Magnus", jb.Magnus(), True, (0.3, 0.15, 0.075)),
+        ("jaxbeam Rodas5P", jb.solvers.Rodas5P(), True, (0.2, 0.1, 0.08, 0.05)),
+        ("jaxbeam Magnus", jb.solvers.Magnus(), True, (0.3, 0.15, 0.075)),
         ("diffrax KenCarp4", diffrax.KenCarp4(), False, (1e-7,) if quick else (1e-7, 1e-8, 1e-9)),
         ("diffrax Dopri8", diffrax.Dopri8(), False, (1e-8,) if quick else (1e-5, 1e-8)),
     ):

@@ -44,13 +44,13 @@ def rotor(hub_radius: Any, tip_mass: Any) -> jb.Rotor:
 
 
 def frequency_case(
-    model: jb.AbstractModel, which: int | tuple[jb.Label, ...]
+    model: jb.models.AbstractModel, which: int | tuple[jb.models.Label, ...]
 ) -> Callable[..., Any]:
     def case(tip_mass: Any, hub_radius: Any, angular_speed: Any) -> dict[str, Any]:
         found = jb.modes(model, rotor(hub_radius, tip_mass), angular_speed, which, throw=False)
         return {
             "frequency": found.frequency,
-            "transverse_share": found.energy_share[:, jb.Family.IN_PLANE],
+            "transverse_share": found.energy_share[:, jb.models.Family.IN_PLANE],
             "steady_strain": found.steady_strain,
             "status": found.status,
         }
@@ -73,7 +73,7 @@ def table_2(out: Path) -> None:
     which = jb.labels(in_plane=3, axial=1)
     columns = {}
     for name, model, slenderness in (
-        ("simulation", jb.SmallStrainANCF(10), SLENDERNESS),
+        ("simulation", jb.models.SmallStrainANCF(10), SLENDERNESS),
         ("exact", jb.Hybrid(12, 14, 0), 216.2162),  # the exact column is of a beam so slender
     ):
         beam = jb.Beam.from_slenderness(slenderness)
@@ -108,7 +108,7 @@ def tables_3_to_5(out: Path, quick: bool) -> None:
     columns = ("N", "R_over_L", "gamma", "mode", "omega_printed")
 
     # The model of the tables, with all modes below those printed.
-    ten = jb.sweep(frequency_case(jb.SmallStrainANCF(10), 30), cases)
+    ten = jb.sweep(frequency_case(jb.models.SmallStrainANCF(10), 30), cases)
     ten.save(out / "sweep_ten_elements.npz")
     lowest, share = ten["frequency"][at], ten["transverse_share"][at]
     mostly = np.argsort(share < 0.5, axis=1, kind="stable")  # mostly transverse first, in order
@@ -131,12 +131,14 @@ def tables_3_to_5(out: Path, quick: bool) -> None:
     )
     print(f"  entries with an axial mode below the printed bending mode: {(place != order).sum()}")
 
-    graded = jb.Polynomials(grading=2)
-    models: dict[str, jb.AbstractModel] = {"modal with stretch": jb.Hybrid(28, 28, 0, graded)}
+    graded = jb.models.Polynomials(grading=2)
+    models: dict[str, jb.models.AbstractModel] = {
+        "modal with stretch": jb.Hybrid(28, 28, 0, graded)
+    }
     if not quick:
         models |= {
             "modal inextensible": jb.Hybrid(0, 28, 0, graded),
-            "40 elements small strain": jb.SmallStrainANCF(40),
+            "40 elements small strain": jb.models.SmallStrainANCF(40),
             "40 elements exact": jb.ANCF(40),
         }
     frequency = {}
@@ -249,7 +251,7 @@ def campbell_figure(out: Path, quick: bool) -> None:
     at, (by_hub, by_tip) = jax.value_and_grad(
         lambda p: (
             jb.crossing(
-                jb.Hybrid(0, 16, 0), rotor(p[0], p[1]), FIRST_THREE[0], 1.0, (2.0, 6.0)
+                jb.Hybrid(0, 16, 0), rotor(p[0], p[1]), (2.0, 6.0), FIRST_THREE[0], 1.0
             ).angular_speed
         )
     )(jnp.zeros(2))
@@ -261,7 +263,7 @@ def campbell_figure(out: Path, quick: bool) -> None:
 
 def mode_shape_figure(out: Path, quick: bool) -> None:
     """B Figs. 11 and 12."""
-    model = jb.Hybrid(0 if quick else 28, 28, 0, jb.Polynomials(grading=2))
+    model = jb.Hybrid(0 if quick else 28, 28, 0, jb.models.Polynomials(grading=2))
     figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained", sharey=True)
     for ax, (hub, tip) in zip(axes, ((0.0, 0.0), (2.0, 3.0)), strict=True):
         for gamma, style in ((0.0, "-"), (50.0, "--")):
@@ -289,7 +291,7 @@ def southwell_coefficients(out: Path, quick: bool) -> jb.Table:
     which = jb.labels(in_plane=2)
     table = jb.sweep(
         lambda hub_radius, tip_mass: jb.southwell(
-            jb.Hybrid(8, 16, 0), rotor(hub_radius, tip_mass), which, throw=False
+            jb.Hybrid(8, 16, 0), rotor(hub_radius, tip_mass), 0.0, which, throw=False
         ),
         jb.grid(
             hub_radius=np.linspace(0, 5, 11 if quick else 41),
@@ -343,8 +345,8 @@ def southwell_lines_figure(out: Path, coefficients: jb.Table, quick: bool) -> No
     )  # fmt: skip
     if quick:
         return
-    thin = jb.southwell(jb.Hybrid(0, 16, 0), rotor(0.0, 0.0), which).coefficient
-    slope = jb.southwell(jb.Hybrid(0, 16, 0), rotor(1.0, 0.0), which).coefficient - thin
+    thin = jb.southwell(jb.Hybrid(0, 16, 0), rotor(0.0, 0.0), 0.0, which).coefficient
+    slope = jb.southwell(jb.Hybrid(0, 16, 0), rotor(1.0, 0.0), 0.0, which).coefficient - thin
     print("\nSouthwell coefficients at rest, N = 0, inextensible (exactly linear in R / L)")
     for k in (0, 1):
         a, b = SCHILHANSL[k]

@@ -55,7 +55,7 @@ def spin_up(tip_mass: Any, hub_radius: Any) -> Any:
 
 
 def floquet(tip_mass: Any, hub_radius: Any) -> Any:
-    motion = jb.ModulatedSpeed(4.0, depth=0.5, frequency=8.0)
+    motion = jb.motions.ModulatedSpeed(4.0, depth=0.5, frequency=8.0)
     rotor = jb.Rotor(jb.Beam.from_section(**ALUMINIUM), hub_radius, tip_mass)
     found = jb.floquet(jb.Hybrid(0, 3, 0), rotor, motion, throw=False)
     return {"growth": found.growth_rate, "status": found.status}
@@ -70,7 +70,7 @@ def fit(tip_mass: Any, hub_radius: Any) -> Any:
         seen = [[2.9], [3.8], [5.5]]
         return jb.FrequencyData(jb.Hybrid(0, 4, 0), rotor, [0.0, 5.0, 10.0], seen, 0.1, FIRST)
 
-    found = jb.fit(experiment, {"stiffness": jb.Free(500.0)})
+    found = jb.fit(experiment, {"stiffness": jb.FreeParameter(500.0)})
     return {"stiffness": found.parameters["stiffness"], "status": found.status}
 
 
@@ -89,7 +89,7 @@ KINDS = {
 }
 
 
-def grid(n: int) -> jb.Cases:
+def grid(n: int) -> jb.results.Cases:
     few = 2 ** int(np.log2(n) / 2)
     while n % few:
         few -= 1

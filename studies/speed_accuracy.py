@@ -74,10 +74,10 @@ class Method(NamedTuple):
 
 ADAPTIVE = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 STEPS = (1 / 25, 1 / 50, 1 / 100, 1 / 200, 1 / 400, 1 / 800)
-RODAS5P = Method("Rodas5P", jb.Rodas5P(), True, ADAPTIVE)
-RODAS4P = Method("Rodas4P", jb.Rodas4P(), True, ADAPTIVE)
-CHORD = Method("ChordKvaerno5", jb.ChordKvaerno5(), False, STEPS)
-MAGNUS = Method("Magnus", jb.Magnus(), False, STEPS)
+RODAS5P = Method("Rodas5P", jb.solvers.Rodas5P(), True, ADAPTIVE)
+RODAS4P = Method("Rodas4P", jb.solvers.Rodas4P(), True, ADAPTIVE)
+CHORD = Method("ChordKvaerno5", jb.solvers.ChordKvaerno5(), False, STEPS)
+MAGNUS = Method("Magnus", jb.solvers.Magnus(), False, STEPS)
 KENCARP = Method("diffrax KenCarp4", diffrax.KenCarp4(), True, ADAPTIVE[2:4], batched=False)
 DOPRI = Method("diffrax Dopri5", diffrax.Dopri5(), True, ADAPTIVE)
 
@@ -87,7 +87,7 @@ def pairs(quick: bool) -> list[tuple[str, Any, Method]]:
     elements: list[tuple[str, Any]] = [
         ("exact, 8 elements", jb.EngineeringANCF(8)), ("exact, 4 elements", jb.EngineeringANCF(4)),
         ("Model A, 8 elements", jb.ANCF(8)), ("exact, 16 elements", jb.EngineeringANCF(16)),
-        ("Model 0, 8 elements", jb.ChordANCF(8)),
+        ("Model 0, 8 elements", jb.models.ChordANCF(8)),
     ]  # fmt: skip
     linear: list[tuple[str, Any]] = [
         ("hybrid, 4 + 3 functions", jb.Hybrid(3, 4, 0)),

@@ -28,7 +28,7 @@ import jaxbeam as jb  # noqa: E402
 
 EI = 6.89e9 * 7.19e-4
 ROTOR = jb.Rotor(jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, EI, EI), 0.0, 0.0)
-MOTION = jb.QuinticSpinUp(0.31, 1.0)
+MOTION = jb.motions.QuinticSpinUp(0.31, 1.0)
 END = 20.0  # s: about one turn
 LENGTH = float(ROTOR.beam.length)
 XI = np.linspace(0, 1, 41)

@@ -37,7 +37,7 @@ from scipy.interpolate import CubicHermiteSpline  # noqa: E402
 import jaxbeam as jb  # noqa: E402
 
 BEAM = jb.Beam.from_slenderness(70.0)
-SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)  # Y, Table 2
+SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)  # Y, Table 2
 # B, Table 1: the beam of its Ref. 21
 REF_21 = jb.Beam.from_section(
     length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
@@ -45,9 +45,9 @@ REF_21 = jb.Beam.from_section(
 )  # fmt: skip
 KICK = 1e-6  # of the length: what motions in time start from
 NAMES = {
-    jb.Family.IN_PLANE: "in-plane divergence",
-    jb.Family.FLAP: "flap divergence",
-    jb.Family.AXIAL: "the rod tears",
+    jb.models.Family.IN_PLANE: "in-plane divergence",
+    jb.models.Family.FLAP: "flap divergence",
+    jb.models.Family.AXIAL: "the rod tears",
 }
 # Okabe and Ito
 BLUE, ORANGE, GREEN, BLACK = "#0072B2", "#D55E00", "#009E73", "#000000"
@@ -66,7 +66,7 @@ def rotor(beam: jb.Beam, radius: Any, mass: Any) -> jb.Rotor:
     return jb.Rotor(beam, radius * beam.length, mass * beam.mass)
 
 
-def _aside(t: Any, y: jb.State, args: jb.Scene, **_: Any) -> Any:
+def _aside(t: Any, y: jb.solvers.State, args: jb.results.Scene, **_: Any) -> Any:
     """The straight beam moves a hundredth of its length to the side: no need to go on."""
     return jnp.abs(args.equations.tip(y.q)[1]) > 0.01 * args.equations.size
 
@@ -77,11 +77,11 @@ def growth(model: Any, at: Any, speed: Any, push: Any, duration: Any) -> Any:
     linear = model.equations(at).is_linear
     rest, _ = model.steady(at, speed)
     size = model.equations(at).size
-    start = jb.State(rest + KICK * size * push, jnp.zeros_like(rest))
+    start = jb.solvers.State(rest + KICK * size * push, jnp.zeros_like(rest))
     run = jb.simulate(
         model, at, jb.ConstantSpeed(speed), jnp.linspace(0.0, 1.0, 101) * duration, start=start,
         # Magnus is exact, whatever its steps
-        solver=jb.Magnus() if linear else None, dt0=duration / 20 if linear else None,
+        solver=jb.solvers.Magnus() if linear else None, dt0=duration / 20 if linear else None,
         stepsize_controller=diffrax.ConstantStepSize() if linear else diffrax.PIDController(
             rtol=1e-4, atol=1e-2 * KICK * size, dtmin=1e-9 * duration, force_dtmin=False
         ),
@@ -100,16 +100,16 @@ def critical_table(out: Path, quick: bool) -> None:
     cases = [
         Case("C.L.C.", jb.Classical(4, 6, 6), hub),
         Case("hybrid", jb.Hybrid(8, 6, 6), hub),
-        Case("LC", jb.DiscreteLC(), SPRINGS),
+        Case("LC", jb.models.DiscreteLC(), SPRINGS),
         Case("Model A, 2 elements", jb.ANCF(2), hub),
-        *(Case(f"Model 0, chord, {n}", jb.ChordANCF(n), plain) for n in counts),
+        *(Case(f"Model 0, chord, {n}", jb.models.ChordANCF(n), plain) for n in counts),
     ]
     if not quick:
         cases += [
-            Case("LP", jb.DiscreteLP(), SPRINGS),
-            Case("small-strain, 2 elements", jb.SmallStrainANCF(2), hub),
+            Case("LP", jb.models.DiscreteLP(), SPRINGS),
+            Case("small-strain, 2 elements", jb.models.SmallStrainANCF(2), hub),
             Case("Green, 2 elements", jb.GreenANCF(2), hub),
-            *(Case(f"Model 0, tangent, {n}", jb.TangentANCF(n), plain) for n in counts),
+            *(Case(f"Model 0, tangent, {n}", jb.models.TangentANCF(n), plain) for n in counts),
         ]
     header = (
         "model", "critical_speed_rad_s", "over_first_rest_frequency", "what_gives_way",
@@ -145,14 +145,16 @@ def critical_row(case: Case) -> tuple[Any, ...]:
         return jb.critical_speed(model, moved, throw=False).angular_speed
 
     slope = np.nan
-    if not isinstance(model, jb.ChordANCF | jb.TangentANCF):  # which compile for half a minute
+    if not isinstance(
+        model, jb.models.ChordANCF | jb.models.TangentANCF
+    ):  # which compile for half a minute
         slope = float(jax.jit(jax.grad(by_radius))(at.hub_radius))
     below = jb.modes(model, at, 0.99 * speed, 1, throw=False)
     periods = 200
     duration = periods * 2 * np.pi / float(below.frequency[0])
     try_both = jax.jit(jax.vmap(lambda v: growth(model, at, v, found.shape, duration)))
     low, high = (float(g) for g in try_both(speed * jnp.array([0.99, 1.01])))
-    family = NAMES[jb.Family(int(found.family))]
+    family = NAMES[jb.models.Family(int(found.family))]
     return case.name, speed, speed / rest, family, slope, low, high, periods
 
 
@@ -185,10 +187,10 @@ def maps(out: Path, quick: bool) -> None:
         ("C.L.C.", jb.Classical(2, 4, 0)),
         ("hybrid", jb.Hybrid(6, 4, 0)),
         ("Model A, 2", jb.ANCF(2)),
-        ("Model 0, 1", jb.ChordANCF(1)),
-        ("Model 0, 2", jb.ChordANCF(2)),
+        ("Model 0, 1", jb.models.ChordANCF(1)),
+        ("Model 0, 2", jb.models.ChordANCF(2)),
     ]
-    models = models[:1] if quick else [*models, ("Model 0, 4", jb.ChordANCF(4))]
+    models = models[:1] if quick else [*models, ("Model 0, 4", jb.models.ChordANCF(4))]
     panels: list[list[tuple[str, Any, Any]]] = [
         [
             (f"{name}, N = {mass}", model, lambda r, mass=mass: rotor(BEAM, r, mass))
@@ -196,8 +198,8 @@ def maps(out: Path, quick: bool) -> None:
         ]
         for mass in (0.0, 1.0)
     ]
-    panels[0].append(("LC", jb.DiscreteLC(), springs))
-    panels[1].append(("LP", jb.DiscreteLP(), springs))
+    panels[0].append(("LC", jb.models.DiscreteLC(), springs))
+    panels[1].append(("LP", jb.models.DiscreteLP(), springs))
     radii = jnp.linspace(0.0, 4.0, 5 if quick else 9)
     speeds = jnp.geomspace(0.3, 100.0, 12 if quick else 22)  # over the first rest frequency
     figure, axes = plt.subplots(
@@ -225,7 +227,7 @@ def maps(out: Path, quick: bool) -> None:
             curve = CubicHermiteSpline(knots, values, slopes)(along)
             style = (
                 {"color": BLACK, "ls": "-"}
-                if family != jb.Family.AXIAL
+                if family != jb.models.Family.AXIAL
                 else {"color": GREEN, "ls": "--"}
             )
             ax.plot(along, curve, lw=2, **style)
@@ -306,7 +308,7 @@ def compiled(model: Any) -> tuple[Any, Any]:
     return jax.jit(jax.vmap(motion, (0, 0, None, None))), jax.jit(jax.vmap(boundary))
 
 
-def springs(radius: Any) -> jb.SpringRotor:
+def springs(radius: Any) -> jb.models.SpringRotor:
     """The discrete analogue with this hub radius, in m."""
     return eqx.tree_at(lambda r: r.hub_radius, SPRINGS, jnp.asarray(radius))
 
@@ -320,7 +322,9 @@ def tongues(out: Path, quick: bool) -> None:
     )
 
     def case(*, frequency: Any, depth: Any) -> Any:
-        found = jb.floquet(model, at, jb.ModulatedSpeed(mean, depth, frequency), throw=False)
+        found = jb.floquet(
+            model, at, jb.motions.ModulatedSpeed(mean, depth, frequency), throw=False
+        )
         return {"growth": found.growth_rate, "status": found.status}
 
     table = jb.sweep(case, jb.grid(frequency=np.asarray(frequency), depth=np.asarray(depth)))

@@ -71,7 +71,7 @@ def frequency_pair(
 
 
 @functools.cache  # one function, one compilation
-def peak_of(model: jb.AbstractModel) -> Callable[..., dict[str, Any]]:
+def peak_of(model: jb.models.AbstractModel) -> Callable[..., dict[str, Any]]:
     """Largest deflection of the tip up to half a period after a spin-up."""
 
     def peak(
@@ -106,7 +106,7 @@ class Family(NamedTuple):
         return ", ".join(parts)
 
 
-def spin_ups(families: Sequence[Family], speeds: Iterable[Any], sizes: Any) -> jb.Cases:
+def spin_ups(families: Sequence[Family], speeds: Iterable[Any], sizes: Any) -> jb.results.Cases:
     """All families, each to its speeds (over the first frequency at rest)."""
     rows = []
     for f, own in zip(families, speeds, strict=True):
@@ -116,7 +116,7 @@ def spin_ups(families: Sequence[Family], speeds: Iterable[Any], sizes: Any) -> j
             row = (duration, rest, f.abrupt, speed * rest, f.hub, f.tip, f.slenderness, size)
             rows.append(row)
     names = ("duration", "rest", "abrupt", "speed", "hub", "tip", "slenderness", "size")
-    return jb.listed(**dict(zip(names, np.array(rows).T, strict=True)))
+    return jb.points(**dict(zip(names, np.array(rows).T, strict=True)))
 
 
 @functools.cache
@@ -125,7 +125,9 @@ def rest_frequency(tip: float) -> float:
     return float(found.frequency[0])
 
 
-def sweep(what: str, function: Callable[..., Any], cases: jb.Cases, chunk: int = LANES) -> jb.Table:
+def sweep(
+    what: str, function: Callable[..., Any], cases: jb.results.Cases, chunk: int = LANES
+) -> jb.Table:
     began = time.perf_counter()
     table = jb.sweep(function, cases, chunk=chunk, progress=False)
     good = int(np.sum(table["status"] == 0))
@@ -139,7 +141,9 @@ def together(function: Callable[..., Any], *arguments: Sequence[Any]) -> list[An
         return list(pool.map(function, *arguments))
 
 
-def peaks(model: jb.AbstractModel, cases: jb.Cases, shape: tuple[int, ...]) -> np.ndarray:
+def peaks(
+    model: jb.models.AbstractModel, cases: jb.results.Cases, shape: tuple[int, ...]
+) -> np.ndarray:
     """NaN where a run failed."""
     table = sweep(f"{type(model).__name__}, spin-ups", peak_of(model), cases)
     return np.where(table["status"] == 0, table["peak"], np.nan).reshape(shape)
@@ -180,7 +184,7 @@ def frequency_errors(path: Path, **axes: Any) -> list[np.ndarray]:
     """Ratio, error and growth rate of the classical theory on a grid; NaN where modes fail."""
     grid = jb.grid(**axes)
     rest = np.array([rest_frequency(tip) for tip in grid.columns["tip"]])
-    cases = jb.listed(**grid.columns, rest=rest)
+    cases = jb.points(**grid.columns, rest=rest)
     table = sweep("Classical, frequencies", frequency_pair, cases, chunk=64)
     table.to_csv(path)
     shape = tuple(len(axis) for axis in grid.axes.values())
@@ -347,7 +351,7 @@ def deflection(quick: bool, out: Path, ax: Any) -> None:
     )  # fmt: skip
 
 
-def linearised(model: jb.AbstractModel) -> Callable[..., dict[str, Any]]:
+def linearised(model: jb.models.AbstractModel) -> Callable[..., dict[str, Any]]:
     """First two in-plane frequencies at the speed of a steady strain P(0) / EA."""
 
     def case(hub: Any, tip: Any, slenderness: Any, strain: Any) -> dict[str, Any]:
@@ -364,7 +368,7 @@ def strain(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     n = ELEMENTS
     models = {
         "exact": jb.EngineeringANCF(n),
-        "small strain": jb.SmallStrainANCF(n),
+        "small strain": jb.models.SmallStrainANCF(n),
         "hybrid": jb.Hybrid(2 * n + 1, 2 * n, 0, basis=HermiteElements(n)),
     }
     if not quick:
@@ -373,7 +377,7 @@ def strain(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     hubs, tips, slender = [0.0, 1.0], [0.0, 1.0], [100.0] if quick else [30.0, 100.0, 300.0]
     cases = jb.grid(hub=hubs, tip=tips, slenderness=slender, strain=level)
 
-    def run(model: jb.AbstractModel) -> np.ndarray:
+    def run(model: jb.models.AbstractModel) -> np.ndarray:
         what = f"{type(model).__name__}, steady strain"
         table = sweep(what, linearised(model), cases, chunk=36)
         return np.where((table["status"] == 0)[..., None], table["frequency"], np.nan)

@@ -44,15 +44,15 @@ STYLES |= {"NC": STYLES[EXACT], "NP": STYLES[EXACT]}
 STYLES |= {"LC": STYLES[CLASSICAL], "LP": STYLES[PRESENT], "NS": STYLES[VON_KARMAN]}
 ANGLE = 45.0  # between beam and axis in Figs. 8 and 9, degrees; that of Y is lost with its Fig. 7
 POINTS = 401  # output times of every run: another number would compile anew
-Models = Mapping[str, jb.AbstractModel]
+Models = Mapping[str, jb.models.AbstractModel]
 Row = tuple[Any, ...]
 
 
-class SpinUp(jb.Spin):
+class SpinUp(jb.motions.Spin):
     """The sum of two, one of them at rest: one class, so that a model compiles only once."""
 
     axis: jax.Array
-    parts: tuple[jb.Spin, jb.Spin]
+    parts: tuple[jb.motions.Spin, jb.motions.Spin]
 
     def angle(self, t: Any) -> Any:
         return self.parts[0].angle(t) + self.parts[1].angle(t)
@@ -60,13 +60,13 @@ class SpinUp(jb.Spin):
 
 def spin_up(duration: float, quintic: Any = 0.0, smooth: Any = 0.0, axis: Any = None) -> SpinUp:
     """To the speed `quintic` by Y eq. 21, or to the speed `smooth` by Y eq. 23."""
-    parts = jb.QuinticSpinUp(quintic, duration), jb.SmoothSpinUp(smooth, duration, axis)
+    parts = jb.motions.QuinticSpinUp(quintic, duration), jb.SmoothSpinUp(smooth, duration, axis)
     return SpinUp(parts[1].axis, parts)
 
 
-def inclined(angle: float) -> jb.Motion:
+def inclined(angle: float) -> jb.motions.Motion:
     """Then "in plane" is the outward u2, with I_zz, and "flap" the lag u3, with I_yy."""
-    return spin_up(1.5, smooth=3.0, axis=jb.inclined(np.radians(angle)))
+    return spin_up(1.5, smooth=3.0, axis=jb.motions.inclined_axis(np.radians(angle)))
 
 
 class Example(NamedTuple):
@@ -74,16 +74,16 @@ class Example(NamedTuple):
 
     figure: str
     length: float
-    rotor: jb.Rotor | jb.SpringRotor
-    motion: jb.Motion
+    rotor: jb.Rotor | jb.models.SpringRotor
+    motion: jb.motions.Motion
     times: np.ndarray
     components: dict[str, int]
     rtol: float = 1e-6
     case: str = ""
 
-    def run(self, model: jb.AbstractModel, throw: bool = True) -> jb.Simulation:
+    def run(self, model: jb.models.AbstractModel, throw: bool = True) -> jb.results.Simulation:
         # Twelve lengths are beyond what counts as diverged, and short of overflow.
-        runaway = isinstance(model, jb.Classical | jb.DiscreteLC)
+        runaway = isinstance(model, jb.Classical | jb.models.DiscreteLC)
         return jb.simulate(
             model, self.rotor, self.motion, self.times, throw=throw,
             event=jb.deflection_limit(12 * self.length) if runaway else None,
@@ -93,7 +93,7 @@ class Example(NamedTuple):
             ),
         )  # fmt: skip
 
-    def compare(self, models: Models, peaks: list[Row]) -> dict[str, jb.Simulation]:
+    def compare(self, models: Models, peaks: list[Row]) -> dict[str, jb.results.Simulation]:
         """Runs of some models, diverging ones as well; appends and prints their peaks."""
         with ThreadPoolExecutor(2) as pool:  # compiling takes most of the time, and one core each
             done = pool.map(lambda model: self.run(model, throw=False), models.values())
@@ -121,12 +121,12 @@ def rotor(mass: float, modulus: float, length: float, area: float, *moments: flo
     return jb.Rotor(jb.Beam(length, mass, modulus * area, *bending), 0.0, 0.0)
 
 
-def history(run: jb.Simulation, component: int) -> np.ndarray:
+def history(run: jb.results.Simulation, component: int) -> np.ndarray:
     """At the output times alone: a run with an event has one time more."""
     return np.asarray(run.partial.tip)[:POINTS, component]
 
 
-def draw(axes: Iterable[Any], example: Example, runs: Mapping[str, jb.Simulation]) -> None:
+def draw(axes: Iterable[Any], example: Example, runs: Mapping[str, jb.results.Simulation]) -> None:
     for ax, (label, component) in zip(axes, example.components.items(), strict=False):
         for name in sorted(runs, key=list(STYLES).index):
             ax.plot(example.times, history(runs[name], component), label=name, **STYLES[name])
@@ -239,7 +239,7 @@ def figures_8_and_9(out: Path, models: Models, angles: list[float], peaks: list[
     planar.compare({EXACT: models[EXACT]}, peaks)
 
 
-def steady_shape(example: Example, model: jb.AbstractModel, xi: np.ndarray) -> Any:
+def steady_shape(example: Example, model: jb.models.AbstractModel, xi: np.ndarray) -> Any:
     """Displacement of the points xi when the spin-up is over and all vibration gone."""
     steady = jb.steady_start(model, example.rotor, example.motion, example.times[-1])
     return model.equations(example.rotor).displacement(steady.q, xi)
@@ -285,7 +285,7 @@ def angle_sweep(out: Path, example: Example, models: Models, angles: list[float]
 def figures_12_to_14(out: Path, peaks: list[Row]) -> None:
     """The particle on two springs: five sets of equations at two speeds."""
     sets: Models = {n: getattr(jb, f"Discrete{n}")() for n in ("NC", "LC", "NP", "LP", "NS")}
-    springs = jb.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
+    springs = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
     examples = [
         Example(
             "12-14", 1.0, springs, jb.SmoothSpinUp(speed, 1.0), np.linspace(0, 2, POINTS), {"y": 1},

@@ -84,7 +84,7 @@ def rotors(draw, model):
     """A rotor, its unit of frequency (rad/s) and of force (N)."""
     length, unit = draw(decades(-2, 2)), draw(decades(-1, 2))
     slenderness = draw(decades(1, 3.5))
-    if model.rotor_type is jb.SpringRotor:
+    if model.rotor_type is jb.models.SpringRotor:
         mass = draw(decades(-3, 3))
         torsional = unit**2 * mass * length**2
         rotor = {
@@ -125,14 +125,14 @@ def spinning(draw, model):
 
 def build(model, p):
     """The rotor of these numbers."""
-    if model.rotor_type is jb.SpringRotor:
-        return jb.SpringRotor(*(p[key] for key in SPRINGS))
+    if model.rotor_type is jb.models.SpringRotor:
+        return jb.models.SpringRotor(*(p[key] for key in SPRINGS))
     return jb.Rotor(jb.Beam(*(p[key] for key in BEAM)), p["hub_radius"], p["tip_mass"])
 
 
 def broken(model, p, *others, **instead):
     """Status of the first number that is out of range: of the rotor, then of these others."""
-    for key in (SPRINGS if model.rotor_type is jb.SpringRotor else ROTOR) + others:
+    for key in (SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR) + others:
         value = p.get(key, 1.0)
         least = 0.0 if key in NOT_NEGATIVE else 5e-324 if key in POSITIVE else -math.inf
         if not (math.isfinite(value) and value >= least):

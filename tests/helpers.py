@@ -33,19 +33,25 @@ HASTY = {**USERS, "XLA_FLAGS": " ".join(["--xla_backend_optimization_level=1", *
 
 # One of each theory of planar elements, and of the discrete analogue.
 ELEMENTS = [
-    jb.SmallStrainANCF(2),
+    jb.models.SmallStrainANCF(2),
     jb.ANCF(2),
     jb.EngineeringANCF(2),
     jb.GreenANCF(2),
-    jb.ChordANCF(2),
-    jb.TangentANCF(2),
+    jb.models.ChordANCF(2),
+    jb.models.TangentANCF(2),
 ]
-DISCRETE = [jb.DiscreteNC(), jb.DiscreteNP(), jb.DiscreteLC(), jb.DiscreteLP(), jb.DiscreteNS()]
+DISCRETE = [
+    jb.models.DiscreteNC(),
+    jb.models.DiscreteNP(),
+    jb.models.DiscreteLC(),
+    jb.models.DiscreteLP(),
+    jb.models.DiscreteNS(),
+]
 
 
 def name(value: object) -> str:
     """What a parametrised test calls a model; with and without stretch it is another one."""
-    if isinstance(value, jb.AbstractModel):
+    if isinstance(value, jb.models.AbstractModel):
         return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"
     return ""
 

@@ -133,7 +133,7 @@ def test_southwell_at_one_speed(command, tmp_path):
     text = FREQUENCIES.split("[frequencies]")[0]
     assert command(text + "[southwell]\nin_plane = 2\nangular_speed = 3.0")[0] == 0
     found = columns(tmp_path / "scene/southwell.csv")
-    expected = jb.southwell(MODEL, jb.Rotor(BLADE, 0.5, 0.1), jb.labels(in_plane=2), 3.0)
+    expected = jb.southwell(MODEL, jb.Rotor(BLADE, 0.5, 0.1), 3.0, jb.labels(in_plane=2))
     coefficient = [found[f"coefficient[in-plane bending {k}]"][0] for k in (1, 2)]
     np.testing.assert_allclose(coefficient, expected.coefficient, rtol=1e-12)
 

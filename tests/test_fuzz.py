@@ -57,7 +57,7 @@ PATTERN = np.cos(np.arange(40.0))  # of coordinates at the start
 class Case(NamedTuple):
     """What compiles anew: `extras` are loads, damping, start (steady, then pushed), space."""
 
-    model: jb.AbstractModel
+    model: jb.models.AbstractModel
     motion: str
     extras: str = ""
     solver: Any = None
@@ -77,20 +77,20 @@ CASES = [
     Case(jb.VonKarman(3, 2, 0), "quintic", "damping"),
     Case(jb.GreenANCF(2), "up and down", "loads damping"),
     Case(jb.GreenANCF(4), "smooth", "", None, "adaptive"),
-    Case(jb.GreenANCF(2), "quintic", "", jb.ChordKvaerno5(), "fixed"),
+    Case(jb.GreenANCF(2), "quintic", "", jb.solvers.ChordKvaerno5(), "fixed"),
     Case(jb.ANCF(2), "quintic", "loads"),
-    Case(jb.ChordANCF(2), "smooth", "damping"),
-    Case(jb.DiscreteNC(), "quintic", "loads damping"),
-    Case(jb.DiscreteNP(), "constant", "start", None, "", 300),
+    Case(jb.models.ChordANCF(2), "smooth", "damping"),
+    Case(jb.models.DiscreteNC(), "quintic", "loads damping"),
+    Case(jb.models.DiscreteNP(), "constant", "start", None, "", 300),
 ]
 MOTIONS = {
     "constant": lambda p, axis: jb.ConstantSpeed(p["angular_speed"], axis),
     "smooth": lambda p, axis: jb.SmoothSpinUp(p["angular_speed"], p["duration"], axis),
-    "quintic": lambda p, axis: jb.QuinticSpinUp(p["angular_speed"], p["duration"], axis),
-    "modulated": lambda p, axis: jb.ModulatedSpeed(
+    "quintic": lambda p, axis: jb.motions.QuinticSpinUp(p["angular_speed"], p["duration"], axis),
+    "modulated": lambda p, axis: jb.motions.ModulatedSpeed(
         p["angular_speed"], p["depth"], p["frequency"], axis
     ),
-    "up and down": lambda p, axis: jb.SpinUpThenDown(
+    "up and down": lambda p, axis: jb.motions.SpinUpThenDown(
         jb.SmoothSpinUp(p["angular_speed"], p["duration"], axis), p["down_at"]
     ),
 }
@@ -146,7 +146,7 @@ def simulation(case):
 
     def run(p):
         rotor = build(model, p)
-        axis = jb.inclined(p["axis"]) if "axis" in p else None
+        axis = jb.motions.inclined_axis(p["axis"]) if "axis" in p else None
         motion = MOTIONS[case.motion](p, axis)
         loads = damping = None
         if "gravity" in p:
@@ -160,15 +160,15 @@ def simulation(case):
         if "start" in p:
             start = jb.steady_start(model, rotor, motion, loads=loads, throw=False)
             push = p["start"] * PATTERN[:n]
-            if isinstance(model, jb.DiscreteNP):
+            if isinstance(model, jb.models.DiscreteNP):
                 push = push.at[1].divide(p["length"])  # an angle
-            start = jb.State(start.q + push, start.v)
+            start = jb.solvers.State(start.q + push, start.v)
         found = jb.simulate(
             model, rotor, motion, p["end"] * np.linspace(0.0, 1.0, OUTPUTS), loads=loads,
             damping=damping, start=start, solver=case.solver, max_steps=case.max_steps,
             throw=False, **controls(p),
         )  # fmt: skip
-        asked = jb.State(jnp.zeros(n), jnp.zeros(n)) if start is None else start
+        asked = jb.solvers.State(jnp.zeros(n), jnp.zeros(n)) if start is None else start
         energies, rates, power = jax.vmap(functools.partial(books, found.scene))(
             found.times, found.state
         )
@@ -228,7 +228,7 @@ def books(scene, t, y):
         rigid = carried_by(scene.hub(t))[0]
         return jnp.stack([*scene.energies(t, y), scene.total_energy(t, y) - rigid])
 
-    moving = jb.State(y.v, scene.acceleration(t, y.q, y.v))
+    moving = jb.solvers.State(y.v, scene.acceleration(t, y.q, y.v))
     values, rates = jax.jvp(energies, (t, y), (jnp.ones_like(t), moving))
     return values, jnp.append(rates, power - lost @ y.v), torque @ spin
 
@@ -359,7 +359,7 @@ def check_modes(model, p):
 
 VIBRATING = [
     jb.Hybrid(2, 4, 2), jb.Classical(2, 3, 2), jb.VonKarman(3, 2, 2), jb.GreenANCF(2),
-    jb.ChordANCF(2), jb.SmallStrainANCF(2), jb.DiscreteNC(),
+    jb.models.ChordANCF(2), jb.models.SmallStrainANCF(2), jb.models.DiscreteNC(),
 ]  # fmt: skip
 
 
@@ -424,7 +424,7 @@ def stiffening(model):
 
     def run(p):
         rotor, speed = build(model, p), p["angular_speed"]
-        slope = jb.southwell(model, rotor, which, speed, throw=False)
+        slope = jb.southwell(model, rotor, speed, which, throw=False)
         unit = rotor.beam.frequency_scale
         scale = jnp.where(speed == 0, unit, jnp.maximum(jnp.abs(speed), unit / 10))
 
@@ -477,7 +477,7 @@ def critical(model):
         equations, rest = model.equations(rotor), jnp.zeros(len(model.families))
 
         def undeformed(speed):
-            hub = jb.Hub(*jnp.zeros((5, 3)))._replace(angular_velocity=speed * np.eye(3)[2])
+            hub = jb.motions.Hub(*jnp.zeros((5, 3)))._replace(angular_velocity=speed * np.eye(3)[2])
             return dense(equations.tangents(hub, rest, rest, None)[0])
 
         return {
@@ -496,8 +496,8 @@ def critical(model):
 
 
 CRITICAL = [
-    jb.Hybrid(3, 3, 3), jb.Classical(2, 3, 2), jb.VonKarman(4, 2, 2), jb.ChordANCF(1),
-    jb.GreenANCF(1), jb.DiscreteLC(),
+    jb.Hybrid(3, 3, 3), jb.Classical(2, 3, 2), jb.VonKarman(4, 2, 2), jb.models.ChordANCF(1),
+    jb.GreenANCF(1), jb.models.DiscreteLC(),
 ]  # fmt: skip
 
 
@@ -535,7 +535,7 @@ def test_critical_speeds(model, data, watched):
 def multipliers(model):
     def run(p):
         rotor = build(model, p)
-        motion = jb.ModulatedSpeed(p["angular_speed"], p["depth"], p["frequency"])
+        motion = jb.motions.ModulatedSpeed(p["angular_speed"], p["depth"], p["frequency"])
         damping = jb.Damping(p["mass_damping"], p["stiffness_damping"])
         found = jb.floquet(model, rotor, motion, damping=damping, throw=False)
         rest, one = (
@@ -554,7 +554,7 @@ def multipliers(model):
 
 def rotor_frequency(model, p):
     """Unit of frequency."""
-    if model.rotor_type is jb.SpringRotor:
+    if model.rotor_type is jb.models.SpringRotor:
         return (p["torsional_spring"] / p["mass"]) ** 0.5 / p["length"]
     return (p["in_plane_bending_stiffness"] / p["mass_per_length"]) ** 0.5 / p["length"] ** 2
 
@@ -591,7 +591,7 @@ def modulated(draw, model):
     return spoiled(draw, p)
 
 
-MODULATED = [jb.Hybrid(0, 1, 0), jb.Hybrid(1, 2, 1), jb.GreenANCF(1), jb.DiscreteLP()]
+MODULATED = [jb.Hybrid(0, 1, 0), jb.Hybrid(1, 2, 1), jb.GreenANCF(1), jb.models.DiscreteLP()]
 
 
 @pytest.mark.slow
@@ -643,7 +643,7 @@ def test_floquet_multipliers(model, data, watched):
 def stability(model):
     def run(p):
         rotor, speed = build(model, p), p["angular_speed"]
-        found = jb.stable_step(diffrax.Bosh3(), model, rotor, speed, throw=False)
+        found = jb.stable_step(model, rotor, speed, diffrax.Bosh3(), throw=False)
         system = model.linearise(rotor, speed, throw=False)
         return {
             "status": found.status,
@@ -692,18 +692,22 @@ ARGUMENTS = [
         (functools.partial(jb.Rotor, BEAM_OF_ONES), {"hub_radius": 1.0, "tip_mass": 1.0}, key)
         for key in ("hub_radius", "tip_mass")
     ),
-    *((jb.SpringRotor, dict.fromkeys(SPRINGS, 1.0), key) for key in SPRINGS),
+    *((jb.models.SpringRotor, dict.fromkeys(SPRINGS, 1.0), key) for key in SPRINGS),
     *(
         (kind, {"angular_speed": 1.0, "duration": 1.0}, key)
-        for kind in (jb.SmoothSpinUp, jb.QuinticSpinUp)
+        for kind in (jb.SmoothSpinUp, jb.motions.QuinticSpinUp)
         for key in ("angular_speed", "duration")
     ),
     (jb.ConstantSpeed, {"angular_speed": 1.0}, "angular_speed"),
     *(
-        (jb.ModulatedSpeed, dict.fromkeys(("mean", "depth", "frequency"), 1.0), key)
+        (jb.motions.ModulatedSpeed, dict.fromkeys(("mean", "depth", "frequency"), 1.0), key)
         for key in ("mean", "depth", "frequency")
     ),
-    (functools.partial(jb.SpinUpThenDown, jb.ConstantSpeed(1.0)), {"down_at": 1.0}, "down_at"),
+    (
+        functools.partial(jb.motions.SpinUpThenDown, jb.ConstantSpeed(1.0)),
+        {"down_at": 1.0},
+        "down_at",
+    ),
     (jb.Damping, {"mass": 1.0}, "mass"),
     (jb.Damping, {"stiffness": 1.0}, "stiffness"),
     (jb.Beam.from_slenderness, {"slenderness": 1.0}, "slenderness"),

@@ -55,7 +55,7 @@ def places(number, low=0.0, high=1.0):
 
 def scene(p, value, **declared):
     """Motion and loads that go with value(t, key)."""
-    motion = jb.HubVelocity(
+    motion = jb.motions.HubVelocity(
         lambda t: value(t, "velocity") * ACROSS,
         lambda t: value(t, "angular_speed") * ABOUT,
         **declared,
@@ -258,7 +258,7 @@ def tables(draw):
 def tabulated(smooth):
     def both(p):
         times = p["times"]
-        table = jb.TabulatedSpeed(times, p["speed"], smooth=smooth)
+        table = jb.motions.TabulatedSpeed(times, p["speed"], smooth=smooth)
 
         def speed(t):
             if not smooth:
@@ -270,7 +270,7 @@ def tabulated(smooth):
         def still(t):
             return jnp.zeros(3)
 
-        same = jb.HubVelocity(still, lambda t: speed(t) * ABOUT)
+        same = jb.motions.HubVelocity(still, lambda t: speed(t) * ABOUT)
         return run(MODEL, p, table), run(MODEL, p, same, tight=True)
 
     return jax.jit(both)

@@ -68,7 +68,7 @@ def critical(p):
 
 
 def multiplied(p):
-    motion = jb.ModulatedSpeed(p["angular_speed"], 0.3, 2 * math.pi / p["duration"])
+    motion = jb.motions.ModulatedSpeed(p["angular_speed"], 0.3, 2 * math.pi / p["duration"])
     found = jb.floquet(ONE, build(ONE, p), motion, throw=False)
     return found.status, (found.multipliers, jnp.exp(found.growth_rate * p["duration"]))
 
@@ -138,7 +138,7 @@ def boundaries(pair):
         nu = jnp.stack([low - width, low + width, (low + high) / 2, high - width, high + width])
 
         def growth(nu):
-            motion = jb.ModulatedSpeed(p["angular_speed"], p["depth"], nu)
+            motion = jb.motions.ModulatedSpeed(p["angular_speed"], p["depth"], nu)
             one = jb.floquet(TWO, rotor, motion, damping=damping, throw=False)
             return one.growth_rate, one.status
 
@@ -212,7 +212,7 @@ def fits(p):
     exact = predicted(build(TWO, p))
     measured = jnp.where(p["lost"].reshape(4, 2) == 1, jnp.nan, exact)
 
-    class Frequencies(jb.Experiment):
+    class Frequencies(jb.fitting.Experiment):
         rotor: jb.Rotor
         measured: jax.Array
         noise: jax.Array
@@ -223,7 +223,7 @@ def fits(p):
     def experiment(**free):
         return Frequencies(build(TWO, p | free), measured, p["noise"] * exact)
 
-    free = {key: jb.Free(p[key] * p["guess"][i]) for i, key in enumerate(FITTED)}
+    free = {key: jb.FreeParameter(p[key] * p["guess"][i]) for i, key in enumerate(FITTED)}
     found = jb.fit(experiment, free, max_steps=60)
     return found.status, found.parameters, found.deviation, found.misfit
 
@@ -265,15 +265,15 @@ def test_choices_of_the_ladder(data, watched):
     with watched((p, tolerance)):
         try:
             rotor = build(TWO, p)
-            question = jb.ModalFrequencies(p["angular_speed"], FIRST)
-            choice = jb.choose_model(question, rotor, tolerance)
+            question = jb.ladder.ModalFrequencies(p["angular_speed"], FIRST)
+            choice = jb.choose_model(rotor, question, tolerance)
         except (ValueError, RuntimeError) as error:
             event(f"{type(error).__name__}: {error}")
             return
         event("met" if choice.met else "not met")
         assert np.isfinite(choice.answer).all() == choice.met
         assert choice.met == (choice.estimate <= tolerance)
-        exact = jb.answer(question, rotor, jb.EngineeringANCF(48), 1e-9)
+        exact = jb.ladder.ask(jb.EngineeringANCF(48), rotor, question, 1e-9)
         if int(exact.status) == Status.OK and np.isfinite(choice.estimate):
             event("compared")
             error = np.max(np.abs(choice.partial / np.asarray(exact.value) - 1))

@@ -9,6 +9,8 @@ import pytest
 import jaxbeam
 
 PACKAGE = Path(jaxbeam.__file__).parent
+# Public modules of names by subject.
+SUBJECTS = ["models", "motions", "solvers", "results", "fitting", "ladder"]
 # Rooms, folders or single modules: each may import from those above it alone.
 ROOMS = [
     "_types",
@@ -24,6 +26,7 @@ ROOMS = [
     "_simulation",
     "_fitting",
     "_ladder",
+    *SUBJECTS,
     "plot",
     "__main__",
 ]

@@ -30,13 +30,13 @@ def case(angular_speed, hub_radius, tip_mass):
     rotor = jb.Rotor(beam, hub_radius, tip_mass)
     return jb.modes(MODEL, rotor, angular_speed, 6, throw=False)
 columns = dict(zip(("angular_speed", "hub_radius", "tip_mass"), cases.T))
-table = jb.sweep(case, jb.listed(**columns), chunk=100)
+table = jb.sweep(case, jb.points(**columns), chunk=100)
 assert table["status"].shape == (1000,)
 """
 
 # Several models, gradients and second derivatives side by side in one program.
 MIXED = """
-models = jb.Hybrid(6, 8, 8), jb.ANCF(6), jb.SmallStrainANCF(10), jb.Classical(4, 6, 0)
+models = jb.Hybrid(6, 8, 8), jb.ANCF(6), jb.models.SmallStrainANCF(10), jb.Classical(4, 6, 0)
 @jax.jit
 @jax.vmap
 def everything(c):

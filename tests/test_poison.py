@@ -43,14 +43,14 @@ def elements(speed, tip_mass):
 
 
 def modulated(speed, tip_mass):
-    motion = jb.ModulatedSpeed(speed, 0.3, 5.0)
+    motion = jb.motions.ModulatedSpeed(speed, 0.3, 5.0)
     model, rotor = jb.Hybrid(0, 2, 0), jb.Rotor(BEAM, 0.0, tip_mass)
     return jb.floquet(model, rotor, motion, throw=False)
 
 
 def steepness(speed, tip_mass):
     return jb.southwell(
-        jb.Hybrid(0, 3, 0), jb.Rotor(BEAM, 0.0, tip_mass), FIRST, speed, throw=False
+        jb.Hybrid(0, 3, 0), jb.Rotor(BEAM, 0.0, tip_mass), speed, FIRST, throw=False
     )
 
 
@@ -78,11 +78,11 @@ slow = pytest.mark.slow
 def test_poison(function, poison, status):
     rng = np.random.default_rng(0)
     columns = {"speed": rng.uniform(0.0, 2.0, N), "tip_mass": rng.uniform(0.0, 1.0, N)}
-    sound = jb.sweep(function, jb.listed(**columns), chunk=100)
+    sound = jb.sweep(function, jb.points(**columns), chunk=100)
     assert (sound["status"] == jb.Status.OK).all()
     for name, value in poison.items():
         columns[name][POISONED] = value
-    table = jb.sweep(function, jb.listed(**columns), chunk=100)
+    table = jb.sweep(function, jb.points(**columns), chunk=100)
     assert table["status"][POISONED] == status
     for name in sound.values:
         others = [np.delete(t[name], POISONED, axis=0).tobytes() for t in (sound, table)]

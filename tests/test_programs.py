@@ -15,7 +15,7 @@ BLADE = jb.Beam.from_section(
 )  # fmt: skip
 ROTOR = jb.Rotor(BLADE, 0.5, 0.1)
 HYBRID, WHICH = jb.Hybrid(), jb.labels(in_plane=2, flap=1)
-MOTION = jb.ModulatedSpeed(3.0, 0.5, 10.0)
+MOTION = jb.motions.ModulatedSpeed(3.0, 0.5, 10.0)
 
 
 def spun_up(rotor):
@@ -38,7 +38,9 @@ def fitted(measured):
             for more in (0.0, 0.2)
         ]
 
-    return jb.fit(experiments, {"stiffness": jb.Free(500.0), "tip_mass": jb.Free(0.2)})
+    return jb.fit(
+        experiments, {"stiffness": jb.FreeParameter(500.0), "tip_mass": jb.FreeParameter(0.2)}
+    )
 
 
 @pytest.mark.parametrize(
@@ -46,8 +48,8 @@ def fitted(measured):
     [
         (lambda rotor: jb.modes(HYBRID, rotor, 10.0, WHICH), ROTOR, 2300),
         (lambda rotor: jb.frequencies(HYBRID, rotor, 10.0), ROTOR, 3000),
-        (lambda rotor: jb.southwell(HYBRID, rotor, WHICH), ROTOR, 4500),
-        (lambda rotor: jb.critical_speed(jb.ChordANCF(4), rotor), ROTOR, 5000),
+        (lambda rotor: jb.southwell(HYBRID, rotor, 0.0, WHICH), ROTOR, 4500),
+        (lambda rotor: jb.critical_speed(jb.models.ChordANCF(4), rotor), ROTOR, 5000),
         (lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3100),
         (fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300),
         (spun_up, ROTOR, 4900),
@@ -102,7 +104,7 @@ import jaxbeam as jb
 
 model, banded, plain = jb.Hybrid(2, 3, 2), jb.Hybrid(8, 10, 0), jb.Hybrid(0, 2, 0)
 which = jb.labels(in_plane=2, flap=1)
-first, motion = which[:1], jb.ModulatedSpeed(2.0, 0.5, 3.0)
+first, motion = which[:1], jb.motions.ModulatedSpeed(2.0, 0.5, 3.0)
 
 
 def rotor(stiffness):
@@ -125,16 +127,18 @@ differentiable = {
     "linearise": lambda s: model.linearise(rotor(s), 3.0).stiffness[0, 0],
     "southwell": lambda s: jb.southwell(model, rotor(s), which).coefficient[0],
     "crossing": lambda s: jb.crossing(model, rotor(s), first[0], 2.0, (0.5, 8.0)).angular_speed,
-    "critical_speed": lambda s: jb.critical_speed(jb.ChordANCF(2), rotor(s)).angular_speed,
+    "critical_speed": lambda s: jb.critical_speed(jb.models.ChordANCF(2), rotor(s)).angular_speed,
     "floquet": lambda s: jb.floquet(model, rotor(s), motion, steps=128).growth_rate,
     "tongue": lambda s: jb.tongue(plain, rotor(s), 2.0, first * 2, [0.1]).frequency[0, 0],
 }
-free = {"stiffness": jb.Free(500.0), "tip_mass": jb.Free(0.2, prior=(0.1, 0.1))}
+free = {"stiffness": jb.FreeParameter(500.0), "tip_mass": jb.FreeParameter(0.2, prior=(0.1, 0.1))}
 others = {
     "campbell": lambda: jb.campbell(model, rotor(560.0), np.linspace(0.1, 6.0, 8), which),
     "fit": lambda: jb.fit(experiment, free),
     "sweep": lambda: jb.sweep(lowest, jb.grid(stiffness=[500.0, 600.0])),
-    "choose_model": lambda: jb.choose_model(jb.ModalFrequencies(3.0, first), rotor(560.0), 1e-2),
+    "choose_model": lambda: jb.choose_model(
+        rotor(560.0), jb.ladder.ModalFrequencies(3.0, first), 1e-2
+    ),
 }
 for name, answer in differentiable.items():
     others[name] = lambda answer=answer: answer(560.0)

@@ -1,5 +1,6 @@
 """The example of the README prints what the README says, and its commands are those of CI."""
 
+import importlib
 import re
 import subprocess
 import sys
@@ -7,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import jaxbeam as jb
 
 from tests.helpers import USERS
 
@@ -56,6 +59,31 @@ def test_continuous_integration_runs_the_test_command():
     pattern = re.search("grep -m1 '(.*)' README.md", (ROOT / ".ci" / "run").read_text())[1]
     found = next(line for line in README.splitlines() if re.search(pattern, line))
     assert found == 'python -m pip install ".[test]" && python -m pytest'
+
+
+def test_the_table_of_names_has_all_of_them():
+    table = README.split("## What there is")[1].split("\n\n**To begin with**")[0]
+    named = set(re.findall(r"`(\w+(?:\.\w+)*)`", table))
+    subjects = {name for name in jb._ROOMS if jb._ROOMS[name] == "jaxbeam"}
+    public = {name for name in jb._ROOMS if name not in subjects} | {"plot"}
+    for subject in subjects - {"plot"}:
+        names = vars(importlib.import_module(f"jaxbeam.{subject}"))
+        public |= {f"{subject}.{name}" for name in names if not name.startswith("_")}
+    assert public <= named
+    assert len([name for name in public if "." not in name]) <= 40
+
+
+def test_help_is_one_page_that_names_what_is_everyday():
+    said = set(re.findall(r"\w+", jb.__doc__))
+    assert {name for name, room in jb._ROOMS.items() if room != "jaxbeam"} - said == set()
+    assert len(jb.__doc__.splitlines()) <= 40
+
+
+def test_a_name_that_is_elsewhere_says_where():
+    with pytest.raises(AttributeError, match="it is in jaxbeam.motions"):
+        jb.QuinticSpinUp  # noqa: B018
+    with pytest.raises(AttributeError, match="no attribute 'Quintic'$"):
+        jb.Quintic  # noqa: B018
 
 
 def test_pictures_exist():

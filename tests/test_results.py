@@ -33,7 +33,7 @@ def run_through_functions(tip_mass):
     def turn(t):
         return jnp.asarray([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
-    motion = jb.HubPose(lambda t: jnp.array([0.0, 1.0, 0.0]) * jnp.sin(t) ** 2, turn)
+    motion = jb.motions.HubPose(lambda t: jnp.array([0.0, 1.0, 0.0]) * jnp.sin(t) ** 2, turn)
     return jb.simulate(jb.Hybrid(0, 1, 0), rotor(tip_mass), motion, TIMES, throw=False)
 
 
@@ -41,12 +41,12 @@ def fitted(intercept):
     """A straight line that passes through zero at one."""
     x = np.linspace(-1.0, 2.0, 12)
     y = intercept * (1 - x) + 0.01 * np.cos(9 * x)
-    return jb.fit(line(x, y, 0.02), {name: jb.Free(0.5, -np.inf) for name in "ab"})
+    return jb.fit(line(x, y, 0.02), {name: jb.FreeParameter(0.5, -np.inf) for name in "ab"})
 
 
 def answered(speed):
-    question = jb.PeakDeflection(jb.SmoothSpinUp(speed, 3.0), TIMES)
-    return jb.answer(question, rotor(), jb.Hybrid(0, 2, 0))
+    question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(speed, 3.0), TIMES)
+    return jb.ladder.ask(jb.Hybrid(0, 2, 0), rotor(), question)
 
 
 MODEL = jb.Hybrid(2, 3, 2)
@@ -57,16 +57,16 @@ RESULTS = {
     "Modes": lambda x: jb.modes(MODEL, rotor(), x, 4, throw=False),
     "Frequencies": lambda x: jb.frequencies(jb.Hybrid(), rotor(), x, 2, throw=False),
     "LinearSystem": lambda x: MODEL.linearise(rotor(), x, throw=False),
-    "Southwell": lambda x: jb.southwell(jb.Hybrid(0, 3, 0), rotor(), FIRST, x, throw=False),
+    "Southwell": lambda x: jb.southwell(jb.Hybrid(0, 3, 0), rotor(), x, FIRST, throw=False),
     "Crossing": lambda x: jb.crossing(
-        jb.Hybrid(0, 3, 0), rotor(), FIRST[0], 2.0 * x, (0.1, 9.0), throw=False
+        jb.Hybrid(0, 3, 0), rotor(), (0.1, 9.0), FIRST[0], 2.0 * x, throw=False
     ),
     "CriticalSpeed": lambda x: jb.critical_speed(jb.Classical(0, 3, 0), rotor(x), throw=False),
     "StableStep": lambda x: jb.stable_step(
-        diffrax.Bosh3(), jb.Hybrid(0, 3, 0), rotor(), x, throw=False
+        jb.Hybrid(0, 3, 0), rotor(), x, diffrax.Bosh3(), throw=False
     ),
     "Floquet": lambda x: jb.floquet(
-        jb.Hybrid(0, 2, 0), rotor(), jb.ModulatedSpeed(x, 0.3, 5.0), throw=False
+        jb.Hybrid(0, 2, 0), rotor(), jb.motions.ModulatedSpeed(x, 0.3, 5.0), throw=False
     ),
     "Tongue": lambda x: jb.tongue(
         jb.Hybrid(0, 1, 0), rotor(), x, FIRST * 2, [0.1, 0.2], throw=False
@@ -87,10 +87,10 @@ def asked(result):
             found[name] = getattr(result, name)
         elif callable(member) and name != "predict":
             found[name] = getattr(result, name)()
-    if isinstance(result, jb.Fit):
+    if isinstance(result, jb.results.Fit):
         found["predict"] = result.predict(lambda a, b: a * jnp.arange(3.0) + b)
         found["width"] = result.width(0.5)
-    if isinstance(result, jb.Simulation):
+    if isinstance(result, jb.results.Simulation):
         found["points"] = result.displacement([0.5, 1.0]), result.partial.strain([0.0, 0.1])
         found["flap"] = result.peak(2, 0.5)
         found["fields"] = result.times, result.state, result.imbalance, result.status
@@ -218,8 +218,8 @@ def test_matrices_out_of_range_are_nan():
 
 
 def test_answers_that_failed_are_nan():
-    question = jb.DeflectionHistory(jb.SmoothSpinUp(3.0, 3.0), TIMES, max_steps=10)
-    found = jb.answer(question, rotor(), jb.Hybrid(0, 2, 0))
+    question = jb.ladder.DeflectionHistory(jb.SmoothSpinUp(3.0, 3.0), TIMES, max_steps=10)
+    found = jb.ladder.ask(jb.Hybrid(0, 2, 0), rotor(), question)
     assert int(found.status) == jb.Status.MAX_STEPS
     for number in (found.value, found.scale, found.size, found.slope):
         assert np.isnan(number).all()
@@ -247,13 +247,13 @@ NUMBERS = {
     ),
     "southwell": (
         lambda p, x: jb.southwell(
-            jb.Hybrid(2, 3, 0), rotor(p), FIRST, x + p, throw=False
+            jb.Hybrid(2, 3, 0), rotor(p), x + p, FIRST, throw=False
         ).coefficient[0],
         [1.0, 1e4, np.nan],
     ),
     "crossing": (
         lambda p, x: jb.crossing(
-            jb.Hybrid(0, 3, 0), rotor(p), FIRST[0], x, (0.1 * p, 9.0), throw=False
+            jb.Hybrid(0, 3, 0), rotor(p), (0.1 * p, 9.0), FIRST[0], x, throw=False
         ).angular_speed,
         [4.0, 1e-3, np.nan],
     ),
@@ -265,13 +265,13 @@ NUMBERS = {
     ),
     "stable_step": (
         lambda p, x: jb.stable_step(
-            diffrax.Bosh3(), jb.Hybrid(2, 3, 0), rotor(p), x, growth=100.0 * p, throw=False
+            jb.Hybrid(2, 3, 0), rotor(p), x, diffrax.Bosh3(), growth=100.0 * p, throw=False
         ).step,
         [1.0, 1e3, np.nan],
     ),
     "floquet": (
         lambda p, x: jb.floquet(
-            jb.Hybrid(0, 2, 0), rotor(p), jb.ModulatedSpeed(x, 0.3, 5.0 * p),
+            jb.Hybrid(0, 2, 0), rotor(p), jb.motions.ModulatedSpeed(x, 0.3, 5.0 * p),
             damping=jb.Damping(0.1 * p), throw=False,
         ).growth_rate,
         [1.0, 1e3, np.nan],

@@ -28,7 +28,7 @@ from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spins import ConstantSpeed
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import check_scene, checked_times, input_status
+from jaxbeam._simulation.scene import check_scene, checked_times, scene_status
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_known
@@ -236,7 +236,7 @@ class StaticData(Experiment):
         """Displacements at the equilibrium, NaN where none was found."""
         motion, zero = ConstantSpeed(self.angular_speed), jnp.zeros_like(self.angular_speed)
         moments = jnp.stack([zero, zero + 1])
-        given, _ = input_status(
+        given, _ = scene_status(
             self.model, self.rotor, motion, self.loads, Damping(), moments, moments
         )
         equations = self.model.equations(self.rotor)

@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from jaxbeam._checks import kind_of, real_scalar
 from jaxbeam._fitting.experiments import Experiment
-from jaxbeam._fitting.free import Free, values_of
+from jaxbeam._fitting.free import FreeParameter, values_of
 from jaxbeam._fitting.result import (
     UNSURE,
     Experiments,
@@ -46,7 +46,7 @@ class Descent(NamedTuple):
 
 def fit(
     experiments: Experiments,
-    free: dict[str, Free],
+    free: dict[str, FreeParameter],
     *,
     descent: Descent | None = None,
     solver: Any = None,
@@ -92,8 +92,8 @@ def fit(
     for name, each in free.items():
         if not isinstance(name, str):
             raise TypeError(f"free must name parameters by texts, got {name!r}")
-        if not isinstance(each, Free):
-            raise TypeError(f"free[{name!r}] must be a Free, got {type(each).__name__}")
+        if not isinstance(each, FreeParameter):
+            raise TypeError(f"free[{name!r}] must be a FreeParameter, got {type(each).__name__}")
     problem = Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
     zero = jnp.asarray(np.zeros(len(free)))
     guessed = problem.named({name: each.guess for name, each in free.items()})
@@ -158,8 +158,8 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     )
     z = found.value
     residual, jacobian = problem.with_jacobian(z)
-    listed = problem.listed(z)
-    freedom = jnp.asarray(problem.count(listed) - m)
+    experiments = problem.experiments_at(z)
+    freedom = jnp.asarray(problem.count(experiments) - m)
     square = jnp.sum(residual**2)
     misfit = square / jnp.maximum(freedom, 1)
     level = jnp.where(freedom < 1, jnp.inf, jnp.sqrt(misfit))
@@ -186,7 +186,7 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     known = (values_of(problem.free, z), deviation, covariance)
     values, deviation, covariance = where_known(status == Status.OK, known)
     names, residuals, start = list(problem.free), [], 0
-    for each in listed:
+    for each in experiments:
         own = residual[start : start + each.measured.size].reshape(each.measured.shape)
         residuals.append(jnp.where(each.present, own, jnp.nan))
         start += own.size

@@ -12,7 +12,7 @@ from jaxbeam._checks import known, real_scalar
 from jaxbeam._types import Scalar, is_known
 
 
-class Free(eqx.Module):
+class FreeParameter(eqx.Module):
     """A parameter to be found: a guess, strict bounds, and what is known of it before.
 
     The search runs over z, with z = 0 at the guess:
@@ -79,6 +79,6 @@ class Free(eqx.Module):
         return jnp.minimum(value - self.lower, self.upper - value)
 
 
-def values_of(free: dict[str, Free], z: Array) -> dict[str, Scalar]:
+def values_of(free: dict[str, FreeParameter], z: Array) -> dict[str, Scalar]:
     """The parameters by name, from the variables of the search."""
     return {name: each.value(z[i]) for i, (name, each) in enumerate(free.items())}

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import known
 from jaxbeam._fitting.experiments import Experiment, residuals_of
-from jaxbeam._fitting.free import Free, values_of
+from jaxbeam._fitting.free import FreeParameter, values_of
 from jaxbeam._results import per_case, where_known
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_known
@@ -28,9 +28,9 @@ class Problem(eqx.Module):
     """Residuals as a function of z, with those of priors at the end."""
 
     experiments: Experiments
-    free: dict[str, Free]
+    free: dict[str, FreeParameter]
 
-    def listed(self, z: Array) -> list[Experiment]:
+    def experiments_at(self, z: Array) -> list[Experiment]:
         return self.named(values_of(self.free, z))
 
     def named(self, values: dict[str, Scalar]) -> list[Experiment]:
@@ -38,7 +38,7 @@ class Problem(eqx.Module):
         return list(found) if isinstance(found, list | tuple) else [found]  # type: ignore[list-item]
 
     def residual(self, z: Array, _: Any = None) -> Array:
-        parts = residuals_of(self.listed(z))
+        parts = residuals_of(self.experiments_at(z))
         for i, free in enumerate(self.free.values()):
             if free.prior is not None:
                 mean, deviation = free.prior
@@ -69,7 +69,7 @@ class Fit(eqx.Module):
     | freedom     | ()     | n - m                                                                |
     | certainty   | (m,)   | singular values of the Jacobian by parameters over their `unit`      |
     | directions  | (m, m) | the combination of these that belongs to each, in rows               |
-    | unit        | (m,)   | what changes of a parameter are measured by: its size, see `Free`    |
+    | unit        | (m,)   | what changes of a parameter are measured by: its size, `FreeParameter` |
     | at_bound    | ()     | by name, whether a bound is nearer than a tenth of the deviation     |
     | steps       | ()     | of the last search                                                   |
     | status      | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`          |
@@ -91,7 +91,7 @@ class Fit(eqx.Module):
     at_bound: dict[str, Array]
     steps: Array
     status: Code
-    free: dict[str, Free]
+    free: dict[str, FreeParameter]
     z: Float[Array, " m"]
     scale: Scalar
     known_noise: bool = eqx.field(static=True)

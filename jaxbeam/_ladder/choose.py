@@ -35,7 +35,7 @@ from jaxbeam._models.base import AbstractModel, checked_model
 from jaxbeam._models.modal import Classical, Hybrid
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
-from jaxbeam._status import Status
+from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Real, Scalar
 
 INTEGRATION = 0.05  # of the tolerance, left to numerical integration
@@ -47,26 +47,30 @@ NOT_NEEDED = "not needed"
 _UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
 
 
-def answer(
-    question: Question,
-    rotor: Rotor,
+def ask(
     model: AbstractModel,
+    rotor: Rotor,
+    question: Question,
     accuracy: Real = 1e-6,
     size: Real = UNKNOWN,
+    *,
+    throw: bool = True,
 ) -> Answer:
-    """What one model says: `Question.answer`, compiled. Failures are left in `Answer.status`,
-    and the numbers are then NaN.
+    """What one model says: `Question.answer`, compiled.
 
     `accuracy` is that of numerical integration, relative, where the largest deflection is `size`
-    times the length. Raises `ValueError` or `TypeError` for parameters out of range.
+    times the length. Raises `ValueError` or `TypeError` for parameters out of range and
+    `RuntimeError` where the model has no answer; with `throw=False` failures of a model are left in
+    `Answer.status`, and the numbers are then NaN.
     """
-    return _answer(
+    result = _answer(
         checked_question(question),
         checked_rotor(Rotor, rotor),
         checked_model(model),
         positive("accuracy", accuracy),
         positive("size", size),
     )
+    return raise_unless_ok(result, result.status) if throw else result
 
 
 @Program
@@ -153,7 +157,7 @@ def checked_tolerance(tolerance: float) -> float:
     return float(tolerance)
 
 
-def choose_model(question: Question, rotor: Rotor, tolerance: float = 1e-3) -> Choice:
+def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> Choice:
     """The cheapest model that answers a question about a rotor to a relative `tolerance`.
 
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
@@ -282,7 +286,7 @@ class _Asker:
         self.found: dict[AbstractModel, Answer] = {}
 
     def given(self, model: AbstractModel, tighter: float = 1.0) -> tuple[Any, ...]:
-        # Arrays that are not weakly typed, as those of `answer`: else all would compile twice.
+        # Arrays that are not weakly typed, as those of `ask`: else all would compile twice.
         how = (real_scalar("accuracy", self.accuracy * tighter), real_scalar("size", self.size))
         return self.question, self.rotor, model, *how
 

@@ -21,7 +21,7 @@ from jaxbeam._sweeps.sweep import compiled, sweep
 from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
 
-Situation = Callable[..., tuple[Question, Rotor]]
+Situation = Callable[..., tuple[Rotor, Question]]
 SIZE = "deflection to expect"  # no parameter of the user's has this name
 
 
@@ -31,7 +31,7 @@ class Know(eqx.Module):
     situation: Situation
 
     def __call__(self, **parameters: Scalar) -> dict[str, Any]:
-        question, rotor = self.situation(**parameters)
+        rotor, question = self.situation(**parameters)
         speed = question.speed()
         strain = rotor.steady_strain(speed)
         status = rotor.status(jnp.zeros_like(speed))  # the rest is for the first answer to say
@@ -47,7 +47,7 @@ class Ask(eqx.Module):
 
     def __call__(self, **parameters: Scalar) -> Answer:
         size = parameters.pop(SIZE)
-        question, rotor = self.situation(**parameters)
+        rotor, question = self.situation(**parameters)
         return question.answer(self.model, rotor, self.accuracy, size)
 
 

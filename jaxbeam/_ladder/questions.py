@@ -19,7 +19,7 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import check_scene, checked_times, during, input_status
+from jaxbeam._simulation.scene import check_scene, checked_times, during, scene_status
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Real, Scalar, Vector
@@ -149,7 +149,7 @@ class _InTime(Question):
         return jnp.max(jnp.linalg.norm(spin, axis=1))
 
     def planar(self, rotor: Rotor) -> Array:
-        given, _ = input_status(
+        given, _ = scene_status(
             _LEAST, rotor, self.motion, self.loads, self.damping, self.times, during(self.times)
         )
         return given != Status.OUT_OF_PLANE

@@ -67,7 +67,7 @@ def _modal(theory: type[Any], n: int, planar: bool, stretch: int = 0) -> Any:
     return theory(stretch, n, 0 if planar else n, basis=basis)
 
 
-def ladder(question: Question, rotor: Rotor) -> list[Rung]:
+def rungs(rotor: Rotor, question: Question) -> list[Rung]:
     """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
 
     In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
@@ -87,8 +87,8 @@ def rungs_of(question: Question, planar: bool) -> list[Rung]:
         models += [_modal(Hybrid, n, planar, n)] * (n >= 4)
         models += [_modal(VonKarman, n, planar)] * (n in (2, 4) and planar)
     costs = [_cost(question, model) for model in models]
-    rungs = [Rung(m, cost / min(costs)) for m, cost in zip(models, costs, strict=True)]
-    return sorted(rungs, key=lambda rung: rung.cost)
+    found = [Rung(m, cost / min(costs)) for m, cost in zip(models, costs, strict=True)]
+    return sorted(found, key=lambda rung: rung.cost)
 
 
 def _cost(question: Question, model: AbstractModel) -> float:

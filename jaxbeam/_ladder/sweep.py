@@ -62,7 +62,7 @@ def ladder_sweep(
 ) -> Table:
     """Answer a question about every case, each on a rung that suffices.
 
-    `situation(**parameters)` returns a `Question` and a `Rotor`; like a function given to `sweep`
+    `situation(**parameters)` returns a `Rotor` and a `Question`; like a function given to `sweep`
     it is written for one case and sees the parameters of `cases` as scalars. All questions must be
     of one kind, and of equally many times.
 
@@ -144,9 +144,9 @@ def _example(situation: Situation, cases: Cases) -> Question:
     number = jax.ShapeDtypeStruct((), jnp.result_type(float))
     out = eqx.filter_eval_shape(situation, **dict.fromkeys(cases.columns, number))
     match out:
-        case (Question() as question, Rotor()):
+        case (Rotor(), Question() as question):
             return question
-    raise TypeError("situation must return a Question and a Rotor")
+    raise TypeError("situation must return a Rotor and a Question")
 
 
 def _swept(
@@ -175,8 +175,8 @@ def _swept(
     if 0.03 * reach.min() > tolerance:  # a tenth of what linear theory leaves out as a rule
         linear = []
     pool.begin(*linear[:top])
-    told = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
-    known = cases[told], reach[told], tolerance, left_of(question)
+    sample = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
+    known = cases[sample], reach[sample], tolerance, left_of(question)
     rich, truth = _calibrated(pool, elements, *known, 0.0 if planar else SPACE)
     poor = [_linear(pool, linear, truth, rich.theory, *known)] if linear else []
     estimate, status = out["estimate"], out["status"]
@@ -228,31 +228,31 @@ def _representatives(
 
 
 def _calibrated(
-    pool: Pool, elements: list[AbstractModel], told: np.ndarray, reach: np.ndarray,
+    pool: Pool, elements: list[AbstractModel], sample: np.ndarray, reach: np.ndarray,
     tolerance: float, share: float, beyond: float,
 ) -> tuple[_Chain, Answer]:  # fmt: skip
     """The non-linear chain, and its best answers; `beyond`: see `_Chain.theory`."""
-    judge, truth = _judged(pool, told, elements, tolerance)
-    chain = _chain(pool, told, elements, truth, judge, share, tolerance)
+    judge, truth = _judged(pool, sample, elements, tolerance)
+    chain = _chain(pool, sample, elements, truth, judge, share, tolerance)
     middle = elements[int(np.median(judge))]
-    noise = _noise(pool, told, middle, np.asarray(truth.status == Status.OK))
+    noise = _noise(pool, sample, middle, np.asarray(truth.status == Status.OK))
     return chain._replace(theory=beyond, noise=noise), truth
 
 
 def _linear(
     pool: Pool, linear: Sequence[AbstractModel], truth: Answer, beyond: float,
-    told: np.ndarray, reach: np.ndarray, tolerance: float, share: float,
+    sample: np.ndarray, reach: np.ndarray, tolerance: float, share: float,
 ) -> _Chain:  # fmt: skip
     """The linear chain, up to a rung whose number of functions will do. Where the reach is small it
     errs by that number alone."""
     small = (reach <= _SMALL * tolerance) & (truth.status == Status.OK)
     for top in range(min(2, len(linear)), len(linear) + 1):
         models = list(linear[:top])
-        chain = _chain(pool, told, models, truth, np.where(small, top, 0), share, tolerance)
-        best = pool(models[-1], told)
-        off, own = best.distance(truth), np.zeros(len(told))
+        chain = _chain(pool, sample, models, truth, np.where(small, top, 0), share, tolerance)
+        best = pool(models[-1], sample)
+        off, own = best.distance(truth), np.zeros(len(sample))
         if top > 1:
-            own = chain.ratio[-1] * best.distance(pool(models[-2], told))
+            own = chain.ratio[-1] * best.distance(pool(models[-2], sample))
         if not small.any() or np.median(own[small]) <= _START * tolerance:
             break
     use = np.isfinite(off) & np.isfinite(own) & (reach > 0)
@@ -262,26 +262,26 @@ def _linear(
 
 
 def _judged(
-    pool: Pool, told: np.ndarray, elements: list[AbstractModel], tolerance: float
+    pool: Pool, sample: np.ndarray, elements: list[AbstractModel], tolerance: float
 ) -> tuple[np.ndarray, Answer]:
     """The rung that judges each representative, and its answer, not OK where none stands still."""
-    judge = np.full(len(told), len(elements) - 1)
-    left = np.arange(len(told))
+    judge = np.full(len(sample), len(elements) - 1)
+    left = np.arange(len(sample))
     for k in range(1, len(elements)):
-        coarse, fine = (pool(model, told[left]) for model in elements[k - 1 : k + 1])
+        coarse, fine = (pool(model, sample[left]) for model in elements[k - 1 : k + 1])
         judge[left] = k
         left = left[~(coarse.distance(fine) <= JUDGE * tolerance)]
         if not left.size:
             break
-    finest = [pool(elements[k], told[i : i + 1]) for i, k in enumerate(judge)]
+    finest = [pool(elements[k], sample[i : i + 1]) for i, k in enumerate(judge)]
     truth = jax.tree.map(lambda *leaves: np.concatenate(leaves), *finest)
-    unsure = np.isin(np.arange(len(told)), left)
+    unsure = np.isin(np.arange(len(sample)), left)
     status = np.where(unsure, Status.TOLERANCE_NOT_MET, truth.status)
     return judge, dataclasses.replace(truth, status=status)
 
 
 def _chain(
-    pool: Pool, told: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
+    pool: Pool, sample: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
     share: float, tolerance: float,
 ) -> _Chain:  # fmt: skip
     """From errors of all rungs below judge[i] for representative i, against the best answers."""
@@ -291,7 +291,7 @@ def _chain(
         some = np.flatnonzero((judge > k) & (best.status == Status.OK))
         if not some.size:
             continue
-        below, here = (pool(models[i], told[some]) for i in (k - 1, k))
+        below, here = (pool(models[i], sample[some]) for i in (k - 1, k))
         apart, error = here.distance(below), here.distance(some_of(best, some))
         seen = np.isfinite(apart) & np.isfinite(error)
         if seen.any():
@@ -303,14 +303,14 @@ def _chain(
         if np.median(error) <= _START * tolerance:
             start = min(start, k)
     start = min(start, max(int(np.median(judge)), 1), last)
-    noise = _noise(pool, told, models[start], np.asarray(best.status == Status.OK))
+    noise = _noise(pool, sample, models[start], np.asarray(best.status == Status.OK))
     return _Chain(models, start, ratio, floor, 0.0, np.inf, noise)
 
 
-def _noise(pool: Pool, told: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
+def _noise(pool: Pool, sample: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
     """By how much answers change where integration is ten times tighter."""
     if not fine.any():
         return 0.0
-    tight = pool.ask(model, told[fine], 0.1)
-    off = pool(model, told[fine]).distance(answers_in(tight))
+    tight = pool.ask(model, sample[fine], 0.1)
+    off = pool(model, sample[fine]).distance(answers_in(tight))
     return float(np.max(off[np.isfinite(off)], initial=0.0))

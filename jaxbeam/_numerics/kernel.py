@@ -50,80 +50,12 @@ def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., A
     """
     plain = _jitted(function)
     fast = _batched(plain, shared)
-
-    @functools.cache
-    def maps(tree: Any, moving: tuple[bool, ...]) -> tuple[Any, Any]:
-        """(still, at, rates) to the rate of the result where some of the arguments move, and the
-        transpose of that."""
-
-        def partial(still: list[Array], at: list[Array]) -> Any:
-            rest, moved = iter(still), iter(at)
-            leaves = [next(moved) if moves else next(rest) for moves in moving]
-            return plain(*jax.tree.unflatten(tree, leaves))
-
-        def push(still: list[Array], at: list[Array], rates: list[Array]) -> Any:
-            return jax.jvp(lambda *at: partial(still, list(at)), at, rates)[1]
-
-        def pull(still: list[Array], at: list[Array], out: Any) -> Any:
-            return list(jax.vjp(lambda *at: partial(still, list(at)), *at)[1](out))
-
-        return push, pull
-
-    @functools.cache
-    def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
-        push, pull = maps(tree, moving)
-        return _linear_map(_jitted(push), _jitted(pull))
-
-    @functools.cache
-    def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
-        return kernel(maps(tree, moving)[1], shared=False)
-
-    @jax.custom_vjp
-    def pulled(*args: Any) -> Any:
-        return fast(*args)
-
-    def forwards(*args: Any) -> tuple[Any, Any]:
-        values = jax.tree.map(lambda a: a.value, args)
-        moves = [a.perturbed for a in jax.tree.leaves(args)]
-        flat, tree = jax.tree.flatten(values)
-        at = [a if m else None for a, m in zip(flat, moves, strict=True)]
-        still = [None if m else a for a, m in zip(flat, moves, strict=True)]
-        structure = jax.tree_util.Partial(tree.unflatten)  # type: ignore[attr-defined]
-        return fast(*values), (structure, at, still)
-
-    def backwards(residuals: Any, out: Any) -> Any:
-        structure, at, still = residuals
-        unflatten = structure.func
-        moving = tuple(a is not None for a in at)
-        out = jax.tree.map(
-            lambda o: jnp.zeros(o.shape, o.dtype) if _is_zero(o) else o, out, is_leaf=_is_zero
-        )
-        some = ([a for a in part if a is not None] for part in (still, at))
-        tree = jax.tree.structure(unflatten(range(len(at))))
-        found = iter(transpose(tree, moving)(*some, out))
-        return unflatten([next(found) if moves else None for moves in moving])
-
-    pulled.defvjp(forwards, backwards, symbolic_zeros=True)
-
-    @jax.custom_jvp
-    def both_ways(*args: Any) -> Any:
-        return fast(*args)
+    maps = functools.cache(functools.partial(_maps, plain))
+    pulled, both_ways = _in_reverse(fast, maps), _both_ways(fast, maps)
 
     def call(*args: Any) -> Any:
         return (pulled if _IN_REVERSE.get() else both_ways)(*args)
 
-    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-        at, tree = jax.tree.flatten(primals)
-        rates = jax.tree.leaves(tangents, is_leaf=_is_zero)
-        moving = tuple(not _is_zero(rate) for rate in rates)
-        parts = [
-            [a for a, moves in zip(leaves, moving, strict=True) if moves == which]
-            for leaves, which in ((at, False), (at, True), (rates, True))
-        ]
-        out = both_ways(*primals)
-        return out, derivative(tree, moving)(*parts, out)
-
-    both_ways.defjvp(rule, symbolic_zeros=True)
     return call
 
 
@@ -177,6 +109,91 @@ def _jitted(function: Callable[..., Any]) -> Callable[..., Any]:
             return function(*args)
 
     return run
+
+
+# Of which arguments move, by their tree and a flag for each leaf: the maps of `_maps`.
+_Maps = Callable[[Any, tuple[bool, ...]], tuple[Callable[..., Any], Callable[..., Any]]]
+
+
+def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tuple[Any, Any]:
+    """(still, at, rates) to the rate of the result where some of the arguments move, and the
+    transpose of that."""
+
+    def partial(still: list[Array], at: list[Array]) -> Any:
+        rest, moved = iter(still), iter(at)
+        leaves = [next(moved) if moves else next(rest) for moves in moving]
+        return plain(*jax.tree.unflatten(tree, leaves))
+
+    def push(still: list[Array], at: list[Array], rates: list[Array]) -> Any:
+        return jax.jvp(lambda *at: partial(still, list(at)), at, rates)[1]
+
+    def pull(still: list[Array], at: list[Array], out: Any) -> Any:
+        return list(jax.vjp(lambda *at: partial(still, list(at)), *at)[1](out))
+
+    return push, pull
+
+
+def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
+    """`fast` with derivatives in reverse mode alone."""
+
+    @functools.cache
+    def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+        return kernel(maps(tree, moving)[1], shared=False)
+
+    @jax.custom_vjp
+    def pulled(*args: Any) -> Any:
+        return fast(*args)
+
+    def forwards(*args: Any) -> tuple[Any, Any]:
+        values = jax.tree.map(lambda a: a.value, args)
+        moves = [a.perturbed for a in jax.tree.leaves(args)]
+        flat, tree = jax.tree.flatten(values)
+        at = [a if m else None for a, m in zip(flat, moves, strict=True)]
+        still = [None if m else a for a, m in zip(flat, moves, strict=True)]
+        structure = jax.tree_util.Partial(tree.unflatten)  # type: ignore[attr-defined]
+        return fast(*values), (structure, at, still)
+
+    def backwards(residuals: Any, out: Any) -> Any:
+        structure, at, still = residuals
+        unflatten = structure.func
+        moving = tuple(a is not None for a in at)
+        out = jax.tree.map(
+            lambda o: jnp.zeros(o.shape, o.dtype) if _is_zero(o) else o, out, is_leaf=_is_zero
+        )
+        some = ([a for a in part if a is not None] for part in (still, at))
+        tree = jax.tree.structure(unflatten(range(len(at))))
+        found = iter(transpose(tree, moving)(*some, out))
+        return unflatten([next(found) if moves else None for moves in moving])
+
+    pulled.defvjp(forwards, backwards, symbolic_zeros=True)
+    return pulled
+
+
+def _both_ways(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
+    """`fast` with derivatives in both modes."""
+
+    @functools.cache
+    def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+        push, pull = maps(tree, moving)
+        return _linear_map(_jitted(push), _jitted(pull))
+
+    @jax.custom_jvp
+    def both_ways(*args: Any) -> Any:
+        return fast(*args)
+
+    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        at, tree = jax.tree.flatten(primals)
+        rates = jax.tree.leaves(tangents, is_leaf=_is_zero)
+        moving = tuple(not _is_zero(rate) for rate in rates)
+        parts = [
+            [a for a, moves in zip(leaves, moving, strict=True) if moves == which]
+            for leaves, which in ((at, False), (at, True), (rates, True))
+        ]
+        out = both_ways(*primals)
+        return out, derivative(tree, moving)(*parts, out)
+
+    both_ways.defjvp(rule, symbolic_zeros=True)
+    return both_ways
 
 
 def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[..., Any]:

@@ -13,7 +13,7 @@ from jaxbeam._rotor.motion import Spin, Times, no_times, time_list
 from jaxbeam._types import Real, Scalar, Triple, is_known
 
 
-def inclined(angle: Real) -> Triple:
+def inclined_axis(angle: Real) -> Triple:
     """Axis of rotation at `angle` (rad) from the beam, in the plane of a1 and a2.
 
     cos(angle) a1 + sin(angle) a2, the beam on a tapered hub (Y, Figs. 7-9): then a3, and with it

@@ -309,7 +309,7 @@ def _moved(y: State, rate: State, h: Scalar) -> State:
     return State(y.q + h * rate.q, y.v + h * rate.v, y.work)
 
 
-def input_status(
+def scene_status(
     model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array,
     between: Array,
 ) -> tuple[Code, Inputs]:  # fmt: skip

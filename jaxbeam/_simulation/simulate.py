@@ -28,7 +28,7 @@ from jaxbeam._simulation.scene import (
     checked_times,
     during,
     increasing,
-    input_status,
+    scene_status,
 )
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver
@@ -136,7 +136,7 @@ def _simulate(
     event: diffrax.Event | None, progress_meter: diffrax.AbstractProgressMeter | None,
     max_steps: int | None, balance_tolerance: float,
 ) -> Simulation:  # fmt: skip
-    given, seen = input_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
+    given, seen = scene_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
     fine = given == Status.OK
     rotor, motion, loads, damping, seen = harmless(
         fine,
@@ -318,7 +318,7 @@ def steady_start(
 def _steady(
     model: AbstractModel, rotor: Any, motion: Motion, t: Scalar, loads: Loads
 ) -> tuple[State, Code]:
-    given, _ = input_status(model, rotor, motion, loads, Damping(), t[None], t[None])
+    given, _ = scene_status(model, rotor, motion, loads, Damping(), t[None], t[None])
     fine = given == Status.OK
     rotor, motion, loads = harmless(
         fine,

@@ -101,10 +101,10 @@ class StableStep(eqx.Module):
 
 
 def stable_step(
-    solver: diffrax.AbstractSolver,
     model: AbstractModel,
     rotor: Any,
     angular_speed: Real,
+    solver: diffrax.AbstractSolver,
     *,
     steps: int = 1000,
     growth: Real = 100.0,

@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True, eq=False)  # arrays are not compared
 class Cases:
-    """Named parameters of N cases. Made by `grid` or `listed`.
+    """Named parameters of N cases. Made by `grid` or `points`.
 
     `axes` holds the coordinates of the dimensions that the cases are laid out along, with product
     of lengths N; `columns[name]` the value of a parameter in each case, shape (N,). A grid makes
@@ -34,7 +34,7 @@ class Cases:
         """The value of each parameter in each case."""
         return self.at(np.arange(len(self)))
 
-    def told(self) -> list[list[Any]]:
+    def described(self) -> list[list[Any]]:
         """What tells them from others, in order: name, number, ends, and a digest of all bits."""
         columns = {**self.axes, **(self.of_list or {})}.items()
         # JSON has no NaN that equals itself.
@@ -61,7 +61,7 @@ def grid(**axes: Any) -> Cases:
     return Cases(coords)
 
 
-def listed(**columns: Any) -> Cases:
+def points(**columns: Any) -> Cases:
     """Explicit cases, one for each position in the equally long columns."""
     values = {name: _column(name, column) for name, column in _some(columns).items()}
     if "case" in values:
@@ -83,7 +83,7 @@ def checked_cases(cases: Any) -> Cases:
                 raise TypeError(f"cases must name parameters by texts, got {name!r}")
         return grid(**cases)
     raise TypeError(
-        "cases must be made by jaxbeam.grid or jaxbeam.listed, or be a dictionary of lists by name "
+        "cases must be made by jaxbeam.grid or jaxbeam.points, or be a dictionary of lists by name "
         f"as jaxbeam.grid takes them, got {type(cases).__name__}"
     )
 

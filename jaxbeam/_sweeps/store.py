@@ -279,7 +279,7 @@ def _cases(folder: Path) -> Cases | None:
 
 
 def _whole(cases: Cases | None, identity: dict[str, Any]) -> bool:
-    return cases is not None and cases.told() == identity["parameters"]
+    return cases is not None and cases.described() == identity["parameters"]
 
 
 def _replace(path: Path, data: bytes) -> None:

@@ -40,7 +40,7 @@ def sweep(
 ) -> Table:
     """Evaluate `function(**parameters)` for every case and collect the results by name.
 
-    `cases` are made by `grid` or `listed`; a dictionary of lists, by name, is a grid. The function
+    `cases` are made by `grid` or `points`; a dictionary of lists, by name, is a grid. The function
     is written for one case: it takes their parameters as scalars, by name, and returns an array, or
     a dictionary, dataclass or `eqx.Module` of arrays. It is compiled once (again only for another
     function object, so what it reads from outside is frozen: bind arrays that change between sweeps
@@ -99,14 +99,14 @@ def sweep(
                 return specs, {}, Memory(specs, len(cases), chunk)
             identity = {
                 **_program(function, first), "cases": len(cases), "chunk": chunk,
-                "parameters": cases.told(), "dims": dims, **_made_with(first),
+                "parameters": cases.described(), "dims": dims, **_made_with(first),
             }  # fmt: skip
         if folder is None:
             return specs, identity, Memory(specs, len(cases), chunk)
         return specs, identity, opened(Path(folder), identity, specs, cases, writes=team.leads)
 
     specs, identity, store = team.in_turn(begin)
-    what = [(name, told) for name, told in identity.items() if name not in INFORMATION]
+    what = [(name, kept) for name, kept in identity.items() if name not in INFORMATION]
     ours = json.dumps([what, team.owners, store.missing()])
     if any(theirs != ours for theirs, _ in team.together(lambda: (ours, {}))):
         raise ValueError(

@@ -16,7 +16,7 @@ from jaxbeam._sweeps.sweep import sweep
 from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
 from jaxbeam._vibration.crossing import Crossing, crossing
-from jaxbeam._vibration.modes import Choice, choose, find
+from jaxbeam._vibration.modes import Selection, choose, find
 
 
 class Campbell(eqx.Module):
@@ -54,7 +54,7 @@ class Campbell(eqx.Module):
                 change[-1:] |= gap[-1:] == 0
                 for i in np.flatnonzero(change):
                     bracket = (float(speed[i]), float(speed[i + 1]))
-                    at = crossing(self.model, self.rotor, label, harmonic, bracket, throw=False)
+                    at = crossing(self.model, self.rotor, bracket, label, harmonic, throw=False)
                     if at.status == Status.OK:
                         found.append(jax.tree.map(lambda number: number.item(), at))
         return sorted(found, key=lambda crossing: crossing.angular_speed)
@@ -84,9 +84,9 @@ def campbell(
 
 
 def _campbell_case(
-    model: AbstractModel, rotor: Rotor, choice: Choice, *, angular_speed: Scalar
+    model: AbstractModel, rotor: Rotor, selection: Selection, *, angular_speed: Scalar
 ) -> dict[str, Array]:
-    found = find(model, rotor, angular_speed, choice)
+    found = find(model, rotor, angular_speed, selection)
     return {
         "frequency": found.frequency,
         "growth_rate": found.growth_rate,

@@ -13,7 +13,7 @@ from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, is_known
-from jaxbeam._vibration.modes import Choice, choose, find
+from jaxbeam._vibration.modes import Selection, choose, find
 
 
 class Crossing(eqx.Module):
@@ -29,9 +29,9 @@ class Crossing(eqx.Module):
 def crossing(
     model: AbstractModel,
     rotor: Rotor,
+    bracket: tuple[Real, Real],
     label: Label,
     harmonic: Real,
-    bracket: tuple[Real, Real],
     *,
     throw: bool = True,
 ) -> Crossing:
@@ -64,13 +64,18 @@ def crossing(
 
 @Program
 def _crossing(
-    model: AbstractModel, rotor: Rotor, choice: Choice, harmonic: Scalar, low: Scalar, high: Scalar
+    model: AbstractModel,
+    rotor: Rotor,
+    selection: Selection,
+    harmonic: Scalar,
+    low: Scalar,
+    high: Scalar,
 ) -> tuple[Scalar, Code]:
     sound = jnp.isfinite(harmonic)
     harmonic = jnp.where(sound, harmonic, 1.0)
 
     def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
-        found = find(model, rotor, speed, choice)
+        found = find(model, rotor, speed, selection)
         return found.frequency[0] - harmonic * jnp.abs(speed), found.status
 
     def gap(speed: Scalar) -> Scalar:

@@ -119,7 +119,7 @@ def checked_damping(damping: Any) -> Damping:
 def _floquet(
     model: AbstractModel, rotor: Any, motion: Spin, period: Scalar, damping: Damping, steps: int
 ) -> Floquet:
-    given = input_status(rotor, motion, period, damping)
+    given = modulation_status(rotor, motion, period, damping)
     fine = given == Status.OK
     rotor, motion, period, damping = harmless(
         fine,
@@ -150,7 +150,7 @@ def _floquet(
     return Floquet(where_known(ok, mu), family, where_known(ok, rate), status)
 
 
-def input_status(rotor: Any, motion: Spin, period: Scalar, damping: Damping) -> Code:
+def modulation_status(rotor: Any, motion: Spin, period: Scalar, damping: Damping) -> Code:
     t = period * jnp.linspace(0.0, 1.0, 8)
     now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
     scale = jnp.max(jnp.abs(now))
@@ -266,16 +266,16 @@ def _commutator(a: Matrix, b: Matrix) -> Matrix:
 
 def multipliers(monodromy: Float[Array, "m m"]) -> Complex[Array, " m"]:
     """The eigenvalues of a monodromy matrix, with derivatives."""
-    return _differentiable(monodromy, *eigensystem(jax.lax.stop_gradient(monodromy)))
+    return _multipliers(monodromy, *eigensystem(jax.lax.stop_gradient(monodromy)))
 
 
 @jax.custom_jvp
-def _differentiable(monodromy: Array, mu: Array, right: Array, left: Array) -> Array:
+def _multipliers(monodromy: Array, mu: Array, right: Array, left: Array) -> Array:
     return mu
 
 
-@_differentiable.defjvp
-def _differentiable_jvp(
+@_multipliers.defjvp
+def _multipliers_jvp(
     primals: tuple[Array, ...], tangents: tuple[Array, ...]
 ) -> tuple[Array, Array]:
     """The derivative d mu = y^H dPhi x / y^H x of a simple eigenvalue."""

@@ -57,15 +57,15 @@ class Frequencies(eqx.Module):
 
 
 def frequencies(
-    model: AbstractModel, rotor: Rotor, angular_speed: Real, count: int = 3, *, throw: bool = True
+    model: AbstractModel, rotor: Rotor, angular_speed: Real, which: int = 3, *, throw: bool = True
 ) -> Frequencies:
-    """The lowest `count` frequencies (rad/s) in the plane of rotation, much faster than `modes`.
+    """The lowest `which` frequencies (rad/s) in the plane of rotation, much faster than `modes`.
 
     Roots omega > 0 of det(K - omega^2 M + omega C) = 0 about the steady state, C from the Coriolis
     coupling of bending and axial motion (Y eqs. 18-19, B eqs. 53-54), to 1e-9 of those of `modes`.
     For `Hybrid` with its usual basis (`Polynomials()`, eight or more functions in plane) and the
     elements that simulate too (`EngineeringANCF`, `GreenANCF`, `ANCF`, `ChordANCF`, `TangentANCF`).
-    `angular_speed` in rad/s; `count` from 1 to 6. Made for `jax.vmap` over many cases, with first
+    `angular_speed` in rad/s; `which` from 1 to 6. Made for `jax.vmap` over many cases, with first
     derivatives by every parameter; for second ones, labels, shapes, flap or growth take `modes`.
 
     Raises `TypeError` for other models, `ValueError` for parameters out of range, `RuntimeError`
@@ -74,10 +74,10 @@ def frequencies(
     unstable. `throw=False` keeps all but the first in `status`, and the frequencies are NaN, with
     derivatives that are NaN in forward mode and zero in reverse mode (see `modes`).
     """
-    if isinstance(count, bool) or not isinstance(count, int):
-        raise TypeError(f"count must be an int, got {type(count).__name__}")
+    if isinstance(which, bool) or not isinstance(which, int):
+        raise TypeError(f"which must be an int, got {type(which).__name__}")
     rotor, speed = checked_case(model, rotor, angular_speed)
-    result = _frequencies(_solver(model, count), rotor, speed)
+    result = _frequencies(_solver(model, which), rotor, speed)
     return raise_unless_ok(result, result.status) if throw else result
 
 
@@ -99,7 +99,7 @@ def _solver(model: AbstractModel, count: int) -> Callable[[Rotor, Scalar], tuple
 def _check_count(count: int, most: int) -> None:
     most = min(most, 6)
     if not 1 <= count <= most:
-        raise ValueError(f"count must be between 1 and {most} for this model, got {count}")
+        raise ValueError(f"which must be between 1 and {most} for this model, got {count}")
 
 
 @Program
@@ -124,7 +124,7 @@ class _Pencil(NamedTuple):
         return _Pencil(*(a[:, :, None] for a in self))
 
 
-def _differentiable(
+def _with_derivative(
     search: Callable[[Any], Any], polish: Callable[..., Any], form: Callable[..., Any]
 ) -> Callable[..., Any]:
     """search(arrays) -> (omega, hidden, found) with derivatives of omega from
@@ -227,7 +227,7 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
         k, m, c = _matrices(shares, numbers)
         return k - omega**2 * m + omega * c
 
-    lowest = _differentiable(search, polish, form)
+    lowest = _with_derivative(search, polish, form)
 
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         omega, _, found = lowest(numbers_of(rotor, speed))
@@ -290,7 +290,7 @@ def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[A
         pencil = _banded(equations, case[1], _newton(equations, case[1], q), signs)
         return total(x * product(_at(pencil, omega), x))
 
-    lowest = _differentiable(search, polish, form)
+    lowest = _with_derivative(search, polish, form)
 
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         omega, _, found = lowest((rotor, speed))

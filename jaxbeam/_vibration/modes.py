@@ -121,10 +121,10 @@ def modes(
 
 # How many modes, or family and order of each wanted mode: arrays, so that asking for other labels
 # does not compile anew.
-Choice = int | tuple[Int[Array, " k"], Int[Array, " k"]]
+Selection = int | tuple[Int[Array, " k"], Int[Array, " k"]]
 
 
-def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
+def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Selection:
     """`which` of `modes`, checked against what the model has."""
     total = len(checked_model(model).families)
     if which is None:
@@ -159,7 +159,7 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Choice:
 
 
 @Program
-def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> Modes:
+def find(model: AbstractModel, rotor: Rotor, speed: Scalar, selection: Selection) -> Modes:
     """What `modes` does once its arguments are checked."""
     system = guarded_matrices(model, rotor, speed)
     planes = [
@@ -174,12 +174,12 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
     starts = np.cumsum([0, *(plane.rows.size for plane in planes)])
     label = jnp.concatenate([a.label + i for a, i in zip(planes, starts[:-1], strict=True)])
     family, order = family_of[label], order_of[label]
-    if isinstance(choice, int):
-        pick = jnp.argsort(-(eigenvalue**2).real)[:choice]
+    if isinstance(selection, int):
+        pick = jnp.argsort(-(eigenvalue**2).real)[:selection]
         family, order = family[pick], order[pick]
     else:
-        named = (family[None] == choice[0][:, None]) & (order[None] == choice[1][:, None])
-        pick, (family, order) = jnp.argmax(named, axis=1), choice
+        named = (family[None] == selection[0][:, None]) & (order[None] == selection[1][:, None])
+        pick, (family, order) = jnp.argmax(named, axis=1), selection
     eigenvalue, shape = eigenvalue[pick], shape[pick][:, np.argsort(rows)]
     positive = functools.reduce(jnp.logical_and, [plane.positive for plane in planes])
 
@@ -202,7 +202,7 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, choice: Choice) -> M
     # below is the end of it: gradients of other cases by shared parameters stay finite.
     identity = jnp.eye(len(system.families), dtype=speed.dtype)
     instead = (identity, 0 * identity, 2 * identity)
-    eigenvalue, shape = _differentiable(
+    eigenvalue, shape = _eigenpairs(
         *(jnp.where(ok, a, b) for a, b in zip(matrices, instead, strict=True)),
         jnp.where(ok, eigenvalue, 1j),
         jnp.where(ok, shape, identity[jnp.argmax(same_plane, axis=1)]),
@@ -292,7 +292,7 @@ def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:
 
 
 @jax.custom_jvp
-def _differentiable(
+def _eigenpairs(
     mass: Array,
     gyroscopic: Array,
     stiffness: Array,
@@ -309,14 +309,14 @@ def _differentiable(
     return eigenvalue, shape
 
 
-@_differentiable.defjvp
-def _differentiable_jvp(
+@_eigenpairs.defjvp
+def _eigenpairs_jvp(
     primals: tuple[Array, ...], tangents: tuple[Array, ...]
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     m, g, k, _, _, same_plane, signature = primals
     dm, dg, dk = tangents[:3]
     # Through the function itself, not its arguments: then this rule can be differentiated again.
-    eigenvalue, shape = _differentiable(*primals)
+    eigenvalue, shape = _eigenpairs(*primals)
 
     def one(lam: Array, x: Array, plane: Array) -> tuple[Array, Array]:
         y = signature * x

@@ -13,7 +13,7 @@ from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar
-from jaxbeam._vibration.modes import Choice, choose, find
+from jaxbeam._vibration.modes import Selection, choose, find
 
 
 class Southwell(eqx.Module):
@@ -26,8 +26,8 @@ class Southwell(eqx.Module):
 def southwell(
     model: AbstractModel,
     rotor: Any,
-    which: int | Sequence[Label],
     angular_speed: Real = 0.0,
+    which: int | Sequence[Label] | None = None,
     *,
     throw: bool = True,
 ) -> Southwell:
@@ -42,19 +42,19 @@ def southwell(
     Raises as `modes` does; `throw=False` gives NaN and a status where a case fails (derivatives:
     as in `modes`).
     """
-    choice = choose(model, which)
-    result = _southwell(model, *checked_case(model, rotor, angular_speed), choice)
+    selection = choose(model, which)
+    result = _southwell(model, *checked_case(model, rotor, angular_speed), selection)
     return raise_unless_ok(result, result.status) if throw else result
 
 
 @Program
-def _southwell(model: AbstractModel, rotor: Any, speed: Scalar, choice: Choice) -> Southwell:
+def _southwell(model: AbstractModel, rotor: Any, speed: Scalar, selection: Selection) -> Southwell:
     given = rotor.status(speed)
     fine = given == Status.OK
     rotor, speed = harmless(fine, (rotor, speed))
 
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
-        found = find(model, rotor, omega, choice)
+        found = find(model, rotor, omega, selection)
         return -(found.eigenvalue**2).real, found.status
 
     def rate(omega: Scalar) -> tuple[Float[Array, " k"], Code]:

@@ -17,8 +17,8 @@ from jaxbeam._rotor.loads import Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, Vector, is_known
-from jaxbeam._vibration.floquet import PLANES, Plane, checked_damping, input_status
-from jaxbeam._vibration.modes import Choice, choose, find
+from jaxbeam._vibration.floquet import PLANES, Plane, checked_damping, modulation_status
+from jaxbeam._vibration.modes import Selection, choose, find
 
 
 class Tongue(eqx.Module):
@@ -77,7 +77,7 @@ def tongue(
     """
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise ValueError(f"pair must be two labels, got {pair!r}")
-    choice = choose(model, tuple(pair))
+    selection = choose(model, tuple(pair))
     planes = [families for families in PLANES if all(label.family in families for label in pair)]
     if not planes:
         raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
@@ -94,18 +94,18 @@ def tongue(
     rotor, _ = checked_case(model, rotor)
     damping = checked_damping(damping)
     share = jnp.asarray(float(order))  # an array: another order does not compile anew
-    result = _tongue(model, rotor, speed, choice, depths, share, damping, planes[0], steps)
+    result = _tongue(model, rotor, speed, selection, depths, share, damping, planes[0], steps)
     return raise_unless_ok(result, jnp.max(result.status)) if throw else result
 
 
 @Program
 def _tongue(
-    model: AbstractModel, rotor: Any, mean: Scalar, choice: Choice, depths: Vector, order: Scalar,
+    model: AbstractModel, rotor: Any, mean: Scalar, selection: Selection, depths: Vector, order: Scalar,
     damping: Damping, families: tuple[Family, ...], steps: int,
 ) -> Tongue:  # fmt: skip
     unit = ModulatedSpeed(mean, 0.0, 1.0)
-    given = input_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
-    found = find(model, rotor, mean, choice)
+    given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
+    found = find(model, rotor, mean, selection)
     given = jnp.where(given == Status.OK, found.status, given)
     unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
     given = jnp.where(unstable, Status.NO_EQUILIBRIUM, given)

@@ -23,7 +23,11 @@ def experiment(bending, flap, tip_mass):
     return jb.FrequencyData(model, rotor, speeds, measured, 0.03, which)
 
 
-free = {"bending": jb.Free(500.0), "flap": jb.Free(400.0), "tip_mass": jb.Free(0.2)}
+free = {
+    "bending": jb.FreeParameter(500.0),
+    "flap": jb.FreeParameter(400.0),
+    "tip_mass": jb.FreeParameter(0.2),
+}
 found = jb.fit(experiment, free)
 print(found)
 for name, (low, high) in found.interval(0.95).items():

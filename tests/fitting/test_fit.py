@@ -54,7 +54,7 @@ def off(by=0.5, seed=0, truth=TRUTH):
     """Guesses that far off, either way."""
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(truth))
     return {
-        name: jb.Free(value * (1 + by * sign))
+        name: jb.FreeParameter(value * (1 + by * sign))
         for (name, value), sign in zip(truth.items(), signs, strict=True)
     }
 
@@ -71,7 +71,7 @@ def test_modes_are_matched_as_by_brute_force(seed):
     if seed % 3 == 0:
         measured[rng.integers(4)] = np.nan
     here = np.flatnonzero(np.isfinite(measured))
-    found = np.asarray(jb.match_modes(measured, computed))[here]
+    found = np.asarray(jb.fitting.match_modes(measured, computed))[here]
 
     def cost(places):
         return np.sum(np.log(measured[here] / computed[list(places)]) ** 2)
@@ -82,10 +82,10 @@ def test_modes_are_matched_as_by_brute_force(seed):
 
 
 def test_match_passes_over_modes_without_an_answer():
-    assert np.asarray(jb.match_modes([1.0, 3.1], [jnp.nan, 3.0, 1.1])).tolist() == [2, 1]
+    assert np.asarray(jb.fitting.match_modes([1.0, 3.1], [jnp.nan, 3.0, 1.1])).tolist() == [2, 1]
     for measured in ([1.0, 2.0], []):
         with pytest.raises(ValueError, match="not empty and the latter no shorter"):
-            jb.match_modes(measured, [1.0])
+            jb.fitting.match_modes(measured, [1.0])
 
 
 @pytest.mark.slow
@@ -231,7 +231,9 @@ AT_REST = np.sqrt(2.0 / 1.1) * np.array([[3.5160152685, 22.0344915647]])
 
 @pytest.mark.slow
 def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
-    found = jb.fit(at_rest(AT_REST), {"in_plane": jb.Free(1.5), "mass": jb.Free(1.0)})
+    found = jb.fit(
+        at_rest(AT_REST), {"in_plane": jb.FreeParameter(1.5), "mass": jb.FreeParameter(1.0)}
+    )
     assert int(found.status) == jb.Status.NOT_IDENTIFIABLE
     assert np.isnan(list(found.parameters.values())).all()
     best = found.partial
@@ -243,7 +245,7 @@ def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
     assert "the data cannot tell this combination" in text
     assert "the data cannot tell all parameters apart" in text
     # A mass that was weighed decides.
-    weighed = {"in_plane": jb.Free(1.5), "mass": jb.Free(1.0, prior=(1.1, 0.011))}
+    weighed = {"in_plane": jb.FreeParameter(1.5), "mass": jb.FreeParameter(1.0, prior=(1.1, 0.011))}
     found = jb.fit(at_rest(AT_REST), weighed)
     assert int(found.status) == 0
     np.testing.assert_allclose(found.parameters["in_plane"], 2.0, rtol=1e-6)
@@ -254,7 +256,7 @@ def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
 def line(x, y, noise=1.0):
     """A straight line, as an experiment: what least squares say of it is in every textbook."""
 
-    class Line(jb.Experiment):
+    class Line(jb.fitting.Experiment):
         a: jax.Array
         b: jax.Array
         measured: jax.Array
@@ -272,12 +274,15 @@ def test_a_search_that_cannot_get_lower_has_arrived():
     y = 0.3 + 0.7 * x + 0.1 * np.cos(9 * x)
     slope, intercept = np.polyfit(x, y, 1)
     for off, status in ((0.0, jb.Status.OK), (1e-3, jb.Status.FIT_NOT_CONVERGED)):
-        free = {"a": jb.Free(intercept + off, -np.inf), "b": jb.Free(slope, -np.inf)}
-        descent = jb.Descent(starts=1, steps=1, spread=0.0)
+        free = {
+            "a": jb.FreeParameter(intercept + off, -np.inf),
+            "b": jb.FreeParameter(slope, -np.inf),
+        }
+        descent = jb.fitting.Descent(starts=1, steps=1, spread=0.0)
         assert jb.fit(line(x, y, 0.01), free, max_steps=1, descent=descent).status == status
 
 
-FREE_LINE = {"a": jb.Free(0.5, -np.inf), "b": jb.Free(0.5, -np.inf)}
+FREE_LINE = {"a": jb.FreeParameter(0.5, -np.inf), "b": jb.FreeParameter(0.5, -np.inf)}
 
 
 @pytest.mark.parametrize("known_noise", [True, False])
@@ -321,7 +326,7 @@ def test_residuals_are_plotted():
 
 def test_residuals_larger_than_the_noise_are_reported():
     x = np.linspace(0.0, 1.0, 20)
-    found = jb.fit(line(x, np.exp(2 * x), 0.01), FREE_LINE, descent=jb.Descent(steps=5))
+    found = jb.fit(line(x, np.exp(2 * x), 0.01), FREE_LINE, descent=jb.fitting.Descent(steps=5))
     assert found.excess() > 5
     assert "residuals are larger than the noise explains" in str(found)
 
@@ -330,7 +335,11 @@ def test_residuals_larger_than_the_noise_are_reported():
 def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
     """An intercept at or below its bound: the data tell it as well as anywhere else."""
     x = np.linspace(0.0, 1.0, 20)
-    found = jb.fit(line(x, truth + 2 * x, 1e-3), {"a": jb.Free(0.5), "b": jb.Free(1.0)}, progress=0)
+    found = jb.fit(
+        line(x, truth + 2 * x, 1e-3),
+        {"a": jb.FreeParameter(0.5), "b": jb.FreeParameter(1.0)},
+        progress=0,
+    )
     assert int(found.status) == 0
     assert bool(found.at_bound["a"])
     assert not bool(found.at_bound["b"])
@@ -346,10 +355,12 @@ def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
 @pytest.mark.parametrize("guess", [0.0, 1e-3, 1e3])
 def test_whether_data_tell_a_parameter_does_not_depend_on_units(guess):
     x = np.linspace(-1.0, 1.0, 20)
-    free = {name: jb.Free(guess, -np.inf) for name in "ab"}
+    free = {name: jb.FreeParameter(guess, -np.inf) for name in "ab"}
     sure = jb.fit(line(x, 1e6 + 1e6 * x, 10.0), free)
     assert int(sure.status) == 0
-    unsure = jb.fit(line(x, 1e-3 + 1e-3 * x, 10.0), {n: jb.Free(1e-3, -np.inf) for n in "ab"})
+    unsure = jb.fit(
+        line(x, 1e-3 + 1e-3 * x, 10.0), {n: jb.FreeParameter(1e-3, -np.inf) for n in "ab"}
+    )
     assert int(unsure.status) == jb.Status.NOT_IDENTIFIABLE
 
 
@@ -373,15 +384,15 @@ def test_too_little_data_in_a_batch_is_reported_case_by_case():
 def test_guesses_in_a_batch():
     x = np.linspace(0.0, 1.0, 5)
     experiment = line(x, 1.0 + 2 * x)
-    found = jax.vmap(lambda g: jb.fit(experiment, {"a": jb.Free(g), "b": jb.Free(g)}))(
-        jnp.array([0.5, 5.0])
-    )
+    found = jax.vmap(
+        lambda g: jb.fit(experiment, {"a": jb.FreeParameter(g), "b": jb.FreeParameter(g)})
+    )(jnp.array([0.5, 5.0]))
     np.testing.assert_allclose(found.parameters["b"], [2.0, 2.0], rtol=1e-8)
 
 
 def clearance(hub=0.1, **changes):
     given = {"angular_speed": [0.4, 0.5], "which": jb.labels(flap=1), "harmonics": [1, 8]} | changes
-    return jb.Clearance(jb.Hybrid(0, 1, 6), slender(hub=hub), margin=0.1, **given)
+    return jb.fitting.Clearance(jb.Hybrid(0, 1, 6), slender(hub=hub), margin=0.1, **given)
 
 
 def test_clearance_is_what_is_missing():
@@ -408,7 +419,7 @@ def test_many_starts_find_what_one_does_not():
     """The frequency of a sine, from a guess in another of its valleys."""
     x = np.linspace(0.0, 10.0, 80)
 
-    class Sine(jb.Experiment):
+    class Sine(jb.fitting.Experiment):
         omega: jax.Array
         measured: jax.Array
         noise: jax.Array
@@ -419,7 +430,7 @@ def test_many_starts_find_what_one_does_not():
     def experiments(omega):
         return Sine(omega, jnp.asarray(np.sin(3.0 * x)), jnp.full(80, 0.1))
 
-    found = jb.fit(experiments, {"omega": jb.Free(1.9)}, progress=False)
+    found = jb.fit(experiments, {"omega": jb.FreeParameter(1.9)}, progress=False)
     np.testing.assert_allclose(found.parameters["omega"], 3.0, rtol=1e-8)
 
 
@@ -427,7 +438,7 @@ def test_many_starts_find_what_one_does_not():
     "bounds", [(0.0, np.inf), (-np.inf, 5.0), (1.0, 4.0), (-np.inf, np.inf), (-3.0, np.inf)]
 )
 def test_bounds_hold_and_the_guess_is_at_zero(bounds):
-    free = jb.Free(2.0, *bounds)
+    free = jb.FreeParameter(2.0, *bounds)
     np.testing.assert_allclose(free.value(jnp.asarray(0.0)), 2.0, rtol=1e-14)
     far = jnp.array([-30.0, -1.0, 0.0, 1.0, 30.0])
     values = jax.vmap(free.value)(far)
@@ -444,16 +455,16 @@ def test_static_deflections_tell_stiffness():
 
     def experiments(in_plane):
         rotor = jb.Rotor(jb.Beam(1.0, 1.1, 3e6, in_plane, 1.0))
-        return jb.StaticData(
+        return jb.fitting.StaticData(
             jb.Hybrid(0, 4, 0), rotor, jb.Loads(tip_force=[0.0, force, 0.0]), bent, 1e-7, xi
         )
 
-    found = jb.fit(experiments, {"in_plane": jb.Free(1.0)})
+    found = jb.fit(experiments, {"in_plane": jb.FreeParameter(1.0)})
     assert int(found.status) == 0
     np.testing.assert_allclose(found.parameters["in_plane"], stiffness, rtol=1e-6)
     rotor = slender(500.0)
     loads = jb.Loads(gravity=[0.0, -1e-3, 0.0])
-    (sag,) = jb.StaticData(jb.GreenANCF(8), rotor, loads, [1.0], 1.0).predicted()
+    (sag,) = jb.fitting.StaticData(jb.GreenANCF(8), rotor, loads, [1.0], 1.0).predicted()
     np.testing.assert_allclose(sag, -1e-3 / 8, rtol=1e-5)
 
 
@@ -499,30 +510,30 @@ def test_bad_histories_and_problems_are_named():
         history([0.0, 1.0], [0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="of must give the shape"):
         history([0.0, 1.0], [0.0, 0.0], of=lambda run: run.tip).predicted()
-    free = {"in_plane": jb.Free(1.5), "mass": jb.Free(1.0)}
+    free = {"in_plane": jb.FreeParameter(1.5), "mass": jb.FreeParameter(1.0)}
     with pytest.raises(ValueError, match="1 numbers measured are too few for 2 parameters"):
         jb.fit(at_rest([[3.5, np.nan]]), free)
     with pytest.raises(ValueError, match="nothing tells the level of the noise"):
         jb.fit(at_rest([[3.5, 22.0]]), free, known_noise=False)
     with pytest.raises(ValueError, match="free must be a dict"):
         jb.fit(at_rest([[3.5, 22.0]]), {})
-    with pytest.raises(TypeError, match=r"free\['mass'\] must be a Free"):
+    with pytest.raises(TypeError, match=r"free\['mass'\] must be a FreeParameter"):
         jb.fit(at_rest([[3.5, 22.0]]), {"mass": 1.0})
     with pytest.raises(TypeError, match="experiments must return"):
-        jb.fit(lambda a: a, {"a": jb.Free(1.0)})
+        jb.fit(lambda a: a, {"a": jb.FreeParameter(1.0)})
     with pytest.raises(ValueError, match="guess must be finite and between"):
-        jb.Free(-1.0)
+        jb.FreeParameter(-1.0)
     with pytest.raises(ValueError, match="prior must be a mean and a standard deviation"):
-        jb.Free(1.0, prior=(1.0, 0.0))
+        jb.FreeParameter(1.0, prior=(1.0, 0.0))
     with pytest.raises(ValueError, match="prior must be a mean and a standard deviation"):
-        jb.Free(1.0, prior=1.0)
-    weighed = {"in_plane": jb.Free(1.5), "mass": jb.Free(1.0, prior=(1.0, 0.1))}
+        jb.FreeParameter(1.0, prior=1.0)
+    weighed = {"in_plane": jb.FreeParameter(1.5), "mass": jb.FreeParameter(1.0, prior=(1.0, 0.1))}
     with pytest.raises(ValueError, match="needs known_noise=True"):
         jb.fit(at_rest([[3.5, 22.0]]), weighed, known_noise=False)
     with pytest.raises(TypeError, match="descent must be a Descent"):
         jb.fit(at_rest([[3.5, 22.0]]), free, descent=16)
     with pytest.raises(ValueError, match="component 2 needs a model with flap functions"):
-        jb.StaticData(jb.GreenANCF(2), slender(), jb.Loads(), [0.0], 1.0, component=2)
+        jb.fitting.StaticData(jb.GreenANCF(2), slender(), jb.Loads(), [0.0], 1.0, component=2)
 
 
 @pytest.mark.slow

@@ -89,7 +89,7 @@ def readme():
     )  # fmt: skip
     motion = jb.SmoothSpinUp(4.0, duration=15.0)
     rotor = jb.Rotor(blade, hub_radius=0.5, tip_mass=0.1)
-    return jb.PeakDeflection(motion, jnp.linspace(0.0, 20.0, 201)), rotor
+    return rotor, jb.ladder.PeakDeflection(motion, jnp.linspace(0.0, 20.0, 201))
 
 
 @pytest.mark.slow
@@ -108,8 +108,8 @@ def test_programs_of_a_choice(compiled):
 @pytest.mark.slow
 def test_no_linear_rung_where_linear_theory_misses(compiled):
     """One has said so, of which there are seven; and none of the elements that are too coarse."""
-    question, rotor = spin_up(1.5, 3.0)
-    choice = jb.choose_model(question, rotor, 1e-3)
+    rotor, question = spin_up(1.5, 3.0)
+    choice = jb.choose_model(rotor, question, 1e-3)
     assert choice.met
     assert choice.indicators.size > 0.05
     assert {name for name in asked(choice) if "elements" not in name} == {"hybrid, 4 functions"}
@@ -121,8 +121,8 @@ def test_no_linear_rung_where_linear_theory_misses(compiled):
 
 @pytest.mark.slow
 def test_programs_of_a_choice_of_frequencies(compiled):
-    question = jb.ModalFrequencies(1.0, jb.labels(in_plane=2))
-    choice = jb.choose_model(question, slender(1000.0), 1e-2)
+    question = jb.ladder.ModalFrequencies(1.0, jb.labels(in_plane=2))
+    choice = jb.choose_model(slender(1000.0), question, 1e-2)
     assert choice.met
     assert large(compiled, "_answer") == len(asked(choice)) <= 5
 
@@ -141,13 +141,13 @@ def test_programs_of_a_sweep(compiled):
 
 def stout(gamma):
     """Strains of some per cent, which linear theory does not bear."""
-    return jb.ModalFrequencies(gamma, jb.labels(in_plane=1)), slender(30.0)
+    return slender(30.0), jb.ladder.ModalFrequencies(gamma, jb.labels(in_plane=1))
 
 
 @pytest.mark.slow
 def test_no_linear_rung_in_a_sweep_that_is_beyond_them(compiled):
     """But the one that looks first."""
-    cases = jb.listed(gamma=[10.0, 11.0])
+    cases = jb.points(gamma=[10.0, 11.0])
     table = jb.ladder_sweep(stout, cases, 1e-3, representatives=2, chunk=2)
     assert all(name.endswith("elements") for name in table["rung"])
     assert large(compiled, "batched") <= 5

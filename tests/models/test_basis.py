@@ -10,7 +10,7 @@ import scipy.integrate
 import jaxbeam as jb
 from jaxbeam._models import basis as basis_module
 
-BASES = [jb.Polynomials(), jb.Polynomials(grading=2), jb.CantileverModes()]
+BASES = [jb.models.Polynomials(), jb.models.Polynomials(grading=2), jb.models.CantileverModes()]
 ids = [repr(b) for b in BASES]
 
 
@@ -40,7 +40,7 @@ def test_derivatives(basis):
 @pytest.mark.parametrize("n", [4, 24, 60, 100])
 @pytest.mark.parametrize("grading", [1, 2])
 def test_polynomials_make_elastic_stiffness_the_identity(n, grading):
-    basis = jb.Polynomials(grading)
+    basis = jb.models.Polynomials(grading)
     bending = basis_module.bending_integrals(basis, n)
     stretch = basis_module.stretch_integrals(basis, n)
     np.testing.assert_allclose(bending.curvature, np.eye(n), atol=1e-12)
@@ -50,12 +50,12 @@ def test_polynomials_make_elastic_stiffness_the_identity(n, grading):
 @pytest.mark.parametrize("n", [8, 20, 40, 80])
 def test_cantilever_modes_stay_orthonormal(n):
     """The textbook form has lost every digit long before 40."""
-    f = basis_module.bending_integrals(jb.CantileverModes(), n)
+    f = basis_module.bending_integrals(jb.models.CantileverModes(), n)
     b = basis_module.clamped_free_roots(n)
     np.testing.assert_allclose(f.mass, np.eye(n), atol=1e-12)
     np.testing.assert_allclose(f.curvature / np.outer(b, b) ** 2, np.eye(n), atol=1e-12)
     np.testing.assert_allclose(np.abs(f.tip), 2.0, rtol=1e-12)
-    g = basis_module.stretch_integrals(jb.CantileverModes(), n)
+    g = basis_module.stretch_integrals(jb.models.CantileverModes(), n)
     np.testing.assert_allclose(g.mass, np.eye(n), atol=1e-12)
 
 
@@ -118,7 +118,7 @@ def test_hermite_shapes_interpolate_cubics():
 def test_bad_sizes():
     for bad in (3, 0, 1.0, True):
         with pytest.raises(ValueError, match="grading must be 1 or 2"):
-            jb.Polynomials(grading=bad)
+            jb.models.Polynomials(grading=bad)
     with pytest.raises(TypeError, match="basis must be a Basis"):
         jb.Hybrid(2, 2, 2, "polynomials")
     with pytest.raises(ValueError, match="Hermite elements have 6 functions, not 5"):

@@ -73,7 +73,9 @@ def bent(model, force, slenderness):
     """The same of a model."""
     loads = jb.Loads(tip_force=[*force, 0.0])
     return np.array([
-        jb.StaticData(model, slender(slenderness), loads, [0.0], 1.0, component=i).predicted()[0]
+        jb.fitting.StaticData(
+            model, slender(slenderness), loads, [0.0], 1.0, component=i
+        ).predicted()[0]
         for i in (0, 1)
     ])  # fmt: skip
 
@@ -134,7 +136,7 @@ def test_speed_of_tearing():
     """pi / 2 over L sqrt(rho / EA) without tip mass, where Green's strain hardens instead."""
     found = jb.critical_speed(jb.EngineeringANCF(4), slender(20.0))
     np.testing.assert_allclose(found.angular_speed, 20 * np.pi / 2, rtol=1e-6)
-    assert jb.Family(int(found.family)) is jb.Family.AXIAL
+    assert jb.models.Family(int(found.family)) is jb.models.Family.AXIAL
     assert np.isinf(jb.critical_speed(jb.GreenANCF(4), slender(20.0)).angular_speed)
 
 
@@ -171,9 +173,9 @@ def test_what_the_law_is_worth_in_spin_ups():
 def test_estimates_know_what_the_law_is_worth():
     """The strain of the centre line, and the square of that of bending."""
     rotor, which = slender(50.0), jb.labels(in_plane=1)
-    found = jb.answer(jb.ModalFrequencies(5.0, which), rotor, jb.EngineeringANCF(4))
+    found = jb.ladder.ask(jb.EngineeringANCF(4), rotor, jb.ladder.ModalFrequencies(5.0, which))
     np.testing.assert_allclose(found.law, rotor.steady_strain(jnp.asarray(5.0)))
-    greens = jb.answer(jb.ModalFrequencies(5.0, which), rotor, jb.GreenANCF(4))
+    greens = jb.ladder.ask(jb.GreenANCF(4), rotor, jb.ladder.ModalFrequencies(5.0, which))
     assert 0.1 * found.law < greens.distance(found) < found.law
 
 
@@ -181,7 +183,7 @@ def test_estimates_know_what_the_law_is_worth():
 def test_the_ladder_says_where_the_law_matters():
     """Linear theory may agree by chance, but not be believed beyond what the law is worth."""
     rotor, which = slender(30.0), jb.labels(in_plane=2)
-    choice = jb.choose_model(jb.ModalFrequencies(5.0, which), rotor, 1e-3)
+    choice = jb.choose_model(rotor, jb.ladder.ModalFrequencies(5.0, which), 1e-3)
     assert choice.met
     assert isinstance(choice.model, jb.EngineeringANCF)
     assert choice.law > 1e-2

@@ -13,7 +13,7 @@ from tests.helpers import DISCRETE, ELEMENTS, name
 
 BLADE = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.9)
-SPRINGS = jb.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
+SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
 BEAM_MODELS = [
     jb.Hybrid(3, 4, 3),
     jb.Hybrid(0, 4, 3),
@@ -56,9 +56,11 @@ def lagrange(equations, hub, q, v, tip_force):
 
 @pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
 def test_equations_of_motion_follow_from_the_energies(model, rotor):
-    planar = jb.Family.FLAP not in model.families
+    planar = jb.models.Family.FLAP not in model.families
     hub, q, v = random_state(model, 1, planar)
-    if isinstance(model, jb.DiscreteLP):  # linear: forces times s, theta products are left out
+    if isinstance(
+        model, jb.models.DiscreteLP
+    ):  # linear: forces times s, theta products are left out
         q, v = q * 1e-9, v * 1e-9
     force = jnp.array([3.0, -2.0, 0.0 if planar else 1.5])
 
@@ -74,7 +76,7 @@ def test_equations_of_motion_follow_from_the_energies(model, rotor):
 
 @pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
 def test_tangents_are_derivatives_of_the_force(model, rotor):
-    hub, q, v = random_state(model, 2, jb.Family.FLAP not in model.families)
+    hub, q, v = random_state(model, 2, jb.models.Family.FLAP not in model.families)
     force = jnp.array([3.0, -2.0, 0.0])
 
     @jax.jit

@@ -10,13 +10,13 @@ import pytest
 import jaxbeam as jb
 from tests.helpers import slender
 
-FAMILY = jb.Family
+FAMILY = jb.models.Family
 MODELS = [
     jb.Hybrid(4, 5, 6),
-    jb.Hybrid(4, 5, 0, jb.CantileverModes()),
-    jb.Hybrid(4, 5, 6, jb.Polynomials(2)),
+    jb.Hybrid(4, 5, 0, jb.models.CantileverModes()),
+    jb.Hybrid(4, 5, 6, jb.models.Polynomials(2)),
     jb.Classical(4, 5, 6),
-    jb.SmallStrainANCF(3),
+    jb.models.SmallStrainANCF(3),
     jb.ANCF(3),
 ]
 ids = [repr(m) for m in MODELS]
@@ -233,7 +233,7 @@ def test_small_strain_tends_to_exact_as_strain_vanishes():
     gaps, strains = [], []
     for slenderness in (50.0, 100.0, 200.0, 400.0):
         rotor = slender(slenderness, 0.5, 0.5)
-        a = jb.SmallStrainANCF(6).linearise(rotor, 3.0)
+        a = jb.models.SmallStrainANCF(6).linearise(rotor, 3.0)
         b = jb.ANCF(6).linearise(rotor, 3.0)
         bent = [
             s.stiffness[np.ix_(i, i)] for s, i in ((s, s.where(FAMILY.IN_PLANE)) for s in (a, b))
@@ -288,7 +288,7 @@ def test_search_that_fails_says_so():
     assert jnp.isnan(failed.growth_rate).all()
 
 
-@pytest.mark.parametrize("make", [jb.ANCF, jb.SmallStrainANCF])
+@pytest.mark.parametrize("make", [jb.ANCF, jb.models.SmallStrainANCF])
 def test_bad_element_counts(make):
     for bad in (0, -1):
         with pytest.raises(ValueError, match="n_elements must be >= 1"):

@@ -155,7 +155,13 @@ def test_functions_with_other_operations_still_work():
     np.testing.assert_allclose(jax.jit(fast)(x, x), np.sort(TABLE[:, :5] @ x), rtol=1e-14)
 
 
-MODELS = [jb.EngineeringANCF(2), jb.GreenANCF(2), jb.ANCF(2), jb.ChordANCF(2), jb.TangentANCF(2)]
+MODELS = [
+    jb.EngineeringANCF(2),
+    jb.GreenANCF(2),
+    jb.ANCF(2),
+    jb.models.ChordANCF(2),
+    jb.models.TangentANCF(2),
+]
 
 
 ROTOR = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), tip_mass=0.1)
@@ -176,7 +182,7 @@ def end(model, solver, rotor, speed, damping=1e-4):
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_a_batch_of_runs_is_as_the_runs_alone(model):
     """Values and gradients."""
-    run = jax.value_and_grad(lambda *v: end(model, jb.Rodas4P(), ROTOR, *v), (0, 1))
+    run = jax.value_and_grad(lambda *v: end(model, jb.solvers.Rodas4P(), ROTOR, *v), (0, 1))
     one = jax.jit(run)
     speeds, damping = jnp.array([1.0, 2.0, 5.0]), jnp.array([1e-4, 0.0, 1e-3])
     value, slopes = jax.jit(jax.vmap(run))(speeds, damping)
@@ -189,9 +195,9 @@ def test_a_batch_of_runs_is_as_the_runs_alone(model):
 def step(model, speed, mass):
     """Where the tip is after one."""
     rotor, loads = jb.Rotor(ROTOR.beam, tip_mass=mass), jb.Loads([0, -9.8, 0], [0, 1, 0])
-    scene = jb.Scene(model, rotor, jb.ConstantSpeed(speed), loads, jb.Damping(0.1))
+    scene = jb.results.Scene(model, rotor, jb.ConstantSpeed(speed), loads, jb.Damping(0.1))
     rest = State(jnp.zeros(scene.mass.shape[0]), jnp.zeros(scene.mass.shape[0]))
-    return jb.Rodas5P().step(None, 0.0, 0.01, rest, scene, None, False)[0].q[-1]
+    return jb.solvers.Rodas5P().step(None, 0.0, 0.01, rest, scene, None, False)[0].q[-1]
 
 
 SEVERAL = jnp.full(40, 2.0), jnp.full(40, 0.1)  # more lanes than are worked on together
@@ -221,7 +227,7 @@ def test_steps_are_compiled_to_one_function():
 
 @pytest.mark.slow
 @compiled
-@pytest.mark.parametrize("solver", [jb.Rodas5P(), jb.ChordKvaerno5()], ids=repr)
+@pytest.mark.parametrize("solver", [jb.solvers.Rodas5P(), jb.solvers.ChordKvaerno5()], ids=repr)
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_spin_ups_of_elements_are_one_function(model, solver):
     """The step that is made again for the gradient may be the same function, or another."""

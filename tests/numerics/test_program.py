@@ -53,7 +53,7 @@ def test_numbers_that_a_motion_closes_over():
 
     def tip(size):
         axis, none = jnp.array([0.0, 0.0, 1.0]), jnp.zeros(3)
-        motion = jb.HubVelocity(lambda t: none, lambda t: size * axis * jnp.sin(t) ** 2)
+        motion = jb.motions.HubVelocity(lambda t: none, lambda t: size * axis * jnp.sin(t) ** 2)
         times = jnp.array([0.0, 1.0])
         return jb.simulate(jb.Hybrid(0, 1, 0), rotor, motion, times, throw=False).tip[-1, 1]
 

@@ -116,7 +116,7 @@ def test_signs_do_not_cancel_in_a_sweep():
         )
         return jb.modes(model, jb.Rotor(beam), 0.1, throw=False)
 
-    table = jb.sweep(of_material, jb.listed(density=[-1.0, 1.0], area=[-1.0, 1.0]))
+    table = jb.sweep(of_material, jb.points(density=[-1.0, 1.0], area=[-1.0, 1.0]))
     assert table["status"].tolist() == [jb.Status.INVALID_MASS_PER_LENGTH, jb.Status.OK]
 
 

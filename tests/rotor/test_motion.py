@@ -26,7 +26,7 @@ def quintic(tau):
 
 
 @pytest.mark.parametrize(
-    ("motion", "law"), [(jb.SmoothSpinUp, smooth), (jb.QuinticSpinUp, quintic)]
+    ("motion", "law"), [(jb.SmoothSpinUp, smooth), (jb.motions.QuinticSpinUp, quintic)]
 )
 def test_spin_ups_follow_the_printed_laws(motion, law):
     """Y eqs. 21 and 23, with T = 2 s."""
@@ -50,10 +50,10 @@ def test_other_rotations():
     speed, rate = along(jb.ConstantSpeed(4.0), t)
     np.testing.assert_array_equal(speed, 4.0)
     np.testing.assert_array_equal(rate, 0.0)
-    speed, rate = along(jb.ModulatedSpeed(4.0, 0.2, 7.0), t)
+    speed, rate = along(jb.motions.ModulatedSpeed(4.0, 0.2, 7.0), t)
     np.testing.assert_allclose(speed, 4.0 * (1 + 0.2 * np.sin(7 * t)), rtol=1e-13)
     np.testing.assert_allclose(rate, 4.0 * 0.2 * 7 * np.cos(7 * t), rtol=1e-12)
-    up_and_down = jb.SpinUpThenDown(jb.QuinticSpinUp(4.0, 2.0), down_at=5.0)
+    up_and_down = jb.motions.SpinUpThenDown(jb.motions.QuinticSpinUp(4.0, 2.0), down_at=5.0)
     speed, _ = along(up_and_down, [1.0, 3.0, 6.0, 7.5])
     np.testing.assert_allclose(speed, [2.0, 4.0, 2.0, 0.0], atol=1e-13)
 
@@ -68,8 +68,8 @@ def test_pose_and_velocity_state_the_same_motion():
         about = jb.ConstantSpeed(1.3, axis=[0.6, 0.0, 0.8]).attitude(t)
         return about @ jb.SmoothSpinUp(2.0, 3.0).attitude(t)
 
-    pose = jb.HubPose(position, rotation)
-    velocities = jb.HubVelocity(lambda t: pose.twist(t)[0], lambda t: pose.twist(t)[1])
+    pose = jb.motions.HubPose(position, rotation)
+    velocities = jb.motions.HubVelocity(lambda t: pose.twist(t)[0], lambda t: pose.twist(t)[1])
     t = jnp.asarray(0.7)
     hub, q = jax.jit(lambda t: (pose.hub(t, None), rotation(t)))(t)
     for a, b in zip(hub, jax.jit(lambda t: velocities.hub(t, None))(t), strict=True):
@@ -92,12 +92,14 @@ def test_gravity_turns_with_the_hub():
     pull = motion.hub(jnp.asarray(0.6), jnp.array([0.0, -9.81, 0.0])).gravity
     np.testing.assert_allclose(pull, [-9.81 * np.sin(1.2), -9.81 * np.cos(1.2), 0.0], rtol=1e-13)
     with pytest.raises(ValueError, match="gravity needs the attitude"):
-        jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.zeros(3)).hub(jnp.asarray(0.0), G)
+        jb.motions.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.zeros(3)).hub(
+            jnp.asarray(0.0), G
+        )
 
 
 def test_inclined_axis():
     """omega = Omega (cos b a1 + sin b a2) (Y, Figs. 7-9)."""
-    hub = jb.ConstantSpeed(3.0, jb.inclined(0.4)).hub(jnp.asarray(1.0), None)
+    hub = jb.ConstantSpeed(3.0, jb.motions.inclined_axis(0.4)).hub(jnp.asarray(1.0), None)
     np.testing.assert_allclose(hub.angular_velocity, [3 * np.cos(0.4), 3 * np.sin(0.4), 0.0])
 
 
@@ -105,29 +107,33 @@ def test_inclined_axis():
     ("build", "error", "message"),
     [
         (lambda: jb.SmoothSpinUp(1.0, 0.0), ValueError, "duration must be finite and > 0"),
-        (lambda: jb.QuinticSpinUp(1.0, -1.0), ValueError, "duration must be finite and > 0"),
+        (
+            lambda: jb.motions.QuinticSpinUp(1.0, -1.0),
+            ValueError,
+            "duration must be finite and > 0",
+        ),
         (lambda: jb.SmoothSpinUp("1", 1.0), TypeError, "angular_speed must be a real"),
-        (lambda: jb.ModulatedSpeed(1.0, 0.1, 0.0), ValueError, "frequency must be finite"),
+        (lambda: jb.motions.ModulatedSpeed(1.0, 0.1, 0.0), ValueError, "frequency must be finite"),
         (lambda: jb.ConstantSpeed(1.0, [0, 0, 2.0]), ValueError, "axis must be a unit vector"),
         (lambda: jb.ConstantSpeed(1.0, [0, 1.0]), ValueError, r"axis must have shape \(3,\)"),
-        (lambda: jb.SpinUpThenDown(3.0, 1.0), TypeError, "up must be a motion"),
+        (lambda: jb.motions.SpinUpThenDown(3.0, 1.0), TypeError, "up must be a motion"),
         (
-            lambda: jb.HubVelocity(lambda t: jnp.zeros(2), lambda t: jnp.zeros(3)),
+            lambda: jb.motions.HubVelocity(lambda t: jnp.zeros(2), lambda t: jnp.zeros(3)),
             ValueError,
             r"velocity must return real numbers of shape \(3,\), got float64 \(2,\)",
         ),
         (
-            lambda: jb.HubVelocity(lambda t: jnp.zeros(3), 3.0),
+            lambda: jb.motions.HubVelocity(lambda t: jnp.zeros(3), 3.0),
             TypeError,
             "angular_velocity must be a function of time",
         ),
         (
-            lambda: jb.HubPose(lambda t: jnp.zeros(3), lambda t: jnp.zeros((3, 2))),
+            lambda: jb.motions.HubPose(lambda t: jnp.zeros(3), lambda t: jnp.zeros((3, 2))),
             ValueError,
             r"rotation must return real numbers of shape \(3, 3\)",
         ),
         (
-            lambda: jb.HubPose(lambda t: jnp.zeros(3), lambda t: 2 * jnp.eye(3)),
+            lambda: jb.motions.HubPose(lambda t: jnp.zeros(3), lambda t: 2 * jnp.eye(3)),
             ValueError,
             "rotation must be a proper orthogonal matrix",
         ),

@@ -26,7 +26,7 @@ LONG = jb.Rotor(
 
 def turning(speed, **declared):
     """A hub that turns at speed(t) about a3."""
-    return jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: speed(t) * A3, **declared)
+    return jb.motions.HubVelocity(lambda t: jnp.zeros(3), lambda t: speed(t) * A3, **declared)
 
 
 def push(force, **declared):
@@ -54,7 +54,7 @@ def step(at=1.0, by=0.5, **declared):
     return turning(lambda t: jnp.where(t > at, by, 0.0), **declared)
 
 
-class Kinked(jb.Spin):
+class Kinked(jb.motions.Spin):
     """An angle with a kink."""
 
     at: jax.Array
@@ -149,7 +149,7 @@ def test_pulses_of_force_are_seen_wherever_they_are():
 def test_a_damped_beam_at_rest_at_speed_sees_the_spin_down():
     up = jb.SmoothSpinUp(2.0, 1.0)
     damping = jb.Damping(mass=3.0)
-    motion = jb.SpinUpThenDown(up, down_at=100.0)
+    motion = jb.motions.SpinUpThenDown(up, down_at=100.0)
     found = run(HYBRID, LONG, motion, jnp.linspace(0.0, 130.0, 261), damping=damping)
     down = turning(lambda t: 2.0 - up.angular_speed(t))
     start = jb.steady_start(HYBRID, LONG, down)
@@ -160,11 +160,11 @@ def test_a_damped_beam_at_rest_at_speed_sees_the_spin_down():
 
 
 CONTROLLED = [
-    (jb.Rodas5P(), diffrax.ConstantStepSize(), 0.1),
-    (jb.Rodas4P(), diffrax.StepTo(TIMES), None),
-    (jb.ChordKvaerno5(), diffrax.ConstantStepSize(), 0.1),
+    (jb.solvers.Rodas5P(), diffrax.ConstantStepSize(), 0.1),
+    (jb.solvers.Rodas4P(), diffrax.StepTo(TIMES), None),
+    (jb.solvers.ChordKvaerno5(), diffrax.ConstantStepSize(), 0.1),
     (
-        jb.Rodas5P(),
+        jb.solvers.Rodas5P(),
         diffrax.ClipStepSizeController(diffrax.PIDController(1e-6, 1e-6), step_ts=[9.0]),
         None,
     ),
@@ -208,7 +208,7 @@ def test_a_jump_of_speed_that_is_not_declared_ends_the_run(model, rotor):
 @pytest.mark.slow
 def test_jumps_of_other_kinds_that_are_not_declared():
     times = jnp.linspace(0.0, 2.0, 41)
-    sideways = jb.HubVelocity(
+    sideways = jb.motions.HubVelocity(
         lambda t: jnp.where(t > 1.3, 0.2, 0.0) * jnp.array([0.0, 1.0, 0.0]), lambda t: 0.0 * A3
     )
     pieces = turning(lambda t: jnp.floor(50 * t) / 50)  # a measured speed that is held
@@ -244,7 +244,7 @@ def test_the_impulse_of_a_jump_is_the_limit_of_short_rises(model, rotor):
     np.testing.assert_allclose(errors[1] / errors[0], 0.1, rtol=0.2)
 
 
-SOLVERS = [None, jb.ChordKvaerno5(5), diffrax.Dopri8(), diffrax.Kvaerno5()]
+SOLVERS = [None, jb.solvers.ChordKvaerno5(5), diffrax.Dopri8(), diffrax.Kvaerno5()]
 
 
 @pytest.mark.slow
@@ -255,7 +255,7 @@ def test_jumps_of_all_kinds_at_any_time(solver):
     across = jnp.array([0.0, 1.0, 0.0])
 
     def motion(jump, **declared):
-        return jb.HubVelocity(
+        return jb.motions.HubVelocity(
             lambda t: 0.3 * jump(t) * across, lambda t: 0.4 * jump(t) * A3, **declared
         )
 
@@ -302,7 +302,7 @@ def test_corners_cost_no_rejected_steps_where_they_are_declared():
     """With a tolerance that rejects nothing, what is left are steps that missed a corner."""
     times = jnp.array([0.0, 2.03, 3.07, 6.01, 6.52, 10.04])
     speeds = jnp.array([0.0, 0.5, 0.5, 2.0, 1.5, 1.5])
-    table = jb.TabulatedSpeed(times, speeds)
+    table = jb.motions.TabulatedSpeed(times, speeds)
     same = turning(lambda t: jnp.interp(t, times, speeds))
     lax = diffrax.PIDController(1.0, 1e3, dtmax=0.1)
     outputs = jnp.linspace(0.0, 12.0, 13)
@@ -366,7 +366,7 @@ def test_a_small_speed_profile_from_a_file(tmp_path):
         np.savetxt(tmp_path / "profile.csv", np.stack([t, speed], 1), delimiter=",", header="t, w")
         t, speed = np.loadtxt(tmp_path / "profile.csv", delimiter=",", unpack=True)
         for smooth in (False, True):
-            found = run(HYBRID, LONG, jb.TabulatedSpeed(t, speed, smooth=smooth), outputs)
+            found = run(HYBRID, LONG, jb.motions.TabulatedSpeed(t, speed, smooth=smooth), outputs)
             assert int(found.status) == jb.Status.OK
             errors[count, smooth] = float(jnp.max(jnp.abs(found.tip - truth.tip)))
     assert errors[61, False] < 0.35 * errors[31, False] < 0.02
@@ -377,7 +377,7 @@ def test_a_small_speed_profile_from_a_file(tmp_path):
 @pytest.mark.parametrize("smooth", [False, True])
 def test_tabulated_speeds(smooth):
     times, speeds = jnp.array([1.0, 2.0, 2.5, 4.0]), jnp.array([0.5, 1.0, -1.0, 2.0])
-    motion = jb.TabulatedSpeed(times, speeds, smooth=smooth)
+    motion = jb.motions.TabulatedSpeed(times, speeds, smooth=smooth)
     speed = jax.vmap(motion.angular_speed)
     np.testing.assert_allclose(speed(times), speeds, atol=1e-14)
     np.testing.assert_allclose(speed(jnp.array([-3.0, 0.9, 4.1, 9.0])), [0.5, 0.5, 2.0, 2.0])
@@ -388,13 +388,13 @@ def test_tabulated_speeds(smooth):
     rate = jax.vmap(lambda t: motion.hub(t, None).angular_velocity_rate[2])(fine)
     jumps = jnp.max(jnp.abs(jnp.diff(rate)))
     assert jumps < 0.01 if smooth else jumps > 1.0
-    parabola = jb.TabulatedSpeed(times, times**2, smooth=True)
+    parabola = jb.motions.TabulatedSpeed(times, times**2, smooth=True)
     np.testing.assert_allclose(parabola.angular_speed(jnp.asarray(2.2)), 2.2**2)  # both neighbours
 
 
 def test_spin_ups_end_with_the_right_speed_whatever_rounds():
     """Where t / T rounds to one, and t is larger than T by a bit."""
-    for motion in (jb.SmoothSpinUp(2.0, 0.2), jb.QuinticSpinUp(2.0, 0.2)):
+    for motion in (jb.SmoothSpinUp(2.0, 0.2), jb.motions.QuinticSpinUp(2.0, 0.2)):
         near = 0.2 * (1 + np.finfo(float).eps * np.arange(-8.0, 9.0) / 2)
         speed = jax.jit(jax.vmap(motion.angular_speed))(jnp.asarray(near))
         np.testing.assert_allclose(speed, 2.0, rtol=1e-12)
@@ -403,11 +403,11 @@ def test_spin_ups_end_with_the_right_speed_whatever_rounds():
 @pytest.mark.parametrize(
     ("build", "match"),
     [
-        (lambda: jb.TabulatedSpeed([0.0, 1.0, 0.5], [0, 1, 2]), "must increase"),
-        (lambda: jb.TabulatedSpeed([0.0, 1.0], [0, 1, 2]), "equally many"),
-        (lambda: jb.TabulatedSpeed([0.0], [1.0]), "two or more"),
-        (lambda: jb.TabulatedSpeed([0.0, np.nan], [1.0, 2.0]), "times must be finite"),
-        (lambda: jb.TabulatedSpeed([0.0, 1.0], [1.0, np.inf]), "speeds must be finite"),
+        (lambda: jb.motions.TabulatedSpeed([0.0, 1.0, 0.5], [0, 1, 2]), "must increase"),
+        (lambda: jb.motions.TabulatedSpeed([0.0, 1.0], [0, 1, 2]), "equally many"),
+        (lambda: jb.motions.TabulatedSpeed([0.0], [1.0]), "two or more"),
+        (lambda: jb.motions.TabulatedSpeed([0.0, np.nan], [1.0, 2.0]), "times must be finite"),
+        (lambda: jb.motions.TabulatedSpeed([0.0, 1.0], [1.0, np.inf]), "speeds must be finite"),
         (lambda: step(jumps=[[1.0]]), "jumps must be a list"),
         (lambda: step(changes=np.nan), "changes must be"),
         (lambda: jb.Loads(jumps=[np.inf]), "jumps must be finite"),
@@ -432,7 +432,7 @@ def test_the_particle_is_struck_as_mechanics_says():
     """The hub of the discrete analogue stops dead: the particle keeps its momentum across."""
     times = jnp.array([0.0, 1.0, 1.0 + 1e-6])
     motion = turning(lambda t: jnp.where(t > 1.0, 0.0, 0.7), jumps=[1.0])
-    for model in (jb.DiscreteNC(), jb.DiscreteNP()):
+    for model in (jb.models.DiscreteNC(), jb.models.DiscreteNP()):
         start = jb.steady_start(model, SPRINGS, jb.ConstantSpeed(0.7))
         found = run(model, SPRINGS, motion, times, start=start)
         equations, y = model.equations(SPRINGS), found.state

@@ -20,7 +20,7 @@ ROTOR = jb.Rotor(BLADE)
 ABRUPT = jb.Rotor(jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, 6.89e9 * 7.19e-4, 6.89e9 * 7.19e-4))
 SMOOTH = jb.Rotor(jb.Beam(10.0, 1.2, 7e10 * 4e-4, 7e10 * 2e-7, 7e10 * 2e-7))
 SPATIAL = jb.Rotor(jb.Beam(10.0, 1.2, 7e10 * 4e-4, 7e10 * 4e-7, 7e10 * 2e-7))
-SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
+SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
 
 
 @pytest.mark.slow
@@ -33,7 +33,7 @@ def test_discrete_models():
     for name in ("NC", "NP", "LC", "LP", "NS"):
         model = getattr(jb, f"Discrete{name}")()
         for speed in (10, 20):
-            for law in (jb.SmoothSpinUp, jb.QuinticSpinUp):
+            for law in (jb.SmoothSpinUp, jb.motions.QuinticSpinUp):
                 run = jb.simulate(
                     model, SPRINGS, law(float(speed), 1.0), times, stepsize_controller=tight,
                     throw=False,
@@ -52,7 +52,7 @@ def test_discrete_models():
     assert 0.2 < gap("LC", 10) < 1
     for speed in (10, 20):
         assert gap("NP", speed) < 1e-9
-        assert gap("NP", speed, jb.QuinticSpinUp) < 1e-9
+        assert gap("NP", speed, jb.motions.QuinticSpinUp) < 1e-9
         assert gap("LP", speed) < 0.02
         assert 3 < gap("NS", speed) / gap("LP", speed) < 5
 
@@ -100,7 +100,7 @@ def test_mass_damping_is_the_same_in_all_coordinates():
             damping=jb.Damping(mass=0.7),
             stepsize_controller=diffrax.PIDController(rtol=1e-11, atol=1e-13),
         ).tip
-        for model in (jb.DiscreteNC(), jb.DiscreteNP())
+        for model in (jb.models.DiscreteNC(), jb.models.DiscreteNP())
     ]  # fmt: skip
     np.testing.assert_allclose(*tips, rtol=1e-9, atol=1e-10)
 
@@ -109,7 +109,7 @@ def test_mass_damping_is_the_same_in_all_coordinates():
 def test_abrupt_spin_up():
     """Y Fig. 4: foreshortening shows in u1 of the hybrid model, not of the classical one; at three
     quarters of the length the hybrid model is some 20 % off."""
-    motion, times = jb.QuinticSpinUp(0.31, 1.0), np.linspace(0.0, 10.0, 201)
+    motion, times = jb.motions.QuinticSpinUp(0.31, 1.0), np.linspace(0.0, 10.0, 201)
     runs = {
         "hybrid": jb.simulate(jb.Hybrid(3, 4, 0), ABRUPT, motion, times),
         "classical": jb.simulate(jb.Classical(3, 4, 0), ABRUPT, motion, times, throw=False),
@@ -125,7 +125,10 @@ def test_abrupt_spin_up():
 @pytest.mark.slow
 def test_spatial_spin_up():
     """Y Fig. 8: the outward deflection u2 settles away from zero, u3 swings about zero."""
-    motion, times = jb.SmoothSpinUp(3.0, 1.5, jb.inclined(np.pi / 3)), np.linspace(0, 15.0, 301)
+    motion, times = (
+        jb.SmoothSpinUp(3.0, 1.5, jb.motions.inclined_axis(np.pi / 3)),
+        np.linspace(0, 15.0, 301),
+    )
     for model in (jb.Hybrid(3, 4, 4), jb.VonKarman(8, 4, 4)):
         tip = np.asarray(jb.simulate(model, SPATIAL, motion, times).tip)
         late = times > 2
@@ -178,8 +181,8 @@ def test_reference_is_converged(exact):
         (jb.GreenANCF, (4, 8, 16), 4, 4, 1e-5),
         # the chord is shorter than the arc by h^2, and so is the mean strain that it stands for
         (jb.ANCF, (4, 8, 16), 2, 1, 1e-5),
-        (jb.ChordANCF, (8, 16, 32), 2, 1.5, 2e-4),
-        (jb.TangentANCF, (8, 16, 32), 3, 3, 3e-4),
+        (jb.models.ChordANCF, (8, 16, 32), 2, 1.5, 2e-4),
+        (jb.models.TangentANCF, (8, 16, 32), 3, 3, 3e-4),
     ],
     ids=lambda v: getattr(v, "__name__", None),
 )
@@ -245,7 +248,9 @@ def test_modal_models_converge_exponentially_to_their_own_limit(exact, build, li
 @pytest.mark.slow
 def test_linear_elements_have_the_limit_of_the_hybrid_model(exact):
     """One linear theory, small-strain, by elements and by polynomials."""
-    found = [deviation(m, 4.0, exact)[1] for m in (jb.SmallStrainANCF(10), jb.Hybrid(5, 5, 0))]
+    found = [
+        deviation(m, 4.0, exact)[1] for m in (jb.models.SmallStrainANCF(10), jb.Hybrid(5, 5, 0))
+    ]
     np.testing.assert_allclose(*found, rtol=0.01)
 
 
@@ -256,15 +261,17 @@ def test_model_zero_fails_where_berzeri_says():
     def growth(model, speed):
         return float(jb.modes(model, ROTOR, speed, 1).growth_rate[0])
 
-    assert growth(jb.ChordANCF(1), 10.0) > 1
-    assert growth(jb.ChordANCF(2), 10.0) == 0
-    assert growth(jb.ChordANCF(2), 40.0) > 10
-    assert growth(jb.TangentANCF(1), 4.0) > 1
-    for model in (jb.ANCF(1), jb.ANCF(2), jb.GreenANCF(2), jb.ChordANCF(10)):
+    assert growth(jb.models.ChordANCF(1), 10.0) > 1
+    assert growth(jb.models.ChordANCF(2), 10.0) == 0
+    assert growth(jb.models.ChordANCF(2), 40.0) > 10
+    assert growth(jb.models.TangentANCF(1), 4.0) > 1
+    for model in (jb.ANCF(1), jb.ANCF(2), jb.GreenANCF(2), jb.models.ChordANCF(10)):
         assert growth(model, 10.0) == 0
-    assert growth(jb.ANCF(2), 40.0) == growth(jb.ChordANCF(10), 40.0) == 0
+    assert growth(jb.ANCF(2), 40.0) == growth(jb.models.ChordANCF(10), 40.0) == 0
     first = jb.labels(in_plane=1)
-    ten = [jb.modes(m, ROTOR, 10.0, first).frequency for m in (jb.ChordANCF(10), jb.ANCF(10))]
+    ten = [
+        jb.modes(m, ROTOR, 10.0, first).frequency for m in (jb.models.ChordANCF(10), jb.ANCF(10))
+    ]
     np.testing.assert_allclose(*ten, rtol=0.02)
 
 
@@ -274,13 +281,13 @@ def test_model_zero_in_time():
     motion, times = jb.SmoothSpinUp(10.0, 15.0), np.linspace(0.0, 20.0, 101)
     loose = diffrax.PIDController(rtol=1e-5, atol=1e-5)
     one = jb.simulate(
-        jb.ChordANCF(1), ROTOR, motion, times, throw=False, max_steps=20_000,
+        jb.models.ChordANCF(1), ROTOR, motion, times, throw=False, max_steps=20_000,
         stepsize_controller=loose,
     )  # fmt: skip
     assert np.nanmax(np.abs(one.partial.tip[:, 1])) > 4.0
     runs = [
         jb.simulate(m, ROTOR, motion, times, stepsize_controller=loose)
-        for m in (jb.ChordANCF(10), jb.ANCF(10))
+        for m in (jb.models.ChordANCF(10), jb.ANCF(10))
     ]
     peaks = [float(run.peak()[0]) for run in runs]
     np.testing.assert_allclose(*peaks, rtol=0.02)
@@ -294,8 +301,8 @@ def test_steady_stretch_by_every_model():
     exact = 10.0 * (np.tan(b) / b - 1)
     for model, tolerance in (
         (jb.Hybrid(5, 1, 0), 1e-8), (jb.Classical(5, 1, 0), 1e-8), (jb.VonKarman(5, 1, 0), 1e-8),
-        (jb.ChordANCF(4), 1e-8), (jb.TangentANCF(4), 1e-8),
-        (jb.GreenANCF(8), 3e-4), (jb.ANCF(8), 3e-4), (jb.SmallStrainANCF(8), 3e-4),
+        (jb.models.ChordANCF(4), 1e-8), (jb.models.TangentANCF(4), 1e-8),
+        (jb.GreenANCF(8), 3e-4), (jb.ANCF(8), 3e-4), (jb.models.SmallStrainANCF(8), 3e-4),
     ):  # fmt: skip
         run = jb.simulate(
             model, rotor, motion, [0.0, 1e-3], start=jb.steady_start(model, rotor, motion)
@@ -306,13 +313,16 @@ def test_steady_stretch_by_every_model():
 @pytest.mark.slow
 def test_discrete_frequencies():
     """Exact models agree at speed; LC diverges at sqrt(k_r / m) / L; LP is k_r / m + d Omega^2."""
-    both = [jb.modes(m, SPRINGS, 10.0, 2).frequency for m in (jb.DiscreteNC(), jb.DiscreteNP())]
+    both = [
+        jb.modes(m, SPRINGS, 10.0, 2).frequency
+        for m in (jb.models.DiscreteNC(), jb.models.DiscreteNP())
+    ]
     np.testing.assert_allclose(*both, rtol=1e-12)
     critical = np.sqrt(300.0)
     for speed, grows in ((0.9999 * critical, False), (1.0001 * critical, True)):
-        growth = jb.modes(jb.DiscreteLC(), SPRINGS, speed, 1).growth_rate[0]
+        growth = jb.modes(jb.models.DiscreteLC(), SPRINGS, speed, 1).growth_rate[0]
         assert (growth > 0) == grows
     # without stretch, LP is an oscillator; k_T makes it nearly so
-    stiff = jb.SpringRotor(1.0, 1.0, 1.0, 1e12, 300.0)
-    frequency = jb.modes(jb.DiscreteLP(), stiff, 10.0, 1).frequency[0]
+    stiff = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e12, 300.0)
+    frequency = jb.modes(jb.models.DiscreteLP(), stiff, 10.0, 1).frequency[0]
     np.testing.assert_allclose(frequency, np.sqrt(400.0), rtol=1e-8)

@@ -12,7 +12,7 @@ from tests.helpers import DISCRETE, ELEMENTS, finite_difference, name, optimised
 
 BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
-SPRINGS = jb.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
 TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
 PLANAR = [
     jb.Hybrid(2, 3, 0),
@@ -113,7 +113,7 @@ def test_jacobi_integral_is_constant_at_constant_speed(model, rotor):
 def test_jacobi_integral_of_large_motion(model):
     """The same in space, about an inclined axis, and bent by a tenth of the length."""
     flat = isinstance(model, jb.GreenANCF)
-    motion = jb.ConstantSpeed(1.0, None if flat else jb.inclined(1.1))
+    motion = jb.ConstantSpeed(1.0, None if flat else jb.motions.inclined_axis(1.1))
     push = jb.Loads(tip_force=[0.0, -0.8, 0.0 if flat else 0.5])
     start = jb.steady_start(model, ROTOR, motion, loads=push)
     run = optimised(
@@ -130,8 +130,8 @@ def test_jacobi_integral_of_large_motion(model):
 def test_steady_start_stays():
     """Spinning steadily, inclined and with gravity along the axis: nothing moves."""
     model = jb.VonKarman(5, 3, 2)
-    motion = jb.ConstantSpeed(3.0, jb.inclined(1.2))
-    axis = np.asarray(jb.inclined(1.2))
+    motion = jb.ConstantSpeed(3.0, jb.motions.inclined_axis(1.2))
+    axis = np.asarray(jb.motions.inclined_axis(1.2))
     loads = jb.Loads(gravity=-9.81 * axis)
     start = jb.steady_start(model, ROTOR, motion, loads=loads)
     run = jb.simulate(model, ROTOR, motion, [0.0, 0.5, 1.0], loads=loads, start=start)
@@ -174,7 +174,8 @@ def test_tip_force_along_the_beam_buckles_it():
     model, still = jb.Hybrid(0, 8, 0), jb.ConstantSpeed(0.0)
     euler = np.pi**2 * 11.0 / (4 * 2.0**2)
     for share in (0.999, 1.001):
-        scene = jb.Scene(model, jb.Rotor(BLADE), still, jb.Loads([0, 0, 0], [-share * euler, 0, 0]),
+        loads = jb.Loads([0, 0, 0], [-share * euler, 0, 0])
+        scene = jb.results.Scene(model, jb.Rotor(BLADE), still, loads,
                          jb.Damping())  # fmt: skip
         zero = jnp.zeros(8)
         k, _ = scene.tangents(scene.inputs(jnp.zeros(())), zero, zero)
@@ -190,7 +191,7 @@ def test_damping_ratio():
     ratio = 0.02
     damping = jb.Damping(mass=ratio * w, stiffness=ratio / w)
     period = 2 * np.pi / (w * np.sqrt(1 - ratio**2))
-    start = jb.State(1e-4 * shape, 0 * shape, jnp.zeros(()))
+    start = jb.solvers.State(1e-4 * shape, 0 * shape, jnp.zeros(()))
     run = jb.simulate(
         model, rotor, jb.ConstantSpeed(0.0), period * np.arange(4), damping=damping, start=start,
         stepsize_controller=TIGHT,
@@ -203,7 +204,7 @@ def test_damping_ratio():
 @pytest.mark.slow
 def test_outputs():
     model = jb.Hybrid(2, 3, 2)
-    run = jb.simulate(model, ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 11))
+    run = jb.simulate(model, ROTOR, jb.motions.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 11))
     assert run.displacement([0.0, 0.5, 1.0]).shape == (11, 3, 3)
     np.testing.assert_allclose(run.displacement(0.0), 0.0, atol=1e-15)
     assert run.strain([0.0, 1.0]).shape == (11, 2)
@@ -222,7 +223,7 @@ def test_outputs():
     with pytest.raises(ValueError, match=r"in \[0, 1\]"):
         run.displacement(1.5)
     # where the largest value is at the end, it is that one
-    early = jb.simulate(model, ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 0.3, 11))
+    early = jb.simulate(model, ROTOR, jb.motions.QuinticSpinUp(3.0, 1.0), np.linspace(0, 0.3, 11))
     np.testing.assert_allclose(early.peak()[0], early.tip[-1, 1], rtol=1e-12)
     assert float(early.peak()[1]) == 0.3
 
@@ -236,7 +237,7 @@ def test_peak_between_output_times():
     size = jnp.array([1.0, -1.0, 1.0, -1.0, 1.0])
 
     def peak(when, size):
-        start = jb.State(
+        start = jb.solvers.State(
             (size * jnp.cos(w * when))[None], (w * size * jnp.sin(w * when))[None], jnp.zeros(())
         )
         run = jb.simulate(
@@ -252,7 +253,7 @@ def test_peak_between_output_times():
 
 def test_event_ends_the_run_where_the_limit_is_reached():
     run = jb.simulate(
-        jb.Hybrid(2, 3, 0), ROTOR, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 21),
+        jb.Hybrid(2, 3, 0), ROTOR, jb.motions.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 21),
         event=jb.deflection_limit(0.05),
     )  # fmt: skip
     reached = np.isfinite(run.times)
@@ -266,7 +267,7 @@ def test_event_ends_the_run_where_the_limit_is_reached():
 @pytest.mark.slow
 def test_diffrax_objects_pass_through():
     times = np.linspace(0, 1, 5)
-    case = (jb.Hybrid(2, 3, 0), ROTOR, jb.QuinticSpinUp(3.0, 1.0), times)
+    case = (jb.Hybrid(2, 3, 0), ROTOR, jb.motions.QuinticSpinUp(3.0, 1.0), times)
     plain = jb.simulate(*case).tip
     dense = jb.simulate(*case, saveat=diffrax.SaveAt(dense=True))
     np.testing.assert_allclose(dense.tip, plain, atol=1e-7)
@@ -295,8 +296,8 @@ SPRING_VALUES = jnp.array([1.3, 0.8, 0.4, 6000.0, 30.0, 3.0, 1.4, 0.3, 2e-3])
 
 def outcome(model, p, **kwargs):
     """Peak deflection, within the run, and final one as a function of every parameter."""
-    if model.rotor_type is jb.SpringRotor:
-        rotor = jb.SpringRotor(*p[:5])
+    if model.rotor_type is jb.models.SpringRotor:
+        rotor = jb.models.SpringRotor(*p[:5])
     else:
         rotor = jb.Rotor(jb.Beam(p[0], p[1], p[2], p[3], p[3]), p[4], p[5])
     motion, damping = jb.SmoothSpinUp(p[-4], p[-3]), jb.Damping(p[-2], p[-1])
@@ -337,7 +338,8 @@ def test_gradient_of_the_smallest_model():
 
     def final(radius):
         run = jb.simulate(
-            jb.Hybrid(0, 1, 0), jb.Rotor(BLADE, radius), jb.QuinticSpinUp(3.0, 1.4), [0.0, 1.0],
+            jb.Hybrid(0, 1, 0), jb.Rotor(BLADE, radius), jb.motions.QuinticSpinUp(3.0, 1.4),
+            [0.0, 1.0],
             stepsize_controller=TIGHT, max_steps=1000,
         )  # fmt: skip
         return run.tip[-1, 1]
@@ -349,7 +351,7 @@ def test_gradient_of_the_smallest_model():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "rotor"),
-    [(jb.Hybrid(2, 3, 0), ROTOR), (jb.GreenANCF(2), ROTOR), (jb.DiscreteNC(), SPRINGS)],
+    [(jb.Hybrid(2, 3, 0), ROTOR), (jb.GreenANCF(2), ROTOR), (jb.models.DiscreteNC(), SPRINGS)],
     ids=name,
 )
 def test_gradients_of_adaptive_steps_under_vmap(model, rotor):
@@ -384,7 +386,7 @@ def test_gradients_in_space(model):
     def final(p, **kwargs):
         run = jb.simulate(
             model, jb.Rotor(jb.Beam(*p[:5]), p[5], p[6]),
-            jb.QuinticSpinUp(p[7], p[8], jb.inclined(p[9])), [0.0, 0.5, 1.0],
+            jb.motions.QuinticSpinUp(p[7], p[8], jb.motions.inclined_axis(p[9])), [0.0, 0.5, 1.0],
             loads=jb.Loads(p[10] * jnp.eye(3)[2], p[11] * jnp.ones(3)), throw=False,
             stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01, max_steps=128, **kwargs,
         )  # fmt: skip
@@ -416,20 +418,21 @@ class Circle(eqx.Module):
 
 MOTIONS = {
     "ConstantSpeed": (lambda p: jb.ConstantSpeed(p[0]), [3.0]),
-    "Quintic": (lambda p: jb.QuinticSpinUp(p[0], p[1]), [3.0, 1.4]),
-    "Modulated": (lambda p: jb.ModulatedSpeed(p[0], p[1], p[2]), [3.0, 0.4, 5.0]),
+    "Quintic": (lambda p: jb.motions.QuinticSpinUp(p[0], p[1]), [3.0, 1.4]),
+    "Modulated": (lambda p: jb.motions.ModulatedSpeed(p[0], p[1], p[2]), [3.0, 0.4, 5.0]),
     "UpThenDown": (
-        lambda p: jb.SpinUpThenDown(jb.QuinticSpinUp(p[0], p[1]), p[2]), [3.0, 0.545, 0.615]
+        lambda p: jb.motions.SpinUpThenDown(jb.motions.QuinticSpinUp(p[0], p[1]), p[2]),
+        [3.0, 0.545, 0.615]
     ),
     "Velocity": (
-        lambda p: jb.HubVelocity(
+        lambda p: jb.motions.HubVelocity(
             jax.tree_util.Partial(lambda p, t: p * jnp.sin(3 * t) * jnp.ones(3), p[0]),
             jax.tree_util.Partial(lambda p, t: p * jnp.cos(2 * t) * jnp.ones(3), p[1]),
         ),
         [0.3, 0.7],
     ),
     "Pose": (
-        lambda p: jb.HubPose(Circle(p).position, Circle(p).rotation), [1.2, 0.4, 0.3, 1.5]
+        lambda p: jb.motions.HubPose(Circle(p).position, Circle(p).rotation), [1.2, 0.4, 0.3, 1.5]
     ),
 }  # fmt: skip
 
@@ -456,7 +459,7 @@ def test_gradients_by_parameters_of_motions(build, p):
 
 def run_case(**changes):
     case = {
-        "model": jb.Hybrid(2, 3, 0), "rotor": ROTOR, "motion": jb.QuinticSpinUp(3.0, 1.0),
+        "model": jb.Hybrid(2, 3, 0), "rotor": ROTOR, "motion": jb.motions.QuinticSpinUp(3.0, 1.0),
         "times": np.linspace(0, 1, 5),
     } | changes  # fmt: skip
     return jb.simulate(case.pop("model"), case.pop("rotor"), case.pop("motion"), **case)
@@ -477,19 +480,19 @@ def run_case(**changes):
         ({"rotor": SPRINGS}, TypeError, "rotor must be a Rotor, got SpringRotor"),
         ({"start": jnp.zeros(5)}, TypeError, "start must be a State"),
         (
-            {"start": jb.State(jnp.zeros(4), jnp.zeros(5), jnp.zeros(()))},
+            {"start": jb.solvers.State(jnp.zeros(4), jnp.zeros(5), jnp.zeros(()))},
             ValueError,
             r"start.q must have shape \(5,\), got \(4,\)",
         ),
         (
-            {"motion": jb.QuinticSpinUp(3.0, 1.0, jb.inclined(1.0))},
+            {"motion": jb.motions.QuinticSpinUp(3.0, 1.0, jb.motions.inclined_axis(1.0))},
             ValueError,
             "leave the plane of rotation",
         ),
         ({"loads": jb.Loads(gravity=[0, 0, -9.81])}, ValueError, "leave the plane"),
         (
             {
-                "motion": jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.zeros(3)),
+                "motion": jb.motions.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.zeros(3)),
                 "loads": jb.Loads(gravity=[0, -9.81, 0]),
             },
             ValueError,
@@ -510,7 +513,7 @@ def run_case(**changes):
             "not finite|ten lengths",
         ),
         (
-            {"model": jb.Classical(2, 3, 0), "motion": jb.QuinticSpinUp(12.0, 0.5),
+            {"model": jb.Classical(2, 3, 0), "motion": jb.motions.QuinticSpinUp(12.0, 0.5),
              "times": np.linspace(0, 3, 9)},
             RuntimeError,
             "more than ten lengths",
@@ -532,7 +535,8 @@ def test_what_a_bad_case_brings_along():
     @jax.vmap
     def status(tip_mass, late):
         run = jb.simulate(
-            jb.Hybrid(0, 1, 0), jb.Rotor(BLADE, 0.4, tip_mass), jb.QuinticSpinUp(1.0, 1.0), times,
+            jb.Hybrid(0, 1, 0), jb.Rotor(BLADE, 0.4, tip_mass),
+            jb.motions.QuinticSpinUp(1.0, 1.0), times,
             saveat=diffrax.SaveAt(ts=jnp.stack([0.0 * late, late])), throw=False,
             stepsize_controller=steps,
         )  # fmt: skip
@@ -549,7 +553,7 @@ def test_what_a_bad_case_brings_along():
 @pytest.mark.slow
 def test_verdict_does_not_depend_on_what_is_saved():
     """A manoeuvre that ends at rest has no energy at its ends; loads may vanish at outputs."""
-    motion = jb.SpinUpThenDown(jb.SmoothSpinUp(3.0, 20.0), 25.0)
+    motion = jb.motions.SpinUpThenDown(jb.SmoothSpinUp(3.0, 20.0), 25.0)
     run = jb.simulate(jb.Hybrid(0, 1, 0), ROTOR, motion, [0.0, 50.0])
     assert int(run.status) == jb.Status.OK
     aside = jb.Loads(tip_force=lambda t: jnp.array([0.0, 0.0, 5.0]) * jnp.sin(jnp.pi * t) ** 2)
@@ -562,7 +566,7 @@ def test_default_tolerance_suits_stiff_beams():
     """Deflections of a millionth of the length are resolved as well as large ones."""
     rotor = jb.Rotor(jb.Beam(2.0, 1.3, 1e9, 1e7, 1e7), 0.4, 0.3)
     for model in (jb.Hybrid(2, 3, 0), jb.GreenANCF(2)):
-        case = model, rotor, jb.QuinticSpinUp(3.0, 1.0), np.linspace(0.0, 1.0, 11)
+        case = model, rotor, jb.motions.QuinticSpinUp(3.0, 1.0), np.linspace(0.0, 1.0, 11)
         run = jb.simulate(*case)
         exact = jb.simulate(
             *case, max_steps=10**6, stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-14)
@@ -580,7 +584,8 @@ def test_default_tolerance_suits_stiff_beams():
 def test_adjoints_solvers_and_progress_pass_through(adjoint):
     def final(speed, solver, tolerance=1e-9):
         run = jb.simulate(
-            jb.Hybrid(0, 2, 0), ROTOR, jb.QuinticSpinUp(speed, 1.0), [0.0, 1.0], solver=solver,
+            jb.Hybrid(0, 2, 0), ROTOR, jb.motions.QuinticSpinUp(speed, 1.0), [0.0, 1.0],
+            solver=solver,
             adjoint=adjoint, max_steps=2000, progress_meter=diffrax.TextProgressMeter(),
             stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance / 10),
         )  # fmt: skip
@@ -605,7 +610,7 @@ def test_lanes_that_end_badly_leave_others_alone():
     """Diverged, out of steps: neighbours, and their gradients, are those of single runs."""
 
     def tip(model, speed, **kwargs):
-        motion = jb.QuinticSpinUp(speed, 0.5)
+        motion = jb.motions.QuinticSpinUp(speed, 0.5)
         run = jb.simulate(
             model, ROTOR, motion, np.linspace(0.0, 3.0, 9), throw=False, **kwargs
         )  # fmt: skip
@@ -635,17 +640,17 @@ def test_force_and_torque_of_the_hub_balance_power(model):
 
     def rotation(t):
         turn = jb.ConstantSpeed(1.3, [0.6, 0.0, 0.8]).attitude(t)
-        return turn @ jb.QuinticSpinUp(2.0, 3.0).attitude(t)
+        return turn @ jb.motions.QuinticSpinUp(2.0, 3.0).attitude(t)
 
-    motion = jb.HubPose(lambda t: jnp.sin(t * a) + b * t**2, rotation)
+    motion = jb.motions.HubPose(lambda t: jnp.sin(t * a) + b * t**2, rotation)
     loads = jb.Loads([0.3, -9.81, 2.0], [1.0, 2.0, -0.5])
-    scene = jb.Scene(model, ROTOR, motion, loads, jb.Damping())
+    scene = jb.results.Scene(model, ROTOR, motion, loads, jb.Damping())
     q, v = jnp.asarray(0.05 * rng.normal(size=(2, len(model.families))))
 
     @jax.jit
     def both(t):
-        hub, y = scene.hub(t), jb.State(q, v)
-        moving = jb.State(v, scene.acceleration(t, q, v))
+        hub, y = scene.hub(t), jb.solvers.State(q, v)
+        moving = jb.solvers.State(v, scene.acceleration(t, q, v))
         rate = jax.jvp(scene.total_energy, (t, y), (jnp.ones(()), moving))[1]
         force, torque = scene.reaction(t, y)
         of_hub = force @ hub.velocity + torque @ hub.angular_velocity
@@ -707,7 +712,9 @@ def test_bad_times_in_a_batch():
     """Decreasing or NaN times of one lane are its own affair."""
 
     def case(times):
-        run = jb.simulate(jb.Hybrid(0, 1, 0), ROTOR, jb.QuinticSpinUp(3.0, 1.0), times, throw=False)
+        run = jb.simulate(
+            jb.Hybrid(0, 1, 0), ROTOR, jb.motions.QuinticSpinUp(3.0, 1.0), times, throw=False
+        )
         return run.tip[-1, 1], run.status
 
     lanes = jnp.array([[0.0, 0.5, 1.0], [0.0, 1.0, 0.5], [0.0, jnp.nan, 1.0], [0.0, 0.2, 1.0]])
@@ -732,11 +739,19 @@ def gap(t, value):
 def test_a_gap_in_motion_or_load_between_outputs_is_named():
     def run(motion, loads):
         return jb.simulate(
-            jb.DiscreteNC(), SPRINGS, motion, [0.0, 1.0], loads=loads, max_steps=2000, throw=False
+            jb.models.DiscreteNC(),
+            SPRINGS,
+            motion,
+            [0.0, 1.0],
+            loads=loads,
+            max_steps=2000,
+            throw=False,
         ).status
 
-    steady = jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.array([0.0, 0.0, 1.0]))
-    torn = jb.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.array([0.0, 0.0, gap(t, 1.0)]))
+    steady = jb.motions.HubVelocity(lambda t: jnp.zeros(3), lambda t: jnp.array([0.0, 0.0, 1.0]))
+    torn = jb.motions.HubVelocity(
+        lambda t: jnp.zeros(3), lambda t: jnp.array([0.0, 0.0, gap(t, 1.0)])
+    )
     push = jb.Loads(tip_force=lambda t: jnp.array([0.0, gap(t, 1.0), 0.0]))
     assert run(torn, None) == jb.Status.INVALID_MOTION
     assert run(steady, push) == jb.Status.INVALID_LOAD

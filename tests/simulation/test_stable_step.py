@@ -10,7 +10,7 @@ import jaxbeam as jb
 from jaxbeam import amplification, stable_step
 
 ROTOR = jb.Rotor(jb.Beam.from_slenderness(50.0), 0.1, 0.0)
-SPRINGS = jb.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
 SPEED = 2.0  # rad/s: more than half the lowest frequency
 STEPS, GROWTH = 200, 100.0
 GREEN = jb.GreenANCF(2)
@@ -47,14 +47,14 @@ CLOSED = {
     diffrax.Midpoint: lambda z: 1 + z + z**2 / 2,
     diffrax.Bosh3: lambda z: 1 + z + z**2 / 2 + z**3 / 6,
     diffrax.ImplicitEuler: lambda z: 1 / (1 - z),
-    jb.Magnus: np.exp,
+    jb.solvers.Magnus: np.exp,
 }
 
 
 @pytest.mark.parametrize(
     "method",
     some(
-        (diffrax.Euler, diffrax.Heun, diffrax.Bosh3, jb.Magnus),
+        (diffrax.Euler, diffrax.Heun, diffrax.Bosh3, jb.solvers.Magnus),
         (diffrax.Midpoint, diffrax.ImplicitEuler),
     ),
     ids=lambda m: m.__name__,
@@ -92,13 +92,16 @@ def test_chord_iterations_solve_what_is_linear():
     """Forces z times as large as the state carry z times its rounding."""
     angles = np.geomspace(0.01, 1e6, 60)
     exact = [abs(stability_function(diffrax.Kvaerno5(), 1j * z)) for z in angles]
-    error = np.abs(each_angle(jb.ChordKvaerno5(), angles) - exact)
+    error = np.abs(each_angle(jb.solvers.ChordKvaerno5(), angles) - exact)
     assert (error < 2 * np.finfo(float).eps * (1 + angles)).all()
 
 
 @pytest.mark.parametrize(
     "solver",
-    some((jb.Rodas5P(),), (jb.Rodas4P(), jb.ChordKvaerno5(), diffrax.Kvaerno5())),
+    some(
+        (jb.solvers.Rodas5P(),),
+        (jb.solvers.Rodas4P(), jb.solvers.ChordKvaerno5(), diffrax.Kvaerno5()),
+    ),
     ids=named,
 )
 def test_stable_at_any_step(solver):
@@ -108,12 +111,12 @@ def test_stable_at_any_step(solver):
         found = each_angle(solver, angles, ratio)
         assert found.max() < 1 + 1e-12
         assert found[-1] < 1e-5
-    assert stable_step(solver, jb.DiscreteLP(), SPRINGS, SPEED).step == np.inf
+    assert stable_step(jb.models.DiscreteLP(), SPRINGS, SPEED, solver).step == np.inf
 
 
 def limit(solver, steps=1000, growth=100.0):
     """h omega."""
-    found = stable_step(solver, jb.DiscreteLP(), SPRINGS, SPEED, steps=steps, growth=growth)
+    found = stable_step(jb.models.DiscreteLP(), SPRINGS, SPEED, solver, steps=steps, growth=growth)
     return float(found.step * found.frequency)
 
 
@@ -155,14 +158,14 @@ def test_high_order_does_not_mean_stable():
 @slow
 def test_step_follows_the_highest_frequency():
     """Under jit and vmap, with derivatives by the rotor."""
-    model, euler = jb.DiscreteLP(), diffrax.Euler()
+    model, euler = jb.models.DiscreteLP(), diffrax.Euler()
 
     def step(mass):
-        springs = jb.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
-        return stable_step(euler, model, springs, SPEED, throw=False).step
+        springs = jb.models.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
+        return stable_step(model, springs, SPEED, euler, throw=False).step
 
     def highest(mass):
-        springs = jb.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
+        springs = jb.models.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
         return jb.modes(model, springs, SPEED, 2, throw=False).frequency.max()
 
     masses = jnp.array([1.3, 2.0])
@@ -176,7 +179,7 @@ def test_step_follows_the_highest_frequency():
 def test_flap_modes_count():
     """The highest frequency may be out of plane."""
     beam = jb.Beam(1.0, 1.0, 1e3, 1.0, 100.0)
-    found = stable_step(diffrax.Tsit5(), jb.Hybrid(1, 1, 3), jb.Rotor(beam), 0.0)
+    found = stable_step(jb.Hybrid(1, 1, 3), jb.Rotor(beam), 0.0, diffrax.Tsit5())
     flap = jb.modes(jb.Hybrid(1, 1, 3), jb.Rotor(beam), 0.0, jb.labels(flap=3)).frequency
     np.testing.assert_allclose(found.frequency, flap.max(), rtol=1e-12)
 
@@ -191,7 +194,7 @@ def test_bad_input():
             amplification(diffrax.Euler(), angle)
     with pytest.raises(TypeError, match="damping_ratio must be a real"):
         amplification(diffrax.Euler(), 1.0, "much")
-    case = diffrax.Euler(), jb.DiscreteLP(), SPRINGS, SPEED
+    case = jb.models.DiscreteLP(), SPRINGS, SPEED, diffrax.Euler()
     with pytest.raises(ValueError, match="steps must be >= 1, got 0"):
         stable_step(*case, steps=0)
     with pytest.raises(TypeError, match="steps must be an int, got float"):
@@ -200,26 +203,26 @@ def test_bad_input():
         with pytest.raises(ValueError, match="growth must be finite and > 1"):
             stable_step(*case, growth=growth)
     with pytest.raises(TypeError, match="rotor must be a SpringRotor, got Rotor"):
-        stable_step(diffrax.Euler(), jb.DiscreteLP(), ROTOR, SPEED)
+        stable_step(jb.models.DiscreteLP(), ROTOR, SPEED, diffrax.Euler())
     with pytest.raises(TypeError, match="solver must be a diffrax solver"):
-        stable_step(None, *case[1:])
+        stable_step(*case[:3], None)
 
 
 @pytest.mark.parametrize(
     ("model", "rotor", "speed", "status"),
     [
-        (jb.DiscreteLC(), SPRINGS, 20.0, jb.Status.NO_EQUILIBRIUM),  # its spring gives way
+        (jb.models.DiscreteLC(), SPRINGS, 20.0, jb.Status.NO_EQUILIBRIUM),  # its spring gives way
         pytest.param(jb.Classical(2, 3, 0), ROTOR, 5.0, jb.Status.NO_EQUILIBRIUM, marks=slow),
         pytest.param(jb.Hybrid(2, 3, 0), ROTOR, 90.0, jb.Status.NO_EQUILIBRIUM, marks=slow),
     ],
 )
 def test_no_step_where_the_model_itself_grows(model, rotor, speed, status):
-    found = stable_step(diffrax.Euler(), model, rotor, speed, throw=False)
+    found = stable_step(model, rotor, speed, diffrax.Euler(), throw=False)
     assert int(found.status) == status
     assert np.isnan(found.step)
     assert np.isnan(found.frequency)
     with pytest.raises(RuntimeError, match="no stable steady rotation"):
-        stable_step(diffrax.Euler(), model, rotor, speed)
+        stable_step(model, rotor, speed, diffrax.Euler())
 
 
 def fastest(model, rotor):
@@ -231,7 +234,7 @@ def fastest(model, rotor):
     k = jnp.argmax(modes.frequency)
     omega, shape = modes.frequency[k], modes.shape[k] * tiny / jnp.linalg.norm(modes.shape[k])
     still = jb.steady_start(model, rotor, motion)
-    start = jb.State(still.q + shape.real, still.v - omega * shape.imag)
+    start = jb.solvers.State(still.q + shape.real, still.v - omega * shape.imag)
 
     def size(state):
         off = jnp.concatenate([state.q - still.q, (state.v - still.v) / omega])
@@ -269,22 +272,22 @@ def largest_stable(run, low, high):
 
 EXPLICIT = [diffrax.Euler(), diffrax.Bosh3(), diffrax.Dopri8()]  # others: in the study
 MODELS = [
-    jb.Hybrid(2, 3, 0), GREEN, jb.SmallStrainANCF(2), jb.DiscreteNC(),
+    jb.Hybrid(2, 3, 0), GREEN, jb.models.SmallStrainANCF(2), jb.models.DiscreteNC(),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        *(pytest.param(solver, jb.DiscreteLP(), marks=slow) for solver in EXPLICIT),
+        *(pytest.param(solver, jb.models.DiscreteLP(), marks=slow) for solver in EXPLICIT),
         *(pytest.param(diffrax.Tsit5(), model, marks=slow) for model in MODELS),
     ],
     ids=named,
 )
 def test_steps_fail_where_theory_says_and_not_below(solver, model):
     """All methods on one model, one method on all models."""
-    rotor = SPRINGS if model.rotor_type is jb.SpringRotor else ROTOR
-    theory = float(stable_step(solver, model, rotor, SPEED, steps=STEPS, growth=GROWTH).step)
+    rotor = SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR
+    theory = float(stable_step(model, rotor, SPEED, solver, steps=STEPS, growth=GROWTH).step)
     run = follow(solver, model, rotor)
     np.testing.assert_allclose(largest_stable(run, 0.5 * theory, 1.5 * theory), theory, rtol=1e-3)
     growth, status = run(theory * jnp.linspace(0.9, 1.6, 16))
@@ -300,20 +303,20 @@ def test_steps_fail_where_theory_says_and_not_below(solver, model):
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        (jb.Rodas5P(), GREEN),
-        (jb.ChordKvaerno5(), GREEN),
-        (jb.Magnus(), jb.DiscreteLP()),
+        (jb.solvers.Rodas5P(), GREEN),
+        (jb.solvers.ChordKvaerno5(), GREEN),
+        (jb.solvers.Magnus(), jb.models.DiscreteLP()),
     ],
     ids=named,
 )
 def test_implicit_and_exponential_steps_may_be_long(solver, model):
     """A hundred times what the best explicit method bears."""
-    rotor = SPRINGS if model.rotor_type is jb.SpringRotor else ROTOR
-    explicit = stable_step(diffrax.Dopri8(), model, rotor, SPEED)
-    assert stable_step(solver, model, rotor, SPEED).step == np.inf
+    rotor = SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR
+    explicit = stable_step(model, rotor, SPEED, diffrax.Dopri8())
+    assert stable_step(model, rotor, SPEED, solver).step == np.inf
     growth, status = follow(solver, model, rotor)(100 * explicit.step * jnp.array([0.01, 0.1, 1.0]))
     np.testing.assert_array_equal(status, jb.Status.OK)
-    if isinstance(solver, jb.Magnus):
+    if isinstance(solver, jb.solvers.Magnus):
         np.testing.assert_allclose(growth, 1, rtol=1e-5)
     else:
         assert (np.asarray(growth) < 1).all()

@@ -44,8 +44,8 @@ def check(ours, other, tolerance=1e-10):
 CASES = {
     "adaptive": {},
     "fixed": {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.02, "max_steps": 64},
-    "chord": {"solver": jb.ChordKvaerno5()},
-    "exponential": {"solver": jb.Magnus()},
+    "chord": {"solver": jb.solvers.ChordKvaerno5()},
+    "exponential": {"solver": jb.solvers.Magnus()},
     "clipped": {
         "stepsize_controller": diffrax.ClipStepSizeController(
             diffrax.PIDController(1e-5, 1e-7), jump_ts=jnp.array([0.31, 0.8])
@@ -165,7 +165,7 @@ def test_with_jumps_and_closures():
         def speed(t):
             return jnp.stack([0.0 * t, 0.0 * t, jnp.where(t > p[0], p[1], 0.0) + p[2] * t])
 
-        motion = jb.HubVelocity(lambda t: 0.0 * speed(t), speed, jumps=p[:1])
+        motion = jb.motions.HubVelocity(lambda t: 0.0 * speed(t), speed, jumps=p[:1])
         loads = jb.Loads(tip_force=lambda t: p[3] * jnp.sin(t) * jnp.array([1.0, 1.0, 0.0]))
         run = jb.simulate(
             jb.Hybrid(0, 2, 0), rotor_of(P), motion, TIMES, loads=loads, throw=False,

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 import jaxbeam as jb
 
 
-class Forced(jb.SecondOrderSystem):
+class Forced(jb.solvers.SecondOrderSystem):
     """Two oscillators, one stiff, coupled by a spring and driven so that q is known.
 
     q = (sin t, cos 2t / 10) solves it; work' = q_1 q_1' makes work = sin^2 t / 2. Nothing in it is
@@ -53,9 +53,16 @@ def system(stiff, linear=False):
 
 
 def solve(args, solver, **kwargs):
-    y0 = jb.State(jnp.array([0.0, 0.1]), jnp.array([1.0, 0.0]))
+    y0 = jb.solvers.State(jnp.array([0.0, 0.1]), jnp.array([1.0, 0.0]))
     return diffrax.diffeqsolve(
-        jb.second_order_term(solver), solver, 0.0, 2.0, y0=y0, args=args, max_steps=10_000, **kwargs
+        jb.solvers.second_order_term(solver),
+        solver,
+        0.0,
+        2.0,
+        y0=y0,
+        args=args,
+        max_steps=10_000,
+        **kwargs,
     )
 
 
@@ -63,25 +70,30 @@ def slope(errors, steps):
     return np.polyfit(np.log(steps), np.log(errors), 1)[0]
 
 
-SOLVERS = [jb.Rodas4P(), jb.Rodas5P(), jb.ChordKvaerno5(), jb.Magnus()]
+SOLVERS = [
+    jb.solvers.Rodas4P(),
+    jb.solvers.Rodas5P(),
+    jb.solvers.ChordKvaerno5(),
+    jb.solvers.Magnus(),
+]
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
 
 
 def is_linear(solver):
-    return isinstance(solver, jb.Magnus)
+    return isinstance(solver, jb.solvers.Magnus)
 
 
 @pytest.mark.parametrize(
     ("solver", "stiff", "order"),
     [
-        (jb.Rodas4P(), 0.0, 4),
-        (jb.Rodas4P(), 1e4, 4),
-        (jb.Rodas5P(), 0.0, 5),
-        (jb.Rodas5P(), 1e4, 4),  # stiff components cost at most one (Steinebach 2023)
-        (jb.ChordKvaerno5(), 0.0, 5),
-        (jb.ChordKvaerno5(), 1e4, 4),
-        (jb.Magnus(), 0.0, 4),
-        (jb.Magnus(), 1e4, 2),  # steps and vibration beat; errors are small
+        (jb.solvers.Rodas4P(), 0.0, 4),
+        (jb.solvers.Rodas4P(), 1e4, 4),
+        (jb.solvers.Rodas5P(), 0.0, 5),
+        (jb.solvers.Rodas5P(), 1e4, 4),  # stiff components cost at most one (Steinebach 2023)
+        (jb.solvers.ChordKvaerno5(), 0.0, 5),
+        (jb.solvers.ChordKvaerno5(), 1e4, 4),
+        (jb.solvers.Magnus(), 0.0, 4),
+        (jb.solvers.Magnus(), 1e4, 2),  # steps and vibration beat; errors are small
     ],
     ids=lambda v: type(v).__name__ if isinstance(v, diffrax.AbstractSolver) else None,
 )
@@ -103,10 +115,14 @@ def test_order(solver, stiff, order):
 @pytest.mark.parametrize(
     ("solver", "order"),
     [
-        (jb.Rodas5P(), 4),
+        (jb.solvers.Rodas5P(), 4),
         *(
             pytest.param(solver, order, marks=pytest.mark.slow)
-            for solver, order in ((jb.Rodas4P(), 3), (jb.ChordKvaerno5(), 4), (jb.Magnus(), 3))
+            for solver, order in (
+                (jb.solvers.Rodas4P(), 3),
+                (jb.solvers.ChordKvaerno5(), 4),
+                (jb.solvers.Magnus(), 3),
+            )
         ),
     ],
     ids=lambda v: type(v).__name__ if isinstance(v, diffrax.AbstractSolver) else None,
@@ -161,21 +177,23 @@ def test_refuses_what_is_not_a_second_order_system(solver):
 
 def test_magnus_refuses_what_is_not_linear():
     with pytest.raises(TypeError, match="linear"):
-        solve(system(1.0), jb.Magnus(), dt0=0.1)
+        solve(system(1.0), jb.solvers.Magnus(), dt0=0.1)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), jb.Classical(2, 3, 2), jb.DiscreteLP()])
+@pytest.mark.parametrize(
+    "model", [jb.Hybrid(2, 3, 0), jb.Classical(2, 3, 2), jb.models.DiscreteLP()]
+)
 def test_magnus_is_exact_in_one_step_at_constant_speed(model):
-    rotor = jb.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
-    if not isinstance(model, jb.DiscreteLP):
+    rotor = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+    if not isinstance(model, jb.models.DiscreteLP):
         rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0), 0.4, 0.3)
     rng = np.random.default_rng(3)
     q, v = jnp.asarray(1e-3 * rng.normal(size=(2, len(model.families))))
     times = np.linspace(0.0, 10.0, 7)
     case = model, rotor, jb.ConstantSpeed(1.7), times
     one = jb.simulate(
-        *case, start=jb.State(q, v), solver=jb.Magnus(), dt0=10.0,
+        *case, start=jb.solvers.State(q, v), solver=jb.solvers.Magnus(), dt0=10.0,
         stepsize_controller=diffrax.ConstantStepSize(),
     )  # fmt: skip
     assert int(one.solution.stats["num_steps"]) == 1
@@ -194,7 +212,7 @@ def test_magnus_is_exact_in_one_step_at_constant_speed(model):
         np.testing.assert_allclose(found, exact[:n], rtol=1e-8, atol=1e-8 * np.abs(exact[:n]).max())
 
 
-class Pushed(jb.SecondOrderSystem):
+class Pushed(jb.solvers.SecondOrderSystem):
     """q'' = 0, then 1 from t = 1 on."""
 
     mass: jax.Array
@@ -203,13 +221,14 @@ class Pushed(jb.SecondOrderSystem):
         return jnp.where(t >= 1.0, jnp.ones_like(q), jnp.zeros_like(q))
 
 
-@pytest.mark.parametrize("solver", [jb.Rodas5P(), jb.Rodas4P()], ids=repr)
+@pytest.mark.parametrize("solver", [jb.solvers.Rodas5P(), jb.solvers.Rodas4P()], ids=repr)
 def test_forces_may_jump_where_the_controller_is_told(solver):
     control = diffrax.ClipStepSizeController(
         diffrax.PIDController(rtol=1e-6, atol=1e-6), jump_ts=[1.0]
     )
     found = diffrax.diffeqsolve(
-        jb.second_order_term(solver), solver, 0.0, 2.0, 0.5, jb.State(jnp.zeros(1), jnp.zeros(1)),
+        jb.solvers.second_order_term(solver), solver, 0.0, 2.0, 0.5,
+        jb.solvers.State(jnp.zeros(1), jnp.zeros(1)),
         Pushed(jnp.eye(1)), stepsize_controller=control,
     )  # fmt: skip
     np.testing.assert_allclose(found.ys.q[-1], 0.5, rtol=1e-12)
@@ -219,14 +238,14 @@ def test_forces_may_jump_where_the_controller_is_told(solver):
 @pytest.mark.slow
 @pytest.mark.parametrize("jumped", [True, jnp.asarray(True)])
 def test_an_acceleration_from_before_a_jump_is_not_used(jumped):
-    solver, still = jb.ChordKvaerno5(), jb.State(jnp.zeros(1), jnp.zeros(1))
-    term, pushed = jb.second_order_term(solver), Pushed(jnp.eye(1))
+    solver, still = jb.solvers.ChordKvaerno5(), jb.solvers.State(jnp.zeros(1), jnp.zeros(1))
+    term, pushed = jb.solvers.second_order_term(solver), Pushed(jnp.eye(1))
     end = solver.step(term, 1.0, 1.5, still, pushed, jnp.zeros(1), jumped)[0]
     np.testing.assert_allclose(end.q, 0.125, rtol=1e-12)
 
 
 def test_iterations_are_checked():
     with pytest.raises(ValueError, match="iterations must be at least 1"):
-        jb.ChordKvaerno5(iterations=0)
+        jb.solvers.ChordKvaerno5(iterations=0)
     with pytest.raises(TypeError, match="iterations must be an int"):
-        jb.ChordKvaerno5(iterations=2.0)
+        jb.solvers.ChordKvaerno5(iterations=2.0)

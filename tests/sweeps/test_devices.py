@@ -40,7 +40,7 @@ def spun_up(hub_radius, tip_mass):
 
 
 def modulated(hub_radius, tip_mass):
-    motion = jb.ModulatedSpeed(1.0, 0.3, 5.0)
+    motion = jb.motions.ModulatedSpeed(1.0, 0.3, 5.0)
     model, rotor = jb.Hybrid(0, 2, 0), jb.Rotor(BEAM, hub_radius, tip_mass)
     return jb.floquet(model, rotor, motion, throw=False)
 
@@ -50,7 +50,7 @@ def fitted(hub_radius, tip_mass):
         rotor = jb.Rotor(jb.Beam(1.0, 1.0, 4900.0, stiffness, 1.0), hub_radius, tip_mass)
         return jb.FrequencyData(SMALL, rotor, [0.0, 2.0], [[3.4], [4.0]], 0.1, WHICH[:1])
 
-    return jb.fit(experiment, {"stiffness": jb.Free(0.9)})
+    return jb.fit(experiment, {"stiffness": jb.FreeParameter(0.9)})
 
 
 def assert_same(one: jb.Table, other: jb.Table) -> None:
@@ -136,8 +136,8 @@ def test_arrays_bound_to_a_device_move_to_others():
 @pytest.mark.slow
 def test_ladder_sweep_takes_devices():
     def situation(tip_mass):
-        question = jb.ModalFrequencies(1.0, WHICH)
-        return question, jb.Rotor(BEAM, 0.0, tip_mass)
+        question = jb.ladder.ModalFrequencies(1.0, WHICH)
+        return jb.Rotor(BEAM, 0.0, tip_mass), question
 
     cases = jb.grid(tip_mass=np.linspace(0.0, 1.0, 9))
     one, two = (

@@ -75,7 +75,7 @@ def test_the_same_table_from_a_folder(tmp_path, computed):
 
 
 def test_explicit_lists(tmp_path):
-    cases = jb.listed(a=[1.0, 0.3, 0.3], b=[0.0, float("nan"), 2.0])
+    cases = jb.points(a=[1.0, 0.3, 0.3], b=[0.0, float("nan"), 2.0])
     table = run(tmp_path / "list", cases=cases, chunk=2)
     assert_same(table, jb.sweep(function, cases, chunk=2, dims=DIMS))
     assert_same(table, jb.Table.load(tmp_path / "list"))

@@ -64,11 +64,11 @@ def test_labels_as_coordinates(tmp_path):
         np.testing.assert_array_equal(t.sel(mode="axial 1", a=2)["value"], 4)
         assert t.sel(mode=[which[0], which[2]])["value"].shape == (2, 2)
     with pytest.raises(KeyError, match="mode has no coordinate 'flap bending 1'"):
-        table.sel(mode=jb.Label(jb.Family.FLAP, 1))
+        table.sel(mode=jb.models.Label(jb.models.Family.FLAP, 1))
 
 
 def test_explicit_list():
-    table = jb.sweep(product, jb.listed(a=[1, 2, 1], b=[5, 6, 7]))
+    table = jb.sweep(product, jb.points(a=[1, 2, 1], b=[5, 6, 7]))
     np.testing.assert_array_equal(table["sum"], [6, 8, 8])
     np.testing.assert_array_equal(table.sel(a=1)["b"], [5, 7])
     assert table.sel(case=1)["sum"] == 8
@@ -183,13 +183,13 @@ def test_bad_arguments():
     with pytest.raises(ValueError, match="a must be one-dimensional and not empty"):
         jb.grid(a=[])
     with pytest.raises(ValueError, match="a must be one-dimensional"):
-        jb.listed(a=1.0)
+        jb.points(a=1.0)
     with pytest.raises(TypeError, match="a must be real floating-point numbers, got int64"):
         jb.grid(a=np.arange(3))
     with pytest.raises(TypeError, match="a must be real floating-point numbers, got complex"):
         jb.grid(a=[1j])
     with pytest.raises(ValueError, match="equally long"):
-        jb.listed(a=[1.0], b=[1.0, 2.0])
+        jb.points(a=[1.0], b=[1.0, 2.0])
     with pytest.raises(ValueError, match="name at least one parameter"):
         jb.grid()
     for bad in (0, 2.0, True):
@@ -200,11 +200,11 @@ def test_bad_arguments():
     with pytest.raises(ValueError, match="a must not repeat values in a grid"):
         jb.grid(a=[1, 1])
     with pytest.raises(ValueError, match="share the names"):
-        jb.sweep(lambda a: {"a": a}, jb.listed(a=[1]))
+        jb.sweep(lambda a: {"a": a}, jb.points(a=[1]))
     with pytest.raises(ValueError, match="status is the name"):
-        jb.listed(status=[1])
+        jb.points(status=[1])
     with pytest.raises(ValueError, match="status of a result must be an integer"):
-        jb.sweep(lambda a: {"x": a, "status": a}, jb.listed(a=[1]))
+        jb.sweep(lambda a: {"x": a, "status": a}, jb.points(a=[1]))
     with pytest.raises(ValueError, match="two different sets of coordinates for 'a'"):
         jb.sweep(product, jb.grid(a=[1, 2], b=[1]), dims={"pair": {"a": ["x", "y"]}})
     with pytest.raises(ValueError, match="further dimensions"):
@@ -240,7 +240,7 @@ def test_csv(table, tmp_path):
         at = {n: row[n] for n in ("angular_speed", "hub_radius", "tip_mass")}
         expected = table.sel(**at, mode="first")["frequency"]
         np.testing.assert_array_equal(row["frequency[first]"], expected)
-    complex_table = jb.sweep(product, jb.listed(a=[1, 2], b=[3, 4]))
+    complex_table = jb.sweep(product, jb.points(a=[1, 2], b=[3, 4]))
     complex_table.to_csv(tmp_path / "c.csv")
     header = (tmp_path / "c.csv").read_text().splitlines()[0]
     assert header == "case,a,b,pair[0],pair[1],sum,wave.real,wave.imag,status"

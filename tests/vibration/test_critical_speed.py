@@ -14,7 +14,7 @@ import jaxbeam as jb
 from tests.helpers import finite_difference, name, slender
 
 DATA = Path(__file__).parents[1] / "data"
-SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)
+SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)
 # B, Table 1: the beam of its Ref. 21
 REF_21 = jb.Rotor(
     jb.Beam.from_section(
@@ -24,26 +24,26 @@ REF_21 = jb.Rotor(
 )  # fmt: skip
 # Those that lose their stability: the model, its rotor, the family that gives way.
 FAILING = [
-    (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.Family.IN_PLANE),
-    (jb.DiscreteLC(), SPRINGS, jb.Family.IN_PLANE),
-    (jb.ChordANCF(1), REF_21, jb.Family.IN_PLANE),
-    (jb.TangentANCF(2), REF_21, jb.Family.IN_PLANE),
+    (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.models.Family.IN_PLANE),
+    (jb.models.DiscreteLC(), SPRINGS, jb.models.Family.IN_PLANE),
+    (jb.models.ChordANCF(1), REF_21, jb.models.Family.IN_PLANE),
+    (jb.models.TangentANCF(2), REF_21, jb.models.Family.IN_PLANE),
 ]
 TEARING = [
     (jb.Hybrid(12, 6, 6), slender(hub=0.5, tip=0.3)),
-    (jb.DiscreteLP(), SPRINGS),
+    (jb.models.DiscreteLP(), SPRINGS),
     pytest.param(jb.VonKarman(10, 5, 0), slender(hub=0.5, tip=0.3), marks=pytest.mark.slow),
-    pytest.param(jb.DiscreteNC(), SPRINGS, marks=pytest.mark.slow),
-    pytest.param(jb.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),
-    (jb.DiscreteNS(), SPRINGS),
+    pytest.param(jb.models.DiscreteNC(), SPRINGS, marks=pytest.mark.slow),
+    pytest.param(jb.models.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),
+    (jb.models.DiscreteNS(), SPRINGS),
 ]
 STABLE = [
     pytest.param(jb.ANCF(2), slender(hub=0.5, tip=0.3), marks=pytest.mark.slow),
     pytest.param(jb.GreenANCF(2), slender(hub=0.5, tip=0.3), marks=pytest.mark.slow),
-    (jb.SmallStrainANCF(4), slender(hub=0.5, tip=0.3)),
+    (jb.models.SmallStrainANCF(4), slender(hub=0.5, tip=0.3)),
     (jb.Hybrid(0, 6, 6), slender(hub=0.5, tip=0.3)),
 ]
-SLOW = (jb.ChordANCF, jb.TangentANCF)  # to compile
+SLOW = (jb.models.ChordANCF, jb.models.TangentANCF)  # to compile
 
 
 def cases(*lists):
@@ -56,7 +56,7 @@ def cases(*lists):
 
 def tear(rotor):
     """Closed form: beta tan(beta) = m / m_t, Omega L sqrt(rho / EA) = beta."""
-    if isinstance(rotor, jb.SpringRotor):
+    if isinstance(rotor, jb.models.SpringRotor):
         return float(np.sqrt(rotor.translational_spring / rotor.mass))
     beam, ratio = rotor.beam, float(rotor.tip_mass / rotor.beam.mass)
     beta = np.pi / 2
@@ -83,7 +83,7 @@ def test_classical_diverges_at_the_first_rest_frequency():
 
     found, rest = jax.jit(jax.vmap(jax.vmap(both, (0, None)), (None, 0)))(radii, masses)
     assert (found.status == jb.Status.OK).all()
-    assert (found.family == jb.Family.IN_PLANE).all()
+    assert (found.family == jb.models.Family.IN_PLANE).all()
     np.testing.assert_allclose(found.angular_speed, rest, rtol=1e-10)
     np.testing.assert_allclose(found.angular_speed[0], 3.5160152685, rtol=1e-9)  # 1.8751040687^2
     for speeds, value in zip(found.angular_speed, printed.values(), strict=True):
@@ -99,15 +99,15 @@ def test_classical_diverges_at_the_first_rest_frequency():
 @pytest.mark.parametrize("radius", [0.0, 0.7, 4.0])
 def test_lc_diverges_at_the_speed_of_its_hinge(radius):
     rotor = eqx.tree_at(lambda r: r.hub_radius, SPRINGS, jnp.asarray(radius))
-    found = jb.critical_speed(jb.DiscreteLC(), rotor)
-    assert found.family == jb.Family.IN_PLANE
+    found = jb.critical_speed(jb.models.DiscreteLC(), rotor)
+    assert found.family == jb.models.Family.IN_PLANE
     np.testing.assert_allclose(found.angular_speed, np.sqrt(300.0), rtol=1e-14)  # 17.3205
 
 
 @pytest.mark.parametrize(("model", "rotor"), TEARING, ids=name)
 def test_rods_of_constant_stiffness_tear_and_nothing_gives_way_before(model, rotor):
     found = jb.critical_speed(model, rotor)
-    assert found.family == jb.Family.AXIAL
+    assert found.family == jb.models.Family.AXIAL
     np.testing.assert_allclose(found.angular_speed, tear(rotor), rtol=1e-9)
 
 
@@ -150,12 +150,12 @@ def test_model_0_as_b_says():
     def critical(model):
         return float(jb.critical_speed(model, REF_21).angular_speed)
 
-    chord = [critical(jb.ChordANCF(n)) for n in (1, 2, 10)]
-    tangent = [critical(jb.TangentANCF(n)) for n in (1, 2)]
+    chord = [critical(jb.models.ChordANCF(n)) for n in (1, 2, 10)]
+    tangent = [critical(jb.models.TangentANCF(n)) for n in (1, 2)]
     assert chord[0] < 10 < chord[1] < 40 < chord[2] < tear(REF_21)
     assert tangent[0] < tangent[1]
     assert all(t < c for t, c in zip(tangent, chord, strict=False))
-    one = jb.SmallStrainANCF(1).linearise(REF_21, 0.0)
+    one = jb.models.SmallStrainANCF(1).linearise(REF_21, 0.0)
     rest = np.linalg.eigvals(np.linalg.solve(one.mass[3:, 3:], one.stiffness[3:, 3:]))
     np.testing.assert_allclose(tangent[0], np.sqrt(rest.min()), rtol=1e-9)
 
@@ -166,7 +166,7 @@ def test_a_batch_finds_what_single_cases_find():
 
     def critical(radius):
         rotor = slender(70.0, hub=radius)
-        return jb.critical_speed(jb.ChordANCF(1), rotor, throw=False).angular_speed
+        return jb.critical_speed(jb.models.ChordANCF(1), rotor, throw=False).angular_speed
 
     radii = jnp.linspace(0.0, 1.0, 11)
     together = jax.jit(jax.vmap(critical))(radii)
@@ -176,7 +176,7 @@ def test_a_batch_finds_what_single_cases_find():
 PARAMETERS = [  # and whether the rod tears
     pytest.param(jb.Hybrid(8, 3, 0), True, marks=pytest.mark.slow),
     pytest.param(jb.Classical(2, 5, 0), False, marks=pytest.mark.slow),
-    (jb.ChordANCF(1), False),
+    (jb.models.ChordANCF(1), False),
 ]
 
 
@@ -193,7 +193,7 @@ def test_derivatives_by_every_parameter(model, tears):
     expected = finite_difference(run, at)
     np.testing.assert_allclose(gradient / scale, expected / scale, atol=1e-6)
     assert (abs(gradient[2] / scale[2] - 0.5) < 1e-9) == tears  # the speed of sound in the rod
-    if model.families.count(jb.Family.FLAP) == 0 and not isinstance(model, SLOW):
+    if model.families.count(jb.models.Family.FLAP) == 0 and not isinstance(model, SLOW):
         np.testing.assert_allclose(jax.jit(jax.jacfwd(critical))(at), gradient, rtol=1e-10)
 
 
@@ -202,8 +202,8 @@ def test_second_derivative():
     """Of sqrt(k_r / m) / L."""
 
     def critical(m, length, spring):
-        rotor = jb.SpringRotor(m, length, 1.0, 1e6, spring)
-        return jb.critical_speed(jb.DiscreteLC(), rotor, throw=False).angular_speed
+        rotor = jb.models.SpringRotor(m, length, 1.0, 1e6, spring)
+        return jb.critical_speed(jb.models.DiscreteLC(), rotor, throw=False).angular_speed
 
     at = tuple(jnp.asarray(v) for v in (2.0, 0.5, 300.0))
     by_length, by_spring = jax.jit(jax.hessian(critical, (1, 2)))(*at)
@@ -251,8 +251,8 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(
         jb.critical_speed(jb.Hybrid(10, 3, 0), rotor).angular_speed, tear(rotor), rtol=1e-9
     )
-    stiff = jb.SpringRotor(1.0, 1.0, 1.0, 1e20, 300.0)
-    for model in (jb.DiscreteLP(), jb.DiscreteNS()):
+    stiff = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e20, 300.0)
+    for model in (jb.models.DiscreteLP(), jb.models.DiscreteNS()):
         np.testing.assert_allclose(jb.critical_speed(model, stiff).angular_speed, 1e10, rtol=1e-9)
 
 
@@ -280,7 +280,7 @@ def test_no_flutter():
         drawn = rng.uniform([0, 30, 0, 0.5], [2, 300, 2, 12])
         s = system(*(jnp.asarray(v) for v in drawn))
         m, g, k = (np.asarray(a) for a in (s.mass, s.gyroscopic, s.stiffness))
-        axial = s.where(jb.Family.AXIAL)
+        axial = s.where(jb.models.Family.AXIAL)
         assert np.linalg.eigvalsh(k[np.ix_(axial, axial)]).min() > 0
         negative = int((np.linalg.eigvalsh(k) < 0).sum())
         counts.add(negative)
@@ -300,7 +300,7 @@ def test_no_flutter():
 @pytest.mark.parametrize("tip", [0.0, 0.5])
 def test_liapunov_function(tip):
     """B eq. 61 is constant to rounding along linearised motions; eq. 56 is positive definite."""
-    model, rotor = jb.SmallStrainANCF(1), slender(hub=0.5, tip=tip)
+    model, rotor = jb.models.SmallStrainANCF(1), slender(hub=0.5, tip=tip)
 
     def stiffness(radius, mass, speed):
         return model.linearise(slender(hub=radius, tip=mass), speed, throw=False).stiffness
@@ -311,11 +311,14 @@ def test_liapunov_function(tip):
     motion = jb.ConstantSpeed(5.0)
     rest = jb.steady_start(model, rotor, motion)
     rng = np.random.default_rng(0)
-    start = jb.State(rest.q + 1e-3 * rng.normal(size=5), 1e-2 * jnp.asarray(rng.normal(size=5)))
+    start = jb.solvers.State(
+        rest.q + 1e-3 * rng.normal(size=5), 1e-2 * jnp.asarray(rng.normal(size=5))
+    )
     system = model.linearise(rotor, 5.0)
     period = 2 * np.pi / float(jb.modes(model, rotor, 5.0, 1).frequency[0])
     run = jb.simulate(
-        model, rotor, motion, np.linspace(0, 50 * period, 501), start=start, solver=jb.Magnus(),
+        model, rotor, motion, np.linspace(0, 50 * period, 501), start=start,
+        solver=jb.solvers.Magnus(),
         stepsize_controller=diffrax.ConstantStepSize(), dt0=period / 7,
     )  # fmt: skip
     q, v = run.state.q - rest.q[None], run.state.v
@@ -338,7 +341,7 @@ def test_printed_matrices():
     @jax.jit
     def parts(radius, mass):
         systems = [
-            jb.SmallStrainANCF(1).linearise(slender(hub=radius, tip=mass), v) for v in (0, 1)
+            jb.models.SmallStrainANCF(1).linearise(slender(hub=radius, tip=mass), v) for v in (0, 1)
         ]
         return systems[1].stiffness - systems[0].stiffness, systems[0].mass
 

@@ -13,7 +13,7 @@ import jaxbeam as jb
 from tests.helpers import finite_difference, name, slender
 
 ROTOR = slender(hub=0.5, tip=0.3)
-SPRINGS = jb.SpringRotor(1.0, 1.0, 1.0, 400.0, 300.0)
+SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 400.0, 300.0)
 ONE = jb.Hybrid(0, 1, 0)  # m w'' + (k_0 + k_1 Omega^2) w = 0
 IN_PLANE = jb.labels(in_plane=2)
 
@@ -25,7 +25,7 @@ def of_one():
     return float(squares[0]), float(squares[1] - squares[0])
 
 
-class Mathieu(jb.Spin):
+class Mathieu(jb.motions.Spin):
     """A speed with which `ONE` obeys w'' + (a - 2 q cos 2t) w = 0 in the time nu t / 2."""
 
     a: jax.Array
@@ -93,20 +93,20 @@ SHORT = slender(20.0, 0.5, 0.3)
 PAIRED = [
     (jb.Hybrid(2, 3, 2), SHORT),
     pytest.param(jb.Classical(2, 3, 2), SHORT, marks=pytest.mark.slow),
-    (jb.SmallStrainANCF(2), SHORT),
-    (jb.DiscreteLP(), SPRINGS),
-    pytest.param(jb.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),
+    (jb.models.SmallStrainANCF(2), SHORT),
+    (jb.models.DiscreteLP(), SPRINGS),
+    pytest.param(jb.models.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),
     pytest.param(jb.VonKarman(3, 2, 1), SHORT, marks=pytest.mark.slow),
     pytest.param(jb.GreenANCF(1), SHORT, marks=pytest.mark.slow),
     pytest.param(jb.ANCF(1), SHORT, marks=pytest.mark.slow),
-    pytest.param(jb.ChordANCF(1), SHORT, marks=pytest.mark.slow),
+    pytest.param(jb.models.ChordANCF(1), SHORT, marks=pytest.mark.slow),
 ]
 
 
 @pytest.mark.parametrize(("model", "rotor"), PAIRED, ids=name)
 def test_multipliers_come_in_pairs(model, rotor):
     """mu and 1 / mu: product one, whatever the steps."""
-    found = jb.floquet(model, rotor, jb.ModulatedSpeed(2.0, 0.4, 5.0), steps=48)
+    found = jb.floquet(model, rotor, jb.motions.ModulatedSpeed(2.0, 0.4, 5.0), steps=48)
     mu = np.asarray(found.multipliers)
     np.testing.assert_allclose(np.prod(mu), 1, atol=1e-10)
     for value in mu:
@@ -117,7 +117,7 @@ def test_multipliers_come_in_pairs(model, rotor):
 TIMED = [
     (jb.Hybrid(1, 2, 1), None),
     (jb.Hybrid(1, 2, 1), jb.Damping(mass=0.3, stiffness=2e-3)),
-    (jb.SmallStrainANCF(1), jb.Damping(stiffness=2e-3)),
+    (jb.models.SmallStrainANCF(1), jb.Damping(stiffness=2e-3)),
 ]
 
 
@@ -127,15 +127,16 @@ def test_against_motions_in_time(model, damping):
     """Differences of simulations from unit starts are the same matrix in other coordinates."""
     rotor, motion, n = (
         slender(20.0, 0.5, 0.3),
-        jb.ModulatedSpeed(2.0, 0.4, 5.0),
+        jb.motions.ModulatedSpeed(2.0, 0.4, 5.0),
         len(model.families),
     )
     times = np.array([0.0, 2 * np.pi / 5.0])
 
     def end(start):
         run = jb.simulate(
-            model, rotor, motion, times, start=jb.State(start[:n], start[n:]), damping=damping,
-            solver=jb.Rodas5P(), dt0=times[1] / 4000, throw=False,
+            model, rotor, motion, times, start=jb.solvers.State(start[:n], start[n:]),
+            damping=damping,
+            solver=jb.solvers.Rodas5P(), dt0=times[1] / 4000, throw=False,
             stepsize_controller=diffrax.ConstantStepSize(),
         )  # fmt: skip
         return jnp.concatenate([run.state.q[-1], run.state.v[-1]])
@@ -167,7 +168,7 @@ def test_mass_damping_without_stretch_is_a_factor():
         pytest.param(jb.Hybrid(0, 3, 0), (0, 1), 1, marks=pytest.mark.slow),
         pytest.param(jb.Hybrid(0, 3, 0), (1, 1), 1, marks=pytest.mark.slow),
         pytest.param(jb.Hybrid(2, 3, 0), (0, 1), 1, marks=pytest.mark.slow),
-        pytest.param(jb.SmallStrainANCF(2), (0, 0), 1, marks=pytest.mark.slow),
+        pytest.param(jb.models.SmallStrainANCF(2), (0, 0), 1, marks=pytest.mark.slow),
     ],
     ids=lambda v: name(v) or str(v),
 )
@@ -186,7 +187,9 @@ def test_tongues(model, pair, order):
 
     @jax.jit
     def growth(depth, nu):
-        return jb.floquet(model, ROTOR, jb.ModulatedSpeed(2.0, depth, nu), throw=False).growth_rate
+        return jb.floquet(
+            model, ROTOR, jb.motions.ModulatedSpeed(2.0, depth, nu), throw=False
+        ).growth_rate
 
     for depth, (low, high) in zip(depths[1:], found.frequency[1:], strict=True):
         step = 1e-4 * (high - low)
@@ -213,19 +216,19 @@ def test_damping_moves_the_tip_by_the_analytic_amount():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.GreenANCF(1), jb.ChordANCF(1)], ids=name)
+@pytest.mark.parametrize("model", [jb.GreenANCF(1), jb.models.ChordANCF(1)], ids=name)
 def test_elements_linearised_about_the_stretched_beam(model):
     """They grow in the middle of their principal tongue; Green elements, at strains of 1e-4, as the
     small-strain linearisation does."""
 
     def growth(model, nu):
-        return jb.floquet(model, ROTOR, jb.ModulatedSpeed(2.0, 0.3, nu)).growth_rate
+        return jb.floquet(model, ROTOR, jb.motions.ModulatedSpeed(2.0, 0.3, nu)).growth_rate
 
     middle = 2 * jb.modes(model, ROTOR, 2.0, IN_PLANE[:1]).frequency[0]
     assert growth(model, middle) > 0.1
     if isinstance(model, jb.GreenANCF):
         for nu in (0.97 * middle, middle, 1.05 * middle):
-            expected = growth(jb.SmallStrainANCF(1), nu)
+            expected = growth(jb.models.SmallStrainANCF(1), nu)
             assert expected > 0.05
             np.testing.assert_allclose(growth(model, nu), expected, rtol=0.01)
 
@@ -238,7 +241,7 @@ def test_boundaries_with_damping():
 
     @jax.jit
     def growth(nu, depth):
-        motion = jb.ModulatedSpeed(2.0, depth, nu)
+        motion = jb.motions.ModulatedSpeed(2.0, depth, nu)
         return jb.floquet(model, ROTOR, motion, damping=damping, throw=False).growth_rate
 
     for depth, (low, high) in zip(found.depth, found.frequency, strict=True):
@@ -257,7 +260,7 @@ def test_derivatives_of_multipliers_and_tongues():
 
     def growth(p):
         return jb.floquet(
-            model, rotor(p), jb.ModulatedSpeed(p[7], p[8], 6.0), throw=False
+            model, rotor(p), jb.motions.ModulatedSpeed(p[7], p[8], 6.0), throw=False
         ).growth_rate
 
     def ends(p):
@@ -282,7 +285,7 @@ def test_derivatives_of_multipliers_and_tongues():
 
 def test_a_bad_case_spoils_no_other():
     def growth(mass, depth):
-        motion = jb.ModulatedSpeed(2.0, depth, 6.0)
+        motion = jb.motions.ModulatedSpeed(2.0, depth, 6.0)
         return jb.floquet(ONE, slender(hub=0.5, tip=mass), motion, throw=False)
 
     masses, depths = jnp.array([0.3, -1.0, 0.3]), jnp.array([0.2, 0.2, jnp.nan])
@@ -320,14 +323,14 @@ def test_where_there_is_nothing_to_modulate():
         jb.Classical(0, 3, 0), ROTOR, 4.5, IN_PLANE, [0.1], throw=False
     )  # fmt: skip
     assert unstable.status[0] == jb.Status.NO_EQUILIBRIUM
-    motion = jb.ModulatedSpeed(1.2 * np.pi / 2 * 70, 0.01, 50.0)
+    motion = jb.motions.ModulatedSpeed(1.2 * np.pi / 2 * 70, 0.01, 50.0)
     for model in (jb.Hybrid(3, 2, 0), jb.VonKarman(3, 2, 0)):
         found = jb.floquet(model, slender(70.0), motion, throw=False, steps=256)
         assert found.status == jb.Status.NO_EQUILIBRIUM
 
 
 def test_errors():
-    motion = jb.ModulatedSpeed(2.0, 0.2, 6.0)
+    motion = jb.motions.ModulatedSpeed(2.0, 0.2, 6.0)
     with pytest.raises(TypeError, match="period must be given"):
         jb.floquet(ONE, ROTOR, jb.ConstantSpeed(2.0))
     with pytest.raises(TypeError, match="motion must turn"):
@@ -337,7 +340,9 @@ def test_errors():
     with pytest.raises(ValueError, match="motion must be"):
         jb.floquet(ONE, ROTOR, motion, 1.0)  # not its period
     with pytest.raises(ValueError, match="leave the plane"):
-        jb.floquet(ONE, ROTOR, jb.ModulatedSpeed(2.0, 0.2, 6.0, jb.inclined(1.0)))
+        jb.floquet(
+            ONE, ROTOR, jb.motions.ModulatedSpeed(2.0, 0.2, 6.0, jb.motions.inclined_axis(1.0))
+        )
     with pytest.raises(TypeError, match="damping must be"):
         jb.floquet(ONE, ROTOR, motion, damping=0.1)
     with pytest.raises(ValueError, match="one plane"):

@@ -9,7 +9,7 @@ import jaxbeam as jb
 from tests.vibration import reference
 
 PLANE = jb.Hybrid(n_stretch=8, n_in_plane=16, n_flap=0)
-ELEMENTS = [jb.ANCF(10), jb.EngineeringANCF(6), jb.ChordANCF(6), jb.TangentANCF(6)]
+ELEMENTS = [jb.ANCF(10), jb.EngineeringANCF(6), jb.models.ChordANCF(6), jb.models.TangentANCF(6)]
 MODELS = [PLANE, jb.Hybrid(n_stretch=0, n_in_plane=12, n_flap=0), *ELEMENTS]
 NAMES = (
     "speed", "hub_radius", "tip_mass", "length", "mass_per_length", "axial_stiffness", "bending",
@@ -53,7 +53,9 @@ def batch(size, top=12.0):
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_frequencies_are_those_of_modes(model):
     # Model 0 is unstable at high speed.
-    cases = batch(40, 2.0 if isinstance(model, jb.ChordANCF | jb.TangentANCF) else 12.0)
+    cases = batch(
+        40, 2.0 if isinstance(model, jb.models.ChordANCF | jb.models.TangentANCF) else 12.0
+    )
     fast = jax.jit(jax.vmap(lambda v: jb.frequencies(model, *rotor(v), throw=False)))(cases)
     slow = jax.jit(jax.vmap(lambda v: jb.modes(model, *rotor(v), 3, throw=False).frequency))(cases)
     assert np.all(fast.status == jb.Status.OK)
@@ -161,7 +163,7 @@ def test_no_mode_is_skipped(model, numbers):
 
 def test_an_unstable_steady_state_is_reported():
     case = by_number(30.0, 0.0, 0.0, 200.0)
-    found = jb.frequencies(jb.TangentANCF(2), *case, 1, throw=False)
+    found = jb.frequencies(jb.models.TangentANCF(2), *case, 1, throw=False)
     assert found.status == jb.Status.NOT_CONVERGED
 
 

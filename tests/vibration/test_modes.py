@@ -17,7 +17,7 @@ from tests.helpers import NAMES, build, finite_difference, slender
 from tests.vibration import reference
 
 DATA = Path(__file__).parents[1] / "data"
-IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
+IN_PLANE, FLAP, AXIAL = jb.models.Family.IN_PLANE, jb.models.Family.FLAP, jb.models.Family.AXIAL
 
 
 # --- the printed tables of B ---------------------------------------------------------------------
@@ -26,7 +26,7 @@ IN_PLANE, FLAP, AXIAL = jb.Family.IN_PLANE, jb.Family.FLAP, jb.Family.AXIAL
 @pytest.fixture(scope="module")
 def tables():
     rows = np.genfromtxt(DATA / "berzeri_1999_tables_3_4_5.csv", delimiter=",", names=True)
-    model, beam = jb.SmallStrainANCF(10), jb.Beam.from_slenderness(216.21246)
+    model, beam = jb.models.SmallStrainANCF(10), jb.Beam.from_slenderness(216.21246)
 
     @jax.jit
     @jax.vmap
@@ -72,7 +72,7 @@ def test_axial_modes_lie_below_printed_transverse_ones(tables):
 @pytest.mark.parametrize(
     ("slenderness", "model", "column"),
     [
-        (216.21246, jb.SmallStrainANCF(10), "omega_simulation"),
+        (216.21246, jb.models.SmallStrainANCF(10), "omega_simulation"),
         (216.2162, jb.Hybrid(12, 14, 0), "omega_exact"),
     ],
     ids=["simulation", "exact"],
@@ -101,7 +101,7 @@ def test_converged_value_behind_a_printed_one():
     def first(model):
         return float(jb.modes(model, rotor, 50.0, label).frequency[0])
 
-    by_elements = [first(jb.SmallStrainANCF(n)) for n in (10, 20, 40, 80)]
+    by_elements = [first(jb.models.SmallStrainANCF(n)) for n in (10, 20, 40, 80)]
     np.testing.assert_allclose(by_elements, [10.278, 10.065, 10.040, 10.038], atol=6e-4)
     assert first(jb.Hybrid(0, 24, 0)) == pytest.approx(10.447, abs=6e-4)
 
@@ -124,7 +124,7 @@ HUBS_AND_TIPS = [
 def test_against_power_series(gamma, hub, tip, plane, slenderness):
     """Lowest three to 1e-9: 16 Legendre functions to gamma = 10, 26 graded ones beyond."""
     expected = reference.frequencies(gamma, hub, tip, slenderness, plane)
-    basis, n = (jb.Polynomials(), 16) if gamma <= 10 else (jb.Polynomials(2), 26)
+    basis, n = (jb.models.Polynomials(), 16) if gamma <= 10 else (jb.models.Polynomials(2), 26)
     stretch = 0 if slenderness is None else n
     model = jb.Hybrid(stretch, n, 0, basis) if plane == "in plane" else jb.Hybrid(0, 0, n, basis)
     found = jb.modes(model, slender(slenderness or 70.0, hub, tip), gamma, 3)
@@ -139,7 +139,7 @@ def test_against_power_series(gamma, hub, tip, plane, slenderness):
 def test_against_power_series_where_the_boundary_layer_is_thinnest(plane, slenderness):
     """gamma = 50, R = 5 L, N = 4: a layer of 0.4 % of the length. 28 graded functions."""
     expected = reference.frequencies(50.0, 5.0, 4.0, slenderness, plane)
-    graded, plain = jb.Polynomials(2), jb.Polynomials()
+    graded, plain = jb.models.Polynomials(2), jb.models.Polynomials()
     for basis, n, tolerance in ((graded, 28, 1e-9), (plain, 48, 1e-9)):
         stretch = 0 if slenderness is None else n
         sizes = (stretch, n, 0) if plane == "in plane" else (0, 0, n)
@@ -164,7 +164,7 @@ def test_accuracy_table_of_the_readme(gamma, hub, tip, plain, graded):
     for h in {0.0, hub / 2, hub}:
         for t in {0.0, tip / 2, tip}:
             expected = reference.frequencies(gamma, h, t)
-            for basis, n in ((jb.Polynomials(), plain), (jb.Polynomials(2), graded)):
+            for basis, n in ((jb.models.Polynomials(), plain), (jb.models.Polynomials(2), graded)):
                 found = jb.modes(jb.Hybrid(0, n, 0, basis), slender(70.0, h, t), gamma, 3)
                 np.testing.assert_allclose(found.frequency, expected, rtol=1e-9)
 
@@ -174,7 +174,7 @@ def test_cantilever_modes_converge_but_slowly():
     expected = np.array(reference.frequencies(10.0, 1.0, 0.0))
     error = []
     for n in (10, 20, 40):
-        model = jb.Hybrid(0, n, 0, jb.CantileverModes())
+        model = jb.Hybrid(0, n, 0, jb.models.CantileverModes())
         error.append(np.abs(jb.modes(model, slender(70.0, 1.0), 10.0, 3).frequency / expected - 1))
     order = -np.polyfit(np.log([10, 20, 40]), np.log(np.max(error, 1)), 1)[0]
     assert 2.5 < order < 6  # algebraic: this is why polynomials are the default
@@ -188,9 +188,9 @@ def _order(counts, errors):
 @pytest.mark.parametrize(
     ("make", "gamma"),
     [
-        pytest.param(jb.SmallStrainANCF, 0.0, marks=pytest.mark.slow),
+        pytest.param(jb.models.SmallStrainANCF, 0.0, marks=pytest.mark.slow),
         pytest.param(jb.ANCF, 5.0, marks=pytest.mark.slow),
-        pytest.param(jb.SmallStrainANCF, 5.0, marks=pytest.mark.slow),
+        pytest.param(jb.models.SmallStrainANCF, 5.0, marks=pytest.mark.slow),
         pytest.param(jb.ANCF, 0.0, marks=pytest.mark.slow),
     ],
 )
@@ -209,7 +209,7 @@ def test_order_of_convergence_of_elements_in_bending(make, gamma):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [jb.SmallStrainANCF, jb.ANCF])
+@pytest.mark.parametrize("make", [jb.models.SmallStrainANCF, jb.ANCF])
 def test_order_of_convergence_of_elements_in_stretch(make):
     """h^6, to beta tan(beta) = m / m_t, for a beam so slender that the EI u''^2 of K_t is nil.
 
@@ -221,7 +221,7 @@ def test_order_of_convergence_of_elements_in_stretch(make):
     beta = scipy.optimize.brentq(lambda b: b * np.sin(b) * tip - np.cos(b), *third)
     counts, errors = (14, 18, 24, 32), []
     for n in counts:
-        found = jb.modes(make(n), slender(slenderness, 0.5, tip), 0.0, [jb.Label(AXIAL, 3)])
+        found = jb.modes(make(n), slender(slenderness, 0.5, tip), 0.0, [jb.models.Label(AXIAL, 3)])
         errors.append(abs(float(found.frequency[0]) / (slenderness * beta) - 1))
     assert _order(counts, errors) == pytest.approx(6, abs=0.25)
 
@@ -307,7 +307,7 @@ def test_classical_with_stretch_against_scipy():
     "model",
     [
         jb.Hybrid(12, 16, 16),
-        jb.SmallStrainANCF(8),
+        jb.models.SmallStrainANCF(8),
         pytest.param(jb.ANCF(8), marks=pytest.mark.slow),
     ],
     ids=repr,
@@ -395,13 +395,13 @@ PLAIN = jnp.array([1.3, 0.8, 4.9e3, 1.1, 1.7, 0.3, 0.25, 5.0])
 DIFFERENTIABLE = [
     (jb.Hybrid(8, 12, 12), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
     pytest.param(
-        jb.Hybrid(8, 12, 0, jb.Polynomials(2)),
+        jb.Hybrid(8, 12, 0, jb.models.Polynomials(2)),
         PLAIN,
         jb.labels(in_plane=3, axial=1),
         marks=pytest.mark.slow,
     ),
     pytest.param(
-        jb.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow
+        jb.models.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow
     ),
     pytest.param(jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow),
     pytest.param(
@@ -529,7 +529,7 @@ def test_which_is_checked():
         with pytest.raises(ValueError, match="which must be between 1 and 5"):
             jb.modes(model, slender(), 1.0, bad)
     with pytest.raises(ValueError, match="3 modes of in-plane bending, so there is no"):
-        jb.modes(model, slender(), 1.0, [jb.Label(IN_PLANE, 4)])
+        jb.modes(model, slender(), 1.0, [jb.models.Label(IN_PLANE, 4)])
     with pytest.raises(ValueError, match="0 modes of flap"):
         jb.modes(model, slender(), 1.0, jb.labels(flap=1))
     with pytest.raises(ValueError, match="at least one"):
@@ -537,12 +537,12 @@ def test_which_is_checked():
     for bad in (True, 2.0, "flap", object()):
         with pytest.raises(TypeError, match="which"):
             jb.modes(model, slender(), 1.0, bad)
-    for bad in (("flap", 1), jb.Label(IN_PLANE, 1.5), jb.Label(IN_PLANE, True)):
+    for bad in (("flap", 1), jb.models.Label(IN_PLANE, 1.5), jb.models.Label(IN_PLANE, True)):
         with pytest.raises(TypeError, match="which"):
             jb.modes(model, slender(), 1.0, [bad])
     assert jb.modes(model, slender(), 1.0).frequency.shape == (5,)
     assert jb.modes(model, slender(), 1.0, np.int64(3)).frequency.shape == (3,)
-    assert jb.modes(model, slender(), 1.0, jb.Label(IN_PLANE, 2)).frequency.shape == (1,)
+    assert jb.modes(model, slender(), 1.0, jb.models.Label(IN_PLANE, 2)).frequency.shape == (1,)
 
 
 def test_stretch_alone():
@@ -556,15 +556,15 @@ def test_stretch_alone():
 def test_many_functions():
     """A hundred functions, stable and unstable: numbers and labels stay right."""
     rest = np.array(reference.frequencies(0.0))
-    for basis in (jb.Polynomials(), jb.Polynomials(2), jb.CantileverModes()):
-        sizes = (60, 100) if isinstance(basis, jb.Polynomials) else (40,)
+    for basis in (jb.models.Polynomials(), jb.models.Polynomials(2), jb.models.CantileverModes()):
+        sizes = (60, 100) if isinstance(basis, jb.models.Polynomials) else (40,)
         for n in sizes:
             found = jb.modes(jb.Classical(0, n, 0, basis), slender(), 3.6, 3)
             square = 3.6**2 - rest**2
             assert float(found.growth_rate[0]) == pytest.approx(np.sqrt(square[0]), rel=1e-7)
             np.testing.assert_allclose(found.frequency[1:], np.sqrt(-square[1:]), rtol=1e-8)
     expected = reference.frequencies(10.0, 0.0, 0.0, 70.0)
-    model = jb.Hybrid(100, 100, 0, jb.Polynomials(2))
+    model = jb.Hybrid(100, 100, 0, jb.models.Polynomials(2))
     found = jb.modes(model, slender(70.0), 10.0, jb.labels(in_plane=3))
     np.testing.assert_allclose(found.frequency, expected, rtol=1e-9)
 

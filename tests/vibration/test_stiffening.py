@@ -36,7 +36,7 @@ def test_closed_form(hub, tip):
 def test_southwell_coefficient():
     """By Rayleigh: of the flap mode at rest ratio omega_0^2 / Omega^2, in plane less by one."""
     rotor, speed = slender(70.0, 0.5, 0.3), 1.7
-    phi = jb.southwell(jb.Hybrid(0, 16, 0), rotor, jb.labels(in_plane=1)).coefficient[0]
+    phi = jb.southwell(jb.Hybrid(0, 16, 0), rotor, 0.0, jb.labels(in_plane=1)).coefficient[0]
     omega = reference.frequencies(0.0, 0.0, 0.3)[0]
     found = stiffening_ratio(rotor, speed) * (omega / speed) ** 2 - 1
     np.testing.assert_allclose(found, phi, rtol=1e-9)
