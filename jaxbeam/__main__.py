@@ -105,8 +105,10 @@ def _spin_up(
     model: Any, rotor: Any, motion: Any, until: float, points: int = 201,
     max_steps: int = 100_000, loads: Any = None, damping: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
-    given = {"loads": loads, "damping": damping, "max_steps": max_steps}
-    run = jb.simulate(model, rotor, motion, _times(until, points), throw=False, **given)
+    acting = {"loads": loads, "damping": damping}
+    given = {name: value for name, value in acting.items() if value is not None}
+    times = _times(until, points)
+    run = jb.simulate(model, rotor, motion, times, max_steps=max_steps, throw=False, **given)
     value, when = jax.numpy.array([run.peak(component) for component in range(3)]).T
     names = ("tip", "hub_force", "hub_torque", "strain_energy", "energy", "imbalance")
     found = {"peak": value, "peak_time": when, **{name: getattr(run, name) for name in names}}

@@ -8,10 +8,11 @@ from jaxtyping import Array, Complex, Float, Int
 Scalar = Float[Array, ""]
 Real = float | Scalar  # what a user may give where a scalar is wanted
 Code = Int[Array, ""]
+Number = Float[Array, "*lanes"]  # a scalar, in each lane
 Matrix = Float[Array, "n n"]
-Vector = Float[Array, " n"]  # one number a coordinate
+Vector = Float[Array, "n *lanes"]  # one number a coordinate; lanes: see `kernel`
 Vectors = Complex[Array, "k n"]
-Triple = Float[Array, " 3"]  # components along a1 (the beam), a2 (in plane), a3 (the axis)
+Triple = Float[Array, "3 *lanes"]  # components along a1 (the beam), a2 (in plane), a3 (the axis)
 
 
 def is_known(tree: Any) -> bool:

@@ -8,44 +8,33 @@ and how far the forces of Model A are from being conservative.
     python studies/berzeri1999.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
 import jax
+import matplotlib.pyplot as plt
+import numpy as np
+from common import ALUMINIUM, BLUE, GREEN, PURPLE, VERMILION
+from matplotlib.axes import Axes
 
-jax.config.update("jax_enable_x64", True)
-
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.axes import Axes  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
+import jaxbeam as jb
 
 DURATION, END = 15.0, 20.0  # s, of the spin-up (T of B eq. 13) and of the runs
 # B Table 1: the beams of its references 19 and 21. Hub radius 1 m and 0.
 REF_19 = jb.Beam.from_section(
     length=10.0, density=3000.0, area=4e-4, in_plane_second_moment=1.997e-7, youngs_modulus=7e10
 )
-REF_21 = jb.Beam.from_section(
-    length=8.0, density=2767.0, area=7.299e-5, in_plane_second_moment=8.214e-9,
-    youngs_modulus=6.895e10,
-)  # fmt: skip
+REF_21 = jb.Beam.from_section(**ALUMINIUM)
 STYLES: dict[str, dict[str, Any]] = {  # by the first key with which a name begins
     "reference": {"color": "0.78", "lw": 5.0},
-    "Model A, 10": {"color": "#CC79A7", "lw": 1.4},
-    "Model A": {"color": "#0072B2", "lw": 1.4},
+    "Model A, 10": {"color": PURPLE, "lw": 1.4},
+    "Model A": {"color": BLUE, "lw": 1.4},
     "Model 0, chord, 10": {"color": "k", "lw": 1.8, "ls": (0, (1, 2.5))},
-    "Model 0, chord": {"color": "#D55E00", "lw": 1.4, "ls": "--"},
-    "Model 0, tangent": {"color": "#009E73", "lw": 1.4, "ls": "-."},
+    "Model 0, chord": {"color": VERMILION, "lw": 1.4, "ls": "--"},
+    "Model 0, tangent": {"color": GREEN, "lw": 1.4, "ls": "-."},
     "prestressed": {"color": "k", "lw": 1.8, "ls": (0, (1, 2.5))},
 }
 A2, A10 = "Model A, 2 elements", "Model A, 10 elements"
@@ -98,8 +87,7 @@ def run_case(case: Case, quick: bool) -> tuple[Runs, list[Row]]:
         f"reference, {count} elements": jb.EngineeringANCF(count)
     }
     models |= {name: MODELS[name] for name in case.names}
-    with ThreadPoolExecutor(2) as pool:  # compiles two at a time
-        found = pool.map(lambda model: spin_up(model, case, quick), models.values())
+    found = common.together(lambda model: spin_up(model, case, quick), models.values())
     runs = dict(zip(models, found, strict=True))
     rows: list[Row] = []
     for name, run in runs.items():
@@ -186,8 +174,7 @@ def draw(
     for ax, label in zip(axes[:, 0], labels, strict=True):
         ax.set_ylabel(label)
     figure.align_ylabels()
-    figure.savefig(out / name, dpi=120)
-    plt.close(figure)
+    common.save_figure(figure, out / name, dpi=120)
 
 
 def steady_strain(out: Path) -> None:
@@ -201,7 +188,7 @@ def steady_strain(out: Path) -> None:
     length, mass, rigidity = map(float, (REF_19.length, REF_19.mass, REF_19.axial_stiffness))
     limp = jb.Beam(length, mass / length, rigidity, 1e-4, 1e-4)
     figure, axes = plt.subplots(1, 2, figsize=(10.5, 4.6), layout="constrained")
-    for ratio, colour in ((0.0, "#0072B2"), (1.0, "#D55E00")):
+    for ratio, colour in ((0.0, BLUE), (1.0, VERMILION)):
         reach = hub * (1 - xi) + length * (1 - xi**2) / 2 + ratio * (hub + length)
         exact = mass * speed**2 * reach / rigidity
         axes[0].plot(xi, 1e6 * exact, color=colour, lw=4, alpha=0.4, label=f"P / EA, N = {ratio:g}")
@@ -227,8 +214,7 @@ def steady_strain(out: Path) -> None:
         ax.set(xlabel="position x / L (-)", title="N: tip mass / mass of the beam")
         ax.grid(color="0.92")
         ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
-    figure.savefig(out / "figure_10.png", dpi=120)
-    plt.close(figure)
+    common.save_figure(figure, out / "figure_10.png", dpi=120)
 
 
 def remainder(quick: bool) -> None:
@@ -238,8 +224,7 @@ def remainder(quick: bool) -> None:
         "at the end\nand at its largest, over the largest strain energy"
     )
     counts = (2, 10) if quick else (1, 2, 4, 8)
-    with ThreadPoolExecutor(2) as pool:
-        runs = pool.map(lambda n: spin_up(jb.ANCF(n), CASES[2], quick), counts)
+    runs = common.together(lambda n: spin_up(jb.ANCF(n), CASES[2], quick), counts)
     for count, run in zip(counts, runs, strict=True):
         force = jax.jit(jax.vmap(run.scene.equations.nonconservative_force))(run.state.q)
         power = np.sum(np.asarray(force * run.state.v), 1)
@@ -262,10 +247,9 @@ def critical_speeds() -> None:
     """B: "there always exists a critical value" that depends on the number of elements."""
     print("\nModel 0 in either frame, Ref. 21 beam: speed (rad/s) up to which it is stable")
     models = [kind(n) for kind in (jb.models.ChordANCF, jb.models.TangentANCF) for n in (1, 2, 10)]
-    with ThreadPoolExecutor(2) as pool:
-        for model, speed in zip(models, pool.map(critical_speed, models), strict=True):
-            name = f"{type(model).__name__}, {model.n_elements}:"
-            print(f"  {name:16s} {'> ' * (speed == 100)}{speed:.1f}")
+    for model, speed in zip(models, common.together(critical_speed, models), strict=True):
+        name = f"{type(model).__name__}, {model.n_elements}:"
+        print(f"  {name:16s} {'> ' * (speed == 100)}{speed:.1f}")
 
 
 def statements(rows: list[Row], runs: dict[str, Runs]) -> None:
@@ -291,8 +275,7 @@ def statements(rows: list[Row], runs: dict[str, Runs]) -> None:
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figures and the table."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "berzeri1999"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "berzeri1999")
     print(
         f" Fig. rad/s  {'model':28s}   peak (m)  at (s)  status    to (s) balance  steps  apart (m)"
         "   (%)"
@@ -302,10 +285,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     for case in CASES:
         runs[case.figure], more = run_case(case, quick)
         rows += more
-    with open(out / "peaks.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(rows)
+    common.write_csv(out / "peaks.csv", rows[0], (row.values() for row in rows))
     tip = {"tip deflection (m)": deflection}
     draw(out, "figures_2_3.png", CASES[:1], runs, tip | {"rotation of\nfree end (rad)": rotation})
     draw(out, "figures_4_5.png", CASES[1:3], runs, tip)
@@ -315,13 +295,9 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         critical_speeds()
     steady_strain(out)
     remainder(quick)
-    print(f"\n{time.perf_counter() - began:.0f} s; figures and table are in {out}")
-    return out
+    print()
+    return common.finish(began, "figures and table are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="coarser, in about a minute")
-    parser.add_argument("--out", type=Path, help="folder for the figures and the table")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "coarser, in about a minute", "the figures and the table")

@@ -8,8 +8,6 @@ next process where JAX keeps programs in a cache. It measures the Python that ru
     python studies/costs.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
 import os
 import platform
 import subprocess
@@ -20,24 +18,17 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import common
 import diffrax
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import ALUMINIUM
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
 
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import jax.numpy as jnp  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-
-BLADE = jb.Beam.from_section(
-    length=8.0, density=2767.0, area=7.299e-5, in_plane_second_moment=8.214e-9,
-    youngs_modulus=6.895e10,
-)  # fmt: skip
+REF_21 = jb.Beam.from_section(**ALUMINIUM)
 TIMES = np.linspace(0.0, 20.0, 201)
 START = """
 import time
@@ -110,13 +101,8 @@ Row = tuple[str, str, float, str]  # what, of what, number, unit
 
 def seconds(repeats: int, function: Callable[..., Any], *args: Any) -> float:
     """Median, after compilation."""
-    jax.block_until_ready(function(*args))
-    taken = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        jax.block_until_ready(function(*args))
-        taken.append(time.perf_counter() - start)
-    return float(np.median(taken))
+    common.timed(1, function, *args)
+    return common.timed(repeats, function, *args)[0]
 
 
 def gradients(quick: bool) -> list[Row]:
@@ -124,25 +110,21 @@ def gradients(quick: bool) -> list[Row]:
     repeats = 3 if quick else 15
 
     def peak(v: Any) -> Any:
-        blade = jb.Beam(BLADE.length, v[0], v[1], v[2], v[2])
+        blade = jb.Beam(REF_21.length, v[0], v[1], v[2], v[2])
         return jb.simulate(
             jb.EngineeringANCF(8), jb.Rotor(blade, v[3], v[4]), jb.SmoothSpinUp(4.0, 15.0), TIMES,
             stepsize_controller=diffrax.PIDController(rtol=1e-5, atol=1e-5), throw=False,
         ).peak()[0]  # fmt: skip
 
-    blade = [BLADE.mass_per_length, BLADE.axial_stiffness, BLADE.in_plane_bending_stiffness]
+    blade = [REF_21.mass_per_length, REF_21.axial_stiffness, REF_21.in_plane_bending_stiffness]
     tried: list[tuple[str, Any, Any]] = [
         ("spin-up peak, 8 elements", peak, jnp.asarray([*blade, 0.0, 0.0]))
     ]
-    rng, size = np.random.default_rng(2), 1000 if quick else 10_000
-    spans = ((0.0, 12.0), (0.0, 2.0), (0.0, 1.0), (200.0, 1000.0))
-    cases = jnp.asarray(np.stack([rng.uniform(*span, size) for span in spans], 1))
+    size = 1000 if quick else 10_000
+    cases, at = common.random_cases(size, seed=2), common.rotating
 
     def swept(one: Callable[[Any], Any]) -> Callable[[Any], Any]:
         return lambda cases: jnp.sum(jax.vmap(one)(cases))
-
-    def at(v: Any) -> tuple[jb.Rotor, Any]:
-        return jb.Rotor(jb.Beam(1.0, 1.0, v[3] ** 2, 1.0, 1.0), v[1], v[2]), v[0]
 
     polynomials, elements = jb.Hybrid(8, 16, 0), jb.ANCF(10)
     for name, one, share in (
@@ -171,7 +153,7 @@ def elements(quick: bool, out: Path) -> list[Row]:
         @jax.jit
         def run(speed: Any, n: int = n) -> Any:
             return jb.simulate(
-                jb.EngineeringANCF(n), jb.Rotor(BLADE), jb.SmoothSpinUp(speed, 15.0), [0.0, 2.0],
+                jb.EngineeringANCF(n), jb.Rotor(REF_21), jb.SmoothSpinUp(speed, 15.0), [0.0, 2.0],
                 stepsize_controller=diffrax.ConstantStepSize(), dt0=2.0 / steps, throw=False,
             ).tip  # fmt: skip
 
@@ -185,8 +167,7 @@ def elements(quick: bool, out: Path) -> list[Row]:
     ax.minorticks_off()
     ax.grid(alpha=0.3)
     ax.legend()
-    figure.savefig(out / "elements.png", dpi=150)
-    plt.close(figure)
+    common.save_figure(figure, out / "elements.png", dpi=150)
     rows = [
         ("a step of Rodas5P", f"{n} elements", 1e6 * t, "us")
         for n, t in zip(counts, taken, strict=True)
@@ -249,8 +230,7 @@ def fresh_processes(quick: bool) -> Iterator[Row]:
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the table and the figure."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "costs"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "costs")
     rows: list[Row] = []
     print(f"Python {platform.python_version()}, jax {jax.__version__}", flush=True)
     for part in (
@@ -261,15 +241,9 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         for row in part():
             print(f"{row[0]:32s} {row[1]:44s} {row[2]:10.2f} {row[3]}", flush=True)
             rows.append(row)
-    with open(out / "costs.csv", "w", newline="") as file:
-        csv.writer(file).writerows([("what", "of", "number", "unit"), *rows])
-    print(f"{time.perf_counter() - began:.0f} s; table and figure are in {out}")
-    return out
+    common.write_csv(out / "costs.csv", ("what", "of", "number", "unit"), rows)
+    return common.finish(began, "table and figure are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer cases and elements")
-    parser.add_argument("--out", type=Path, help="folder for the table and the figure")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer cases and elements", "the table and the figure")

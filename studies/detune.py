@@ -7,24 +7,17 @@ may be, and `jb.fit` searches from many starts at once.
     python studies/detune.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
+import common
 import jax
+import matplotlib.pyplot as plt
+import numpy as np
+from common import BLUE, GREEN, VERMILION
 
-jax.config.update("jax_enable_x64", True)
-
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
+import jaxbeam as jb
 
 MODEL = jb.Hybrid(1, 4, 6)
 WHICH = (*jb.labels(flap=2), *jb.labels(in_plane=1))
@@ -34,7 +27,7 @@ MARGIN = 0.05
 WORKING = (36.0, 42.0)  # rad/s
 HUB, TIP = 0.3, 0.5  # as designed, m and kg
 BEAM = (4.0, 3.0, 3e8 * 3e-4, 12_000.0, 5_000.0)  # m, kg/m, N, N m^2, N m^2
-COLOURS = ("#0072B2", "#D55E00", "#009E73")
+COLOURS = (BLUE, VERMILION, GREEN)
 
 
 def rotor(hub: Any, tip: Any) -> jb.Rotor:
@@ -61,8 +54,7 @@ def least(hub: Any, tip: Any) -> tuple[float, str]:
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figure and the table."""
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "detune"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "detune")
     free = {
         "hub": jb.FreeParameter(HUB, 0.05, 1.0, prior=(HUB, 0.3)),
         "tip": jb.FreeParameter(TIP, 0.0, 6.0, prior=(TIP, 2.0)),
@@ -71,7 +63,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     # A little more than is wanted: priors pull back into the margin by the slack.
     experiments = demand(13, MARGIN + 0.001)
     descent = jb.fitting.Descent(starts=16 if quick else 64, steps=100, spread=3.0)
-    found = jb.fit(experiments, free, descent=descent)
+    found = jb.fit(experiments, free, descent=descent, throw=False)
     seconds = time.perf_counter() - began
     new = {name: float(value) for name, value in found.partial.parameters.items()}
     rows = []
@@ -81,10 +73,8 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         print(f"{title:12} hub radius {design['hub']:.3f} m, tip mass {design['tip']:.3f} kg: "
               f"margin {margin:.2%} ({where})")  # fmt: skip
     print(f"demanded: {MARGIN:.0%} from {WORKING[0]:g} to {WORKING[1]:g} rad/s; {seconds:.0f} s")
-    with open(out / "detune.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["design", "hub_radius_m", "tip_mass_kg", "margin", "nearest"])
-        writer.writerows(rows)
+    header = ("design", "hub_radius_m", "tip_mass_kg", "margin", "nearest")
+    common.write_csv(out / "detune.csv", header, rows)
     draw(out / "detune.png", rows)
     print(f"figure and table are in {out}")
     return out
@@ -102,15 +92,11 @@ def draw(path: Path, rows: Any) -> None:
         found = jax.vmap(at_speed, (None, None, 0))(hub, tip, speeds)
         for k, (name, colour) in enumerate(zip(NAMES, COLOURS, strict=True)):
             ax.plot(speeds, found[:, k], color=colour, label=name, lw=2)
+        common.per_turn(ax, speeds, HARMONICS, at=49.5)
+        band = speeds[(speeds > WORKING[0]) & (speeds < WORKING[1])]
         for n in HARMONICS:
-            ax.plot(speeds, n * speeds, color="0.6", lw=1)
-            inside = (speeds > WORKING[0]) & (speeds < WORKING[1])
-            band = speeds[inside]
             ax.fill_between(
                 band, n * band * (1 - MARGIN), n * band * (1 + MARGIN), color="0.8", lw=0
-            )
-            ax.annotate(
-                f"{n}/rev", (49.5, n * 49.5), fontsize=8, color="0.4", ha="right", va="bottom"
             )
         ax.axvspan(*WORKING, color="gold", alpha=0.2, lw=0)
         ax.set(
@@ -120,13 +106,8 @@ def draw(path: Path, rows: Any) -> None:
         ax.legend(fontsize=8, loc="upper left")
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("frequency (rad/s)")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    common.save_figure(figure, path, dpi=110)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer starts")
-    parser.add_argument("--out", type=Path, help="folder for the figure and the table")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer starts", "the figure and the table")

@@ -8,27 +8,19 @@ not known and taken from the residuals. Then what fits cost, on synthetic freque
     python studies/fit_experiment.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
-import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import common
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import BLUE, GREEN, ORANGE, VERMILION
 
-jax.config.update("jax_enable_x64", True)
-
-import equinox as eqx  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
+import jaxbeam as jb
 
 DATA = Path(__file__).parent / "data" / "epps_chandra_1996_composite.csv"
 INCH, POUND = 0.0254, 4.4482216152605
@@ -40,7 +32,7 @@ NOMINAL = MODULUS * WIDTH * HEIGHT**3 / 12
 MODEL = jb.Hybrid(1, 1, 12)
 WHICH = jb.labels(flap=4)
 NOISE = 0.01  # relative; only that it is the same for all is believed
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#E69F00")
+COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 
 
 def measured() -> tuple[np.ndarray, np.ndarray]:
@@ -91,7 +83,7 @@ def fit(
 ) -> jb.results.Fit:
     # How well beams can explain this is the question: no second search where they do not.
     seen = Seen(jnp.asarray(speeds), jnp.asarray(frequencies))
-    return jb.fit(seen, free, known_noise=known, progress=False)
+    return jb.fit(seen, free, known_noise=known, progress=False, throw=False)
 
 
 def left_out(free: dict[str, jb.FreeParameter]) -> list[tuple[float, int, float, float]]:
@@ -145,7 +137,7 @@ def costs(quick: bool) -> list[str]:
     free = {name: jb.FreeParameter(1.1 * value) for name, value in truth.items()}
 
     def one(y: Any) -> jb.results.Fit:
-        return jb.fit(build(y, noise), free)
+        return jb.fit(build(y, noise), free, throw=False)
 
     vector = jnp.asarray(list(truth.values()))
 
@@ -160,15 +152,8 @@ def costs(quick: bool) -> list[str]:
         ("residuals", jax.jit(residual), vector),
         ("residuals and Jacobian", jax.jit(jax.jacfwd(residual)), vector),
     ):
-        began = time.perf_counter()
-        jax.block_until_ready(function(argument))
-        compiled[name] = time.perf_counter() - began
-        taken = []
-        for _ in range(3 if quick else 10):
-            began = time.perf_counter()
-            jax.block_until_ready(function(argument))
-            taken.append(time.perf_counter() - began)
-        spent[name] = float(np.median(taken))
+        compiled[name], _ = common.timed(1, function, argument)
+        spent[name], _ = common.timed(3 if quick else 10, function, argument)
     lines = [
         f"  {name:24} {1e3 * seconds:9.2f} ms; the first time {compiled[name]:.1f} s"
         for name, seconds in spent.items()
@@ -182,8 +167,7 @@ def costs(quick: bool) -> list[str]:
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figure and the tables."""
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "fit_experiment"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "fit_experiment")
     speeds, frequencies = measured()
     rpm, hertz = speeds * 30 / np.pi, frequencies / (2 * np.pi)
 
@@ -231,11 +215,10 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         for r in rpm:
             errors = [row[3] for row in some if abs(row[0] - r) < 1e-6]
             print(f"  {name:12} {r:4.0f} rpm  " + "  ".join(f"{e:+.1%}" for e in errors))
-    with open(out / "left_out.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["fitted", "rpm", "mode", "measured_hz", "relative_error"])
-        for name, some in rows.items():
-            writer.writerows([(name, *row) for row in some])
+    common.write_csv(
+        out / "left_out.csv", ("fitted", "rpm", "mode", "measured_hz", "relative_error"),
+        ((name, *row) for name, some in rows.items() for row in some),
+    )  # fmt: skip
 
     print("\nSix parameters from 56 frequencies")
     print("\n".join(costs(quick)))
@@ -258,11 +241,7 @@ def draw(path: Path, found: jb.results.Fit, rpm: np.ndarray, hertz: np.ndarray) 
         right.plot(
             rpm, 100 * (at[:, k] / hertz[:, k] - 1), "o-", color=colour, label=f"flap {k + 1}"
         )
-    for n in (1, 2, 4, 8):
-        left.plot(fine, n * fine / 60, ":", color="0.6", lw=1)
-        left.annotate(
-            f"{n}/rev", (790, n * 790 / 60), fontsize=8, color="0.4", ha="right", va="bottom"
-        )
+    common.per_turn(left, fine, (1, 2, 4, 8), at=790, unit=1 / 60, style=":")
     left.set(
         yscale="log", ylim=(3, 300), xlim=(0, 800), xlabel="rotor speed (rpm)",
         ylabel="frequency (Hz)", title="measured (dots), fitted with 95 % interval",
@@ -275,13 +254,8 @@ def draw(path: Path, found: jb.results.Fit, rpm: np.ndarray, hertz: np.ndarray) 
     for ax in (left, right):
         ax.grid(alpha=0.3)
         ax.legend(fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    common.save_figure(figure, path, dpi=110)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer repetitions of timings")
-    parser.add_argument("--out", type=Path, help="folder for the figure and the table")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer repetitions of timings", "the figure and the table")

@@ -8,32 +8,23 @@ tells which.
     python studies/integrator_stability.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
+import diffrax
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import ALUMINIUM, BLUE, GREEN, ORANGE, PURPLE, SKY, SPRINGS, VERMILION
+from matplotlib.lines import Line2D
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
 
-import diffrax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.lines import Line2D  # noqa: E402
-from speed_accuracy import REF_21  # noqa: E402
-from yoo1995 import write_csv  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-
-ROTOR = jb.Rotor(REF_21)
-SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)  # Y Figs. 12-14
+ROTOR = jb.Rotor(jb.Beam.from_section(**ALUMINIUM))
+SPRING_ROTOR = jb.models.SpringRotor(*SPRINGS)
 SPEEDS = (0.0, 2.0)  # rad/s
 STEPS, GROWTH, TINY = 1000, 100.0, 1e-9  # TINY in m: far above rounding, and linear
 WRONG = 0.05  # of the peak
@@ -44,10 +35,9 @@ EXPLICIT = (
     diffrax.Dopri8(),
 )  # fmt: skip
 SOLVERS = (*EXPLICIT, jb.solvers.Rodas5P())
-# Colours of Okabe and Ito.
 COLOURS = {
-    "Euler": "0.75", "Heun": "0.5", "Bosh3": "#E69F00", "Tsit5": "#D55E00", "Dopri5": "#CC79A7",
-    "Dopri8": "#56B4E9", "Rodas5P": "#0072B2", "ChordKvaerno5": "#009E73", "Magnus": "k",
+    "Euler": "0.75", "Heun": "0.5", "Bosh3": ORANGE, "Tsit5": VERMILION, "Dopri5": PURPLE,
+    "Dopri8": SKY, "Rodas5P": BLUE, "ChordKvaerno5": GREEN, "Magnus": "k",
 }  # fmt: skip
 MODELS = {
     "hybrid, 3 + 2 functions": jb.Hybrid(2, 3, 0),
@@ -93,7 +83,7 @@ def growth(solver: Any, model: Any, rotor: Any, speed: Any, mode: Any, h: Any) -
 
 def limits(name: str, model: Any, solvers: Any) -> list[Limit]:
     """Of one model: all integrators at all speeds."""
-    rotor: Any = SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR
+    rotor: Any = SPRING_ROTOR if model.rotor_type is jb.models.SpringRotor else ROTOR
     settings: dict[str, Any] = {"steps": STEPS, "growth": GROWTH}
     modes = []
     for speed in SPEEDS:
@@ -134,10 +124,9 @@ def table(out: Path, quick: bool) -> None:
     """Print and write it."""
     models = dict(list(MODELS.items())[:: 5 if quick else 1])
     solvers = SOLVERS[3::3] if quick else SOLVERS
-    with ThreadPoolExecutor(2) as pool:  # nearly all of it is compilation
-        parts = list(pool.map(lambda name: limits(name, models[name], solvers), models))
+    parts = common.together(lambda name: limits(name, models[name], solvers), models)
     rows = [row for part in parts for row in part]
-    write_csv(out / "stable_steps.csv", Limit._fields, rows)
+    common.write_csv(out / "stable_steps.csv", Limit._fields, rows)
     print(f"largest step by which {STEPS} steps multiply a vibration by {GROWTH:g} at most, in ms:")
     print("theory, and in brackets by trial (of implicit methods: the longest one tried)")
     print(" " * 31 + "".join(f"{title(solver):>18s}" for solver in solvers))
@@ -164,7 +153,7 @@ def draw_amplification(out: Path, quick: bool) -> None:
             dash = "-" if solver in EXPLICIT else (0, (5, 2))
             ax.plot(angles, size, color=COLOURS[name], ls=dash, lw=1.8, label=name)
         columns.append(size)
-    write_csv(
+    common.write_csv(
         out / "amplification.csv", ["angle_rad", *map(title, solvers)],
         np.column_stack([ranges[1], *columns]),
     )  # fmt: skip
@@ -175,8 +164,7 @@ def draw_amplification(out: Path, quick: bool) -> None:
     axes[0].set(ylim=(0.7, 1.5), xlim=(0, 5), ylabel="amplification of a vibration by one step")
     axes[1].set(xscale="log", yscale="log", ylim=(1e-3, 1e4), xlim=(0.1, 1000))
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.savefig(out / "amplification.png", dpi=120)
-    plt.close(figure)
+    common.save_figure(figure, out / "amplification.png", dpi=120)
 
 
 class Run(NamedTuple):
@@ -219,13 +207,12 @@ def spin_ups(quick: bool) -> list[Run]:
     solvers = [diffrax.Tsit5(), diffrax.Dopri8(), diffrax.Bosh3(), jb.solvers.Rodas5P()]
     if not quick:
         solvers.insert(1, diffrax.Dopri5())
-    with ThreadPoolExecutor(2) as pool:
-        return [run for part in pool.map(all_of, solvers) for run in part]
+    return [run for part in common.together(all_of, solvers) for run in part]
 
 
 def report(out: Path, runs: list[Run]) -> None:
     """Print, write and draw them."""
-    write_csv(out / "loose_tolerance.csv", Run._fields, runs)
+    common.write_csv(out / "loose_tolerance.csv", Run._fields, runs)
     figure, ax = plt.subplots(figsize=(7.5, 5.6), layout="constrained")
     names = list(dict.fromkeys(run.integrator for run in runs))
     for k, name in enumerate(names):
@@ -254,8 +241,7 @@ def report(out: Path, runs: list[Run]) -> None:
         for s in seen
     ]  # fmt: skip
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9)
-    figure.savefig(out / "loose_tolerance.png", dpi=120)
-    plt.close(figure)
+    common.save_figure(figure, out / "loose_tolerance.png", dpi=120)
     print("spin-up of B Ref. 21 with adaptive steps")
     for run in runs:
         print(
@@ -272,19 +258,13 @@ def report(out: Path, runs: list[Run]) -> None:
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figures and tables."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "integrator_stability"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "integrator_stability")
     for part in (table, draw_amplification):
         part(out, quick)
         print(f"  {time.perf_counter() - began:.0f} s", flush=True)
     report(out, spin_ups(quick))
-    print(f"{time.perf_counter() - began:.0f} s; figures and tables are in {out}")
-    return out
+    return common.finish(began, "figures and tables are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer models and tolerances")
-    parser.add_argument("--out", type=Path, help="folder for the figures and tables")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer models and tolerances", "the figures and tables")

@@ -8,10 +8,7 @@ elements. Then a sweep of spin-ups goes through `jb.ladder_sweep`, and through t
     python studies/ladder.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
 import functools
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,18 +16,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
+import common
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
 
-jax.config.update("jax_enable_x64", True)
-
-import jax.numpy as jnp  # noqa: E402
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
+import jaxbeam as jb
 
 TOLERANCES = (1e-2, 1e-3, 1e-4)
 SHARES = np.linspace(0.0, 1.0, 121)  # of a run, where it is looked at
@@ -147,7 +138,7 @@ def asked(kind: str, scene: Scene, size: float) -> Asked:
     else:
         question = spin_up(KINDS[kind], scene, float(at_rest(scene.tip)))
     accuracy = 1e-6 if kind == "strain" else 1e-7
-    truth = jb.ladder.ask(jb.EngineeringANCF(TRUTH), rotor, question, accuracy, size)
+    truth = jb.ladder.ask(jb.EngineeringANCF(TRUTH), rotor, question, accuracy, size, throw=False)
     if int(truth.status) != jb.Status.OK:
         raise RuntimeError(
             f"no truth for {kind} of {scene}: {jb.Status(int(truth.status)).message}"
@@ -162,8 +153,9 @@ def judged(each: Asked, tolerance: float) -> Outcome:
     size = float(np.clip(choice.indicators.size, 1e-9, 1.0))
 
     def error(model: Any) -> float:
-        found = jb.ladder.ask(model, each.rotor, each.question, 0.05 * tolerance, size)
-        return float(found.distance(each.truth))
+        accuracy = 0.05 * tolerance  # as in the ladder
+        found = jb.ladder.ask(model, each.rotor, each.question, accuracy, size, throw=False)
+        return float(found.distance(each.truth))  # NaN where the model fails
 
     began = time.perf_counter()
     error(jb.EngineeringANCF(TRUTH))
@@ -324,33 +316,24 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
 
 
 def save(path: Path, outcomes: Sequence[Outcome]) -> None:
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file)
-        plain = [name for name in Outcome._fields if name != "scene"]
-        writer.writerow([*plain, *Scene._fields])
-        for o in outcomes:
-            writer.writerow([*(getattr(o, name) for name in plain), *o.scene])
+    plain = [name for name in Outcome._fields if name != "scene"]
+    rows = ([*(getattr(o, name) for name in plain), *o.scene] for o in outcomes)
+    common.write_csv(path, (*plain, *Scene._fields), rows)
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figure and the tables."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "ladder"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "ladder")
     figure, axes = plt.subplots(1, 3, figsize=(17, 5.2), layout="constrained")
     sweeps(quick, out, axes[:2])
     choices(quick, out, axes[2])
     for ax in axes:
         ax.grid(alpha=0.3)
-    figure.savefig(out / "ladder.png", dpi=110)
-    plt.close(figure)
-    print(f"\n{time.perf_counter() - began:.0f} s; figure and tables are in {out}")
-    return out
+    common.save_figure(figure, out / "ladder.png", dpi=110)
+    print()
+    return common.finish(began, "figure and tables are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer scenes")
-    parser.add_argument("--out", type=Path, help="folder for the figure and the tables")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer scenes", "the figure and the tables")

@@ -14,14 +14,11 @@ tip mass: it gets none.
 Peers that are not installed are left out, and named.
 """
 
-import argparse
-import csv
 import importlib.metadata
 import math
 import os
 import platform
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -30,22 +27,18 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
 import diffrax
 import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.integrate
+import scipy.linalg
+from common import ALUMINIUM
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-import scipy.integrate  # noqa: E402
-import scipy.linalg  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-
-REF_21 = jb.Beam.from_section(
-    length=8.0, density=2767.0, area=7.299e-5, in_plane_second_moment=8.214e-9,
-    youngs_modulus=6.895e10,
-)  # fmt: skip
+REF_21 = jb.Beam.from_section(**ALUMINIUM)
 DURATION, END, ELEMENTS = 15.0, 20.0, 8
 TIMES = np.linspace(0.0, END, 201)
 CORES = os.cpu_count() or 1
@@ -70,15 +63,8 @@ def median(
 
     `first`: arguments of a shorter run that compiles the same program.
     """
-    start = time.perf_counter()
-    jax.block_until_ready(function(*(args if first is None else first)))
-    compilation = time.perf_counter() - start
-    taken: list[float] = []
-    while len(taken) < repeats and sum(taken) < 10:
-        start = time.perf_counter()
-        result = jax.block_until_ready(function(*args))
-        taken.append(time.perf_counter() - start)
-    seconds = float(np.median(taken))
+    compilation, _ = common.timed(1, function, *(args if first is None else first))
+    seconds, result = common.timed(repeats, function, *args, patience=10)
     return seconds, max(compilation - (seconds if first is None else 0.0), 0.0), result
 
 
@@ -380,13 +366,8 @@ def eigenvalues(quick: bool) -> list[Line]:
     """Lowest three frequencies in plane with hub and tip mass, gamma up to 12, against the
     continuum (24 + 12 polynomials, right to 1e-11)."""
     cases = 2_000 if quick else 10_000
-    rng = np.random.default_rng(1)
-    spans = ((0.0, 12.0), (0.0, 2.0), (0.0, 1.0), (200.0, 1000.0))
-    table = jnp.asarray(np.stack([rng.uniform(*span, cases) for span in spans], 1))
+    table, at = common.random_cases(cases, seed=1), common.rotating
     sample = table[:50]
-
-    def at(v: Any) -> tuple[jb.Rotor, Any]:
-        return jb.Rotor(jb.Beam(1.0, 1.0, v[3] ** 2, 1.0, 1.0), v[1], v[2]), v[0]
 
     def fast(model: Any) -> Callable[[Any], Any]:
         return jax.jit(jax.vmap(lambda v: jb.frequencies(model, *at(v), throw=False).frequency))
@@ -521,8 +502,7 @@ def ratios(lines: list[Line]) -> None:
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the table."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "peers"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "peers")
     names = ("jaxbeam", "jax", "jaxlib", "diffrax", "numpy", "scipy", "exudyn", "pybmodes")
     versions = []
     for name in names:
@@ -538,18 +518,11 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     ):  # fmt: skip
         print(f"\n{title} (a case)")
         lines += [line._replace(scene=title) for line in part(quick)]
-    with open(out / "peers.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(Line._fields)
-        writer.writerows(lines)
+    common.write_csv(out / "peers.csv", Line._fields, lines)
     ratios(lines)
-    print(f"\n{time.perf_counter() - began:.0f} s; the table is in {out}")
-    return out
+    print()
+    return common.finish(began, "the table is", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer of all, in three minutes")
-    parser.add_argument("--out", type=Path, help="folder for the table")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer of all, in three minutes", "the table")

@@ -9,27 +9,19 @@ coefficients. Frequencies and speeds in units of sqrt(EI / (rho L^4)).
     python studies/rotating_cantilever.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
-import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import common
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
 
-jax.config.update("jax_enable_x64", True)
-
-import jax.numpy as jnp  # noqa: E402
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-import jaxbeam.plot as jbplot  # noqa: E402
+import jaxbeam as jb
+import jaxbeam.plot as jbplot
 
 DATA = Path(__file__).parents[1] / "tests" / "data"
 GAMMAS = (1.0, 2.0, 3.0, 4.0, 5.0, 10.0, 20.0, 50.0)
@@ -58,13 +50,6 @@ def frequency_case(
     return case
 
 
-def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
-
-
 def table_2(out: Path) -> None:
     """B Table 2: at rest, three bending and one axial frequency for five tip masses."""
     rows = np.genfromtxt(
@@ -85,7 +70,7 @@ def table_2(out: Path) -> None:
         rows["N"], rows["mode"], rows["omega_exact"], columns["exact"].round(6),
         rows["omega_simulation"], columns["simulation"].round(6), strict=True,
     )  # fmt: skip
-    write_csv(out / "table_2.csv", header, lines)
+    common.write_csv(out / "table_2.csv", header, lines)
     simulation = np.abs(columns["simulation"] - rows["omega_simulation"])
     exact = np.abs(columns["exact"] - rows["omega_exact"])
     print("B Table 2, at rest (20 values each)")
@@ -148,7 +133,7 @@ def tables_3_to_5(out: Path, quick: bool) -> None:
         frequency[name] = table["frequency"][(*at, order)]
         if name == "modal with stretch":
             torn = int((table["status"] != jb.Status.OK).sum())
-    write_csv(
+    common.write_csv(
         out / "tables_3_4_5.csv",
         ("N", "R_over_L", "gamma", "mode", "printed", "ten elements", *models, "steady_strain"),
         zip(
@@ -199,7 +184,7 @@ def causes(
                     f"{strain[pick].max():17.4f}"
                 )
     header = ("gamma", "mode", "ten_elements_%", "linearisation_%", "coriolis_%", "steady_strain")
-    write_csv(out / "causes.csv", header, lines)
+    common.write_csv(out / "causes.csv", header, lines)
     one = (rows["gamma"] == 50) & (order == 0) & (rows["N"] == 0) & (rows["R_over_L"] == 0)
     a, b, c, d, e, f = (
         float(v[one][0]) for v in (rows["omega_printed"], ten, fine, exact, modal, flat)
@@ -244,9 +229,8 @@ def campbell_figure(out: Path, quick: bool) -> None:
         ax.set_ylabel(r"frequency $\omega\,(\rho L^4/EI)^{1/2}$ (-)")
     handles, names = axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=5, fontsize=9)
-    figure.savefig(out / "campbell.png", dpi=130)
-    plt.close(figure)
-    write_csv(out / "resonances.csv", ("R_over_L", "N", "mode", "harmonic", "gamma"), lines)
+    common.save_figure(figure, out / "campbell.png", dpi=130)
+    common.write_csv(out / "resonances.csv", ("R_over_L", "N", "mode", "harmonic", "gamma"), lines)
 
     at, (by_hub, by_tip) = jax.value_and_grad(
         lambda p: (
@@ -279,8 +263,7 @@ def mode_shape_figure(out: Path, quick: bool) -> None:
     axes[0].set_ylabel("in-plane displacement / its largest (-)")
     handles, names = axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=6, fontsize=8)
-    figure.savefig(out / "mode_shapes.png", dpi=130)
-    plt.close(figure)
+    common.save_figure(figure, out / "mode_shapes.png", dpi=130)
 
 
 SCHILHANSL = ((0.173, 1.558), (5.380, 8.631))  # B eqs. 68-69: phi = a + b R / L
@@ -332,9 +315,8 @@ def southwell_lines_figure(out: Path, coefficients: jb.Table, quick: bool) -> No
         ax.set_ylabel(r"frequency squared $\omega^2\rho L^4/EI$ (-)")
         names = ("modal theory", "Southwell's line, exact coefficient", "Schilhansl's line")
         ax.legend(curves, names, loc="upper left", fontsize=8)
-    figure.savefig(out / "southwell_lines.png", dpi=130)
-    plt.close(figure)
-    write_csv(
+    common.save_figure(figure, out / "southwell_lines.png", dpi=130)
+    common.write_csv(
         out / "southwell.csv",
         ("R_over_L", "phi_1", "schilhansl_1", "phi_2", "schilhansl_2"),
         [
@@ -370,15 +352,13 @@ def southwell_map_figure(out: Path, table: jb.Table) -> None:
         ax.set_title(f"{which[k]}, at rest")
         ax.set_xlabel("hub radius R / L (-)")
         ax.set_ylabel("tip mass N = m_t / m (-)".replace("m_t", "$m_t$"))
-    figure.savefig(out / "southwell_map.png", dpi=130)
-    plt.close(figure)
+    common.save_figure(figure, out / "southwell_map.png", dpi=130)
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figures and tables."""
     start = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "rotating_cantilever"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "rotating_cantilever")
     table_2(out)
     tables_3_to_5(out, quick)
     campbell_figure(out, quick)
@@ -386,13 +366,9 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     coefficients = southwell_coefficients(out, quick)
     southwell_lines_figure(out, coefficients, quick)
     southwell_map_figure(out, coefficients)
-    print(f"\n{time.perf_counter() - start:.0f} s; figures and tables are in {out}")
-    return out
+    print()
+    return common.finish(start, "figures and tables are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="coarser, in under 30 s")
-    parser.add_argument("--out", type=Path, help="folder for figures and tables")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "coarser, in under 30 s", "figures and tables")

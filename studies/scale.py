@@ -7,8 +7,6 @@ own, after compilation; results of the same sweep are compared to the last bit.
     python studies/scale.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
 import hashlib
 import json
 import os
@@ -21,23 +19,15 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import ALUMINIUM
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
 
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import jax.numpy as jnp  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-
-ALUMINIUM = {
-    "length": 8.0, "youngs_modulus": 6.895e10, "density": 2767.0, "area": 7.299e-5,
-    "in_plane_second_moment": 8.214e-9,
-}  # fmt: skip
 FIRST = jb.labels(in_plane=1)
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -70,7 +60,7 @@ def fit(tip_mass: Any, hub_radius: Any) -> Any:
         seen = [[2.9], [3.8], [5.5]]
         return jb.FrequencyData(jb.Hybrid(0, 4, 0), rotor, [0.0, 5.0, 10.0], seen, 0.1, FIRST)
 
-    found = jb.fit(experiment, {"stiffness": jb.FreeParameter(500.0)})
+    found = jb.fit(experiment, {"stiffness": jb.FreeParameter(500.0)}, throw=False)
     return {"stiffness": found.parameters["stiffness"], "status": found.status}
 
 
@@ -192,15 +182,13 @@ def draw(rows: list[dict[str, Any]], out: Path) -> None:
     axes[2].set(ylabel="rate over that of one core (-)")
     axes[2].set_ylim(0, 1.3 * axes[2].get_ylim()[1])
     axes[2].legend(fontsize=8, loc="upper left")
-    figure.savefig(out / "scale.png", dpi=150)
-    plt.close(figure)
+    common.save_figure(figure, out / "scale.png", dpi=150)
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the table and the figure."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "scale"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "scale")
     rows: list[dict[str, Any]] = []
     for n in (10_000, 40_000) if quick else (10_000, 100_000, 1_000_000):
         for folder in (False, True):
@@ -223,22 +211,13 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         name = "into a folder" if where else "in memory"
         ratio = rates[-1] / rates[0]
         print(f"rate of the largest sweep over that of the smallest, {name}: {ratio:.2f}")
-    with open(out / "scale.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    common.write_csv(out / "scale.csv", rows[0], (row.values() for row in rows))
     draw(rows, out)
-    print(f"{time.perf_counter() - began:.0f} s; table and figure are in {out}")
-    return out
+    return common.finish(began, "table and figure are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer cases")
-    parser.add_argument("--out", type=Path, help="folder for the table and the figure")
-    parser.add_argument("--measure", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.measure:
-        print(json.dumps(measure(*json.loads(arguments.measure))))
+    if sys.argv[1:2] == ["--measure"]:  # a process that this study started
+        print(json.dumps(measure(*json.loads(sys.argv[2]))))
     else:
-        main(arguments.quick, arguments.out)
+        common.run(main, __doc__, "fewer cases", "the table and the figure")

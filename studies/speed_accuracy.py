@@ -10,38 +10,26 @@ a batch; failures stand at the right edge.
     python studies/speed_accuracy.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
 import diffrax
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import ALUMINIUM, STIFF
+from matplotlib.ticker import LogLocator, NullFormatter
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
 
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import jax.numpy as jnp  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.ticker import LogLocator, NullFormatter  # noqa: E402
-from yoo1995 import spin_up  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-
+REF_21 = jb.Beam.from_section(**ALUMINIUM)
 POINTS, LANES = 101, 32
 FAILED = 3.0  # where errors of failures stand
-REF_21 = jb.Beam.from_section(
-    length=8.0, density=2767.0, area=7.299e-5, in_plane_second_moment=8.214e-9,
-    youngs_modulus=6.895e10,
-)  # fmt: skip
-# Y Fig. 4, its data as corrected: 550 kg/m, E = 6.89 GPa.
-STIFF = jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, 6.89e9 * 7.19e-4, 6.89e9 * 7.19e-4)
+PATIENCE = 0.5  # s, after which a run is not repeated
 
 
 class Scene(NamedTuple):
@@ -58,7 +46,7 @@ class Scene(NamedTuple):
 SCENES = (
     Scene("gentle: B Ref. 21, 0.5 rad/s", jb.Rotor(REF_21), 15.0, 0.5, 0.0, 20.0),
     Scene("B Ref. 21, 4 rad/s", jb.Rotor(REF_21), 15.0, 4.0, 0.0, 20.0),
-    Scene("abrupt: Y Fig. 4", jb.Rotor(STIFF), 1.0, 0.0, 0.31, 10.0),
+    Scene("abrupt: Y Fig. 4", jb.Rotor(jb.Beam(*STIFF)), 1.0, 0.0, 0.31, 10.0),
 )
 
 
@@ -122,7 +110,7 @@ class Point(NamedTuple):
 def tip(scene: Any, model: Any, method: Method, share: Any, setting: Any) -> tuple[Any, Any]:
     """Deflection at the times of the scene, and the status; `scene` is traced."""
     rotor, duration, smooth, quintic, end = scene
-    motion = spin_up(duration, quintic * share, smooth * share)
+    motion = common.spin_up(duration, quintic * share, smooth * share)
     run = jb.simulate(
         model, rotor, motion, jnp.linspace(0.0, 1.0, POINTS) * end,
         solver=method.solver, dt0=None if method.adaptive else setting * end,
@@ -136,16 +124,6 @@ def tip(scene: Any, model: Any, method: Method, share: Any, setting: Any) -> tup
     return run.tip[:, 1], run.status
 
 
-def taken(repeats: int, function: Callable[..., Any], *args: Any) -> tuple[float, Any]:
-    """Median of the seconds of several runs, fewer where they are long, and the result."""
-    times: list[float] = []
-    while len(times) < repeats and sum(times) < 0.5:
-        start = time.perf_counter()
-        result = jax.block_until_ready(function(*args))
-        times.append(time.perf_counter() - start)
-    return float(np.median(times)), result
-
-
 def motions(quick: bool) -> list[Point]:
     """All pairs in all scenes."""
     repeats = 1 if quick else 5
@@ -157,21 +135,20 @@ def motions(quick: bool) -> list[Point]:
     shares = jnp.asarray(np.linspace(1.0, 0.9, LANES))
     points = []
     for name, model, method in pairs(quick):
-        start = time.perf_counter()
         alone = jax.jit(lambda g, x, m=model, how=method: tip(g, m, how, 1.0, x))
         batch = jax.jit(
             jax.vmap(lambda g, s, x, m=model, how=method: tip(g, m, how, s, x), (None, 0, None))
         )
-        jax.block_until_ready(alone(given[0], method.settings[0]))
-        compilation = time.perf_counter() - start
+        compilation, _ = common.timed(1, alone, given[0], method.settings[0])
         if method.batched:
             jax.block_until_ready(batch(given[0], shares, method.settings[0]))
         for scene, g, reference in zip(SCENES, given, references, strict=True):
             for setting in method.settings[:: 2 if quick else 1]:
-                one, (found, status) = taken(repeats, alone, g, setting)
+                one, (found, status) = common.timed(repeats, alone, g, setting, patience=PATIENCE)
                 many = np.nan
                 if method.batched:
-                    many, _ = taken(max(1, repeats // 2), batch, g, shares, setting)
+                    half = max(1, repeats // 2)
+                    many, _ = common.timed(half, batch, g, shares, setting, patience=PATIENCE)
                 error = float(np.max(np.abs(found - reference)) / np.max(np.abs(reference)))
                 if int(status) or not error < 1:
                     error = np.inf
@@ -216,13 +193,11 @@ def eigenvalues(quick: bool) -> list[Point]:
             tried.append((f"Model A, {n} elements", "frequencies", fast(jb.ANCF(n))))
         for name, how, function in tried:
             alone, batch = jax.jit(function), jax.jit(jax.vmap(function))
-            start = time.perf_counter()
-            jax.block_until_ready(alone(gamma))
-            compilation = time.perf_counter() - start
+            compilation, _ = common.timed(1, alone, gamma)
             size = cases if how == "frequencies" else cases // 10
             jax.block_until_ready(batch(speeds[:size]))
-            one, found = taken(3 if quick else 9, alone, gamma)
-            many, _ = taken(1 if quick else 3, batch, speeds[:size])
+            one, found = common.timed(3 if quick else 9, alone, gamma, patience=PATIENCE)
+            many, _ = common.timed(1 if quick else 3, batch, speeds[:size], patience=PATIENCE)
             error = float(np.max(np.abs(np.asarray(found) / exact - 1)))
             good = np.isfinite(error)
             points.append(
@@ -300,20 +275,15 @@ def draw(path: Path, points: Sequence[Point], scenes: Iterable[str]) -> None:
         plt.Line2D([], [], color="0.4", marker=m, ls="none", label=n) for n, m in markers.items()
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    common.save_figure(figure, path, dpi=150)
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figures and the table."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "speed_accuracy"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "speed_accuracy")
     moving, still = motions(quick), eigenvalues(quick)
-    with open(out / "speed_accuracy.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(Point._fields)
-        writer.writerows(moving + still)
+    common.write_csv(out / "speed_accuracy.csv", Point._fields, moving + still)
     draw(out / "speed_accuracy.png", moving, [s.title for s in SCENES])
     draw(out / "speed_accuracy_frequencies.png", still, dict.fromkeys(p.scene for p in still))
     for scene in dict.fromkeys(p.scene for p in moving + still):
@@ -325,13 +295,9 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
                     f"    {p.error:8.1e} {cost(p):10.4f}  {p.model}, {p.integrator} {p.setting:g}"
                 )
             print()
-    print(f"\n{time.perf_counter() - began:.0f} s; figures and table are in {out}")
-    return out
+    print()
+    return common.finish(began, "figures and table are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer of all, in about two minutes")
-    parser.add_argument("--out", type=Path, help="folder for the figures and the table")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer of all, in about two minutes", "the figures and the table")

@@ -7,33 +7,26 @@ shapes in the hub frame and in space, coloured by time, and an animated GIF of t
     python studies/spin_up_film.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
+import common
 import jax
+import matplotlib.pyplot as plt
+import numpy as np
+from common import BLUE, STIFF, VERMILION
+from matplotlib.animation import FuncAnimation, PillowWriter
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
 
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.animation import FuncAnimation, PillowWriter  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-
-EI = 6.89e9 * 7.19e-4
-ROTOR = jb.Rotor(jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, EI, EI), 0.0, 0.0)
+ROTOR = jb.Rotor(jb.Beam(*STIFF))
 MOTION = jb.motions.QuinticSpinUp(0.31, 1.0)
 END = 20.0  # s: about one turn
 LENGTH = float(ROTOR.beam.length)
 XI = np.linspace(0, 1, 41)
 HYBRID, NONLINEAR = "hybrid", "geometrically exact"
-COLOURS = {HYBRID: "#D55E00", NONLINEAR: "#0072B2"}
+COLOURS = {HYBRID: VERMILION, NONLINEAR: BLUE}
 
 Shapes = dict[str, Any]  # (T, p, 2) in m, for each model
 
@@ -77,8 +70,7 @@ def filmstrip(out: Path, times: Any, hub: Shapes, space: Shapes) -> None:
     figure.legend(handles=[path], loc="outside lower center", fontsize=9)
     scale = plt.cm.ScalarMappable(plt.Normalize(0, END), colour)
     figure.colorbar(scale, ax=axes, label="time (s)", shrink=0.6)
-    figure.savefig(out / "spin_up_film.png", dpi=110)
-    plt.close(figure)
+    common.save_figure(figure, out / "spin_up_film.png", dpi=110)
 
 
 def animation(out: Path, times: Any, space: Shapes) -> None:
@@ -106,19 +98,13 @@ def animation(out: Path, times: Any, space: Shapes) -> None:
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the filmstrip and the animation."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "spin_up_film"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "spin_up_film")
     times = np.linspace(0, END, 41 if quick else 81)
     hub, space = shapes(times, quick)
     filmstrip(out, times, hub, space)
     animation(out, times, space)
-    print(f"{time.perf_counter() - began:.0f} s; filmstrip and animation are in {out}")
-    return out
+    return common.finish(began, "filmstrip and animation are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer frames and elements")
-    parser.add_argument("--out", type=Path, help="folder for the filmstrip and the animation")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer frames and elements", "the filmstrip and the animation")

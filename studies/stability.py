@@ -10,47 +10,33 @@ minutes, most of them to compile.
     python studies/stability.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
 import functools
-import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
+import diffrax
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import ALUMINIUM, BLUE, GREEN, VERMILION
+from matplotlib.colors import ListedColormap
+from scipy.interpolate import CubicHermiteSpline
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
 
-import diffrax  # noqa: E402
-import equinox as eqx  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.colors import ListedColormap  # noqa: E402
-from scipy.interpolate import CubicHermiteSpline  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-
+REF_21 = jb.Beam.from_section(**ALUMINIUM)
 BEAM = jb.Beam.from_slenderness(70.0)
 SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)  # Y, Table 2
-# B, Table 1: the beam of its Ref. 21
-REF_21 = jb.Beam.from_section(
-    length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-    in_plane_second_moment=8.214e-9,
-)  # fmt: skip
 KICK = 1e-6  # of the length: what motions in time start from
 NAMES = {
     jb.models.Family.IN_PLANE: "in-plane divergence",
     jb.models.Family.FLAP: "flap divergence",
     jb.models.Family.AXIAL: "the rod tears",
 }
-# Okabe and Ito
-BLUE, ORANGE, GREEN, BLACK = "#0072B2", "#D55E00", "#009E73", "#000000"
 
 
 class Case(NamedTuple):
@@ -117,16 +103,12 @@ def critical_table(out: Path, quick: bool) -> None:
     )  # fmt: skip
     print(f"{'model':26s} {'rad/s':>14s} {'/ w1':>8s}  {'':19s}  growth at 0.99 and 1.01")
     rows = []
-    with ThreadPoolExecutor(2) as pool:
-        for row in pool.map(critical_row, cases):
-            name, speed, ratio, gives_way, _, below, above, _ = row
-            words = f"{name:26s} {speed:14.8f} {ratio:8.3f}  {gives_way:20s}"
-            print(f"{words} {below:8.2g} {above:8.2g}", flush=True)
-            rows.append(row)
-    with open(out / "critical_speeds.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
+    for row in common.together(critical_row, cases):
+        name, speed, ratio, gives_way, _, below, above, _ = row
+        words = f"{name:26s} {speed:14.8f} {ratio:8.3f}  {gives_way:20s}"
+        print(f"{words} {below:8.2g} {above:8.2g}", flush=True)
+        rows.append(row)
+    common.write_csv(out / "critical_speeds.csv", header, rows)
     if not quick:  # one point is no law
         element_law(out, rows)
 
@@ -161,7 +143,7 @@ def critical_row(case: Case) -> tuple[Any, ...]:
 def element_law(out: Path, rows: list[tuple[Any, ...]]) -> None:
     """Critical speed of Model 0 against its number of elements."""
     figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
-    for frame, colour in (("chord", BLUE), ("tangent", ORANGE)):
+    for frame, colour in (("chord", BLUE), ("tangent", VERMILION)):
         found = [(int(r[0].split(", ")[2]), r[1]) for r in rows if f"0, {frame}" in r[0]]
         n, speed = np.array(found).T
         power, factor = np.polyfit(np.log(n), np.log(speed), 1)
@@ -177,8 +159,7 @@ def element_law(out: Path, rows: list[tuple[Any, ...]]) -> None:
     ax.set_xticks(n, [f"{int(k)}" for k in n])
     ax.minorticks_off()
     ax.legend(fontsize=8)
-    figure.savefig(out / "model_0_elements.png", dpi=110)
-    plt.close(figure)
+    common.save_figure(figure, out / "model_0_elements.png", dpi=110)
 
 
 def maps(out: Path, quick: bool) -> None:
@@ -211,9 +192,7 @@ def maps(out: Path, quick: bool) -> None:
         for line, row in zip(axes, panels, strict=True)
         for ax, panel in zip(line, row, strict=True)
     ]
-    with ThreadPoolExecutor(2) as pool:
-        found = pool.map(lambda job: outcome(job[2], job[3], radii, speeds), jobs)
-        results = list(found)
+    results = list(common.together(lambda job: outcome(job[2], job[3], radii, speeds), jobs))
     rows = []
     for (ax, name, _, _), (unstable, knots, values, slopes, family) in zip(
         jobs, results, strict=True
@@ -226,7 +205,7 @@ def maps(out: Path, quick: bool) -> None:
             along = np.linspace(0, 4, 200)
             curve = CubicHermiteSpline(knots, values, slopes)(along)
             style = (
-                {"color": BLACK, "ls": "-"}
+                {"color": "k", "ls": "-"}
                 if family != jb.models.Family.AXIAL
                 else {"color": GREEN, "ls": "--"}
             )
@@ -245,17 +224,14 @@ def maps(out: Path, quick: bool) -> None:
         line[0].set_ylabel("speed / first rest frequency")
     handles = [
         plt.Rectangle((0, 0), 1, 1, color="#CFE3F3"), plt.Rectangle((0, 0), 1, 1, color="#F6C9AE"),
-        plt.Rectangle((0, 0), 1, 1, color="0.8"), plt.Line2D([], [], color=BLACK, lw=2, marker="o"),
+        plt.Rectangle((0, 0), 1, 1, color="0.8"), plt.Line2D([], [], color="k", lw=2, marker="o"),
         plt.Line2D([], [], color=GREEN, lw=2, ls="--", marker="o"),
     ]  # fmt: skip
     words = ["stays bounded", "grows", "no steady state", "divergence", "the rod tears"]
     figure.legend(handles, words, loc="outside lower center", ncols=5, fontsize=9)
-    figure.savefig(out / "stability_maps.png", dpi=110)
-    plt.close(figure)
-    with open(out / "boundaries.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("panel", "hub_radius_over_length", "speed_over_rest_frequency", "slope"))
-        writer.writerows(rows)
+    common.save_figure(figure, out / "stability_maps.png", dpi=110)
+    header = ("panel", "hub_radius_over_length", "speed_over_rest_frequency", "slope")
+    common.write_csv(out / "boundaries.csv", header, rows)
     right = total = 0
     for unstable, knots, values, slopes, _ in results:
         known = np.full((radii.size, 1), np.inf)
@@ -342,10 +318,10 @@ def tongues(out: Path, quick: bool) -> None:
         for i, j, order in wanted:
             found = jb.tongue(
                 model, at, mean, (labels[i], labels[j]), depths, order=order, throw=False,
-                damping=None if damping is None else jb.Damping(mass=damping),
+                damping=jb.Damping(mass=damping),
             )  # fmt: skip
             good = np.asarray(found.status) == jb.Status.OK
-            ax.plot(found.frequency[good], depths[good], style, color=ORANGE, lw=1.5)
+            ax.plot(found.frequency[good], depths[good], style, color=VERMILION, lw=1.5)
             words = f"2 ω{i + 1}" if i == j else f"ω{i + 1} + ω{j + 1}"
             words = words if order == 1 else (f"ω{i + 1}" if i == j else f"({words}) / 2")
             if damping is None:
@@ -361,39 +337,30 @@ def tongues(out: Path, quick: bool) -> None:
             for d, pair, status in zip(depths, found.frequency, found.status, strict=True):
                 low, high = (float(f) for f in pair)
                 rows.append((words, damping or 0, d, low, high, jb.Status(int(status)).name))
-    ax.plot([], [], "-", color=ORANGE, label="boundary traced, undamped")
-    ax.plot([], [], ":", color=ORANGE, label="mass damping 0.1 1/s")
+    ax.plot([], [], "-", color=VERMILION, label="boundary traced, undamped")
+    ax.plot([], [], ":", color=VERMILION, label="mass damping 0.1 1/s")
     ax.set(
         xlabel="frequency of modulation (rad/s)", ylabel="depth of modulation", xlim=(2, 50),
         ylim=(0, 0.8), title=f"Parametric resonance at a mean speed of {mean} rad/s",
     )  # fmt: skip
     ax.xaxis.labelpad = 14  # below the names of the tongues
     ax.legend(fontsize=8, loc=(0.49, 0.08))
-    figure.savefig(out / "tongues.png", dpi=110)
-    plt.close(figure)
-    with open(out / "tongues.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("tongue", "damping_1_s", "depth", "low_rad_s", "high_rad_s", "status"))
-        writer.writerows(rows)
+    common.save_figure(figure, out / "tongues.png", dpi=110)
+    header = ("tongue", "damping_1_s", "depth", "low_rad_s", "high_rad_s", "status")
+    common.write_csv(out / "tongues.csv", header, rows)
     table.to_csv(out / "floquet.csv")
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds figures and tables."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "stability"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "stability")
     for part in (tongues, critical_table, maps):
         start = time.perf_counter()
         part(out, quick)
         print(f"  [{part.__name__}: {time.perf_counter() - start:.0f} s]", flush=True)
-    print(f"{time.perf_counter() - began:.0f} s; figures and tables are in {out}")
-    return out
+    return common.finish(began, "figures and tables are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer models, elements and points")
-    parser.add_argument("--out", type=Path, help="folder for figures and tables")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer models, elements and points", "figures and tables")

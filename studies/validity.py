@@ -11,34 +11,24 @@ moment from EI r''.r'', up to 0.4). Beams of L = rho = EI = 1; all else follows 
     python studies/validity.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
 import functools
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
+import diffrax
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import BLUE, GREEN, ORANGE, VERMILION
+from matplotlib.colors import LogNorm
 
-jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
+from jaxbeam._models.basis import HermiteElements
 
-import diffrax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.colors import LogNorm  # noqa: E402
-from yoo1995 import spin_up  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
-from jaxbeam._models.basis import HermiteElements  # noqa: E402
-
-BLUE, RED, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 MARKERS = "os^vDP*Xd"
 SLENDER = 347.0  # of the beam of Y Fig. 4
 LANES = 8  # cases of a batch, which waits for its slowest
@@ -80,7 +70,7 @@ def peak_of(model: jb.models.AbstractModel) -> Callable[..., dict[str, Any]]:
     ) -> dict[str, Any]:  # fmt: skip
         run = jb.simulate(
             model, rotor_of(hub, tip, slenderness),
-            spin_up(duration, quintic=abrupt * speed, smooth=(1 - abrupt) * speed),
+            common.spin_up(duration, quintic=abrupt * speed, smooth=(1 - abrupt) * speed),
             jnp.linspace(0.0, 1.0, 121) * (duration + 0.55 * 2 * jnp.pi / rest), throw=False,
             stepsize_controller=diffrax.PIDController(rtol=1e-6, atol=1e-6 * size),
         )  # fmt: skip
@@ -133,12 +123,6 @@ def sweep(
     good = int(np.sum(table["status"] == 0))
     print(f"  {what:44} {good}/{len(cases)} ok, {time.perf_counter() - began:5.1f} s", flush=True)
     return table
-
-
-def together(function: Callable[..., Any], *arguments: Sequence[Any]) -> list[Any]:
-    """`map` on two threads: compiling takes most of the time, and one core each."""
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(function, *arguments))
 
 
 def peaks(
@@ -242,7 +226,7 @@ def classical(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     ax.figure.colorbar(shades, ax=ax, label="relative error of the first in-plane frequency (-)")
     lines = ax.contour(fraction, hub, ratio, [2e-3, 2e-2, 0.2, 2], colors="w", linewidths=1)
     ax.clabel(lines, fmt="ratio %g", fontsize=8)
-    ax.axvspan(1, 1.6, color=RED, alpha=0.8)
+    ax.axvspan(1, 1.6, color=VERMILION, alpha=0.8)
     ax.text(1.26, 2.5, "diverges", rotation=90, ha="center", va="center", color="w")
     ax.set(
         xscale="log", xlim=(0.01, 1.6), xlabel="speed / first rest frequency (-)",
@@ -258,7 +242,7 @@ def classical_spin_up(quick: bool, out: Path, ax: Any) -> None:
     fractions = np.geomspace(0.01, 0.9, LANES)
     cases = spin_ups(families, [fractions] * len(families), 1e-3)
     shape = len(families), LANES
-    exact, wrong = together(lambda model: peaks(model, cases, shape), [HYBRID, CLASSICAL])
+    exact, wrong = common.together(lambda model: peaks(model, cases, shape), [HYBRID, CLASSICAL])
     error = wrong / exact - 1
     ratios = jax.vmap(lambda f, h, t, s: jb.stiffening_ratio(rotor_of(h, t, f), s))
     c = cases.columns
@@ -312,7 +296,7 @@ def deflection(quick: bool, out: Path, ax: Any) -> None:
             (jb.VonKarman(13, 7, 0), every, shape),
             (jb.EngineeringANCF(16), few, (len(families), 2)),
         ]  # fmt: skip
-    exact, *others = together(peaks, *zip(*models, strict=True))
+    exact, *others = common.together(peaks, *zip(*models, strict=True))
     found = dict(zip(colours, others[:2], strict=False))
     error = {name: peak / exact - 1 for name, peak in found.items()}
     columns = {"deflection_over_length": exact}
@@ -382,7 +366,7 @@ def strain(quick: bool, out: Path, axes: Sequence[Any]) -> None:
         table = sweep(what, linearised(model), cases, chunk=36)
         return np.where((table["status"] == 0)[..., None], table["frequency"], np.nan)
 
-    frequency = dict(zip(models, together(run, list(models.values())), strict=True))
+    frequency = dict(zip(models, common.together(run, list(models.values())), strict=True))
     x = np.broadcast_to(level, frequency["exact"].shape[:-1])
     columns = {"strain": x}
     styles = {"small strain": ("x", GREEN), "hybrid": ("o", BLUE), "Model A": ("v", "0.6")}
@@ -421,32 +405,23 @@ def write(path: Path, families: Sequence[Family], columns: Columns) -> None:
 
 
 def save(path: Path, columns: Columns) -> None:
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*(c.tolist() for c in columns.values()), strict=True))
+    common.write_csv(path, columns, zip(*(c.tolist() for c in columns.values()), strict=True))
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figure and the tables."""
     began = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "validity"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "validity")
     figure, axes = plt.subplots(2, 3, figsize=(17, 10.5), layout="constrained")
     classical(quick, out, axes[0])
     deflection(quick, out, axes[1, 0])
     strain(quick, out, axes[1, 1:])
     for ax in axes.flat:
         ax.grid(alpha=0.3)
-    figure.savefig(out / "validity.png", dpi=110)
-    plt.close(figure)
-    print(f"\n{time.perf_counter() - began:.0f} s; figure and tables are in {out}")
-    return out
+    common.save_figure(figure, out / "validity.png", dpi=110)
+    print()
+    return common.finish(began, "figure and tables are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer cases, in under a minute")
-    parser.add_argument("--out", type=Path, help="folder for the figure and the tables")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "fewer cases, in under a minute", "the figure and the tables")

@@ -9,36 +9,28 @@ data and equations of Y are corrected. Units are SI.
     python studies/yoo1995.py [--quick] [--out FOLDER]
 """
 
-import argparse
-import csv
-import tempfile
 import time
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import common
+import diffrax
 import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from common import BLUE, GREEN, SPRINGS, STIFF, VERMILION
 
-jax.config.update("jax_enable_x64", True)
-
-import diffrax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
-import jaxbeam as jb  # noqa: E402
+import jaxbeam as jb
 
 PRESENT, CLASSICAL, VON_KARMAN, EXACT = "present (hybrid)", "C.L.C.", "von Karman", "ANCF"
-# Curves that coincide stay visible: the widest is drawn first. Colours of Okabe and Ito.
+# Curves that coincide stay visible: the widest is drawn first.
 STYLES: dict[str, dict[str, Any]] = {
     EXACT: {"color": "0.7", "linestyle": "-", "lw": 4.5},
-    VON_KARMAN: {"color": "#009E73", "linestyle": "-.", "lw": 2.0},
-    PRESENT: {"color": "#0072B2", "linestyle": "-", "lw": 1.2},
-    CLASSICAL: {"color": "#D55E00", "linestyle": ":", "lw": 2.0},
+    VON_KARMAN: {"color": GREEN, "linestyle": "-.", "lw": 2.0},
+    PRESENT: {"color": BLUE, "linestyle": "-", "lw": 1.2},
+    CLASSICAL: {"color": VERMILION, "linestyle": ":", "lw": 2.0},
 }
 STYLES |= {"NC": STYLES[EXACT], "NP": STYLES[EXACT]}
 STYLES |= {"LC": STYLES[CLASSICAL], "LP": STYLES[PRESENT], "NS": STYLES[VON_KARMAN]}
@@ -48,25 +40,9 @@ Models = Mapping[str, jb.models.AbstractModel]
 Row = tuple[Any, ...]
 
 
-class SpinUp(jb.motions.Spin):
-    """The sum of two, one of them at rest: one class, so that a model compiles only once."""
-
-    axis: jax.Array
-    parts: tuple[jb.motions.Spin, jb.motions.Spin]
-
-    def angle(self, t: Any) -> Any:
-        return self.parts[0].angle(t) + self.parts[1].angle(t)
-
-
-def spin_up(duration: float, quintic: Any = 0.0, smooth: Any = 0.0, axis: Any = None) -> SpinUp:
-    """To the speed `quintic` by Y eq. 21, or to the speed `smooth` by Y eq. 23."""
-    parts = jb.motions.QuinticSpinUp(quintic, duration), jb.SmoothSpinUp(smooth, duration, axis)
-    return SpinUp(parts[1].axis, parts)
-
-
 def inclined(angle: float) -> jb.motions.Motion:
     """Then "in plane" is the outward u2, with I_zz, and "flap" the lag u3, with I_yy."""
-    return spin_up(1.5, smooth=3.0, axis=jb.motions.inclined_axis(np.radians(angle)))
+    return common.spin_up(1.5, smooth=3.0, axis=jb.motions.inclined_axis(np.radians(angle)))
 
 
 class Example(NamedTuple):
@@ -95,9 +71,8 @@ class Example(NamedTuple):
 
     def compare(self, models: Models, peaks: list[Row]) -> dict[str, jb.results.Simulation]:
         """Runs of some models, diverging ones as well; appends and prints their peaks."""
-        with ThreadPoolExecutor(2) as pool:  # compiling takes most of the time, and one core each
-            done = pool.map(lambda model: self.run(model, throw=False), models.values())
-            runs = dict(zip(models, done, strict=True))
+        done = common.together(lambda model: self.run(model, throw=False), models.values())
+        runs = dict(zip(models, done, strict=True))
         for name, run in runs.items():
             ended = jb.Status(int(run.status)).name, float(np.nanmax(np.abs(run.imbalance)))
             for label, component in self.components.items():
@@ -106,13 +81,6 @@ class Example(NamedTuple):
                 line = "  {:5} {:9} {:17} {:3} {:9.4f} m at {:7.3f} s  {:9} {:.0e}"
                 print(line.format(*peaks[-1]), flush=True)
         return runs
-
-
-def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
 
 
 def rotor(mass: float, modulus: float, length: float, area: float, *moments: float) -> jb.Rotor:
@@ -138,21 +106,22 @@ def save(figure: Any, ax: Any, path: Path) -> None:
     """With one legend below all panels, where it hides nothing."""
     handles, names = ax.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=len(names), handlelength=3.5)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    common.save_figure(figure, path, dpi=130)
 
 
 def figure_4(out: Path, models: Models, speeds: np.ndarray, peaks: list[Row]) -> None:
     """Abrupt planar spin-up, and up to which deflection a linear theory is as good as others."""
     example = Example(
-        "4", 30.5, rotor(550, 6.89e9, 30.5, 9.29e-2, 7.19e-4), spin_up(1.0, quintic=0.31),
+        "4", 30.5, jb.Rotor(jb.Beam(*STIFF)), common.spin_up(1.0, quintic=0.31),
         np.linspace(0, 10, POINTS), {"u1": 0, "u2": 1},
     )  # fmt: skip
     runs = example.compare(models, peaks)
     figure, axes = plt.subplots(1, 3, figsize=(13, 4.4), layout="constrained")
     draw(axes, example, runs)
 
-    cases = [example._replace(motion=spin_up(1.0, quintic=speed)) for speed in speeds.tolist()]
+    cases = [
+        example._replace(motion=common.spin_up(1.0, quintic=speed)) for speed in speeds.tolist()
+    ]
     peak = {n: np.array([float(c.run(m).peak()[0]) for c in cases]) for n, m in models.items()}
     moved = np.abs(peak.pop(EXACT)) / example.length
     error = {n: 100 * (np.abs(p) / example.length / moved - 1) for n, p in peak.items()}
@@ -163,7 +132,7 @@ def figure_4(out: Path, models: Models, speeds: np.ndarray, peaks: list[Row]) ->
     axes[2].set_ylabel("peak of $|u_2|$ above that of ANCF (%)")
     save(figure, axes[0], out / "figure_4.png")
     lines = zip(moved, *error.values(), strict=True)
-    write_csv(out / "figure_4_limit.csv", ("ancf_peak_over_length", *error), lines)
+    common.write_csv(out / "figure_4_limit.csv", ("ancf_peak_over_length", *error), lines)
     where = np.exp(np.interp(np.log((1, 5)), np.log(error[PRESENT]), np.log(moved)))
     present, exact, classical = (history(runs[n], 0).min() for n in (PRESENT, EXACT, CLASSICAL))
     print(
@@ -179,7 +148,7 @@ def figure_4(out: Path, models: Models, speeds: np.ndarray, peaks: list[Row]) ->
 def figure_6(out: Path, models: Models, peaks: list[Row]) -> None:
     """Slow planar spin-up past the speed where the classical theory loses its stiffness."""
     example = Example(
-        "6", 10.0, rotor(1.2, 7e10, 10.0, 4e-4, 2e-7), spin_up(120.0, smooth=6.0),
+        "6", 10.0, rotor(1.2, 7e10, 10.0, 4e-4, 2e-7), common.spin_up(120.0, smooth=6.0),
         np.linspace(0, 160, POINTS), {"u2": 1},
     )  # fmt: skip
     runs = example.compare(models, peaks)
@@ -232,7 +201,7 @@ def figures_8_and_9(out: Path, models: Models, angles: list[float], peaks: list[
     # At 90 degrees all is in the plane of a1 and a3, and the planar model is the judge.
     upright = example._replace(motion=inclined(90.0), components={"u3": 2}, case="90 deg")
     planar = upright._replace(
-        rotor=rotor(1.2, 7e10, 10.0, 4e-4, 2e-7), motion=spin_up(1.5, smooth=3.0),
+        rotor=rotor(1.2, 7e10, 10.0, 4e-4, 2e-7), motion=common.spin_up(1.5, smooth=3.0),
         components={"-u3": 1},
     )  # fmt: skip
     upright.compare(spatial, peaks)
@@ -274,7 +243,7 @@ def angle_sweep(out: Path, example: Example, models: Models, angles: list[float]
         ax.set_ylabel(f"u{c} after the spin-up (m)")
         ax.set_title("mean and range" + ("; lines: steady state" if c == 2 else ""))
     save(figure, axes[1], out / "figure_8_angles.png")
-    write_csv(out / "figure_8_angles.csv", header, rows)
+    common.write_csv(out / "figure_8_angles.csv", header, rows)
     off = max(abs(row[5] / row[6]) for row in rows if row[1] == PRESENT)
     print(
         "  Every angle below 90 degrees gives what Y describes: u2 swings about a value other than"
@@ -284,8 +253,8 @@ def angle_sweep(out: Path, example: Example, models: Models, angles: list[float]
 
 def figures_12_to_14(out: Path, peaks: list[Row]) -> None:
     """The particle on two springs: five sets of equations at two speeds."""
-    sets: Models = {n: getattr(jb, f"Discrete{n}")() for n in ("NC", "LC", "NP", "LP", "NS")}
-    springs = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
+    sets: Models = {n: getattr(jb.models, f"Discrete{n}")() for n in ("NC", "LC", "NP", "LP", "NS")}
+    springs = jb.models.SpringRotor(*SPRINGS)
     examples = [
         Example(
             "12-14", 1.0, springs, jb.SmoothSpinUp(speed, 1.0), np.linspace(0, 2, POINTS), {"y": 1},
@@ -314,8 +283,7 @@ def figures_12_to_14(out: Path, peaks: list[Row]) -> None:
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figures and tables."""
     start = time.perf_counter()
-    out = out or Path(tempfile.gettempdir()) / "jaxbeam" / "yoo1995"
-    out.mkdir(parents=True, exist_ok=True)
+    out = common.folder(out, "yoo1995")
     peaks: list[Row] = []
     n = 4 if quick else 5
     # With flap functions in the planar examples as well, where they rest: one compilation for all.
@@ -332,14 +300,10 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     figures_8_and_9(out, models, angles, peaks)
     figures_12_to_14(out, peaks)
     header = ("figure", "case", "model", "component", "peak_m", "time_s", "status", "imbalance")
-    write_csv(out / "peaks.csv", header, peaks)
-    print(f"\n{time.perf_counter() - start:.0f} s; figures and tables are in {out}")
-    return out
+    common.write_csv(out / "peaks.csv", header, peaks)
+    print()
+    return common.finish(start, "figures and tables are", out)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="coarser, in about a minute")
-    parser.add_argument("--out", type=Path, help="folder for figures and tables")
-    arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    common.run(main, __doc__, "coarser, in about a minute", "figures and tables")

@@ -1,6 +1,8 @@
 """Tools shared by the tests."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from importlib.metadata import version
 
@@ -21,15 +23,6 @@ NAMES = (
     "tip_mass",
     "angular_speed",
 )
-
-# The environment of a user: without what the tests set for themselves (see conftest.py).
-USERS = {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_", "EQX_", "MPL"))}
-# With it the compiler takes half as long; releases that do not know it end the process.
-OLD_EMITTERS = (
-    ["--xla_cpu_use_fusion_emitters=false"] if version("jaxlib").startswith("0.10.") else []
-)
-# The same with programs that are compiled in half the time and run as fast, or nearly.
-HASTY = {**USERS, "XLA_FLAGS": " ".join(["--xla_backend_optimization_level=1", *OLD_EMITTERS])}
 
 # One of each theory of planar elements, and of the discrete analogue.
 ELEMENTS = [
@@ -56,10 +49,46 @@ def name(value: object) -> str:
     return ""
 
 
+# Compilation. Much of the time of all tests is LLVM's, so it does not optimise: neither in the
+# process of the tests (conftest.py) nor in one that inherits its environment. A test asks for
+# optimised programs by `optimised`, where a function of its own runs longer than it compiles, or by
+# `run_optimised`, where it is about what users run: that takes a process of its own, since XLA
+# reads its flags once.
+
+# Emitters of code that XLA has beside others: with them it takes half as long.
+OLD_EMITTERS = version("jaxlib").startswith("0.10.")
+
+
+def xla_flags(level: int) -> str:
+    """How far LLVM optimises, from 0 to 3; by the emitters that take half as long if there are."""
+    # Releases that do not know this flag end the process.
+    emitters = ["--xla_cpu_use_fusion_emitters=false"] if OLD_EMITTERS else []
+    return " ".join([f"--xla_backend_optimization_level={level}", *emitters])
+
+
 def optimised(function: Callable) -> Callable:
-    """`jax.jit` for what runs longer than it compiles: otherwise tests compile without LLVM's
-    optimisation (see conftest.py)."""
+    """`jax.jit`, optimised."""
     return jax.jit(function, compiler_options={"xla_backend_optimization_level": 3})
+
+
+def environment(level: int | None = None) -> dict[str, str]:
+    """That of a user, without what tests set for themselves; but with this level of optimisation,
+    of which 1 compiles in half the time and runs as fast, or nearly."""
+    ours = "XLA_", "JAX_", "EQX_", "MPL", "NPROC"
+    users = {key: value for key, value in os.environ.items() if not key.startswith(ours)}
+    return users if level is None else users | {"XLA_FLAGS": xla_flags(level)}
+
+
+def run_optimised(
+    *arguments: str | os.PathLike[str], level: int | None = None, timeout: float = 600.0,
+    cwd: os.PathLike[str] | None = None,
+) -> str:  # fmt: skip
+    """What Python prints with these arguments, in a process of its own with that `environment`."""
+    command = [sys.executable, *arguments]
+    return subprocess.run(
+        command, stdout=subprocess.PIPE, text=True, check=True, timeout=timeout, cwd=cwd,
+        env=environment(level),
+    ).stdout  # fmt: skip
 
 
 def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.ndarray:

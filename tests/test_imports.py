@@ -88,5 +88,11 @@ def test_third_party_packages_have_owners(name):
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_files_stay_small(name):
-    assert len(MODULES[name].read_text().splitlines()) <= 400
+def test_files_and_functions_stay_small(name):
+    text = MODULES[name].read_text()
+    assert len(text.splitlines()) <= 400
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            said = node.body[0] if ast.get_docstring(node) else None
+            told = said.end_lineno - said.lineno + 1 if said else 0
+            assert node.end_lineno - node.lineno + 1 - told <= 60, node.name

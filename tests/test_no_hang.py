@@ -5,12 +5,9 @@ jaxbeam._numerics.linalg). Each program below runs in a process of its own that 
 most.
 """
 
-import subprocess
-import sys
-
 import pytest
 
-from tests.helpers import USERS
+from tests.helpers import run_optimised
 
 PROLOGUE = """
 import os
@@ -44,8 +41,8 @@ def everything(c):
     f = [jb.modes(m, rotor(c), c[0], 3, throw=False).frequency for m in models]
     g = jax.grad(lambda c: jb.modes(models[0], rotor(c), c[0], 3, throw=False).frequency[0])(c)
     h = jax.grad(lambda c: jb.modes(models[2], rotor(c), c[0], 3, throw=False).frequency[0])(c)
-    p = jb.southwell(models[0], rotor(c), jb.labels(in_plane=2), c[0], throw=False)
-    x = jb.crossing(models[0], rotor(c), jb.labels(in_plane=1)[0], 4.0, (0.1, 9.0), throw=False)
+    p = jb.southwell(models[0], rotor(c), c[0], jb.labels(in_plane=2), throw=False)
+    x = jb.crossing(models[0], rotor(c), (0.1, 9.0), jb.labels(in_plane=1)[0], 4.0, throw=False)
     return f, g, h, p, x
 for _ in range(8):
     jax.block_until_ready(everything(jnp.asarray(cases[:100])))
@@ -64,5 +61,4 @@ for _ in range(8):
     ids=["hybrid", "ancf", "classical", "mixed"],
 )
 def test_ends(body):
-    clean = {k: v for k, v in USERS.items() if not k.startswith("NPROC")}
-    subprocess.run([sys.executable, "-c", PROLOGUE + body], check=True, timeout=180, env=clean)
+    run_optimised("-c", PROLOGUE + body, timeout=180)

@@ -1,17 +1,16 @@
 """The example of the README prints what the README says, and its commands are those of CI."""
 
+import ast
 import importlib
+import inspect
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jaxbeam as jb
-
-from tests.helpers import USERS
+from tests.helpers import run_optimised
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -28,11 +27,8 @@ def _numbers(text: str) -> list[float]:
 
 def test_example_prints_what_is_printed():
     program = _blocks("python")
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True,
-        env=USERS,
-    )  # fmt: skip
-    stated, printed = _blocks("text").splitlines(), done.stdout.splitlines()
+    said = run_optimised("-c", program, timeout=120)
+    stated, printed = _blocks("text").splitlines(), said.splitlines()
     assert len(stated) == len(printed) == 7
     for i, (claim, line) in enumerate(zip(stated, printed, strict=True)):
         # adaptive steps of the simulation, in lines five and six, may differ between machines
@@ -44,12 +40,9 @@ def test_example_prints_what_is_printed():
 @pytest.mark.slow
 def test_longer_examples_print_what_is_printed(tmp_path):
     program = _blocks("python") + _blocks("py")
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=True,
-        env=USERS, cwd=tmp_path,
-    )  # fmt: skip
+    said = run_optimised("-c", program, timeout=300, cwd=tmp_path)
     stated = _blocks("txt").splitlines()
-    printed = done.stdout.splitlines()[-len(stated) :]
+    printed = said.splitlines()[-len(stated) :]
     for claim, line in zip(stated, printed, strict=True):
         assert re.sub(r"[\d.e-]+", "#", line).split() == re.sub(r"[\d.e-]+", "#", claim).split()
         np.testing.assert_allclose(_numbers(line), _numbers(claim), rtol=0.1)
@@ -67,8 +60,9 @@ def test_the_table_of_names_has_all_of_them():
     subjects = {name for name in jb._ROOMS if jb._ROOMS[name] == "jaxbeam"}
     public = {name for name in jb._ROOMS if name not in subjects} | {"plot"}
     for subject in subjects - {"plot"}:
-        names = vars(importlib.import_module(f"jaxbeam.{subject}"))
-        public |= {f"{subject}.{name}" for name in names if not name.startswith("_")}
+        names = vars(importlib.import_module(f"jaxbeam.{subject}")).items()
+        own = [n for n, value in names if n[0] != "_" and not inspect.ismodule(value)]
+        public |= {f"{subject}.{name}" for name in own}
     assert public <= named
     assert len([name for name in public if "." not in name]) <= 40
 
@@ -80,10 +74,25 @@ def test_help_is_one_page_that_names_what_is_everyday():
 
 
 def test_a_name_that_is_elsewhere_says_where():
-    with pytest.raises(AttributeError, match="it is in jaxbeam.motions"):
+    with pytest.raises(AttributeError, match=r"it is in jaxbeam\.motions"):
         jb.QuinticSpinUp  # noqa: B018
-    with pytest.raises(AttributeError, match="no attribute 'Quintic'$"):
+    with pytest.raises(AttributeError, match=r"no attribute 'Quintic'$"):
         jb.Quintic  # noqa: B018
+
+
+def test_the_index_of_equations_names_what_there_is():
+    index = README.split("Where the equations of the papers are")[1].split("\n\n## ")[0]
+    package = ROOT / "jaxbeam"
+    trees = [ast.walk(ast.parse(path.read_text())) for path in package.rglob("*.py")]
+    nodes = [node for tree in trees for node in tree]
+    defined = {n.name: n for n in nodes if isinstance(n, ast.ClassDef | ast.FunctionDef)}
+    for name in re.findall(r"`([\w./]+)`", index):
+        if name.endswith(".py"):
+            assert (package / name).is_file(), name
+        else:
+            owner, *method = name.split(".")
+            inside = {n.name for n in ast.walk(defined[owner]) if isinstance(n, ast.FunctionDef)}
+            assert set(method) <= inside, name
 
 
 def test_pictures_exist():

@@ -2,32 +2,29 @@
 
 import csv
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.helpers import HASTY, USERS
+from tests.helpers import run_optimised
 
 STUDIES = Path(__file__).parents[1] / "studies"
+HASTY = 1  # level of optimisation of studies, most of whose time is compilation
+
+
+def study(name, out, level=HASTY, **options):
+    """What the study prints, made quick."""
+    script = STUDIES / f"{name}.py"
+    return run_optimised(script, "--quick", "--out", out, level=level, **options)
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """The main study, in another folder."""
     out = tmp_path_factory.mktemp("study")
-    done = subprocess.run(
-        [sys.executable, STUDIES / "rotating_cantilever.py", "--quick", "--out", out / "made"],
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=True,
-        cwd=out,
-        env=HASTY,
-    )
-    return out / "made", done.stdout, set(out.iterdir())
+    said = study("rotating_cantilever", out / "made", timeout=240, cwd=out)
+    return out / "made", said, set(out.iterdir())
 
 
 @pytest.mark.slow
@@ -56,34 +53,25 @@ def test_numbers(run):
 
 
 def test_every_study_has_a_main():
-    for path in STUDIES.glob("*.py"):
+    paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
+    assert len(paths) == 14
+    for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
-        assert '"--quick"' in text
+        assert "    common.run(main, __doc__, " in text  # which knows --quick and --out
 
 
 @pytest.mark.slow
 def test_default_run_tells_the_causes(tmp_path):
     """The main command of the README, and what it says of artefacts (physics of the tables)."""
-    study = STUDIES / "rotating_cantilever.py"
-    done = subprocess.run(
-        [sys.executable, study, "--out", tmp_path], capture_output=True, text=True, timeout=300,
-        check=True, env=USERS,
-    )  # fmt: skip
-    assert "ten elements 10.278, 40 elements 10.040" in done.stdout
-    assert "inextensible 10.447" in done.stdout
+    script = STUDIES / "rotating_cantilever.py"
+    said = run_optimised(script, "--out", tmp_path, timeout=300)
+    assert "ten elements 10.278, 40 elements 10.040" in said
+    assert "inextensible 10.447" in said
     causes = np.genfromtxt(tmp_path / "causes.csv", delimiter=",", skip_header=1)
     slow, fast = causes[causes[:, 0] == 1], causes[causes[:, 0] == 50]
     assert (slow[:, 2:5] < 0.05).all()  # at low speed the tables are the physics, to 0.05 %
     assert (fast[0, 2:5] > 20).all()  # at gamma = 50 each cause moves some first mode by over 20 %
-
-
-def study(name, out, env=HASTY):
-    done = subprocess.run(
-        [sys.executable, STUDIES / f"{name}.py", "--quick", "--out", out],
-        capture_output=True, text=True, timeout=600, check=True, env=env,
-    )  # fmt: skip
-    return done.stdout
 
 
 @pytest.mark.slow
@@ -160,7 +148,7 @@ def test_speed_accuracy(tmp_path):
 @pytest.mark.slow
 def test_peers(tmp_path):
     """Other integrators and other codes find the same motion."""
-    printed = study("peers", tmp_path, USERS)
+    printed = study("peers", tmp_path, level=None)
     rows = {(r["method"], r["setting"]): float(r["error"]) for r in rows_of(tmp_path / "peers.csv")}
     assert rows["jaxbeam Rodas5P", "1e-05"] < 1e-5
     assert rows["SciPy Radau", "1e-05"] < 1e-5
@@ -178,7 +166,7 @@ def test_peers(tmp_path):
 
 @pytest.mark.slow
 def test_costs(tmp_path):
-    study("costs", tmp_path, USERS)
+    study("costs", tmp_path, level=None)
     rows = rows_of(tmp_path / "costs.csv")
     assert all(np.isfinite(float(r["number"])) and float(r["number"]) > 0 for r in rows)
     assert {r["what"] for r in rows} >= {
@@ -332,9 +320,5 @@ def test_templates(name, made, told, tmp_path):
     """Scripts to be copied are short, and run where they are."""
     script = STUDIES / "short" / f"{name}.py"
     assert len(script.read_text().splitlines()) <= 40
-    done = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, timeout=300, check=True,
-        env=HASTY, cwd=tmp_path,
-    )  # fmt: skip
-    assert told in done.stdout
+    assert told in run_optimised(script, level=HASTY, timeout=300, cwd=tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(made)

@@ -24,7 +24,7 @@ from jaxbeam._models.base import (
     equilibrium,
 )
 from jaxbeam._rotor.beam import Rotor, checked_rotor
-from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spins import ConstantSpeed
 from jaxbeam._simulation.result import Simulation, checked_point
@@ -174,8 +174,8 @@ class HistoryData(Experiment):
 
     def __init__(
         self, model: AbstractModel, rotor: Rotor, motion: Motion, times: Any, measured: Any,
-        noise: Any, of: Callable[[Simulation], Array] = _tip, *, loads: Loads | None = None,
-        damping: Damping | None = None, **options: Any,
+        noise: Any, of: Callable[[Simulation], Array] = _tip, *, loads: Loads = NO_LOADS,
+        damping: Damping = NO_DAMPING, **options: Any,
     ) -> None:  # fmt: skip
         self.model, (self.rotor, _) = model, checked_case(model, rotor)
         self.motion = motion
@@ -187,8 +187,7 @@ class HistoryData(Experiment):
             if name not in inspect.signature(simulate).parameters:
                 raise TypeError(f"{name} is no argument of HistoryData, nor of simulate")
         self.of, self.options = of, options
-        self.loads = Loads() if loads is None else loads
-        self.damping = Damping() if damping is None else damping
+        self.loads, self.damping = loads, damping
         check_scene(self.motion, self.loads, self.damping, self.times[0])
 
     def predicted(self) -> Float[Array, "T ..."]:
@@ -230,14 +229,14 @@ class StaticData(Experiment):
         self.measured, self.noise = _data(measured, noise, (len(self.xi),))
         self.angular_speed = checked_speed(angular_speed)
         zero = jnp.zeros_like(self.angular_speed)
-        check_scene(ConstantSpeed(self.angular_speed), loads, Damping(), zero)
+        check_scene(ConstantSpeed(self.angular_speed), loads, NO_DAMPING, zero)
 
     def predicted(self) -> Float[Array, " p"]:
         """Displacements at the equilibrium, NaN where none was found."""
         motion, zero = ConstantSpeed(self.angular_speed), jnp.zeros_like(self.angular_speed)
         moments = jnp.stack([zero, zero + 1])
         given, _ = scene_status(
-            self.model, self.rotor, motion, self.loads, Damping(), moments, moments
+            self.model, self.rotor, motion, self.loads, NO_DAMPING, moments, moments
         )
         equations = self.model.equations(self.rotor)
         q, status = equilibrium(

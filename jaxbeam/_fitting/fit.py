@@ -24,7 +24,7 @@ from jaxbeam._fitting.result import (
 from jaxbeam._models.base import count_functions
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
-from jaxbeam._status import Status
+from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import is_known
 
 _ENOUGH = 1e-10  # of the sum of squares, absolute plus relative
@@ -54,6 +54,7 @@ def fit(
     known_noise: bool = True,
     seed: int = 0,
     progress: bool | None = None,
+    throw: bool = True,
 ) -> Fit:
     """The parameters that explain the measurements best.
 
@@ -77,9 +78,21 @@ def fit(
 
     Under `jax.vmap` and `jax.jit` (a batch of data: build the experiments from it inside) there is
     no second search, unless `descent` asks for one. Raises `ValueError` or `TypeError` for
-    malformed arguments and fewer numbers than parameters; all else is left in `Fit.status`, with
-    NaN for parameters and deviations unless it is `OK`, and the best found in `Fit.partial`.
+    malformed arguments and fewer numbers than parameters, and `RuntimeError` unless the status is
+    `OK`. `throw=False` leaves that in `Fit.status` instead, with NaN for parameters and deviations,
+    and the best found in `Fit.partial`: use it for batches.
     """
+    _check_kinds(experiments, free, max_steps, solver)
+    problem = Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
+    _check_problem(problem, known_noise, descent)
+    solver = optimistix.LevenbergMarquardt(rtol=_ENOUGH, atol=_ENOUGH) if solver is None else solver
+    search = _Search(problem, solver, max_steps, known_noise, descent)
+    found = search.best(jax.random.key(seed), progress)
+    return raise_unless_ok(found, found.status) if throw else found
+
+
+def _check_kinds(experiments: Any, free: Any, max_steps: Any, solver: Any) -> None:
+    """Raise an error unless arguments are of the kinds that they should be."""
     if not callable(experiments):
         raise TypeError(f"experiments must be a function of the parameters, got {experiments!r}")
     if not isinstance(free, dict) or not free:
@@ -94,23 +107,19 @@ def fit(
             raise TypeError(f"free must name parameters by texts, got {name!r}")
         if not isinstance(each, FreeParameter):
             raise TypeError(f"free[{name!r}] must be a FreeParameter, got {type(each).__name__}")
-    problem = Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
-    zero = jnp.asarray(np.zeros(len(free)))
+
+
+def _check_problem(problem: Problem, known_noise: bool, descent: Any) -> None:
+    """Raise an error unless the experiments are some, and say enough about the parameters."""
+    free = problem.free
     guessed = problem.named({name: each.guess for name, each in free.items()})
     for experiment in guessed:
         if not isinstance(experiment, Experiment):
             raise TypeError("experiments must return an Experiment or several of them")
     if not known_noise and any(each.prior is not None for each in free.values()):
         raise ValueError("a prior is in units of the parameter: it needs known_noise=True")
-    if descent is not None and not isinstance(descent, Descent):
-        raise TypeError(f"descent must be a Descent, got {kind_of(descent)}")
     if descent is not None:
-        count_functions("descent.starts", descent.starts, least=1)
-        count_functions("descent.steps", descent.steps, least=1)
-        real_scalar("descent.spread", descent.spread)
-        if not isinstance(descent.optimiser, optax.GradientTransformation):
-            got = kind_of(descent.optimiser)
-            raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
+        _check_descent(descent)
     count = problem.count(guessed)
     known = is_known(count)
     if known and int(count) < len(free):
@@ -120,29 +129,66 @@ def fit(
         )
     if known and not known_noise and int(count) == len(free):
         raise ValueError("with as many numbers as parameters nothing tells the level of the noise")
-    solver = optimistix.LevenbergMarquardt(rtol=_ENOUGH, atol=_ENOUGH) if solver is None else solver
-    best = _refine(problem, zero, solver, max_steps, known_noise)
-    traced = not is_known(best)
-    shown = (sys.stderr.isatty() if progress is None else progress) and not traced
-    if not traced:
-        _tell(shown, f"from the guess: misfit {float(best.misfit):.3g}, {int(best.steps)} steps")
-        lost = int(best.status) in (Status.FIT_NOT_CONVERGED, Status.NOT_FINITE)
-        poor = lost or (
-            known_noise and excess_of(np, *map(np.asarray, (best.misfit, best.freedom))) > 5
-        )
-        descent = Descent() if descent is None and poor else descent
-    if descent is None:
-        return best
-    z = _descend(problem, descent, jax.random.key(seed))
-    other = _refine(problem, z, solver, max_steps, known_noise)
-    if not traced:
-        _tell(shown, f"from the best of {descent.starts} starts: misfit {float(other.misfit):.3g}")
-    lower = other.misfit < best.misfit * (1 - 1e-6)
-    ended = (best.status == Status.FIT_NOT_CONVERGED) & (other.status != best.status)
-    better = (
-        ~jnp.isfinite(best.misfit) | lower | (ended & (other.misfit <= best.misfit * (1 + 1e-6)))
-    )
-    return jax.tree.map(lambda a, b: jnp.where(better, b, a), best, other)
+
+
+def _check_descent(descent: Any) -> None:
+    if not isinstance(descent, Descent):
+        raise TypeError(f"descent must be a Descent, got {kind_of(descent)}")
+    count_functions("descent.starts", descent.starts, least=1)
+    count_functions("descent.steps", descent.steps, least=1)
+    real_scalar("descent.spread", descent.spread)
+    if not isinstance(descent.optimiser, optax.GradientTransformation):
+        got = kind_of(descent.optimiser)
+        raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
+
+
+class _Search(NamedTuple):
+    """How to look for the parameters, once the arguments of `fit` are checked."""
+
+    problem: Problem
+    solver: Any
+    max_steps: int
+    known_noise: bool
+    descent: Descent | None
+
+    def best(self, key: Any, progress: bool | None) -> Fit:
+        """The end of the search from the guess, or of that after a descent if it is better."""
+        first = self.refined(jnp.asarray(np.zeros(len(self.problem.free))))
+        traced = not is_known(first)
+        shown = (sys.stderr.isatty() if progress is None else progress) and not traced
+        descent = self.descent
+        if not traced:
+            told = f"misfit {float(first.misfit):.3g}, {int(first.steps)} steps"
+            _tell(shown, f"from the guess: {told}")
+            descent = Descent() if descent is None and _is_poor(first) else descent
+        if descent is None:
+            return first
+        other = self.refined(_descend(self.problem, descent, key))
+        if not traced:
+            told = f"misfit {float(other.misfit):.3g}"
+            _tell(shown, f"from the best of {descent.starts} starts: {told}")
+        return _better(first, other)
+
+    def refined(self, z: Array) -> Fit:
+        """Where Levenberg-Marquardt, or the solver given, ends from a point."""
+        return _refine(self.problem, z, self.solver, self.max_steps, self.known_noise)
+
+
+def _is_poor(found: Fit) -> bool:
+    """Whether a fit of known numbers is lost, or leaves more than the noise explains."""
+    if int(found.status) in (Status.FIT_NOT_CONVERGED, Status.NOT_FINITE):
+        return True
+    misfit, freedom = map(np.asarray, (found.misfit, found.freedom))
+    return found.known_noise and bool(excess_of(np, misfit, freedom) > 5)
+
+
+def _better(first: Fit, other: Fit) -> Fit:
+    """The lower of two ends; of those alike, the one that is an end."""
+    lower = other.misfit < first.misfit * (1 - 1e-6)
+    ended = (first.status == Status.FIT_NOT_CONVERGED) & (other.status != first.status)
+    level = other.misfit <= first.misfit * (1 + 1e-6)
+    better = ~jnp.isfinite(first.misfit) | lower | (ended & level)
+    return jax.tree.map(lambda a, b: jnp.where(better, b, a), first, other)
 
 
 def _tell(shown: bool, text: str) -> None:

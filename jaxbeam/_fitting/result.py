@@ -69,7 +69,7 @@ class Fit(eqx.Module):
     | freedom     | ()     | n - m                                                                |
     | certainty   | (m,)   | singular values of the Jacobian by parameters over their `unit`      |
     | directions  | (m, m) | the combination of these that belongs to each, in rows               |
-    | unit        | (m,)   | what changes of a parameter are measured by: its size, `FreeParameter` |
+    | unit        | (m,)   | what changes of a parameter are measured by, see `FreeParameter`     |
     | at_bound    | ()     | by name, whether a bound is nearer than a tenth of the deviation     |
     | steps       | ()     | of the last search                                                   |
     | status      | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`          |

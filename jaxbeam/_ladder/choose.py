@@ -189,6 +189,28 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     planar = bool(is_planar(question, rotor))
     linear, nonlinear = chains(question, planar)
     rungs, elements, scout = rungs_of(question, planar), judges(nonlinear), scout_of(linear)
+    known = _scouted(ask, scout, elements)
+    if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
+        cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
+        ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, known, tolerance)][:1])
+
+    judge, left = _refined(ask, elements, tolerance)
+    noise = ask.now(judge, 0.1).distance(ask(judge))
+    left = left + float(noise) + (0.0 if planar else SPACE * float(known.reach))
+    trial = _Trial(ask, tolerance, known, scout, nonlinear, judge, left)
+    for model in (scout, *elements):
+        if model in ask.found or model == scout:
+            trial.estimates[model] = trial.estimate(model)
+    enough = next(rung.cost for rung in rungs if rung.model == judge)
+    for rung in rungs:  # whatever costs less than the judge is asked, from the cheapest on
+        trial.look_at(rung, may_ask=rung.cost < enough)
+    return trial.choice(rungs)
+
+
+def _scouted(ask: "_Asker", scout: AbstractModel, elements: list[AbstractModel]) -> Indicators:
+    """What the scout says of a question, and how large deflections are, which `ask` is told. In the
+    meantime programs are compiled that are sure to be needed."""
+    question, rotor = ask.question, ask.rotor
     ask.begin(scout)
     lowered = functools.partial(indicators.lower, question, rotor)
     ask.ahead.begin(Indicators, lambda: lowered().compile())
@@ -202,75 +224,7 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     if given == Status.OK:
         known = dataclasses.replace(known, size=seen.size, slope=seen.slope)
     ask.size = float(np.clip(known.size, 1e-9, 1.0)) if given == Status.OK else LARGE
-    if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
-        cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
-        ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, known, tolerance)][:1])
-
-    judge, left = _refined(ask, elements, tolerance)
-    noise = ask.now(judge, 0.1).distance(ask(judge))
-    left = left + float(noise) + (0.0 if planar else SPACE * float(known.reach))
-    law = float(ask(judge).law)
-
-    def estimate(model: AbstractModel) -> float:
-        return ask.apart(model, judge) + left + (law if has_other_law(model) else 0.0)
-
-    enough = next(rung.cost for rung in rungs if rung.model == judge)
-    estimates = {m: estimate(m) for m in (scout, *elements) if m in ask.found or m == scout}
-
-    def misses(model: AbstractModel) -> str:
-        """What the answers of rungs that were asked say against a rung."""
-        if model in nonlinear:  # half as fine is four times as wrong, or more
-            finer = (m for m in nonlinear[nonlinear.index(model) :] if m in estimates)
-            if estimates[better := next(finer)] > tolerance / 4:
-                return f"{describe(better)}: {estimates[better]:.2g}"
-        if isinstance(model, Classical | Hybrid) and ask.apart(scout, judge) > 3 * tolerance:
-            # Another linear theory is no better, but by more functions, or in its stretch.
-            less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
-            if less or 0.1 * known.size**2 > tolerance:
-                return f"{describe(scout)}: {estimates[scout]:.2g}"
-        return ""
-
-    # Whatever costs less than the judge, from the cheapest on.
-    verdicts: dict[AbstractModel, str] = {}
-    tried: dict[Any, list[AbstractModel]] = {}
-    chosen: Rung | None = None
-    for rung in rungs:
-        model = rung.model
-        before = tried.setdefault((type(model), getattr(model, "n_stretch", 0) > 0), [])
-        if chosen is None and model not in estimates and rung.cost < enough:
-            why = ruled_out(model, known, tolerance) or misses(model)
-            if (
-                not why
-                and len(before) > 1
-                and ask.apart(*before[-2:]) < 0.1 * estimates[before[-1]]
-            ):
-                why = "more functions do not help"
-            if why:
-                verdicts[model] = f"ruled out: {why}"
-                continue
-            estimates[model] = estimate(model)
-        if model in estimates:
-            before.append(model)
-            status = Status(int(ask(model).status))
-            verdicts[model] = "misses it" if status == Status.OK else status.name
-            if estimates[model] <= tolerance:
-                verdicts[model] = "meets it" if chosen is None else "meets it too"
-                chosen = chosen or rung
-    evidence = tuple(
-        Evidence(r, estimates.get(r.model, np.nan), verdicts.get(r.model, NOT_NEEDED))
-        for r in rungs
-    )
-    best = chosen or _best(ask, evidence)
-    return Choice(
-        rung=best,
-        estimate=estimates.get(best.model, np.inf),
-        met=chosen is not None,
-        tolerance=tolerance,
-        partial=np.asarray(ask(best.model).value),
-        law=law,
-        indicators=known,
-        evidence=evidence,
-    )
+    return known
 
 
 def _compiled(*given: Any) -> Any:
@@ -329,6 +283,98 @@ def _refined(
         if apart <= JUDGE * tolerance:
             break
     return judge, left
+
+
+@dataclasses.dataclass
+class _Trial:
+    """Rungs before the judge: what is known of their errors, and what became of each.
+
+    The judge may be off by `left`.
+    """
+
+    ask: _Asker
+    tolerance: float
+    known: Indicators
+    scout: Hybrid
+    nonlinear: list[AbstractModel]
+    judge: AbstractModel
+    left: float
+    estimates: dict[AbstractModel, float] = dataclasses.field(default_factory=dict)
+    verdicts: dict[AbstractModel, str] = dataclasses.field(default_factory=dict)
+    tried: dict[Any, list[AbstractModel]] = dataclasses.field(default_factory=dict)  # by their kind
+    chosen: Rung | None = None
+
+    @property
+    def law(self) -> float:
+        """What another axial law might change, by the strains that the judge meets."""
+        return float(self.ask(self.judge).law)
+
+    def estimate(self, model: AbstractModel) -> float:
+        """The error of a rung, which is asked for it."""
+        apart = self.ask.apart(model, self.judge)
+        return apart + self.left + (self.law if has_other_law(model) else 0.0)
+
+    def look_at(self, rung: Rung, may_ask: bool) -> None:
+        """Give the verdict on a rung, which is asked only while none is chosen, and not in vain."""
+        model = rung.model
+        before = self.tried.setdefault((type(model), getattr(model, "n_stretch", 0) > 0), [])
+        if may_ask and self.chosen is None and model not in self.estimates:
+            if why := self.in_vain(model, before):
+                self.verdicts[model] = f"ruled out: {why}"
+                return
+            self.estimates[model] = self.estimate(model)
+        if model not in self.estimates:
+            return
+        before.append(model)
+        status = Status(int(self.ask(model).status))
+        self.verdicts[model] = "misses it" if status == Status.OK else status.name
+        if self.estimates[model] <= self.tolerance:
+            self.verdicts[model] = "meets it" if self.chosen is None else "meets it too"
+            self.chosen = self.chosen or rung
+
+    def in_vain(self, model: AbstractModel, before: list[AbstractModel]) -> str:
+        """Why a rung need not be asked, if so; those of its kind `before` it were."""
+        if why := ruled_out(model, self.known, self.tolerance) or self.misses(model):
+            return why
+        stuck = len(before) > 1 and (
+            self.ask.apart(*before[-2:]) < 0.1 * self.estimates[before[-1]]
+        )
+        return "more functions do not help" if stuck else ""
+
+    def misses(self, model: AbstractModel) -> str:
+        """What the answers of rungs that were asked say against a rung."""
+        if model in self.nonlinear:  # half as fine is four times as wrong, or more
+            finer = self.nonlinear[self.nonlinear.index(model) :]
+            better = next(m for m in finer if m in self.estimates)
+            if self.estimates[better] > self.tolerance / 4:
+                return f"{describe(better)}: {self.estimates[better]:.2g}"
+        scout = self.scout
+        poor = 3 * self.tolerance
+        if isinstance(model, Classical | Hybrid) and self.ask.apart(scout, self.judge) > poor:
+            # Another linear theory is no better, but by more functions, or in its stretch.
+            less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
+            if less or 0.1 * self.known.size**2 > self.tolerance:
+                return f"{describe(scout)}: {self.estimates[scout]:.2g}"
+        return ""
+
+    def choice(self, rungs: list[Rung]) -> Choice:
+        """The end of it, once all rungs were looked at."""
+        estimates, verdicts = self.estimates, self.verdicts
+        evidence = tuple(
+            Evidence(r, estimates.get(r.model, np.nan), verdicts.get(r.model, NOT_NEEDED))
+            for r in rungs
+        )
+        best = self.chosen or _best(self.ask, evidence)
+        return Choice(
+            rung=best,
+            estimate=estimates.get(best.model, np.inf),
+            met=self.chosen is not None,
+            tolerance=self.tolerance,
+            partial=np.asarray(self.ask(best.model).value),
+            law=self.law,
+            indicators=self.known,
+            evidence=evidence,
+        )
 
 
 def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung:

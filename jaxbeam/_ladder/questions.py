@@ -16,13 +16,13 @@ from jaxbeam._models.base import AbstractModel, Family, Label, count_functions
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.scene import check_scene, checked_times, during, scene_status
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Real, Scalar, Vector
+from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import modes
 
 
@@ -41,12 +41,12 @@ class Answer(eqx.Module):
     histories and frequencies; once, in a history long enough for phases to drift apart, by 1.4.
     """
 
-    value: Vector
-    scale: Vector
-    size: Scalar
-    slope: Scalar
+    value: Array  # in tables of many cases, with an axis of cases in front
+    scale: Array
+    size: Array
+    slope: Array
     steps: Array
-    status: Code
+    status: Array
     law: Real = 0.0
 
     def distance(self, reference: "Answer") -> np.ndarray:
@@ -99,13 +99,12 @@ class _InTime(Question):
     max_steps: int = eqx.field(static=True)
 
     def __init__(
-        self, motion: Motion, times: Any, *, loads: Loads | None = None,
-        damping: Damping | None = None, max_steps: int = 20_000,
+        self, motion: Motion, times: Any, *, loads: Loads = NO_LOADS,
+        damping: Damping = NO_DAMPING, max_steps: int = 20_000,
     ) -> None:  # fmt: skip
         count_functions("max_steps", max_steps, least=1)
         self.motion, self.times, self.max_steps = motion, checked_times(times), max_steps
-        self.loads = Loads() if loads is None else loads
-        self.damping = Damping() if damping is None else damping
+        self.loads, self.damping = loads, damping
         check_scene(self.motion, self.loads, self.damping, self.times[0])
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
@@ -162,8 +161,9 @@ class _InTime(Question):
         """|spectrum of the hub's angular acceleration| at each frequency over its largest possible,
         times (omega_1 / omega_k)^3: response to it of a clamped beam on a turning root.
 
-        A mode takes part in the rotation of its root by an amount that falls with omega^2, and
-        answers to an impulse with one that falls with omega.
+        A mode phi of a uniform cantilever, of unit mass, takes part in the rotation of its root by
+        int x phi dm, which is in proportion to 1 / omega (beta^-2, omega being EI^1/2 beta^2), and
+        to a load that changes slowly it yields by that over omega^2.
         """
         n = 2048
         t = jnp.linspace(self.times[0], self.times[-1], n)
@@ -186,7 +186,7 @@ class _AtPoint(_InTime):
 
     def __init__(
         self, motion: Motion, times: Any, component: int = 1, xi: float = 1.0, *,
-        loads: Loads | None = None, damping: Damping | None = None, max_steps: int = 20_000,
+        loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, max_steps: int = 20_000,
     ) -> None:  # fmt: skip
         super().__init__(motion, times, loads=loads, damping=damping, max_steps=max_steps)
         self.component, self.xi = checked_point(component, xi)

@@ -1,6 +1,9 @@
 """Absolute nodal coordinates of Berzeri and Shabana (B): planar cubic cable elements.
 
 See `elements.py` and `laws.py` for the equations.
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
 """
 
 from typing import ClassVar
@@ -10,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import Family, LinearSystem, checked_case, count_functions
+from jaxbeam._models.base import Family, LinearSystem, NodeByNode, checked_case, count_functions
 from jaxbeam._models.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.cartesian import (
     CartesianEquations,
@@ -57,6 +60,10 @@ class _Nodal(_ANCF):
     def equations(self, rotor: Rotor) -> ElementEquations:
         """Equations of motion with the law of strain of `element`."""
         return ElementEquations(rotor, self.n_elements, self.element)
+
+    def bands(self) -> NodeByNode:
+        """The order of the coordinates, whatever the equations are."""
+        return NodeByNode(self.n_elements, self.element.tears)
 
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""

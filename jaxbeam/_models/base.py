@@ -2,7 +2,7 @@
 
 import abc
 import enum
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -15,10 +15,12 @@ from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
-from jaxbeam._rotor.beam import Rotor, SpringRotor, checked_rotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor, SpringRotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Real, Scalar, Triple, Vector
+from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
+
+TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
 
 
 class Family(enum.IntEnum):
@@ -117,7 +119,7 @@ class Equations(eqx.Module):
         """Generalised elastic forces; zero at q = 0, the undeformed beam."""
 
     @abc.abstractmethod
-    def strain_energy(self, q: Vector) -> Scalar:
+    def strain_energy(self, q: Vector) -> Number:
         """U, in J; zero at q = 0."""
 
     def nonconservative_force(self, q: Vector) -> Vector:
@@ -125,7 +127,7 @@ class Equations(eqx.Module):
         return jnp.zeros_like(q)
 
     @abc.abstractmethod
-    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """T without that of the rigid undeformed beam, T(0, 0, v, omega), in J."""
 
     @abc.abstractmethod
@@ -165,7 +167,7 @@ class Equations(eqx.Module):
         if mass is not None:
             still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
 
-            def kinetic(v: Vector) -> Scalar:
+            def kinetic(v: Vector) -> Number:
                 return jnp.sum(self.kinetic_energy(q, v, still, still))
 
             out = out + mass * jax.grad(kinetic)(v)
@@ -188,7 +190,35 @@ class Equations(eqx.Module):
         return k, c
 
 
-class AbstractModel(eqx.Module):
+class PlanarTables(NamedTuple):
+    """Matrices of motion in the plane as sums over tables, each in a narrow band.
+
+    With the speed g, hub radius R, tip mass m_t and softness EI_zz / (EA L^2) in units of the beam,
+    and coefficients c of its `tension` (`_rotor/beam.py`), seven tables make up the stiffness, two
+    the mass and two the coupling by Coriolis forces, in this order:
+
+        K = T0 + T1 / softness + c0 T2 + c1 T3 + c2 T4 - g^2 (T5 + m_t T6)
+        M = T5 + m_t T6,   C = 2 g (T7 + m_t T8)
+
+    `places` are those of the bending functions, by degree.
+    """
+
+    tables: list[np.ndarray]
+    places: np.ndarray
+
+
+class NodeByNode(NamedTuple):
+    """Coordinates in the order of nodes: L u' of the first, then w, L w', u, L u' of each.
+
+    Then `Equations.tangents` are block-tridiagonal, and a band of planar motion about the straight
+    steady state.
+    """
+
+    n_elements: int
+    tears: bool  # whether there is no steady state where `Rotor.tears`
+
+
+class AbstractModel(eqx.Module, Generic[TheRotor]):
     """A theory with its discretisation. It holds no parameters of the beam, only static choices.
 
     A theory says what its `equations` are; frequencies, steady states and motions follow.
@@ -202,14 +232,16 @@ class AbstractModel(eqx.Module):
         """Direction of each of the n coordinates."""
 
     @abc.abstractmethod
-    def equations(self, rotor: Any) -> Equations:
+    def equations(self, rotor: TheRotor) -> Equations:
         """Equations of motion of a rotor whose parameters are in range."""
 
     @abc.abstractmethod
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
 
-    def linearise(self, rotor: Any, angular_speed: Real, *, throw: bool = True) -> LinearSystem:
+    def linearise(
+        self, rotor: TheRotor, angular_speed: Real, *, throw: bool = True
+    ) -> LinearSystem:
         """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
 
         `throw=False` leaves failures in `LinearSystem.status` instead of raising.
@@ -217,7 +249,7 @@ class AbstractModel(eqx.Module):
         system = _linearised(self, *checked_case(self, rotor, angular_speed))
         return raise_unless_ok(system, system.status) if throw else system
 
-    def matrices(self, rotor: Any, speed: Scalar) -> LinearSystem:
+    def matrices(self, rotor: TheRotor, speed: Scalar) -> LinearSystem:
         """`linearise` for parameters in range: tangents of the equations at their equilibrium.
 
         `status` is that of the search for the steady state, if there is one.
@@ -236,9 +268,16 @@ class AbstractModel(eqx.Module):
             families=self.families,
         )
 
-    def steady(self, rotor: Any, speed: Scalar) -> tuple[Vector, Code]:
+    def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
         return equilibrium(self.equations(rotor), spinning(speed))
+
+    def bands(self) -> PlanarTables | NodeByNode | None:
+        """How matrices of motion in the plane are bands, for `frequencies`; None: they are not.
+
+        Whoever derives from a model and changes its equations need not think of this.
+        """
+        return None
 
 
 def checked_model(model: Any) -> AbstractModel:

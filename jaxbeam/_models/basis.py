@@ -2,6 +2,9 @@
 
 Everything here is plain NumPy in float64, computed once per basis and size: no quantity depends on
 a beam, a speed or a hub, so models only scale and add these matrices.
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
 """
 
 import abc

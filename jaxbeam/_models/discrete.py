@@ -10,6 +10,9 @@ x = (L + s) cos(theta) - L, y = (L + s) sin(theta):
 Y Table 1 is misprinted: NC, LC and NS lack the Euler term m Omega' (d + L), without which they
 hardly move; NP lacks d in the last inertia term of both equations; the stiffness in LP is
 m d L Omega^2 + k_r, not m Omega^2 + k_r. The motion must turn about the axis normal to the plane.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
 """
 
 import abc
@@ -27,7 +30,7 @@ from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._types import Matrix, Scalar, Triple, Vector
 
 
-class _Discrete(AbstractModel):
+class _Discrete(AbstractModel[SpringRotor]):
     rotor_type = SpringRotor
 
     @property

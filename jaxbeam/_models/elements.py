@@ -9,6 +9,9 @@ n elements, all in metres.
 
 Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
 behind those it is said to have (see `kernel`).
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
 """
 
 from typing import ClassVar
@@ -22,10 +25,10 @@ from jaxbeam._models.base import Equations, rigid_moments
 from jaxbeam._models.basis import Functions, hermite
 from jaxbeam._models.laws import POINTS, TURN, WEIGHTS, Element, gradient_of, tabled
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
-from jaxbeam._numerics.kernel import beside, total
+from jaxbeam._numerics.lanes import beside, total
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import Hub
-from jaxbeam._types import Scalar, Triple, Vector
+from jaxbeam._types import Number, Triple, Vector
 
 Nodes = Float[Array, "k 2 2 *lanes"]  # in m: value and L times slope
 
@@ -41,14 +44,14 @@ class ElementEquations(Equations):
 
     mass: BlockTridiagonal
     rigid: Triple
-    size: Scalar
-    end: Scalar
-    energy_scale: Scalar
+    size: Number
+    end: Number
+    energy_scale: Number
     turned_mass: BlockTridiagonal  # M times a turn by a right angle
     straight: Nodes  # of X a1
-    element_mass: Scalar
-    tip_mass: Scalar
-    axial_stiffness: Scalar
+    element_mass: Number
+    tip_mass: Number
+    axial_stiffness: Number
     element: Element
 
     takes_lanes: ClassVar[bool] = True
@@ -103,11 +106,11 @@ class ElementEquations(Equations):
         own = self._elastic(q)
         return _gathered(own, jnp.zeros_like(own[-1, :, 0]))
 
-    def _elastic(self, q: Vector) -> Float[Array, "n 2 4 *lanes"]:
+    def _elastic(self, q: Vector) -> Float[Array, "E 2 4 *lanes"]:
         """Of every element."""
         return self.axial_stiffness * jax.vmap(self.element.force)(self._shares(q))
 
-    def strain_energy(self, q: Vector) -> Scalar:
+    def strain_energy(self, q: Vector) -> Number:
         energy = total(jax.vmap(self.element.energy)(self._shares(q)))
         return self.axial_stiffness * self.size * energy
 
@@ -116,7 +119,7 @@ class ElementEquations(Equations):
             return jnp.zeros_like(q)
         return self.elastic_force(q) - gradient_of(self.strain_energy)(q)
 
-    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u'."""
         own = self._nodes(v) + spin[2] * _turned(self._nodes(q))
         carried = spin[2] * _turned(self.straight) + _constant(velocity)
@@ -130,7 +133,7 @@ class ElementEquations(Equations):
         )
         return jnp.stack([along, across, jnp.zeros_like(along)])
 
-    def _product(self, a: Nodes, b: Nodes) -> Scalar:
+    def _product(self, a: Nodes, b: Nodes) -> Number:
         """int a . b dm of two fields."""
         own = _local(a) * _each(self._gram, _local(b))
         own = total(own.reshape(-1, *own.shape[3:]))
@@ -171,7 +174,7 @@ class ElementEquations(Equations):
         shapes = Functions(*(a[None] for a in hermite(xi * n - index, 1 / n)))
         return shapes, _local(self._nodes(q))[index].swapaxes(0, 1)
 
-    def _shares(self, q: Vector) -> Float[Array, "n 2 4 *lanes"]:
+    def _shares(self, q: Vector) -> Float[Array, "E 2 4 *lanes"]:
         """Coordinates of every element over the length."""
         return _local(self._nodes(q)) / self.size
 
@@ -180,11 +183,11 @@ class ElementEquations(Equations):
         return padded(q, 3, 0).reshape(-1, 2, 2, *q.shape[1:])
 
 
-def _each(table: np.ndarray, x: Float[Array, "n 2 4 *lanes"]) -> Float[Array, "n 2 4 *lanes"]:
+def _each(table: np.ndarray, x: Float[Array, "E 2 4 *lanes"]) -> Float[Array, "E 2 4 *lanes"]:
     return jax.vmap(lambda x: tabled(table, x))(x)
 
 
-def _local(nodes: Nodes) -> Float[Array, "n 2 4 *lanes"]:
+def _local(nodes: Nodes) -> Float[Array, "E 2 4 *lanes"]:
     """Of every element."""
     return jnp.concatenate([nodes[:-1], nodes[1:]], 2)
 
@@ -200,14 +203,14 @@ def _turned(nodes: Nodes) -> Nodes:
     return jnp.stack([nodes[:, 1], -nodes[:, 0]], 1)
 
 
-def _gathered(local: Float[Array, "n 2 4 *lanes"], at_tip: Float[Array, "2 *lanes"]) -> Vector:
+def _gathered(local: Float[Array, "E 2 4 *lanes"], at_tip: Float[Array, "2 *lanes"]) -> Vector:
     """Sum of what elements do at nodes, and of a force at the tip."""
     nodes = padded(local[:, :, :2], 0, 1) + padded(local[:, :, 2:], 1, 0)
     tip = padded(jnp.stack([at_tip, jnp.zeros_like(at_tip)], 1)[None], len(local), 0)
     return (nodes + tip).reshape(-1, *local.shape[3:])[3:]
 
 
-def _assembled(local: Float[Array, "n 2 4 2 4 *lanes"]) -> BlockTridiagonal:
+def _assembled(local: Float[Array, "E 2 4 2 4 *lanes"]) -> BlockTridiagonal:
     n, lanes = len(local), local.shape[5:]
     # Rows by end, component, value and slope; columns the same.
     ends = local.reshape(n, 2, 2, 2, 2, 2, 2, *lanes)

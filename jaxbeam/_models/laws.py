@@ -11,6 +11,9 @@ differ in the axial strain, with d = r' - a1 the displacement gradient:
 
 Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
 behind those it is said to have (see `kernel`).
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
 """
 
 import abc
@@ -25,8 +28,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.basis import hermite
-from jaxbeam._numerics.kernel import beside, contract, total
-from jaxbeam._types import Scalar
+from jaxbeam._numerics.lanes import beside, contract, total
+from jaxbeam._types import Number
 
 Local = Float[Array, "2 4 *lanes"]  # over L: value and L times slope at either end
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
@@ -40,7 +43,7 @@ def tabled(table: Float[np.ndarray, "a b"], x: Float[Array, "c b *lanes"]) -> Ar
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
 
 
-def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Scalar:
+def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Number:
     return tabled(weights[None], x[None])[0, 0]
 
 
@@ -49,13 +52,13 @@ def _stretched(d: Float[Array, "2 *lanes"]) -> Array:
     return jnp.stack([d[0], 1 + d[1]])
 
 
-def elongation(d: Float[Array, "2 *lanes"]) -> Scalar:
+def elongation(d: Float[Array, "2 *lanes"]) -> Number:
     """|a1 + d| - 1, without cancellation."""
     excess = 2 * d[1] + d[0] ** 2 + d[1] ** 2
     return excess / (1 + jnp.sqrt(1 + excess))
 
 
-def gradient_of(function: Callable[[Array], Scalar]) -> Callable[[Array], Array]:
+def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]:
     """Gradient of a function whose value is one scalar, or one for each lane."""
     return jax.grad(lambda x: jnp.sum(function(x)))
 
@@ -65,11 +68,11 @@ class Element(eqx.Module):
 
     is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
     tears: ClassVar[bool] = False  # whether steady states end where `Rotor.tears` says
-    bending: Scalar  # EI / (EA L^2)
+    bending: Number  # EI / (EA L^2)
     n_elements: int = eqx.field(static=True)
 
     @abc.abstractmethod
-    def energy(self, e: Local) -> Scalar:
+    def energy(self, e: Local) -> Number:
         """Strain energy of one element."""
 
     def force(self, e: Local) -> Local:
@@ -131,7 +134,7 @@ class Continuum(Element):
     def _strain(self, e: Local) -> Float[Array, "g *lanes"]:
         return self.interpolated(self.measure(tabled(self.stations, e))[0][None])[0]
 
-    def energy(self, e: Local) -> Scalar:
+    def energy(self, e: Local) -> Number:
         """Strain energy of B eq. 9."""
         bend = total(tabled(self.curvatures, e) ** 2)
         return _integral(self.weights, self._strain(e) ** 2 + self.bending * bend) / 2
@@ -225,7 +228,7 @@ class Engineering(Element):
     # then two coarse meshes agree by chance, and the ladder takes that for convergence.
     tears = True
 
-    def energy(self, e: Local) -> Scalar:
+    def energy(self, e: Local) -> Number:
         at = self._at(e)
         return _integral(self.weights, at.strain**2 + self.bending * at.turning**2) / 2
 
@@ -300,7 +303,7 @@ class ModelZero(Element):
     def along(self, e: Local) -> Float[Array, "2 *lanes"]:
         """Tangent of the frame, less a1, before it is made a unit vector."""
 
-    def energy(self, e: Local) -> Scalar:
+    def energy(self, e: Local) -> Number:
         axis = self.along(e)
         size = 1 + elongation(axis)
         # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.

@@ -10,6 +10,9 @@ stiffness, plus for bending the stiffness of the tension P(x) that carries the u
 
 (primes are time derivatives), with the tip mass as a point in the mass measure. The theories below
 differ in two things: whether P is there, and what stretches the beam.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
 """
 
 import abc
@@ -20,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of
-from jaxbeam._models.base import LinearSystem, count_functions
+from jaxbeam._models.base import LinearSystem, PlanarTables, count_functions
 from jaxbeam._models.basis import Basis, Polynomials
 from jaxbeam._models.cartesian import (
     CartesianEquations,
@@ -88,6 +91,22 @@ class Hybrid(_Linear):
         """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
         elastic = LinearElasticity(self.linear_stiffness(rotor))
         return CartesianEquations.build(self, rotor, elastic, self.tables.tension)
+
+    def bands(self) -> PlanarTables | None:
+        """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""
+        kind = type(self)
+        own = kind.equations is Hybrid.equations and kind.matrices is Hybrid.matrices
+        if not own or self.basis != Polynomials() or self.n_in_plane < 8:
+            return None
+        tables, m, n = self.tables, self.n_stretch, self.n_in_plane
+        order = np.argsort(np.append(np.arange(m) + 0.5, np.arange(n)), kind="stable")
+        rows, way = np.ix_(order, order), tables.direction[order]
+        alike, end = way @ way.T, np.outer(tables.tip, tables.tip)[rows]
+        found = [table[rows] for table in (*tables.elastic[[1, 0]], *tables.tension)]
+        found += [alike * tables.gram[rows], alike * end]
+        found += [(1 - alike) * tables.gram[rows], (1 - alike) * end]
+        sparse = [np.where(np.abs(a) > 1e-12 * np.abs(a).max(initial=0.0), a, 0.0) for a in found]
+        return PlanarTables(sparse, np.argsort(order)[m:])
 
 
 class Classical(_Linear):

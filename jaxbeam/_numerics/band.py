@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._numerics.kernel import total
+from jaxbeam._numerics.lanes import total
 
-Band = Float[Array, "n w *lanes"]
-_Vector = Float[Array, "n *lanes"]
+Band = Float[Array, "n w ..."]
+_Vector = Float[Array, "n ..."]
 
 
 def band(matrix: Float[np.ndarray, "n n"], width: int) -> Float[np.ndarray, "n w"]:
@@ -45,7 +45,7 @@ def product(a: Band, x: _Vector) -> _Vector:
     return y
 
 
-def factors(a: Band) -> tuple[_Vector, Band]:
+def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
     """A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without their diagonal.
 
     A pivot that is zero to the last bit, as of D(omega) where omega is that right, is replaced by
@@ -70,7 +70,7 @@ def factors(a: Band) -> tuple[_Vector, Band]:
     return d, below
 
 
-def solved(d: _Vector, below: Band, x: _Vector) -> _Vector:
+def solved(d: _Vector, below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
     """A^-1 x from `factors`."""
 
     def forward(ahead: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -94,8 +94,8 @@ def polished(a: Band, x: _Vector) -> _Vector:
 
 
 def refined(
-    k: Band, m: Band, c: Band, omega: Float[Array, "*lanes"], x: _Vector, tolerance: float
-) -> tuple[Float[Array, "*lanes"], _Vector, Bool[Array, "*lanes"], Float[Array, "*lanes"]]:
+    k: Band, m: Band, c: Band, omega: Float[Array, "..."], x: Array, tolerance: float
+) -> tuple[Float[Array, "..."], Array, Bool[Array, "..."], Float[Array, "..."]]:
     """Frequency omega and vector x of D x = (K - omega^2 M + omega C) x = 0 near a guess.
 
     Inverse iteration x <- D^-1 D' x with Rayleigh quotients: the error of x falls by a factor of
@@ -147,7 +147,8 @@ def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "k *lanes
     beyond their spread: three sweeps of Jacobi's method with disjoint rotations side by side."""
     m = len(a)
     half = m // 2
-    # Players of a tournament, the first of whom stays: everybody meets everybody.
+    # Players of a tournament, the first of whom stays: everybody meets everybody (R. P. Brent,
+    # F. T. Luk, SIAM Journal on Scientific and Statistical Computing 6, 1985).
     order = np.concatenate([[0, half], np.arange(1, half - 1), np.arange(half + 1, m), [half - 1]])
 
     def rotations(a: Array, _: Any) -> tuple[Array, None]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.kernel import contract
+from jaxbeam._numerics.lanes import contract
 
 Blocks = Float[Array, "k b b *lanes"]
 _Vector = Float[Array, "n *lanes"]
@@ -24,7 +24,7 @@ class BlockTridiagonal(eqx.Module):
     lanes, may follow in all of them (see `kernel`).
     """
 
-    rows: Float[Array, "k b 3b *lanes"]
+    rows: Float[Array, "k b c *lanes"]
     absent: int = eqx.field(static=True, default=0)
 
     @property

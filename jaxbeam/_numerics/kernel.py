@@ -18,7 +18,9 @@ from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, JaxprEqn, jaxpr_as_fun
-from jaxtyping import Array, Float
+from jaxtyping import Array
+
+from jaxbeam._numerics.lanes import total
 
 # What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
 # (they go to libraries), scattering, sorting or calls of any other kind.
@@ -72,32 +74,6 @@ def reverse_mode() -> Iterator[None]:
         _IN_REVERSE.reset(token)
 
 
-def contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
-    """Sum over an axis of a * x, which broadcast: the form of a product that a kernel bears. Where
-    there are axes of lanes it is written out, so that they fill vector units."""
-    if not lanes:
-        return jnp.sum(a * x, axis)
-
-    def part(array: Any, i: int) -> Any:
-        return array[(slice(None),) * axis + (i if array.shape[axis] > 1 else 0,)]
-
-    terms = [part(a, i) * part(x, i) for i in range(max(a.shape[axis], x.shape[axis]))]
-    return functools.reduce(jnp.add, terms)
-
-
-def beside(table: Any, axes: int) -> Any:
-    """The table with axes of length one behind its own, to stand beside arrays with lanes."""
-    return table.reshape(*table.shape, *(1,) * axes)
-
-
-def total(x: Float[Array, "n *rest"]) -> Float[Array, "*rest"]:
-    """Sum along the first axis, by halves."""
-    while len(x) > 1:
-        half = len(x) // 2
-        x = jnp.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])
-    return x[0]
-
-
 def _is_zero(rate: Any) -> bool:
     return isinstance(rate, SymbolicZero)
 
@@ -111,13 +87,13 @@ def _jitted(function: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-# Of which arguments move, by their tree and a flag for each leaf: the maps of `_maps`.
+# From the tree of the arguments, and which of its leaves move, to what `_maps` returns for them.
 _Maps = Callable[[Any, tuple[bool, ...]], tuple[Callable[..., Any], Callable[..., Any]]]
 
 
 def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tuple[Any, Any]:
-    """(still, at, rates) to the rate of the result where some of the arguments move, and the
-    transpose of that."""
+    """Returns the map from (still, at, rates) to the rate of the result where some of the arguments
+    move, and the transpose of that."""
 
     def partial(still: list[Array], at: list[Array]) -> Any:
         rest, moved = iter(still), iter(at)
@@ -134,7 +110,7 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
 
 
 def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
-    """`fast` with derivatives in reverse mode alone."""
+    """Returns `fast` with derivatives in reverse mode alone."""
 
     @functools.cache
     def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
@@ -170,7 +146,7 @@ def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
 
 
 def _both_ways(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
-    """`fast` with derivatives in both modes."""
+    """Returns `fast` with derivatives in both modes."""
 
     @functools.cache
     def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:

@@ -177,6 +177,11 @@ def _cholesky(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jax.lax.linalg.cholesky(a, symmetrize_input=False)
 
 
+def _lower_solve(a: Array, b: Array, transpose: bool = False) -> Array:
+    """Returns x with a x = b, a lower triangular, or a^T x = b."""
+    return jax.lax.linalg.triangular_solve(a, b, left_side=True, lower=True, transpose_a=transpose)
+
+
 class BlockPairs(NamedTuple):
     """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
 
@@ -220,64 +225,80 @@ def planar_eigenpairs(
     return BlockPairs(*_eigensolver(n_transverse)(mass, gyroscopic, stiffness))
 
 
-def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
-    def lower(a: Array, b: Array, transpose: bool = False) -> Array:
-        return jax.lax.linalg.triangular_solve(
-            a, b, left_side=True, lower=True, transpose_a=transpose
-        )
+class _Planar(NamedTuple):
+    """A planar gyroscopic system: for each case of `planar_eigenpairs` the way to lambda and x, as
+    columns."""
 
+    m: Array
+    g: Array  # the block of G
+    k: Array
+    nt: int  # transverse coordinates, the first ones
+    transverse: np.ndarray  # whether a coordinate is, as a column
+
+    def definite(self, lw: Array, lu: Array) -> tuple[Array, Array]:
+        """Returns stable modes, by the Cholesky factors of K_w and K_u."""
+        m, g, _, nt, transverse = self
+        na = len(m) - nt
+        fw = _lower_solve(lw, _cholesky(m[:nt, :nt]))
+        fu = _lower_solve(lu, _cholesky(m[nt:, nt:]))
+        coupling = _lower_solve(lu, _lower_solve(lw, g).T).T
+        b = jnp.block([[-coupling, fw], [fu.T, jnp.zeros((na, nt), m.dtype)]])
+        u, sigma, vt = jax.lax.linalg.svd(b, full_matrices=False)
+        w = _lower_solve(lw, u[:nt], transpose=True)
+        a = _lower_solve(lu, vt.T[:na], transpose=True)
+        x = jnp.concatenate([w, a])
+        x = x / jnp.sqrt(jnp.sum(x * (m @ x), axis=0))[None]
+        x = jax.lax.complex(jnp.where(transverse, x, 0.0), jnp.where(transverse, 0.0, -x))
+        return jax.lax.complex(0 * sigma, 1 / sigma), x
+
+    def indefinite(self) -> tuple[Array, Array]:
+        """Returns the modes where K_w is not positive definite."""
+        m, g, k, nt, transverse = self
+        zero = jnp.zeros(g.shape, m.dtype)
+        a = jnp.block([[k[:nt, :nt], zero], [g.T, k[nt:, nt:]]])
+        b = jnp.block([[m[:nt, :nt], -g], [zero.T, m[nt:, nt:]]])
+        nu, z = jax.lax.linalg.eig(jnp.linalg.solve(a, b), compute_left_eigenvectors=False)
+        omega = jnp.sqrt(1 / nu)  # principal root: Re >= 0
+        growing = (omega.real == 0) & (omega.imag > 0)
+        omega = jnp.where(growing, -omega, omega)
+        lam = jax.lax.complex(-omega.imag, jnp.abs(omega.real))  # i omega, no negative zero
+        x = jnp.where(transverse, z, -lam[None] * z)
+        order = jnp.argsort(-(lam**2).real)
+        lam, x = lam[order], x[:, order]
+        norm = jnp.sum(jnp.where(transverse, x, -x) * (m @ x), axis=0)
+        return lam, x / jnp.sqrt(norm)[None]
+
+    def transverse_alone(self) -> tuple[Array, Array]:
+        """Returns the same where there are no axial coordinates."""
+        v, mu = _symmetric_modes(self.m, self.k)
+        root = jnp.sqrt(jnp.abs(mu))
+        lam = jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root))
+        return lam, v.T + 0j
+
+
+def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
     @sequential_vmap
     def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
         n = m.shape[0]
-        na = n - nt
-        g = gyro[:nt, nt:]
-        transverse = (np.arange(n) < nt)[:, None]
+        plane = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(n) < nt)[:, None])
         lu = _cholesky(k[nt:, nt:])
         lw = _cholesky(k[:nt, :nt])
         # Where there is no factor all of its entries are NaN, so that the first one tells.
         axial_ok, stable = (jnp.all(jnp.isfinite(factor[:1, :1])) for factor in (lu, lw))
         finite = jnp.all(jnp.isfinite(m + gyro + k))
 
-        def hermitian(_: None) -> tuple[Array, Array]:
-            fw = lower(lw, _cholesky(m[:nt, :nt]))
-            fu = lower(lu, _cholesky(m[nt:, nt:]))
-            coupling = lower(lu, lower(lw, g).T).T
-            b = jnp.block([[-coupling, fw], [fu.T, jnp.zeros((na, nt), m.dtype)]])
-            u, sigma, vt = jax.lax.linalg.svd(b, full_matrices=False)
-            w = lower(lw, u[:nt], transpose=True)
-            a = lower(lu, vt.T[:na], transpose=True)
-            x = jnp.concatenate([w, a])
-            x = x / jnp.sqrt(jnp.sum(x * (m @ x), axis=0))[None]
-            x = jax.lax.complex(jnp.where(transverse, x, 0.0), jnp.where(transverse, 0.0, -x))
-            return jax.lax.complex(0 * sigma, 1 / sigma), x
+        def definite(_: None) -> tuple[Array, Array]:
+            return plane.definite(lw, lu)
 
-        def symmetric(_: None) -> tuple[Array, Array]:  # general, where no axial part is there
-            v, mu = _symmetric_modes(m, k)
-            root = jnp.sqrt(jnp.abs(mu))
-            lam = jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root))
-            return lam, v.T + 0j
-
-        def general(_: None) -> tuple[Array, Array]:
-            zero = jnp.zeros((nt, na), m.dtype)
-            a = jnp.block([[k[:nt, :nt], zero], [g.T, k[nt:, nt:]]])
-            b = jnp.block([[m[:nt, :nt], -g], [zero.T, m[nt:, nt:]]])
-            nu, z = jax.lax.linalg.eig(jnp.linalg.solve(a, b), compute_left_eigenvectors=False)
-            omega = jnp.sqrt(1 / nu)  # principal root: Re >= 0
-            growing = (omega.real == 0) & (omega.imag > 0)
-            omega = jnp.where(growing, -omega, omega)
-            lam = jax.lax.complex(-omega.imag, jnp.abs(omega.real))  # i omega, no negative zero
-            x = jnp.where(transverse, z, -lam[None] * z)
-            order = jnp.argsort(-(lam**2).real)
-            lam, x = lam[order], x[:, order]
-            norm = jnp.sum(jnp.where(transverse, x, -x) * (m @ x), axis=0)
-            return lam, x / jnp.sqrt(norm)[None]
+        def indefinite(_: None) -> tuple[Array, Array]:
+            return plane.indefinite() if nt < n else plane.transverse_alone()
 
         def nothing(_: None) -> tuple[Array, Array]:
             nan = jnp.full((n, n), jnp.nan, m.dtype) + 0j
             return nan[0], nan
 
         case = jnp.where(finite & axial_ok, jnp.where(stable, 0, 1), 2)
-        lam, x = jax.lax.switch(case, [hermitian, general if na else symmetric, nothing], None)
+        lam, x = jax.lax.switch(case, [definite, indefinite, nothing], None)
         return lam, x.T, axial_ok.astype(int)
 
     return solver
@@ -297,11 +318,7 @@ def symmetric_modes(
 def _reduced(a: Array, b: Array) -> tuple[Array, Array]:
     """F with b = F F^T, and F^-1 a F^-T."""
     f = _cholesky(b)
-
-    def lower(x: Array) -> Array:
-        return jax.lax.linalg.triangular_solve(f, x, left_side=True, lower=True)
-
-    inner = lower(lower(a).T)
+    inner = _lower_solve(f, _lower_solve(f, a).T)
     return f, (inner + inner.T) / 2
 
 
@@ -312,9 +329,7 @@ def lowest_eigenpair(
     """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
     f, inner = _reduced(a, b)
     y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # in order
-    return mu[0], jax.lax.linalg.triangular_solve(
-        f, y[:, :1], left_side=True, lower=True, transpose_a=True
-    )[:, 0]
+    return mu[0], _lower_solve(f, y[:, :1], transpose=True)[:, 0]
 
 
 @sequential_vmap

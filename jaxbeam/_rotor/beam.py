@@ -1,4 +1,10 @@
-"""What rotates: a uniform slender beam, and the rotor that carries it."""
+"""What rotates: a uniform slender beam, and the rotor that carries it.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
 
 import dataclasses
 import warnings
@@ -13,7 +19,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import is_known_valid, is_valid, kind_of, known, positive, real_scalar, require
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Real, Scalar, is_known
+from jaxbeam._types import Code, Number, Real, Scalar, is_known
 
 
 def parameter(status: Status, *, zero: bool = False) -> Any:
@@ -22,7 +28,16 @@ def parameter(status: Status, *, zero: bool = False) -> Any:
 
 
 class _Parameters(eqx.Module):
-    """Scalars with rules, each at its field, checked when built from numbers that are known."""
+    """Scalars with rules, each at its field, checked when built from numbers that are known.
+
+    A further one is a field with its rule and an argument of `__init__` of the same name.
+    """
+
+    def _take(self, given: Mapping[str, Any]) -> None:
+        """Each field from the argument of its name; those with a rule as scalars."""
+        for field in dataclasses.fields(self):
+            value = given[field.name]
+            setattr(self, field.name, real_scalar(field.name, value) if field.metadata else value)
 
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -80,13 +95,7 @@ class Beam(_Parameters):
         in_plane_bending_stiffness: Real,
         flap_bending_stiffness: Real,
     ) -> None:
-        self.length = real_scalar("length", length)
-        self.mass_per_length = real_scalar("mass_per_length", mass_per_length)
-        self.axial_stiffness = real_scalar("axial_stiffness", axial_stiffness)
-        self.in_plane_bending_stiffness = real_scalar(
-            "in_plane_bending_stiffness", in_plane_bending_stiffness
-        )
-        self.flap_bending_stiffness = real_scalar("flap_bending_stiffness", flap_bending_stiffness)
+        self._take(locals())
 
     @classmethod
     def from_section(
@@ -143,17 +152,17 @@ class Beam(_Parameters):
         )
 
     @property
-    def mass(self) -> Scalar:
+    def mass(self) -> Number:
         """Mass of the beam, rho L, in kg."""
         return self.mass_per_length * self.length
 
     @property
-    def frequency_scale(self) -> Scalar:
+    def frequency_scale(self) -> Number:
         """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L)."""
         return jnp.sqrt(self.in_plane_bending_stiffness / (self.mass_per_length * self.length**4))
 
     @property
-    def slenderness(self) -> Scalar:
+    def slenderness(self) -> Number:
         """L sqrt(EA / EI_zz), without unit."""
         return self.length * jnp.sqrt(self.axial_stiffness / self.in_plane_bending_stiffness)
 
@@ -177,12 +186,10 @@ class Rotor(_Parameters):
     def __init__(self, beam: Beam, hub_radius: Real = 0.0, tip_mass: Real = 0.0) -> None:
         if not isinstance(beam, Beam):
             raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
-        self.beam = beam
-        self.hub_radius = real_scalar("hub_radius", hub_radius)
-        self.tip_mass = real_scalar("tip_mass", tip_mass)
+        self._take(locals())
 
     @property
-    def frequency_scale(self) -> Scalar:
+    def frequency_scale(self) -> Number:
         """The frequency scale of the beam, in rad/s."""
         return self.beam.frequency_scale
 
@@ -194,17 +201,17 @@ class Rotor(_Parameters):
         stiffness = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
         return beam.length**2 / (4 * jnp.stack(stiffness))
 
-    def tension(self, angular_speed: Scalar) -> tuple[Any, Any, Any]:
+    def tension(self, angular_speed: Number) -> tuple[Any, Any, Any]:
         """Axial force of steady rotation, as three coefficients in N: see `tension`."""
         beam = self.beam
         return tension(angular_speed**2, self.hub_radius, self.tip_mass, beam.mass, beam.length)
 
-    def steady_strain(self, angular_speed: Scalar) -> Scalar:
+    def steady_strain(self, angular_speed: Number) -> Number:
         """P(0) / EA, without unit: the largest of `tension`, at the root, over EA."""
         c0, c1, c2 = self.tension(angular_speed)
         return (c0 + c1 + c2 / 2) / self.beam.axial_stiffness
 
-    def tears(self, angular_speed: Scalar) -> Any:
+    def tears(self, angular_speed: Number) -> Any:
         """Whether a rod of constant axial stiffness has no steady state at this speed.
 
         Omega L (rho / EA)^(1/2) = beta with m_t beta tan(beta) = rho L or beyond.
@@ -264,14 +271,10 @@ class SpringRotor(_Parameters):
         translational_spring: Real,
         torsional_spring: Real,
     ) -> None:
-        self.mass = real_scalar("mass", mass)
-        self.length = real_scalar("length", length)
-        self.hub_radius = real_scalar("hub_radius", hub_radius)
-        self.translational_spring = real_scalar("translational_spring", translational_spring)
-        self.torsional_spring = real_scalar("torsional_spring", torsional_spring)
+        self._take(locals())
 
     @property
-    def frequency_scale(self) -> Scalar:
+    def frequency_scale(self) -> Number:
         """(k_r / (m L^2))^(1/2), in rad/s."""
         return jnp.sqrt(self.torsional_spring / self.mass) / self.length
 
@@ -279,6 +282,9 @@ class SpringRotor(_Parameters):
     def compliance(self) -> Float[Array, "2"]:
         """Deflection of the tip by a moment about the hinge, in 1/N; in plane alone."""
         return jnp.stack([self.length / self.torsional_spring, jnp.zeros_like(self.length)])
+
+
+AnyRotor = Rotor | SpringRotor  # whichever a model takes, its `rotor_type`
 
 
 def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:

@@ -6,9 +6,16 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jaxbeam._checks import real_array, real_scalar, require
-from jaxbeam._rotor.motion import Times, check_function_of_time, function_of_time, time_list
+from jaxbeam._rotor.motion import (
+    Times,
+    check_function_of_time,
+    function_of_time,
+    no_times,
+    time_list,
+)
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Triple, is_known
 
@@ -31,13 +38,15 @@ class Loads(eqx.Module):
 
     gravity: Triple | None
     tip_force: Triple | Callable[[Scalar], Triple] | None
-    changes: Times
-    jumps: Times
+    changes: Times | None
+    jumps: Float[Array, " j"] | None
 
     def __init__(
         self, gravity: Any = None, tip_force: Any = None, changes: Any = (), jumps: Any = ()
     ) -> None:
-        self.changes, self.jumps = time_list("changes", changes), time_list("jumps", jumps)
+        # No arrays where there are none, so that `NO_LOADS` starts no backend of JAX.
+        self.changes = time_list("changes", changes) if np.size(changes) else None
+        self.jumps = time_list("jumps", jumps) if np.size(jumps) else None
         self.gravity = None if gravity is None else _triple("gravity", gravity)
         if callable(tip_force):
             check_function_of_time("tip_force", tip_force, (3,))
@@ -49,6 +58,14 @@ class Loads(eqx.Module):
         """Force at the tip at time t."""
         force = self.tip_force
         return jnp.asarray(force(t)) if callable(force) else force
+
+    def change_times(self) -> Times:
+        """The times that were given as `changes`."""
+        return no_times() if self.changes is None else self.changes
+
+    def jump_times(self) -> Times:
+        """The times that were given as `jumps`."""
+        return no_times() if self.jumps is None else self.jumps
 
 
 class Damping(eqx.Module):
@@ -85,3 +102,8 @@ def _triple(name: str, value: Any) -> Triple:
     if is_known(vector):
         require(Status.INVALID_LOAD, bool(np.isfinite(np.asarray(vector)).all()), vector)
     return vector
+
+
+# What public functions take where nothing is given.
+NO_LOADS = Loads()
+NO_DAMPING = Damping()

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, real_array
-from jaxbeam._types import Scalar, Triple, is_known
+from jaxbeam._types import Number, Scalar, Triple, is_known
 
 Rotation = Float[Array, "3 3"]
 Times = Float[Array, " k"]
@@ -45,7 +45,7 @@ class Hub(NamedTuple):
         return self.velocity_rate + turning - self.gravity
 
 
-def spinning(angular_speed: Scalar) -> Hub:
+def spinning(angular_speed: Number) -> Hub:
     """The hub turning steadily about a3."""
     none = jnp.zeros_like(angular_speed)
     zero = jnp.stack([none, none, none])
@@ -155,7 +155,7 @@ def time_list(name: str, given: Any) -> Times:
 
 class _Declared(Motion):
     changes: Times
-    jumps: Times
+    jumps: Float[Array, " j"]
 
     def __init__(self, changes: Any, jumps: Any) -> None:
         self.changes, self.jumps = time_list("changes", changes), time_list("jumps", jumps)

@@ -1,4 +1,10 @@
-"""Rotations about a fixed axis: those of the papers, constant, modulated and tabulated speed."""
+"""Rotations about a fixed axis: those of the papers, constant, modulated and tabulated speed.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
 
 import abc
 from typing import Any
@@ -175,7 +181,7 @@ class TabulatedSpeed(Spin):
     """
 
     times: Times
-    pieces: Float[Array, "4 k-1"]  # of the speed, as a cubic in the time since a piece began
+    pieces: Float[Array, "4 p"]  # of the speed, as a cubic in the time since a piece began
     angles: Times  # turned since the first time, where a piece begins
     axis: Triple
     smooth: bool = eqx.field(static=True)

@@ -84,7 +84,7 @@ def _signals(hub: Hub, force: Any) -> Float[Array, "c k"]:
     return signals / jnp.where(largest > 0, largest, 1.0)
 
 
-def _reach(signals: Float[Array, "c k+1"], sudden: Bool[Array, " 64"]) -> Float[Array, "64 3"]:
+def _reach(signals: Float[Array, "c T"], sudden: Bool[Array, " 64"]) -> Float[Array, "64 3"]:
     """Longest step within the cell of each sixteen samples, end of that cell, and how far a step
     may go on beyond it, in samples.
 
@@ -104,7 +104,7 @@ def _reach(signals: Float[Array, "c k+1"], sudden: Bool[Array, " 64"]) -> Float[
             values, -jnp.inf, jax.lax.max, (1, n), (1, 1), "VALID", window_dilation=(1, apart)
         )
 
-    def unseen(s: int, of_these: Float[Array, "2*c n"], bend: Float[Array, " k"]) -> Array:
+    def unseen(s: int, of_these: Float[Array, "C n"], bend: Float[Array, " k"]) -> Array:
         """Of parts of a stride s: what rises and falls within one with its middle there."""
         passed = of_these - highest(either, 2, s)
         passed = jax.lax.pad(passed, 0.0, [(0, 0, 0), (s // 2, s // 2 - 1, 0)])

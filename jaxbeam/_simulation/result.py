@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxbeam._checks import known_array
 from jaxbeam._numerics.program import Program
@@ -16,7 +16,7 @@ from jaxbeam._results import per_case, where_known
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, trusted
-from jaxbeam._types import Code, Scalar, Vector
+from jaxbeam._types import Scalar, Vector
 
 
 class Simulation(eqx.Module):
@@ -47,11 +47,11 @@ class Simulation(eqx.Module):
     closes over a number that was mapped, JAX wants it to be asked in the mapped function.
     """
 
-    times: Float[Array, " T"]
+    times: Float[Array, "... T"]
     state: State
-    imbalance: Float[Array, " T"]
-    status: Code
-    end_time: Scalar
+    imbalance: Float[Array, "... T"]
+    status: Int[Array, "..."]
+    end_time: Float[Array, "..."]
     solution: diffrax.Solution
     scene: Scene
     is_partial: bool = eqx.field(static=True, default=False)

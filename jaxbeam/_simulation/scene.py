@@ -12,9 +12,10 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import kind_of, real_array, require
 from jaxbeam._models.base import AbstractModel, Equations, Family
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
-from jaxbeam._numerics.kernel import total
+from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._solvers.system import SecondOrderSystem, State
@@ -45,7 +46,7 @@ class Scene(SecondOrderSystem):
     end: Scalar  # of the run, s
 
     def __init__(
-        self, model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping,
+        self, model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
         times: Array | None = None,
     ) -> None:  # fmt: skip
         """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
@@ -121,12 +122,12 @@ class Scene(SecondOrderSystem):
     @property
     def jumps(self) -> Times:
         """Times at which the hub's velocity, its rate or a load may jump, as declared."""
-        return jnp.concatenate([self.motion.jump_times(), self.loads.jumps])
+        return jnp.concatenate([self.motion.jump_times(), self.loads.jump_times()])
 
     @property
     def stops(self) -> Times:
         """All times that motion and loads declare."""
-        smooth = [self.motion.change_times(), self.loads.changes]
+        smooth = [self.motion.change_times(), self.loads.change_times()]
         return jnp.concatenate([*smooth, self.jumps])
 
     def after(self, t: Scalar) -> Scalar:
@@ -288,8 +289,8 @@ class _Traced(Motion):
     """A motion of which only the program is left."""
 
     program: Callable[[Scalar], Hub]
-    changes: Times
-    jumps: Times
+    changes: Array
+    jumps: Array
 
     def twist(self, t: Scalar) -> tuple[Triple, Triple]:
         hub = self.program(t)
@@ -310,8 +311,8 @@ def _moved(y: State, rate: State, h: Scalar) -> State:
 
 
 def scene_status(
-    model: AbstractModel, rotor: Any, motion: Motion, loads: Loads, damping: Damping, times: Array,
-    between: Array,
+    model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
+    times: Array, between: Array,
 ) -> tuple[Code, Inputs]:  # fmt: skip
     """The first thing that is out of range, at any of the output times or at others `between`,
     and the inputs at these."""

@@ -1,6 +1,6 @@
 """Motions in time: a model on a moving hub, integrated with diffrax."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -14,7 +14,8 @@ from jaxbeam._checks import kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
-from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._simulation.course import SAMPLES, Course
 from jaxbeam._simulation.following import LOST, Struck, following
@@ -39,12 +40,12 @@ from jaxbeam._types import Code, Scalar
 
 def simulate(
     model: AbstractModel,
-    rotor: Any,
+    rotor: AnyRotor,
     motion: Motion,
     times: Any,
     *,
-    loads: Loads | None = None,
-    damping: Damping | None = None,
+    loads: Loads = NO_LOADS,
+    damping: Damping = NO_DAMPING,
     start: State | None = None,
     solver: diffrax.AbstractSolver | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
@@ -92,8 +93,6 @@ def simulate(
     """
     rotor, _ = checked_case(model, rotor)
     times = checked_times(times)
-    loads = Loads() if loads is None else loads
-    damping = Damping() if damping is None else damping
     check_scene(motion, loads, damping, times[0])
     if start is not None:
         start = checked_start(model, start)
@@ -102,17 +101,11 @@ def simulate(
     real_scalar("balance_tolerance", balance_tolerance)
     if dt0 is not None:
         real_scalar("dt0", dt0)
-    for name, given, kind in (
-        ("solver", solver, diffrax.AbstractSolver),
-        ("stepsize_controller", stepsize_controller, diffrax.AbstractStepSizeController),
-        ("saveat", saveat, diffrax.SaveAt),
-        ("adjoint", adjoint, diffrax.AbstractAdjoint),
-        ("event", event, diffrax.Event),
-        ("progress_meter", progress_meter, diffrax.AbstractProgressMeter),
-    ):
-        if given is not None and not isinstance(given, kind):
-            raise TypeError(f"{name} must be a diffrax.{kind.__name__}, got {kind_of(given)}")
-    jumps = motion.jump_times().size or loads.jumps.size
+    _check_kinds(
+        solver=solver, stepsize_controller=stepsize_controller, saveat=saveat, adjoint=adjoint,
+        event=event, progress_meter=progress_meter,
+    )  # fmt: skip
+    jumps = motion.jump_times().size or loads.jump_times().size
     if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event or jumps):
         raise ValueError(
             "BacksolveAdjoint integrates another system backwards and bears neither events nor "
@@ -127,10 +120,28 @@ def simulate(
     return raise_unless_ok(result, result.status) if throw else result
 
 
+_KINDS = {
+    "solver": diffrax.AbstractSolver,
+    "stepsize_controller": diffrax.AbstractStepSizeController,
+    "saveat": diffrax.SaveAt,
+    "adjoint": diffrax.AbstractAdjoint,
+    "event": diffrax.Event,
+    "progress_meter": diffrax.AbstractProgressMeter,
+}
+
+
+def _check_kinds(**given: Any) -> None:
+    """Raise unless what is given to integrate with is of the class of diffrax that it must be."""
+    for name, value in given.items():
+        kind = _KINDS[name]
+        if value is not None and not isinstance(value, kind):
+            raise TypeError(f"{name} must be a diffrax.{kind.__name__}, got {kind_of(value)}")
+
+
 @Program
 def _simulate(
-    model: AbstractModel, rotor: Any, motion: Motion, times: Array, loads: Loads, damping: Damping,
-    start: State | None, solver: diffrax.AbstractSolver,
+    model: AbstractModel, rotor: AnyRotor, motion: Motion, times: Array, loads: Loads,
+    damping: Damping, start: State | None, solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController | None, dt0: Any,
     saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint | None,
     event: diffrax.Event | None, progress_meter: diffrax.AbstractProgressMeter | None,
@@ -138,10 +149,7 @@ def _simulate(
 ) -> Simulation:  # fmt: skip
     given, seen = scene_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
     fine = given == Status.OK
-    rotor, motion, loads, damping, seen = harmless(
-        fine,
-        (rotor, motion, loads, damping, seen),
-    )
+    rotor, motion, loads, damping, seen = harmless(fine, (rotor, motion, loads, damping, seen))
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
     times = jnp.where(increasing(times), times, jnp.linspace(0.0, 1.0, times.size))
     if saveat is not None:
@@ -152,25 +160,52 @@ def _simulate(
         given = jnp.where(fine & ~forward, Status.INVALID_TIMES, given)
         dt0 = jnp.where(forward, dt0, times[-1] - times[0])
     now = Scene(model, rotor, motion, loads, damping, times)
-    n = len(model.families)
     if start is None:
-        zero = jnp.zeros(n, times.dtype)
+        zero = jnp.zeros(len(model.families), times.dtype)
         y0 = State(zero, zero)
     else:
-        y0 = start
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = jnp.where(fine & ~started, Status.INVALID_START, given)
-        y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), y0)
+        y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), start)
     size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen)))
     if dt0 is None and isinstance(controller, _CHOOSING | None):
         dt0 = moment
     if controller is None:
-        controller = diffrax.PIDController(
-            rtol=1e-6,
-            atol=1e-6 * size,
-            dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
-            force_dtmin=False,
-        )
+        controller = _default_controller(size, times)
+    how = (solver, controller, dt0, event, max_steps, adjoint)
+    history = _integrated(now, y0, times, seen, how, saveat, progress_meter)
+    return _judged(given, now, history, balance_tolerance)
+
+
+class _History(NamedTuple):
+    """A run as it was saved, not judged yet."""
+
+    start: State
+    reached: Array  # of the times of outputs, (T,)
+    times: Array  # where they were reached
+    state: State  # NaN where they were not
+    t0: Scalar
+    watch: Watch  # states on the way, for the balance of energy
+    ended: Code  # what the solver says
+    solution: diffrax.Solution
+
+
+def _default_controller(size: Scalar, times: Array) -> diffrax.PIDController:
+    """Tolerance 1e-6, relative to the state and to a displacement `size`."""
+    return diffrax.PIDController(
+        rtol=1e-6,
+        atol=1e-6 * size,
+        dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
+        force_dtmin=False,
+    )
+
+
+def _integrated(
+    now: Scene, y0: State, times: Array, seen: Inputs, how: tuple[Any, ...],
+    saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
+) -> _History:  # fmt: skip
+    """By our own loop, or by diffrax where that is asked for more than ours can do."""
+    solver, controller, dt0, event, max_steps, adjoint = how
     ours = isinstance(solver, SecondOrderSolver) and isinstance(adjoint, diffrax.ForwardMode | None)
     backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
     start_time = times[0]
@@ -186,28 +221,34 @@ def _simulate(
     else:
         solution, watch = by_diffrax(*how, saveat, progress_meter)
     ended = _solver_status(solution.result, event is None and not backsolved)
-    at, state = _saved(solution, times, n)
+    at, state = _saved(solution, times, y0.q.size)
     at = jnp.where(at <= start_time, times[0], at)
     reached = jnp.isfinite(at)
     state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
-    imbalance, far = _account(*without_derivatives((now, times[0], y0, (at, state), watch)))
+    return _History(y0, reached, at, state, times[0], watch, ended, solution)
 
+
+def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) -> Simulation:
+    """The result: its status is that of what was `given`, else of the solver, else of the numbers
+    that it found."""
+    reached, at, state, t0 = run.reached, run.times, run.state, run.t0
+    imbalance, far = _account(*without_derivatives((now, t0, run.start, (at, state), run.watch)))
     status = jnp.asarray(Status.OK)
     unbalanced = jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance))
     status = jnp.where(unbalanced, Status.UNBALANCED, status)
     status = jnp.where(jnp.any(reached & far), Status.DIVERGED, status)
     finite = jax.tree.map(lambda a: jnp.all(jnp.isfinite(a) | ~_beside(reached, a)), state)
     status = jnp.where(jax.tree.reduce(jnp.logical_and, finite), status, Status.NOT_FINITE)
-    status = jnp.where(ended != Status.OK, ended, status)
+    status = jnp.where(run.ended != Status.OK, run.ended, status)
     status = jnp.where(given != Status.OK, given, status)
-    when = jnp.where(reached, at, times[0])
+    when = jnp.where(reached, at, t0)
     return Simulation(
         times=jnp.where(reached, at, jnp.nan),
         state=state,
         imbalance=jnp.where(reached & in_range(given), imbalance, jnp.nan),
         status=status,
-        end_time=jnp.max(when, initial=times[0]),
-        solution=solution,
+        end_time=jnp.max(when, initial=t0),
+        solution=run.solution,
         scene=now,
     )
 
@@ -245,7 +286,7 @@ def _account(
     return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
 
 
-def _yardstick(rotor: Any, scene: Scene, y0: State, seen: Inputs) -> tuple[Scalar, Scalar]:
+def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Inputs) -> tuple[Scalar, Scalar]:
     """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
     loads `seen`, by that of a uniform load of the same moment about the root, or that at the start;
     at least 1e-6 and at most 0.1 lengths. And a time within which the first mode moves, in s."""
@@ -261,6 +302,7 @@ def _yardstick(rotor: Any, scene: Scene, y0: State, seen: Inputs) -> tuple[Scala
         moment = moment - force[:, 1:] * equations.size
     static = moment * rotor.compliance[None]
     at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
+    # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
     frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.size
     size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], speed[None] / frequency)]
     largest = jnp.nan_to_num(jnp.max(jnp.concatenate(size)), nan=0.0)
@@ -292,11 +334,11 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
 
 def steady_start(
     model: AbstractModel,
-    rotor: Any,
+    rotor: AnyRotor,
     motion: Motion,
     t: Any = 0.0,
     *,
-    loads: Loads | None = None,
+    loads: Loads = NO_LOADS,
     throw: bool = True,
 ) -> State:
     """The state in which the beam rests in the hub if the hub went on as it moves at time t.
@@ -308,22 +350,18 @@ def steady_start(
     """
     rotor, _ = checked_case(model, rotor)
     t = real_scalar("t", t)
-    loads = Loads() if loads is None else loads
-    check_scene(motion, loads, Damping(), t)
+    check_scene(motion, loads, NO_DAMPING, t)
     state, status = _steady(model, rotor, motion, t, loads)
     return raise_unless_ok(state, status) if throw else state
 
 
 @Program
 def _steady(
-    model: AbstractModel, rotor: Any, motion: Motion, t: Scalar, loads: Loads
+    model: AbstractModel, rotor: AnyRotor, motion: Motion, t: Scalar, loads: Loads
 ) -> tuple[State, Code]:
-    given, _ = scene_status(model, rotor, motion, loads, Damping(), t[None], t[None])
+    given, _ = scene_status(model, rotor, motion, loads, NO_DAMPING, t[None], t[None])
     fine = given == Status.OK
-    rotor, motion, loads = harmless(
-        fine,
-        (rotor, motion, loads),
-    )
+    rotor, motion, loads = harmless(fine, (rotor, motion, loads))
     hub = motion.hub(t, loads.gravity)
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)

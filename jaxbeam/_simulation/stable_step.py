@@ -13,6 +13,7 @@ from jaxbeam._checks import kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, is_known
@@ -102,7 +103,7 @@ class StableStep(eqx.Module):
 
 def stable_step(
     model: AbstractModel,
-    rotor: Any,
+    rotor: AnyRotor,
     angular_speed: Real,
     solver: diffrax.AbstractSolver,
     *,

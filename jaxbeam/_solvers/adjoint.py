@@ -1,5 +1,6 @@
 """The reverse mode of a run: one sweep backwards over the steps that were made."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from jaxbeam._numerics.anywhere import anywhere
 from jaxbeam._numerics.kernel import reverse_mode
 from jaxbeam._solvers.run import (
     Given,
@@ -15,8 +17,8 @@ from jaxbeam._solvers.run import (
     Step,
     Tape,
     Task,
-    anywhere,
     as_arrays,
+    as_row,
     blank,
     level,
     march,
@@ -24,6 +26,7 @@ from jaxbeam._solvers.run import (
     place,
     solver_state_of,
 )
+from jaxbeam._solvers.system import State
 
 
 @eqx.filter_custom_vjp
@@ -55,87 +58,56 @@ class _Back(NamedTuple):
     k: Array  # the step to be looked at
     first: Array  # of the span
     up: Array
-    span: Float[Array, "s+1 r"]  # states before its steps
+    span: Float[Array, "S r"]  # states before its steps
     output: Array  # the last one that was not yet looked at
     row: Float[Array, " r"]  # what belongs to the state after step k
     given: Any  # what belongs to the arguments, so far
 
 
-@run.def_bwd
-def _backwards(residuals: Any, out: Run, perturbed: Any, given: Given, task: Task) -> Any:
-    (tape, count, finished), solver = residuals, task.solver
-    steps, rows = len(tape.ends) - 1, len(tape.rows) - 1
-    times, m = given.times, ravel_pytree(given.y0)[0].size
-    moving, still = eqx.partition(given, perturbed)
-    start_state, shape = eqx.partition((given.y0, solver_state_of(task, given)), eqx.is_array)
-    _, unravel = ravel_pytree(start_state)
-    zero = jnp.zeros_like(tape.rows[0])
-    at_outputs = jnp.zeros((times.size, m), zero.dtype) if out.outputs is None else out.outputs
-    at_end = zero[:m] if out.y is None else out.y
-    longest = 1 << ((steps - 1) // rows).bit_length()  # span
-    stride = 1 << level(jnp.maximum(count - 1, 0), rows).astype(count.dtype)
+class _Sweep(NamedTuple):
+    """What stays as it is on the way back, and how a step is made."""
 
-    def advance(moving: Any, row: Array, k: Array) -> tuple[Array, Step]:
-        own: Given = eqx.combine(moving, still)
-        ends = tape.ends[k]
+    task: Task
+    moving: Any  # what is given and derivatives are asked by
+    still: Any  # the rest of what is given
+    times: Float[Array, " T"]
+    tape: Tape
+    unpack: Callable[[Array], tuple[State, Any]]  # y and the solver's state, from a row
+    steps: Array  # that were kept
+    finished: Array  # whether the last one ended at the last time
+    at_outputs: Float[Array, "T m"]  # what belongs to the outputs
+    at_last: Step | None  # what belongs to the last step
+    longest: int  # span that may be
+    stride: Array  # steps from row to row
+
+    def row_of(self, first: Array) -> Array:
+        """Reads the state before the first step of a span from the tape."""
+        return self.tape.rows[place(jnp.maximum(first, 0), len(self.tape.rows) - 1)]
+
+    def advance(self, moving: Any, row: Array, k: Array) -> tuple[Array, Step]:
+        """Makes step k anew from the state in `row`; returns the state after it, and the step."""
+        task, ends = self.task, self.tape.ends[k]
+        own: Given = eqx.combine(moving, self.still)
         t0, t1, jumped = ends[0], ends[1], ends[2] > 0 if task.jumps else False
         t0 = jnp.where(k == 0, own.start, t0)
-        t1 = jnp.where((k == count - 1) & finished, own.times[-1], t1)
-        y, solver_state = eqx.combine(unravel(row), shape)
-        y, _, info, solver_state, _ = solver.step(
+        t1 = jnp.where((k == self.steps - 1) & self.finished, own.times[-1], t1)
+        y, solver_state = self.unpack(row)
+        y, _, info, solver_state, _ = task.solver.step(
             task.term, t0, t1, y, own.args, solver_state, jumped
         )
-        row, _ = ravel_pytree(eqx.filter((y, as_arrays(solver_state)), eqx.is_array))
-        return row, Step(t0, t1, info)
+        return as_row(y, as_arrays(solver_state)), Step(t0, t1, info)
 
-    def row_of(first: Array) -> Array:
-        return tape.rows[place(jnp.maximum(first, 0), rows)]
-
-    first = jnp.maximum(count - 1, 0) & ~(stride - 1)
-    back = _Back(
-        first,
-        first,
-        first < count - 1,
-        jnp.zeros((longest + 1, zero.size), zero.dtype).at[0].set(row_of(first)),
-        _reached(times, tape, count),
-        zero.at[:m].set(at_end),
-        jax.tree.map(jnp.zeros_like, moving),
-    )
-    back = back._replace(k=jnp.where(count > 0, back.k, -1))
-
-    def body(back: _Back) -> _Back:
-        k, first = back.k, back.first
-        active = k >= 0
-        k = jnp.maximum(k, 0)
+    def step(self, back: _Back) -> _Back:
+        """Looks at step k, up or down, and goes on; nothing changes in a lane that is done."""
+        active = back.k >= 0
+        k = jnp.maximum(back.k, 0)
         down = active & ~back.up
-        row = back.span[k - first]
+        row = back.span[k - back.first]
         with reverse_mode():
-            (after, step), pull = jax.vjp(lambda moving, row: advance(moving, row, k), moving, row)
-        before = jnp.where(k > 0, tape.ends[k - 1, 1], -jnp.inf)
-
-        def here(i: Array) -> Array:
-            return down & (i > 0) & (times[i] > before)
-
-        def gather(state: Any) -> Any:
-            i, at_step, at_times = state
-            own = here(i)
-            _, pull = jax.vjp(lambda step, t: output(solver, step, t), step, times[i])
-            to_step, to_t = pull(jnp.where(own, at_outputs[i], 0.0))
-            at_step = jax.tree.map(jnp.add, at_step, to_step)
-            if at_times is not None:
-                at_times = at_times.at[i].add(to_t)
-            return i - own, at_step, at_times
-
-        at_step = jax.tree.map(jnp.zeros_like, step)
-        if out.last is not None:
-            at_step = jax.tree.map(
-                lambda a, b: a if b is None else jnp.where(k == count - 1, b, a),
-                at_step, out.last, is_leaf=lambda x: x is None,
-            )  # fmt: skip
-        at_times = None if moving.times is None else jnp.zeros_like(times)
-        i, at_step, at_times = jax.lax.while_loop(
-            lambda state: anywhere.bind(here(state[0])), gather, (back.output, at_step, at_times)
-        )
+            (after, step), pull = jax.vjp(
+                lambda moving, row: self.advance(moving, row, k), self.moving, row
+            )
+        i, at_step, at_times = self.gather(back.output, k, down, step)
         to_given, to_row = pull((back.row, at_step))
         if at_times is not None:
             to_given = eqx.tree_at(lambda g: g.times, to_given, to_given.times + at_times)
@@ -144,32 +116,107 @@ def _backwards(residuals: Any, out: Run, perturbed: Any, given: Given, task: Tas
         matters = down & jnp.any(jnp.stack([jnp.any(a != 0) for a in weights]))
         total = jax.tree.map(lambda a, b: a + jnp.where(matters, b, 0.0), back.given, to_given)
         to_row = jnp.where(down, jnp.where(matters, to_row, 0.0), back.row)
+        back = self.move(back, k, active, down, after)
+        return back._replace(output=i, row=to_row, given=total)
 
-        # To the next step: up to the last one of the span, then down to its first.
-        top = jnp.minimum(first + stride, count) - 1
+    def gather(self, i: Array, k: Array, down: Array, step: Step) -> tuple[Array, Step, Any]:
+        """Takes the outputs within step k, from the i-th one downwards, if the sweep goes down.
+
+        Returns the last one before the step, what belongs to the step, and what to the times.
+        """
+        before = jnp.where(k > 0, self.tape.ends[k - 1, 1], -jnp.inf)
+
+        def here(i: Array) -> Array:
+            return down & (i > 0) & (self.times[i] > before)
+
+        def add(state: Any) -> Any:
+            i, at_step, at_times = state
+            own = here(i)
+            _, pull = jax.vjp(
+                lambda step, t: output(self.task.solver, step, t), step, self.times[i]
+            )
+            to_step, to_t = pull(jnp.where(own, self.at_outputs[i], 0.0))
+            at_step = jax.tree.map(jnp.add, at_step, to_step)
+            if at_times is not None:
+                at_times = at_times.at[i].add(to_t)
+            return i - own, at_step, at_times
+
+        at_step = jax.tree.map(jnp.zeros_like, step)
+        if self.at_last is not None:
+            at_step = jax.tree.map(
+                lambda a, b: a if b is None else jnp.where(k == self.steps - 1, b, a),
+                at_step, self.at_last, is_leaf=lambda x: x is None,
+            )  # fmt: skip
+        at_times = None if self.moving.times is None else jnp.zeros_like(self.times)
+        return jax.lax.while_loop(
+            lambda state: anywhere.bind(here(state[0])), add, (i, at_step, at_times)
+        )
+
+    def move(self, back: _Back, k: Array, active: Array, down: Array, after: Array) -> _Back:
+        """Goes to the next step: up to the last one of the span, then down to its first. On the
+        way up the state after step k is kept."""
+        first, stride = back.first, self.stride
+        top = jnp.minimum(first + stride, self.steps) - 1
         up = back.up & (k + 1 < top)
         done = down & (k == first)
         lower = jnp.where(done, first - stride, first)
         k = jnp.where(back.up, k + 1, jnp.where(done & (stride > 1), lower, k - 1))
         up = up | (done & (stride > 1))
-        at = jnp.where(done, 0, jnp.where(active & back.up, k - first, longest))
-        row = jnp.where(done, row_of(lower), after)
+        at = jnp.where(done, 0, jnp.where(active & back.up, k - first, self.longest))
+        row = jnp.where(done, self.row_of(lower), after)
         span = jax.lax.dynamic_update_index_in_dim(back.span, row, at, 0)
         k = jnp.where(active & (lower >= 0), k, -1)
-        return _Back(k, lower, up, span, i, to_row, total)
+        return back._replace(k=k, first=lower, up=up, span=span)
 
-    back = jax.lax.while_loop(lambda back: anywhere.bind(back.k >= 0), body, back)
+
+@run.def_bwd
+def _backwards(residuals: Any, out: Run, perturbed: Any, given: Given, task: Task) -> Any:
+    sweep, back = _begin(residuals, out, perturbed, given, task)
+    back = jax.lax.while_loop(
+        lambda back: anywhere.bind(back.k >= 0), lambda back: sweep.step(back), back
+    )
     # The first output is the state at the start, on which the first state of the solver depends.
-    to_y0 = at_outputs[0]
+    to_y0 = sweep.at_outputs[0]
 
     def start(moving: Any) -> Array:
-        own: Given = eqx.combine(moving, still)
-        state = solver_state_of(task, own)
-        return ravel_pytree(eqx.filter((own.y0, state), eqx.is_array))[0]
+        own: Given = eqx.combine(moving, sweep.still)
+        return as_row(own.y0, solver_state_of(task, own))
 
-    _, pull = jax.vjp(start, moving)
-    (to_given,) = pull(back.row.at[:m].add(to_y0))
+    _, pull = jax.vjp(start, sweep.moving)
+    (to_given,) = pull(back.row.at[: to_y0.size].add(to_y0))
     return jax.tree.map(jnp.add, back.given, to_given)
+
+
+def _begin(
+    residuals: tuple[Tape, Array, Array], out: Run, perturbed: Any, given: Given, task: Task
+) -> tuple[_Sweep, _Back]:
+    """Puts the sweep at the first step of the last span."""
+    tape, count, finished = residuals
+    steps, rows = len(tape.ends) - 1, len(tape.rows) - 1
+    times, m = given.times, ravel_pytree(given.y0)[0].size
+    moving, still = eqx.partition(given, perturbed)
+    start_state, shape = eqx.partition((given.y0, solver_state_of(task, given)), eqx.is_array)
+    _, unravel = ravel_pytree(start_state)
+    zero = jnp.zeros_like(tape.rows[0])
+    at_outputs = jnp.zeros((times.size, m), zero.dtype) if out.outputs is None else out.outputs
+    at_end = zero[:m] if out.y is None else out.y
+    longest = 1 << ((steps - 1) // rows).bit_length()
+    stride = 1 << level(jnp.maximum(count - 1, 0), rows).astype(count.dtype)
+    sweep = _Sweep(
+        task, moving, still, times, tape, lambda row: eqx.combine(unravel(row), shape),
+        count, finished, at_outputs, out.last, longest, stride,
+    )  # fmt: skip
+    first = jnp.maximum(count - 1, 0) & ~(stride - 1)
+    back = _Back(
+        first,
+        first,
+        first < count - 1,
+        jnp.zeros((longest + 1, zero.size), zero.dtype).at[0].set(sweep.row_of(first)),
+        _reached(times, tape, count),
+        zero.at[:m].set(at_end),
+        jax.tree.map(jnp.zeros_like, moving),
+    )
+    return sweep, back._replace(k=jnp.where(count > 0, back.k, -1))
 
 
 def _reached(times: Array, tape: Tape, count: Array) -> Array:

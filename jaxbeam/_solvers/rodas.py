@@ -21,7 +21,7 @@ from jaxbeam._solvers.steps import (
     work_along,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Scalar
+from jaxbeam._types import Number
 
 
 class Tableau(NamedTuple):
@@ -194,7 +194,7 @@ class Rosenbrock(SecondOrderSolver):
         return *finished(y0, end, error, bends, work), None, diffrax.RESULTS.successful
 
     def _core(
-        self, system: SecondOrderSystem, h: Scalar, y0: State, start: Any, inputs: Any, between: Any
+        self, system: SecondOrderSystem, h: Number, y0: State, start: Any, inputs: Any, between: Any
     ) -> tuple[Array, Array, Array, Array]:
         """End, error and polynomial of q and v side by side, and the work."""
         table = self.tableau

@@ -12,29 +12,16 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Primitive
 from jax.flatten_util import ravel_pytree
-from jax.interpreters import batching, mlir
 from jaxtyping import Array, Float
 
+from jaxbeam._numerics.anywhere import anywhere
 from jaxbeam._results import without_derivatives
+from jaxbeam._solvers.events import Events
 from jaxbeam._solvers.system import State
 from jaxbeam._types import Scalar
 
 _OK = diffrax.RESULTS.successful
-# Whether something holds in any lane of a batch. A loop that asks this goes on for all lanes alike,
-# and what is written into its buffers is not copied for the sake of lanes that are done.
-anywhere = Primitive("anywhere")
-anywhere.def_impl(lambda x: x)
-anywhere.def_abstract_eval(lambda x: x)
-mlir.register_lowering(anywhere, lambda _, x: [x])
-
-
-def _anywhere_in_batch(given: Any, _: Any) -> Any:
-    return anywhere.bind(jnp.any(given[0], 0)), None
-
-
-batching.primitive_batchers[anywhere] = _anywhere_in_batch
 
 
 class Task(eqx.Module):
@@ -48,6 +35,11 @@ class Task(eqx.Module):
     ends: Callable[[Any, State], Array] | None  # whether there is nothing to be had beyond
     max_steps: int | None = eqx.field(static=True)
     jumps: bool = eqx.field(static=True)  # whether the controller may tell of jumps
+
+    @property
+    def locates(self) -> bool:
+        """Whether the event is to be found within the last step."""
+        return self.event is not None and self.event.root_finder is not None
 
 
 class Given(eqx.Module):
@@ -76,6 +68,14 @@ def _asked(function: Any, args: Any, more: dict[str, Any], t: Scalar, y: State) 
     return function(t, y, args, **more)
 
 
+def _events(task: Task, given: Given) -> Events:
+    asked = conditions(task, without_derivatives(given))
+    directions: list[bool | None] = [None] * len(asked)
+    if task.event is not None and task.event.direction is not None:
+        directions = jax.tree.leaves(task.event.direction, is_leaf=lambda d: d is None)
+    return Events(asked, directions)
+
+
 class Step(NamedTuple):
     """The last step that was kept, for the interpolation of the solver."""
 
@@ -102,11 +102,13 @@ class Run(NamedTuple):
 class Tape(NamedTuple):
     """What is written down of each step for reverse mode, with a row for what is not to be kept."""
 
-    rows: Float[Array, "c+1 r"]  # state of the equations and the solver before a step, see `place`
-    ends: Float[Array, "k+1 e"]  # start and end of each step, whether something jumped
+    rows: Float[Array, "C r"]  # state of the equations and the solver before a step, see `place`
+    ends: Float[Array, "K e"]  # start and end of each step, whether something jumped
 
 
 class _Now(NamedTuple):
+    """Where a run is: before the step from t0 to t1, which may have to be made anew."""
+
     t0: Scalar
     t1: Scalar
     y: State
@@ -118,106 +120,128 @@ class _Now(NamedTuple):
     run: Run
 
 
+class _Verdict(NamedTuple):
+    """What the controller makes of a step: whether it is kept, and how to go on."""
+
+    kept: Array
+    t0: Scalar
+    t1: Scalar
+    jumped: Any
+    controller_state: Any
+    result: Any
+
+
 def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape | None]:
     """Runs the task; with an empty `tape` that is filled."""
-    solver, controller, args = task.solver, task.controller, given.args
-    times, end = given.times, given.times[-1]
+    marching, now = _begin(task, given, tape)
+    arrays, static = eqx.partition(now, eqx.is_array)
+
+    def goes_on(arrays: Any) -> Array:
+        return anywhere.bind(marching.goes_on(eqx.combine(arrays, static)))
+
+    def body(arrays: Any) -> Any:
+        return eqx.filter(marching.step(eqx.combine(arrays, static)), eqx.is_array)
+
+    now = eqx.combine(jax.lax.while_loop(goes_on, body, arrays), static)
+    run, unfinished = now.run, marching.unfinished(now)
+    result = diffrax.RESULTS.where(unfinished, diffrax.RESULTS.max_steps_reached, run.result)
+    return run._replace(outputs=run.outputs[:-1], result=result), now.tape
+
+
+def _begin(task: Task, given: Given, tape: Tape | None) -> tuple["_March", _Now]:
+    """Chooses the first step, and finds what holds before it."""
+    solver, end = task.solver, given.times[-1]
     order: Any = solver.error_order(task.term)
-    seen = without_derivatives((args, given.y0, given.start, end))
-    t1, controller_state = controller.init(
+    seen = without_derivatives((given.args, given.y0, given.start, end))
+    t1, controller_state = task.controller.init(
         task.term, seen[2], seen[3], seen[1], task.dt0, seen[0], solver.func, order
     )
     t1 = jnp.minimum(t1, end)
     flat, _ = ravel_pytree(given.y0)
     yes, no, count = jnp.asarray(True), jnp.asarray(False), jnp.asarray(0)
     # Steps that would leave but a splinter end at the end, to which 100 units of rounding are near.
-    nearly = end - 128 * jnp.finfo(times.dtype).eps * jnp.abs(end)
-
-    last = None
-    started = solver_state_of(task, given)
-    located = task.event is not None and task.event.root_finder is not None
-    if located:
-        step = eqx.filter_eval_shape(
-            solver.step, task.term, given.start, t1, given.y0, args, started, False
-        )
-        info = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), step[2])
-        last = Step(given.start, t1, info)
-
-    asked = conditions(task, without_derivatives(given))
-    directions: list[bool | None] = [None] * len(asked)
-    if task.event is not None and task.event.direction is not None:
-        directions = jax.tree.leaves(task.event.direction, is_leaf=lambda d: d is None)
-
-    def events(t: Scalar, y: State, before: list[Array] | None) -> tuple[list[Array], list[Array]]:
-        values = [jnp.asarray(f(*without_derivatives((t, y)))) for f in asked]
-        if before is None:
-            return values, [v if v.dtype == bool else no for v in values]
-        return values, [_happened(*each) for each in zip(directions, before, values, strict=True)]
-
-    values, happened = events(given.start, given.y0, None)
-    first = Run(
-        outputs=jnp.zeros((times.size + 1, flat.size), flat.dtype).at[0].set(flat),
-        y=flat, last=last, reached=count + 1, t=given.start, stopped=no, happened=happened,
+    nearly = end - 128 * jnp.finfo(given.times.dtype).eps * jnp.abs(end)
+    solver_state = solver_state_of(task, given)
+    last = _no_step(task, given, t1, solver_state) if task.locates else None
+    events = _events(task, given)
+    values = events.values(given.start, given.y0)
+    run = Run(
+        outputs=jnp.zeros((given.times.size + 1, flat.size), flat.dtype).at[0].set(flat),
+        y=flat, last=last, reached=count + 1, t=given.start, stopped=no,
+        happened=[v if v.dtype == bool else no for v in values],
         result=diffrax.RESULTS.where(yes, _OK, _OK), steps=count, kept=count,
     )  # fmt: skip
     now = _Now(
-        given.start, t1, given.y0, no if task.jumps else False, started,
-        as_arrays(controller_state), values, tape, first,
+        given.start, t1, given.y0, no if task.jumps else False, solver_state,
+        as_arrays(controller_state), values, tape, run,
     )  # fmt: skip
-    arrays, static = eqx.partition(now, eqx.is_array)
+    return _March(task, given, order, end, nearly, events), now
 
-    def unfinished(now: _Now) -> Array:
+
+def _no_step(task: Task, given: Given, t1: Scalar, solver_state: Any) -> Step:
+    """Returns zeros in the place of the last step, before there is one."""
+    step = eqx.filter_eval_shape(
+        task.solver.step, task.term, given.start, t1, given.y0, given.args, solver_state, False
+    )
+    info = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), step[2])
+    return Step(given.start, t1, info)
+
+
+class _March(NamedTuple):
+    """What stays as it is from step to step, and how a step is made."""
+
+    task: Task
+    given: Given
+    order: Any  # of the error, which the controller asks for
+    end: Scalar
+    nearly: Scalar  # steps that would end later end at the end
+    events: Events
+
+    def unfinished(self, now: _Now) -> Array:
+        """Whether there is more to be run, however many steps were made."""
         run = now.run
-        more = (now.t0 < end) & (run.result == _OK) & ~run.stopped
+        more = (now.t0 < self.end) & (run.result == _OK) & ~run.stopped
         for event in run.happened:
             more &= ~event
         return more
 
-    def goes_on(now: _Now) -> Array:
-        more = unfinished(now)
-        return more if task.max_steps is None else more & (now.run.steps < task.max_steps)
+    def goes_on(self, now: _Now) -> Array:
+        more, most = self.unfinished(now), self.task.max_steps
+        return more if most is None else more & (now.run.steps < most)
 
-    def body(arrays: Any) -> Any:
-        now: _Now = eqx.combine(arrays, static)
-        run = now.run
-        active = goes_on(now)
-        y, error, info, solver_state, solver_result = solver.step(
+    def step(self, now: _Now) -> _Now:
+        """Makes a step; nothing changes in a lane that is done."""
+        task, args, run = self.task, self.given.args, now.run
+        active = self.goes_on(now)
+        y, error, info, solver_state, solver_result = task.solver.step(
             task.term, now.t0, now.t1, now.y, args, now.solver_state, now.jumped
         )
-        error = jax.tree.map(lambda e: jnp.where(jnp.isnan(e), jnp.inf, e), error)
-        keep, t0, t1, jumped, controller_state, controller_result = controller.adapt_step_size(
-            *without_derivatives((now.t0, now.t1, now.y, y, args, error)), order,
-            now.controller_state,
-        )  # fmt: skip
-        kept = jnp.asarray(keep & active)
-        t0 = jnp.minimum(t0, end)
-        t1 = jnp.where(t1 > nearly, jnp.where(keep, end, t0 + 0.5 * (end - t0)), t1)
-        result = diffrax.RESULTS.where(keep, solver_result, _OK)
-        result = diffrax.RESULTS.where(result == _OK, controller_result, result)
-        along = Step(now.t0, now.t1, info)
-        outputs, reached = _saved(solver, times, along, kept, run.outputs, run.reached)
-        tape = now.tape
-        if tape is not None:
-            row, _ = ravel_pytree(eqx.filter((now.y, now.solver_state), eqx.is_array))
-            ends = [now.t0, now.t1] + ([now.jumped.astype(t0.dtype)] if task.jumps else [])
-            tape = _written(tape, row, jnp.stack(ends), run.kept, kept)
-        values, happened = events(now.t1, y, now.values)
-        far = no if task.ends is None else task.ends(*without_derivatives((args, y)))
+        verdict = self.judge(now, active, y, error, solver_result)
+        kept, along = verdict.kept, Step(now.t0, now.t1, info)
+        outputs, reached = _saved(
+            task.solver, self.given.times, along, kept, run.outputs, run.reached
+        )
+        tape = self.write(now, kept)
+        values = self.events.values(now.t1, y)
+        happened = self.events.happened(now.values, values)
+        far = jnp.asarray(False)
+        if task.ends is not None:
+            far = task.ends(*without_derivatives((args, y)))
         new = (
             run.stopped | far,
             [a | b for a, b in zip(run.happened, happened, strict=True)],
-            values, now.t1, y, ravel_pytree(y)[0], solver_state, jumped if task.jumps else None,
-            along if located else None,
+            values, now.t1, y, ravel_pytree(y)[0], solver_state,
+            verdict.jumped if task.jumps else None, along if task.locates else None,
         )  # fmt: skip
         old = (
             run.stopped, run.happened,
-            now.values, run.t, now.y, run.y, now.solver_state, now.jumped if task.jumps else None,
-            run.last,
+            now.values, run.t, now.y, run.y, now.solver_state,
+            now.jumped if task.jumps else None, run.last,
         )  # fmt: skip
         stopped, happened, values, t, y, flat, solver_state, jumped, last = _where(kept, new, old)
         t0, t1, controller_state, result = _where(
             active,
-            (t0, t1, controller_state, result),
+            (verdict.t0, verdict.t1, verdict.controller_state, verdict.result),
             (now.t0, now.t1, now.controller_state, run.result),
         )
         run = Run(
@@ -225,33 +249,38 @@ def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape
             run.steps + active, run.kept + kept,
         )  # fmt: skip
         jumped = jumped if task.jumps else False
-        after = _Now(t0, t1, y, jumped, solver_state, controller_state, values, tape, run)
-        return eqx.filter(after, eqx.is_array)
+        return _Now(t0, t1, y, jumped, solver_state, controller_state, values, tape, run)
 
-    arrays = jax.lax.while_loop(
-        lambda arrays: anywhere.bind(goes_on(eqx.combine(arrays, static))), body, arrays
-    )
-    now = eqx.combine(arrays, static)
-    run = now.run
-    result = diffrax.RESULTS.where(unfinished(now), diffrax.RESULTS.max_steps_reached, run.result)
-    return run._replace(outputs=run.outputs[:-1], result=result), now.tape
+    def judge(self, now: _Now, active: Array, y: State, error: Any, solver_result: Any) -> _Verdict:
+        """Asks the controller about the step that led to y; in a lane that is not `active` nothing
+        is kept."""
+        error = jax.tree.map(lambda e: jnp.where(jnp.isnan(e), jnp.inf, e), error)
+        keep, t0, t1, jumped, controller_state, controller_result = (
+            self.task.controller.adapt_step_size(
+                *without_derivatives((now.t0, now.t1, now.y, y, self.given.args, error)),
+                self.order, now.controller_state,
+            )
+        )  # fmt: skip
+        kept = jnp.asarray(keep & active)
+        t0 = jnp.minimum(t0, self.end)
+        t1 = jnp.where(t1 > self.nearly, jnp.where(keep, self.end, t0 + 0.5 * (self.end - t0)), t1)
+        result = diffrax.RESULTS.where(keep, solver_result, _OK)
+        result = diffrax.RESULTS.where(result == _OK, controller_result, result)
+        return _Verdict(kept, t0, t1, jumped, controller_state, result)
+
+    def write(self, now: _Now, kept: Array) -> Tape | None:
+        """Writes the step down, if there is a tape."""
+        if now.tape is None:
+            return None
+        row = as_row(now.y, now.solver_state)
+        ends = [now.t0, now.t1] + ([now.jumped.astype(now.t0.dtype)] if self.task.jumps else [])
+        return _written(now.tape, row, jnp.stack(ends), now.run.kept, kept)
 
 
 def _where(which: Array, a: Any, b: Any) -> Any:
     return jax.tree.map(
         lambda a, b: jnp.where(which, a, b) if eqx.is_array(a) or eqx.is_array(b) else a, a, b
     )
-
-
-def _happened(direction: bool | None, before: Array, value: Array) -> Array:
-    """As in diffrax: a truth, or a change of sign in the direction that is asked for."""
-    if value.dtype == bool:
-        return value
-    if direction is None:
-        return jnp.sign(before) != jnp.sign(value)
-    if direction:
-        return (before <= 0) & (value > 0)
-    return (before > 0) & (value <= 0)
 
 
 def output(solver: diffrax.AbstractSolver, step: Step, t: Scalar) -> Float[Array, " m"]:
@@ -292,8 +321,7 @@ def blank(task: Task, given: Given) -> Tape:
             "max_steps=None knows no bound for what reverse mode has to remember: give max_steps, "
             "or adjoint=diffrax.ForwardMode()"
         )
-    kept = solver_state_of(task, given)
-    row, _ = ravel_pytree(eqx.filter((given.y0, kept), eqx.is_array))
+    row = as_row(given.y0, solver_state_of(task, given))
     # So many that spans between rows are no longer than there are rows.
     rows = min(max(ROWS, _power(int((2 * steps) ** 0.5))), _power(steps))
     ends = jnp.zeros((steps + 1, 3 if task.jumps else 2), given.times.dtype)
@@ -304,6 +332,11 @@ def solver_state_of(task: Task, given: Given) -> Any:
     """The state of the solver at the start."""
     state = task.solver.init(task.term, given.start, given.start, given.y0, given.args)
     return as_arrays(state)
+
+
+def as_row(y: State, solver_state: Any) -> Float[Array, " r"]:
+    """What a tape keeps of the state before a step."""
+    return ravel_pytree(eqx.filter((y, solver_state), eqx.is_array))[0]
 
 
 def as_arrays(tree: Any) -> Any:

@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.kernel import beside, contract, kernel
+from jaxbeam._numerics.kernel import kernel
+from jaxbeam._numerics.lanes import beside, contract
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Scalar
+from jaxbeam._types import Number, Scalar
 
 _NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 _NODES, WEIGHTS = (1 + _NODES) / 2, WEIGHTS / 2
@@ -94,13 +95,13 @@ def _kernel(core: Core, solver: SecondOrderSolver, tree: Any) -> Callable[..., A
     return kernel(lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays))
 
 
-def inputs_along(system: SecondOrderSystem, t0: Scalar, h: Scalar) -> Any:
+def inputs_along(system: SecondOrderSystem, t0: Scalar, h: Number) -> Any:
     """Inputs at the start of a step, at the four points of Gauss with `WEIGHTS`, and at its end."""
     return without_derivatives(jax.vmap(system.inputs)(t0 + h * _PLACES))
 
 
 def step_inputs(
-    system: SecondOrderSystem, stages: Float[Array, " s"], t0: Scalar, h: Scalar
+    system: SecondOrderSystem, stages: Float[Array, " s"], t0: Scalar, h: Number
 ) -> tuple[Any, Any]:
     """Inputs at the times of the stages, and at those where `work_along` wants them."""
     found = jax.vmap(system.inputs)(jnp.concatenate([stages, t0 + h * _NODES]))
@@ -109,7 +110,7 @@ def step_inputs(
 
 
 def work_along(
-    system: SecondOrderSystem, inputs: Any, h: Scalar, y0: State, bends: Float[Array, "m 2n"]
+    system: SecondOrderSystem, inputs: Any, h: Number, y0: State, bends: Float[Array, "b m"]
 ) -> Float[Array, " 4"]:
     """Work along a `StepPolynomial` of q and v side by side, as coefficients of its own.
 
@@ -131,8 +132,8 @@ def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r 
 
 
 def finished(
-    y0: State, end: Float[Array, " 2n"], error: Float[Array, " 2n"],
-    bends: Float[Array, "m 2n"], work: Float[Array, " 4"],
+    y0: State, end: Float[Array, " m"], error: Float[Array, " m"],
+    bends: Float[Array, "b m"], work: Float[Array, " 4"],
 ) -> tuple[State, State, dict[str, State]]:  # fmt: skip
     """End, error and `StepPolynomial` of a step, from those of q and v side by side."""
     n, m = y0.q.size, len(bends)

@@ -7,6 +7,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import inverse
@@ -22,11 +23,11 @@ class State(eqx.Module):
     like q. Coordinates are lengths but for the angle of the polar discrete models.
     """
 
-    q: Vector
-    v: Vector
-    work: Scalar
+    q: Float[Array, "..."]  # (n,), and of a history or a batch further axes in front
+    v: Float[Array, "..."]
+    work: Float[Array, "..."]
 
-    def __init__(self, q: Vector, v: Vector, work: Scalar | None = None) -> None:
+    def __init__(self, q: Array, v: Array, work: Array | None = None) -> None:
         self.q, self.v = q, v
         self.work = jnp.zeros((), jnp.result_type(float)) if work is None else work
 

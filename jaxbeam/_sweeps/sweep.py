@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -71,6 +71,18 @@ def sweep(
     `dims={"frequency": {"mode": ["1", "2"]}}`. `progress` shows a line on stderr as chunks end;
     by default only in sweeps that last longer than two seconds.
     """
+    job = _checked(function, cases, chunk, devices, folder, dims)
+    specs, identity, store = job.team.in_turn(job.begin)
+    job.agree(identity, store)
+    job.run(specs, store, progress)
+    results, errors = job.team.in_turn(store.collected)
+    if len(errors) == len(job.cases):
+        raise RuntimeError(f"every case raised; the first one said: {errors[0]}")
+    return tabled(job.cases, results, errors, job.dims)
+
+
+def _checked(function: Any, cases: Any, chunk: Any, devices: Any, folder: Any, dims: Any) -> "_Job":
+    """The arguments of `sweep`, or an error that says which is malformed."""
     if not callable(function):
         raise TypeError(f"function must take parameters by name, got {type(function).__name__}")
     cases = checked_cases(cases)
@@ -89,45 +101,60 @@ def sweep(
         name: {dim: coordinate(dim, column).tolist() for dim, column in further.items()}
         for name, further in (dims or {}).items()
     }
-
-    def begin() -> tuple[dict[str, Spec], dict[str, Any], Memory | Folder]:
-        with _lowered_for(team.here[0]):
-            first = jax.device_put(cases.at(np.arange(chunk)))
-            specs = _specs(function, first)
-            layout(cases, {name: spec.shape for name, spec in specs.items()}, dims)
-            if folder is None and not team.shared:
-                return specs, {}, Memory(specs, len(cases), chunk)
-            identity = {
-                **_program(function, first), "cases": len(cases), "chunk": chunk,
-                "parameters": cases.described(), "dims": dims, **_made_with(first),
-            }  # fmt: skip
-        if folder is None:
-            return specs, identity, Memory(specs, len(cases), chunk)
-        return specs, identity, opened(Path(folder), identity, specs, cases, writes=team.leads)
-
-    specs, identity, store = team.in_turn(begin)
-    what = [(name, kept) for name, kept in identity.items() if name not in INFORMATION]
-    ours = json.dumps([what, team.owners, store.missing()])
-    if any(theirs != ours for theirs, _ in team.together(lambda: (ours, {}))):
-        raise ValueError(
-            "processes must run the same sweep: they differ in function, cases, chunk, dims, "
-            "order of devices, or versions"
-        )
-    missing = store.missing()
-    report = _Progress(sum(map(store.length, missing)), progress if team.leads else False)
-    compute = functools.partial(_computed, function, cases, chunk, specs)
-    for chunks in team.each(compute, missing):
-        team.together(functools.partial(_keep, store, chunks))
-        report(sum(map(store.length, chunks)))
-    report.end()
-    results, errors = team.in_turn(store.collected)
-    if len(errors) == len(cases):
-        raise RuntimeError(f"every case raised; the first one said: {errors[0]}")
-    return tabled(cases, results, errors, dims)
+    return _Job(function, cases, chunk, team, None if folder is None else Path(folder), dims)
 
 
 def _values(mapping: Any) -> list[Any]:
     return list(mapping.values()) if isinstance(mapping, Mapping) else []
+
+
+class _Job(NamedTuple):
+    """A sweep that is to be done: what, over which cases, by whom, and where results are kept."""
+
+    function: Callable[..., Any]
+    cases: Cases
+    chunk: int
+    team: Team
+    folder: Path | None
+    dims: Dims
+
+    def begin(self) -> tuple[dict[str, Spec], dict[str, Any], Memory | Folder]:
+        """What one case gives, what tells this sweep from others, and the place for results."""
+        cases, chunk, team = self.cases, self.chunk, self.team
+        with _lowered_for(team.here[0]):
+            first = jax.device_put(cases.at(np.arange(chunk)))
+            specs = _specs(self.function, first)
+            layout(cases, {name: spec.shape for name, spec in specs.items()}, self.dims)
+            if self.folder is None and not team.shared:
+                return specs, {}, Memory(specs, len(cases), chunk)
+            identity = {
+                **_program(self.function, first), "cases": len(cases), "chunk": chunk,
+                "parameters": cases.described(), "dims": self.dims, **_made_with(first),
+            }  # fmt: skip
+        if self.folder is None:
+            return specs, identity, Memory(specs, len(cases), chunk)
+        return specs, identity, opened(self.folder, identity, specs, cases, writes=team.leads)
+
+    def agree(self, identity: Mapping[str, Any], store: Memory | Folder) -> None:
+        """Raise an error unless all processes are about to do the same."""
+        what = [(name, kept) for name, kept in identity.items() if name not in INFORMATION]
+        ours = json.dumps([what, self.team.owners, store.missing()])
+        if any(theirs != ours for theirs, _ in self.team.together(lambda: (ours, {}))):
+            raise ValueError(
+                "processes must run the same sweep: they differ in function, cases, chunk, dims, "
+                "order of devices, or versions"
+            )
+
+    def run(self, specs: Mapping[str, Spec], store: Memory | Folder, progress: bool | None) -> None:
+        """Fill the store with the chunks that are missing."""
+        missing = store.missing()
+        total = sum(map(store.length, missing))
+        report = _Progress(total, progress if self.team.leads else False)
+        compute = functools.partial(_computed, self.function, self.cases, self.chunk, specs)
+        for chunks in self.team.each(compute, missing):
+            self.team.together(functools.partial(_keep, store, chunks))
+            report(sum(map(store.length, chunks)))
+        report.end()
 
 
 def _lowered_for(device: jax.Device | None) -> contextlib.AbstractContextManager[Any]:

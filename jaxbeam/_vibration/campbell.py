@@ -1,11 +1,12 @@
 """Campbell diagrams: frequencies over speed."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jaxbeam._checks import known_array
 from jaxbeam._models.base import AbstractModel, Label, checked_case
@@ -63,7 +64,7 @@ class Campbell(eqx.Module):
 def campbell(
     model: AbstractModel,
     rotor: Rotor,
-    angular_speeds: Float[np.ndarray, " s"],
+    angular_speeds: Any,
     which: Sequence[Label],
 ) -> Campbell:
     """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s)."""

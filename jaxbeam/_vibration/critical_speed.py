@@ -15,6 +15,9 @@ negative energies can have. Damping changes none of it (theorem of Kelvin, Tait 
 So the critical speed is the smallest one at which K is singular, and what is singular names it: a
 transverse block, divergence; the axial one, where the centrifugal load grows as fast with stretch
 as the rod can carry: it tears.
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
 """
 
 from typing import Any, NamedTuple
@@ -23,12 +26,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel, Family, checked_case
 from jaxbeam._numerics.linalg import dense, lowest_eigenpair, solve
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
@@ -56,7 +60,7 @@ class CriticalSpeed(eqx.Module):
     status: Code
 
 
-def critical_speed(model: AbstractModel, rotor: Any, *, throw: bool = True) -> CriticalSpeed:
+def critical_speed(model: AbstractModel, rotor: AnyRotor, *, throw: bool = True) -> CriticalSpeed:
     """Smallest speed at which steady rotation loses its stability (rad/s): K(Omega) is singular.
 
     Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`)
@@ -83,7 +87,7 @@ def critical_speed(model: AbstractModel, rotor: Any, *, throw: bool = True) -> C
 
 
 @Program
-def _critical(model: AbstractModel, rotor: Any, zero: Scalar) -> CriticalSpeed:
+def _critical(model: AbstractModel, rotor: AnyRotor, zero: Scalar) -> CriticalSpeed:
     given = rotor.status(zero)
     fine = given == Status.OK
     rotor = harmless(fine, rotor)
@@ -109,7 +113,7 @@ class _Place(eqx.Module):
     x: Vector
     exists: Array
 
-    def bordered(self, rotor: Any, speed: Scalar) -> Scalar:
+    def bordered(self, rotor: AnyRotor, speed: Scalar) -> Scalar:
         """The function f that is zero at the critical speed."""
         model, x = self.model, self.x
         # Coordinates in which K has ones on its diagonal at rest, so that the border fits.
@@ -129,7 +133,7 @@ class _Place(eqx.Module):
 
 
 @eqx.filter_custom_jvp
-def _root(place: _Place, rotor: Any, speed: Scalar) -> Scalar:
+def _root(place: _Place, rotor: AnyRotor, speed: Scalar) -> Scalar:
     """The critical speed, with its derivatives as the root of f: only where they are asked for is
     f looked at."""
     return speed
@@ -151,12 +155,12 @@ def _is_none(x: Any) -> bool:
     return x is None
 
 
-def _is_affine(model: AbstractModel, rotor: Any) -> bool:
+def _is_affine(model: AbstractModel, rotor: AnyRotor) -> bool:
     """Whether K is affine in Omega^2: nothing in the steady state changes it."""
     return model.equations(rotor).is_linear or Family.AXIAL not in model.families
 
 
-def _undeformed(model: AbstractModel, rotor: Any, speed: Scalar) -> Matrix:
+def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
     """K of the beam kept as it is at rest; its axial block is that of a rod of constant stiffness,
     wherever it is."""
     equations, rest = model.equations(rotor), jnp.zeros(len(model.families), speed.dtype)
@@ -164,29 +168,13 @@ def _undeformed(model: AbstractModel, rotor: Any, speed: Scalar) -> Matrix:
     return (k + k.T) / 2
 
 
-def _search(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Code, Vector, Code]:
+def _search(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar
+) -> tuple[Scalar, Code, Vector, Code]:
     """Critical speed, family and direction, and a status."""
-    one, n = jnp.ones_like(zero), len(model.families)
-
-    def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:
-        return jax.jvp(lambda speed: _undeformed(model, rotor, speed), (speed,), (one,))
-
-    (k0, _), (_, curvature) = jax.jvp(with_rate, (zero,), (one,))
-    k1 = curvature / 2  # exactly, without the cancellation of differences
-    present = [family for family in Family if family in model.families]
-    rows = {family: _rows(model, family) for family in present}
-    speeds, shapes = [], []
-    for family in present:
-        own = np.ix_(rows[family], rows[family])
-        least, x = lowest_eigenpair(k1[own], k0[own])  # K_1 x = least K_0 x
-        soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])
-        speeds.append(jnp.where(soft, jnp.abs(jnp.where(soft, least, 1.0)) ** -0.5, jnp.inf))
-        shapes.append(x @ np.eye(n)[rows[family]])
-    speed, shape, codes = (
-        jnp.stack(speeds),
-        jnp.stack(shapes),
-        jnp.asarray([int(f) for f in present]),
-    )
+    k0, speed, shape = _alone(model, rotor, zero)
+    present = _present(model)
+    codes = jnp.asarray([int(f) for f in present])
     if _is_affine(model, rotor):
         first = jnp.argmin(speed)
         return speed[first], codes[first], shape[first], jnp.asarray(Status.OK)
@@ -194,48 +182,8 @@ def _search(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Cod
     tears = present.index(Family.AXIAL)
     bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
     ratio = (top / bottom) ** (1 / (_SCANNED - 1))
-
-    def body(search: _State) -> _State:
-        """Steps up while K is positive definite, then the Illinois rule: secants between the ends
-        of the bracket, with the value at an end that stays halved each time."""
-        system = model.matrices(rotor, search.speed)
-        value, x = [], []
-        for family in present:
-            own = np.ix_(rows[family], rows[family])
-            least, direction = lowest_eigenpair(system.stiffness[own], k0[own])
-            value.append(least)
-            x.append(direction @ np.eye(n)[rows[family]])
-        least, low = jnp.min(jnp.stack(value)), jnp.argmin(jnp.stack(value))
-        here, stable = jnp.stack([search.speed, least]), least > 0
-        weight = jnp.stack([one, jnp.where(stable == search.stable, one / 2, one)])
-        a = jnp.where(stable, here, search.a * weight)
-        b = jnp.where(stable, search.b * weight, here)
-        found = b[1] <= 0
-        secant = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
-        return _State(
-            tries=search.tries + 1,
-            last=search.speed,
-            speed=jnp.where(found, secant, search.speed * ratio),
-            # Until a change of sign is found the upper end is none.
-            a=a, b=jnp.where(found, b, search.b), stable=stable, family=codes[low],
-            x=jnp.stack(x)[low], axial=value[tears], status=system.status,
-        )  # fmt: skip
-
-    def go_on(search: _State) -> Array:
-        more = jnp.where(
-            search.b[1] <= 0,
-            jnp.abs(search.speed - search.last) > 1e-14 * search.speed,
-            search.speed <= top * (1 + 1e-9),
-        )
-        return more & (search.status == Status.OK) & (search.tries < _SCANNED + 100)
-
-    ok = jnp.asarray(int(Status.OK))
-    start = _State(
-        tries=jnp.asarray(0), last=zero, speed=bottom, a=jnp.stack([zero, one]),
-        b=jnp.stack([top, one]), stable=jnp.asarray(True), family=codes[tears], x=shape[tears],
-        axial=one, status=ok,
-    )  # fmt: skip
-    end = jax.lax.while_loop(go_on, body, start)
+    scan = _Scan(model, rotor, k0, codes, tears, top, ratio)
+    end = jax.lax.while_loop(scan.goes_on, scan.step, scan.start(zero, bottom, shape[tears]))
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
     diverges, hardens = end.b[1] <= 0, end.axial > 0.1
@@ -247,6 +195,28 @@ def _search(model: AbstractModel, rotor: Any, zero: Scalar) -> tuple[Scalar, Cod
         jnp.where(diverges, end.x, shape[tears]),
         jnp.where(lost, Status.INACCURATE, end.status),
     )
+
+
+def _alone(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar
+) -> tuple[Matrix, Float[Array, " f"], Float[Array, "f n"]]:
+    """K at rest, and the speed and the direction in which each family alone would give way, were
+    the beam kept as it is at rest."""
+    one = jnp.ones_like(zero)
+
+    def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:
+        return jax.jvp(lambda speed: _undeformed(model, rotor, speed), (speed,), (one,))
+
+    (k0, _), (_, curvature) = jax.jvp(with_rate, (zero,), (one,))
+    k1 = curvature / 2  # exactly, without the cancellation of differences
+    speeds, shapes = [], []
+    for family in _present(model):
+        least, x = _softest(model, family, k1, k0)  # K_1 x = least K_0 x
+        own = np.ix_(_rows(model, family), _rows(model, family))
+        soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])
+        speeds.append(jnp.where(soft, jnp.abs(jnp.where(soft, least, 1.0)) ** -0.5, jnp.inf))
+        shapes.append(x)
+    return k0, jnp.stack(speeds), jnp.stack(shapes)
 
 
 class _State(NamedTuple):
@@ -262,6 +232,72 @@ class _State(NamedTuple):
     x: Vector
     axial: Scalar  # lowest eigenvalue of the axial block
     status: Code
+
+
+class _Scan(NamedTuple):
+    """The search for a change of sign of the lowest eigenvalue of K, at the steady state of each
+    speed up to `top`."""
+
+    model: AbstractModel
+    rotor: AnyRotor
+    k0: Matrix
+    codes: Array
+    tears: int  # place of the axial family among `codes`
+    top: Scalar
+    ratio: Scalar  # of one speed that is looked at to the last
+
+    def start(self, zero: Scalar, bottom: Scalar, axial: Vector) -> _State:
+        """Before the first look, at the speed `bottom`; nothing is found yet."""
+        one = jnp.ones_like(zero)
+        return _State(
+            tries=jnp.asarray(0), last=zero, speed=bottom, a=jnp.stack([zero, one]),
+            b=jnp.stack([self.top, one]), stable=jnp.asarray(True), family=self.codes[self.tears],
+            x=axial, axial=one, status=jnp.asarray(int(Status.OK)),
+        )  # fmt: skip
+
+    def step(self, search: _State) -> _State:
+        """Steps up while K is positive definite, then the Illinois rule: secants between the ends
+        of the bracket, with the value at an end that stays halved each time."""
+        one = jnp.ones_like(search.speed)
+        system = self.model.matrices(self.rotor, search.speed)
+        families = _present(self.model)
+        pairs = [_softest(self.model, f, system.stiffness, self.k0) for f in families]
+        value, x = zip(*pairs, strict=True)
+        least, low = jnp.min(jnp.stack(value)), jnp.argmin(jnp.stack(value))
+        here, stable = jnp.stack([search.speed, least]), least > 0
+        weight = jnp.stack([one, jnp.where(stable == search.stable, one / 2, one)])
+        a = jnp.where(stable, here, search.a * weight)
+        b = jnp.where(stable, search.b * weight, here)
+        found = b[1] <= 0
+        secant = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
+        return _State(
+            tries=search.tries + 1,
+            last=search.speed,
+            speed=jnp.where(found, secant, search.speed * self.ratio),
+            # Until a change of sign is found the upper end is none.
+            a=a, b=jnp.where(found, b, search.b), stable=stable, family=self.codes[low],
+            x=jnp.stack(x)[low], axial=value[self.tears], status=system.status,
+        )  # fmt: skip
+
+    def goes_on(self, search: _State) -> Array:
+        """Up to the top, or until the bracket is as narrow as rounding lets it be."""
+        more = jnp.where(
+            search.b[1] <= 0,
+            jnp.abs(search.speed - search.last) > 1e-14 * search.speed,
+            search.speed <= self.top * (1 + 1e-9),
+        )
+        return more & (search.status == Status.OK) & (search.tries < _SCANNED + 100)
+
+
+def _softest(model: AbstractModel, family: Family, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
+    """The lowest eigenvalue of K x = value K_0 x in one family, and x among all coordinates."""
+    rows = _rows(model, family)
+    least, x = lowest_eigenpair(k[np.ix_(rows, rows)], k0[np.ix_(rows, rows)])
+    return least, x @ np.eye(len(model.families))[rows]
+
+
+def _present(model: AbstractModel) -> list[Family]:
+    return [family for family in Family if family in model.families]
 
 
 def _rows(model: AbstractModel, family: Family) -> np.ndarray:

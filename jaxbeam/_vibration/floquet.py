@@ -13,6 +13,9 @@ straight beam stretched as in steady rotation. With momenta p = M q' + G q / 2 i
 
 but for D. Exponentials of its matrices and their commutators are then symplectic, so multipliers
 of undamped beams come in pairs mu, 1 / mu to rounding, whatever the steps are.
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
 """
 
 from typing import Any, NamedTuple
@@ -35,7 +38,8 @@ from jaxbeam._numerics.linalg import (
 )
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
-from jaxbeam._rotor.loads import Damping
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
@@ -66,11 +70,11 @@ class Floquet(eqx.Module):
 
 def floquet(
     model: AbstractModel,
-    rotor: Any,
+    rotor: AnyRotor,
     motion: Spin,
     period: Real | None = None,
     *,
-    damping: Damping | None = None,
+    damping: Damping = NO_DAMPING,
     steps: int = 64,
     throw: bool = True,
 ) -> Floquet:
@@ -95,7 +99,7 @@ def floquet(
 
 
 def _checked(
-    model: AbstractModel, rotor: Any, motion: Any, period: Any, damping: Any
+    model: AbstractModel, rotor: AnyRotor, motion: Any, period: Any, damping: Any
 ) -> tuple[Any, Spin, Scalar, Damping]:
     rotor, _ = checked_case(model, rotor)
     if not isinstance(motion, Spin):
@@ -108,8 +112,7 @@ def _checked(
 
 
 def checked_damping(damping: Any) -> Damping:
-    """The damping, none by default."""
-    damping = Damping() if damping is None else damping
+    """The argument, if it is a damping."""
     if not isinstance(damping, Damping):
         raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
     return damping
@@ -117,14 +120,12 @@ def checked_damping(damping: Any) -> Damping:
 
 @Program
 def _floquet(
-    model: AbstractModel, rotor: Any, motion: Spin, period: Scalar, damping: Damping, steps: int
-) -> Floquet:
+    model: AbstractModel, rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping,
+    steps: int,
+) -> Floquet:  # fmt: skip
     given = modulation_status(rotor, motion, period, damping)
     fine = given == Status.OK
-    rotor, motion, period, damping = harmless(
-        fine,
-        (rotor, motion, period, damping),
-    )
+    rotor, motion, period, damping = harmless(fine, (rotor, motion, period, damping))
 
     def speed(t: Scalar) -> Scalar:
         return jnp.where(fine, motion.angular_speed(t), 0.0)
@@ -150,7 +151,7 @@ def _floquet(
     return Floquet(where_known(ok, mu), family, where_known(ok, rate), status)
 
 
-def modulation_status(rotor: Any, motion: Spin, period: Scalar, damping: Damping) -> Code:
+def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping) -> Code:
     t = period * jnp.linspace(0.0, 1.0, 8)
     now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
     scale = jnp.max(jnp.abs(now))
@@ -177,7 +178,7 @@ class Plane(NamedTuple):
     """
 
     model: AbstractModel
-    rotor: Any
+    rotor: AnyRotor
     speed: Any
     period: Scalar
     damping: Damping

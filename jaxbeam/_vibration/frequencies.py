@@ -8,6 +8,11 @@ is singular. Bending polynomials and elements both give narrow bands. A Ritz pro
 functions, which all beams share, guesses omega to some 1e-4; one or two inverse iterations in all
 functions with Rayleigh quotients make it exact, and Sylvester's law says whether it is the one
 asked for.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
 """
 
 import functools
@@ -20,11 +25,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.ancf import _Nodal
-from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.base import AbstractModel, Equations, NodeByNode, PlanarTables, checked_case
 from jaxbeam._models.basis import Polynomials
-from jaxbeam._models.elements import ElementEquations
-from jaxbeam._models.modal import Hybrid
 from jaxbeam._numerics.band import (
     Band,
     band,
@@ -33,13 +35,14 @@ from jaxbeam._numerics.band import (
     refined,
     width_of,
 )
-from jaxbeam._numerics.kernel import beside, contract, kernel, total
+from jaxbeam._numerics.kernel import kernel
+from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Real, Scalar, Vector
+from jaxbeam._types import Code, Number, Real, Scalar, Vector
 from jaxbeam._vibration.ritz import BENDING, Numbers, combined, numbers_of, ritz_problem
 
 _TOLERANCE = 2e-5  # of the vector: what is left of the frequency is below 1e-9
@@ -83,13 +86,13 @@ def frequencies(
 
 @functools.lru_cache(maxsize=64)
 def _solver(model: AbstractModel, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
-    # Not those that derive from it: their equations may be others.
-    if type(model) is Hybrid and model.basis == Polynomials() and model.n_in_plane >= 8:
-        _check_count(count, model.n_in_plane - 4)
-        return _of_polynomials(model, count)
-    if isinstance(model, _Nodal):
-        _check_count(count, model.n_elements)
-        return _of_elements(model, count)
+    bands = model.bands()
+    if isinstance(bands, PlanarTables):
+        _check_count(count, len(bands.places) - 4)
+        return _of_polynomials(bands, count)
+    if isinstance(bands, NodeByNode):
+        _check_count(count, bands.n_elements)
+        return _of_elements(model, bands, count)
     raise TypeError(
         "model must be Hybrid with Polynomials() and n_in_plane >= 8, EngineeringANCF, GreenANCF, "
         f"ANCF, ChordANCF or TangentANCF, got {model!r}; take modes for other models"
@@ -165,23 +168,8 @@ def _no_more(primals: Any, tangents: Any) -> Any:
     raise NotImplementedError("frequencies has first derivatives only: take modes for second ones")
 
 
-def _planar_tables(model: Hybrid) -> tuple[list[np.ndarray], np.ndarray]:
-    """Integrals of the functions in the plane that K, M, C of `_matrices` are sums of; and the
-    place of each function, in-plane ones first, by its degree: bands are then narrow."""
-    own, m, n = model.tables, model.n_stretch, model.n_in_plane
-    order = np.argsort(np.append(np.arange(m) + 0.5, np.arange(n)), kind="stable")
-    rows, way = np.ix_(order, order), own.direction[order]
-    alike, end = way @ way.T, np.outer(own.tip, own.tip)[rows]
-    elastic, tensions = own.elastic[[1, 0]], own.tension
-    tables = [table[rows] for table in (*elastic, *tensions)]
-    tables += [alike * own.gram[rows], alike * end]
-    tables += [(1 - alike) * own.gram[rows], (1 - alike) * end]
-    sparse = [np.where(np.abs(a) > 1e-12 * np.abs(a).max(initial=0.0), a, 0.0) for a in tables]
-    return sparse, np.argsort(order)[m:]
-
-
 def _matrices(tables: Sequence[Any], numbers: Numbers) -> tuple[Array, Array, Array]:
-    """K, M, C of the nine tables, with lanes behind."""
+    """K, M, C of the nine tables of `PlanarTables`, with lanes behind."""
     g, hub, tip, softness = numbers
     one = jnp.ones_like(g)
     weights = [one, 1 / softness, *tension(g**2, hub, tip), -(g**2), -(g**2) * tip]
@@ -196,9 +184,11 @@ def _matrices(tables: Sequence[Any], numbers: Numbers) -> tuple[Array, Array, Ar
     )
 
 
-def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
-    ritz, m = ritz_problem(count), model.n_stretch
-    tables, places = _planar_tables(model)
+def _of_polynomials(
+    bands: PlanarTables, count: int
+) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    ritz, (tables, places) = ritz_problem(count), bands
+    stretches = len(tables[0]) > len(places)
     width = width_of(*tables)
     wide = [band(table, width) for table in tables]
     narrow = [band(table, width_of(table)) for table in tables]
@@ -211,7 +201,7 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
 
     @kernel
     def search(numbers: Numbers) -> tuple[Array, Array, Array]:
-        seen = numbers if m else numbers._replace(softness=0 * numbers.softness)
+        seen = numbers if stretches else numbers._replace(softness=0 * numbers.softness)
         return _search(pencil(numbers), *ritz.guess(seen), functions)
 
     @kernel
@@ -232,7 +222,7 @@ def _of_polynomials(model: Hybrid, count: int) -> Callable[[Rotor, Scalar], tupl
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         omega, _, found = lowest(numbers_of(rotor, speed))
         status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
-        if m:
+        if stretches:
             status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
         return omega * rotor.beam.frequency_scale, status
 
@@ -256,8 +246,10 @@ def _at(pencil: _Pencil, omega: Array) -> Band:
     return pencil.k - omega**2 * pencil.m + omega * pencil.c
 
 
-def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
-    n, ritz = model.n_elements, ritz_problem(count)
+def _of_elements(
+    model: AbstractModel, bands: NodeByNode, count: int
+) -> Callable[[Rotor, Scalar], tuple[Array, Code]]:
+    n, ritz = bands.n_elements, ritz_problem(count)
     at = Polynomials().bending(BENDING, np.linspace(0.0, 1.0, n + 1)[1:])
     size = ritz.functions.shape[1]
     functions = np.zeros((n, 4, size))
@@ -295,14 +287,14 @@ def _of_elements(model: _Nodal, count: int) -> Callable[[Rotor, Scalar], tuple[A
     def solver(rotor: Rotor, speed: Scalar) -> tuple[Array, Code]:
         omega, _, found = lowest((rotor, speed))
         status = jnp.where(jnp.all(found > 0), Status.OK, Status.NOT_CONVERGED)
-        if model.element.tears:
+        if bands.tears:
             status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
         return omega, status
 
     return solver
 
 
-def _newton(equations: ElementEquations, speed: Scalar, q: Vector) -> Vector:
+def _newton(equations: Equations, speed: Number, q: Vector) -> Vector:
     """One step towards the steady state. Where it has been reached, the derivatives of the new q
     are those of the steady state."""
     rest, hub = jnp.zeros_like(q), spinning(speed)
@@ -310,7 +302,7 @@ def _newton(equations: ElementEquations, speed: Scalar, q: Vector) -> Vector:
     return q + k.inverse() @ equations.force(hub, q, rest, None)
 
 
-def _steady(equations: ElementEquations, speed: Scalar) -> tuple[Vector, Scalar]:
+def _steady(equations: Equations, speed: Number) -> tuple[Vector, Number]:
     """The steady state by Newton's method, and whether it was found."""
     size = jnp.broadcast_to(equations.size, speed.shape)
 
@@ -330,7 +322,7 @@ def _steady(equations: ElementEquations, speed: Scalar) -> tuple[Vector, Scalar]
     return q, done
 
 
-def _banded(equations: ElementEquations, speed: Scalar, q: Vector, signs: np.ndarray) -> _Pencil:
+def _banded(equations: Equations, speed: Number, q: Vector, signs: np.ndarray) -> _Pencil:
     k, c = equations.tangents(spinning(speed), q, jnp.zeros_like(q), None)
 
     def bands(rows: Float[Array, "k 4 12 *lanes"]) -> Band:
@@ -338,6 +330,7 @@ def _banded(equations: ElementEquations, speed: Scalar, q: Vector, signs: np.nda
         columns = jnp.stack([longer[:, i, 4 + i : 12 + i] for i in range(4)], 1)
         return columns.reshape(-1, *columns.shape[2:])[3:]
 
-    m = jnp.broadcast_to(equations.mass.rows, k.rows.shape)
+    mass: Any = equations.mass
+    m = jnp.broadcast_to(mass.rows, k.rows.shape)
     turned = c.rows * beside(signs, q.ndim - 1)
     return _Pencil(bands(k.rows), bands(m), bands(turned)).by_mode()

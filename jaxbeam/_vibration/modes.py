@@ -65,12 +65,12 @@ class Modes(eqx.Module):
     steady_strain: Scalar
 
     @property
-    def frequency(self) -> Float[Array, " k"]:
+    def frequency(self) -> Float[Array, "... k"]:
         """Im(lambda) in rad/s; zero for a mode that diverges."""
         return self.eigenvalue.imag
 
     @property
-    def growth_rate(self) -> Float[Array, " k"]:
+    def growth_rate(self) -> Float[Array, "... k"]:
         """Re(lambda) in 1/s: positive for a mode that grows."""
         return self.eigenvalue.real
 
@@ -162,6 +162,35 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Selecti
 def find(model: AbstractModel, rotor: Rotor, speed: Scalar, selection: Selection) -> Modes:
     """What `modes` does once its arguments are checked."""
     system = guarded_matrices(model, rotor, speed)
+    eigenvalue, shape, family, order, positive = _selected(system, selection)
+    matrices = (system.mass, system.gyroscopic, system.stiffness)
+    residual = jax.lax.stop_gradient(_residual(matrices, eigenvalue, shape))
+    tolerance = 5e6 * jnp.finfo(speed.dtype).eps  # 1e-9
+    status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
+    finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
+    status = jnp.where(finite, status, Status.NOT_FINITE)
+    status = jnp.where(positive, status, Status.NO_EQUILIBRIUM)
+    status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
+    ok = status == Status.OK
+    eigenvalue, shape = _differentiable(system, ok, eigenvalue, shape, family)
+    kinds = jnp.asarray(system.families)
+    kinetic = (shape.conj() * (shape @ system.mass)).real
+    share = kinetic @ (kinds[:, None] == np.array(Family)[None]).astype(speed.dtype)
+    return Modes(
+        eigenvalue=where_known(ok, eigenvalue),
+        shape=where_known(ok, shape * _sign(model, shape, family)[:, None]),
+        family=family,
+        order=order,
+        energy_share=where_known(ok, share / jnp.sum(share, -1, keepdims=True)),
+        residual=residual,
+        status=status,
+        steady_strain=where_known(ok, system.steady_strain),
+    )
+
+
+def _selected(system: LinearSystem, selection: Selection) -> tuple[Array, ...]:
+    """Eigenvalues, shapes, families and orders of the modes wanted, without derivatives; and
+    whether the axial stiffness is positive definite."""
     planes = [
         _plane(system, *families)
         for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
@@ -180,47 +209,30 @@ def find(model: AbstractModel, rotor: Rotor, speed: Scalar, selection: Selection
     else:
         named = (family[None] == selection[0][:, None]) & (order[None] == selection[1][:, None])
         pick, (family, order) = jnp.argmax(named, axis=1), selection
-    eigenvalue, shape = eigenvalue[pick], shape[pick][:, np.argsort(rows)]
     positive = functools.reduce(jnp.logical_and, [plane.positive for plane in planes])
+    return eigenvalue[pick], shape[pick][:, np.argsort(rows)], family, order, positive
 
-    matrices = (system.mass, system.gyroscopic, system.stiffness)
-    residual = jax.lax.stop_gradient(_residual(matrices, eigenvalue, shape))
-    tolerance = 5e6 * jnp.finfo(speed.dtype).eps  # 1e-9
-    status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
-    finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
-    status = jnp.where(finite, status, Status.NOT_FINITE)
-    status = jnp.where(positive, status, Status.NO_EQUILIBRIUM)
-    status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
-    ok = status == Status.OK
 
+def _differentiable(
+    system: LinearSystem, ok: Array, eigenvalue: Array, shape: Array, family: Array
+) -> tuple[Array, Array]:
+    """The same modes, with derivatives by all that the matrices depend on."""
+    dtype = system.mass.dtype
     kinds = jnp.asarray(system.families)
     signature = jnp.where(kinds == Family.AXIAL, -1.0, 1.0)
-    same_plane = ((kinds == Family.FLAP)[None] == (family == Family.FLAP)[:, None]).astype(
-        speed.dtype
-    )
+    same_plane = (kinds == Family.FLAP)[None] == (family == Family.FLAP)[:, None]
+    same_plane = same_plane.astype(dtype)
     # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
-    # below is the end of it: gradients of other cases by shared parameters stay finite.
-    identity = jnp.eye(len(system.families), dtype=speed.dtype)
+    # later is the end of it: gradients of other cases by shared parameters stay finite.
+    identity = jnp.eye(len(system.families), dtype=dtype)
+    matrices = (system.mass, system.gyroscopic, system.stiffness)
     instead = (identity, 0 * identity, 2 * identity)
-    eigenvalue, shape = _eigenpairs(
+    return _eigenpairs(
         *(jnp.where(ok, a, b) for a, b in zip(matrices, instead, strict=True)),
         jnp.where(ok, eigenvalue, 1j),
         jnp.where(ok, shape, identity[jnp.argmax(same_plane, axis=1)]),
         same_plane,
         signature,
-    )
-
-    kinetic = (shape.conj() * (shape @ system.mass)).real
-    share = kinetic @ (kinds[:, None] == np.array(Family)[None]).astype(speed.dtype)
-    return Modes(
-        eigenvalue=where_known(ok, eigenvalue),
-        shape=where_known(ok, shape * _sign(model, shape, family)[:, None]),
-        family=family,
-        order=order,
-        energy_share=where_known(ok, share / jnp.sum(share, -1, keepdims=True)),
-        residual=residual,
-        status=status,
-        steady_strain=where_known(ok, system.steady_strain),
     )
 
 

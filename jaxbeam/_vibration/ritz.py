@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._numerics.band import congruent, full, largest, polished
-from jaxbeam._numerics.kernel import beside, contract
+from jaxbeam._numerics.lanes import beside, contract
 from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._types import Scalar
 
@@ -41,7 +41,9 @@ class Ritz(NamedTuple):
     functions: np.ndarray  # (BENDING, m): the functions, in polynomials
     start: np.ndarray  # (m, k): modes of a beam in the middle of all, in these functions
 
-    def guess(self, numbers: Numbers) -> tuple[Float[Array, "k *lanes"], Float[Array, "m k *l"]]:
+    def guess(
+        self, numbers: Numbers
+    ) -> tuple[Float[Array, "k *lanes"], Float[Array, "m k *lanes"]]:
         """Frequencies without axial inertia (axial motion follows the Coriolis force at once), and
         modes in these functions."""
         g, hub, tip, softness = numbers

@@ -1,7 +1,10 @@
-"""Southwell coefficients: how fast modes stiffen with speed."""
+"""Southwell coefficients: how fast modes stiffen with speed.
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
 
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,6 +14,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.base import AbstractModel, Label, checked_case
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar
 from jaxbeam._vibration.modes import Selection, choose, find
@@ -25,7 +29,7 @@ class Southwell(eqx.Module):
 
 def southwell(
     model: AbstractModel,
-    rotor: Any,
+    rotor: AnyRotor,
     angular_speed: Real = 0.0,
     which: int | Sequence[Label] | None = None,
     *,
@@ -48,7 +52,9 @@ def southwell(
 
 
 @Program
-def _southwell(model: AbstractModel, rotor: Any, speed: Scalar, selection: Selection) -> Southwell:
+def _southwell(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, selection: Selection
+) -> Southwell:
     given = rotor.status(speed)
     fine = given == Status.OK
     rotor, speed = harmless(fine, (rotor, speed))

@@ -1,6 +1,7 @@
 """What says beforehand whether a theory may be used."""
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
 from jaxbeam._models.modal import Hybrid
@@ -9,7 +10,7 @@ from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar, Vector, Vectors
+from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import find
 
 _BENDING = Hybrid(0, 14, 0)
@@ -55,7 +56,7 @@ def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
     return motion / (2 * equations.strain_energy(phi))
 
 
-def bending_at_rest(rotor: Rotor) -> tuple[Vector, Vectors]:
+def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
     derivatives, and a program a fifth as large."""
     system = _BENDING.matrices(rotor, jnp.zeros_like(rotor.hub_radius))

@@ -13,12 +13,13 @@ from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, cou
 from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
-from jaxbeam._rotor.loads import Damping
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Real, Scalar, Vector, is_known
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_known
 from jaxbeam._vibration.floquet import PLANES, Plane, checked_damping, modulation_status
-from jaxbeam._vibration.modes import Selection, choose, find
+from jaxbeam._vibration.modes import Modes, Selection, choose, find
 
 
 class Tongue(eqx.Module):
@@ -43,13 +44,13 @@ class Tongue(eqx.Module):
 
 def tongue(
     model: AbstractModel,
-    rotor: Any,
+    rotor: AnyRotor,
     mean: Real,
     pair: tuple[Label, Label],
     depths: Any,
     *,
     order: int = 1,
-    damping: Damping | None = None,
+    damping: Damping = NO_DAMPING,
     steps: int = 64,
     throw: bool = True,
 ) -> Tongue:
@@ -100,147 +101,98 @@ def tongue(
 
 @Program
 def _tongue(
-    model: AbstractModel, rotor: Any, mean: Scalar, selection: Selection, depths: Vector, order: Scalar,
-    damping: Damping, families: tuple[Family, ...], steps: int,
+    model: AbstractModel, rotor: AnyRotor, mean: Scalar, selection: Selection, depths: Vector,
+    order: Scalar, damping: Damping, families: tuple[Family, ...], steps: int,
 ) -> Tongue:  # fmt: skip
-    unit = ModulatedSpeed(mean, 0.0, 1.0)
-    given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
-    found = find(model, rotor, mean, selection)
-    given = jnp.where(given == Status.OK, found.status, given)
-    unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
-    given = jnp.where(unstable, Status.NO_EQUILIBRIUM, given)
+    found, given = _unmodulated(model, rotor, mean, selection, damping)
     fine = given == Status.OK
     rotor, damping = harmless(fine, (rotor, damping))
     mean = jnp.where(fine, mean, 0.0)
     eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
     tip_now = jnp.sum(eigenvalue.imag) / order
     tip = without_derivatives(tip_now)
-
-    def plane(case: _Case) -> Plane:
-        rotor, mean, damping, frequency, depth = case
-        motion = ModulatedSpeed(mean, depth, frequency)
-        period = 2 * jnp.pi / frequency
-        return Plane(model, rotor, motion.angular_speed, period, damping, families)
-
-    def case(frequency: Scalar, depth: Scalar) -> _Case:
-        return without_derivatives((rotor, mean, damping, frequency, depth))
-
-    still = plane(case(tip, 0 * tip))
+    still = without_derivatives(_Case(rotor, mean, damping, tip, 0 * tip)).plane(model, families)
     shapes = jnp.where(fine, found.shape, 1.0)
     basis = without_derivatives(_basis(still, mean, eigenvalue, shapes))
-
-    def margin(case: _Case) -> tuple[Scalar, Scalar]:
-        """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
-        the steps are too long."""
-        monodromy, correction = plane(case).monodromy(steps)
-        sound = jnp.all(jnp.isfinite(monodromy))
-        monodromy = jnp.where(sound, monodromy, jnp.eye(len(basis)))
-        _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
-        share = jnp.linalg.norm(basis.conj().T @ right, axis=0)
-        likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
-        # Of the two-dimensional invariant subspace: at the boundary the two multipliers coincide,
-        # with derivatives that are infinite, while sum and product stay smooth.
-        x, y = (_orthonormal(*a[:, index[:2]].T) for a in (right, left))
-        small = _inverse2(y.conj().T @ x) @ (y.conj().T @ (monodromy @ x))
-        total, product = small[0, 0] + small[1, 1], _determinant2(small)
-        # Scaled to a product of one, the sum is t and the unit circle has the radius rho: both are
-        # within while t is in the ellipse with the half axes rho +- 1 / rho.
-        t, rho = total / jnp.sqrt(product), jnp.abs(product) ** -0.5
-        minor = rho - 1 / rho
-        flat = jnp.abs(minor) < 1e-12  # without damping t is real
-        aside = jnp.where(flat, 0.0, t.imag / jnp.where(flat, 1.0, minor))
-        major = rho + 1 / rho
-        value = t.real**2 + (aside * major) ** 2 - major**2
-        ahead = likeness[1] - likeness[2] if share.size > 2 else likeness[1]
-        return value, jnp.where(sound & (correction < 1), ahead, jnp.nan)
-
-    def slope(nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
-        """`margin`, and the derivative of its value along (frequency, depth)."""
-        start, one = case(nu, depth), jnp.ones_like(nu)
-        zero = jax.tree.map(jnp.zeros_like, start[:3])
-        push = (*zero, along[0] * one, along[1] * one)
-        (value, likeness), (rate, _) = jax.jvp(margin, (start,), (push,))
-        return value, likeness, rate
-
-    def vertex(centre: Scalar, reach: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
-        """Middle and half width of a parabola through three points; NaN if it stays negative."""
-
-        def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-            centre, reach = state[:2]
-            at = centre + reach * jnp.arange(-1.0, 2.0)
-            low, mid, high = jax.lax.map(lambda nu: margin(case(nu, depth))[0], at)
-            bend, tilt = (low + high) / 2 - mid, (high - low) / 2
-            shift = jnp.clip(-tilt / (2 * jnp.minimum(bend, -1e-30)), -2.0, 2.0)
-            top = mid + shift * (tilt + shift * bend)
-            width = reach * jnp.sqrt(jnp.maximum(top / -bend, 0.0))
-            near = jnp.where(width > 0, jnp.clip(width, 0.05 * reach, 2.0 * reach), reach)
-            near = jnp.where(jnp.abs(shift) >= 2, 4 * reach, near)  # far from it yet
-            return centre + shift * reach, near, jnp.where(top > 0, width, jnp.nan)
-
-        centre, _, width = jax.lax.fori_loop(0, 6, body, (centre, reach, reach))
-        return centre, width
-
-    def newton(start: Scalar, depth: Scalar) -> _End:
-        def body(end: _End) -> _End:
-            value, likeness, rate = slope(end.frequency, depth, (1.0, 0.0))
-            change = jnp.clip(value / rate, -0.02 * tip, 0.02 * tip)
-            return _End(end.frequency - change, jnp.abs(change), likeness, rate, end.tries + 1)
-
-        def go_on(end: _End) -> Array:
-            return (end.change > 1e-13 * tip) & (end.tries < 20)
-
-        one = jnp.ones_like(start)
-        return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
-
-    def step(state: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
-        valid = jnp.isfinite(given) & (given > 0)
-        depth = jnp.where(valid, given, state.depth)
-        # To second order in depth the middle moves with its square, the width with its power.
-        drift = jnp.nan_to_num(jnp.mean(state.slopes)) / (2 * state.depth)
-        centre = state.centre + drift * (depth**2 - state.depth**2)
-        centre, width = vertex(centre, state.width * (depth / state.depth) ** order, depth)
-        exists = jnp.isfinite(width)
-        start = jnp.where(exists, centre + width * np.array([-1.0, 1.0]), tip)
-        end = jax.vmap(lambda nu: newton(nu, depth))(start)
-        rise = jax.vmap(lambda nu: slope(nu, depth, (0.0, 1.0))[2])(end.frequency)
-        ends = end.frequency
-        good = exists & jnp.all(end.change <= 1e-9 * tip) & (ends[1] > ends[0])
-        known = jnp.all(end.likeness > 0.2)
-        status = jnp.where(known, Status.OK, Status.INACCURATE)
-        status = jnp.where(good, status, Status.NOT_CONVERGED)
-        status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
-        status = jnp.where(exists, status, Status.NO_TONGUE)
-        status = jnp.where(valid, status, Status.INVALID_MOTION)
-        good &= valid
-        new = _Traced(
-            depth=depth,
-            centre=jnp.where(good, jnp.mean(ends), centre),
-            width=jnp.where(good, (ends[1] - ends[0]) / 2, state.width),
-            slopes=jnp.where(good, -rise / end.rate, jnp.nan),
-        )
-        return new, (jnp.where(good, ends, jnp.nan), end.rate, status)
-
-    least = jnp.full_like(tip, 1e-3)
-    first = _Traced(least, tip, 0.01 * tip * least**order, jnp.full(2, jnp.nan))
-    start = without_derivatives((first, depths))
-    _, (kept, rates, status) = jax.lax.scan(step, *start)
-
-    def polished(end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
-        """One more step, in which the parameters carry their derivatives."""
-        here = jnp.isfinite(end)
-        depth = jnp.where(here, depth, 1e-3)
-        value, _ = margin((rotor, mean, damping, jnp.where(here, end, tip), depth))
-        value, end = jnp.where(here, value, 0.0), jnp.where(here, end, tip)
-        return end - value / jnp.where(here, rate, 1.0)
-
-    ends = jax.vmap(jax.vmap(polished, (0, 0, None)))(kept, rates, depths)
+    margin = _Margin(model, families, basis, steps)
+    search = _Search(margin, rotor, mean, damping, tip, order)
+    kept, rates, status = search.boundaries(depths)
+    ends = jax.vmap(jax.vmap(search.polished, (0, 0, None)))(kept, rates, depths)
     status = jnp.where(fine, status, given).astype(int)
     ok = status == Status.OK
     known = ok[:, None] & jnp.isfinite(kept)
     return Tongue(depths, where_known(known, ends), where_known(fine, tip_now), status)
 
 
-_Case = tuple[Any, Scalar, Damping, Scalar, Scalar]  # rotor, mean speed, ..., frequency and depth
+def _unmodulated(
+    model: AbstractModel, rotor: AnyRotor, mean: Scalar, selection: Selection, damping: Damping
+) -> tuple[Modes, Code]:
+    """The modes at the mean speed, and the status of the case: whether there is something to do."""
+    unit = ModulatedSpeed(mean, 0.0, 1.0)
+    given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
+    found = find(model, rotor, mean, selection)
+    given = jnp.where(given == Status.OK, found.status, given)
+    unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
+    return found, jnp.where(unstable, Status.NO_EQUILIBRIUM, given)
+
+
+class _Case(NamedTuple):
+    """A beam and a modulation of its speed: all that a margin has derivatives by."""
+
+    rotor: AnyRotor
+    mean: Scalar
+    damping: Damping
+    frequency: Scalar
+    depth: Scalar
+
+    def plane(self, model: AbstractModel, families: tuple[Family, ...]) -> Plane:
+        """Its motion over a period of the modulation."""
+        motion = ModulatedSpeed(self.mean, self.depth, self.frequency)
+        period = 2 * jnp.pi / self.frequency
+        return Plane(model, self.rotor, motion.angular_speed, period, self.damping, families)
+
+
+class _Margin(NamedTuple):
+    """The function that changes sign at the boundary, of a pair of modes that span `basis`."""
+
+    model: AbstractModel
+    families: tuple[Family, ...]
+    basis: Complex[Array, "m 2"]
+    steps: int
+
+    def at(self, case: _Case) -> tuple[Scalar, Scalar]:
+        """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
+        the steps are too long."""
+        monodromy, correction = case.plane(self.model, self.families).monodromy(self.steps)
+        sound = jnp.all(jnp.isfinite(monodromy))
+        monodromy = jnp.where(sound, monodromy, jnp.eye(len(self.basis)))
+        total, product, ahead = self.pair(monodromy)
+        return _beyond(total, product), jnp.where(sound & (correction < 1), ahead, jnp.nan)
+
+    def pair(self, monodromy: Matrix) -> tuple[Complex[Array, ""], Complex[Array, ""], Scalar]:
+        """Sum and product of the two multipliers, and by how much more like the pair they are than
+        the next one."""
+        _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
+        share = jnp.linalg.norm(self.basis.conj().T @ right, axis=0)
+        likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
+        # Of the two-dimensional invariant subspace: at the boundary the two multipliers coincide,
+        # with derivatives that are infinite, while sum and product stay smooth.
+        x, y = (_orthonormal(*a[:, index[:2]].T) for a in (right, left))
+        small = _inverse2(y.conj().T @ x) @ (y.conj().T @ (monodromy @ x))
+        ahead = likeness[1] - likeness[2] if share.size > 2 else likeness[1]
+        return small[0, 0] + small[1, 1], _determinant2(small), ahead
+
+
+def _beyond(total: Complex[Array, ""], product: Complex[Array, ""]) -> Scalar:
+    """Whether two numbers of this sum and product are outside the unit circle: see `tongue`."""
+    # Scaled to a product of one, the sum is t and the unit circle has the radius rho: both are
+    # within while t is in the ellipse with the half axes rho +- 1 / rho.
+    t, rho = total / jnp.sqrt(product), jnp.abs(product) ** -0.5
+    minor = rho - 1 / rho
+    flat = jnp.abs(minor) < 1e-12  # without damping t is real
+    aside = jnp.where(flat, 0.0, t.imag / jnp.where(flat, 1.0, minor))
+    major = rho + 1 / rho
+    return t.real**2 + (aside * major) ** 2 - major**2
 
 
 class _End(NamedTuple):
@@ -262,6 +214,110 @@ class _Traced(NamedTuple):
     slopes: Float[Array, " 2"]
 
 
+class _Search(NamedTuple):
+    """The search for the two boundaries of one tongue, without derivatives but for `polished`."""
+
+    margin: _Margin
+    rotor: AnyRotor
+    mean: Scalar
+    damping: Damping
+    tip: Scalar
+    order: Scalar
+
+    def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
+        """At each depth both ends, the derivatives of the margin there, and a status."""
+        tip, least = self.tip, jnp.full_like(self.tip, 1e-3)
+        first = _Traced(least, tip, 0.01 * tip * least**self.order, jnp.full(2, jnp.nan))
+        return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
+
+    def follow(self, last: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
+        """From one depth to the next."""
+        valid = jnp.isfinite(given) & (given > 0)
+        depth = jnp.where(valid, given, last.depth)
+        # To second order in depth the middle moves with its square, the width with its power.
+        drift = jnp.nan_to_num(jnp.mean(last.slopes)) / (2 * last.depth)
+        centre = last.centre + drift * (depth**2 - last.depth**2)
+        centre, width = self.vertex(centre, last.width * (depth / last.depth) ** self.order, depth)
+        exists = jnp.isfinite(width)
+        start = jnp.where(exists, centre + width * np.array([-1.0, 1.0]), self.tip)
+        end = jax.vmap(lambda nu: self.newton(nu, depth))(start)
+        rise = jax.vmap(lambda nu: self.slope(nu, depth, (0.0, 1.0))[2])(end.frequency)
+        ends = end.frequency
+        good = exists & jnp.all(end.change <= 1e-9 * self.tip) & (ends[1] > ends[0])
+        status = _ended(end, valid, exists, good)
+        good &= valid
+        new = _Traced(
+            depth=depth,
+            centre=jnp.where(good, jnp.mean(ends), centre),
+            width=jnp.where(good, (ends[1] - ends[0]) / 2, last.width),
+            slopes=jnp.where(good, -rise / end.rate, jnp.nan),
+        )
+        return new, (jnp.where(good, ends, jnp.nan), end.rate, status)
+
+    def vertex(self, centre: Scalar, reach: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
+        """Middle and half width of a parabola through three points; NaN if it stays negative."""
+
+        def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+            centre, reach = state[:2]
+            at = centre + reach * jnp.arange(-1.0, 2.0)
+            low, mid, high = jax.lax.map(lambda nu: self.margin.at(self.case(nu, depth))[0], at)
+            bend, tilt = (low + high) / 2 - mid, (high - low) / 2
+            shift = jnp.clip(-tilt / (2 * jnp.minimum(bend, -1e-30)), -2.0, 2.0)
+            top = mid + shift * (tilt + shift * bend)
+            width = reach * jnp.sqrt(jnp.maximum(top / -bend, 0.0))
+            near = jnp.where(width > 0, jnp.clip(width, 0.05 * reach, 2.0 * reach), reach)
+            near = jnp.where(jnp.abs(shift) >= 2, 4 * reach, near)  # far from it yet
+            return centre + shift * reach, near, jnp.where(top > 0, width, jnp.nan)
+
+        centre, _, width = jax.lax.fori_loop(0, 6, body, (centre, reach, reach))
+        return centre, width
+
+    def newton(self, start: Scalar, depth: Scalar) -> _End:
+        """The boundary near a frequency."""
+
+        def body(end: _End) -> _End:
+            value, likeness, rate = self.slope(end.frequency, depth, (1.0, 0.0))
+            change = jnp.clip(value / rate, -0.02 * self.tip, 0.02 * self.tip)
+            return _End(end.frequency - change, jnp.abs(change), likeness, rate, end.tries + 1)
+
+        def go_on(end: _End) -> Array:
+            return (end.change > 1e-13 * self.tip) & (end.tries < 20)
+
+        one = jnp.ones_like(start)
+        return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
+
+    def slope(self, nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
+        """The margin and its likeness, and the derivative of it along (frequency, depth)."""
+        start, one = self.case(nu, depth), jnp.ones_like(nu)
+        still: _Case = jax.tree.map(jnp.zeros_like, start)
+        push = still._replace(frequency=along[0] * one, depth=along[1] * one)
+        (value, likeness), (rate, _) = jax.jvp(self.margin.at, (start,), (push,))
+        return value, likeness, rate
+
+    def case(self, frequency: Scalar, depth: Scalar) -> _Case:
+        """A modulation of this beam, without derivatives."""
+        return without_derivatives(_Case(self.rotor, self.mean, self.damping, frequency, depth))
+
+    def polished(self, end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
+        """One more step, in which the parameters carry their derivatives."""
+        here = jnp.isfinite(end)
+        depth = jnp.where(here, depth, 1e-3)
+        start = jnp.where(here, end, self.tip)
+        value, _ = self.margin.at(_Case(self.rotor, self.mean, self.damping, start, depth))
+        value, end = jnp.where(here, value, 0.0), jnp.where(here, end, self.tip)
+        return end - value / jnp.where(here, rate, 1.0)
+
+
+def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:
+    """What became of the two ends at a depth."""
+    known = jnp.all(end.likeness > 0.2)
+    status = jnp.where(known, Status.OK, Status.INACCURATE)
+    status = jnp.where(good, status, Status.NOT_CONVERGED)
+    status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
+    status = jnp.where(exists, status, Status.NO_TONGUE)
+    return jnp.where(valid, status, Status.INVALID_MOTION)
+
+
 def _basis(
     plane: Plane, speed: Scalar, eigenvalue: Complex[Array, " 2"], shape: Complex[Array, "2 n"]
 ) -> Complex[Array, "m 2"]:
@@ -269,7 +325,7 @@ def _basis(
     phi, root = plane.coordinates
     m, g, *_ = plane.matrices(speed)
 
-    def canonical(lam: Scalar, x: Vector) -> Vector:
+    def canonical(lam: Array, x: Array) -> Array:
         own = x[plane.rows]
         p = lam * (m @ own) + g @ own / 2
         return jnp.concatenate([root * (phi.T @ (m @ own)), (phi.T @ p) / root])

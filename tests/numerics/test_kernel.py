@@ -11,7 +11,8 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._numerics.blocks import BlockTridiagonal
-from jaxbeam._numerics.kernel import beside, contract, kernel, total
+from jaxbeam._numerics.kernel import kernel
+from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._solvers.system import State
 
 compiled = pytest.mark.skipif(

@@ -753,5 +753,5 @@ def test_a_gap_in_motion_or_load_between_outputs_is_named():
         lambda t: jnp.zeros(3), lambda t: jnp.array([0.0, 0.0, gap(t, 1.0)])
     )
     push = jb.Loads(tip_force=lambda t: jnp.array([0.0, gap(t, 1.0), 0.0]))
-    assert run(torn, None) == jb.Status.INVALID_MOTION
+    assert run(torn, jb.Loads()) == jb.Status.INVALID_MOTION
     assert run(steady, push) == jb.Status.INVALID_LOAD

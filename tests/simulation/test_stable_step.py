@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam import amplification, stable_step
+from jaxbeam import stable_step
+from jaxbeam.solvers import amplification
 
 ROTOR = jb.Rotor(jb.Beam.from_slenderness(50.0), 0.1, 0.0)
 SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)

@@ -50,7 +50,7 @@ def fitted(hub_radius, tip_mass):
         rotor = jb.Rotor(jb.Beam(1.0, 1.0, 4900.0, stiffness, 1.0), hub_radius, tip_mass)
         return jb.FrequencyData(SMALL, rotor, [0.0, 2.0], [[3.4], [4.0]], 0.1, WHICH[:1])
 
-    return jb.fit(experiment, {"stiffness": jb.FreeParameter(0.9)})
+    return jb.fit(experiment, {"stiffness": jb.FreeParameter(0.9)}, throw=False)
 
 
 def assert_same(one: jb.Table, other: jb.Table) -> None:

@@ -17,7 +17,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._sweeps import store, sweep
-from tests.helpers import USERS
+from tests.helpers import environment, run_optimised
 from tests.sweeps.test_devices import assert_same
 
 CASES = jb.grid(a=np.linspace(0.0, 1.0, 10), b=[0.0, 1.0, float("nan")])
@@ -353,14 +353,16 @@ def test_killed_at_twenty_moments(tmp_path):
     print("seed", seed)  # shown on failure
     moments = random.Random(seed)
     folder, index = tmp_path / "kept", tmp_path / "kept" / "index.txt"
-    command = [sys.executable, "-c", KILLED]
+    command = "-c", KILLED
 
     def finished():
         return index.read_bytes().count(b"\n") if index.exists() else 0
 
     for _ in range(20):
         before = finished()
-        process = subprocess.Popen([*command, str(folder)], stderr=subprocess.DEVNULL, env=USERS)
+        process = subprocess.Popen(
+            [sys.executable, *command, folder], stderr=subprocess.DEVNULL, env=environment()
+        )
         deadline = time.monotonic() + 120
         wanted = before + moments.choice([0, 1, 1, 2, 3])
         while finished() < wanted and process.poll() is None:
@@ -372,7 +374,7 @@ def test_killed_at_twenty_moments(tmp_path):
         assert finished() >= before  # nothing is lost
     assert 20 <= finished() < 250
     for place in (folder, tmp_path / "at once"):
-        subprocess.run([*command, str(place)], check=True, env=USERS, timeout=120)
+        run_optimised(*command, place, timeout=120)
     assert_same(jb.Table.load(tmp_path / "at once"), jb.Table.load(folder))
     # No finished chunk was computed again: at most one is lost where a process is killed.
     lines = [line.partition(b" ") for line in index.read_bytes().split(b"\n")]
@@ -402,10 +404,6 @@ for n in (10, 1000):
 def test_memory_stays_flat(tmp_path):
     """A million cases, and no more than a small sweep but for what the results take."""
     program = MILLION.replace("FOLDER", repr(str(tmp_path / "kept")))
-    done = subprocess.run(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, timeout=300, check=True,
-        env=USERS,
-    )  # fmt: skip
-    small, large = map(float, done.stdout.split())  # MiB
+    small, large = map(float, run_optimised("-c", program, timeout=300).split())  # MiB
     assert large < 2048
     assert large - small < 150  # 30 of results as they are mapped, 8 to look at them

@@ -1,5 +1,6 @@
 """The fast sweeps of frequencies: what `modes` finds, and the continuum."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -175,9 +176,36 @@ def test_arguments_are_checked():
         jb.frequencies(jb.Hybrid(4, 4, 0), *case)
     with pytest.raises(ValueError, match="between 1 and 6"):
         jb.frequencies(PLANE, *case, 7)
-    with pytest.raises(TypeError, match="count must be an int"):
+    with pytest.raises(TypeError, match="which must be an int"):
         jb.frequencies(PLANE, *case, 2.0)
     with pytest.raises(NotImplementedError, match="first derivatives"):
         jax.hessian(lambda v: jb.frequencies(PLANE, *rotor(v), throw=False).frequency[0])(
             batch(1)[0]
         )
+
+
+def _softer(given):
+    """The rotor with half of its bending stiffness."""
+    stiffness = given.beam.in_plane_bending_stiffness / 2
+    return eqx.tree_at(lambda r: r.beam.in_plane_bending_stiffness, given, stiffness)
+
+
+class _SoftHybrid(jb.Hybrid):
+    def equations(self, rotor):
+        return super().equations(_softer(rotor))
+
+
+class _SoftElements(jb.GreenANCF):
+    def equations(self, rotor):
+        return super().equations(_softer(rotor))
+
+
+def test_models_with_other_equations_do_not_get_those_of_their_base():
+    """Elements say all that counts in their equations; the tables of `Hybrid` do not."""
+    given, speed = rotor(batch(1)[0])
+    with pytest.raises(TypeError, match="take modes for other models"):
+        jb.frequencies(_SoftHybrid(), given, speed)
+    found = jb.frequencies(_SoftElements(4), given, speed, 2).frequency
+    expected = jb.frequencies(jb.GreenANCF(4), _softer(given), speed, 2).frequency
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    assert np.all(found < 0.99 * jb.frequencies(jb.GreenANCF(4), given, speed, 2).frequency)

@@ -3,7 +3,6 @@ tabulated, in float32, NaN at some times. OK means right; what jumps and is not 
 """
 
 import functools
-import os
 
 import diffrax
 import jax
@@ -16,11 +15,19 @@ from scipy.interpolate import CubicHermiteSpline
 
 import jaxbeam as jb
 from jaxbeam import Status
-from tests.fuzzing import build, decades, evaluated, examples, rotors, signed, sizes
+from tests.fuzz.scenes import (
+    BY_HAND,
+    build,
+    decades,
+    evaluated,
+    examples,
+    rotors,
+    signed,
+    sizes,
+)
 from tests.helpers import name
 
-# New, and slow to compile: run by hand, with FUZZ_FACTOR=1 or more.
-pytestmark = pytest.mark.skipif("FUZZ_FACTOR" not in os.environ, reason="set FUZZ_FACTOR=1")
+pytestmark = BY_HAND
 
 MODEL = jb.Hybrid(0, 2, 0)
 OUTPUTS = 65
@@ -63,7 +70,7 @@ def scene(p, value, **declared):
     return motion, jb.Loads(tip_force=lambda t: value(t, "force") * ACROSS, **declared)
 
 
-def run(model, p, motion, loads=None, tight=False):
+def run(model, p, motion, loads, tight=False):
     """`tight` is that of a reference."""
     control = diffrax.PIDController(rtol=1e-7, atol=1e-9 * p["length"]) if tight else None
     found = jb.simulate(
@@ -271,7 +278,8 @@ def tabulated(smooth):
             return jnp.zeros(3)
 
         same = jb.motions.HubVelocity(still, lambda t: speed(t) * ABOUT)
-        return run(MODEL, p, table), run(MODEL, p, same, tight=True)
+        none = jb.Loads()
+        return run(MODEL, p, table, none), run(MODEL, p, same, none, tight=True)
 
     return jax.jit(both)
 

@@ -1,13 +1,11 @@
-"""Random numbers of scenes, and what holds for every answer: shared by the fuzz tests.
-
-Seeds are random; a failure prints its scene and a line that makes Hypothesis draw it again.
-"""
+"""Random numbers of scenes, and what holds for every answer."""
 
 import math
 import os
 
 import jax
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, Phase, event, settings
 from hypothesis import strategies as st
 
@@ -15,6 +13,8 @@ import jaxbeam as jb
 from jaxbeam import Status
 
 FACTOR = float(os.environ.get("FUZZ_FACTOR", "1"))
+# What is new, and slow to compile.
+BY_HAND = pytest.mark.skipif("FUZZ_FACTOR" not in os.environ, reason="set FUZZ_FACTOR=1")
 
 
 def examples(number):
@@ -161,6 +161,12 @@ def judged(found, expected, p, ok):
         for key in ok:
             assert np.isfinite(found[key]).all(), key
     return status
+
+
+def judged_at_speed(found, model, p, ok):
+    """The same of a question that takes a rotor and its speed alone (see `spinning`)."""
+    instead = {"angular_speed": Status.INVALID_ANGULAR_SPEED}
+    return judged(found, broken(model, p, "angular_speed", **instead), p, ok)
 
 
 def evaluated(function, p):

@@ -1,0 +1,46 @@
+"""What works on arrays with lanes says the same in each lane as on one case."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxbeam._numerics.lanes import beside, contract, total
+
+RNG = np.random.default_rng(3)
+TABLE = RNG.normal(size=(4, 5))
+LANES = 7
+
+
+def _in_lanes(function, *arrays):
+    """The function in each lane, one by one, behind."""
+    each = [function(*(jnp.asarray(a[..., i]) for a in arrays)) for i in range(LANES)]
+    return np.stack(each, -1)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_contract_is_a_sum_over_an_axis_of_products(axis):
+    a, x = RNG.normal(size=(2, 3, 4, LANES)), RNG.normal(size=(2, 3, 4, LANES))
+    found = contract(jnp.asarray(a), jnp.asarray(x), axis, 1)
+    np.testing.assert_allclose(found, (a * x).sum(axis), rtol=1e-14, atol=1e-14)
+    alone = _in_lanes(lambda a, x: contract(a, x, axis, 0), a, x)
+    np.testing.assert_allclose(found, alone, rtol=1e-14, atol=1e-14)
+
+
+def test_contract_broadcasts():
+    x = RNG.normal(size=(5, LANES))
+    found = contract(beside(TABLE, 1), jnp.asarray(x)[None], 1, 1)
+    np.testing.assert_allclose(found, TABLE @ x, rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("axes", [0, 1, 2])
+def test_beside_puts_axes_behind(axes):
+    found = beside(TABLE, axes)
+    assert found.shape == (*TABLE.shape, *(1,) * axes)
+    np.testing.assert_array_equal(found.reshape(TABLE.shape), TABLE)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 8, 13])
+def test_total_is_the_sum_along_the_first_axis(n):
+    x = RNG.normal(size=(n, 2, LANES))
+    np.testing.assert_allclose(total(jnp.asarray(x)), x.sum(0), rtol=1e-13, atol=1e-14)
+    np.testing.assert_array_equal(total(jnp.asarray(x)), _in_lanes(total, x))
