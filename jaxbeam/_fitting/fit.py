@@ -88,7 +88,13 @@ def fit(
     solver = optimistix.LevenbergMarquardt(rtol=_ENOUGH, atol=_ENOUGH) if solver is None else solver
     search = _Search(problem, solver, max_steps, known_noise, descent)
     found = search.best(jax.random.key(seed), progress)
-    return raise_unless_ok(found, found.status) if throw else found
+    if not throw:
+        return found
+    try:
+        return raise_unless_ok(found, found.status)
+    except RuntimeError as error:
+        error.add_note(str(found))  # which parameters, and what of them is known
+        raise
 
 
 def _check_kinds(experiments: Any, free: Any, max_steps: Any, solver: Any) -> None:

@@ -160,7 +160,7 @@ class Equations(eqx.Module):
         return jax.jacfwd(self.elastic_force)(q)
 
     def damping(
-        self, q: Vector, v: Vector, mass: Scalar | None, stiffness: Scalar | None
+        self, q: Vector, v: Vector, mass: Number | None, stiffness: Number | None
     ) -> Vector:
         """mass dT/dq' + stiffness d/dt elastic_force(q), T seen from the hub; see `Damping`."""
         out = jnp.zeros_like(q)
@@ -176,7 +176,7 @@ class Equations(eqx.Module):
         return out
 
     def damping_tangents(
-        self, q: Vector, v: Vector, mass: Scalar | None, stiffness: Scalar | None
+        self, q: Vector, v: Vector, mass: Number | None, stiffness: Number | None
     ) -> tuple[Any, Any]:
         """Derivatives of `damping`, as it enters `force`, by q and q'; here for inertia that does
         not depend on q."""

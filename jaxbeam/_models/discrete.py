@@ -27,7 +27,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.base import AbstractModel, Equations, Family
 from jaxbeam._rotor.beam import SpringRotor
 from jaxbeam._rotor.motion import Hub, cross, skew
-from jaxbeam._types import Matrix, Scalar, Triple, Vector
+from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
 
 class _Discrete(AbstractModel[SpringRotor]):
@@ -95,7 +95,7 @@ class _Particle(Equations):
         return self.rotor.mass * self.tip(q)
 
     def damping_tangents(
-        self, q: Vector, v: Vector, mass: Scalar | None, stiffness: Scalar | None
+        self, q: Vector, v: Vector, mass: Number | None, stiffness: Number | None
     ) -> tuple[Matrix, Matrix]:
         def force(q: Vector, v: Vector) -> Vector:
             return self.as_force(q, self.damping(q, v, mass, stiffness))

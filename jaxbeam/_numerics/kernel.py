@@ -43,6 +43,7 @@ _LANES = 32  # of a batch that are worked on together: their matrices stay in th
 def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., Any]:
     """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
 
+    Reverse mode may be asked for once: higher derivatives are forward over that.
     It must work on arrays with more axes, those of lanes, behind the axes that it knows, all lanes
     alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
     its first argument has lanes of length one if `shared`, to be broadcast as NumPy does.

@@ -22,7 +22,7 @@ from jaxbeam._solvers.steps import (
     work_along,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Scalar, Vector
+from jaxbeam._types import Number, Scalar, Vector
 
 _TABLEAU = diffrax.Kvaerno5.tableau
 _GAMMA = 0.26
@@ -125,7 +125,7 @@ class ChordKvaerno5(SecondOrderSolver):
         return both + change, off, bends, work, done[-1, n:]
 
 
-def _quintic(h: Scalar, y0: Array, a0: Vector, y1: Array, a1: Vector) -> Array:
+def _quintic(h: Number, y0: Array, a0: Vector, y1: Array, a1: Vector) -> Array:
     """Hermite's polynomial: coefficients of s, ..., s^5 of q and v side by side."""
     n = len(a0)
     q0, v0, q1, v1 = y0[:n], h * y0[n:], y1[:n], h * y1[n:]

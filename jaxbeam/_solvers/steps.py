@@ -15,7 +15,7 @@ from jaxbeam._numerics.kernel import kernel
 from jaxbeam._numerics.lanes import beside, contract
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Number, Scalar
+from jaxbeam._types import Number
 
 _NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 _NODES, WEIGHTS = (1 + _NODES) / 2, WEIGHTS / 2
@@ -32,7 +32,7 @@ class Interpolation(diffrax.AbstractLocalInterpolation):
     y0: State
 
     @abc.abstractmethod
-    def at(self, s: Scalar) -> State:
+    def at(self, s: Number) -> State:
         """The state at the time t0 + s (t1 - t0) within the step."""
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
@@ -48,7 +48,7 @@ class StepPolynomial(Interpolation):
 
     bends: State  # with a leading axis
 
-    def at(self, s: Scalar) -> State:
+    def at(self, s: Number) -> State:
         powers = s ** np.arange(1, len(self.bends.work) + 1)
         return jax.tree.map(lambda y, c: y + powers @ c, self.y0, self.bends)
 
@@ -70,7 +70,7 @@ class SecondOrderSolver(diffrax.AbstractAdaptiveSolver):
         return args.rate(t0, y0)
 
 
-def length(t0: Scalar, t1: Scalar) -> Scalar:
+def length(t0: Number, t1: Number) -> Number:
     """Of a step. In a batch, lanes that are done go on with steps of length zero, whose results are
     thrown away; dividing by zero, or overflow in a long step, would still leave NaN in gradients.
     """
@@ -95,13 +95,13 @@ def _kernel(core: Core, solver: SecondOrderSolver, tree: Any) -> Callable[..., A
     return kernel(lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays))
 
 
-def inputs_along(system: SecondOrderSystem, t0: Scalar, h: Number) -> Any:
+def inputs_along(system: SecondOrderSystem, t0: Number, h: Number) -> Any:
     """Inputs at the start of a step, at the four points of Gauss with `WEIGHTS`, and at its end."""
     return without_derivatives(jax.vmap(system.inputs)(t0 + h * _PLACES))
 
 
 def step_inputs(
-    system: SecondOrderSystem, stages: Float[Array, " s"], t0: Scalar, h: Number
+    system: SecondOrderSystem, stages: Float[Array, " s"], t0: Number, h: Number
 ) -> tuple[Any, Any]:
     """Inputs at the times of the stages, and at those where `work_along` wants them."""
     found = jax.vmap(system.inputs)(jnp.concatenate([stages, t0 + h * _NODES]))
