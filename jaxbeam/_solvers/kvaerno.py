@@ -22,7 +22,7 @@ from jaxbeam._solvers.steps import (
     work_along,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Number, Scalar, Vector
+from jaxbeam._types import Number, Vector
 
 _TABLEAU = diffrax.Kvaerno5.tableau
 _GAMMA = 0.26
@@ -86,7 +86,7 @@ class ChordKvaerno5(SecondOrderSolver):
         return *finished(y0, end, error, bends, work), last, diffrax.RESULTS.successful
 
     def _core(
-        self, system: SecondOrderSystem, h: Scalar, y0: State, a: Vector, x0: Any, inputs: Any,
+        self, system: SecondOrderSystem, h: Number, y0: State, a: Vector, x0: Any, inputs: Any,
         between: Any,
     ) -> tuple[Array, Array, Array, Array, Vector]:  # fmt: skip
         """End, error and polynomial of q and v side by side, the work, and the last q''."""
