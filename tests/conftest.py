@@ -11,17 +11,20 @@ import equinox as eqx
 import jax
 import pytest
 
-from tests import shapes
-
-shapes.check()  # before anything imports the package
-
-from tests.helpers import xla_flags  # noqa: E402
-
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_num_cpu_devices", 8)  # virtual ones, for sweeps over several
-os.environ["XLA_FLAGS"] = xla_flags(0)  # what asks for more is in tests/helpers.py
 gc.set_threshold(100_000, 50, 100)  # tracing makes many objects, few of them garbage
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if "not slow" in config.option.markexpr:  # those call with more than annotations say yet
+        from tests import shapes
+
+        shapes.check()
+    from tests.helpers import xla_flags  # imports the package, which is to be checked
+
+    os.environ["XLA_FLAGS"] = xla_flags(0)  # what asks for more is in tests/helpers.py
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

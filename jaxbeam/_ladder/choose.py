@@ -11,6 +11,7 @@ import functools
 import itertools
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -222,7 +223,7 @@ def _scouted(ask: "_Asker", scout: AbstractModel, elements: list[AbstractModel])
     ask.ahead.await_it(Indicators)
     known = jax.device_get(indicators(question, rotor))
     if given == Status.OK:
-        known = dataclasses.replace(known, size=seen.size, slope=seen.slope)
+        known = eqx.tree_at(lambda k: (k.size, k.slope), known, (seen.size, seen.slope))
     ask.size = float(np.clip(known.size, 1e-9, 1.0)) if given == Status.OK else LARGE
     return known
 

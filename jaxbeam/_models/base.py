@@ -167,7 +167,7 @@ class Equations(eqx.Module):
         if mass is not None:
             still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
 
-            def kinetic(v: Vector) -> Number:
+            def kinetic(v: Array) -> Array:
                 return jnp.sum(self.kinetic_energy(q, v, still, still))
 
             out = out + mass * jax.grad(kinetic)(v)
@@ -275,7 +275,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def bands(self) -> PlanarTables | NodeByNode | None:
         """How matrices of motion in the plane are bands, for `frequencies`; None: they are not.
 
-        Whoever derives from a model and changes its equations need not think of this.
+        Whoever derives from a model need not think of this: tables are for a class itself alone.
         """
         return None
 

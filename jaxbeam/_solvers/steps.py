@@ -70,7 +70,7 @@ class SecondOrderSolver(diffrax.AbstractAdaptiveSolver):
         return args.rate(t0, y0)
 
 
-def length(t0: Number, t1: Number) -> Number:
+def length(t0: Any, t1: Any) -> Array:
     """Of a step. In a batch, lanes that are done go on with steps of length zero, whose results are
     thrown away; dividing by zero, or overflow in a long step, would still leave NaN in gradients.
     """
@@ -110,7 +110,7 @@ def step_inputs(
 
 
 def work_along(
-    system: SecondOrderSystem, inputs: Any, h: Number, y0: State, bends: Float[Array, "b m"]
+    system: SecondOrderSystem, inputs: Any, h: Number, y0: State, bends: Float[Array, "b m *lanes"]
 ) -> Float[Array, " 4"]:
     """Work along a `StepPolynomial` of q and v side by side, as coefficients of its own.
 
@@ -133,7 +133,7 @@ def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r 
 
 def finished(
     y0: State, end: Float[Array, " m"], error: Float[Array, " m"],
-    bends: Float[Array, "b m"], work: Float[Array, " 4"],
+    bends: Float[Array, "b m *lanes"], work: Float[Array, " 4"],
 ) -> tuple[State, State, dict[str, State]]:  # fmt: skip
     """End, error and `StepPolynomial` of a step, from those of q and v side by side."""
     n, m = y0.q.size, len(bends)

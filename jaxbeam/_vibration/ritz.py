@@ -11,7 +11,7 @@ from jaxbeam._models.modal import Hybrid
 from jaxbeam._numerics.band import congruent, full, largest, polished
 from jaxbeam._numerics.lanes import beside, contract
 from jaxbeam._rotor.beam import Rotor, tension
-from jaxbeam._types import Scalar
+from jaxbeam._types import Number
 
 BENDING = 24  # polynomials in which the few functions are given
 
@@ -19,13 +19,13 @@ BENDING = 24  # polynomials in which the few functions are given
 class Numbers(NamedTuple):
     """What the frequencies over sqrt(EI / (rho L^4)) depend on."""
 
-    speed: Scalar  # over sqrt(EI / (rho L^4))
-    hub: Scalar  # R / L
-    tip: Scalar  # m_t / (rho L)
-    softness: Scalar  # EI / (EA L^2)
+    speed: Number  # over sqrt(EI / (rho L^4))
+    hub: Number  # R / L
+    tip: Number  # m_t / (rho L)
+    softness: Number  # EI / (EA L^2)
 
 
-def numbers_of(rotor: Rotor, speed: Scalar) -> Numbers:
+def numbers_of(rotor: Rotor, speed: Number) -> Numbers:
     beam = rotor.beam
     return Numbers(
         speed / beam.frequency_scale, rotor.hub_radius / beam.length, rotor.tip_mass / beam.mass,

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import positive, real_array
 from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, count_functions
@@ -36,10 +36,10 @@ class Tongue(eqx.Module):
     nothing could be computed at any depth.
     """
 
-    depth: Vector
+    depth: Float[Array, " D"]
     frequency: Float[Array, "D 2"]
     tip: Scalar
-    status: Code
+    status: Int[Array, " D"]
 
 
 def tongue(

@@ -195,6 +195,11 @@ class _SoftHybrid(jb.Hybrid):
         return super().equations(_softer(rotor))
 
 
+class _StiffHybrid(jb.Hybrid):
+    def linear_stiffness(self, rotor):
+        return 4 * super().linear_stiffness(rotor)
+
+
 class _SoftElements(jb.GreenANCF):
     def equations(self, rotor):
         return super().equations(_softer(rotor))
@@ -203,8 +208,9 @@ class _SoftElements(jb.GreenANCF):
 def test_models_with_other_equations_do_not_get_those_of_their_base():
     """Elements say all that counts in their equations; the tables of `Hybrid` do not."""
     given, speed = rotor(batch(1)[0])
-    with pytest.raises(TypeError, match="take modes for other models"):
-        jb.frequencies(_SoftHybrid(), given, speed)
+    for model in (_SoftHybrid(), _StiffHybrid()):
+        with pytest.raises(TypeError, match="take modes for other models"):
+            jb.frequencies(model, given, speed)
     found = jb.frequencies(_SoftElements(4), given, speed, 2).frequency
     expected = jb.frequencies(jb.GreenANCF(4), _softer(given), speed, 2).frequency
     np.testing.assert_allclose(found, expected, rtol=1e-10)
