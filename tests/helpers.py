@@ -111,6 +111,7 @@ def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.n
 def build(parameters: ArrayLike) -> tuple[jb.Rotor, jnp.ndarray]:
     """Rotor and speed from the vector of all parameters, in the order of NAMES."""
     p = jnp.asarray(parameters)
+    assert p.shape == (len(NAMES),)  # JAX would take the last number for those beyond
     return jb.Rotor(jb.Beam(*p[:5]), p[5], p[6]), p[7]
 
 

@@ -406,13 +406,13 @@ DIFFERENTIABLE = [
     pytest.param(jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow),
     pytest.param(
         jb.Classical(8, 12, 12),
-        PLAIN.at[7].set(1.2),
+        PLAIN.at[-1].set(1.2),
         jb.labels(in_plane=3, flap=2, axial=1),
         marks=pytest.mark.slow,
     ),
     pytest.param(
         jb.Classical(8, 12, 12),
-        PLAIN.at[7].set(4.0),
+        PLAIN.at[-1].set(4.0),
         jb.labels(in_plane=3, flap=2, axial=1),
         marks=pytest.mark.slow,
     ),
