@@ -130,7 +130,7 @@ def simulation(case):
         rotor = build(model, p)
         axis = jb.motions.inclined_axis(p["axis"]) if "axis" in p else None
         motion = MOTIONS[case.motion](p, axis)
-        loads = damping = None
+        loads, damping = jb.Loads(), jb.Damping()
         if "gravity" in p:
             # Off the plane where there is a flap coordinate.
             aside = 0.3 if Family.FLAP in model.families else 0.0

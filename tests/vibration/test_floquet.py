@@ -115,7 +115,7 @@ def test_multipliers_come_in_pairs(model, rotor):
 
 
 TIMED = [
-    (jb.Hybrid(1, 2, 1), None),
+    (jb.Hybrid(1, 2, 1), jb.Damping()),
     (jb.Hybrid(1, 2, 1), jb.Damping(mass=0.3, stiffness=2e-3)),
     (jb.models.SmallStrainANCF(1), jb.Damping(stiffness=2e-3)),
 ]
