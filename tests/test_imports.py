@@ -33,7 +33,7 @@ ROOMS = [
 OWNERS = {  # rooms or modules that may import a package
     "matplotlib": {"plot"},
     "xarray": {"_sweeps.table"},
-    "diffrax": {"_solvers", "_simulation", "_fitting.experiments", "_ladder.questions"},
+    "diffrax": {"_solvers", "_simulation", "_fitting.experiments"},
     "optimistix": {"_simulation", "_fitting.fit"},
     "optax": {"_fitting.fit"},
 }

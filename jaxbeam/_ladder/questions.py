@@ -4,7 +4,6 @@ import abc
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,7 @@ from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.scene import check_scene, checked_times, during, scene_status
-from jaxbeam._simulation.simulate import simulate
+from jaxbeam._simulation.simulate import adaptive, simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import modes
@@ -116,12 +115,8 @@ class _InTime(Question):
         """The numbers that are asked for, read from a run."""
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
-        controller = diffrax.PIDController(
-            rtol=accuracy,
-            atol=accuracy * self.resolved(rotor, size) * rotor.beam.length,
-            dtmin=1e-12 * (self.times[-1] - self.times[0]),
-            force_dtmin=False,
-        )
+        atol = accuracy * self.resolved(rotor, size) * rotor.beam.length
+        controller = adaptive(accuracy, atol, self.times)
         run = simulate(
             model, rotor, self.motion, self.times, loads=self.loads, damping=self.damping,
             stepsize_controller=controller, max_steps=self.max_steps, throw=False,

@@ -94,10 +94,9 @@ def rungs_of(question: Question, planar: bool) -> list[Rung]:
 def _cost(question: Question, model: AbstractModel) -> float:
     """In us of a case in a batch on one core, roughly: of steps and unknowns.
 
-    The numbers are fits by eye to what `studies/ladder.py` measures, which prints these beside
-    them: an eigenproblem of n unknowns, 200 steps of a linear run of n unknowns, 2.3 times as many
-    steps where motion is not linear, five times the work where von Karman's strain is integrated.
-    They order the rungs; no answer depends on them.
+    `studies/ladder.py` measures some of these numbers: an eigenproblem of n unknowns, 200 steps of
+    a linear run, 2.3 times as many where motion is not linear, five times the work where von
+    Karman's strain is integrated. They say only which of two rungs is tried first.
     """
     n = len(model.families)
     if isinstance(question, ModalFrequencies):

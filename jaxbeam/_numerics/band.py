@@ -35,7 +35,7 @@ def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
     return 1 + max(int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
 
 
-def product(a: Array | np.ndarray, x: _Vector) -> _Vector:
+def product(a: Any, x: _Vector) -> _Vector:
     """The product A x of a symmetric band matrix with a vector."""
     y = a[:, 0] * x
     for m in range(1, a.shape[1]):

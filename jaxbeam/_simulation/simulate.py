@@ -171,7 +171,7 @@ def _simulate(
     if dt0 is None and isinstance(controller, _CHOOSING | None):
         dt0 = moment
     if controller is None:
-        controller = _default_controller(size, times)
+        controller = adaptive(1e-6, 1e-6 * size, times)
     how = (solver, controller, dt0, event, max_steps, adjoint)
     history = _integrated(now, y0, times, seen, how, saveat, progress_meter)
     return _judged(given, now, history, balance_tolerance)
@@ -190,11 +190,11 @@ class _History(NamedTuple):
     solution: diffrax.Solution
 
 
-def _default_controller(size: Scalar, times: Array) -> diffrax.PIDController:
-    """Tolerance 1e-6, relative to the state and to a displacement `size`."""
+def adaptive(rtol: Any, atol: Any, times: Array) -> diffrax.PIDController:
+    """Steps for a run over `times` to these tolerances, relative and absolute."""
     return diffrax.PIDController(
-        rtol=1e-6,
-        atol=1e-6 * size,
+        rtol=rtol,
+        atol=atol,
         dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
         force_dtmin=False,
     )
