@@ -181,7 +181,8 @@ def test_floquet_multipliers(model, data, watched):
         assert mu.size == 2 * n
         size, period = np.abs(mu), 2 * math.pi / p["frequency"]
         event(f"{'damped' if p['mass_damping'] + p['stiffness_damping'] else 'undamped'}")
-        assert (np.diff(size) <= 0).all()
+        # the library's own absolute values may round otherwise in the last bits
+        assert (np.diff(size) <= 8 * EPS * size[:-1]).all()
         np.testing.assert_allclose(found["growth_rate"] * period, np.log(size[0]), atol=1e-12)
         undamped = p["mass_damping"] == p["stiffness_damping"] == 0
         mass, rest = found["rest"]
