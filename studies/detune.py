@@ -62,7 +62,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     began = time.perf_counter()
     # A little more than is wanted: priors pull back into the margin by the slack.
     experiments = demand(13, MARGIN + 0.001)
-    descent = jb.fitting.Descent(starts=16 if quick else 64, steps=100, spread=3.0)
+    descent = jb.fitting.Descent(starts=16 if quick else 64, steps=100, starts_within=3.0)
     found = jb.fit(experiments, free, descent=descent, throw=False)
     seconds = time.perf_counter() - began
     new = {name: float(value) for name, value in found.partial.parameters.items()}

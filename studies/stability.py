@@ -326,13 +326,14 @@ def tongues(out: Path, quick: bool) -> None:
             words = words if order == 1 else (f"ω{i + 1}" if i == j else f"({words}) / 2")
             if damping is None:
                 ax.annotate(
-                    words, (float(found.tip), 0.0), xytext=(0, -24), ha="center", fontsize=9,
+                    words, (float(found.onset), 0.0), xytext=(0, -24), ha="center", fontsize=9,
                     textcoords="offset points", annotation_clip=False,
                 )  # fmt: skip
             first = depths[good][0] if good.any() else np.nan
             print(
-                f"tongue at {words:13s} tip {float(found.tip):9.5f}, mass damping {damping or 0}: "
-                f"from depth {first:.2f}, {good.sum()} of {good.size} depths"
+                f"tongue at {words:13s} onset {float(found.onset):9.5f}, "
+                f"mass damping {damping or 0}: from depth {first:.2f}, "
+                f"{good.sum()} of {good.size} depths"
             )
             for d, pair, status in zip(depths, found.frequency, found.status, strict=True):
                 low, high = (float(f) for f in pair)

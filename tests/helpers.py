@@ -1,10 +1,12 @@
 """Tools shared by the tests."""
 
+import dataclasses
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +15,15 @@ from jax.typing import ArrayLike
 
 import jaxbeam as jb
 
-NAMES = (
-    "length",
-    "mass_per_length",
-    "axial_stiffness",
-    "in_plane_bending_stiffness",
-    "flap_bending_stiffness",
-    "hub_radius",
-    "tip_mass",
-    "angular_speed",
-)
+
+def rules(kind: type) -> dict[str, Mapping[str, Any]]:
+    """Rules of the parameters that a part of a rotor has itself, by name."""
+    return {field.name: field.metadata for field in dataclasses.fields(kind) if field.metadata}
+
+
+BEAM, SPRINGS = tuple(rules(jb.Beam)), tuple(rules(jb.models.SpringRotor))
+ROTOR = *BEAM, *rules(jb.Rotor)
+NAMES = *ROTOR, "angular_speed"
 
 # One of each theory of planar elements, and of the discrete analogue.
 ELEMENTS = [
@@ -112,7 +113,9 @@ def build(parameters: ArrayLike) -> tuple[jb.Rotor, jnp.ndarray]:
     """Rotor and speed from the vector of all parameters, in the order of NAMES."""
     p = jnp.asarray(parameters)
     assert p.shape == (len(NAMES),)  # JAX would take the last number for those beyond
-    return jb.Rotor(jb.Beam(*p[:5]), p[5], p[6]), p[7]
+    *rotor, speed = p
+    n = len(BEAM)
+    return jb.Rotor(jb.Beam(*rotor[:n]), *rotor[n:]), speed
 
 
 def slender(slenderness: float = 216.2125, hub: float = 0.0, tip: float = 0.0) -> jb.Rotor:

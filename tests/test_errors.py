@@ -246,7 +246,7 @@ def test_what_is_no_model_is_named(call, wrong):
         (lambda: jb.fit(found, FREE, max_steps="9"), "max_steps must be an int, got str"),
         (lambda: downhill(starts=0), "descent.starts must be >= 1, got 0"),
         (lambda: downhill(steps=1.5), "descent.steps must be an int, got float"),
-        (lambda: downhill(spread="1"), "descent.spread must be a real"),
+        (lambda: downhill(starts_within="1"), "descent.starts_within must be a real"),
         (lambda: downhill(optimiser="adam"), "descent.optimiser must be an optimiser of optax"),
         (lambda: jb.sweep(abs, {"a": [1.0]}, folder=3), "folder must be a path, got 3"),
         (lambda: jb.sweep(abs, {"a": [1.0]}, dims="x"), "dims must be like"),

@@ -34,14 +34,14 @@ _RANK = 1e-7  # of the largest singular value; frequencies and their derivatives
 class Descent(NamedTuple):
     """First-order search from many starts at once: `optimiser` of optax, for `steps`.
 
-    `starts` lie within `spread` of the guess in the variables of the search: a factor of e each way
-    by default, in a Latin hypercube.
+    `starts` lie within `starts_within` of the guess in the variables of the search: a factor of e
+    each way by default, in a Latin hypercube.
     """
 
     optimiser: optax.GradientTransformation = optax.adam(0.05)
     starts: int = 16
     steps: int = 150
-    spread: float = 1.0
+    starts_within: float = 1.0
 
 
 def fit(
@@ -142,7 +142,7 @@ def _check_descent(descent: Any) -> None:
         raise TypeError(f"descent must be a Descent, got {kind_of(descent)}")
     count_functions("descent.starts", descent.starts, least=1)
     count_functions("descent.steps", descent.steps, least=1)
-    real_scalar("descent.spread", descent.spread)
+    real_scalar("descent.starts_within", descent.starts_within)
     if not isinstance(descent.optimiser, optax.GradientTransformation):
         got = kind_of(descent.optimiser)
         raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
@@ -251,7 +251,7 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
         freedom=freedom,
         certainty=certainty,
         directions=directions,
-        unit=unit,
+        parameter_scale=unit,
         at_bound=dict(zip(names, at_bound, strict=True)),
         steps=found.stats["num_steps"],
         status=status,
@@ -269,7 +269,7 @@ def _descend(problem: Problem, descent: Descent, key: Any) -> Array:
     # A Latin hypercube: each parameter takes n values evenly, in an order of its own.
     order, within = jax.random.split(key)
     rows = jax.vmap(lambda k: jax.random.permutation(k, n), out_axes=1)(jax.random.split(order, m))
-    away = descent.spread * (2 * (rows + jax.random.uniform(within, (n, m))) / n - 1)
+    away = descent.starts_within * (2 * (rows + jax.random.uniform(within, (n, m))) / n - 1)
     starts = away.at[0].set(0.0)
 
     def loss(z: Array) -> tuple[Array, Array]:

@@ -59,20 +59,20 @@ class Problem(eqx.Module):
 class Fit(eqx.Module):
     """What a fit found: m parameters, from n numbers measured.
 
-    | field       | shape  |                                                                      |
-    |-------------|--------|----------------------------------------------------------------------|
-    | parameters  | ()     | values by name                                                       |
-    | deviation   | ()     | standard deviations by name; infinite where the data cannot tell     |
-    | covariance  | (m, m) | of the parameters in alphabetical order (Gauss-Newton)               |
-    | residuals   |        | of each experiment, over the noise, in its shape; NaN where missing  |
-    | misfit      | ()     | sum of squared residuals over `freedom`: near 1 where noise is all   |
-    | freedom     | ()     | n - m                                                                |
-    | certainty   | (m,)   | singular values of the Jacobian by parameters over their `unit`      |
-    | directions  | (m, m) | the combination of these that belongs to each, in rows               |
-    | unit        | (m,)   | what changes of a parameter are measured by, see `FreeParameter`     |
-    | at_bound    | ()     | by name, whether a bound is nearer than a tenth of the deviation     |
-    | steps       | ()     | of the last search                                                   |
-    | status      | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`          |
+    | field           | shape  |                                                                  |
+    |-----------------|--------|------------------------------------------------------------------|
+    | parameters      | ()     | values by name                                                   |
+    | deviation       | ()     | standard deviations by name; infinite where data cannot tell     |
+    | covariance      | (m, m) | of the parameters in alphabetical order (Gauss-Newton)           |
+    | residuals       |        | of each experiment, over the noise; NaN where missing            |
+    | misfit          | ()     | sum of squared residuals over `freedom`: 1 where noise is all    |
+    | freedom         | ()     | n - m                                                            |
+    | certainty       | (m,)   | singular values of the Jacobian by parameters over these scales  |
+    | directions      | (m, m) | the combination of these that belongs to each, in rows           |
+    | parameter_scale | (m,)   | what its changes are measured by, see `FreeParameter`            |
+    | at_bound        | ()     | by name, whether a bound is nearer than a tenth of the deviation |
+    | steps           | ()     | of the last search                                               |
+    | status          | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`      |
 
     Unless the status is `OK`, `parameters`, `deviation`, `covariance` and all that follows from
     them is NaN; `partial` is the same fit with the best that was found. Of a batch, every answer
@@ -87,7 +87,7 @@ class Fit(eqx.Module):
     freedom: Array
     certainty: Float[Array, " m"]
     directions: Float[Array, "m m"]
-    unit: Float[Array, " m"]
+    parameter_scale: Float[Array, " m"]
     at_bound: dict[str, Array]
     steps: Array
     status: Code
@@ -101,7 +101,9 @@ class Fit(eqx.Module):
     def partial(self) -> "Fit":
         """The same fit with the best parameters found, whatever its status, and how sure they are:
         where the data cannot tell, with infinite deviations."""
-        deviation, covariance = spread(self.certainty, self.directions, self.unit, self.scale)
+        deviation, covariance = spread(
+            self.certainty, self.directions, self.parameter_scale, self.scale
+        )
         return dataclasses.replace(
             self,
             parameters=values_of(self.free, self.z),
@@ -150,7 +152,7 @@ class Fit(eqx.Module):
 
         values = jnp.stack(list(self.parameters.values()))
         slope = jax.jacfwd(at)(values)
-        change = (slope * jnp.broadcast_to(self.unit, slope.shape)) @ self.directions.T
+        change = (slope * jnp.broadcast_to(self.parameter_scale, slope.shape)) @ self.directions.T
         still = jnp.abs(change) <= 1e-6 * jnp.max(jnp.abs(change), axis=-1, keepdims=True)
         sure = jnp.broadcast_to(self.certainty, change.shape)
         spread = jnp.where(still, 0.0, change / jnp.where(still, 1.0, sure))

@@ -96,7 +96,8 @@ class Choice:
 
     `met` is False where no rung was found to: then `rung` is the best there is, and `estimate` its
     error. `partial` is what the rung says, `answer` the same where the tolerance is met, else NaN.
-    `law` is what an axial law other than the engineering strain might change (`Answer.law`).
+    `law_effect` is what an axial law other than the engineering strain might change
+    (`Answer.law_effect`).
     """
 
     rung: Rung
@@ -104,7 +105,7 @@ class Choice:
     met: bool
     tolerance: float
     partial: np.ndarray
-    law: float
+    law_effect: float
     indicators: Indicators
     evidence: tuple[Evidence, ...]
 
@@ -128,10 +129,10 @@ class Choice:
             f"{float(known.size):.2g} L, slope {float(known.slope):.2g}, steady strain "
             f"{float(known.steady_strain):.2g}, {excited}",
         ]
-        if self.law > self.tolerance:
+        if self.law_effect > self.tolerance:
             lines.append(
                 "strains are not small: an axial law other than that of the engineering strain "
-                f"might change this by some {self.law:.1g}"
+                f"might change this by some {self.law_effect:.1g}"
             )
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:
@@ -172,7 +173,7 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
 
     The judge's material has the engineering strain (`EngineeringANCF`). To estimates of rungs of
     any other axial law is added what laws that agree at small strains may differ by, from the
-    strains that the judge meets: see `Answer.law`, which `Choice.law` repeats.
+    strains that the judge meets: see `Answer.law_effect`, which `Choice.law_effect` repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
     model is compiled once for all questions of a kind, side by side on the cores there are. For
@@ -306,14 +307,14 @@ class _Trial:
     chosen: Rung | None = None
 
     @property
-    def law(self) -> float:
+    def law_effect(self) -> float:
         """What another axial law might change, by the strains that the judge meets."""
-        return float(self.ask(self.judge).law)
+        return float(self.ask(self.judge).law_effect)
 
     def estimate(self, model: AbstractModel) -> float:
         """The error of a rung, which is asked for it."""
         apart = self.ask.apart(model, self.judge)
-        return apart + self.left + (self.law if has_other_law(model) else 0.0)
+        return apart + self.left + (self.law_effect if has_other_law(model) else 0.0)
 
     def look_at(self, rung: Rung, may_ask: bool) -> None:
         """Give the verdict on a rung, which is asked only while none is chosen, and not in vain."""
@@ -372,7 +373,7 @@ class _Trial:
             met=self.chosen is not None,
             tolerance=self.tolerance,
             partial=np.asarray(self.ask(best.model).value),
-            law=self.law,
+            law_effect=self.law_effect,
             indicators=self.known,
             evidence=evidence,
         )

@@ -30,14 +30,15 @@ class Answer(eqx.Module):
 
     `value` (m,) and what its errors are relative to, `scale` (m,); `size`, the largest deflection
     of the tip on the way over the length; `slope`, the largest at the tip; `steps` in time;
-    `status`, and unless it is OK all but the steps is NaN; `law`, what another axial law that
-    agrees at small strains might change, relative.
+    `status`, and unless it is OK all but the steps is NaN; `law_effect`, what another axial law
+    that agrees at small strains might change, relative.
 
-    `law` is the largest strain eps of the centre line plus the square of the largest curvature
-    times the radius of gyration, (EI / EA)^(1/2), at the root: to first order in both the bending
-    stiffness and the length of `GreenANCF` and `EngineeringANCF` differ. The limits of these two
-    differ by 0.1 to 0.5 of it in static deflection, at most 0.4 in peaks of spin-ups, 0.1 to 0.8 in
-    histories and frequencies; once, in a history long enough for phases to drift apart, by 1.4.
+    `law_effect` is the largest strain eps of the centre line plus the square of the largest
+    curvature times the radius of gyration, (EI / EA)^(1/2), at the root: to first order in both
+    the bending stiffness and the length of `GreenANCF` and `EngineeringANCF` differ. The limits of
+    these two differ by 0.1 to 0.5 of it in static deflection, at most 0.4 in peaks of spin-ups, 0.1
+    to 0.8 in histories and frequencies; once, in a history long enough for phases to drift apart,
+    by 1.4.
     """
 
     value: Array  # in tables of many cases, with an axis of cases in front
@@ -46,7 +47,7 @@ class Answer(eqx.Module):
     slope: Array
     steps: Array
     status: Array
-    law: Real = 0.0
+    law_effect: Real = 0.0
 
     def distance(self, reference: "Answer") -> np.ndarray:
         """Largest difference from a better answer, relative; infinite where one has failed. Of

@@ -186,7 +186,7 @@ def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
 
 def has_other_law(model: AbstractModel) -> bool:
     """Whether its material is not that of the engineering strain, to which errors refer. Then what
-    the law may change (`Answer.law`) is part of its error, even if it agrees by chance."""
+    the law may change (`Answer.law_effect`) is part of its error, even if it agrees by chance."""
     return not isinstance(model, EngineeringANCF)
 
 

@@ -73,8 +73,9 @@ def ladder_sweep(
     each rung, the error of discretisation over the distance from the rung below; what integration
     adds; and where to start. Then each case gets the answers of two neighbouring rungs. The
     estimate of its error is 1.5 times the sum of what these, its deflection and integration say,
-    plus, but for elements, what another axial law might change (`Answer.law`); where that is more
-    than the tolerance the case goes on to a richer rung, of the same chain or the non-linear one.
+    plus, but for elements, what another axial law might change (`Answer.law_effect`); where that
+    is more than the tolerance the case goes on to a richer rung, of the same chain or the
+    non-linear one.
 
     The `Table` holds, beside the coordinates of the cases:
 
@@ -193,7 +194,7 @@ def _swept(
             own = np.maximum(chain.ratio[k] * here.distance(coarse), chain.floor[k])
             error = _SAFETY * (own + left_out[which] + chain.noise)
             if has_other_law(chain.models[k]):  # models without stretch know no strain
-                error = error + np.maximum(here.law, strain[cases[which]])
+                error = error + np.maximum(here.law_effect, strain[cases[which]])
             nothing = out["rung"][which] == ""  # then any answer is better
             better = (error < estimate[which]) | (nothing & (here.status == Status.OK))
             best = which[better]

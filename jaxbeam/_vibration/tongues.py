@@ -29,16 +29,16 @@ class Tongue(eqx.Module):
     |-----------|--------|-------|---------------------------------------------------------------|
     | depth     | (D,)   |       | as given                                                      |
     | frequency | (D, 2) | rad/s | lowest and highest frequency of modulation of the region      |
-    | tip       | ()     | rad/s | where it begins without damping: (omega_i + omega_j) / order  |
+    | onset     | ()     | rad/s | where it begins without damping: (omega_i + omega_j) / order  |
     | status    | (D,)   |       | `Status`; `NO_TONGUE` where damping leaves none at this depth |
 
-    Where `status` is not OK the frequencies are NaN (derivatives: as in `modes`); so is `tip` where
-    nothing could be computed at any depth.
+    Where `status` is not OK the frequencies are NaN (derivatives: as in `modes`); so is `onset`
+    where nothing could be computed at any depth.
     """
 
     depth: Float[Array, " D"]
     frequency: Float[Array, "D 2"]
-    tip: Scalar
+    onset: Scalar
     status: Int[Array, " D"]
 
 
@@ -109,19 +109,20 @@ def _tongue(
     rotor, damping = harmless(fine, (rotor, damping))
     mean = jnp.where(fine, mean, 0.0)
     eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
-    tip_now = jnp.sum(eigenvalue.imag) / order
-    tip = without_derivatives(tip_now)
-    still = without_derivatives(_Case(rotor, mean, damping, tip, 0 * tip)).plane(model, families)
+    onset_now = jnp.sum(eigenvalue.imag) / order
+    onset = without_derivatives(onset_now)
+    without_depth = without_derivatives(_Case(rotor, mean, damping, onset, 0 * onset))
+    still = without_depth.plane(model, families)
     shapes = jnp.where(fine, found.shape, 1.0)
     basis = without_derivatives(_basis(still, mean, eigenvalue, shapes))
     margin = _Margin(model, families, basis, steps)
-    search = _Search(margin, rotor, mean, damping, tip, order)
+    search = _Search(margin, rotor, mean, damping, onset, order)
     kept, rates, status = search.boundaries(depths)
     ends = jax.vmap(jax.vmap(search.polished, (0, 0, None)))(kept, rates, depths)
     status = jnp.where(fine, status, given).astype(int)
     ok = status == Status.OK
     known = ok[:, None] & jnp.isfinite(kept)
-    return Tongue(depths, where_known(known, ends), where_known(fine, tip_now), status)
+    return Tongue(depths, where_known(known, ends), where_known(fine, onset_now), status)
 
 
 def _unmodulated(
@@ -221,13 +222,13 @@ class _Search(NamedTuple):
     rotor: AnyRotor
     mean: Scalar
     damping: Damping
-    tip: Scalar
+    onset: Scalar
     order: Scalar
 
     def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
         """At each depth both ends, the derivatives of the margin there, and a status."""
-        tip, least = self.tip, jnp.full_like(self.tip, 1e-3)
-        first = _Traced(least, tip, 0.01 * tip * least**self.order, jnp.full(2, jnp.nan))
+        onset, least = self.onset, jnp.full_like(self.onset, 1e-3)
+        first = _Traced(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
         return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
 
     def follow(self, last: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
@@ -239,11 +240,11 @@ class _Search(NamedTuple):
         centre = last.centre + drift * (depth**2 - last.depth**2)
         centre, width = self.vertex(centre, last.width * (depth / last.depth) ** self.order, depth)
         exists = jnp.isfinite(width)
-        start = jnp.where(exists, centre + width * np.array([-1.0, 1.0]), self.tip)
+        start = jnp.where(exists, centre + width * np.array([-1.0, 1.0]), self.onset)
         end = jax.vmap(lambda nu: self.newton(nu, depth))(start)
         rise = jax.vmap(lambda nu: self.slope(nu, depth, (0.0, 1.0))[2])(end.frequency)
         ends = end.frequency
-        good = exists & jnp.all(end.change <= 1e-9 * self.tip) & (ends[1] > ends[0])
+        good = exists & jnp.all(end.change <= 1e-9 * self.onset) & (ends[1] > ends[0])
         status = _ended(end, valid, exists, good)
         good &= valid
         new = _Traced(
@@ -277,11 +278,11 @@ class _Search(NamedTuple):
 
         def body(end: _End) -> _End:
             value, likeness, rate = self.slope(end.frequency, depth, (1.0, 0.0))
-            change = jnp.clip(value / rate, -0.02 * self.tip, 0.02 * self.tip)
+            change = jnp.clip(value / rate, -0.02 * self.onset, 0.02 * self.onset)
             return _End(end.frequency - change, jnp.abs(change), likeness, rate, end.tries + 1)
 
         def go_on(end: _End) -> Array:
-            return (end.change > 1e-13 * self.tip) & (end.tries < 20)
+            return (end.change > 1e-13 * self.onset) & (end.tries < 20)
 
         one = jnp.ones_like(start)
         return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
@@ -302,9 +303,9 @@ class _Search(NamedTuple):
         """One more step, in which the parameters carry their derivatives."""
         here = jnp.isfinite(end)
         depth = jnp.where(here, depth, 1e-3)
-        start = jnp.where(here, end, self.tip)
+        start = jnp.where(here, end, self.onset)
         value, _ = self.margin.at(_Case(self.rotor, self.mean, self.damping, start, depth))
-        value, end = jnp.where(here, value, 0.0), jnp.where(here, end, self.tip)
+        value, end = jnp.where(here, value, 0.0), jnp.where(here, end, self.onset)
         return end - value / jnp.where(here, rate, 1.0)
 
 

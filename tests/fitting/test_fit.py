@@ -277,7 +277,7 @@ def test_a_search_that_cannot_get_lower_has_arrived():
             "a": jb.FreeParameter(intercept + off, -np.inf),
             "b": jb.FreeParameter(slope, -np.inf),
         }
-        descent = jb.fitting.Descent(starts=1, steps=1, spread=0.0)
+        descent = jb.fitting.Descent(starts=1, steps=1, starts_within=0.0)
         found = jb.fit(line(x, y, 0.01), free, max_steps=1, descent=descent, throw=False)
         assert found.status == status
 

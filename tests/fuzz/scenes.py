@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import jaxbeam as jb
 from jaxbeam import Status
+from tests.helpers import BEAM, ROTOR, SPRINGS, rules
 
 FACTOR = float(os.environ.get("FUZZ_FACTOR", "1"))
 # What is new, and slow to compile.
@@ -32,23 +33,16 @@ def examples(number):
 
 BAD = 0.0, -1.0, math.nan, math.inf, -math.inf
 ABSURD = 1e-300, 1e-30, 1e30, 1e300  # and yet in range
-POSITIVE = {
-    "length": Status.INVALID_LENGTH,
-    "mass_per_length": Status.INVALID_MASS_PER_LENGTH,
-    "axial_stiffness": Status.INVALID_AXIAL_STIFFNESS,
-    "in_plane_bending_stiffness": Status.INVALID_IN_PLANE_BENDING_STIFFNESS,
-    "flap_bending_stiffness": Status.INVALID_FLAP_BENDING_STIFFNESS,
-    "mass": Status.INVALID_MASS,
-    "translational_spring": Status.INVALID_TRANSLATIONAL_SPRING,
-    "torsional_spring": Status.INVALID_TORSIONAL_SPRING,
+RULES = rules(jb.Beam) | rules(jb.Rotor) | rules(jb.models.SpringRotor)
+# What a parameter's status is called follows from its name.
+NAMED = {key: Status[f"INVALID_{key.upper()}"] for key in RULES}
+POSITIVE = {key: status for key, status in NAMED.items() if not RULES[key]["zero"]} | {
     "duration": Status.INVALID_MOTION,
     "down_at": Status.INVALID_MOTION,
     "frequency": Status.INVALID_MOTION,
     "end": Status.INVALID_TIMES,
 }
-NOT_NEGATIVE = {
-    "hub_radius": Status.INVALID_HUB_RADIUS,
-    "tip_mass": Status.INVALID_TIP_MASS,
+NOT_NEGATIVE = {key: status for key, status in NAMED.items() if RULES[key]["zero"]} | {
     "mass_damping": Status.INVALID_DAMPING,
     "stiffness_damping": Status.INVALID_DAMPING,
 }
@@ -60,9 +54,6 @@ FINITE = {
     "force": Status.INVALID_LOAD,
     "start": Status.INVALID_START,
 }
-BEAM = "length", "mass_per_length", "axial_stiffness", *list(POSITIVE)[3:5]
-ROTOR = *BEAM, "hub_radius", "tip_mass"
-SPRINGS = "mass", "length", "hub_radius", "translational_spring", "torsional_spring"
 
 
 def decades(low, high):
@@ -126,7 +117,7 @@ def spinning(draw, model):
 def build(model, p):
     """The rotor of these numbers."""
     if model.rotor_type is jb.models.SpringRotor:
-        return jb.models.SpringRotor(*(p[key] for key in SPRINGS))
+        return jb.models.SpringRotor(**{key: p[key] for key in SPRINGS})
     return jb.Rotor(jb.Beam(*(p[key] for key in BEAM)), p["hub_radius"], p["tip_mass"])
 
 

@@ -10,7 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import jaxbeam as jb
-from tests.fuzz.scenes import BEAM, POSITIVE, SPRINGS, examples
+from tests.fuzz.scenes import POSITIVE, examples
+from tests.helpers import BEAM, SPRINGS
 
 WRONG = "1", None, 1j, True, [1.0], np.ones(1), np.array(1), jnp.asarray(2), object()
 BEAM_OF_ONES = jb.Beam(*5 * [1.0])

@@ -17,7 +17,6 @@ from jaxbeam import Status
 from tests.fuzz.scenes import (
     BAD,
     BY_HAND,
-    ROTOR,
     build,
     decades,
     evaluated,
@@ -28,6 +27,7 @@ from tests.fuzz.scenes import (
     spinning,
     spoiled,
 )
+from tests.helpers import ROTOR
 
 pytestmark = BY_HAND
 
@@ -141,7 +141,7 @@ def boundaries(pair):
             one = jb.floquet(TWO, rotor, motion, damping=damping, throw=False)
             return one.growth_rate, one.status
 
-        return found.status[0], found.frequency[0], found.tip, *jax.vmap(growth)(nu)
+        return found.status[0], found.frequency[0], found.onset, *jax.vmap(growth)(nu)
 
     return jax.jit(run)
 

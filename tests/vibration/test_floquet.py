@@ -181,7 +181,7 @@ def test_tongues(model, pair, order):
     assert (found.status == jb.Status.OK).all()
     np.testing.assert_allclose(found.frequency[0], frequency.sum() / order, rtol=5e-3)
     # towards the tip, middle and width shrink with the square and the power `order` of the depth
-    middle, width = found.frequency.mean(1) - found.tip, np.diff(found.frequency)[:, 0]
+    middle, width = found.frequency.mean(1) - found.onset, np.diff(found.frequency)[:, 0]
     np.testing.assert_allclose(middle[0] / middle[1], 0.01, rtol=0.2)
     np.testing.assert_allclose(width[0] / width[1], 0.1**order, rtol=0.05)
 
