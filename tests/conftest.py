@@ -18,10 +18,9 @@ gc.set_threshold(100_000, 50, 100)  # tracing makes many objects, few of them ga
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if "not slow" in config.option.markexpr:  # those call with more than annotations say yet
-        from tests import shapes
+    from tests import shapes
 
-        shapes.check()
+    shapes.check()
     from tests.helpers import xla_flags  # imports the package, which is to be checked
 
     os.environ["XLA_FLAGS"] = xla_flags(0)  # what asks for more is in tests/helpers.py

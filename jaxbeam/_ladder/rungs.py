@@ -19,7 +19,7 @@ from jaxbeam._models.basis import CantileverModes, Polynomials
 from jaxbeam._models.modal import Classical, Hybrid, VonKarman
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
-from jaxbeam._types import Scalar
+from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
@@ -128,7 +128,7 @@ class Indicators(eqx.Module):
     excited: Array
 
     @property
-    def reach(self) -> Scalar:
+    def reach(self) -> Real:
         """What linear theories, and that of von Karman, leave out goes with this."""
         return self.size**2 + self.steady_strain
 

@@ -97,9 +97,9 @@ class Equations(eqx.Module):
     takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
     rigid: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
-    size: eqx.AbstractVar[Scalar]  # length, the yardstick of displacements, m
-    end: eqx.AbstractVar[Scalar]  # distance of the undeformed tip from the axis, m
-    energy_scale: eqx.AbstractVar[Scalar]  # a natural unit of energy, J
+    size: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
+    end: eqx.AbstractVar[Number]  # distance of the undeformed tip from the axis, m
+    energy_scale: eqx.AbstractVar[Number]  # a natural unit of energy, J
 
     @property
     def is_linear(self) -> bool:

@@ -37,7 +37,7 @@ from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._rotor.motion import Hub, skew, spinning
 from jaxbeam._status import Status
-from jaxbeam._types import Matrix, Scalar, Triple, Vector
+from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
 _DIRECTION = {Family.AXIAL: 0, Family.IN_PLANE: 1, Family.FLAP: 2}
 
@@ -170,11 +170,11 @@ class CartesianEquations(Equations):
     moment: Vector
     first: Vector
     rigid: Triple
-    size: Scalar
-    end: Scalar
-    energy_scale: Scalar
-    masses: tuple[Scalar, Scalar]  # of the beam and at the tip
-    hub_radius: Scalar
+    size: Number
+    end: Number
+    energy_scale: Number
+    masses: tuple[Number, Number]  # of the beam and at the tip
+    hub_radius: Number
     elasticity: Elasticity
     stiffening: Float[Array, "3 n n"] | None
     model: CartesianModel = eqx.field(static=True)

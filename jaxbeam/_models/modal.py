@@ -34,7 +34,7 @@ from jaxbeam._models.cartesian import (
     linear_system,
 )
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._types import Matrix, Scalar, Vector
+from jaxbeam._types import Matrix, Number, Scalar, Vector
 
 
 class _Modal(CartesianModel):
@@ -153,8 +153,8 @@ class VonKarman(_Modal):
 
 class _VonKarman(Elasticity):
     bending: Matrix
-    axial_stiffness: Scalar
-    length: Scalar
+    axial_stiffness: Number
+    length: Number
     slope: Float[Array, "p n"]
     weight: Float[Array, " p"]
     direction: Float[Array, "n 3"]

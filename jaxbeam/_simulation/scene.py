@@ -20,7 +20,7 @@ from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector, is_known
+from jaxbeam._types import Code, Matrix, Number, Scalar, Triple, Vector, is_known
 
 Inputs = tuple[Hub, Triple | None]
 
@@ -77,7 +77,7 @@ class Scene(SecondOrderSystem):
         return without
 
     @property
-    def work_unit(self) -> Scalar:
+    def work_unit(self) -> Number:
         """J per unit of `State.work`."""
         return self.equations.energy_scale / self.equations.size
 
@@ -209,7 +209,7 @@ class Scene(SecondOrderSystem):
         kept = self.inverse_mass
         return (inverse(self.mass) if kept is None else kept) @ force
 
-    def power(self, x: Inputs, q: Vector, v: Vector) -> Scalar:
+    def power(self, x: Inputs, q: Vector, v: Vector) -> Number:
         """Rate of the balance of energy, in `work_unit` per second."""
         (hub, tip_force), equations = x, self.equations
         out = -self._moved_by(hub, q, v) - total(
@@ -221,7 +221,7 @@ class Scene(SecondOrderSystem):
             out = out + total(tip_force * jax.jvp(equations.tip, (q,), (v,))[1])
         return out / self.work_unit
 
-    def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Scalar:
+    def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Number:
         """The rate dT/dv . v' + dT/domega . omega' at which the moving hub changes T."""
         _, out = jax.jvp(
             lambda *twist: self.equations.kinetic_energy(q, v, *twist),
@@ -248,7 +248,7 @@ class Scene(SecondOrderSystem):
             self.equations.strain_energy(y.q)
         )
 
-    def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+    def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """Kinetic energy in the inertial frame, in J."""
         mass, first, second = self.equations.rigid
         beam = jnp.zeros(3, q.dtype).at[0].set(first)

@@ -111,7 +111,7 @@ def step_inputs(
 
 def work_along(
     system: SecondOrderSystem, inputs: Any, h: Number, y0: State, bends: Float[Array, "b m *lanes"]
-) -> Float[Array, " 4"]:
+) -> Float[Array, "4 *lanes"]:
     """Work along a `StepPolynomial` of q and v side by side, as coefficients of its own.
 
     By quadrature: the work drives nothing, so it needs no stages of its own, and it carries no

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._results import without_derivatives
-from jaxbeam._types import Matrix, Scalar, Vector
+from jaxbeam._types import Matrix, Number, Scalar, Vector
 
 
 class State(eqx.Module):
@@ -66,7 +66,7 @@ class SecondOrderSystem(eqx.Module):
     def force(self, x: Any, q: Vector, v: Vector) -> Vector:
         """Right-hand side, under the inputs x."""
 
-    def power(self, x: Any, q: Vector, v: Vector) -> Scalar:
+    def power(self, x: Any, q: Vector, v: Vector) -> Number:
         """Rate of `State.work`."""
         return jnp.zeros((), q.dtype)
 

@@ -198,7 +198,8 @@ def step(model, speed, mass):
     rotor, loads = jb.Rotor(ROTOR.beam, tip_mass=mass), jb.Loads([0, -9.8, 0], [0, 1, 0])
     scene = jb.results.Scene(model, rotor, jb.ConstantSpeed(speed), loads, jb.Damping(0.1))
     rest = State(jnp.zeros(scene.mass.shape[0]), jnp.zeros(scene.mass.shape[0]))
-    return jb.solvers.Rodas5P().step(None, 0.0, 0.01, rest, scene, None, False)[0].q[-1]
+    span = jnp.asarray(0.0), jnp.asarray(0.01)
+    return jb.solvers.Rodas5P().step(None, *span, rest, scene, None, False)[0].q[-1]
 
 
 SEVERAL = jnp.full(40, 2.0), jnp.full(40, 0.1)  # more lanes than are worked on together

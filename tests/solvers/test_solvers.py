@@ -240,7 +240,8 @@ def test_forces_may_jump_where_the_controller_is_told(solver):
 def test_an_acceleration_from_before_a_jump_is_not_used(jumped):
     solver, still = jb.solvers.ChordKvaerno5(), jb.solvers.State(jnp.zeros(1), jnp.zeros(1))
     term, pushed = jb.solvers.second_order_term(solver), Pushed(jnp.eye(1))
-    end = solver.step(term, 1.0, 1.5, still, pushed, jnp.zeros(1), jumped)[0]
+    span = jnp.asarray(1.0), jnp.asarray(1.5)
+    end = solver.step(term, *span, still, pushed, jnp.zeros(1), jumped)[0]
     np.testing.assert_allclose(end.q, 0.125, rtol=1e-12)
 
 
