@@ -8,7 +8,7 @@ from jaxtyping import Array, Complex, Float, Int
 Scalar = Float[Array, ""]
 Real = float | Scalar  # what a user may give where a scalar is wanted
 Code = Int[Array, ""]
-Number = Float[Array, "*lanes"]  # a scalar, in each lane
+Number = Float[Array, "*#lanes"]  # a scalar, in each lane or (of length 1) one for all
 Matrix = Float[Array, "n n"]
 Vector = Float[Array, "n *lanes"]  # one number a coordinate; lanes: see `kernel`
 Vectors = Complex[Array, "k n"]
