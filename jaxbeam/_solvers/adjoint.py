@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._numerics.anywhere import anywhere
 from jaxbeam._numerics.kernel import reverse_mode
+from jaxbeam._numerics.loop import loop
 from jaxbeam._solvers.run import (
     Given,
     Run,
@@ -97,6 +98,9 @@ class _Sweep(NamedTuple):
         )
         return as_row(y, as_arrays(solver_state)), Step(t0, t1, info)
 
+    def goes_on(self, back: _Back) -> Array:
+        return back.k >= 0
+
     def step(self, back: _Back) -> _Back:
         """Looks at step k, up or down, and goes on; nothing changes in a lane that is done."""
         active = back.k >= 0
@@ -172,9 +176,7 @@ class _Sweep(NamedTuple):
 @run.def_bwd
 def _backwards(residuals: Any, out: Run, perturbed: Any, given: Given, task: Task) -> Any:
     sweep, back = _begin(residuals, out, perturbed, given, task)
-    back = jax.lax.while_loop(
-        lambda back: anywhere.bind(back.k >= 0), lambda back: sweep.step(back), back
-    )
+    back = loop(_Sweep.goes_on, _Sweep.step, sweep, back)
     # The first output is the state at the start, on which the first state of the solver depends.
     to_y0 = sweep.at_outputs[0]
 

@@ -4,7 +4,6 @@ This is what `diffrax.diffeqsolve` does, for the one case that beams ask for. It
 since its size is what a user waits for: half of a spin-up is compiled, not computed.
 """
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -13,9 +12,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
+from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.anywhere import anywhere
+from jaxbeam._numerics.loop import loop
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.events import Events
 from jaxbeam._solvers.system import State
@@ -61,7 +62,7 @@ def conditions(task: Task, given: Given) -> list[Callable[[Scalar, State], Any]]
         "stepsize_controller": task.controller,
     }  # fmt: skip
     found = jax.tree.leaves(task.event.cond_fn, is_leaf=callable)
-    return [functools.partial(_asked, f, given.args, more) for f in found]
+    return [Partial(_asked, f, given.args, more) for f in found]
 
 
 def _asked(function: Any, args: Any, more: dict[str, Any], t: Scalar, y: State) -> Any:
@@ -134,15 +135,7 @@ class _Verdict(NamedTuple):
 def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape | None]:
     """Runs the task; with an empty `tape` that is filled."""
     marching, now = _begin(task, given, tape)
-    arrays, static = eqx.partition(now, eqx.is_array)
-
-    def goes_on(arrays: Any) -> Array:
-        return anywhere.bind(marching.goes_on(eqx.combine(arrays, static)))
-
-    def body(arrays: Any) -> Any:
-        return eqx.filter(marching.step(eqx.combine(arrays, static)), eqx.is_array)
-
-    now = eqx.combine(jax.lax.while_loop(goes_on, body, arrays), static)
+    now = loop(_March.goes_on, _March.step, marching, now)
     run, unfinished = now.run, marching.unfinished(now)
     result = diffrax.RESULTS.where(unfinished, diffrax.RESULTS.max_steps_reached, run.result)
     return run._replace(outputs=run.outputs[:-1], result=result), now.tape
