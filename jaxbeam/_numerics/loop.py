@@ -62,58 +62,71 @@ def _batchable(plain: Step, goes_on: GoesOn, step: Step) -> Step:
 
     @one.def_vmap
     def rule(size: int, batched: Any, fixed: Any, state: Any) -> tuple[Any, Any]:
-        flat, tree = jax.tree.flatten(fixed)
+        leaves, tree = jax.tree.flatten(fixed)
         flags = jax.tree.leaves(batched[0])
-        moving = [a for a, own in zip(flat, flags, strict=True) if own]
-        shared = [a for a, own in zip(flat, flags, strict=True) if not own]
-        start = jax.tree.map(
-            lambda a, own: a if own else jnp.broadcast_to(a, (size, *a.shape)), state, batched[1]
-        )
+        start = jax.tree.map(lambda a, own: _repeated(a, own, size), state, batched[1])
+        own = [a for a, moves in zip(leaves, flags, strict=True) if moves]
+        shared = [a for a, moves in zip(leaves, flags, strict=True) if not moves]
 
-        def whole(moving: list[Array], shared: list[Array]) -> Any:
-            parts = iter(moving), iter(shared)
-            return jax.tree.unflatten(tree, [next(parts[0 if own else 1]) for own in flags])
+        def steps(shared: list[Array], moves: list[bool]) -> _Ensemble:
+            def whole(own: list[Array]) -> Any:
+                parts = iter(shared), iter(own)
+                return jax.tree.unflatten(tree, [next(parts[moved]) for moved in moves])
 
-        def all_of(shared: list[Array], moving: list[Array], start: Any) -> Any:
-            ensemble = _Ensemble(
-                lambda own, state: goes_on(whole(own, shared), state),
-                lambda own, state: step(whole(own, shared), state),
-            )
-            if len(jax.tree.leaves(start)[0]) <= _LANES:
-                return ensemble.together(moving, start)
-            return jax.lax.platform_dependent(
-                moving, start, cpu=ensemble.by(_LANES), default=ensemble.by(_MANY)
+            return _Ensemble(
+                lambda own, state: goes_on(whole(own), state),
+                lambda own, state: step(whole(own), state),
             )
 
-        out = _flattening(all_of)(shared, moving, start)
+        out = _of_cases(steps, flags)(shared, own, start)
         return out, jax.tree.map(lambda _: True, out)
 
     return one
 
 
-def _flattening(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function` of what is shared and of cases (n, ...), where a batch of b times n cases that
-    share as much is one of b n."""
-    some = custom_vmap(function)
+def _repeated(a: Array, batched: bool, size: int) -> Array:
+    return a if batched else jnp.broadcast_to(a, (size, *a.shape))
 
-    @some.def_vmap
-    def rule(size: int, batched: Any, shared: Any, moving: Any, start: Any) -> tuple[Any, Any]:
-        if any(jax.tree.leaves(batched[0])):
-            out = jax.vmap(
-                function, in_axes=jax.tree.map(lambda own: 0 if own else None, tuple(batched))
-            )(shared, moving, start)
-            return out, jax.tree.map(lambda _: True, out)
 
-        def flat(a: Array, own: bool) -> Array:
-            a = a if own else jnp.broadcast_to(a, (size, *a.shape))
-            return a.reshape(-1, *a.shape[2:])
+def _of_cases(steps: Callable[..., "_Ensemble"], moves: list[bool]) -> Callable[..., Any]:
+    """The loop of n cases, of what they share, what is their own (n, ...), and states (n, ...).
 
-        cases = jax.tree.map(flat, (moving, start), (batched[1], batched[2]))
-        out = _flattening(function)(shared, *cases)
-        out = jax.tree.map(lambda a: a.reshape(size, -1, *a.shape[1:]), out)
+    A batch of b of these is one of b n cases.
+    """
+
+    @custom_vmap
+    def function(shared: list[Array], own: list[Array], start: Any) -> Any:
+        ensemble = steps(shared, moves)
+        if len(jax.tree.leaves(start)[0]) <= _LANES:
+            return ensemble.together(own, start)
+        return jax.lax.platform_dependent(
+            own, start, cpu=ensemble.by(_LANES), default=ensemble.by(_MANY)
+        )
+
+    @function.def_vmap
+    def rule(size: int, batched: Any, shared: Any, own: Any, start: Any) -> tuple[Any, Any]:
+        n = len(jax.tree.leaves(start)[0])
+
+        def flat(a: Array, batched: bool) -> Array:
+            return _repeated(a, batched, size).reshape(size * n, *a.shape[1 + batched :])
+
+        def copied(a: Array) -> Array:
+            return jnp.repeat(a, n, 0)
+
+        # What groups of cases share, but not all of them, each case gets a copy of.
+        parts = iter(zip(shared, batched[0], strict=True)), iter(zip(own, batched[1], strict=True))
+        some: tuple[list[Array], list[Array]] = [], []
+        flags = []
+        for moved in moves:
+            a, varies = next(parts[moved])
+            flags.append(moved or varies)
+            some[flags[-1]].append(flat(a, varies) if moved else copied(a) if varies else a)
+        states = jax.tree.map(flat, start, batched[2])
+        out = _of_cases(steps, flags)(*some, states)
+        out = jax.tree.map(lambda a: a.reshape(size, n, *a.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
-    return some
+    return function
 
 
 class _Ensemble:

@@ -71,8 +71,11 @@ def test_a_batch_of_batches_is_a_batch() -> None:
     )
     np.testing.assert_allclose(values.ravel(), base**exponent, rtol=1e-13)
     np.testing.assert_array_equal(counts.ravel(), exponent)
+    STEPS.clear()
     grid = jax.vmap(jax.vmap(power, in_axes=(None, 0)), in_axes=(0, None))(base, exponent)[0]
     np.testing.assert_allclose(grid, base[:, None] ** exponent, rtol=1e-13)
+    jax.effects_barrier()
+    assert set(STEPS) == {32}  # what one of the two shares is no other way
 
 
 @pytest.mark.parametrize("nested", [False, True])
