@@ -14,12 +14,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, JaxprEqn, jaxpr_as_fun
 from jaxtyping import Array
 
+from jaxbeam._numerics.batches import CPU_LANES, batchable
 from jaxbeam._numerics.lanes import total
 
 # What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
@@ -37,7 +37,6 @@ _ALLOWED = frozenset({
 # fmt: on
 _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
 _FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
-_LANES = 32  # of a batch that are worked on together: their matrices stay in the cache
 
 
 def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., Any]:
@@ -206,41 +205,56 @@ def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[
 
 def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
     """Lanes go last, with copies of all that they share but, if `shared`, the first argument."""
-
-    def rule(size: int, batched: Any, *args: Any) -> tuple[Any, Any]:
-        width = min(_LANES, size)
-        rows = -(-size // width)
-        extra = rows * width - size
-
-        def last(a: Array, has_lanes: bool, copies: int) -> Array:
-            if not has_lanes:
-                return jnp.broadcast_to(a[..., None], (*a.shape, copies))
-            # The last lane fills up the last row.
-            a = jnp.concatenate([a, jnp.broadcast_to(a[-1:], (extra, *a.shape[1:]))])
-            return jnp.moveaxis(a.reshape(rows, width, *a.shape[1:]), 1, -1)
-
-        flat, tree = jax.tree.flatten(args)
-        flags = jax.tree.leaves(batched)
-        first = len(jax.tree.leaves(args[0])) if shared else 0
-        copies = [1] * first + [width] * (len(flat) - first)
-        moved = [last(*each) for each in zip(flat, flags, copies, strict=True)]
-
-        def row(some: list[Array]) -> Any:
-            rest = iter(some)
-            leaves = [next(rest) if b else a for a, b in zip(moved, flags, strict=True)]
-            out = own(*jax.tree.unflatten(tree, leaves))
-            return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
-
-        out = jax.lax.map(row, [a for a, b in zip(moved, flags, strict=True) if b])
-        out = jax.tree.map(
-            lambda a: jnp.moveaxis(a, -1, 1).reshape(rows * width, *a.shape[1:-1])[:size], out
-        )
-        return out, jax.tree.map(lambda _: True, out)
-
     one = _as_one(function)
-    own = custom_vmap(lambda *args: one(*args))
-    own.def_vmap(rule)
-    return own
+
+    def call(*args: Any) -> Any:
+        flat, tree = jax.tree.flatten(args)
+        first = len(jax.tree.leaves(args[0])) if shared else 0
+
+        def many(size: int, moves: tuple[bool, ...], leaves: list[Array]) -> Any:
+            def by(width: int) -> Callable[..., Any]:
+                return lambda leaves: _in_rows(
+                    lambda leaves: one(*jax.tree.unflatten(tree, leaves)),
+                    size, width, moves, leaves, first,
+                )  # fmt: skip
+
+            if size <= CPU_LANES:
+                return by(size)(leaves)
+            return jax.lax.platform_dependent(leaves, cpu=by(CPU_LANES), default=by(size))
+
+        return batchable(lambda leaves: one(*jax.tree.unflatten(tree, leaves)), many)(flat)
+
+    return call
+
+
+def _in_rows(
+    one: Callable[..., Any], size: int, width: int, moves: tuple[bool, ...], leaves: list[Array],
+    shared: int,
+) -> Any:  # fmt: skip
+    """Row by row of so many lanes; the first leaves, so many, are not copied for what lanes
+    share."""
+    rows = -(-size // width)
+    extra = rows * width - size
+
+    def last(a: Array, moved: bool, copies: int) -> Array:
+        if not moved:
+            return jnp.broadcast_to(a[..., None], (*a.shape, copies))
+        # The last lane fills up the last row.
+        a = jnp.concatenate([a, jnp.broadcast_to(a[-1:], (extra, *a.shape[1:]))])
+        return jnp.moveaxis(a.reshape(rows, width, *a.shape[1:]), 1, -1)
+
+    copies = [1] * shared + [width] * (len(leaves) - shared)
+    moved = [last(*each) for each in zip(leaves, moves, copies, strict=True)]
+
+    def row(some: list[Array]) -> Any:
+        rest = iter(some)
+        out = one([next(rest) if own else a for a, own in zip(moved, moves, strict=True)])
+        return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
+
+    out = jax.lax.map(row, [a for a, own in zip(moved, moves, strict=True) if own])
+    return jax.tree.map(
+        lambda a: jnp.moveaxis(a, -1, 1).reshape(rows * width, *a.shape[1:-1])[:size], out
+    )
 
 
 def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -257,7 +271,7 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
         def one_function(*args: Any) -> tuple[Any, Array]:
             leaves = jax.tree.leaves(args)
             # The emitter does not bear operands that nothing uses.
-            used = sum(a.ravel()[0] for a in leaves if a.size)
+            used = sum(a[(0,) * a.ndim] if a.ndim else a for a in leaves if a.size)
             return jax.tree.unflatten(jax.tree.structure(out), jaxpr_as_fun(short)(*leaves)), used
 
         def fast(*args: Any) -> Any:

@@ -10,13 +10,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool
 
 from jaxbeam._numerics.anywhere import anywhere
+from jaxbeam._numerics.batches import CPU_LANES, batchable
 
-_LANES = 32  # cases that a CPU works on together: their matrices stay in the cache
-_MANY = 8192  # the same elsewhere
+_MANY = 8192  # cases that other devices than a CPU work on together
 
 GoesOn = Callable[[Any, Any], Any]
 Step = Callable[[Any, Any], Any]
@@ -41,92 +40,48 @@ def loop(goes_on: GoesOn, step: Step, fixed: Any, state: Any) -> Any:
     def once(own: Any, state: Any) -> Any:
         return eqx.filter(step(*eqx.combine((own, state), rest)), eqx.is_array)
 
-    def plain(own: Any, state: Any) -> Any:
+    leaves, tree = jax.tree.flatten((own, state))
+    fixed_count = len(jax.tree.leaves(own))
+
+    def plain(leaves: list[Array]) -> Any:
+        own, state = jax.tree.unflatten(tree, leaves)
         return jax.lax.while_loop(
             lambda state: anywhere.bind(more(own, state)), lambda state: once(own, state), state
         )
 
-    @jax.custom_jvp
-    def run(own: Any, state: Any) -> Any:
-        return _batchable(plain, more, once)(own, state)
+    def many(size: int, moves: tuple[bool, ...], leaves: list[Array]) -> Any:
+        def whole(given: list[Array], state: Any) -> tuple[Any, Any]:
+            moving = iter(given)
+            parts = [
+                next(moving) if moved else a
+                for a, moved in zip(leaves[:fixed_count], moves, strict=False)
+            ]
+            return jax.tree.unflatten(tree, parts + jax.tree.leaves(state))
 
-    @run.defjvp
-    def rule(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-        return jax.jvp(plain, primals, tangents)
+        def start(a: Array, moved: bool) -> Array:
+            return a if moved else jnp.broadcast_to(a, (size, *a.shape))
 
-    return eqx.combine(run(own, state), rest[1])
-
-
-def _batchable(plain: Step, goes_on: GoesOn, step: Step) -> Step:
-    one = custom_vmap(plain)
-
-    @one.def_vmap
-    def rule(size: int, batched: Any, fixed: Any, state: Any) -> tuple[Any, Any]:
-        leaves, tree = jax.tree.flatten(fixed)
-        flags = jax.tree.leaves(batched[0])
-        start = jax.tree.map(lambda a, own: _repeated(a, own, size), state, batched[1])
-        own = [a for a, moves in zip(leaves, flags, strict=True) if moves]
-        shared = [a for a, moves in zip(leaves, flags, strict=True) if not moves]
-
-        def steps(shared: list[Array], moves: list[bool]) -> _Ensemble:
-            def whole(own: list[Array]) -> Any:
-                parts = iter(shared), iter(own)
-                return jax.tree.unflatten(tree, [next(parts[moved]) for moved in moves])
-
-            return _Ensemble(
-                lambda own, state: goes_on(whole(own), state),
-                lambda own, state: step(whole(own), state),
-            )
-
-        out = _of_cases(steps, flags)(shared, own, start)
-        return out, jax.tree.map(lambda _: True, out)
-
-    return one
-
-
-def _repeated(a: Array, batched: bool, size: int) -> Array:
-    return a if batched else jnp.broadcast_to(a, (size, *a.shape))
-
-
-def _of_cases(steps: Callable[..., "_Ensemble"], moves: list[bool]) -> Callable[..., Any]:
-    """The loop of n cases, of what they share, what is their own (n, ...), and states (n, ...).
-
-    A batch of b of these is one of b n cases.
-    """
-
-    @custom_vmap
-    def function(shared: list[Array], own: list[Array], start: Any) -> Any:
-        ensemble = steps(shared, moves)
-        if len(jax.tree.leaves(start)[0]) <= _LANES:
-            return ensemble.together(own, start)
+        pairs = list(zip(leaves, moves, strict=True))
+        given = [a for a, moved in pairs[:fixed_count] if moved]
+        states = jax.tree.unflatten(
+            jax.tree.structure(state), [start(*pair) for pair in pairs[fixed_count:]]
+        )
+        ensemble = _Ensemble(lambda *now: more(*whole(*now)), lambda *now: once(*whole(*now)))
+        if size <= CPU_LANES:
+            return ensemble.together(given, states)
         return jax.lax.platform_dependent(
-            own, start, cpu=ensemble.by(_LANES), default=ensemble.by(_MANY)
+            given, states, cpu=ensemble.by(CPU_LANES), default=ensemble.by(_MANY)
         )
 
-    @function.def_vmap
-    def rule(size: int, batched: Any, shared: Any, own: Any, start: Any) -> tuple[Any, Any]:
-        n = len(jax.tree.leaves(start)[0])
+    @jax.custom_jvp
+    def run(leaves: list[Array]) -> Any:
+        return batchable(plain, many)(leaves)
 
-        def flat(a: Array, batched: bool) -> Array:
-            return _repeated(a, batched, size).reshape(size * n, *a.shape[1 + batched :])
+    @run.defjvp
+    def rule(primals: Any, tangents: Any) -> Any:
+        return jax.jvp(plain, primals, tangents)
 
-        def copied(a: Array) -> Array:
-            return jnp.repeat(a, n, 0)
-
-        # What groups of cases share, but not all of them, each case gets a copy of.
-        parts = iter(zip(shared, batched[0], strict=True)), iter(zip(own, batched[1], strict=True))
-        some: tuple[list[Array], list[Array]] = [], []
-        flags = []
-        for moved in moves:
-            a, varies = next(parts[moved])
-            flags.append(moved or varies)
-            some[flags[-1]].append(flat(a, varies) if moved else copied(a) if varies else a)
-        states = jax.tree.map(flat, start, batched[2])
-        out = _of_cases(steps, flags)(*some, states)
-        out = jax.tree.map(lambda a: a.reshape(size, n, *a.shape[1:]), out)
-        return out, jax.tree.map(lambda _: True, out)
-
-    return function
+    return eqx.combine(run(leaves), rest[1])
 
 
 class _Ensemble:

@@ -232,7 +232,10 @@ class Scene(SecondOrderSystem):
 
     def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:
         """T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is their sum."""
-        hub = self.hub(t)
+        return self.energies_in(self.hub(t), y)
+
+    def energies_in(self, hub: Hub, y: State) -> tuple[Number, Number, Number]:
+        """The same where the hub moves like this."""
         # Once with the beam moving in a hub at rest, once at rest in the hub that moves.
         moving, carried = jax.vmap(
             lambda own: self.equations.kinetic_energy(
@@ -356,7 +359,8 @@ def increasing(times: Array) -> Array:
 
 def during(times: Array, parts: int = 64) -> Array:
     """Times all along a run, whatever its output times are: what is looked at on the way."""
-    return jnp.linspace(times[0], times[-1], parts + 1)
+    share = np.linspace(0.0, 1.0, parts + 1)
+    return times[0] * (1 - share) + times[-1] * share  # exact at both ends
 
 
 def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:

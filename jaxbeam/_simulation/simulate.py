@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
@@ -16,7 +16,7 @@ from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
-from jaxbeam._rotor.motion import Motion
+from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._simulation.course import SAMPLES, Course
 from jaxbeam._simulation.following import LOST, Struck, following
 from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
@@ -32,7 +32,7 @@ from jaxbeam._simulation.scene import (
     scene_status,
 )
 from jaxbeam._solvers.rodas import Rodas5P
-from jaxbeam._solvers.steps import SecondOrderSolver
+from jaxbeam._solvers.steps import SecondOrderSolver, compute
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, raise_unless_ok
 from jaxbeam._types import Code, Scalar
@@ -151,7 +151,7 @@ def _simulate(
     fine = given == Status.OK
     rotor, motion, loads, damping, seen = harmless(fine, (rotor, motion, loads, damping, seen))
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
-    times = jnp.where(increasing(times), times, jnp.linspace(0.0, 1.0, times.size))
+    times = jnp.where(increasing(times), times, np.linspace(0.0, 1.0, times.size))
     if saveat is not None:
         saveat, within = held_within(saveat, times)
         given = jnp.where(fine & ~within, Status.INVALID_TIMES, given)
@@ -271,10 +271,12 @@ def _account(
     parts = [saved, start] if watch is None else [saved, start, watch]
     times, states = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
     reached = jnp.isfinite(times)
-    states = jax.tree.map(lambda a: jnp.where(_beside(reached, a), jnp.nan_to_num(a), 0.0), states)
+    states = jax.tree.map(
+        lambda a: jnp.where(_beside(reached, a) & jnp.isfinite(a), a, 0.0), states
+    )
 
     def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
-        parts = jnp.stack(scene.energies(scene.after(t), y))
+        parts = compute(_parts, None, scene, scene.hub(scene.after(t)), y)
         balance = jnp.sum(parts) - scene.work_unit * y.work
         return balance, jnp.sum(jnp.abs(parts)), is_far(scene, y)
 
@@ -284,6 +286,10 @@ def _account(
     least = scene.equations.energy_scale * jnp.finfo(size.dtype).tiny ** 0.4
     n, largest = saved[0].size, jnp.maximum(jnp.max(size), least)
     return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
+
+
+def _parts(_: None, scene: Scene, hub: Hub, y: State) -> Float[Array, "3 *lanes"]:
+    return jnp.stack(scene.energies_in(hub, y))
 
 
 def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Inputs) -> tuple[Scalar, Scalar]:

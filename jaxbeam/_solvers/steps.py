@@ -80,7 +80,9 @@ def length(t0: Any, t1: Any) -> Array:
 Core = Callable[..., Any]
 
 
-def compute(core: Core, solver: SecondOrderSolver, system: SecondOrderSystem, *arrays: Any) -> Any:
+def compute(
+    core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any
+) -> Any:
     """core(solver, system, *arrays), a `kernel` where the system allows it; then the core must not
     ask the system for its inputs."""
     part = system.kernel
@@ -91,7 +93,7 @@ def compute(core: Core, solver: SecondOrderSolver, system: SecondOrderSystem, *a
 
 
 @functools.lru_cache(maxsize=100)
-def _kernel(core: Core, solver: SecondOrderSolver, tree: Any) -> Callable[..., Any]:
+def _kernel(core: Core, solver: SecondOrderSolver | None, tree: Any) -> Callable[..., Any]:
     return kernel(lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays))
 
 
