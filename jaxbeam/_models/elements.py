@@ -14,6 +14,7 @@ B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifuga
 Technical Report MBS99-5-UIC, 1999.
 """
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import jax
@@ -85,7 +86,13 @@ class ElementEquations(Equations):
         place = self.straight + self._nodes(q)
         field = _turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
         field = field + _constant(hub.acceleration)
-        own = self._elastic(q) + self.element_mass * _each(self._gram, _local(field))
+        own = _by_element(
+            lambda share, field: (
+                self.axial_stiffness * self.element.force(share)
+                + self.element_mass * tabled(self._gram, field)
+            ),
+            self._shares(q), _local(field),
+        )  # fmt: skip
         at_tip = self.tip_mass * field[-1]
         if tip_force is not None:
             at_tip = at_tip - _constant(tip_force)[0]
@@ -99,7 +106,7 @@ class ElementEquations(Equations):
         return k, 2 * spin * self.turned_mass
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
-        local = jax.vmap(self.element.tangent)(self._shares(q))
+        local = _by_element(self.element.tangent, self._shares(q))
         return _assembled(self.axial_stiffness / self.size * local)
 
     def elastic_force(self, q: Vector) -> Vector:
@@ -108,7 +115,7 @@ class ElementEquations(Equations):
 
     def _elastic(self, q: Vector) -> Float[Array, "E 2 4 *lanes"]:
         """Of every element."""
-        return self.axial_stiffness * jax.vmap(self.element.force)(self._shares(q))
+        return self.axial_stiffness * _by_element(self.element.force, self._shares(q))
 
     def strain_energy(self, q: Vector) -> Number:
         energy = total(jax.vmap(self.element.energy)(self._shares(q)))
@@ -181,6 +188,15 @@ class ElementEquations(Equations):
     def _nodes(self, q: Vector) -> Nodes:
         """Coordinates node by node, those of the clamped node included."""
         return padded(q, 3, 0).reshape(-1, 2, 2, *q.shape[1:])
+
+
+def _by_element(function: Callable[..., Array], *local: Float[Array, "E 2 4 *lanes"]) -> Array:
+    """What a function makes of every element: where there are lanes one after the other, so that
+    what is needed on the way stays in the cache, and loops over lanes are not mixed up with what
+    becomes of the results."""
+    if local[0].ndim > 3:
+        return jax.lax.map(lambda local: function(*local), local)
+    return jax.vmap(function)(*local)
 
 
 def _each(table: np.ndarray, x: Float[Array, "E 2 4 *lanes"]) -> Float[Array, "E 2 4 *lanes"]:

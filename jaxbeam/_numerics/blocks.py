@@ -48,6 +48,8 @@ class BlockTridiagonal(eqx.Module):
         b = self.rows.shape[1]
         beside = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:])
         window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
+        if x.ndim > 1:  # in pieces that stay in the cache, and that a compiler does not mix up
+            return self.flat(jax.lax.map(lambda row: _apply(*row), (self.rows, window)))
         return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
 
     def dense(self) -> Float[Array, "n n"]:
@@ -177,5 +179,5 @@ def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Arra
     return contract(a[:, :, None], b[None], 1, a.ndim - 2)
 
 
-def _apply(a: Float[Array, "b b *lanes"], x: Float[Array, "b *lanes"]) -> Array:
+def _apply(a: Float[Array, "b c *#lanes"], x: Float[Array, "c *#lanes"]) -> Array:
     return contract(a, x[None], 1, x.ndim - 1)
