@@ -63,7 +63,7 @@ class _Nodal(_ANCF):
 
     def bands(self) -> NodeByNode:
         """The order of the coordinates, whatever the equations are."""
-        return NodeByNode(self.n_elements, self.element.tears)
+        return NodeByNode(self.n_elements)
 
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""

@@ -190,8 +190,8 @@ class Equations(eqx.Module):
         return k, c
 
 
-class PlanarTables(NamedTuple):
-    """Matrices of motion in the plane as sums over tables, each in a narrow band.
+class BandTables(NamedTuple):
+    """Matrices of motion as sums over tables, each in a narrow band.
 
     With the speed g, hub radius R, tip mass m_t and softness EI_zz / (EA L^2) in units of the beam,
     and coefficients c of its `tension` (`_rotor/beam.py`), seven tables make up the stiffness, two
@@ -200,10 +200,17 @@ class PlanarTables(NamedTuple):
         K = T0 + T1 / softness + c0 T2 + c1 T3 + c2 T4 - g^2 (T5 + m_t T6)
         M = T5 + m_t T6,   C = 2 g (T7 + m_t T8)
 
-    `places` are those of the bending functions, by degree.
+    Out of the plane six tables make up
+
+        K = T0 EI_yy / EI_zz + c0 T1 + c1 T2 + c2 T3,   M = T4 + m_t T5.
+
+    Coordinates in the plane, then those out of it, are those of the model in the order `order`;
+    `places` are those of the bending functions, by degree, in the plane.
     """
 
-    tables: list[np.ndarray]
+    in_plane: list[np.ndarray]
+    flap: list[np.ndarray]
+    order: np.ndarray
     places: np.ndarray
 
 
@@ -215,7 +222,6 @@ class NodeByNode(NamedTuple):
     """
 
     n_elements: int
-    tears: bool  # whether there is no steady state where `Rotor.tears`
 
 
 class AbstractModel(eqx.Module, Generic[TheRotor]):
@@ -272,8 +278,8 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
         return equilibrium(self.equations(rotor), spinning(speed))
 
-    def bands(self) -> PlanarTables | NodeByNode | None:
-        """How matrices of motion in the plane are bands, for `frequencies`; None: they are not.
+    def bands(self) -> BandTables | NodeByNode | None:
+        """How matrices of small motion are bands, which makes `modes` fast; None: they are not.
 
         Whoever derives from a model need not think of this: tables are for a class itself alone.
         """
@@ -327,18 +333,23 @@ def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSyst
 
 
 def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    """`model.matrices`, with parameters out of range reported in `status`.
+    """`model.matrices`, with parameters out of range reported in `status`."""
+    given, rotor, speed = guarded(rotor, speed)
+    system = model.matrices(rotor, speed)
+    status = jnp.where(given == Status.OK, system.status, given)
+    strain = where_known(status == Status.OK, system.steady_strain)
+    return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
 
-    They are replaced by harmless ones: a NaN in one lane of a batch would otherwise end up in the
-    gradient of parameters that all lanes share.
+
+def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
+    """Whether parameters are in range, and harmless ones in the place of those that are not.
+
+    A NaN in one lane of a batch would otherwise end up in the gradient of parameters that all lanes
+    share.
     """
     given = rotor.status(speed)
     fine = given == Status.OK
-    rotor = harmless(fine, rotor)
-    system = model.matrices(rotor, jnp.where(fine, speed, 0.0))
-    status = jnp.where(fine, system.status, given)
-    strain = where_known(status == Status.OK, system.steady_strain)
-    return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
+    return given, harmless(fine, rotor), jnp.where(fine, speed, 0.0)
 
 
 def rigid_moments(rotor: Rotor) -> Triple:

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of
-from jaxbeam._models.base import LinearSystem, PlanarTables, count_functions
+from jaxbeam._models.base import BandTables, LinearSystem, count_functions
 from jaxbeam._models.basis import Basis, Polynomials
 from jaxbeam._models.cartesian import (
     CartesianEquations,
@@ -92,20 +92,33 @@ class Hybrid(_Linear):
         elastic = LinearElasticity(self.linear_stiffness(rotor))
         return CartesianEquations.build(self, rotor, elastic, self.tables.tension)
 
-    def bands(self) -> PlanarTables | None:
+    def bands(self) -> BandTables | None:
         """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""
         # What derives from this may differ in stiffness, functions or equations.
-        if type(self) is not Hybrid or self.basis != Polynomials() or self.n_in_plane < 8:
+        enough = self.n_in_plane >= 8 and self.n_flap not in range(1, 8)
+        if type(self) is not Hybrid or self.basis != Polynomials() or not enough:
             return None
         tables, m, n = self.tables, self.n_stretch, self.n_in_plane
         order = np.argsort(np.append(np.arange(m) + 0.5, np.arange(n)), kind="stable")
         rows, way = np.ix_(order, order), tables.direction[order]
-        alike, end = way @ way.T, np.outer(tables.tip, tables.tip)[rows]
+        alike, end = way @ way.T, np.outer(tables.tip, tables.tip)
         found = [table[rows] for table in (*tables.elastic[[1, 0]], *tables.tension)]
-        found += [alike * tables.gram[rows], alike * end]
-        found += [(1 - alike) * tables.gram[rows], (1 - alike) * end]
-        sparse = [np.where(np.abs(a) > 1e-12 * np.abs(a).max(initial=0.0), a, 0.0) for a in found]
-        return PlanarTables(sparse, np.argsort(order)[m:])
+        found += [alike * tables.gram[rows], alike * end[rows]]
+        found += [(1 - alike) * tables.gram[rows], (1 - alike) * end[rows]]
+        flap = [
+            table[m + n :, m + n :]
+            for table in (tables.elastic[2], *tables.tension, tables.gram, end)
+        ]
+        return BandTables(
+            in_plane=[_without_rounding(table) for table in found],
+            flap=[_without_rounding(table) for table in flap] if self.n_flap else [],
+            order=np.append(order, np.arange(m + n, len(self.families))),
+            places=np.argsort(order)[m:],
+        )
+
+
+def _without_rounding(table: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(table) > 1e-12 * np.abs(table).max(initial=0.0), table, 0.0)
 
 
 class Classical(_Linear):

@@ -4,7 +4,7 @@ A matrix (n, b + 1) holds, column by column, its diagonal and what is below it; 
 All is written for `kernel`.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,8 @@ def full(matrix: Float[Array, "n n *lanes"]) -> Float[Array, "n n *lanes"]:
 
 def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
     """Width of a band that holds all tables: the number of diagonals from the main one on."""
-    return 1 + max(int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
+    reach = (int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
+    return 1 + max(reach, default=0)
 
 
 def product(a: Any, x: _Vector) -> _Vector:
@@ -73,18 +74,23 @@ def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
 def solved(d: _Vector, below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
     """A^-1 x from `factors`."""
 
-    def forward(ahead: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        y = row[0] - ahead[0]
-        ahead = jnp.concatenate([ahead[1:], jnp.zeros_like(ahead[:1])])
-        return ahead + row[1] * y[None], y
-
     def back(after: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         y = row[0] - total(row[1] * after)
         return jnp.concatenate([y[None], after[:-1]]), y
 
-    none = jnp.zeros_like(below[0])
-    _, y = jax.lax.scan(forward, none, (x, below))
-    return jax.lax.scan(back, none, (y / d, below), reverse=True)[1]
+    y = _forward(below, x)
+    return jax.lax.scan(back, jnp.zeros_like(below[0] * x[:1]), (y / d, below), reverse=True)[1]
+
+
+def _forward(below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
+    """(1 + L)^-1 x."""
+
+    def eliminate(ahead: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        y = row[0] - ahead[0]
+        ahead = jnp.concatenate([ahead[1:], jnp.zeros_like(ahead[:1])])
+        return ahead + row[1] * y[None], y
+
+    return jax.lax.scan(eliminate, jnp.zeros_like(below[0] * x[:1]), (x, below))[1]
 
 
 def polished(a: Band, x: _Vector) -> _Vector:
@@ -93,35 +99,62 @@ def polished(a: Band, x: _Vector) -> _Vector:
     return x / jnp.sqrt(total(x**2))
 
 
-def refined(
-    k: Band, m: Band, c: Band, omega: Float[Array, "..."], x: Array, tolerance: float
-) -> tuple[Float[Array, "..."], Array, Bool[Array, "..."], Float[Array, "..."]]:
-    """Frequency omega and vector x of D x = (K - omega^2 M + omega C) x = 0 near a guess.
+class Pencil(NamedTuple):
+    """D(omega) = K - omega^2 M + omega C of symmetric bands of one width; C may be missing."""
+
+    k: Band
+    m: Band
+    c: Band | None = None
+
+    def at(self, omega: Float[Array, "..."]) -> Band:
+        """The matrix D(omega)."""
+        d = self.k - omega**2 * self.m
+        return d if self.c is None else d + omega * self.c
+
+    def slope(self, omega: Float[Array, "..."]) -> Band:
+        """Minus its derivative, 2 omega M - C."""
+        d = 2 * omega * self.m
+        return d if self.c is None else d - self.c
+
+
+class Found(NamedTuple):
+    """A frequency and its vector, whether the search ended, and how many frequencies lie below the
+    one found, by Sylvester's law: K must be positive definite."""
+
+    omega: Float[Array, "..."]
+    x: Array
+    done: Bool[Array, "..."]
+    below: Float[Array, "..."]
+
+
+def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
+    """Frequency omega and vector x, x^T M x = 1, of D(omega) x = 0 near a guess.
 
     Inverse iteration x <- D^-1 D' x with Rayleigh quotients: the error of x falls by a factor of
     the order of the relative change of omega, that of omega is its square. It ends where the former
-    falls below `tolerance`. Also whether it did end, and how many frequencies lie below the one
-    found, by Sylvester's law: K must be positive definite.
+    is near rounding.
     """
-    none = jnp.zeros_like(omega)
+    none, tolerance = jnp.zeros_like(omega), 5e3 * jnp.finfo(x.dtype).eps
+
+    def times(a: Band | None, x: Array) -> Array:
+        return jnp.zeros_like(x) if a is None else product(a, x)
 
     def go_on(state: tuple[Array, ...]) -> Array:
-        return (state[0] < 6) & jnp.any(state[3] < 1)
+        return (state[0] < 8) & jnp.any(state[-1] < 1)
 
     def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        i, omega, x, done, below = state
-        d, columns = factors(k - omega**2 * m + omega * c)
-        slope = c - 2 * omega * m
-        right = product(slope, x)
+        i, omega, x, mx, cx, below, done = state
+        d, columns = factors(pencil.at(omega))
+        right = cx - 2 * omega * mx
         new = solved(d, columns, right)
-        size = 1 / jnp.sqrt(total(new**2))
-        new = new * size
-        # The root of x^T D(omega + change) x, with D x = right * size; m > 0.
-        now = size * total(new * right)
-        first, second = total(new * product(slope, new)), total(new * product(m, new))
-        change = 2 * now / (jnp.sqrt(first**2 + 4 * second * now) - first)
+        new_mx, new_cx = times(pencil.m, new), times(pencil.c, new)
+        size = total(new * new_mx) ** -0.5
+        # The root of x^T D(omega + change) x, with D x = right * size and x^T M x = 1.
+        now = size**2 * total(new * right)
+        first = size**2 * total(new * new_cx) - 2 * omega
+        change = 2 * now / (jnp.sqrt(first**2 + 4 * now) - first)
         better = omega + change
-        turn = jnp.sqrt(total((x - total(x * new) * new) ** 2))
+        turn = jnp.sqrt(jnp.abs(1 - (size * total(x * new_mx)) ** 2))
         # Below omega, where the one found may lie. The last count is the nearest one, but where
         # omega is right to rounding its own sign is not.
         here = total(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
@@ -131,15 +164,18 @@ def refined(
         return (
             i + 1,
             jnp.where(done < 1, better, omega),
-            jnp.where(done < 1, new, x),
-            jnp.where(done < 1, small, done),
+            *(jnp.where(done < 1, size * a, b) for a, b in ((new, x), (new_mx, mx), (new_cx, cx))),
             jnp.where(counts, here, below),
+            jnp.where(done < 1, small, done),
         )
 
-    x = x / jnp.sqrt(total(x**2))
-    state: tuple[Array, ...] = (jnp.zeros((), int), omega, x, none, none)
-    _, omega, x, done, below = jax.lax.while_loop(go_on, improve, state)
-    return omega, x, done > 0, below
+    mx = times(pencil.m, x)
+    size = total(x * mx) ** -0.5
+    state: tuple[Array, ...] = (
+        jnp.zeros((), int), omega, size * x, size * mx, size * times(pencil.c, x), none, none
+    )  # fmt: skip
+    _, omega, x, _, _, below, done = jax.lax.while_loop(go_on, improve, state)
+    return Found(omega, x, done > 0, below)
 
 
 def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "k *lanes"]:
@@ -180,19 +216,10 @@ def congruent(
     k: Float[Array, "m m *lanes"], a: Float[Array, "m m *lanes"]
 ) -> Float[Array, "m m *lanes"]:
     """F^-1 A F^-T with K = F F^T, for small matrices."""
-    m = len(k)
-    f: list[list[Array]] = []
-    for i in range(m):
-        f.append([])
-        for j in range(i + 1):
-            rest = k[i, j] - sum(f[i][n] * f[j][n] for n in range(j))
-            f[i].append(jnp.sqrt(rest) if i == j else rest / f[j][j])
+    d, below = factors(full(k))
+    root = jnp.sqrt(d)[:, None]
 
     def divided(b: Array) -> Array:
-        out: list[Array] = []
-        for i in range(m):
-            rest = b[i] - sum(f[i][n][None] * out[n] for n in range(i))
-            out.append(rest / f[i][i][None])
-        return jnp.stack(out)
+        return _forward(below[:, :, None], b) / root
 
     return divided(jnp.swapaxes(divided(a), 0, 1))

@@ -30,9 +30,9 @@ _ALLOWED = frozenset({
     "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
     "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
     "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reduce_or", "reduce_sum", "reshape", "rev", "rsqrt", "scan", "select_n", "sign", "sin",
-    "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub", "transpose",
-    "unstack", "while", "zeros_like",
+    "reduce_and", "reduce_or", "reduce_sum", "reshape", "rev", "rsqrt", "scan", "select_n",
+    "sign", "sin", "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub",
+    "transpose", "unstack", "while", "zeros_like",
 })
 # fmt: on
 _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
