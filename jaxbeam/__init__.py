@@ -6,7 +6,7 @@ units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad
 What rotates        Beam, Rotor; Loads and Damping act on it
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     EngineeringANCF, GreenANCF, ANCF in finite elements
-At a steady speed   modes, frequencies; labels name the modes that are asked for
+At a steady speed   modes; labels name the modes that are asked for
                     southwell, stiffening_ratio: how fast they stiffen
                     campbell, crossing: frequencies over speed, resonances with harmonics of it
                     critical_speed: where the beam, or the theory, loses its stability
@@ -70,7 +70,6 @@ if TYPE_CHECKING:
     from jaxbeam._vibration.critical_speed import critical_speed as critical_speed
     from jaxbeam._vibration.crossing import crossing as crossing
     from jaxbeam._vibration.floquet import floquet as floquet
-    from jaxbeam._vibration.frequencies import frequencies as frequencies
     from jaxbeam._vibration.modes import modes as modes
     from jaxbeam._vibration.southwell import southwell as southwell
     from jaxbeam._vibration.stiffening import stiffening_ratio as stiffening_ratio

@@ -11,7 +11,7 @@ from jaxbeam._models.base import AbstractModel, Family, Label
 from jaxbeam._status import Status
 from jaxbeam._sweeps.table import Table
 from jaxbeam._vibration.campbell import Campbell
-from jaxbeam._vibration.modes import Modes
+from jaxbeam._vibration.result import Modes
 
 COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
 UNITS = {

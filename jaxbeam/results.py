@@ -12,7 +12,6 @@ from jaxbeam._vibration.campbell import Campbell as Campbell
 from jaxbeam._vibration.critical_speed import CriticalSpeed as CriticalSpeed
 from jaxbeam._vibration.crossing import Crossing as Crossing
 from jaxbeam._vibration.floquet import Floquet as Floquet
-from jaxbeam._vibration.frequencies import Frequencies as Frequencies
-from jaxbeam._vibration.modes import Modes as Modes
+from jaxbeam._vibration.result import Modes as Modes
 from jaxbeam._vibration.southwell import Southwell as Southwell
 from jaxbeam._vibration.tongues import Tongue as Tongue

@@ -181,7 +181,6 @@ def test_numbers_that_are_real_pass():
     "call",
     [
         lambda m: jb.modes(m, ROTOR, 1.0),
-        lambda m: jb.frequencies(m, ROTOR, 1.0),
         lambda m: jb.southwell(m, ROTOR, 0.0, WHICH),
         lambda m: jb.campbell(m, ROTOR, [1.0], WHICH),
         lambda m: jb.crossing(m, ROTOR, (0.1, 1.0), WHICH[0], 1.0),

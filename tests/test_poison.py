@@ -21,7 +21,7 @@ def raising(speed, tip_mass):
 
 
 def lowest(speed, tip_mass):
-    return jb.frequencies(jb.Hybrid(), jb.Rotor(BEAM, 0.0, tip_mass), speed, 2, throw=False)
+    return jb.modes(jb.Hybrid(4, 8, 0), jb.Rotor(BEAM, 0.0, tip_mass), speed, 2, throw=False)
 
 
 def spun_up(model, speed, tip_mass):

@@ -56,7 +56,7 @@ RESULTS = {
     "Simulation": run,
     "Simulation through functions": run_through_functions,
     "Modes": lambda x: jb.modes(MODEL, rotor(), x, 4, throw=False),
-    "Frequencies": lambda x: jb.frequencies(jb.Hybrid(), rotor(), x, 2, throw=False),
+    "Modes by bands": lambda x: jb.modes(jb.Hybrid(), rotor(), x, 2, throw=False),
     "LinearSystem": lambda x: MODEL.linearise(rotor(), x, throw=False),
     "Southwell": lambda x: jb.southwell(jb.Hybrid(0, 3, 0), rotor(), x, FIRST, throw=False),
     "Crossing": lambda x: jb.crossing(
@@ -234,12 +234,12 @@ NUMBERS = {
         lambda p, x: jb.modes(jb.Hybrid(2, 3, 0), rotor(p), x, FIRST, throw=False).frequency[0],
         [1.0, 1e3, np.nan],
     ),
-    "frequencies": (
-        lambda p, x: jb.frequencies(jb.Hybrid(), rotor(p), x, 2, throw=False).frequency[1],
+    "modes in bands": (
+        lambda p, x: jb.modes(jb.Hybrid(), rotor(p), x, 2, throw=False).frequency[1],
         [1.0, 1e3, np.nan],
     ),
-    "frequencies of elements": (
-        lambda p, x: jb.frequencies(jb.GreenANCF(2), rotor(p), x, 1, throw=False).frequency[0],
+    "modes of elements": (
+        lambda p, x: jb.modes(jb.GreenANCF(2), rotor(p), x, 1, throw=False).frequency[0],
         [1.0, 1e9, np.nan],
     ),
     "linearise": (

@@ -32,8 +32,8 @@ from jaxbeam._simulation.scene import check_scene, checked_times, scene_status
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_known
-from jaxbeam._vibration.frequencies import frequencies
-from jaxbeam._vibration.modes import choose, modes
+from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.wanted import Wanted, choose, lowest_in_plane
 
 
 class Experiment(eqx.Module):
@@ -61,10 +61,10 @@ class FrequencyData(Experiment):
     """Frequencies in rad/s, shape (S, k), at S angular speeds (rad/s, increasing).
 
     `which` labels the k columns (`jaxbeam.labels`), whatever their order; or it is k, and the
-    columns are the lowest in plane, in order, by `jaxbeam.frequencies`: much faster in batches, for
-    the models that it takes. Without it the modes are not known: each row holds k frequencies in
-    any order, and is held against the lowest `among` ones of the model by the assignment of least
-    squares in which each mode serves once. Modes that the measurement missed are so passed over.
+    columns are the lowest in the plane of rotation, in order. Without it the modes are not known:
+    each row holds k frequencies in any order, and is held against the lowest `among` ones of the
+    model by the assignment of least squares in which each mode serves once. Modes that the
+    measurement missed are so passed over.
     """
 
     model: AbstractModel
@@ -92,6 +92,9 @@ class FrequencyData(Experiment):
         named = self.which if self.which is None or isinstance(self.which, int) else len(self.which)
         if named not in (None, k):
             raise ValueError(f"which must name {k} modes, one a column, got {named}")
+        inside = total - model.families.count(Family.FLAP)
+        if isinstance(self.which, int) and k > inside:
+            raise ValueError(f"which: this model has {inside} modes in plane, got {k} columns")
         self.among = min(2 * k, total) if among is None else among
         count_functions("among", self.among)
         if not k <= self.among <= total:
@@ -100,12 +103,10 @@ class FrequencyData(Experiment):
     def predicted(self) -> Float[Array, "S k"]:
         """Of each column, or of the modes matched to each row."""
         if isinstance(self.which, int):
-            count = self.which
-            return jax.vmap(
-                lambda w: frequencies(self.model, self.rotor, w, count, throw=False).frequency
-            )(self.angular_speed)
-        which = self.among if self.which is None else self.which
-        found = _frequencies(self.model, self.rotor, self.angular_speed, which)
+            wanted = lowest_in_plane(self.model, self.which)
+        else:
+            wanted = choose(self.model, self.among if self.which is None else self.which)
+        found = _frequencies(self.model, self.rotor, self.angular_speed, wanted)
         if self.which is not None:
             return found
         matched = jax.vmap(match_modes)(self.measured, found)
@@ -284,7 +285,8 @@ class Clearance(Experiment):
 
     def distance(self) -> Float[Array, "m h S"]:
         """The relative distance f / (k Omega) - 1 of each frequency from each harmonic."""
-        found = _frequencies(self.model, self.rotor, self.angular_speed, self.which).T
+        wanted = choose(self.model, self.which)
+        found = _frequencies(self.model, self.rotor, self.angular_speed, wanted).T
         lines = np.array(self.harmonics, float)[:, None] * self.angular_speed[None]
         return found[:, None] / lines[None] - 1
 
@@ -331,11 +333,10 @@ def _alike(a: Experiment, b: Experiment) -> bool:
 
 
 def _frequencies(
-    model: AbstractModel, rotor: Rotor, speeds: Array, which: int | tuple[Label, ...]
-) -> Array:
-    """Frequencies at each speed, NaN where the case failed."""
-
-    return jax.vmap(lambda w: modes(model, rotor, w, which, throw=False).frequency)(speeds)
+    model: AbstractModel, rotor: Rotor, speeds: Float[Array, " S"], wanted: Wanted
+) -> Float[Array, "S k"]:
+    """At each speed, NaN where the case failed."""
+    return jax.vmap(lambda w: find(model, rotor, w, wanted).frequency)(speeds)
 
 
 def _list_of(name: str, values: Any) -> Sequence[Any]:

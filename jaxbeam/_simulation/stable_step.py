@@ -18,6 +18,7 @@ from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, is_known
 from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.wanted import lowest
 
 # rad a step. Explicit methods of s stages end before s - 1; implicit ones that last are let go.
 _ANGLES = np.geomspace(1e-3, 1e3, 2000)
@@ -131,7 +132,9 @@ def stable_step(
     growth = real_scalar("growth", growth)
     if is_known(growth) and not 1 < growth < np.inf:
         raise ValueError(f"growth must be finite and > 1, got {growth}")
-    found = find(model, *checked_case(model, rotor, angular_speed), len(model.families))
+    found = find(
+        model, *checked_case(model, rotor, angular_speed), lowest(model, len(model.families))
+    )
     frequency = jnp.max(found.frequency)
     grows = jnp.max(found.growth_rate) > 1e-8 * frequency
     status = jnp.where(grows & (found.status == Status.OK), Status.NO_EQUILIBRIUM, found.status)

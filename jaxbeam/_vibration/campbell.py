@@ -17,7 +17,8 @@ from jaxbeam._sweeps.sweep import sweep
 from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
 from jaxbeam._vibration.crossing import Crossing, crossing
-from jaxbeam._vibration.modes import Selection, choose, find
+from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.wanted import Wanted, choose
 
 
 class Campbell(eqx.Module):
@@ -85,9 +86,9 @@ def campbell(
 
 
 def _campbell_case(
-    model: AbstractModel, rotor: Rotor, selection: Selection, *, angular_speed: Scalar
+    model: AbstractModel, rotor: Rotor, wanted: Wanted, *, angular_speed: Scalar
 ) -> dict[str, Array]:
-    found = find(model, rotor, angular_speed, selection)
+    found = find(model, rotor, angular_speed, wanted)
     return {
         "frequency": found.frequency,
         "growth_rate": found.growth_rate,

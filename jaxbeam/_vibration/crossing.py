@@ -13,7 +13,8 @@ from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, is_known
-from jaxbeam._vibration.modes import Selection, choose, find
+from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.wanted import Wanted, choose
 
 
 class Crossing(eqx.Module):
@@ -66,7 +67,7 @@ def crossing(
 def _crossing(
     model: AbstractModel,
     rotor: Rotor,
-    selection: Selection,
+    wanted: Wanted,
     harmonic: Scalar,
     low: Scalar,
     high: Scalar,
@@ -75,7 +76,7 @@ def _crossing(
     harmonic = jnp.where(sound, harmonic, 1.0)
 
     def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
-        found = find(model, rotor, speed, selection)
+        found = find(model, rotor, speed, wanted)
         return found.frequency[0] - harmonic * jnp.abs(speed), found.status
 
     def gap(speed: Scalar) -> Scalar:

@@ -17,7 +17,10 @@ from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar
-from jaxbeam._vibration.modes import Selection, choose, find
+from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.wanted import Wanted, choose
+
+_CLOSE = 3e-6  # to rest, over the frequency scale: rounding of axial motion grows towards it
 
 
 class Southwell(eqx.Module):
@@ -46,40 +49,26 @@ def southwell(
     Raises as `modes` does; `throw=False` gives NaN and a status where a case fails (derivatives:
     as in `modes`).
     """
-    selection = choose(model, which)
-    result = _southwell(model, *checked_case(model, rotor, angular_speed), selection)
+    wanted = choose(model, which)
+    result = _southwell(model, *checked_case(model, rotor, angular_speed), wanted)
     return raise_unless_ok(result, result.status) if throw else result
 
 
 @Program
-def _southwell(
-    model: AbstractModel, rotor: AnyRotor, speed: Scalar, selection: Selection
-) -> Southwell:
+def _southwell(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted) -> Southwell:
     given = rotor.status(speed)
     fine = given == Status.OK
     rotor, speed = harmless(fine, (rotor, speed))
 
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
-        found = find(model, rotor, omega, selection)
+        found = find(model, rotor, omega, wanted)
         return -(found.eigenvalue**2).real, found.status
 
-    def rate(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
-        _, slope, status = jax.jvp(square, (omega,), (jnp.ones_like(omega),), has_aux=True)
-        # NaN would end up in gradients by parameters that cases of a batch share.
-        return jnp.where(status == Status.OK, slope, 0.0), status
-
-    def at_rest(_: Scalar) -> tuple[Float[Array, " k"], Code]:
-        zero, one = jnp.zeros_like(speed), jnp.ones_like(speed)
-        _, curvature, status = jax.jvp(rate, (zero,), (one,), has_aux=True)
-        return curvature / 2, status
-
-    def at_speed(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
-        slope, status = rate(omega)
-        return slope / (2 * omega), status
-
-    # A safe speed, since under vmap both branches run and 0 / 0 would spoil derivatives.
-    resting = speed == 0
-    safe = jnp.where(resting, rotor.frequency_scale, speed)
-    result, status = jax.lax.cond(resting, at_rest, at_speed, safe)
+    # At rest the quotient is 0 / 0. It is even in speed, so that this near rest it is right to
+    # 1e-11 of the difference that speeds make, and so are its derivatives.
+    moving = jnp.sqrt(speed**2 + (_CLOSE * rotor.frequency_scale) ** 2)
+    _, slope, status = jax.jvp(square, (moving,), (jnp.ones_like(speed),), has_aux=True)
+    # NaN would end up in gradients by parameters that cases of a batch share.
+    result = jnp.where(status == Status.OK, slope, 0.0) / (2 * moving)
     status = jnp.where(fine, status, given)
     return Southwell(where_known(status == Status.OK, result), status)

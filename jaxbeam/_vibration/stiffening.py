@@ -4,14 +4,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
+from jaxbeam._models.base import guarded
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.program import Program
-from jaxbeam._results import harmless, where_known
+from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.wanted import lowest
 
 _BENDING = Hybrid(0, 14, 0)
 
@@ -40,13 +42,10 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
 
 @Program
 def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
-    # As in `guarded_matrices`: no NaN in gradients of what lanes of a batch share.
-    fine = rotor.status(speed) == Status.OK
-    rotor = harmless(fine, rotor)
-    speed = jnp.where(fine, speed, 0.0)
+    given, rotor, speed = guarded(rotor, speed)
     still = jnp.zeros_like(speed)
-    phi = find(_BENDING, rotor, still, 1).shape[0].real
-    return where_known(fine, stiffening_of(phi, rotor, speed))
+    phi = find(_BENDING, rotor, still, lowest(_BENDING, 1)).shape[0].real
+    return where_known(given == Status.OK, stiffening_of(phi, rotor, speed))
 
 
 def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:

@@ -19,7 +19,9 @@ from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_known
 from jaxbeam._vibration.floquet import PLANES, Plane, checked_damping, modulation_status
-from jaxbeam._vibration.modes import Modes, Selection, choose, find
+from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.result import Modes
+from jaxbeam._vibration.wanted import Wanted, choose
 
 
 class Tongue(eqx.Module):
@@ -78,7 +80,7 @@ def tongue(
     """
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise ValueError(f"pair must be two labels, got {pair!r}")
-    selection = choose(model, tuple(pair))
+    wanted = choose(model, tuple(pair))
     planes = [families for families in PLANES if all(label.family in families for label in pair)]
     if not planes:
         raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
@@ -95,16 +97,16 @@ def tongue(
     rotor, _ = checked_case(model, rotor)
     damping = checked_damping(damping)
     share = jnp.asarray(float(order))  # an array: another order does not compile anew
-    result = _tongue(model, rotor, speed, selection, depths, share, damping, planes[0], steps)
+    result = _tongue(model, rotor, speed, wanted, depths, share, damping, planes[0], steps)
     return raise_unless_ok(result, jnp.max(result.status)) if throw else result
 
 
 @Program
 def _tongue(
-    model: AbstractModel, rotor: AnyRotor, mean: Scalar, selection: Selection, depths: Vector,
+    model: AbstractModel, rotor: AnyRotor, mean: Scalar, wanted: Wanted, depths: Vector,
     order: Scalar, damping: Damping, families: tuple[Family, ...], steps: int,
 ) -> Tongue:  # fmt: skip
-    found, given = _unmodulated(model, rotor, mean, selection, damping)
+    found, given = _unmodulated(model, rotor, mean, wanted, damping)
     fine = given == Status.OK
     rotor, damping = harmless(fine, (rotor, damping))
     mean = jnp.where(fine, mean, 0.0)
@@ -126,12 +128,12 @@ def _tongue(
 
 
 def _unmodulated(
-    model: AbstractModel, rotor: AnyRotor, mean: Scalar, selection: Selection, damping: Damping
+    model: AbstractModel, rotor: AnyRotor, mean: Scalar, wanted: Wanted, damping: Damping
 ) -> tuple[Modes, Code]:
     """The modes at the mean speed, and the status of the case: whether there is something to do."""
     unit = ModulatedSpeed(mean, 0.0, 1.0)
     given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
-    found = find(model, rotor, mean, selection)
+    found = find(model, rotor, mean, wanted)
     given = jnp.where(given == Status.OK, found.status, given)
     unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
     return found, jnp.where(unstable, Status.NO_EQUILIBRIUM, given)

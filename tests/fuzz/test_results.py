@@ -57,7 +57,7 @@ def vibrating(p):
 
 
 def lowest(p):
-    found = jb.frequencies(jb.Hybrid(), build(TWO, p), p["angular_speed"], 2, throw=False)
+    found = jb.modes(jb.Hybrid(), build(TWO, p), p["angular_speed"], 2, throw=False)
     return found.status, (found.frequency,)
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import jaxbeam as jb
 from jaxbeam import Status
+from jaxbeam._vibration.modes import MANY
 from jaxbeam.models import Family
 from tests.fuzz.scenes import absurd, build, evaluated, examples, judged_at_speed, spinning
 from tests.helpers import name
@@ -102,17 +103,21 @@ def test_few_modes(data, watched):
 
 
 @functools.cache
-def both_frequencies(model):
+def one_and_many(model):
     def run(p):
-        case = model, build(model, p), p["angular_speed"]
-        fast = jb.frequencies(*case, 3, throw=False)
-        found = jb.modes(*case, len(model.families), throw=False)
+        def found(speed):
+            return jb.modes(model, build(model, p), speed, 3, throw=False)
+
+        many = jax.vmap(found)(p["angular_speed"] + jnp.zeros(MANY))
+        one = found(p["angular_speed"])
         return {
-            "status": fast.status,
-            "frequency": fast.frequency,
-            "modes": found.frequency,
-            "modes_status": found.status,
-            "steady_strain": found.steady_strain,
+            "status": many.status[0],
+            "frequency": many.frequency[0],
+            "labels": jnp.stack([many.family[0], many.order[0]]),
+            "one": one.frequency,
+            "one's labels": jnp.stack([one.family, one.order]),
+            "one's status": one.status,
+            "steady_strain": many.steady_strain[0],
         }
 
     return jax.jit(run)
@@ -122,16 +127,17 @@ def both_frequencies(model):
 @pytest.mark.parametrize("model", [jb.Hybrid(4, 8, 0), jb.GreenANCF(3)], ids=name)
 @examples(24)
 @given(data=st.data())
-def test_frequencies(model, data, watched):
-    """Those of `modes`."""
+def test_many_modes(model, data, watched):
+    """Those of a single case."""
     p = data.draw(spinning(model), "scene")
     with watched(p):
-        found = evaluated(both_frequencies(model), p)
+        found = evaluated(one_and_many(model), p)
         status = judged_at_speed(found, model, p, ["frequency"])
         assert (status == Status.OK) == np.isfinite(found["frequency"]).all()
-        if status != Status.OK or found["modes_status"] != Status.OK or absurd(p):
+        if status != Status.OK or found["one's status"] != Status.OK or absurd(p):
             return
-        np.testing.assert_allclose(found["frequency"], found["modes"][:3], rtol=1e-8)
+        np.testing.assert_allclose(found["frequency"], found["one"], rtol=1e-8)
+        np.testing.assert_array_equal(found["labels"], found["one's labels"])
 
 
 @functools.cache

@@ -29,7 +29,7 @@ def raising(hub_radius, tip_mass):
 
 
 def lowest(hub_radius, tip_mass):
-    return jb.frequencies(jb.Hybrid(), jb.Rotor(BEAM, hub_radius, tip_mass), 3.0, 2, throw=False)
+    return jb.modes(jb.Hybrid(4, 8, 0), jb.Rotor(BEAM, hub_radius, tip_mass), 3.0, 2, throw=False)
 
 
 def spun_up(hub_radius, tip_mass):

@@ -388,7 +388,9 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np, jaxbeam as jb
 beam = jb.Beam.from_slenderness(70.0)
 def case(angular_speed, hub_radius):
-    return jb.frequencies(jb.Hybrid(), jb.Rotor(beam, hub_radius), angular_speed, 3, throw=False)
+    rotor = jb.Rotor(beam, hub_radius)
+    found = jb.modes(jb.Hybrid(4, 8, 0), rotor, angular_speed, 3, throw=False)
+    return {"frequency": found.frequency, "status": found.status}
 for n in (10, 1000):
     cases = jb.grid(angular_speed=np.linspace(0, 10, 1000), hub_radius=np.linspace(0, 1, n))
     table = jb.sweep(case, cases, chunk=2000, folder=FOLDER + str(n), progress=False)

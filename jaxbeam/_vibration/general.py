@@ -1,0 +1,144 @@
+"""All modes of small motion by dense eigenproblems, one case at a time: for whatever there is."""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jaxbeam._models.base import Family, LinearSystem
+from jaxbeam._numerics.linalg import planar_eigenpairs, symmetric_modes
+from jaxbeam._status import Status
+from jaxbeam._vibration.result import Modes
+from jaxbeam._vibration.wanted import Wanted
+
+TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
+
+
+def general(system: LinearSystem, wanted: Wanted) -> Modes:
+    """The modes wanted, whether or not the steady state is stable, with numbers where there are
+    any."""
+    eigenvalue, shape, family, order, positive = _selected(system, wanted)
+    matrices = (system.mass, system.gyroscopic, system.stiffness)
+    residual = _residual(matrices, eigenvalue, shape)
+    tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
+    status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
+    finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
+    status = jnp.where(finite, status, Status.NOT_FINITE)
+    status = jnp.where(positive, status, Status.NO_EQUILIBRIUM)
+    status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
+    share = energy_share(system.mass, shape, system.families)
+    return Modes(eigenvalue, shape, family, order, share, residual, status, system.steady_strain)
+
+
+def energy_share(
+    mass: Float[Array, "n n"], shape: Complex[Array, "k n"], families: tuple[Family, ...]
+) -> Float[Array, "k 3"]:
+    """Share of the kinetic energy that is in each `Family`."""
+    kinetic = (shape.conj() * (shape @ mass)).real
+    share = kinetic @ (np.array(families)[:, None] == np.array(Family)[None]).astype(mass.dtype)
+    return share / jnp.sum(share, -1, keepdims=True)
+
+
+def _selected(system: LinearSystem, wanted: Wanted) -> tuple[Array, ...]:
+    """Eigenvalues, shapes, families and orders of the modes wanted, and whether the axial stiffness
+    is positive definite."""
+    planes = [
+        _plane(system, *families)
+        for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
+        if system.where(*families).size
+    ]
+    rows = np.concatenate([plane.rows for plane in planes])
+    family_of, order_of = _labels(system.families, rows)
+    eigenvalue = jnp.concatenate([plane.eigenvalue for plane in planes])
+    shape = jax.scipy.linalg.block_diag(*[plane.shape for plane in planes])
+    starts = np.cumsum([0, *(plane.rows.size for plane in planes)])
+    label = jnp.concatenate([a.label + i for a, i in zip(planes, starts[:-1], strict=True)])
+    family, order = family_of[label], order_of[label]
+    if wanted.named is None:
+        square = -(eigenvalue**2).real
+        if not wanted.most[Family.FLAP]:
+            square = jnp.where(family == Family.FLAP, jnp.inf, square)
+        pick = jnp.argsort(square)[: wanted.count]
+        family, order = family[pick], order[pick]
+    else:
+        families, orders = (a[:, None] for a in wanted.named)
+        named = (family[None] == families) & (order[None] == orders)
+        pick, (family, order) = jnp.argmax(named, axis=1), wanted.named
+    positive = functools.reduce(jnp.logical_and, [plane.positive for plane in planes])
+    return eigenvalue[pick], shape[pick][:, np.argsort(rows)], family, order, positive
+
+
+class _Plane(NamedTuple):
+    """What is found in one plane: modes in coordinates `rows`, and the label of each as the place
+    among `rows` of the coordinate that bears the same one."""
+
+    rows: np.ndarray
+    eigenvalue: Complex[Array, " n"]
+    shape: Complex[Array, "n n"]
+    label: Int[Array, " n"]
+    positive: Array
+
+
+def _labels(families: tuple[Family, ...], rows: np.ndarray) -> tuple[Array, Array]:
+    """Family of each coordinate, and its number within the family."""
+    kinds = np.asarray([int(families[row]) for row in rows])
+    return jnp.asarray(kinds), jnp.asarray(
+        [sum(kinds[:i] == kinds[i]) + 1 for i in range(rows.size)]
+    )
+
+
+def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> _Plane:
+    """All modes of one plane."""
+    rows = system.where(transverse, *axial)
+    n, n_transverse = rows.size, system.where(transverse).size
+    m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.gyroscopic, system.stiffness))
+    pairs = planar_eigenpairs(m, g, k, n_transverse)
+    label = jnp.arange(n)
+    if 0 < n_transverse < n:  # in one family alone the rank is the order
+        label = _assign(_participation(m, k, pairs.right, n_transverse))
+    return _Plane(rows, pairs.eigenvalue, pairs.right, label, pairs.positive == 1)
+
+
+def _participation(m: Array, k: Array, x: Array, n_transverse: int) -> Float[Array, "n n"]:
+    """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j."""
+    parts = []
+    for part in (slice(0, n_transverse), slice(n_transverse, None)):
+        v = symmetric_modes(m[part, part], k[part, part])
+        parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
+    share = jnp.concatenate(parts, axis=1)
+    return share / jnp.sum(share, axis=1, keepdims=True)
+
+
+def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:
+    """Column for each row: the largest entry first, each row and column used once.
+
+    All pairs that prefer each other are settled at once, which ends in the same assignment as
+    taking the largest entry left, in a few rounds instead of n.
+    """
+    n = share.shape[0]
+
+    def body(state: tuple[Array, Array]) -> tuple[Array, Array]:
+        left, column = state
+        preferred = jnp.argmax(left, axis=1)
+        mutual = (column < 0) & (jnp.argmax(left, axis=0)[preferred] == jnp.arange(n))
+        taken = jnp.any(mutual[:, None] & (preferred[:, None] == jnp.arange(n)[None]), axis=0)
+        left = jnp.where(mutual[:, None] | taken[None], -1.0, left)
+        return left, jnp.where(mutual, preferred, column)
+
+    # NaN, from a case that failed, would never settle.
+    start = jnp.where(jnp.isnan(share), 0.0, share)
+    return jax.lax.while_loop(lambda state: jnp.any(state[1] < 0), body, (start, jnp.full(n, -1)))[
+        1
+    ]
+
+
+def _residual(matrices: tuple[Array, Array, Array], lam: Array, x: Array) -> Float[Array, " k"]:
+    norm = jnp.linalg.norm
+    m, g, k = matrices
+    q = lam[:, None] ** 2 * (x @ m.T) + lam[:, None] * (x @ g.T) + x @ k.T
+    size = jnp.abs(lam)
+    m, g, k = norm(jnp.stack(matrices), axis=(1, 2))
+    return norm(q, axis=-1) / ((size**2 * m + size * g + k) * norm(x, axis=-1))
