@@ -128,12 +128,10 @@ def gradients(quick: bool) -> list[Row]:
 
     polynomials, elements = jb.Hybrid(8, 16, 0), jb.ANCF(10)
     for name, one, share in (
-        ("frequencies, 16 + 8 polynomials",
-         lambda v: jnp.sum(jb.frequencies(polynomials, *at(v), throw=False).frequency), 1),
-        ("frequencies, 10 elements",
-         lambda v: jnp.sum(jb.frequencies(elements, *at(v), throw=False).frequency), 1),
         ("modes, 16 + 8 polynomials",
-         lambda v: jnp.sum(jb.modes(polynomials, *at(v), 3, throw=False).frequency), 10),
+         lambda v: jnp.sum(jb.modes(polynomials, *at(v), 3, throw=False).frequency), 1),
+        ("modes, 10 elements",
+         lambda v: jnp.sum(jb.modes(elements, *at(v), 3, throw=False).frequency), 1),
     ):  # fmt: skip
         tried.append((f"sweep of {name}", swept(one), cases[: size // share]))
     rows = []
@@ -182,7 +180,6 @@ FIRST = {
     "spin-up": ("peak(0.1)", SCENE + SPIN_UP, True),
     "gradient of its peak": ("jax.jit(jax.grad(peak))(0.1)", SCENE + SPIN_UP, True),
     "modes": ("jb.modes(model, rotor, 5.0, which)", SCENE, False),
-    "frequencies": ("jb.frequencies(model, rotor, 5.0)", SCENE, False),
     "southwell": ("jb.southwell(model, rotor, 0.0, which)", SCENE, False),
     "critical_speed": ("jb.critical_speed(jb.models.ChordANCF(4), rotor)", SCENE, False),
     "floquet": (

@@ -34,7 +34,8 @@ CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os
 
 def frequencies(tip_mass: Any, hub_radius: Any) -> Any:
     rotor = jb.Rotor(jb.Beam.from_section(**ALUMINIUM), hub_radius, tip_mass)
-    return jb.frequencies(jb.Hybrid(), rotor, 10.0, 3, throw=False)
+    found = jb.modes(jb.Hybrid(10, 16, 0), rotor, 10.0, 3, throw=False)
+    return {"frequency": found.frequency, "status": found.status}
 
 
 def spin_up(tip_mass: Any, hub_radius: Any) -> Any:

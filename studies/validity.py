@@ -111,7 +111,7 @@ def spin_ups(families: Sequence[Family], speeds: Iterable[Any], sizes: Any) -> j
 
 @functools.cache
 def rest_frequency(tip: float) -> float:
-    found = jb.frequencies(jb.Hybrid(0, 10, 0), rotor_of(0.0, tip, SLENDER), 0.0, 1)
+    found = jb.modes(jb.Hybrid(0, 10, 0), rotor_of(0.0, tip, SLENDER), 0.0, 1)
     return float(found.frequency[0])
 
 
