@@ -14,36 +14,62 @@ Many = Callable[[int, tuple[bool, ...], list[Array]], Any]
 CPU_LANES = 32  # cases that a CPU works on together: their matrices stay in the cache
 
 
-def batchable(one: Callable[..., Any], many: Many) -> Callable[..., Any]:
+_LARGE = 4 * CPU_LANES  # batches from which little is lost in the last row of so many lanes
+
+
+def batchable(one: Callable[..., Any], many: Many, apart: bool = False) -> Callable[..., Any]:
     """`one` of a list of arrays; a batch of it is `many`.
 
-    Batches of batches are one batch, in which cases get copies of what only some of them share.
+    Batches of batches are one batch, in which cases get copies of what only some of them share. If
+    these can stay `apart`, large ones that share something come one after the other on a CPU, where
+    copies would take longer than the work.
     """
     function = custom_vmap(lambda leaves: one(leaves))
 
     @function.def_vmap
     def rule(size: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
-        out = _batch(many, size, tuple(batched[0]))(leaves)
+        out = _batch(many, size, tuple(batched[0]), apart)(leaves)
         return out, jax.tree.map(lambda _: True, out)
 
     return function
 
 
-def _batch(many: Many, size: int, own: tuple[bool, ...]) -> Callable[..., Any]:
+def _batch(many: Many, size: int, own: tuple[bool, ...], apart: bool) -> Callable[..., Any]:
     function = custom_vmap(lambda leaves: many(size, own, leaves))
 
-    @function.def_vmap
-    def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
+    def as_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
         def flat(a: Array, own: bool, varies: bool) -> Array:
             if not own:
                 return jnp.repeat(a, size, 0) if varies else a
             a = a if varies else jnp.broadcast_to(a, (more, *a.shape))
             return a.reshape(more * size, *a.shape[2:])
 
-        all_flat = [flat(*each) for each in zip(leaves, own, batched[0], strict=True)]
-        moves = tuple(a or b for a, b in zip(own, batched[0], strict=True))
-        out = _batch(many, more * size, moves)(all_flat)
-        out = jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
+        all_flat = [flat(*each) for each in zip(leaves, own, varies, strict=True)]
+        moves = tuple(a or b for a, b in zip(own, varies, strict=True))
+        out = _batch(many, more * size, moves, apart)(all_flat)
+        return jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
+
+    def one_by_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
+        def each(moving: list[Array]) -> Any:
+            rest = iter(moving)
+            here = [next(rest) if v else a for a, v in zip(leaves, varies, strict=True)]
+            return many(size, own, here)
+
+        def on_cpu(leaves: list[Array]) -> Any:
+            return jax.lax.map(each, [a for a, v in zip(leaves, varies, strict=True) if v])
+
+        return jax.lax.platform_dependent(
+            leaves, cpu=on_cpu, default=lambda leaves: as_one(more, varies, leaves)
+        )
+
+    @function.def_vmap
+    def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
+        varies = tuple(batched[0])
+        shares = any(v and not o for v, o in zip(varies, own, strict=True))
+        if apart and shares and size >= _LARGE:
+            out = _batch(one_by_one, more, varies, False)(leaves)
+        else:
+            out = as_one(more, varies, leaves)
         return out, jax.tree.map(lambda _: True, out)
 
     return function

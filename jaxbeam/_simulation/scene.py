@@ -14,7 +14,7 @@ from jaxbeam._models.base import AbstractModel, Equations, Family
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import inverse
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import harmless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
@@ -316,9 +316,13 @@ def _moved(y: State, rate: State, h: Scalar) -> State:
 def scene_status(
     model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
     times: Array, between: Array,
-) -> tuple[Code, Inputs]:  # fmt: skip
-    """The first thing that is out of range, at any of the output times or at others `between`,
-    and the inputs at these."""
+) -> tuple[Code, Any]:  # fmt: skip
+    """The first thing that is out of range, at any of the output times or at others `between`; and
+    rotor, motion, loads, damping and the inputs at these others, harmless where they are not in
+    range.
+
+    Each by itself: what all cases of a batch share then stays one for all of them.
+    """
 
     def seen(t: Scalar) -> Inputs:
         return motion.hub(t, loads.gravity), loads.at_tip(t)
@@ -343,13 +347,17 @@ def scene_status(
     for ok, code in (
         (jnp.all(loaded), Status.INVALID_LOAD),
         (jnp.all(moves), Status.INVALID_MOTION),
-        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
         (increasing(times), Status.INVALID_TIMES),
     ):
         status = jnp.where(ok, status, code)
+    seen = jax.tree.map(lambda a: a[: between.size], inputs)
+    motion, loads, seen = harmless(status == Status.OK, (motion, loads, seen))
+    calm = jnp.all(jnp.isfinite(rates) & (rates >= 0))
     given = rotor.status(jnp.zeros((), times.dtype))
+    rotor, damping = harmless(given == Status.OK, rotor), harmless(calm, damping)
+    status = jnp.where(calm | (status == Status.INVALID_TIMES), status, Status.INVALID_DAMPING)
     status = jnp.where(given == Status.OK, status, given).astype(int)
-    return status, jax.tree.map(lambda a: a[: between.size], inputs)
+    return status, (rotor, motion, loads, damping, seen)
 
 
 def increasing(times: Array) -> Array:

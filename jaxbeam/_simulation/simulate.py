@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
 from jaxbeam._numerics.program import Program
-from jaxbeam._results import harmless, where_known, without_derivatives
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion
@@ -147,9 +147,10 @@ def _simulate(
     event: diffrax.Event | None, progress_meter: diffrax.AbstractProgressMeter | None,
     max_steps: int | None, balance_tolerance: float,
 ) -> Simulation:  # fmt: skip
-    given, seen = scene_status(model, rotor, motion, loads, damping, times, during(times, SAMPLES))
+    given, (rotor, motion, loads, damping, seen) = scene_status(
+        model, rotor, motion, loads, damping, times, during(times, SAMPLES)
+    )
     fine = given == Status.OK
-    rotor, motion, loads, damping, seen = harmless(fine, (rotor, motion, loads, damping, seen))
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
     times = jnp.where(increasing(times), times, np.linspace(0.0, 1.0, times.size))
     if saveat is not None:
@@ -365,9 +366,9 @@ def steady_start(
 def _steady(
     model: AbstractModel, rotor: AnyRotor, motion: Motion, t: Scalar, loads: Loads
 ) -> tuple[State, Code]:
-    given, _ = scene_status(model, rotor, motion, loads, NO_DAMPING, t[None], t[None])
-    fine = given == Status.OK
-    rotor, motion, loads = harmless(fine, (rotor, motion, loads))
+    given, (rotor, motion, loads, *_) = scene_status(
+        model, rotor, motion, loads, NO_DAMPING, t[None], t[None]
+    )
     hub = motion.hub(t, loads.gravity)
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
