@@ -24,7 +24,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.base import Equations, rigid_moments
 from jaxbeam._models.basis import Functions, hermite
-from jaxbeam._models.laws import POINTS, TURN, WEIGHTS, Element, gradient_of, tabled
+from jaxbeam._models.laws import POINTS, TURN, WEIGHTS, Element, Local, gradient_of, tabled
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._numerics.lanes import beside, total
 from jaxbeam._rotor.beam import Rotor
@@ -87,11 +87,10 @@ class ElementEquations(Equations):
         field = _turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
         field = field + _constant(hub.acceleration)
         own = _by_element(
-            lambda share, field: (
-                self.axial_stiffness * self.element.force(share)
-                + self.element_mass * tabled(self._gram, field)
+            lambda local, field: (
+                self._elastic(local) + self.element_mass * tabled(self._gram, field)
             ),
-            self._shares(q), _local(field),
+            _local(self._nodes(q)), _local(field),
         )  # fmt: skip
         at_tip = self.tip_mass * field[-1]
         if tip_force is not None:
@@ -106,19 +105,28 @@ class ElementEquations(Equations):
         return k, 2 * spin * self.turned_mass
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
-        local = _by_element(self.element.tangent, self._shares(q))
-        return _assembled(self.axial_stiffness / self.size * local)
+        n, scale = self.element.n_elements, self.axial_stiffness / self.size
+
+        def one(local: Array) -> Array:
+            tangent = scale * self.element.tangent(self._gradients(local))
+            rows = _on_ends(n, tangent).reshape(8, *tangent.shape[2:])
+            both = jax.vmap(lambda row: _on_ends(n, row))(rows)
+            return both.reshape(2, 4, *both.shape[1:])
+
+        return _assembled(_by_element(one, _local(self._nodes(q))))
 
     def elastic_force(self, q: Vector) -> Vector:
-        own = self._elastic(q)
+        own = _by_element(self._elastic, _local(self._nodes(q)))
         return _gathered(own, jnp.zeros_like(own[-1, :, 0]))
 
-    def _elastic(self, q: Vector) -> Float[Array, "E 2 4 *lanes"]:
-        """Of every element."""
-        return self.axial_stiffness * _by_element(self.element.force, self._shares(q))
+    def _elastic(self, local: Float[Array, "2 4 *lanes"]) -> Float[Array, "2 4 *lanes"]:
+        """Of an element."""
+        force = self.axial_stiffness * self.element.force(self._gradients(local))
+        return _on_ends(self.element.n_elements, force)
 
     def strain_energy(self, q: Vector) -> Number:
-        energy = total(jax.vmap(self.element.energy)(self._shares(q)))
+        local = _local(self._nodes(q))
+        energy = total(jax.vmap(lambda e: self.element.energy(self._gradients(e)))(local))
         return self.axial_stiffness * self.size * energy
 
     def nonconservative_force(self, q: Vector) -> Vector:
@@ -181,13 +189,21 @@ class ElementEquations(Equations):
         shapes = Functions(*(a[None] for a in hermite(xi * n - index, 1 / n)))
         return shapes, _local(self._nodes(q))[index].swapaxes(0, 1)
 
-    def _shares(self, q: Vector) -> Float[Array, "E 2 4 *lanes"]:
-        """Coordinates of every element over the length."""
-        return _local(self._nodes(q)) / self.size
+    def _gradients(self, local: Float[Array, "2 4 *lanes"]) -> Local:
+        """Displacement gradient of an element at its first end, on average, at its last end."""
+        chord = self.element.n_elements * (local[:, 2] - local[:, 0])
+        return jnp.stack([local[:, 1], chord, local[:, 3]], 1) / self.size
 
     def _nodes(self, q: Vector) -> Nodes:
         """Coordinates node by node, those of the clamped node included."""
         return padded(q, 3, 0).reshape(-1, 2, 2, *q.shape[1:])
+
+
+def _on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest"]:
+    """From what belongs to gradients, see `Element`, to what belongs to values and slopes of both
+    ends: the transpose of `_gradients`, but for the length."""
+    chord = n * force[:, 1]
+    return jnp.stack([-chord, force[:, 0], chord, force[:, 2]], 1)
 
 
 def _by_element(function: Callable[..., Array], *local: Float[Array, "E 2 4 *lanes"]) -> Array:

@@ -1,9 +1,11 @@
 """What sets theories of cubic elements apart: energy, force and tangent of one of them.
 
-The local coordinates e are displacement and slope of both ends, with r' = a1 + S' e. Theories
-differ in the axial strain, with d = r' - a1 the displacement gradient:
+The local coordinates e are three values of the displacement gradient d = r' - a1, at the first
+end, on the chord and at the last end, by which d is known along the element, (1-4s+3s^2) e_A +
+(6s-6s^2) e_M + (3s^2-2s) e_B: forces do not depend on where the element is. Theories differ in the
+axial strain:
 
-    Model A        eps_A (1-4s+3s^2) + eps_M (6s-6s^2) + eps_B (3s^2-2s) of B eq. A-3, and forces
+    Model A        interpolated like d from those of the three values (B eq. A-3), and forces
                    int EA eps S'^T r' dx that are not the gradient of an energy
     Green          d_1 + d.d / 2, forces from int [EA eps^2 + EI r''.r''] dx / 2
     Engineering    |r'| - 1, forces from int [EA eps^2 + EI phi'^2] dx / 2, phi the tangent's angle
@@ -27,11 +29,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.basis import hermite
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._types import Number
 
-Local = Float[Array, "2 4 *lanes"]  # over L: value and L times slope at either end
+Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, mean, at the last end
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
 POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # by a right angle: a1 becomes a2, a2 becomes -a1
@@ -41,6 +42,13 @@ def tabled(table: Float[np.ndarray, "a b"], x: Float[Array, "c b *lanes"]) -> Ar
     """The product sum_b table_ab x_cb, with axes of lanes behind."""
     lanes = x.ndim - 2
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
+
+
+def _along(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
+    """The gradient by its three values at points s, or its derivative by s."""
+    if derivative:
+        return np.stack([6 * s - 4, 6 - 12 * s, 6 * s - 2], 1)
+    return np.stack([1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], 1)
 
 
 def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Number:
@@ -64,7 +72,7 @@ def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]
 
 
 class Element(eqx.Module):
-    """Elastic energy, force and tangent of an element, over EA L and with lengths over L."""
+    """Elastic energy, force and tangent of an element, over EA L."""
 
     is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
     tears: ClassVar[bool] = False  # whether steady states end where `Rotor.tears` says
@@ -79,14 +87,14 @@ class Element(eqx.Module):
         """Elastic force of one element."""
         return gradient_of(self.energy)(e)
 
-    def tangent(self, e: Local) -> Float[Array, "2 4 2 4 *lanes"]:
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         """d force / de."""
 
         def column(unit: Array) -> Array:
             along = jnp.broadcast_to(beside(unit, e.ndim - 2), e.shape)
             return jax.jvp(self.force, (e,), (along,))[1]
 
-        columns = jax.vmap(column, out_axes=2)(jnp.eye(8, dtype=e.dtype).reshape(8, 2, 4))
+        columns = jax.vmap(column, out_axes=2)(jnp.eye(6, dtype=e.dtype).reshape(6, 2, 3))
         return columns.reshape(*e.shape[:2], *e.shape)
 
     def strain(self, d: Float[Array, "2 p *lanes"]) -> Float[Array, "p *lanes"]:
@@ -100,13 +108,13 @@ class Element(eqx.Module):
 
     @property
     def slopes(self) -> np.ndarray:
-        """Slopes of the four shapes at the Gauss points (g, 4)."""
-        return hermite(POINTS, 1 / self.n_elements).slope
+        """From the local coordinates to the gradient at the Gauss points (g, 3)."""
+        return _along(POINTS)
 
     @property
     def curvatures(self) -> np.ndarray:
-        """Curvatures of the four shapes at the Gauss points (g, 4)."""
-        return hermite(POINTS, 1 / self.n_elements).curvature
+        """From the local coordinates to its derivative by x / L at the Gauss points (g, 3)."""
+        return self.n_elements * _along(POINTS, 1)
 
 
 class Continuum(Element):
@@ -119,7 +127,7 @@ class Continuum(Element):
     @property
     @abc.abstractmethod
     def stations(self) -> np.ndarray:
-        """Slopes of the four shapes at the stations (k, 4)."""
+        """From the local coordinates to the gradient at the stations (k, 3)."""
 
     @abc.abstractmethod
     def interpolated(self, values: Float[Array, "c k *lanes"]) -> Float[Array, "c g *lanes"]:
@@ -151,49 +159,45 @@ class Continuum(Element):
         """int S''^T S'' dx."""
         return np.einsum("g,gi,gj->ij", self.weights, self.curvatures, self.curvatures)
 
-    def tangent(self, e: Local) -> Float[Array, "2 4 2 4 *lanes"]:
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         slopes, stations = self.slopes, self.stations
         strain, direction = self.measure(tabled(stations, e))
         pull = _rows(slopes, _stretched(tabled(slopes, e)))
         # By the derivative of the strain
         turn = self.interpolated(_rows(stations, direction))
         terms = [w * pull[:, None, g] * turn[None, :, g] for g, w in enumerate(self.weights)]
-        material = functools.reduce(jnp.add, terms).reshape(2, 4, *e.shape)
+        material = functools.reduce(jnp.add, terms).reshape(2, 3, *e.shape)
         # and of S'^T r', the same for both components, like bending.
-        each = np.einsum("g,gi,gj->ijg", self.weights, slopes, slopes).reshape(16, -1)
-        along = tabled(each, self.interpolated(strain[None]))[0].reshape(4, *e.shape[1:])
+        each = np.einsum("g,gi,gj->ijg", self.weights, slopes, slopes).reshape(9, -1)
+        along = tabled(each, self.interpolated(strain[None]))[0].reshape(3, *e.shape[1:])
         along = along + self.bending * beside(self.bend, e.ndim - 2)
         return material + _both(along)
 
 
 def _rows(
-    table: Float[np.ndarray, "p 4"], vector: Float[Array, "2 p *lanes"]
-) -> Float[Array, "8 p *lanes"]:
+    table: Float[np.ndarray, "p 3"], vector: Float[Array, "2 p *lanes"]
+) -> Float[Array, "6 p *lanes"]:
     """Table^T times a vector at every point."""
     out = vector[:, None] * beside(table.T[None], vector.ndim - 2)
-    return out.reshape(8, *vector.shape[1:])
+    return out.reshape(6, *vector.shape[1:])
 
 
-def _both(a: Float[Array, "4 4 *lanes"]) -> Float[Array, "2 4 2 4 *lanes"]:
+def _both(a: Float[Array, "3 3 *lanes"]) -> Float[Array, "2 3 2 3 *lanes"]:
     """The same for both components, which it does not couple."""
     return beside(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
 
 
 class ModelA(Continuum):
-    """B eq. A-3: stations are the first end, the chord and the last end."""
+    """B eq. A-3: stations are the three values themselves."""
 
     is_conservative = False
 
     @property
     def stations(self) -> np.ndarray:
-        n = self.n_elements
-        return np.array([[0, 1, 0, 0], [-n, 0, n, 0], [0, 0, 0, 1.0]])
+        return np.eye(3)
 
     def interpolated(self, values: Array) -> Array:
-        s = POINTS
-        return tabled(
-            np.stack([1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], 1), values
-        )
+        return tabled(_along(POINTS), values)
 
     def measure(self, d: Array) -> tuple[Array, Array]:
         strain = elongation(d)
@@ -240,7 +244,7 @@ class Engineering(Element):
         by_slope = pull[None] * at.along + twist[None] * at.turned
         return tabled(self.slopes.T, by_slope) + tabled(self.curvatures.T, twist[None] * at.back)
 
-    def tangent(self, e: Local) -> Float[Array, "2 4 2 4 *lanes"]:
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
 
             int (|r'| - 4 b phi'^2) / s^2 p p^T + b k k^T dx, with
@@ -263,14 +267,14 @@ class Engineering(Element):
         material = contract(both[:, None], (by[None] * both)[None], 2, lanes)
 
         def whole(x: np.ndarray, y: np.ndarray, values: Array) -> Array:
-            each = np.einsum("g,gi,gj->ijg", weights, x, y).reshape(16, -1)
-            return tabled(each, values[None])[0].reshape(4, *e.shape[1:])
+            each = np.einsum("g,gi,gj->ijg", weights, x, y).reshape(9, -1)
+            return tabled(each, values[None])[0].reshape(3, *e.shape[1:])
 
         along = whole(slopes, slopes, (at.strain * at.size - 2 * bent) / square)
         across = whole(self.curvatures, slopes, moment / square)
         across = across - across.swapaxes(0, 1)
         turned = beside(TURN[:, None, :, None], lanes) * across[None, :, None]
-        return material.reshape(2, 4, *e.shape) + _both(along) + turned
+        return material.reshape(2, 3, *e.shape) + _both(along) + turned
 
     def _at(self, e: Local) -> "_Bent":
         """The strain and its derivatives at the Gauss points."""
@@ -319,11 +323,11 @@ class Chord(ModelZero):
     """The frame of an element lies along the chord from one end to the other."""
 
     def along(self, e: Local) -> Float[Array, "2 *lanes"]:
-        return (e[:, 2] - e[:, 0]) * self.n_elements
+        return e[:, 1]
 
 
 class Tangent(ModelZero):
     """The frame of an element lies along the tangent at its first end."""
 
     def along(self, e: Local) -> Float[Array, "2 *lanes"]:
-        return e[:, 1]
+        return e[:, 0]
