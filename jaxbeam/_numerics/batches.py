@@ -17,24 +17,37 @@ CPU_LANES = 32  # cases that a CPU works on together: their matrices stay in the
 _LARGE = 4 * CPU_LANES  # batches from which little is lost in the last row of so many lanes
 
 
-def batchable(one: Callable[..., Any], many: Many, apart: bool = False) -> Callable[..., Any]:
+# From the same to results, and which of them are of each case; or None.
+Otherwise = Callable[[int, tuple[bool, ...], list[Array]], tuple[Any, Any] | None]
+
+
+def batchable(
+    one: Callable[..., Any], many: Many, apart: bool = False, unless: Otherwise | None = None
+) -> Callable[..., Any]:
     """`one` of a list of arrays; a batch of it is `many`.
 
     Batches of batches are one batch, in which cases get copies of what only some of them share. If
     these can stay `apart`, large ones that share something come one after the other on a CPU, where
-    copies would take longer than the work.
+    copies would take longer than the work. What `unless` has an answer to is not for `many`.
     """
     function = custom_vmap(lambda leaves: one(leaves))
 
     @function.def_vmap
     def rule(size: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
-        out = _batch(many, size, tuple(batched[0]), apart)(leaves)
+        own = tuple(batched[0])
+        found = unless(size, own, leaves) if unless else None
+        if found is not None:
+            return found
+        out = _batch(many, size, own, apart, unless)(leaves)
         return out, jax.tree.map(lambda _: True, out)
 
     return function
 
 
-def _batch(many: Many, size: int, own: tuple[bool, ...], apart: bool) -> Callable[..., Any]:
+def _batch(
+    many: Many, size: int, own: tuple[bool, ...], apart: bool = False,
+    unless: Otherwise | None = None,
+) -> Callable[..., Any]:  # fmt: skip
     function = custom_vmap(lambda leaves: many(size, own, leaves))
 
     def as_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
@@ -46,7 +59,7 @@ def _batch(many: Many, size: int, own: tuple[bool, ...], apart: bool) -> Callabl
 
         all_flat = [flat(*each) for each in zip(leaves, own, varies, strict=True)]
         moves = tuple(a or b for a, b in zip(own, varies, strict=True))
-        out = _batch(many, more * size, moves, apart)(all_flat)
+        out = _batch(many, more * size, moves, apart, unless)(all_flat)
         return jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
 
     def one_by_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
@@ -62,12 +75,31 @@ def _batch(many: Many, size: int, own: tuple[bool, ...], apart: bool) -> Callabl
             leaves, cpu=on_cpu, default=lambda leaves: as_one(more, varies, leaves)
         )
 
+    def within(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
+        """`unless`, asked case by case."""
+        flags: Any = None
+
+        def case(leaves: list[Array]) -> Any:
+            nonlocal flags
+            found = unless and unless(more, varies, leaves)
+            out, flags = found or (None, None)
+            return out
+
+        axes = [(1 if v else 0) if o else None for o, v in zip(own, varies, strict=True)]
+        out = jax.vmap(case, (axes,))(leaves)
+        if flags is None:
+            return None
+        return jax.tree.map(lambda a, f: jnp.swapaxes(a, 0, 1) if f else a, out, flags), flags
+
     @function.def_vmap
     def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
         varies = tuple(batched[0])
+        found = within(more, varies, leaves)
+        if found is not None:
+            return found
         shares = any(v and not o for v, o in zip(varies, own, strict=True))
         if apart and shares and size >= _LARGE:
-            out = _batch(one_by_one, more, varies, False)(leaves)
+            out = _batch(one_by_one, more, varies)(leaves)
         else:
             out = as_one(more, varies, leaves)
         return out, jax.tree.map(lambda _: True, out)

@@ -222,7 +222,9 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
                 return by(size)(leaves)
             return jax.lax.platform_dependent(leaves, cpu=by(CPU_LANES), default=by(size))
 
-        return batchable(lambda leaves: one(*jax.tree.unflatten(tree, leaves)), many, apart=True)(flat)
+        return batchable(lambda leaves: one(*jax.tree.unflatten(tree, leaves)), many, apart=True)(
+            flat
+        )
 
     return call
 

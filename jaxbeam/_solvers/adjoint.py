@@ -37,8 +37,8 @@ def run(given: Given, task: Task) -> Run:
     The derivative of what was computed, to rounding: each step that was kept is transposed, with
     its length as it is (as in diffrax, error control carries no derivatives). Before each step the
     state is written down: `ROWS` = 1024 states at most; where steps are more, every 2nd, 4th, ...
-    is, and those between are computed once more. Besides, two numbers for each of `max_steps`, and
-    a third where something may jump.
+    is, and those between are computed once more. Besides, a number for each of `max_steps`, or three
+    where something may jump.
 
     Derivatives of derivatives: forward over reverse.
     """
@@ -89,7 +89,11 @@ class _Sweep(NamedTuple):
         """Makes step k anew from the state in `row`; returns the state after it, and the step."""
         task, ends = self.task, self.tape.ends[k]
         own: Given = eqx.combine(moving, self.still)
-        t0, t1, jumped = ends[0], ends[1], ends[2] > 0 if task.jumps else False
+        t1 = ends[0]
+        if task.jumps:
+            t0, jumped = ends[1], ends[2] > 0
+        else:  # steps follow one another
+            t0, jumped = self.tape.ends[jnp.maximum(k - 1, 0), 0], False
         t0 = jnp.where(k == 0, own.start, t0)
         t1 = jnp.where((k == self.steps - 1) & self.finished, own.times[-1], t1)
         y, solver_state = self.unpack(row)
@@ -128,7 +132,7 @@ class _Sweep(NamedTuple):
 
         Returns the last one before the step, what belongs to the step, and what to the times.
         """
-        before = jnp.where(k > 0, self.tape.ends[k - 1, 1], -jnp.inf)
+        before = jnp.where(k > 0, self.tape.ends[k - 1, 0], -jnp.inf)
 
         def here(i: Array) -> Array:
             return down & (i > 0) & (self.times[i] > before)
@@ -223,5 +227,5 @@ def _begin(
 
 def _reached(times: Array, tape: Tape, count: Array) -> Array:
     """The last output within the steps that were made."""
-    end = tape.ends[jnp.maximum(count - 1, 0), 1]
+    end = tape.ends[jnp.maximum(count - 1, 0), 0]
     return jnp.where(count > 0, jnp.sum(times <= end) - 1, 0)

@@ -104,7 +104,7 @@ class Tape(NamedTuple):
     """What is written down of each step for reverse mode, with a row for what is not to be kept."""
 
     rows: Float[Array, "C r"]  # state of the equations and the solver before a step, see `place`
-    ends: Float[Array, "K e"]  # start and end of each step, whether something jumped
+    ends: Float[Array, "K e"]  # end of each step; its start and a jump there, where one may be
 
 
 class _Now(NamedTuple):
@@ -266,8 +266,8 @@ class _March(NamedTuple):
         if now.tape is None:
             return None
         row = as_row(now.y, now.solver_state)
-        ends = [now.t0, now.t1] + ([now.jumped.astype(now.t0.dtype)] if self.task.jumps else [])
-        return _written(now.tape, row, jnp.stack(ends), now.run.kept, kept)
+        jumped = [now.t0, now.jumped.astype(now.t0.dtype)] if self.task.jumps else []
+        return _written(now.tape, row, jnp.stack([now.t1, *jumped]), now.run.kept, kept)
 
 
 def _where(which: Array, a: Any, b: Any) -> Any:
@@ -317,7 +317,7 @@ def blank(task: Task, given: Given) -> Tape:
     row = as_row(given.y0, solver_state_of(task, given))
     # So many that spans between rows are no longer than there are rows.
     rows = min(max(ROWS, _power(int((2 * steps) ** 0.5))), _power(steps))
-    ends = jnp.zeros((steps + 1, 3 if task.jumps else 2), given.times.dtype)
+    ends = jnp.zeros((steps + 1, 3 if task.jumps else 1), given.times.dtype)
     return Tape(jnp.zeros((rows + 1, row.size), row.dtype), ends)
 
 

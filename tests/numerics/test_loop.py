@@ -107,3 +107,45 @@ def test_forward_derivatives() -> None:
         lambda b: jax.vmap(power)(b, jnp.asarray(exponent))[0], (base,), (np.ones_like(base),)
     )[1]
     np.testing.assert_allclose(forward, exact, rtol=1e-12)
+
+
+def test_rates_ride_with_their_cases() -> None:
+    """In forward mode nobody waits either, and the rates of one case take its steps together."""
+    exponent = np.where(np.arange(640) % 10 == 3, 200, 10)
+    base = np.stack([np.full(640, 1.01), np.linspace(0.9, 1.1, 640)], 1)
+
+    def product(pair: Any, exponent: Any) -> Any:
+        return power(pair[0] * pair[1], exponent)[0]
+
+    def rate(pair: Any, exponent: Any) -> Any:
+        return jax.jvp(lambda pair: product(pair, exponent), (pair,), (jnp.array([1.0, 0.0]),))[1]
+
+    STEPS.clear()
+    first = jax.jit(jax.vmap(rate))(base, exponent)
+    jax.effects_barrier()
+    own = exponent.sum() / 32
+    assert set(STEPS) == {32}
+    assert own <= len(STEPS) <= 1.2 * own + 200
+    exact = exponent[:, None] * np.prod(base, 1)[:, None] ** exponent[:, None] / base
+    np.testing.assert_allclose(first, exact[:, 0], rtol=1e-11)
+    rates = jax.jit(jax.vmap(jax.jacfwd(product)))(base, exponent)
+    np.testing.assert_allclose(rates, exact, rtol=1e-11)
+
+
+def test_rates_of_a_batch() -> None:
+    base, exponent = cases(40)
+
+    def mean(factors: Any) -> Any:
+        scaled = jnp.asarray(base) * factors[0] * factors[1]
+        return jax.vmap(power)(scaled, jnp.asarray(exponent))[0]
+
+    rates = jax.jit(jax.jacfwd(mean))(jnp.array([1.0, 1.0]))
+    exact = np.stack([exponent * base**exponent] * 2, 1)
+    np.testing.assert_allclose(rates, exact, rtol=1e-11)
+
+
+def test_second_derivatives() -> None:
+    base, exponent = cases(40)
+    second = jax.vmap(jax.jacfwd(jax.jacfwd(lambda b, e: power(b, e)[0])))(base, exponent)
+    exact = exponent * (exponent - 1) * base ** (exponent - 2.0)
+    np.testing.assert_allclose(second, exact, rtol=1e-11)
