@@ -191,8 +191,8 @@ class ElementEquations(Equations):
 
     def _gradients(self, local: Float[Array, "2 4 *lanes"]) -> Local:
         """Displacement gradient of an element at its first end, on average, at its last end."""
-        chord = self.element.n_elements * (local[:, 2] - local[:, 0])
-        return jnp.stack([local[:, 1], chord, local[:, 3]], 1) / self.size
+        chord = self.element.n_elements * (local[:, 2:3] - local[:, :1])
+        return jnp.concatenate([local[:, 1:2], chord, local[:, 3:]], 1) / self.size
 
     def _nodes(self, q: Vector) -> Nodes:
         """Coordinates node by node, those of the clamped node included."""
@@ -202,8 +202,8 @@ class ElementEquations(Equations):
 def _on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest"]:
     """From what belongs to gradients, see `Element`, to what belongs to values and slopes of both
     ends: the transpose of `_gradients`, but for the length."""
-    chord = n * force[:, 1]
-    return jnp.stack([-chord, force[:, 0], chord, force[:, 2]], 1)
+    chord = n * force[:, 1:2]
+    return jnp.concatenate([-chord, force[:, :1], chord, force[:, 2:]], 1)
 
 
 def _by_element(function: Callable[..., Array], *local: Float[Array, "E 2 4 *lanes"]) -> Array:
@@ -232,7 +232,7 @@ def _constant(vector: Triple) -> Float[Array, "1 2 2 *lanes"]:
 
 def _turned(nodes: Nodes) -> Nodes:
     """A field turned by a quarter: `TURN` applied at every node."""
-    return jnp.stack([nodes[:, 1], -nodes[:, 0]], 1)
+    return jnp.concatenate([nodes[:, 1:], -nodes[:, :1]], 1)
 
 
 def _gathered(local: Float[Array, "E 2 4 *lanes"], at_tip: Float[Array, "2 *lanes"]) -> Vector:

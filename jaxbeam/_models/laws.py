@@ -57,7 +57,7 @@ def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Number:
 
 def _stretched(d: Float[Array, "2 *lanes"]) -> Array:
     """The tangent a1 + d of the deformed axis."""
-    return jnp.stack([d[0], 1 + d[1]])
+    return jnp.concatenate([d[:1], 1 + d[1:]])
 
 
 def elongation(d: Float[Array, "2 *lanes"]) -> Number:

@@ -222,9 +222,10 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
                 return by(size)(leaves)
             return jax.lax.platform_dependent(leaves, cpu=by(CPU_LANES), default=by(size))
 
-        return batchable(lambda leaves: one(*jax.tree.unflatten(tree, leaves)), many, apart=True)(
-            flat
-        )
+        def alone(leaves: list[Array]) -> Any:
+            return one(*jax.tree.unflatten(tree, leaves))
+
+        return batchable(alone, many, apart=True)(flat)
 
     return call
 

@@ -37,7 +37,7 @@ def run(given: Given, task: Task) -> Run:
     The derivative of what was computed, to rounding: each step that was kept is transposed, with
     its length as it is (as in diffrax, error control carries no derivatives). Before each step the
     state is written down: `ROWS` = 1024 states at most; where steps are more, every 2nd, 4th, ...
-    is, and those between are computed once more. Besides, a number for each of `max_steps`, or three
+    is, and those between are computed once more. Besides, a number for each of `max_steps`, three
     where something may jump.
 
     Derivatives of derivatives: forward over reverse.
@@ -89,11 +89,9 @@ class _Sweep(NamedTuple):
         """Makes step k anew from the state in `row`; returns the state after it, and the step."""
         task, ends = self.task, self.tape.ends[k]
         own: Given = eqx.combine(moving, self.still)
-        t1 = ends[0]
-        if task.jumps:
-            t0, jumped = ends[1], ends[2] > 0
-        else:  # steps follow one another
-            t0, jumped = self.tape.ends[jnp.maximum(k - 1, 0), 0], False
+        t1, jumped = ends[0], ends[2] > 0 if task.jumps else False
+        # Where nothing jumps steps follow one another.
+        t0 = ends[1] if task.jumps else self.tape.ends[jnp.maximum(k - 1, 0), 0]
         t0 = jnp.where(k == 0, own.start, t0)
         t1 = jnp.where((k == self.steps - 1) & self.finished, own.times[-1], t1)
         y, solver_state = self.unpack(row)

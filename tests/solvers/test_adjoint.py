@@ -192,7 +192,7 @@ def test_second_derivatives():
     expected = [(slope(p + h * e) - slope(p - h * e)) / (2 * h) for e in np.eye(2)]
     np.testing.assert_allclose(hessian, expected, rtol=1e-6)
     np.testing.assert_allclose(hessian, hessian.T, rtol=1e-9)
-    with pytest.raises(ValueError, match="Reverse-mode differentiation does not work"):
+    with pytest.raises(ValueError, match="everse-mode"):
         jax.grad(lambda p: jnp.sum(jax.grad(value)(p)))(p)
 
 
