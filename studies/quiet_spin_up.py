@@ -238,8 +238,9 @@ def quietest(
 
 def least(now: np.ndarray, by: np.ndarray, waves: np.ndarray) -> float:
     """Least worst case over all waves within LIMIT of amplitudes (rotor, 2) that are `now` with
-    these waves and linear in them, `by` (rotor, 2, WAVES). A polygon of 24 sides around
-    the circle makes it a linear programme, low by 1 % at most."""
+    these waves and linear in them, `by` (rotor, 2, WAVES). A polygon of 24 sides around the circle
+    makes it a linear programme, low by 1 % at most. Without a limit it would be zero: large enough
+    accelerations cancel on any band of frequencies that ends."""
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     sides = np.stack([np.cos(turn), np.sin(turn)], 1)
     unit = 1e4  # of the measure, so that the programme is well scaled
@@ -271,8 +272,8 @@ def least_linear(fleet: Fleet, speed: float) -> float:
 
 
 def least_nearby(fleet: Fleet, waves: np.ndarray) -> float:
-    """To first order about these waves added to the smooth spin-up, stiffening and all: first mode
-    of rotors on the grid."""
+    """To first order about these waves added to the smooth spin-up, stiffening and all, for first
+    modes. It is a bound for small changes alone: the stiffness goes with the square of the speed."""
     now = fleet.amplitudes(shaped(waves=waves))
     by = []
     for component in range(2):
