@@ -54,7 +54,7 @@ def test_numbers(run):
 
 def test_every_study_has_a_main():
     paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
-    assert len(paths) == 14
+    assert len(paths) == 15
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
@@ -291,6 +291,30 @@ def test_detune(tmp_path):
     before, after = rows_of(tmp_path / "detune.csv")
     assert float(before["margin"]) == 0.0
     assert float(after["margin"]) >= 0.05
+
+
+@pytest.mark.slow
+def test_quiet_spin_up(tmp_path):
+    """The robust optimum is an order of magnitude quieter in the worst case than all others, on
+    elements too, and not below what is least."""
+    study("quiet_spin_up", tmp_path)
+    assert (tmp_path / "quiet_spin_up.png").stat().st_size > 20_000
+    rows = {r["shape"]: r for r in rows_of(tmp_path / "quiet_spin_up.csv")}
+    worst = {name: float(r["worst"]) for name, r in rows.items()}
+    robust, nominal = worst["robust optimum"], rows["nominal optimum"]
+    for name in ("smooth, Y eq. 23", "quintic, Y eq. 21", "ZV shaper", "ZVD shaper"):
+        assert worst[name] > 10 * robust
+        assert float(rows[name]["worst_of_elements"]) > 8 * float(
+            rows["robust optimum"]["worst_of_elements"]
+        )
+    assert worst["ZVD shaper"] < worst["ZV shaper"]
+    # What was found for one rotor is best for it, and no good for the others.
+    assert float(nominal["nominal"]) < 0.3 * float(rows["robust optimum"]["nominal"])
+    assert float(nominal["worst"]) > 10 * robust
+    least = {name: bound for name, bound in worst.items() if name.startswith("least")}
+    assert len(least) == 3
+    assert 0 < least["least, to first order about the optimum"] < robust
+    assert 0 < least["least, stiffness as at full speed"] < least["least, stiffness as at rest"]
 
 
 @pytest.mark.slow
