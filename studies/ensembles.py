@@ -1,10 +1,10 @@
 """What a batch is worth: the same cases in one batch, and one after the other, in one run.
 
-Spin-ups of B Ref. 21 (8 elements, 1 to 6 rad/s) by one plain `jax.vmap` and through `sweep`, a batch
-whose numbers of steps differ tenfold, the gradient of a batch, lowest modes with labels, shapes and
-flap, and fits; and the operations of a step, counted in the traced program, beside the clock. Times
-are without compilation, medians of repeated runs; ratios are between lines of the same run. Give it
-one core to compare with one: `taskset -c 0 python studies/ensembles.py`.
+Spin-ups of B Ref. 21 (8 elements, 1 to 6 rad/s) by one plain `jax.vmap` and through `sweep`, a
+batch of very different numbers of steps, the gradient of a batch, and lowest modes with labels,
+shapes and flap (`fit_experiment.py` has fits); and the operations of a step, counted in the traced
+program, beside the clock. Times are without compilation, medians of repeated runs; ratios are
+between lines of the same run. On one core: `taskset -c 0 python studies/ensembles.py`.
 
     python studies/ensembles.py [--quick] [--out FOLDER]
 """
@@ -62,7 +62,7 @@ def spin_ups(quick: bool) -> list[Line]:
     repeats = 1 if quick else 3
     single, batch = jax.jit(spin_up), jax.jit(jax.vmap(spin_up))
     lines = []
-    for size in (64, 256):
+    for size in (64,) if quick else (64, 256):
         speeds = jnp.linspace(1.0, 6.0, size)
         together, _ = seconds(repeats, batch, speeds)
         some = speeds[:: 4 if quick else 1]
@@ -74,25 +74,28 @@ def spin_ups(quick: bool) -> list[Line]:
         return spin_up(speed)[0]
 
     def through_sweep() -> Any:
-        return jb.sweep(peak, jb.grid(speed=np.linspace(1.0, 6.0, 256))).values["value"]
+        return jb.sweep(peak, jb.grid(speed=speeds)).values["value"]
 
     swept, _ = seconds(repeats, through_sweep)
-    ratio = alone / len(some) / (swept / 256)
-    lines.append(Line("spin-ups, sweep", 256, swept / 256, "a loop", ratio))
+    ratio = alone / len(some) / (swept / size)
+    lines.append(Line("spin-ups, sweep", size, swept / size, "a loop", ratio))
 
-    like, steps = seconds(repeats, batch, jnp.full(256, 4.0))
+    like, steps = seconds(repeats, batch, jnp.full(size, 4.0))
     each = like / float(jnp.sum(steps[1]))
-    tolerances = 10.0 ** jax.random.permutation(jax.random.key(1), jnp.linspace(-8.5, -2.0, 256))
-    mixed, (_, count) = seconds(repeats, jax.jit(jax.vmap(spin_up)), jnp.full(256, 4.0), tolerances)
+    exponents = jnp.linspace(-8.5, -2.0, size)
+    tolerances = 10.0 ** jax.random.permutation(jax.random.key(1), exponents)
+    mixed, (_, count) = seconds(
+        repeats, jax.jit(jax.vmap(spin_up)), jnp.full(size, 4.0), tolerances
+    )
     ratio = mixed / (each * float(jnp.sum(count)))
     spread = f"its own steps ({int(count.min())} to {int(count.max())})"
-    lines.append(Line("mixed batch", 256, mixed / 256, spread, ratio))
+    lines.append(Line("mixed batch", size, mixed / size, spread, ratio))
     return lines
 
 
 def gradients(quick: bool) -> list[Line]:
     """The mean peak of a batch, and its gradient by five parameters."""
-    size = 64 if quick else 256
+    size = 32 if quick else 256
     beam = REF_21
     stiffness = beam.axial_stiffness, beam.in_plane_bending_stiffness
     at = jnp.stack([beam.mass_per_length, *stiffness, 0.1, 0.05])
@@ -109,7 +112,7 @@ def gradients(quick: bool) -> list[Line]:
 
 def modes(quick: bool) -> list[Line]:
     """Lowest modes with labels, shapes and flap, in a batch and by dense matrices case by case."""
-    table = common.random_cases(2_000 if quick else 10_000, seed=5)
+    table = common.random_cases(400 if quick else 10_000, seed=5)
     lines = []
     for name, model, which in (
         ("modes, 16 + 8 + 16 polynomials", jb.Hybrid(8, 16, 16), jb.labels(in_plane=2, flap=1)),
@@ -127,39 +130,6 @@ def modes(quick: bool) -> list[Line]:
         each = many / len(table)
         lines.append(Line(name, len(table), each, "case by case", few / 200 / each))
     return lines
-
-
-def fits(quick: bool) -> list[Line]:
-    """Six parameters from noisy frequencies: a hundred fits over one."""
-    count, speeds = 20 if quick else 100, np.linspace(0.0, 10.0, 8)
-    model, which = jb.Hybrid(6, 12, 12), jb.labels(in_plane=4, flap=3)
-    truth = {
-        "mass": float(REF_21.mass_per_length), "axial": float(REF_21.axial_stiffness),
-        "lag": float(REF_21.in_plane_bending_stiffness), "flap": 700.0, "hub": 0.5, "tip": 0.1,
-    }  # fmt: skip
-
-    def rotor(mass: Any, axial: Any, lag: Any, flap: Any, hub: Any, tip: Any) -> Any:
-        return jb.Rotor(jb.Beam(REF_21.length, mass, axial, lag, flap), hub, tip)
-
-    seen = jax.vmap(lambda s: jb.modes(model, rotor(**truth), s, which).frequency)(speeds)
-    noise = 1e-3 * jax.random.normal(jax.random.key(0), (count, *seen.shape))
-
-    def fitted(noise: Any) -> Any:
-        def experiment(**parameters: Any) -> Any:
-            return jb.FrequencyData(
-                model, rotor(axial=truth["axial"], **parameters), speeds, seen * (1 + noise),
-                1e-3 * seen, which,
-            )  # fmt: skip
-
-        free = {
-            name: jb.FreeParameter(1.1 * value) for name, value in truth.items() if name != "axial"
-        }
-        found = jb.fit(experiment, free, throw=False)
-        return found.parameters, found.status
-
-    one, _ = seconds(1 if quick else 3, jax.jit(fitted), noise[0])
-    all_of_them, _ = seconds(1 if quick else 3, jax.jit(jax.vmap(fitted)), noise)
-    return [Line("fits", count, all_of_them / count, "one fit", all_of_them / one)]
 
 
 def operations(quick: bool) -> list[Line]:
@@ -228,7 +198,7 @@ def _flops(jaxpr: Any) -> int:
     return total
 
 
-PARTS: tuple[Callable[[bool], list[Line]], ...] = (spin_ups, gradients, modes, fits, operations)
+PARTS: tuple[Callable[[bool], list[Line]], ...] = (spin_ups, gradients, modes, operations)
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:

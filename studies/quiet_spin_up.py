@@ -273,7 +273,7 @@ def least_linear(fleet: Fleet, speed: float) -> float:
 
 def least_nearby(fleet: Fleet, waves: np.ndarray) -> float:
     """To first order about these waves added to the smooth spin-up, stiffening and all, for first
-    modes. It is a bound for small changes alone: the stiffness goes with the square of the speed."""
+    modes. A bound for small changes alone: the stiffness goes with the square of the speed."""
     now = fleet.amplitudes(shaped(waves=waves))
     by = []
     for component in range(2):

@@ -54,7 +54,7 @@ def test_numbers(run):
 
 def test_every_study_has_a_main():
     paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
-    assert len(paths) == 15
+    assert len(paths) == 16
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
@@ -315,6 +315,18 @@ def test_quiet_spin_up(tmp_path):
     assert len(least) == 3
     assert 0 < least["least, to first order about the optimum"] < robust
     assert 0 < least["least, stiffness as at full speed"] < least["least, stiffness as at rest"]
+
+
+@pytest.mark.slow
+def test_ensembles(tmp_path):
+    """A line for each comparison; the operations are those of a step."""
+    said = study("ensembles", tmp_path)
+    rows = {row["what"]: row for row in rows_of(tmp_path / "ensembles.csv")}
+    for what in ("spin-ups, one jax.vmap", "spin-ups, sweep", "mixed batch", "modes, 10 elements"):
+        assert float(rows[what]["seconds"]) > 0
+        assert float(rows[what]["ratio"]) > 0
+    assert 5e4 < int(rows["operations of a step a second"]["cases"]) < 5e5
+    assert "Gflop/s a core" in said
 
 
 @pytest.mark.slow
