@@ -17,8 +17,9 @@ from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
+from jaxbeam._simulation.course import during
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import check_scene, checked_times, during, scene_status
+from jaxbeam._simulation.scene import check_scene, checked_times, scene_status
 from jaxbeam._simulation.simulate import adaptive, simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector

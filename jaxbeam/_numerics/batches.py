@@ -51,13 +51,8 @@ def _batch(
     function = custom_vmap(lambda leaves: many(size, own, leaves))
 
     def as_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
-        def flat(a: Array, own: bool, varies: bool) -> Array:
-            if not own:
-                return jnp.repeat(a, size, 0) if varies else a
-            a = a if varies else jnp.broadcast_to(a, (more, *a.shape))
-            return a.reshape(more * size, *a.shape[2:])
-
-        all_flat = [flat(*each) for each in zip(leaves, own, varies, strict=True)]
+        each = zip(leaves, own, varies, strict=True)
+        all_flat = [_flat(more, size, *one) for one in each]
         moves = tuple(a or b for a, b in zip(own, varies, strict=True))
         out = _batch(many, more * size, moves, apart, unless)(all_flat)
         return jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
@@ -75,26 +70,10 @@ def _batch(
             leaves, cpu=on_cpu, default=lambda leaves: as_one(more, varies, leaves)
         )
 
-    def within(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
-        """`unless`, asked case by case."""
-        flags: Any = None
-
-        def case(leaves: list[Array]) -> Any:
-            nonlocal flags
-            found = unless and unless(more, varies, leaves)
-            out, flags = found or (None, None)
-            return out
-
-        axes = [(1 if v else 0) if o else None for o, v in zip(own, varies, strict=True)]
-        out = jax.vmap(case, (axes,))(leaves)
-        if flags is None:
-            return None
-        return jax.tree.map(lambda a, f: jnp.swapaxes(a, 0, 1) if f else a, out, flags), flags
-
     @function.def_vmap
     def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
         varies = tuple(batched[0])
-        found = within(more, varies, leaves)
+        found = _case_by_case(unless, more, own, varies, leaves) if unless else None
         if found is not None:
             return found
         shares = any(v and not o for v, o in zip(varies, own, strict=True))
@@ -105,3 +84,30 @@ def _batch(
         return out, jax.tree.map(lambda _: True, out)
 
     return function
+
+
+def _flat(more: int, size: int, a: Array, own: bool, varies: bool) -> Array:
+    """A leaf of a batch of batches as one of a batch."""
+    if not own:
+        return jnp.repeat(a, size, 0) if varies else a
+    a = a if varies else jnp.broadcast_to(a, (more, *a.shape))
+    return a.reshape(more * size, *a.shape[2:])
+
+
+def _case_by_case(
+    unless: Otherwise, more: int, own: tuple[bool, ...], varies: tuple[bool, ...],
+    leaves: list[Array],
+) -> tuple[Any, Any] | None:  # fmt: skip
+    """What `unless` says to each case of a batch, which are all of one kind."""
+    flags: Any = None
+
+    def case(leaves: list[Array]) -> Any:
+        nonlocal flags
+        out, flags = unless(more, varies, leaves) or (None, None)
+        return out
+
+    axes = [(1 if v else 0) if o else None for o, v in zip(own, varies, strict=True)]
+    out = jax.vmap(case, (axes,))(leaves)
+    if flags is None:
+        return None
+    return jax.tree.map(lambda a, f: jnp.swapaxes(a, 0, 1) if f else a, out, flags), flags

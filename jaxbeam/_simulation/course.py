@@ -29,6 +29,12 @@ _FLOOR = 1e-6  # changes that are smaller than this, relative to the largest val
 _ASLANT = np.array([0.48, 0.6, 0.64])
 
 
+def during(times: Array, parts: int = 64) -> Array:
+    """Times all along a run, whatever its output times are: what is looked at on the way."""
+    share = np.linspace(0.0, 1.0, parts + 1)
+    return times[0] * (1 - share) + times[-1] * share  # exact at both ends
+
+
 class Course(eqx.Module):
     """How far steps may reach, and how fast the hub moves at most; without derivatives."""
 

@@ -11,7 +11,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from jaxbeam._results import without_derivatives
-from jaxbeam._simulation.scene import Scene, during
+from jaxbeam._simulation.course import during
+from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.adjoint import run
 from jaxbeam._solvers.rodas import Rosenbrock
 from jaxbeam._solvers.run import Given, Run, Task, conditions, march, output

@@ -317,12 +317,9 @@ def scene_status(
     model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
     times: Array, between: Array,
 ) -> tuple[Code, Any]:  # fmt: skip
-    """The first thing that is out of range, at any of the output times or at others `between`; and
-    rotor, motion, loads, damping and the inputs at these others, harmless where they are not in
-    range.
-
-    Each by itself: what all cases of a batch share then stays one for all of them.
-    """
+    """The first thing that is out of range, at output times or at others `between`; and rotor, motion,
+    loads, damping and inputs at the latter, each harmless where it is not in range (each by itself:
+    what the cases of a batch share stays one for all)."""
 
     def seen(t: Scalar) -> Inputs:
         return motion.hub(t, loads.gravity), loads.at_tip(t)
@@ -363,12 +360,6 @@ def scene_status(
 def increasing(times: Array) -> Array:
     """Whether times are finite and increasing."""
     return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
-
-
-def during(times: Array, parts: int = 64) -> Array:
-    """Times all along a run, whatever its output times are: what is looked at on the way."""
-    share = np.linspace(0.0, 1.0, parts + 1)
-    return times[0] * (1 - share) + times[-1] * share  # exact at both ends
 
 
 def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:

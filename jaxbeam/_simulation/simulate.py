@@ -17,7 +17,7 @@ from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion
-from jaxbeam._simulation.course import SAMPLES, Course
+from jaxbeam._simulation.course import SAMPLES, Course, during
 from jaxbeam._simulation.following import LOST, Struck, following
 from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
 from jaxbeam._simulation.result import Simulation, checked_point
@@ -27,7 +27,6 @@ from jaxbeam._simulation.scene import (
     check_scene,
     checked_start,
     checked_times,
-    during,
     increasing,
     scene_status,
 )
