@@ -273,7 +273,7 @@ def least_linear(fleet: Fleet, speed: float) -> float:
 
 def least_nearby(fleet: Fleet, waves: np.ndarray) -> float:
     """To first order about these waves added to the smooth spin-up, stiffening and all, for first
-    modes. A bound for small changes alone: the stiffness goes with the square of the speed."""
+    modes. A bound for small changes alone: stiffness goes with the square of the speed."""
     now = fleet.amplitudes(shaped(waves=waves))
     by = []
     for component in range(2):
@@ -361,7 +361,7 @@ def draw(
         ax.grid(alpha=0.3)
     figure.legend(*axes["c"].get_legend_handles_labels(), loc="outside lower center", ncols=3,
                   fontsize=8, markerscale=2)  # fmt: skip
-    common.save_figure(figure, path, dpi=100)
+    common.save_figure(figure, path, dpi=85)
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:

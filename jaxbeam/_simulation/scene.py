@@ -317,9 +317,9 @@ def scene_status(
     model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
     times: Array, between: Array,
 ) -> tuple[Code, Any]:  # fmt: skip
-    """The first thing that is out of range, at output times or at others `between`; and rotor, motion,
-    loads, damping and inputs at the latter, each harmless where it is not in range (each by itself:
-    what the cases of a batch share stays one for all)."""
+    """The first thing that is out of range, at output times or at others `between`; and rotor,
+    motion, loads, damping and inputs at the latter, each harmless where it is not in range (each
+    by itself: what the cases of a batch share stays one for all)."""
 
     def seen(t: Scalar) -> Inputs:
         return motion.hub(t, loads.gravity), loads.at_tip(t)
