@@ -197,7 +197,7 @@ class ModelA(Continuum):
         return np.eye(3)
 
     def interpolated(self, values: Array) -> Array:
-        return tabled(_along(POINTS), values)
+        return tabled(self.slopes, values)
 
     def measure(self, d: Array) -> tuple[Array, Array]:
         strain = elongation(d)

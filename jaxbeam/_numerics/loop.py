@@ -200,10 +200,6 @@ class _Ensemble:
         """Each as soon as there is a place for it."""
         size, nobody = self.size, jnp.asarray(self.size)
 
-        def taken(leaves: _Leaves, i: Array, moves: tuple[bool, ...]) -> _Leaves:
-            pairs = zip(leaves, moves, strict=True)
-            return [_row(a, i) if moved else a for a, moved in pairs]
-
         def exchange(now: Any) -> Any:
             """Puts away one case that is done, and takes the next one."""
             done, who, coming, own, state, results = now
@@ -215,7 +211,8 @@ class _Ensemble:
             old = [_row(a, who[lane]) for a in results]
             there = coming < size
             next_one = jnp.minimum(coming, size - 1)
-            new = taken(start, next_one, self.moves)
+            pairs = zip(start, self.moves, strict=True)
+            new = [_row(a, next_one) if moved else a for a, moved in pairs]
             new = [jnp.where(there, a, b) for a, b in zip(new, old, strict=True)]
             own = _put(own, [_row(a, next_one) for a in fixed], lane)
             who = who.at[lane].set(jnp.where(there, coming, nobody))
