@@ -3,6 +3,7 @@
 import sys
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +23,7 @@ from jaxbeam._fitting.result import (
     spread,
 )
 from jaxbeam._models.base import count_functions
+from jaxbeam._numerics.linalg import value_and_jacobian
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._status import Status, raise_unless_ok
@@ -202,12 +204,33 @@ def _tell(shown: bool, text: str) -> None:
         print(f"fit {text}", file=sys.stderr, flush=True)
 
 
+@eqx.filter_custom_jvp
+def _residual(z: Array, residual: Any) -> Array:
+    """The residual at z, whose derivative is linear in the rates of z as it stands.
+
+    The solver asks for values now and derivatives later (`jax.linearize`), but rates go along with
+    the steps of a run. So its Jacobian is made at once with the values.
+    """
+    return residual(z)
+
+
+@_residual.def_jvp
+def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
+    (z, residual), (rate, change) = primals, tangents
+    value, jacobian = value_and_jacobian(residual, z)
+    by_z = jnp.zeros_like(value) if rate is None else jacobian @ rate
+    if not jax.tree.leaves(change):
+        return value, by_z
+    return value, by_z + eqx.filter_jvp(lambda f: f(z), (residual,), (change,))[1]
+
+
 @Program
 def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise: bool) -> Fit:
     m = z.size
+    own = eqx.filter_closure_convert(problem.residual, z)  # what it closes over are leaves now
     found: Any = optimistix.least_squares(
-        problem.residual, solver, z, options={"jac": "fwd"}, max_steps=max_steps, throw=False
-    )
+        _residual, solver, z, own, {"jac": "fwd"}, max_steps=max_steps, throw=False,
+    )  # fmt: skip
     z = found.value
     residual, jacobian = problem.with_jacobian(z)
     experiments = problem.experiments_at(z)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import known
 from jaxbeam._fitting.experiments import Experiment, residuals_of
 from jaxbeam._fitting.free import FreeParameter, values_of
+from jaxbeam._numerics.linalg import value_and_jacobian
 from jaxbeam._results import per_case, where_known
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_known
@@ -47,8 +48,7 @@ class Problem(eqx.Module):
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
         """Residuals and their derivatives, from one run of the models."""
-        jacobian, residual = jax.jacfwd(lambda z: (self.residual(z),) * 2, has_aux=True)(z)
-        return residual, jacobian
+        return value_and_jacobian(self.residual, z)
 
     def count(self, experiments: list[Experiment]) -> Any:
         """Of numbers measured, priors among them; in NumPy if they are known."""

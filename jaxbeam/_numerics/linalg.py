@@ -119,6 +119,14 @@ def exponential(a: Float[Array, "n n"], squarings: int = 26) -> Float[Array, "n 
     return e + eye
 
 
+def value_and_jacobian(
+    function: Callable[[Float[Array, " n"]], Float[Array, " m"]], x: Float[Array, " n"]
+) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
+    """A function and its derivatives, from one evaluation."""
+    slope, value = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)(x)
+    return value, slope
+
+
 def find_root(
     residual: Callable[..., Float[Array, " n"]],
     start: Float[Array, " n"],
@@ -134,7 +142,7 @@ def find_root(
     def newton(x: Array, fraction: Array) -> tuple[Array, Array]:
         def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
             x, _, k = state
-            slope, value = jax.jacfwd(lambda x: (residual(x, fraction),) * 2, has_aux=True)(x)
+            value, slope = value_and_jacobian(lambda x: residual(x, fraction), x)
             dx = solve(slope, value)
             return x - dx, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
 
