@@ -227,9 +227,9 @@ def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
 @Program
 def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise: bool) -> Fit:
     m = z.size
-    own = eqx.filter_closure_convert(problem.residual, z)  # what it closes over are leaves now
+    closed = eqx.filter_closure_convert(problem.residual, z)  # what it closes over are leaves now
     found: Any = optimistix.least_squares(
-        _residual, solver, z, own, {"jac": "fwd"}, max_steps=max_steps, throw=False,
+        _residual, solver, z, closed, {"jac": "fwd"}, max_steps=max_steps, throw=False,
     )  # fmt: skip
     z = found.value
     residual, jacobian = problem.with_jacobian(z)
