@@ -3,7 +3,8 @@
 Say `jax.config.update("jax_enable_x64", True)` and `import jaxbeam as jb`. Everything is in SI
 units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad` goes through.
 
-What rotates        Beam, Rotor; Loads and Damping act on it
+What rotates        Beam, Rotor; Spanwise properties vary along the beam, RootSprings and TipBody
+                    are what it is held by and carries; Loads and Damping act on it
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     EngineeringANCF, GreenANCF, ANCF in finite elements
 At a steady speed   modes; labels name the modes that are asked for
@@ -52,9 +53,13 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal import Hybrid as Hybrid
     from jaxbeam._models.modal import VonKarman as VonKarman
     from jaxbeam._rotor.beam import Beam as Beam
+    from jaxbeam._rotor.beam import RootSprings as RootSprings
     from jaxbeam._rotor.beam import Rotor as Rotor
+    from jaxbeam._rotor.beam import TipBody as TipBody
     from jaxbeam._rotor.loads import Damping as Damping
     from jaxbeam._rotor.loads import Loads as Loads
+    from jaxbeam._rotor.spanwise import Spanwise as Spanwise
+    from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
     from jaxbeam._rotor.spins import ConstantSpeed as ConstantSpeed
     from jaxbeam._rotor.spins import SmoothSpinUp as SmoothSpinUp
     from jaxbeam._simulation.simulate import deflection_limit as deflection_limit

@@ -79,14 +79,17 @@ def _real(name: str, value: Any) -> Any:
     return array
 
 
-def is_valid(value: Any, zero_allowed: bool) -> Any:
-    return jnp.isfinite(value) & ((value >= 0) if zero_allowed else (value > 0))
+def is_valid(value: Any, zero: bool | None) -> Any:
+    """Whether numbers are finite and positive, or `zero`; with None they may have any sign."""
+    finite = jnp.isfinite(value)
+    return finite if zero is None else finite & ((value >= 0) if zero else (value > 0))
 
 
-def is_known_valid(value: Any, zero_allowed: bool) -> bool:
-    """The same for a value that is known, in NumPy: under `jit` jax would trace even constants."""
-    number = float(np.asarray(value))
-    return bool(np.isfinite(number)) and (number >= 0 if zero_allowed else number > 0)
+def is_known_valid(value: Any, zero: bool | None) -> Any:
+    """The same for what is known, in NumPy: under `jit` jax would trace even constants."""
+    number = np.asarray(value)
+    finite = np.isfinite(number)
+    return finite if zero is None else finite & ((number >= 0) if zero else (number > 0))
 
 
 def require(status: Status, ok: bool, value: Any) -> None:

@@ -153,6 +153,14 @@ class Status(enum.IntEnum):
         "when (jumps=[...] of HubVelocity and HubPose, jump_times of a motion of your own), "
         "so that the beam gets the impulse, or let the motion rise smoothly",
     )
+    INVALID_TWIST = 34, "twist must be finite", INPUT
+    INVALID_PITCH = 35, "pitch must be finite", INPUT
+    INVALID_ROOT_SPRINGS = 36, "springs at the root must be finite and > 0", INPUT
+    INVALID_TIP_BODY = (
+        37,
+        "offset of the tip body must be finite, its inertia finite and >= 0",
+        INPUT,
+    )
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

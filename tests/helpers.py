@@ -17,8 +17,10 @@ import jaxbeam as jb
 
 
 def rules(kind: type) -> dict[str, Mapping[str, Any]]:
-    """Rules of the parameters that a part of a rotor has itself, by name."""
-    return {field.name: field.metadata for field in dataclasses.fields(kind) if field.metadata}
+    """Rules of the parameters that any such part of a rotor has itself, by name."""
+    fields = dataclasses.fields(kind)
+    own = {field.name: field.metadata for field in fields if field.metadata}
+    return {name: rule for name, rule in own.items() if "optional" not in rule}
 
 
 BEAM, SPRINGS = tuple(rules(jb.Beam)), tuple(rules(jb.models.SpringRotor))

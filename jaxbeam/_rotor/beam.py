@@ -1,4 +1,4 @@
-"""What rotates: a uniform slender beam, and the rotor that carries it.
+"""What rotates: a slender beam, and the rotor that carries it.
 
 Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
 Journal of Sound and Vibration, 1995.
@@ -17,39 +17,71 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import is_known_valid, is_valid, kind_of, known, positive, real_scalar, require
+from jaxbeam._checks import is_valid, kind_of, known, positive
+from jaxbeam._rotor.spanwise import (
+    AbstractSpanwise,
+    Property,
+    along,
+    beyond,
+    check,
+    mean,
+    points_within,
+    samples,
+    taken,
+)
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Number, Real, Scalar, is_known
 
 
-def parameter(status: Status, *, zero: bool = False) -> Any:
-    """Field of a scalar that is positive, or `zero`; `status` is what breaking that is called."""
+def parameter(status: Status, *, zero: bool | None = False) -> Any:
+    """Field of a scalar that is positive, or `zero`; with None it may have any sign. `status` is
+    what breaking that is called."""
     return eqx.field(metadata={"status": status, "zero": zero})
 
 
+def along_span(status: Status) -> Any:
+    """Field of a positive property, a scalar or one that varies along the span."""
+    return eqx.field(metadata={"status": status, "zero": False, "varies": True})
+
+
+def optional(status: Status, *, zero: bool | None = False, varies: bool = False) -> Any:
+    """Field of a number that need not be there: without it the program has nothing of the kind.
+
+    With `zero=None` it may have any sign.
+    """
+    return eqx.field(
+        default=None,
+        metadata={"status": status, "zero": zero, "varies": varies, "optional": True},
+    )
+
+
 class _Parameters(eqx.Module):
-    """Scalars with rules, each at its field, checked when built from numbers that are known.
+    """Numbers with rules, each at its field, checked when built from numbers that are known.
 
     A further one is a field with its rule and an argument of `__init__` of the same name.
     """
 
     def _take(self, given: Mapping[str, Any]) -> None:
-        """Each field from the argument of its name; those with a rule as scalars."""
+        """Each field from the argument of its name; those with a rule as scalars, or as what varies
+        along the span."""
         for field in dataclasses.fields(self):
-            value = given[field.name]
-            setattr(self, field.name, real_scalar(field.name, value) if field.metadata else value)
+            value, rule = given[field.name], field.metadata
+            if rule and not (value is None and "optional" in rule):
+                value = taken(field.name, value, rule.get("varies", False))
+            setattr(self, field.name, value)
 
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
             value, rule = getattr(self, field.name), field.metadata
-            if rule and is_known(value):
-                require(rule["status"], is_known_valid(value, rule["zero"]), value)
+            if rule and value is not None and is_known(value):
+                check(rule["status"], value, rule["zero"])
 
     def status(self, angular_speed: Scalar) -> Code:
         """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
         code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
         for value, rule in reversed([*self._rules()]):
-            code = jnp.where(is_valid(value, rule["zero"]), code, rule["status"])
+            fine = jnp.all(is_valid(samples(value), rule["zero"]))
+            code = jnp.where(fine, code, rule["status"])
         return code
 
     def _rules(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
@@ -57,7 +89,7 @@ class _Parameters(eqx.Module):
             value = getattr(self, field.name)
             if isinstance(value, _Parameters):
                 yield from value._rules()
-            else:
+            elif value is not None:
                 yield value, field.metadata
 
     def checked(self) -> Self:
@@ -67,7 +99,7 @@ class _Parameters(eqx.Module):
 
 
 class Beam(_Parameters):
-    """Uniform, initially straight, slender beam: no shear, no rotary inertia.
+    """Initially straight, slender beam: no shear, no rotary inertia.
 
     | field                       | symbol | unit  | allowed |
     |-----------------------------|--------|-------|---------|
@@ -77,23 +109,29 @@ class Beam(_Parameters):
     | in_plane_bending_stiffness  | EI_zz  | N m^2 | > 0     |
     | flap_bending_stiffness      | EI_yy  | N m^2 | > 0     |
 
-    "In plane" is bending within the plane of rotation (lag), "flap" bending out of it. Every
-    field is a scalar leaf, so any of them can be swept, fitted or differentiated.
+    "In plane" is bending within the plane of rotation (lag), "flap" bending out of it. Each is a
+    number, for a uniform beam, or varies along the span: `Spanwise` or `SpanwiseFunction`, all but
+    the length. `twist`, if there is one, is the angle in rad by which the axes of the section are
+    turned about the beam, its first axis (of the in-plane stiffness) towards the third of the hub;
+    the same for all sections it is a pitch. Every number is a leaf, so any of them can be swept,
+    fitted or differentiated.
     """
 
     length: Scalar = parameter(Status.INVALID_LENGTH)
-    mass_per_length: Scalar = parameter(Status.INVALID_MASS_PER_LENGTH)
-    axial_stiffness: Scalar = parameter(Status.INVALID_AXIAL_STIFFNESS)
-    in_plane_bending_stiffness: Scalar = parameter(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
-    flap_bending_stiffness: Scalar = parameter(Status.INVALID_FLAP_BENDING_STIFFNESS)
+    mass_per_length: Property = along_span(Status.INVALID_MASS_PER_LENGTH)
+    axial_stiffness: Property = along_span(Status.INVALID_AXIAL_STIFFNESS)
+    in_plane_bending_stiffness: Property = along_span(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
+    flap_bending_stiffness: Property = along_span(Status.INVALID_FLAP_BENDING_STIFFNESS)
+    twist: Property | None = optional(Status.INVALID_TWIST, zero=None, varies=True)
 
     def __init__(
         self,
         length: Real,
-        mass_per_length: Real,
-        axial_stiffness: Real,
-        in_plane_bending_stiffness: Real,
-        flap_bending_stiffness: Real,
+        mass_per_length: Real | AbstractSpanwise,
+        axial_stiffness: Real | AbstractSpanwise,
+        in_plane_bending_stiffness: Real | AbstractSpanwise,
+        flap_bending_stiffness: Real | AbstractSpanwise,
+        twist: Real | AbstractSpanwise | None = None,
     ) -> None:
         self._take(locals())
 
@@ -152,41 +190,141 @@ class Beam(_Parameters):
         )
 
     @property
+    def is_uniform(self) -> bool:
+        """Whether nothing varies along the span, and sections are not turned."""
+        return self.twist is None and not any(
+            isinstance(value, AbstractSpanwise) for value in self._properties()
+        )
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """x / L between which all properties are smooth, from 0 to 1."""
+        varying = [p for p in self._properties() if isinstance(p, AbstractSpanwise)]
+        return 0.0, *sorted({kink for p in varying for kink in p.kinks}), 1.0
+
+    def _properties(self) -> list[Any]:
+        return [getattr(self, f.name) for f in dataclasses.fields(self) if f.metadata.get("varies")]
+
+    @property
+    def mean(self) -> "Beam":
+        """The uniform beam whose properties are the means of these over the span."""
+        if self.is_uniform:
+            return self
+        means = (
+            mean(getattr(self, field.name))
+            for field in dataclasses.fields(self)
+            if "optional" not in field.metadata
+        )
+        return Beam(*means)
+
+    @property
     def mass(self) -> Number:
-        """Mass of the beam, rho L, in kg."""
-        return self.mass_per_length * self.length
+        """Mass of the beam, int rho dx, in kg."""
+        return mean(self.mass_per_length) * self.length
 
     @property
     def frequency_scale(self) -> Number:
-        """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L)."""
-        return jnp.sqrt(self.in_plane_bending_stiffness / (self.mass_per_length * self.length**4))
+        """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L), of the `mean` beam."""
+        beam = self.mean
+        return jnp.sqrt(beam.in_plane_bending_stiffness / (beam.mass_per_length * beam.length**4))
 
     @property
     def slenderness(self) -> Number:
-        """L sqrt(EA / EI_zz), without unit."""
-        return self.length * jnp.sqrt(self.axial_stiffness / self.in_plane_bending_stiffness)
+        """L sqrt(EA / EI_zz), without unit, of the `mean` beam."""
+        beam = self.mean
+        return beam.length * jnp.sqrt(beam.axial_stiffness / beam.in_plane_bending_stiffness)
+
+
+class RootSprings(_Parameters):
+    """Rotational springs between hub and root, one for each direction that yields.
+
+    | field    |                                          | unit    | allowed     |
+    |----------|------------------------------------------|---------|-------------|
+    | in_plane | about the axis of rotation (lag)         | N m/rad | > 0 or None |
+    | flap     | about the axis across beam and rotation  | N m/rad | > 0 or None |
+
+    Energy k phi(0)^2 / 2, phi(0) the slope at the root; None: rigid.
+    """
+
+    in_plane: Scalar | None = optional(Status.INVALID_ROOT_SPRINGS)
+    flap: Scalar | None = optional(Status.INVALID_ROOT_SPRINGS)
+
+    def __init__(self, in_plane: Real | None = None, flap: Real | None = None) -> None:
+        self._take(locals())
+
+
+class TipBody(_Parameters):
+    """What makes a rigid body of the mass at the tip: a payload, a tip brake, a tuning mass.
+
+    | field         | symbol | meaning                                          | unit   | allowed |
+    |---------------|--------|--------------------------------------------------|--------|---------|
+    | offset        | c      | of its centre of mass, beyond the tip            | m      | any     |
+    | inertia       | J      | about its centre, across the beam (both axes)    | kg m^2 | >= 0    |
+    | axial_inertia | J_x    | about the beam's axis (a rod: 0; a ball: J)      | kg m^2 | >= 0    |
+
+    Its mass is the `tip_mass` of the rotor; with all of these zero it is a point. It turns with the
+    tangent of the beam's end.
+    """
+
+    offset: Scalar = parameter(Status.INVALID_TIP_BODY, zero=None)
+    inertia: Scalar = parameter(Status.INVALID_TIP_BODY, zero=True)
+    axial_inertia: Scalar = parameter(Status.INVALID_TIP_BODY, zero=True)
+
+    def __init__(self, offset: Real = 0.0, inertia: Real = 0.0, axial_inertia: Real = 0.0) -> None:
+        self._take(locals())
 
 
 class Rotor(_Parameters):
-    """A beam clamped radially to a rigid hub, with a point mass at its tip.
+    """A beam that points radially from a rigid hub, with a mass at its tip.
 
     | field      | symbol | unit | allowed |
     |------------|--------|------|---------|
     | beam       |        |      |         |
     | hub_radius | R      | m    | >= 0    |
     | tip_mass   | m_t    | kg   | >= 0    |
+    | pitch      | theta  | rad  | any     |
+    | root       |        |      |         |
+    | tip        |        |      |         |
 
-    The hub radius is the distance from the axis of rotation to the root of the beam.
+    The hub radius is the distance from the axis of rotation to the root of the beam. The root is
+    clamped unless `root` has springs, the tip mass is a point unless `tip` makes it a body, and
+    sections are as the beam says unless `pitch` turns them all, by that angle added to the twist.
     """
 
     beam: Beam
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     tip_mass: Scalar = parameter(Status.INVALID_TIP_MASS, zero=True)
+    pitch: Scalar | None = optional(Status.INVALID_PITCH, zero=None)
+    root: RootSprings | None = None
+    tip: TipBody | None = None
 
-    def __init__(self, beam: Beam, hub_radius: Real = 0.0, tip_mass: Real = 0.0) -> None:
-        if not isinstance(beam, Beam):
-            raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
+    def __init__(
+        self,
+        beam: Beam,
+        hub_radius: Real = 0.0,
+        tip_mass: Real = 0.0,
+        pitch: Real | None = None,
+        root: RootSprings | None = None,
+        tip: TipBody | None = None,
+    ) -> None:
+        for value, kind, name in (
+            (beam, Beam, "beam"), (root, RootSprings | None, "root"), (tip, TipBody | None, "tip"),
+        ):  # fmt: skip
+            if not isinstance(value, kind):
+                wanted = getattr(kind, "__name__", None) or str(kind).split(".")[-1]
+                raise TypeError(f"{name} must be a {wanted}, got {kind_of(value)}")
         self._take(locals())
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip."""
+        extras = (self.pitch, self.root, self.tip)
+        return self.beam.is_uniform and all(extra is None for extra in extras)
+
+    @property
+    def couples_bending(self) -> bool:
+        """Whether sections are turned, so that flap bending and bending in plane are coupled."""
+        return self.pitch is not None or self.beam.twist is not None
 
     @property
     def frequency_scale(self) -> Number:
@@ -196,20 +334,37 @@ class Rotor(_Parameters):
     @property
     def compliance(self) -> Float[Array, "2"]:
         """Deflection of the tip in plane and in flap by the moment of a uniform load about the
-        root, L^2 / (4 EI), in 1/N."""
-        beam = self.beam
+        root, L^2 / (4 EI) of the `mean` beam, in 1/N."""
+        beam = self.beam.mean
         stiffness = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
         return beam.length**2 / (4 * jnp.stack(stiffness))
+
+    @property
+    def reach(self) -> Number:
+        """Distance of the centre of the tip mass from the axis, in m."""
+        end = self.hub_radius + self.beam.length
+        return end if self.tip is None else end + self.tip.offset
 
     def tension(self, angular_speed: Number) -> tuple[Any, Any, Any]:
         """Axial force of steady rotation, as three coefficients in N: see `tension`."""
         beam = self.beam
-        return tension(angular_speed**2, self.hub_radius, self.tip_mass, beam.mass, beam.length)
+        return tension(
+            angular_speed**2, self.hub_radius, self.tip_mass, beam.mass, beam.length,
+            reach=self.reach,
+        )  # fmt: skip
 
     def steady_strain(self, angular_speed: Number) -> Number:
-        """P(0) / EA, without unit: the largest of `tension`, at the root, over EA."""
+        """P / EA, without unit, where it is largest: for a uniform beam at the root."""
         c0, c1, c2 = self.tension(angular_speed)
-        return (c0 + c1 + c2 / 2) / self.beam.axial_stiffness
+        beam = self.beam
+        if beam.is_uniform:
+            return (c0 + c1 + c2 / 2) / beam.axial_stiffness
+        xi, weight = points_within(beam.edges)
+        outside, moment = beyond(beam.mass_per_length, beam.edges)
+        mass = weight * along(beam.mass_per_length, xi)
+        at_root = c0 + c1 + c2 * (mass @ xi) / jnp.sum(mass)
+        force = jnp.append(at_root, c0 + c1 * outside + c2 * moment)
+        return jnp.max(force / along(beam.axial_stiffness, np.append(0.0, xi)))
 
     def tears(self, angular_speed: Number) -> Any:
         """Whether a rod of constant axial stiffness has no steady state at this speed.
@@ -223,8 +378,9 @@ class Rotor(_Parameters):
 
 
 def tension(
-    spin2: Any, hub_radius: Any, tip_mass: Any, mass: Any = 1.0, length: Any = 1.0, axial: Any = 0.0
-) -> tuple[Any, Any, Any]:
+    spin2: Any, hub_radius: Any, tip_mass: Any, mass: Any = 1.0, length: Any = 1.0,
+    axial: Any = 0.0, reach: Any = None,
+) -> tuple[Any, Any, Any]:  # fmt: skip
     """Axial force that carries the undeformed beam along, as three coefficients c in N:
 
     P(x) = -int_x^L a1 dm = c_0 + c_1 (1 - xi) + c_2 (1 - xi^2) / 2,  xi = x / L,
@@ -234,9 +390,14 @@ def tension(
     Omega^2 and axial = 0, EA times the strains of B eqs. 41-43:
 
     P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
+
+    Where the mass varies along the span, int_x^L dm and int_x^L x dm over the mass and its product
+    with L take the place of 1 - xi and (1 - xi^2) / 2: see `beyond`. `reach` is that of the tip
+    mass where it is not R + L.
     """
+    reach = hub_radius + length if reach is None else reach
     return (
-        tip_mass * (spin2 * (hub_radius + length) - axial),
+        tip_mass * (spin2 * reach - axial),
         mass * (spin2 * hub_radius - axial),
         mass * spin2 * length,
     )

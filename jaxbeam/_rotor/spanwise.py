@@ -1,0 +1,222 @@
+"""Properties of a beam along its span, as functions of xi = x / L from 0 at the root to 1."""
+
+import abc
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.polynomial import legendre
+
+from jaxbeam._checks import (
+    is_known_valid,
+    kind_of,
+    known_array,
+    real_array,
+    real_scalar,
+    require,
+)
+from jaxbeam._status import Status
+from jaxbeam._types import Scalar
+
+_POINTS = 16  # in a segment; what is linear there is exact from two on
+
+
+class AbstractSpanwise(eqx.Module):
+    """A property that varies along the span."""
+
+    kinks: eqx.AbstractVar[tuple[float, ...]]  # where it is not smooth, between 0 and 1
+
+    @abc.abstractmethod
+    def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+        """Values at points, none of which is a kink."""
+
+    @abc.abstractmethod
+    def samples(self) -> Float[Array, " k"]:
+        """Values by which to tell whether the property is in range."""
+
+
+class Spanwise(AbstractSpanwise):
+    """A property given at stations along the span, linear from one to the next.
+
+    `stations` (k,) are x / L, known numbers that do not decrease from 0 to 1; two that are equal
+    are a step, from the first value to the second. `values` (k,) are in the unit of the property;
+    each of them can be swept, fitted or differentiated.
+
+    Raises `ValueError` or `TypeError`, naming the station.
+    """
+
+    values: Float[Array, " k"]
+    stations: tuple[float, ...] = eqx.field(static=True)
+
+    def __init__(self, stations: Sequence[float], values: Any) -> None:
+        places = known_array("stations", stations)
+        self.values = real_array("values", values)
+        if places.ndim != 1 or places.size < 2:
+            raise ValueError(f"stations must be two or more in a row, got shape {places.shape}")
+        if self.values.shape != places.shape:
+            raise ValueError(
+                f"values must be as many as stations, {places.size}, got shape {self.values.shape}"
+            )
+        if not (places[0] == 0 and places[-1] == 1):
+            raise ValueError(
+                f"stations must go from 0 to 1 (x / L), got {places[0]:g} to {places[-1]:g}"
+            )
+        for i, step in enumerate(np.diff(places)):
+            if not step >= 0:  # NaN too
+                raise ValueError(
+                    f"stations must not decrease, got {places[i]:g} and then {places[i + 1]:g} "
+                    f"at number {i + 2}"
+                )
+            if i and step == 0 and places[i - 1] == places[i]:
+                raise ValueError(f"stations: more than two are equal, at x / L = {places[i]:g}")
+        if places[1] == 0 or places[-2] == 1:
+            raise ValueError("stations: a step must be between the ends, not at 0 or 1")
+        self.stations = tuple(places.tolist())
+
+    @property
+    def kinks(self) -> tuple[float, ...]:  # type: ignore[override]
+        return tuple(sorted(set(self.stations[1:-1])))
+
+    def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+        return interpolation(self.stations, tuple(np.asarray(xi, float).tolist())) @ self.values
+
+    def samples(self) -> Float[Array, " k"]:
+        return self.values
+
+
+class SpanwiseFunction(AbstractSpanwise):
+    """A property given by a function of x / L.
+
+    `function` takes an array of x / L and returns as many values, by operations of JAX; numbers
+    that are to be swept, fitted or differentiated are leaves of it, if it is a pytree such as an
+    `equinox.Module` or a `jax.tree_util.Partial`. `kinks` names the x / L, between 0 and 1, where
+    it or a derivative of it jumps, so that integrals stop there.
+    """
+
+    function: Callable[[Float[Array, " p"]], Float[Array, " p"]]
+    kinks: tuple[float, ...] = eqx.field(static=True)
+
+    def __init__(self, function: Callable[[Array], Array], kinks: Sequence[float] = ()) -> None:
+        if not callable(function):
+            raise TypeError(f"function must be a function of x / L, got {function!r}")
+        places = np.unique(known_array("kinks", kinks)) if len(kinks) else np.zeros(0)
+        if not np.all((places > 0) & (places < 1)):
+            raise ValueError(f"kinks must be between 0 and 1 (x / L), got {tuple(kinks)}")
+        self.function, self.kinks = function, tuple(places.tolist())
+
+    def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+        values = self.function(jnp.asarray(xi))
+        if jnp.shape(values) != np.shape(xi):
+            raise ValueError(
+                f"function must return a value for each of {len(xi)} points, got shape "
+                f"{jnp.shape(values)}"
+            )
+        return values
+
+    def samples(self) -> Float[Array, " k"]:
+        edges = (0.0, *self.kinks, 1.0)
+        return self.at(points_within(edges)[0])
+
+
+Property = Any  # Scalar | AbstractSpanwise: whoever gave numbers gets numbers back
+
+
+def along(value: Property, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+    """A property at points, none of which is a kink."""
+    if isinstance(value, AbstractSpanwise):
+        return value.at(xi)
+    return jnp.broadcast_to(value, np.shape(xi))
+
+
+def mean(value: Property) -> Scalar:
+    """Mean of a property over the span."""
+    if not isinstance(value, AbstractSpanwise):
+        return value
+    xi, weight = points_within((0.0, *value.kinks, 1.0))
+    return weight @ value.at(xi)
+
+
+@functools.lru_cache(maxsize=64)
+def points_within(edges: tuple[float, ...], points: int = _POINTS) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss points and weights of all segments between edges, in order."""
+    x, w = legendre.leggauss(points)
+    start, length = np.asarray(edges[:-1])[:, None], np.diff(edges)[:, None]
+    return (start + length * (1 + x) / 2).ravel(), (length * w / 2).ravel()
+
+
+@functools.lru_cache(maxsize=256)
+def interpolation(stations: tuple[float, ...], xi: tuple[float, ...]) -> Float[np.ndarray, "p k"]:
+    """Values at points from those at stations, linear between them."""
+    places, x = np.asarray(stations), np.asarray(xi)
+    left = np.clip(np.searchsorted(places, x, side="right") - 1, 0, places.size - 2)
+    share = (x - places[left]) / (places[left + 1] - places[left])
+    table = np.zeros((x.size, places.size))
+    table[np.arange(x.size), left] = 1 - share
+    table[np.arange(x.size), left + 1] = share
+    return table
+
+
+@functools.lru_cache(maxsize=64)
+def tails(
+    edges: tuple[float, ...], points: int = _POINTS
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
+    """int_xi^1 f and int_xi^1 s f ds at `points_within` edges from the values of f there; exact
+    where f is a polynomial of less than this degree in each segment, by spectral integration."""
+    x, weight = legendre.leggauss(points)
+    # Of the polynomial through values at the points, from each point to the end of the segment.
+    coefficients = np.linalg.inv(legendre.legvander(x, points - 1))
+    integrals = legendre.legint(coefficients, lbnd=1, axis=0)
+    own = -legendre.legval(x, integrals).T / 2
+    lengths = np.diff(edges)
+    whole = np.zeros((lengths.size * points,) * 2)
+    for i, length in enumerate(lengths):
+        rows = slice(i * points, (i + 1) * points)
+        whole[rows, rows] = length * own
+        whole[: i * points, rows] = length * weight / 2
+    xi, _ = points_within(edges, points)
+    # s f is a polynomial of one degree more: the last one is lost to nobody who has few degrees.
+    return whole, whole * xi
+
+
+def beyond(
+    mass: Property, edges: tuple[float, ...], points: int = _POINTS
+) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
+    """int_x^L dm over the mass, and int_x^L x dm over the mass and the length, at `points_within`:
+    what 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""
+    xi, weight = points_within(edges, points)
+    value = along(mass, xi)
+    share = value / (weight @ value)
+    outside, moment = tails(edges, points)
+    return outside @ share, moment @ share
+
+
+def taken(name: str, value: Any, varies: bool) -> Property:
+    """An argument that is a number or, if it may, varies along the span; else an error."""
+    if isinstance(value, AbstractSpanwise) and varies:
+        return value
+    if varies and callable(value) and not hasattr(value, "dtype"):
+        raise TypeError(
+            f"{name} must be a number, a Spanwise or a SpanwiseFunction, got {kind_of(value)}: "
+            "wrap a function in SpanwiseFunction"
+        )
+    return real_scalar(name, value)
+
+
+def samples(value: Property) -> Any:
+    """Numbers by which to tell whether a property is in range."""
+    return value.samples() if isinstance(value, AbstractSpanwise) else value
+
+
+def check(status: Status, value: Property, zero: bool | None) -> None:
+    """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
+    numbers = np.asarray(samples(value))
+    fine = is_known_valid(numbers, zero)
+    if isinstance(value, Spanwise) and not np.all(fine):
+        i = int(np.argmin(fine))
+        place = f"{numbers[i]} at station {i + 1}, x / L = {value.stations[i]:g}"
+        raise ValueError(f"{status.message}, got {place}")
+    require(status, bool(np.all(fine)), numbers if numbers.ndim == 0 else numbers[~fine])
