@@ -51,6 +51,7 @@ class Spanwise(AbstractSpanwise):
 
     values: Float[Array, " k"]
     stations: tuple[float, ...] = eqx.field(static=True)
+    kinks: tuple[float, ...] = eqx.field(static=True)
 
     def __init__(self, stations: Sequence[float], values: Any) -> None:
         places = known_array("stations", stations)
@@ -76,13 +77,11 @@ class Spanwise(AbstractSpanwise):
         if places[1] == 0 or places[-2] == 1:
             raise ValueError("stations: a step must be between the ends, not at 0 or 1")
         self.stations = tuple(places.tolist())
-
-    @property
-    def kinks(self) -> tuple[float, ...]:  # type: ignore[override]
-        return tuple(sorted(set(self.stations[1:-1])))
+        self.kinks = tuple(sorted(set(self.stations[1:-1])))
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
-        return interpolation(self.stations, tuple(np.asarray(xi, float).tolist())) @ self.values
+        table = interpolation(self.stations, tuple(np.asarray(xi, float).tolist()))
+        return jnp.asarray(table) @ self.values
 
     def samples(self) -> Float[Array, " k"]:
         return self.values
@@ -137,7 +136,7 @@ def mean(value: Property) -> Scalar:
     if not isinstance(value, AbstractSpanwise):
         return value
     xi, weight = points_within((0.0, *value.kinks, 1.0))
-    return weight @ value.at(xi)
+    return jnp.asarray(weight) @ value.at(xi)
 
 
 @functools.lru_cache(maxsize=64)
@@ -190,7 +189,7 @@ def beyond(
     xi, weight = points_within(edges, points)
     value = along(mass, xi)
     share = value / (weight @ value)
-    outside, moment = tails(edges, points)
+    outside, moment = map(jnp.asarray, tails(edges, points))
     return outside @ share, moment @ share
 
 
