@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal import Hybrid as Hybrid
     from jaxbeam._models.modal import VonKarman as VonKarman
     from jaxbeam._rotor.beam import Beam as Beam
-    from jaxbeam._rotor.beam import RootSprings as RootSprings
     from jaxbeam._rotor.beam import Rotor as Rotor
-    from jaxbeam._rotor.beam import TipBody as TipBody
+    from jaxbeam._rotor.ends import RootSprings as RootSprings
+    from jaxbeam._rotor.ends import TipBody as TipBody
     from jaxbeam._rotor.loads import Damping as Damping
     from jaxbeam._rotor.loads import Loads as Loads
     from jaxbeam._rotor.spanwise import Spanwise as Spanwise

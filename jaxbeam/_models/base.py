@@ -17,6 +17,7 @@ from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor, Rotor, SpringRotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
+from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 
@@ -54,13 +55,21 @@ def labels(*, in_plane: int = 0, flap: int = 0, axial: int = 0) -> tuple[Label, 
     return tuple(Label(f, k + 1) for f, count in counts.items() for k in range(count))
 
 
+def planes_of(couples_bending: bool) -> list[tuple[tuple[Family, ...], tuple[Family, ...]]]:
+    """Transverse and axial families that move together."""
+    if couples_bending:
+        return [((Family.IN_PLANE, Family.FLAP), (Family.AXIAL,))]
+    return [((Family.IN_PLANE,), (Family.AXIAL,)), ((Family.FLAP,), ())]
+
+
 class LinearSystem(eqx.Module):
     """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
 
     `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is
     N/m when coordinates are metres. In-plane and axial coordinates are coupled by `gyroscopic`
-    alone, flap coordinates are coupled to neither: true of a straight beam that turns in its
-    plane, and what the eigensolver builds on. `families` names the direction of each coordinate.
+    alone, flap coordinates are coupled to neither, unless sections are turned and `stiffness`
+    `couples_bending` in the two directions: true of a straight beam that turns in its plane, and
+    what the eigensolver builds on. `families` names the direction of each coordinate.
     `steady_strain` is the axial strain at the root, the largest of the steady state, without
     unit: that of the steady state in `ANCF`, elsewhere the estimate P(0) / EA from the tension on
     the undeformed beam. Unless `status` is OK all numbers are NaN.
@@ -72,6 +81,7 @@ class LinearSystem(eqx.Module):
     steady_strain: Scalar
     status: Code
     families: tuple[Family, ...] = eqx.field(static=True)
+    couples_bending: bool = eqx.field(static=True, default=False)
 
     def where(self, *families: Family) -> np.ndarray:
         """Indices of the coordinates of these families, in the order of the families given."""
@@ -272,6 +282,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
             steady_strain=equations.strain(q, np.zeros(1))[0],
             status=status,
             families=self.families,
+            couples_bending=rotor.couples_bending,
         )
 
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
@@ -355,12 +366,19 @@ def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
 def rigid_moments(rotor: Rotor) -> Triple:
     """int (1, X, X^2) dm of the undeformed beam with its tip mass."""
     beam, radius, length = rotor.beam, rotor.hub_radius, rotor.beam.length
-    mass, tip_mass, end = beam.mass, rotor.tip_mass, radius + length
+    mass, tip_mass, reach = beam.mass, rotor.tip_mass, rotor.reach
+    inertia = 0.0 if rotor.tip is None else rotor.tip.inertia
+    if beam.is_uniform:
+        first, second = length / 2, length**2 / 3
+    else:
+        xi, weight = points_within(beam.edges)
+        share = weight * along(beam.mass_per_length, xi) * length / mass
+        first, second = length * (share @ xi), length**2 * (share @ xi**2)
     return jnp.stack(
         [
             mass + tip_mass,
-            mass * (radius + length / 2) + tip_mass * end,
-            mass * (radius**2 + radius * length + length**2 / 3) + tip_mass * end**2,
+            mass * (radius + first) + tip_mass * reach,
+            mass * (radius**2 + 2 * radius * first + second) + tip_mass * reach**2 + inertia,
         ]
     )
 

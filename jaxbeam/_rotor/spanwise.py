@@ -160,11 +160,9 @@ def interpolation(stations: tuple[float, ...], xi: tuple[float, ...]) -> Float[n
 
 
 @functools.lru_cache(maxsize=64)
-def tails(
-    edges: tuple[float, ...], points: int = _POINTS
-) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
-    """int_xi^1 f and int_xi^1 s f ds at `points_within` edges from the values of f there; exact
-    where f is a polynomial of less than this degree in each segment, by spectral integration."""
+def tails(edges: tuple[float, ...], points: int = _POINTS) -> Float[np.ndarray, "p p"]:
+    """int_xi^1 f at `points_within` edges from the values of f there; exact where f is a polynomial
+    of less than this degree in each segment, by spectral integration."""
     x, weight = legendre.leggauss(points)
     # Of the polynomial through values at the points, from each point to the end of the segment.
     coefficients = np.linalg.inv(legendre.legvander(x, points - 1))
@@ -176,9 +174,7 @@ def tails(
         rows = slice(i * points, (i + 1) * points)
         whole[rows, rows] = length * own
         whole[: i * points, rows] = length * weight / 2
-    xi, _ = points_within(edges, points)
-    # s f is a polynomial of one degree more: the last one is lost to nobody who has few degrees.
-    return whole, whole * xi
+    return whole
 
 
 def beyond(
@@ -188,9 +184,8 @@ def beyond(
     what 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""
     xi, weight = points_within(edges, points)
     value = along(mass, xi)
-    share = value / (weight @ value)
-    outside, moment = map(jnp.asarray, tails(edges, points))
-    return outside @ share, moment @ share
+    share, tail = value / (weight @ value), jnp.asarray(tails(edges, points))
+    return tail @ share, tail @ (xi * share)
 
 
 def taken(name: str, value: Any, varies: bool) -> Property:
