@@ -154,10 +154,14 @@ class Polynomials(Basis):
         return t**m, w * m * t ** (m - 1)
 
     def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+        return segments(edges, self.points(n, edges), self.grading)
+
+    def points(self, n: int, edges: tuple[float, ...]) -> int:
+        """How many points of each segment products of n functions need."""
         # Polynomials of degree k have k zeros that are even in arccos(1 - 2 t).
         angles = np.arccos(1 - 2 * np.asarray(edges) ** (1 / self.grading))
         waves = self.grading * (n + 2) * np.max(np.diff(angles)) / np.pi
-        return segments(edges, int(np.ceil(waves)) + _MORE, self.grading)
+        return int(np.ceil(waves)) + _MORE
 
     def _highest(self, n: int) -> list[Chebyshev]:
         """Orthonormal polynomials in t, by the three-term recurrence in Chebyshev form."""

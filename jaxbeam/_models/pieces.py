@@ -1,15 +1,23 @@
 """Bases for beams as built: with nodes where properties have kinks, and with a root that yields."""
 
 import dataclasses
+import functools
+from typing import Self
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from numpy.polynomial import legendre
 
 from jaxbeam._checks import kind_of, known_array
 from jaxbeam._models.base import Family, count_functions
 from jaxbeam._models.basis import Basis, Functions, Polynomials, Rule, hermite, segments
+from jaxbeam._rotor.beam import Beam
+from jaxbeam._rotor.spanwise import along, points_within
+from jaxbeam._types import is_known
 
 _Array = np.ndarray
+_POINTS = 12  # of a segment, at which the compliance of a beam is kept
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,6 +124,105 @@ def _bubbles(s: _Array, h: float, order: int, count: int) -> _Array:
             [h ** (order - d) * legendre.legval(2 * s - 1, c) for d, c in enumerate(chain[:3])]
         )
     return np.stack([np.stack(column, -1) for column in zip(*found, strict=True)])
+
+
+@dataclasses.dataclass(frozen=True)
+class MomentPolynomials(Basis):
+    """Functions whose bending moments EI f'' are polynomials, EI being that of a known beam.
+
+    What makes global functions converge slowly in a blade is that its curvature follows every kink
+    and step of EI, while its bending moment is smooth: with f'' = P_k / EI a dozen functions do
+    what many dozens of `Polynomials` do, and a few more what `PiecewisePolynomials` do with
+    hundreds. `MomentPolynomials.of(beam)` takes the stiffness of a beam whose numbers are known, in
+    the directions of the hub, its twist included: 1 / EI in the plane is the compliance
+    c^2 / EI_zz + s^2 / EI_yy. Beams that differ from it, in a sweep or in a fit, are still right,
+    with slower convergence the more they differ. Stretch has `Polynomials`.
+    """
+
+    edges: tuple[float, ...]
+    in_plane: tuple[float, ...]  # compliance at `_POINTS` points of each segment, over its largest
+    flap: tuple[float, ...]
+    direction: Family = Family.IN_PLANE
+
+    @classmethod
+    def of(cls, beam: Beam) -> Self:
+        """Functions for a beam, whose numbers must be known."""
+        if not isinstance(beam, Beam):
+            raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
+        if not is_known(beam):
+            raise TypeError(
+                "beam must be known when a program is compiled: give the one that you begin from"
+            )
+        xi, _ = points_within(beam.edges, _POINTS)
+        zz, yy, angle = (
+            np.asarray(along(value, xi))
+            for value in (
+                beam.in_plane_bending_stiffness, beam.flap_bending_stiffness,
+                jnp.zeros(()) if beam.twist is None else beam.twist,
+            )
+        )  # fmt: skip
+        c2 = np.cos(angle) ** 2
+        each = (c2 / zz + (1 - c2) / yy, c2 / yy + (1 - c2) / zz)
+        in_plane, flap = (tuple((a / a.max()).tolist()) for a in each)
+        return cls(beam.edges, in_plane, flap)
+
+    def towards(self, family: Family) -> Basis:
+        return dataclasses.replace(self, direction=family)
+
+    def bending(self, n: int, xi: _Array) -> Functions:
+        xi, edges = np.asarray(xi, float), np.asarray(self.edges)
+        where = np.clip(np.searchsorted(edges, xi, side="right") - 1, 0, edges.size - 2)
+        start, length = edges[where], np.diff(edges)[where]
+        s = 2 * (xi - start) / length - 1
+        compliance = self.flap if self.direction == Family.FLAP else self.in_plane
+        tables = _from_curvature(self.edges, compliance, n, self._points(n, self.edges))
+        rows = legendre.legvander(s, tables.shape[2] - 1)
+        return Functions(*(np.einsum("pk,pkn->pn", rows, table[where]) for table in tables))
+
+    def stretch(self, n: int, xi: _Array) -> Functions:
+        return Polynomials().stretch(n, xi)
+
+    def quadrature(self, n: int) -> tuple[_Array, _Array]:
+        rule = self.rule(n, self.edges)
+        return rule.xi, rule.weight
+
+    def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+        every = tuple(np.unique([*self.edges, *edges]).tolist())
+        return segments(every, self._points(n, every))
+
+    def _points(self, n: int, edges: tuple[float, ...]) -> int:
+        return max(Polynomials().points(n, edges), _POINTS)
+
+    def up_to(self, n: int, end: float) -> tuple[_Array, _Array]:
+        if end == 0:
+            return np.zeros(1), np.zeros(1)
+        rule = self.rule(n, (0.0, end, 1.0))
+        inside = rule.xi < end
+        return rule.xi[inside], rule.weight[inside]
+
+
+@functools.lru_cache(maxsize=64)
+def _from_curvature(
+    edges: tuple[float, ...], compliance: tuple[float, ...], n: int, points: int
+) -> Float[_Array, "3 e m n"]:
+    """Legendre coefficients, segment by segment, of functions, their slopes and their curvatures:
+    orthonormal polynomials times what `compliance` is between its points."""
+    x, _ = legendre.leggauss(points)
+    known = np.reshape(compliance, (-1, _POINTS))
+    own = known @ np.linalg.inv(legendre.legvander(legendre.leggauss(_POINTS)[0], _POINTS - 1)).T
+    at = own @ legendre.legvander(x, _POINTS - 1).T  # compliance at the points of each segment
+    length = np.diff(edges)
+    xi, _ = points_within(edges, points)
+    moments = legendre.legvander(2 * xi - 1, n - 1) * np.sqrt(2 * np.arange(n) + 1)
+    curved = (at.ravel()[:, None] * moments).reshape(*at.shape, n)
+    chain = [np.linalg.inv(legendre.legvander(x, points - 1)) @ curved]
+    for _ in range(2):
+        grown = legendre.legint(chain[-1], lbnd=-1, axis=1) * length[:, None, None] / 2
+        rise = grown.sum(1)  # Legendre polynomials are one at the end of their interval
+        grown[:, 0] += np.cumsum(rise, 0) - rise
+        chain.append(grown)
+    wide = [np.pad(table, ((0, 0), (0, points + 2 - table.shape[1]), (0, 0))) for table in chain]
+    return np.stack(wide[::-1])
 
 
 @dataclasses.dataclass(frozen=True)
