@@ -20,9 +20,9 @@ Measurements        fit finds each FreeParameter from FrequencyData, HistoryData
 How much model      choose_model for one question, ladder_sweep for many cases
 What went wrong     Status: whatever can fail takes throw=False and then carries one
 
-The rest is by subject: jb.models, jb.motions, jb.solvers, jb.fitting, jb.ladder, jb.results (what
-functions return) and jb.plot. `help(jb.simulate)` and so on tell the details; README.md shows all
-of it at work, `python -m jaxbeam --help` does without a script.
+The rest is by subject: jb.models, jb.motions, jb.solvers, jb.fitting, jb.ladder, jb.blades (beams
+from files), jb.results (what functions return) and jb.plot. `help(jb.simulate)` and so on tell the
+details; README.md shows all of it at work, `python -m jaxbeam --help` does without a script.
 """
 
 import importlib
@@ -32,6 +32,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jaxbeam import blades as blades
     from jaxbeam import fitting as fitting
     from jaxbeam import ladder as ladder
     from jaxbeam import models as models
