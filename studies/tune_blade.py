@@ -196,7 +196,7 @@ def draw(path: Path, designs: Any, kg: np.ndarray, margins: np.ndarray, total: n
         found = np.asarray(jax.jit(at)(*share_of(design), speeds))
         for k in (0, 2):
             ax.plot(speeds, found[:, k], color=COLOURS[k], lw=2, label=NAMES[k])
-        common.per_turn(ax, speeds, HARMONICS, at=13.9, unit=1 / 60)
+        common.per_turn(ax, speeds, HARMONICS, at=9.4, unit=1 / 60)
         band = np.array(WORKING)
         for n in HARMONICS:
             low, high = (n * band / 60 * (1 + sign * SHOWN[0]) for sign in (-1, 1))
