@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -105,6 +106,8 @@ class SpanwiseFunction(AbstractSpanwise):
         places = np.unique(known_array("kinks", kinks)) if len(kinks) else np.zeros(0)
         if not np.all((places > 0) & (places < 1)):
             raise ValueError(f"kinks must be between 0 and 1 (x / L), got {tuple(kinks)}")
+        if jax.tree.leaves(function) == [function]:  # it is no pytree: jit would stumble over it
+            function = jax.tree_util.Partial(function)
         self.function, self.kinks = function, tuple(places.tolist())
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
@@ -207,7 +210,8 @@ def samples(value: Property) -> Any:
 
 def check(status: Status, value: Property, zero: bool | None) -> None:
     """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
-    numbers = np.asarray(samples(value))
+    with jax.ensure_compile_time_eval():  # within jit a function of what is known is traced, too
+        numbers = np.asarray(samples(value))
     fine = is_known_valid(numbers, zero)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))
