@@ -189,8 +189,8 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
 def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     question, rotor = ask.question, ask.rotor
     planar = bool(is_planar(question, rotor))
-    linear, nonlinear = chains(question, planar)
-    rungs, elements, scout = rungs_of(question, planar), judges(nonlinear), scout_of(linear)
+    linear, nonlinear = chains(question, rotor, planar)
+    rungs, elements, scout = rungs_of(question, rotor, planar), judges(nonlinear), scout_of(linear)
     known = _scouted(ask, scout, elements)
     if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)

@@ -134,6 +134,11 @@ def along(value: Property, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
     return jnp.broadcast_to(value, np.shape(xi))
 
 
+def at_root(value: Property) -> Scalar:
+    """A property at the root."""
+    return value.at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
+
+
 def mean(value: Property) -> Scalar:
     """Mean of a property over the span."""
     if not isinstance(value, AbstractSpanwise):

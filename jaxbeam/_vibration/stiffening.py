@@ -5,7 +5,9 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
 from jaxbeam._models.base import guarded
+from jaxbeam._models.basis import Polynomials
 from jaxbeam._models.modal import Hybrid
+from jaxbeam._models.pieces import suited
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
@@ -15,7 +17,10 @@ from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import find
 from jaxbeam._vibration.wanted import lowest
 
-_BENDING = Hybrid(0, 14, 0)
+
+def _bending(rotor: Rotor) -> Hybrid:
+    """Bending in the plane alone."""
+    return Hybrid(0, 14, 0, suited(Polynomials(), rotor))
 
 
 def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
@@ -44,13 +49,14 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
 def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
     given, rotor, speed = guarded(rotor, speed)
     still = jnp.zeros_like(speed)
-    phi = find(_BENDING, rotor, still, lowest(_BENDING, 1)).shape[0].real
+    model = _bending(rotor)
+    phi = find(model, rotor, still, lowest(model, 1)).shape[0].real
     return where_known(given == Status.OK, stiffening_of(phi, rotor, speed))
 
 
 def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
     """The same where the first mode is known and all is in range."""
-    equations = _BENDING.equations(rotor)
+    equations = _bending(rotor).equations(rotor)
     motion = phi @ equations.motion_stiffness(jnp.zeros_like(speed), speed**2, None) @ phi
     return motion / (2 * equations.strain_energy(phi))
 
@@ -58,6 +64,6 @@ def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
 def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
     derivatives, and a program a fifth as large."""
-    system = _BENDING.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
+    system = _bending(rotor).matrices(rotor, jnp.zeros_like(rotor.hub_radius))
     shape = symmetric_modes(system.mass, system.stiffness)
     return jnp.sqrt(jnp.sum((shape @ system.stiffness) * shape, axis=1)), shape
