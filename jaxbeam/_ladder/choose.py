@@ -134,6 +134,12 @@ class Choice:
                 "strains are not small: an axial law other than that of the engineering strain "
                 f"might change this by some {self.law_effect:.1g}"
             )
+        stout = np.max(known.stoutness, where=takes_part, initial=0.0)
+        if stout > self.tolerance:
+            lines.append(
+                "the beam is stout: shear and rotary inertia, which no rung has, might change this "
+                f"by some {stout:.1g}"
+            )
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:
             if verdict == NOT_NEEDED:

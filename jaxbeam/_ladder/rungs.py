@@ -21,7 +21,7 @@ from jaxbeam._models.pieces import Hinged, suited
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._types import Real, Scalar
-from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of
+from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, stoutness
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
 
@@ -130,6 +130,8 @@ class Indicators(eqx.Module):
     | slope            | ()    | largest slope there, of the same                               |
     | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
     | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
+    | stoutness        | (6,)  | share of each frequency that shear and rotary inertia, which   |
+    |                  |       | no rung has, would take off: an estimate for solid metal       |
     """
 
     stiffening_ratio: Scalar
@@ -138,6 +140,7 @@ class Indicators(eqx.Module):
     slope: Scalar
     rest_frequency: Array
     excited: Array
+    stoutness: Array
 
     @property
     def reach(self) -> Real:
@@ -158,6 +161,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
         slope=unknown,
         rest_frequency=omega[:6],
         excited=question.excited(omega[:6]),
+        stoutness=stoutness(omega[:6], shape[:6], rotor),
     )
 
 

@@ -371,7 +371,7 @@ def rigid_moments(rotor: Rotor) -> Triple:
         first, second = length / 2, radius**2 + radius * length + length**2 / 3
     else:
         xi, weight = points_within(beam.edges)
-        share = weight * along(beam.mass_per_length, xi) * length / mass
+        share: Any = weight * along(beam.mass_per_length, xi) * length / mass
         first = length * (share @ xi)
         second = share @ (radius + length * xi) ** 2
     at_tip = tip_mass * reach**2
