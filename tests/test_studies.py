@@ -54,7 +54,7 @@ def test_numbers(run):
 
 def test_every_study_has_a_main():
     paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
-    assert len(paths) == 16
+    assert len(paths) == 17
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
@@ -283,6 +283,24 @@ def test_fit_experiment(tmp_path):
     assert low2 > high3
     assert low3 > high4
     assert "times as long as one" in printed
+
+
+@pytest.mark.slow
+def test_validation(tmp_path):
+    """Theory agrees as printed; a misprint and measured blades are shown as what they are."""
+    printed = study("validation", tmp_path)
+    assert (tmp_path / "validation.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "validation.csv")
+    theory = [r for r in rows if r["source"] != "Epps"]
+    assert len(theory) == 39 + 26 + 75 + 5 + 3 + 3 + 8 + 9
+    good = [r for r in theory if r["verdict"] in ("as printed", "last digit")]
+    assert [r["published"] for r in theory if r not in good] == ["38.4920"]
+    assert sum(r["verdict"] == "as printed" for r in theory) >= 160
+    assert all(abs(float(r["relative_difference"])) < 5e-4 for r in good)
+    measured = [abs(float(r["relative_difference"])) for r in rows if r["source"] == "Epps"]
+    assert len(measured) == 25
+    assert 0.05 < max(measured) < 0.12
+    assert "off" in printed
 
 
 @pytest.mark.slow

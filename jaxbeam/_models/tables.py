@@ -103,8 +103,8 @@ def weighted(basis: Basis, counts: Counts, beam: Beam) -> Tables:
         gram=_gram(f.value, share),
         moment=share @ f.value,
         first=(share * rule.xi) @ f.value,
-        tension=pulls * (alike * bends),
-        axial_tension=pulls * (alike * ~bends),
+        tension=pulls * (alike * bends)[None],
+        axial_tension=pulls * (alike * ~bends)[None],
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -20,7 +21,7 @@ from jaxbeam._checks import (
     require,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, is_known
 
 _POINTS = 16  # in a segment; what is linear there is exact from two on
 
@@ -207,7 +208,11 @@ def samples(value: Property) -> Any:
 
 def check(status: Status, value: Property, zero: bool | None) -> None:
     """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
-    numbers = np.asarray(samples(value))
+    with jax.ensure_compile_time_eval():  # under `jit` even functions without unknowns are traced
+        numbers = samples(value)
+    if not is_known(numbers):  # a closure over what is not known
+        return
+    numbers = np.asarray(numbers)
     fine = is_known_valid(numbers, zero)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))
