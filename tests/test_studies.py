@@ -282,6 +282,18 @@ def test_fit_experiment(tmp_path):
     (_, _), (low2, _), (low3, high3), (_, high4) = [tuple(map(float, pair)) for pair in found]
     assert low2 > high3
     assert low3 > high4
+    # A spring at the root explains none of it.
+    assert "without spring over that with it: 1.000" in printed
+    limits = re.findall(r"Softest spring by 95 %, .* fitted: (\d+) N m/rad", printed)
+    np.testing.assert_allclose([float(k) for k in limits], [440, 212], rtol=0.05)
+    springs = rows_of(tmp_path / "springs.csv")
+    ratios = [float(r["sum_of_squares_over_that_of_rigid_root"]) for r in springs]
+    assert len(ratios) == 14
+    assert min(ratios) > 1
+    found = re.findall(r"flap (\d): ([\d.]+) to ([\d.]+)", printed)
+    lows, highs = np.array([[float(x) for x in row[1:]] for row in found]).T
+    assert (lows[1:3] > highs[2:]).sum() >= 1
+    assert lows[1] > highs[3]
     assert "times as long as one" in printed
 
 
