@@ -3,13 +3,14 @@
 Bending stiffness is fitted to the frequencies of the blade of Epps and Chandra (1996, see
 `studies/data`): at rest alone, to say how the first mode stiffens with speed; to all speeds but
 one, to say the one left out; with the effective place of the root or not, and with a spring at the
-root. The level of noise is not known and taken from the residuals. Then what fits cost, on synthetic
-frequencies.
+root. The level of noise is not known and taken from the residuals. Then what fits cost, on
+synthetic frequencies.
 
-One beam does not explain all modes. A spring at the root does not help: fitted, it goes to infinity
-and leaves the sum of squares as it was, and by 95 % it is above 440 N m/rad, or 54 EI / L (200 if
-the place of the root is fitted too), since it lowers first modes most, and what is left over is that
-higher ones are too low. Stiffness from one mode at a time still has intervals that do not overlap.
+One beam does not explain all modes, with a spring at the root no better than without: fitted, the
+spring goes to infinity and leaves the sum of squares as it was, and by 95 % it is above 440 N m/rad,
+54 EI / L (above 210 where the place of the root is fitted too). It would lower first modes most, and
+what is left over is that higher ones are too low: stiffness from one mode at a time has intervals
+that do not overlap, with the softest spring as without.
 
     python studies/fit_experiment.py [--quick] [--out FOLDER]
 """

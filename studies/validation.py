@@ -7,7 +7,7 @@ here by other means (closed form). Sources, and where they were seen:
              G. Bir, AIAA 2009-1035; github.com/SMI-Lab-Inha/pyBModes, tests/fem
     Bir      G. Bir, NREL/CP-500-47953, 2010, table 5; in the same place
     Cable    G. Bir, AIAA 2009-1035, eq. 8; in the same repository, VALIDATION.md
-    Kaya     O. Ozdemir Ozgumus, M. Kaya, Meccanica 41, 2006, as repeated in table 1 of
+    Kaya     O. Ozdemir Ozgumus, M. Kaya, Meccanica 41, 2006, as repeated (note a) in table 1 of
              ijmme.springeropen.com/articles/10.1186/s40712-015-0040-0
     Tip mass Math. Probl. Eng. 2017, 1568019, table 1, its last column; hindawi.com
     Hodges   D. Hodges, M. Rutkowski, AIAA J. 19, 1981; three numbers, in notes of this project
