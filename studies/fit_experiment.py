@@ -7,10 +7,10 @@ root. The level of noise is not known and taken from the residuals. Then what fi
 synthetic frequencies.
 
 One beam does not explain all modes, with a spring at the root no better than without: fitted, the
-spring goes to infinity and leaves the sum of squares as it was, and by 95 % it is above 440 N m/rad,
-54 EI / L (above 210 where the place of the root is fitted too). It would lower first modes most, and
-what is left over is that higher ones are too low: stiffness from one mode at a time has intervals
-that do not overlap, with the softest spring as without.
+spring goes to infinity and leaves the sum of squares as it was, and by 95 % it is above 440 N
+m/rad, 53 EI / L (210 where the place of the root is fitted too). It would lower first modes most,
+and what is left over is that higher ones are too low: stiffness from one mode at a time has
+intervals that do not overlap, with the softest spring as without.
 
     python studies/fit_experiment.py [--quick] [--out FOLDER]
 """
