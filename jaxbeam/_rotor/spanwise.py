@@ -21,7 +21,7 @@ from jaxbeam._checks import (
     require,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, is_known
 
 _POINTS = 16  # in a segment; what is linear there is exact from two on
 
@@ -215,8 +215,11 @@ def samples(value: Property) -> Any:
 
 def check(status: Status, value: Property, zero: bool | None) -> None:
     """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
-    with jax.ensure_compile_time_eval():  # within jit a function of what is known is traced, too
-        numbers = np.asarray(samples(value))
+    with jax.ensure_compile_time_eval():  # under `jit` even functions without unknowns are traced
+        numbers = samples(value)
+    if not is_known(numbers):  # a closure over what is not known
+        return
+    numbers = np.asarray(numbers)
     fine = is_known_valid(numbers, zero)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))
