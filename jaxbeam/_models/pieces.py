@@ -4,6 +4,7 @@ import dataclasses
 import functools
 from typing import Self
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -154,13 +155,14 @@ class MomentPolynomials(Basis):
                 "beam must be known when a program is compiled: give the one that you begin from"
             )
         xi, _ = points_within(beam.edges, _POINTS)
-        zz, yy, angle = (
-            np.asarray(along(value, xi))
-            for value in (
-                beam.in_plane_bending_stiffness, beam.flap_bending_stiffness,
-                jnp.zeros(()) if beam.twist is None else beam.twist,
-            )
-        )  # fmt: skip
+        with jax.ensure_compile_time_eval():  # also within a program that is being compiled
+            zz, yy, angle = (
+                np.asarray(along(value, xi))
+                for value in (
+                    beam.in_plane_bending_stiffness, beam.flap_bending_stiffness,
+                    jnp.zeros(()) if beam.twist is None else beam.twist,
+                )
+            )  # fmt: skip
         c2 = np.cos(angle) ** 2
         each = (c2 / zz + (1 - c2) / yy, c2 / yy + (1 - c2) / zz)
         in_plane, flap = (tuple((a / a.max()).tolist()) for a in each)

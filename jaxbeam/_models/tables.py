@@ -93,9 +93,10 @@ def weighted(basis: Basis, counts: Counts, beam: Beam) -> Tables:
     f = all_functions(basis, counts, rule.xi)
     mass = along(beam.mass_per_length, rule.xi)
     share = rule.weight * mass / (rule.weight @ mass)
-    # The shapes of `tension`: int over what lies beyond, of the mass and of its moment.
+    # The shapes of `tension` but the first, which is one: int over what lies beyond, of the mass
+    # and of its moment.
     beyond = mass / (rule.weight @ mass)
-    shapes = (jnp.ones_like(mass), rule.tail @ beyond, rule.tail @ (rule.xi * beyond))
+    shapes = (rule.tail @ beyond, rule.tail @ (rule.xi * beyond))
     pulls = jnp.stack([_gram(f.slope, rule.weight * shape) for shape in shapes])
     alike = known.direction @ known.direction.T
     bends = np.outer(known.direction[:, 0] == 0, known.direction[:, 0] == 0)
@@ -103,8 +104,8 @@ def weighted(basis: Basis, counts: Counts, beam: Beam) -> Tables:
         gram=_gram(f.value, share),
         moment=share @ f.value,
         first=(share * rule.xi) @ f.value,
-        tension=pulls * (alike * bends)[None],
-        axial_tension=pulls * (alike * ~bends)[None],
+        tension=jnp.concatenate([known.tension[:1], pulls * (alike * bends)[None]]),
+        axial_tension=jnp.concatenate([known.axial_tension[:1], pulls * (alike * ~bends)[None]]),
     )
 
 
