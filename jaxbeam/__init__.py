@@ -3,8 +3,8 @@
 Say `jax.config.update("jax_enable_x64", True)` and `import jaxbeam as jb`. Everything is in SI
 units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad` goes through.
 
-What rotates        Beam, Rotor; Spanwise properties vary along the beam, RootSprings and TipBody
-                    are what it is held by and carries; Loads and Damping act on it
+What rotates        Beam, Rotor; Loads and Damping act on it
+As built            Spanwise and SpanwiseFunction: properties along the span; RootSprings, TipBody
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     EngineeringANCF, GreenANCF, ANCF in finite elements
 At a steady speed   modes; labels name the modes that are asked for

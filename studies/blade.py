@@ -63,14 +63,11 @@ def hertz(model: jb.Hybrid, beam: jb.Beam, rpm: Any) -> Any:
 
 def scaled(beam: jb.Beam, factors: dict[str, Any]) -> jb.Beam:
     """The beam with some properties multiplied, all along or station by station."""
-    spans = {name: getattr(beam, name) for name in factors}
-    return dataclasses.replace(
-        beam,
-        **{
-            name: jb.Spanwise(span.stations, span.values * factors[name])
-            for name, span in spans.items()
-        },
-    )
+    spans: Any = {
+        name: jb.Spanwise(getattr(beam, name).stations, getattr(beam, name).values * factor)
+        for name, factor in factors.items()
+    }
+    return dataclasses.replace(beam, **spans)
 
 
 # --- pyBModes ------------------------------------------------------------------------------------

@@ -49,7 +49,7 @@ COLOURS = (BLUE, GREEN, VERMILION)
 
 def rotor(share: Any, tip: Any) -> jb.Rotor:
     """With more mass: a share of that at each station, and kg at the tip."""
-    mass = jb.Spanwise(STATIONS, DENSITY * (1 + share))
+    mass = jb.Spanwise(STATIONS.tolist(), DENSITY * (1 + share))
     return jb.Rotor(dataclasses.replace(BEAM, mass_per_length=mass), HUB, tip)
 
 
@@ -111,7 +111,7 @@ def tune(margins: Any, limits: Any, rounds: int) -> Any:
                 smooth = SOFTNESS * limit * jax.nn.softplus(gain / SOFTNESS)
                 return (jnp.sum(smooth) - multiplier @ lacking) / WEIGHT
 
-            solver = optx.BFGS(rtol=1e-12, atol=1e-12)
+            solver: Any = optx.BFGS(rtol=1e-12, atol=1e-12)
             y = optx.minimise(cost, solver, start, max_steps=500, throw=False).value
             multiplier, gain = worth(y)
             least = multiplier @ lacking - jnp.sum(limit * jnp.maximum(gain, 0.0))

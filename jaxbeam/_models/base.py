@@ -367,19 +367,18 @@ def rigid_moments(rotor: Rotor) -> Triple:
     """int (1, X, X^2) dm of the undeformed beam with its tip mass."""
     beam, radius, length = rotor.beam, rotor.hub_radius, rotor.beam.length
     mass, tip_mass, reach = beam.mass, rotor.tip_mass, rotor.reach
-    inertia = 0.0 if rotor.tip is None else rotor.tip.inertia
     if beam.is_uniform:
-        first, second = length / 2, length**2 / 3
+        first, second = length / 2, radius**2 + radius * length + length**2 / 3
     else:
         xi, weight = points_within(beam.edges)
-        share = weight * along(beam.mass_per_length, xi) * length / mass
-        first, second = length * (share @ xi), length**2 * (share @ xi**2)
+        share: Any = weight * along(beam.mass_per_length, xi) * length / mass
+        first = length * (share @ xi)
+        second = share @ (radius + length * xi) ** 2
+    at_tip = tip_mass * reach**2
+    if rotor.tip is not None:
+        at_tip = at_tip + rotor.tip.inertia
     return jnp.stack(
-        [
-            mass + tip_mass,
-            mass * (radius + first) + tip_mass * reach,
-            mass * (radius**2 + 2 * radius * first + second) + tip_mass * reach**2 + inertia,
-        ]
+        [mass + tip_mass, mass * (radius + first) + tip_mass * reach, mass * second + at_tip]
     )
 
 

@@ -181,7 +181,7 @@ class CartesianEquations(Equations):
     reach: Number
     body: TipBody | None
     elasticity: Elasticity
-    stiffening: Float[Array, "3 n n"] | None
+    stiffening: Float[Array, "k n n"] | None
     model: CartesianModel = eqx.field(static=True)
 
     @classmethod

@@ -13,7 +13,7 @@ from numpy.polynomial import legendre
 from jaxbeam._checks import kind_of, known_array
 from jaxbeam._models.base import Family, count_functions
 from jaxbeam._models.basis import Basis, Functions, Polynomials, Rule, hermite, segments
-from jaxbeam._rotor.beam import Beam
+from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._types import is_known
 
@@ -225,6 +225,14 @@ def _from_curvature(
         chain.append(grown)
     wide = [np.pad(table, ((0, 0), (0, points + 2 - table.shape[1]), (0, 0))) for table in chain]
     return np.stack(wide[::-1])
+
+
+def suited(basis: Basis, rotor: Rotor) -> Basis:
+    """The basis, with a root that yields where that of the rotor does."""
+    if rotor.root is None:
+        return basis
+    yields = (spring is not None for spring in (rotor.root.in_plane, rotor.root.flap))
+    return Hinged(basis, *yields)
 
 
 @dataclasses.dataclass(frozen=True)

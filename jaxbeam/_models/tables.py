@@ -137,8 +137,8 @@ def _varying_stiffness(basis: Basis, counts: Counts, rotor: Rotor) -> Matrix:
     stretches = direction[:, 0]
     in_plane = along(beam.in_plane_bending_stiffness, rule.xi)
     flap = along(beam.flap_bending_stiffness, rule.xi)
-    stretch = _gram(f.slope * stretches, rule.weight * along(beam.axial_stiffness, rule.xi))
-    rows = [f.curvature * direction[:, k] for k in (1, 2)]
+    stretch = _gram(f.slope * stretches[None], rule.weight * along(beam.axial_stiffness, rule.xi))
+    rows = [f.curvature * direction[None, :, k] for k in (1, 2)]
     if not rotor.couples_bending:
         bending = _gram(rows[0], rule.weight * in_plane) + _gram(rows[1], rule.weight * flap)
         return stretch / length + bending / length**3

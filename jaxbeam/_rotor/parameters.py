@@ -60,8 +60,8 @@ class Parameters(eqx.Module):
         """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
         code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
         for value, rule in reversed([*self._rules()]):
-            fine = jnp.all(is_valid(samples(value), rule["zero"]))
-            code = jnp.where(fine, code, rule["status"])
+            fine = is_valid(samples(value), rule["zero"])
+            code = jnp.where(jnp.all(fine) if fine.ndim else fine, code, rule["status"])
         return code
 
     def _rules(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:

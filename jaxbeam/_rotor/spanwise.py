@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -20,7 +21,7 @@ from jaxbeam._checks import (
     require,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, is_known
 
 _POINTS = 16  # in a segment; what is linear there is exact from two on
 
@@ -105,6 +106,8 @@ class SpanwiseFunction(AbstractSpanwise):
         places = np.unique(known_array("kinks", kinks)) if len(kinks) else np.zeros(0)
         if not np.all((places > 0) & (places < 1)):
             raise ValueError(f"kinks must be between 0 and 1 (x / L), got {tuple(kinks)}")
+        if jax.tree.leaves(function) == [function]:  # it is no pytree: jit would stumble over it
+            function = jax.tree_util.Partial(function)
         self.function, self.kinks = function, tuple(places.tolist())
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
@@ -129,6 +132,11 @@ def along(value: Property, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
     if isinstance(value, AbstractSpanwise):
         return value.at(xi)
     return jnp.broadcast_to(value, np.shape(xi))
+
+
+def at_root(value: Property) -> Scalar:
+    """A property at the root."""
+    return value.at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
 
 
 def mean(value: Property) -> Scalar:
@@ -207,7 +215,11 @@ def samples(value: Property) -> Any:
 
 def check(status: Status, value: Property, zero: bool | None) -> None:
     """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
-    numbers = np.asarray(samples(value))
+    with jax.ensure_compile_time_eval():  # under `jit` even functions without unknowns are traced
+        numbers = samples(value)
+    if not is_known(numbers):  # a closure over what is not known
+        return
+    numbers = np.asarray(numbers)
     fine = is_known_valid(numbers, zero)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))
