@@ -29,6 +29,7 @@ from jaxbeam._models.base import (
     Equations,
     Family,
     LinearSystem,
+    planes_of,
     rigid_moments,
 )
 from jaxbeam._models.basis import Basis, Functions
@@ -147,7 +148,7 @@ def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearS
         steady_strain=rotor.steady_strain(speed),
         status=jnp.asarray(Status.OK),
         families=model.families,
-        couples_bending=rotor.couples_bending,
+        planes=planes_of(rotor),
     )
 
 

@@ -162,8 +162,15 @@ def _springs(known: Tables, rotor: Rotor) -> Matrix:
     return out
 
 
-def check_root(model: str, basis: Basis, counts: Counts, rotor: Rotor) -> None:
-    """Raise `ValueError` unless functions yield at the root where the rotor does."""
+def check_root(model: str, basis: Basis, counts: Counts, rotor: Rotor, coned: bool = False) -> None:
+    """Raise `ValueError` unless functions yield at the root where the rotor does, and the beam is
+    `coned` only where a model may be."""
+    if rotor.precone is not None and not coned:
+        raise ValueError(
+            f"precone: {model} has no motion of a coned beam. Frequencies are those of "
+            "Hybrid(n_stretch=0), about the deflected steady state; else leave it out, which for "
+            "soft beams is the smaller error"
+        )
     springs = (None, None) if rotor.root is None else (rotor.root.in_plane, rotor.root.flap)
     ways = zip(FAMILIES[1:], ("in_plane", "flap"), springs, counts[1:], strict=True)
     for family, name, spring, count in ways:

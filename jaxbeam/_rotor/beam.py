@@ -178,10 +178,12 @@ class Rotor(Parameters):
     | pitch      | theta  | rad  | any     |
     | root       |        |      |         |
     | tip        |        |      |         |
+    | precone    | beta   | rad  | any     |
 
     The hub radius is the distance from the axis of rotation to the root of the beam. The root is
     clamped unless `root` has springs, the tip mass is a point unless `tip` makes it a body, and
     sections are as the beam says unless `pitch` turns them all, by that angle added to the twist.
+    With a `precone` the beam leaves the hub at that angle from the plane of rotation.
     """
 
     beam: Beam
@@ -190,6 +192,7 @@ class Rotor(Parameters):
     pitch: Scalar | None = optional(Status.INVALID_PITCH, zero=None)
     root: RootSprings | None = None
     tip: TipBody | None = None
+    precone: Scalar | None = optional(Status.INVALID_PRECONE, zero=None)
 
     def __init__(
         self,
@@ -199,6 +202,7 @@ class Rotor(Parameters):
         pitch: Real | None = None,
         root: RootSprings | None = None,
         tip: TipBody | None = None,
+        precone: Real | None = None,
     ) -> None:
         for value, kind, name in (
             (beam, Beam, "beam"), (root, RootSprings | None, "root"), (tip, TipBody | None, "tip"),
@@ -211,7 +215,7 @@ class Rotor(Parameters):
     @property
     def is_plain(self) -> bool:
         """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip."""
-        extras = (self.pitch, self.root, self.tip)
+        extras = (self.pitch, self.root, self.tip, self.precone)
         return self.beam.is_uniform and all(extra is None for extra in extras)
 
     @property
@@ -316,7 +320,6 @@ class SpringRotor(Parameters):
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
     torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
-    couples_bending: ClassVar[bool] = False  # it moves in its plane
     is_plain: ClassVar[bool] = True
 
     def __init__(

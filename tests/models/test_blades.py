@@ -232,6 +232,66 @@ def test_a_body_at_the_tip_moves_as_one():
         np.testing.assert_allclose(found, wanted, rtol=1e-5)
 
 
+CONES = [
+    (16.0, 0.0, 0.0, 8.0, np.deg2rad(5.0)), (16.0, 0.5, 0.2, 6.0, 0.3), (4.0, 0.0, 0.0, 12.0, -0.2),
+    (16.0, 0.3, 0.1, 0.0, 0.3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("ratio", "hub", "tip", "speed", "cone"), CONES)
+def test_precone(ratio, hub, tip, speed, cone):
+    """About the deflected steady state, by 12 functions each way."""
+    theirs = reference.Blade(lag=ratio, hub=hub, tip=reference.Body(tip))
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, STIFF, ratio, 1.0), hub, tip, precone=cone)
+    found = jb.modes(jb.Hybrid(0, 12, 12), rotor, speed, 4)
+    wanted = reference.coned(theirs, speed, cone, 4)
+    np.testing.assert_allclose(np.sort(found.frequency), wanted, rtol=1e-9)
+    assert np.max(found.residual) < 1e-12
+
+
+def test_precone_of_a_table():
+    """Differences and both modes of derivatives, kinks, a root that yields, a batch; a cone of
+    zero is none."""
+    ours, theirs = in_table()
+    model = jb.Hybrid.on(PiecewisePolynomials(QUARTERS, 6))
+    model = jb.Hybrid(0, model.n_in_plane, model.n_flap, model.basis)
+    wanted = reference.coned(theirs, 3.0, 0.1, 4)
+    found = lowest(model, jb.Rotor(ours, 0.5, precone=0.1), 3.0, 4)
+    np.testing.assert_allclose(found, wanted, rtol=1e-5)
+    yielding = jb.Hybrid(0, 9, 9, basis=Hinged())
+
+    def frequency(cone, spring=20.0):
+        rotor = jb.Rotor(ours, 0.5, root=jb.RootSprings(spring, spring), precone=cone)
+        return jb.modes(yielding, rotor, 3.0, 4).frequency
+
+    flat = jb.Rotor(ours, 0.5, root=jb.RootSprings(20.0, 20.0))
+    np.testing.assert_allclose(frequency(0.0), jb.modes(yielding, flat, 3.0, 4).frequency)
+    ends = jax.vmap(frequency)(jnp.array([0.1 - 1e-4, 0.1, 0.1 + 1e-4]))
+    np.testing.assert_allclose(ends[1], frequency(0.1), rtol=1e-12)
+    exact = jax.jacfwd(frequency)(0.1)
+    np.testing.assert_allclose(exact, (ends[2] - ends[0]) / 2e-4, rtol=1e-6)
+    np.testing.assert_allclose(jax.jacrev(frequency)(0.1), exact, rtol=1e-9)
+
+
+def test_what_coned_beams_cannot_do_is_named():
+    rotor = jb.Rotor(BEAM, precone=0.1)
+    small, modulated = jb.Hybrid(0, 3, 3), jb.motions.ModulatedSpeed(2.0, 0.3, 5.0)
+    for refused in (
+        lambda: jb.simulate(small, rotor, jb.ConstantSpeed(1.0), [0.0, 1.0]),
+        lambda: jb.modes(jb.Hybrid(), rotor, 1.0),
+        lambda: jb.modes(jb.VonKarman(), rotor, 1.0),
+        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, pitch=0.1), 1.0),
+        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, tip=jb.TipBody()), 1.0),
+        lambda: jb.critical_speed(small, rotor),
+        lambda: jb.floquet(small, rotor, modulated),
+        lambda: jb.stiffening_ratio(rotor, 1.0),
+    ):
+        with pytest.raises(ValueError, match=r"^precone"):
+            refused()
+    bad = jax.vmap(lambda c: jb.modes(small, jb.Rotor(BEAM, precone=c), 1.0, throw=False).status)
+    np.testing.assert_array_equal(bad(jnp.array([0.1, jnp.nan])), [0, jb.Status.INVALID_PRECONE])
+
+
 CONSTANT = [
     jb.Hybrid(3, 4, 3),
     jb.Classical(3, 4, 3),
