@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed, kind_of
+from jaxbeam._models.sections import mass_moments
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._numerics.program import Program
@@ -355,6 +356,17 @@ def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
 def rigid_moments(rotor: Rotor) -> Triple:
     """int (1, X, X^2) dm of the undeformed beam with its tip mass."""
     beam, radius, length = rotor.beam, rotor.hub_radius, rotor.beam.length
+    if not beam.is_uniform or rotor.tip is not None:
+        mass, first, second = mass_moments(beam)
+        inertia = 0.0 if rotor.tip is None else rotor.tip.inertia
+        first, second, far = first * length, second * length**2, rotor.reach
+        return jnp.stack(
+            [
+                mass + rotor.tip_mass,
+                mass * radius + first + rotor.tip_mass * far,
+                mass * radius**2 + 2 * radius * first + second + rotor.tip_mass * far**2 + inertia,
+            ]
+        )
     mass, tip_mass, end = beam.mass, rotor.tip_mass, radius + length
     return jnp.stack(
         [
