@@ -236,7 +236,7 @@ def _weighted(
     weights: np.ndarray, x: np.ndarray, y: np.ndarray, values: Float[Array, "1 g *lanes"]
 ) -> Float[Array, "3 3 *lanes"]:
     """int x y^T values dx of two tables (g, 3)."""
-    each = (weights * x.T[:, None] * y.T[None] + 0.0).reshape(9, -1)  # no zero is negative
+    each = (weights[None, None] * x.T[:, None] * y.T[None] + 0.0).reshape(9, -1)  # no zero is negative
     return tabled(each, values)[0].reshape(3, 3, *values.shape[2:])
 
 
