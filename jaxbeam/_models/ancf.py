@@ -156,10 +156,16 @@ class _Nodal(_ANCF):
             mass=dense(equations.mass),
             gyroscopic=c,
             stiffness=(k + k.T) / 2,
-            steady_strain=equations.strain(q, np.zeros(1))[0],
+            steady_strain=self._largest_strain(rotor, equations, q),
             status=status,
             families=self.families,
         )
+
+    def _largest_strain(self, rotor: Rotor, equations: ElementEquations, q: Vector) -> Scalar:
+        """Of a straight beam: at the root if it is uniform, else at one of the nodes."""
+        if rotor.beam.is_uniform:
+            return equations.strain(q, np.zeros(1))[0]
+        return jnp.max(equations.strain(q, np.linspace(0.0, 1.0, self.n_elements + 1)))
 
 
 class GreenANCF(_Nodal):

@@ -315,7 +315,9 @@ class ElementEquations(Equations):
     def _laws(self) -> Law:
         """Of elements whose properties vary, with an axis of elements before all others."""
         parts = None if self.cuts is None else rules(self.cuts)
-        return self.element if parts is None else Parts(dataclasses.replace(self.element, part=parts))
+        if parts is None:
+            return self.element
+        return Parts(dataclasses.replace(self.element, part=parts))
 
     def _by_element(self, function: Callable[..., Array], *local: Array) -> Array:
         """What a function of law, mass and coordinates (2, 4, *lanes) makes of every element."""

@@ -41,7 +41,9 @@ POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # by a right angle: a1 becomes a2, a2 becomes -a1
 
 
-def tabled(table: Float[np.ndarray, "a b"], x: Float[Array, "c b *lanes"]) -> Array:
+def tabled(
+    table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
+) -> Array:
     """The product sum_b table_ab x_cb, with axes of lanes behind."""
     lanes = x.ndim - 2
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
@@ -225,7 +227,7 @@ class Continuum(Element):
 
 
 def _rows(
-    table: Float[np.ndarray, "p 3"], vector: Float[Array, "2 p *lanes"]
+    table: Float[np.ndarray, "p 3"] | Float[Array, "p 3"], vector: Float[Array, "2 p *lanes"]
 ) -> Float[Array, "6 p *lanes"]:
     """Table^T times a vector at every point."""
     out = vector[:, None] * beside(table.T[None], vector.ndim - 2)
@@ -236,8 +238,8 @@ def _weighted(
     weights: np.ndarray, x: np.ndarray, y: np.ndarray, values: Float[Array, "1 g *lanes"]
 ) -> Float[Array, "3 3 *lanes"]:
     """int x y^T values dx of two tables (g, 3)."""
-    each = (weights[None, None] * x.T[:, None] * y.T[None] + 0.0).reshape(9, -1)  # no zero is negative
-    return tabled(each, values)[0].reshape(3, 3, *values.shape[2:])
+    each = weights[None, None] * x.T[:, None] * y.T[None] + 0.0  # no zero is negative
+    return tabled(each.reshape(9, -1), values)[0].reshape(3, 3, *values.shape[2:])
 
 
 def _both(a: Float[Array, "3 3 *lanes"]) -> Float[Array, "2 3 2 3 *lanes"]:

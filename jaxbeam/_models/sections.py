@@ -7,6 +7,7 @@ Any array may have further axes, of lanes, behind those it is said to have (see 
 """
 
 import functools
+import itertools
 from typing import Any
 
 import equinox as eqx
@@ -51,13 +52,13 @@ def rules(parts: Cuts) -> Rule | None:
     if len(parts[0]) == 2:
         return None
     every = [
-        [rule(len(parts), *ends) for ends in zip(part, part[1:], strict=False)] for part in parts
+        _stacked([rule(len(parts), *ends) for ends in itertools.pairwise(part)]) for part in parts
     ]
-    return jax.tree.map(lambda *each: np.stack(each), *(_stacked(row) for row in every))
+    return _stacked(every)
 
 
-def _stacked(row: list[Rule]) -> Rule:
-    return Rule(*(np.stack(each) for each in zip(*row, strict=True)))
+def _stacked(some: list[Rule]) -> Rule:
+    return Rule(*map(np.stack, zip(*some, strict=True)))
 
 
 def _points(parts: Cuts) -> tuple[np.ndarray, np.ndarray]:
