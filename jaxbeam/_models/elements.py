@@ -88,9 +88,8 @@ class ElementEquations(Equations):
             self.element_mass, self.element = sections.mass, sections.element
             self.axial_stiffness = sections.axial_stiffness
             self.energy_scale = sections.bending_stiffness / length
-        spring = None if rotor.root is None else rotor.root.in_plane
-        self.yields = spring is not None
-        self.ends = Ends(spring, None if rotor.tip is None else self.axial_stiffness * length)
+        self.ends = Ends(rotor, self.axial_stiffness)
+        self.yields = self.ends.spring is not None
         self.mass, self.turned_mass = self._inertial(np.eye(2)), self._inertial(TURN)
 
     def _inertial(self, turn: np.ndarray) -> BlockTridiagonal:

@@ -146,14 +146,21 @@ class Ends(eqx.Module):
     """Elastic energy of what is at the ends, by the displacement gradient d = r' - a1 there.
 
     A spring at the root has k phi^2 / 2, phi the angle of the tangent. Where a body is at the tip,
-    EA L eps^2 / 2 keeps r' of the end a unit vector: else the pull of the body, which acts on its
-    centre at r + c r', would stretch the end ever more the shorter the elements are. That the end
-    is not strained, of which the beam knows nothing, costs an element's length times the strain
-    there, relative.
+    10 EA L eps^2 / 2 keeps r' of the end a unit vector: else the pull of the body, which acts on
+    its centre at r + c r', would stretch the end ever more the shorter the elements are. The beam
+    does not know that its end is not strained, which costs of the first order: bending frequencies
+    less than the strain there times h / L, h the length of an element; axial ones some hundredths
+    of h / L.
     """
 
     spring: Number | None  # N m / rad
     hold: Number | None  # J
+
+    def __init__(self, rotor: Rotor, axial_stiffness: Number) -> None:
+        self.spring = None if rotor.root is None else rotor.root.in_plane
+        self.hold = None
+        if rotor.tip is not None:
+            self.hold = 10 * axial_stiffness * rotor.beam.length
 
     @property
     def are_plain(self) -> bool:
