@@ -17,7 +17,6 @@ from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor, Rotor, SpringRotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
-from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 
@@ -372,25 +371,6 @@ def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
     given = rotor.status(speed)
     fine = given == Status.OK
     return given, harmless(fine, rotor), jnp.where(fine, speed, 0.0)
-
-
-def rigid_moments(rotor: Rotor) -> Triple:
-    """int (1, X, X^2) dm of the undeformed beam with its tip mass."""
-    beam, radius, length = rotor.beam, rotor.hub_radius, rotor.beam.length
-    mass, tip_mass, reach = beam.mass, rotor.tip_mass, rotor.reach
-    if beam.is_uniform:
-        first, second = length / 2, radius**2 + radius * length + length**2 / 3
-    else:
-        xi, weight = points_within(beam.edges)
-        share: Any = weight * along(beam.mass_per_length, xi) * length / mass
-        first = length * (share @ xi)
-        second = share @ (radius + length * xi) ** 2
-    at_tip = tip_mass * reach**2
-    if rotor.tip is not None:
-        at_tip = at_tip + rotor.tip.inertia
-    return jnp.stack(
-        [mass + tip_mass, mass * (radius + first) + tip_mass * reach, mass * second + at_tip]
-    )
 
 
 def count_functions(name: str, value: int, least: int = 0) -> None:

@@ -30,7 +30,6 @@ from jaxbeam._models.base import (
     Family,
     LinearSystem,
     planes_of,
-    rigid_moments,
 )
 from jaxbeam._models.basis import Basis, Functions
 from jaxbeam._models.tables import (
@@ -212,7 +211,7 @@ class CartesianEquations(Equations):
             gram=gram,
             moment=mass * t.moment + tip_mass * tip,
             first=first,
-            rigid=rigid_moments(rotor),
+            rigid=rotor.rigid_moments,
             size=length,
             end=end,
             energy_scale=beam.mean.in_plane_bending_stiffness / length,

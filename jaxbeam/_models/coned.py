@@ -74,7 +74,7 @@ class _Cone(NamedTuple):
         first, second = (jnp.zeros(()) if spring is None else spring for spring in given)
         return first, second
 
-    def shape(self, turn: Vector) -> tuple[Array, Array, Array, Array]:
+    def shape(self, turn: Vector) -> tuple[Any, Any, Any, Any]:
         """Elevation, its derivative by x, and the distance from the axis, at points and tip."""
         flap, length = self.bends[1], self.rotor.beam.length
         elevation = self.rotor.precone + flap.slope @ turn

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, known, positive
+from jaxbeam._numerics.lanes import beside
 from jaxbeam._rotor.ends import RootSprings, TipBody
 from jaxbeam._rotor.parameters import Parameters, along_span, optional, parameter
 from jaxbeam._rotor.spanwise import (
@@ -27,7 +28,7 @@ from jaxbeam._rotor.spanwise import (
     points_within,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Number, Real, Scalar
+from jaxbeam._types import Number, Real, Scalar, Triple
 
 
 class Beam(Parameters):
@@ -143,7 +144,7 @@ class Beam(Parameters):
         if self.is_uniform:
             return self
         means = (
-            mean(getattr(self, field.name))
+            mean(getattr(self, field.name), self.length.ndim)
             for field in dataclasses.fields(self)
             if "optional" not in field.metadata
         )
@@ -152,7 +153,7 @@ class Beam(Parameters):
     @property
     def mass(self) -> Number:
         """Mass of the beam, int rho dx, in kg."""
-        return mean(self.mass_per_length) * self.length
+        return mean(self.mass_per_length, self.length.ndim) * self.length
 
     @property
     def frequency_scale(self) -> Number:
@@ -241,6 +242,27 @@ class Rotor(Parameters):
         """Distance of the centre of the tip mass from the axis, in m."""
         end = self.hub_radius + self.beam.length
         return end if self.tip is None else end + self.tip.offset
+
+    @property
+    def rigid_moments(self) -> Triple:
+        """int (1, X, X^2) dm of the undeformed beam with its tip mass, X the distance from the
+        axis."""
+        beam, radius, length = self.beam, self.hub_radius, self.beam.length
+        mass, tip_mass, reach = beam.mass, self.tip_mass, self.reach
+        if beam.is_uniform:
+            first, second = length / 2, radius**2 + radius * length + length**2 / 3
+        else:
+            xi, weight = (beside(a, length.ndim) for a in points_within(beam.edges))
+            share = weight * along(beam.mass_per_length, points_within(beam.edges)[0], length.ndim)
+            share = share * length / mass
+            first = length * jnp.sum(share * xi, 0)
+            second = jnp.sum(share * (radius + length * xi) ** 2, 0)
+        at_tip = tip_mass * reach**2
+        if self.tip is not None:
+            at_tip = at_tip + self.tip.inertia
+        return jnp.stack(
+            [mass + tip_mass, mass * (radius + first) + tip_mass * reach, mass * second + at_tip]
+        )
 
     def tension(self, angular_speed: Number) -> tuple[Any, Any, Any]:
         """Axial force of steady rotation, as three coefficients in N: see `tension`."""

@@ -159,11 +159,11 @@ def _as_found(model: AbstractModel, found: Lowest) -> Modes:
 def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Array, Array]:
     """Eigenvalues and shapes, with derivatives by all that the matrices depend on."""
     dtype = system.mass.dtype
-    kinds = jnp.asarray(system.families)
-    signature = jnp.where(_in_quadrature(system.planes)[kinds], -1.0, 1.0)
+    kinds = np.array(system.families)
+    signature = np.where(_in_quadrature(system.planes)[kinds], -1.0, 1.0)
     place = np.array([[f in first + second for f in Family] for first, second in system.planes])
-    plane = jnp.asarray(np.argmax(place, 0))
-    same_plane = (plane[kinds][None] == plane[found.family][:, None]).astype(dtype)
+    plane = np.argmax(place, 0)
+    same_plane = (plane[kinds][None] == jnp.asarray(plane)[found.family][:, None]).astype(dtype)
     # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
     # later is the end of it: gradients of other cases by shared parameters stay finite.
     identity = jnp.eye(len(system.families), dtype=dtype)
@@ -174,7 +174,7 @@ def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Arra
         jnp.where(ok, found.eigenvalue, 1j),
         jnp.where(ok, found.shape, identity[jnp.argmax(same_plane, axis=1)]),
         same_plane,
-        signature,
+        jnp.asarray(signature, dtype),
     )
 
 
@@ -259,9 +259,9 @@ def _eigenpairs_jvp(
     return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, same_plane)
 
 
-def _in_quadrature(planes: tuple[Plane, ...]) -> Bool[Array, " f"]:
+def _in_quadrature(planes: tuple[Plane, ...]) -> Bool[np.ndarray, " f"]:
     """Of each family, whether it moves in quadrature to others."""
-    return jnp.asarray([any(f in second for _, second in planes) for f in Family])
+    return np.array([any(f in second for _, second in planes) for f in Family])
 
 
 def _sign(
@@ -272,5 +272,5 @@ def _sign(
     tip = model.displacement(np.ones(1))[np.array([1, 2, 0]), 0]
     own = jnp.sum(tip[family] * shape, -1)
     # Stable parts in quadrature are imaginary: x = (w, -i u).
-    own = jnp.where(_in_quadrature(system.planes)[family], -own.imag, own.real)
+    own = jnp.where(jnp.asarray(_in_quadrature(system.planes))[family], -own.imag, own.real)
     return jax.lax.stop_gradient(jnp.where(own < 0, -1.0, 1.0))
