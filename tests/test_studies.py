@@ -2,12 +2,14 @@
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.helpers import run_optimised
+from tests.vibration import blade_reference
 
 STUDIES = Path(__file__).parents[1] / "studies"
 HASTY = 1  # level of optimisation of studies, most of whose time is compilation
@@ -54,7 +56,7 @@ def test_numbers(run):
 
 def test_every_study_has_a_main():
     paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
-    assert len(paths) == 17
+    assert len(paths) == 19
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
@@ -321,6 +323,83 @@ def test_detune(tmp_path):
     before, after = rows_of(tmp_path / "detune.csv")
     assert float(before["margin"]) == 0.0
     assert float(after["margin"]) >= 0.05
+
+
+@pytest.mark.slow
+def test_blade(tmp_path):
+    """Frequencies are those of another method, pyBModes is as far off as it must be, and stiffness
+    and mass times the same factor change nothing."""
+    printed = study("blade", tmp_path)
+    for name in ("campbell", "mode_shapes", "sensitivities", "sweep"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "frequencies.csv")
+    names = ("flap 1", "edge 1", "flap 2", "edge 2", "flap 3")
+    for rpm in (0.0, 12.1):
+        own = [r for r in rows if r["twist"] == "True" and float(r["rpm"]) == rpm]
+        assert tuple(r["mode"] for r in own) == names
+        exact = hertz(blade_reference.nrel5mw(), rpm, 5)
+        for column, tolerance in (("converged", 1e-7), ("functions_16", 5e-6), ("pybmodes", 1e-4)):
+            found = [float(r[f"{column}_Hz"]) for r in own]
+            if column != "pybmodes" or "pyBModes is not installed" not in printed:
+                np.testing.assert_allclose(found, exact, rtol=tolerance)
+    # Between harmonics and frequencies there is what the reference has there.
+    for r in rows_of(tmp_path / "resonances.csv"):
+        exact = hertz(blade_reference.nrel5mw(), float(r["rpm"]), 5)[names.index(r["mode"])]
+        np.testing.assert_allclose(exact, float(r["harmonic"]) * float(r["rpm"]) / 60, rtol=1e-4)
+    # omega^2 = omega_0^2 + phi Omega^2 to first order in Omega^2
+    slow = np.square(hertz(blade_reference.nrel5mw(), 1.0, 5))
+    phi = (slow - np.square(hertz(blade_reference.nrel5mw(), 0.0, 5))) * 3600
+    found = [float(r["at_rest"]) for r in rows_of(tmp_path / "southwell.csv")]
+    np.testing.assert_allclose(found, phi, rtol=3e-3)
+    rows = rows_of(tmp_path / "sensitivities.csv")
+    for name in names:
+        change = {
+            key: sum(float(r["of_the_station"]) for r in rows if (r["mode"], r["property"]) == key)
+            for key in ((name, p) for p in {r["property"] for r in rows})
+        }
+        assert len(change) == 3
+        assert abs(sum(change.values())) < 1e-9
+        assert change[name, "mass_per_length"] < -0.4
+
+
+def hertz(of, rpm, count):
+    return np.array(blade_reference.frequencies(of, rpm * np.pi / 30, count)) / (2 * np.pi)
+
+
+@pytest.mark.slow
+def test_tune_blade(tmp_path):
+    """The tuned blade keeps its margin by another method, with hardly more mass than must be."""
+    study("tune_blade", tmp_path)
+    assert (tmp_path / "tune_blade.png").stat().st_size > 20_000
+    before, after = rows_of(tmp_path / "verified.csv")
+    assert float(before["clearance"]) < -0.01
+    assert float(after["clearance"]) > 0.03
+    design = rows_of(tmp_path / "design.csv")
+    x, own, added = (
+        np.array([float(r[key]) for r in design])
+        for key in ("x_over_L", "mass_kg_per_m", "added_kg_per_m")
+    )
+    assert (added >= 0).all()
+    assert (added < 0.2 * own * (1 + 1e-9)).all()
+    assert 61.5 * np.trapezoid(added, x) == pytest.approx(float(after["added_kg"]), rel=1e-9)
+    blade = blade_reference.nrel5mw()
+    for mass, least in ((own, -np.inf), (own + added, 0.03)):
+        found = np.array(
+            [hertz(replace(blade, mass=(x, mass)), rpm, 3) for rpm in (11.0, 11.55, 12.1)]
+        )
+        harmonics = np.array([11.0, 11.55, 12.1])[:, None] * np.arange(1, 7) / 60
+        away = (found[:, :, None] / harmonics[:, None] - 1).transpose(1, 2, 0)
+        crossed = (away.min(2) < 0) & (away.max(2) > 0)
+        assert crossed.sum() == (0 if least > 0 else 2)  # flap 1 with 4P, edge 1 with 6P
+        if least > 0:
+            assert np.abs(away).min() > least
+    trade = rows_of(tmp_path / "trade_off.csv")
+    kg = {(float(r["margin"]), r["way"]): float(r["added_kg"]) for r in trade}
+    for margin in (0.01, 0.03):  # the less is allowed at a place, the more it takes
+        ways = ("one mass at the tip", "up to 50 % more", "up to 20 % more", "up to 10 % more")
+        assert sorted(kg[margin, way] for way in ways) == [kg[margin, way] for way in ways]
+    shown = next(r for r in trade if (float(r["margin"]), r["way"]) == (0.03, "up to 20 % more"))
+    assert 0 < float(shown["added_kg"]) - float(shown["least_of_linearised_kg"]) < 1.0
 
 
 @pytest.mark.slow

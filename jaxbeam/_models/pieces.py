@@ -136,13 +136,16 @@ class MomentPolynomials(Basis):
     what many dozens of `Polynomials` do, and a few more what `PiecewisePolynomials` do with
     hundreds. `MomentPolynomials.of(beam)` takes the stiffness of a beam whose numbers are known, in
     the directions of the hub, its twist included: 1 / EI in the plane is the compliance
-    c^2 / EI_zz + s^2 / EI_yy. Beams that differ from it, in a sweep or in a fit, are still right,
-    with slower convergence the more they differ. Stretch has `Polynomials`.
+    c^2 / EI_zz + s^2 / EI_yy. With twist a moment bends the beam across, too, by the compliance
+    (1 / EI_zz - 1 / EI_yy) s c: a quarter of the functions are for that. Beams that differ from it,
+    in a sweep or in a fit, are still right, with slower convergence the more they differ. Stretch
+    has `Polynomials`.
     """
 
     edges: tuple[float, ...]
     in_plane: tuple[float, ...]  # compliance at `_POINTS` points of each segment, over its largest
     flap: tuple[float, ...]
+    across: tuple[float, ...] | None = None  # of moments about the other axis, with twist
     direction: Family = Family.IN_PLANE
 
     @classmethod
@@ -166,7 +169,11 @@ class MomentPolynomials(Basis):
         c2 = np.cos(angle) ** 2
         each = (c2 / zz + (1 - c2) / yy, c2 / yy + (1 - c2) / zz)
         in_plane, flap = (tuple((a / a.max()).tolist()) for a in each)
-        return cls(beam.edges, in_plane, flap)
+        across = (1 / zz - 1 / yy) * np.sin(angle) * np.cos(angle)
+        largest = np.abs(across).max()
+        if largest < 1e-9 * min(a.max() for a in each):
+            return cls(beam.edges, in_plane, flap)
+        return cls(beam.edges, in_plane, flap, tuple((across / largest).tolist()))
 
     def towards(self, family: Family) -> Basis:
         return dataclasses.replace(self, direction=family)
@@ -177,7 +184,8 @@ class MomentPolynomials(Basis):
         start, length = edges[where], np.diff(edges)[where]
         s = 2 * (xi - start) / length - 1
         compliance = self.flap if self.direction == Family.FLAP else self.in_plane
-        tables = _from_curvature(self.edges, compliance, n, self._points(n, self.edges))
+        points = self._points(n, self.edges)
+        tables = _from_curvature(self.edges, compliance, self.across, n, points)
         rows = legendre.legvander(s, tables.shape[2] - 1)
         return Functions(*(np.einsum("pk,pkn->pn", rows, table[where]) for table in tables))
 
@@ -205,18 +213,22 @@ class MomentPolynomials(Basis):
 
 @functools.lru_cache(maxsize=64)
 def _from_curvature(
-    edges: tuple[float, ...], compliance: tuple[float, ...], n: int, points: int
-) -> Float[_Array, "3 e m n"]:
+    edges: tuple[float, ...], compliance: tuple[float, ...], across: tuple[float, ...] | None,
+    n: int, points: int,
+) -> Float[_Array, "3 e m n"]:  # fmt: skip
     """Legendre coefficients, segment by segment, of functions, their slopes and their curvatures:
-    orthonormal polynomials times what `compliance` is between its points."""
+    polynomials times what `compliance` is between its points, and times what `across` is there."""
     x, _ = legendre.leggauss(points)
-    known = np.reshape(compliance, (-1, _POINTS))
-    own = known @ np.linalg.inv(legendre.legvander(legendre.leggauss(_POINTS)[0], _POINTS - 1)).T
-    at = own @ legendre.legvander(x, _POINTS - 1).T  # compliance at the points of each segment
+    own = np.linalg.inv(legendre.legvander(legendre.leggauss(_POINTS)[0], _POINTS - 1))
+    at = legendre.legvander(x, _POINTS - 1) @ own  # from those points to the points of a segment
     length = np.diff(edges)
-    xi, _ = points_within(edges, points)
+    xi, weight = points_within(edges, points)
     moments = legendre.legvander(2 * xi - 1, n - 1) * np.sqrt(2 * np.arange(n) + 1)
-    curved = (at.ravel()[:, None] * moments).reshape(*at.shape, n)
+    curved = (np.reshape(compliance, (-1, _POINTS)) @ at.T).ravel()[:, None] * moments
+    if across is not None:
+        other = (np.reshape(across, (-1, _POINTS)) @ at.T).ravel()[:, None] * moments[:, : n // 4]
+        curved = _independent(np.insert(curved, [n - n // 4], other, axis=1), weight)[:, :n]
+    curved = curved.reshape(length.size, points, n)
     chain = [np.linalg.inv(legendre.legvander(x, points - 1)) @ curved]
     for _ in range(2):
         grown = legendre.legint(chain[-1], lbnd=-1, axis=1) * length[:, None, None] / 2
@@ -233,6 +245,15 @@ def suited(basis: Basis, rotor: Rotor) -> Basis:
         return basis
     yields = (spring is not None for spring in (rotor.root.in_plane, rotor.root.flap))
     return Hinged(basis, *yields)
+
+
+def _independent(columns: _Array, weight: _Array) -> _Array:
+    """An orthonormal basis of what columns span, without those that hardly differ from what the
+    ones before them span."""
+    root = np.sqrt(weight)[:, None]
+    q, r = np.linalg.qr(root * columns)
+    left = np.abs(np.diag(r)) / np.linalg.norm(root * columns, axis=0)
+    return (q / root)[:, left > 1e-9]
 
 
 @dataclasses.dataclass(frozen=True)
