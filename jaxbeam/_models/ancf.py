@@ -6,7 +6,8 @@ B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifuga
 Technical Report MBS99-5-UIC, 1999.
 """
 
-from typing import ClassVar
+import dataclasses
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -89,6 +90,11 @@ class _Nodal(_ANCF):
                 f"the root of the rotor has {has} in the plane of rotation: take "
                 f"{name}(root_yields={not self.root_yields})"
             )
+
+    def suited(self, rotor: Rotor) -> Self:
+        """As many elements, with a root that yields if that of the rotor does."""
+        yields = rotor.root is not None and rotor.root.in_plane is not None
+        return dataclasses.replace(self, root_yields=yields)
 
     def bands(self) -> NodeByNode | None:
         """The order of the coordinates, whatever the equations are."""

@@ -2,7 +2,7 @@
 
 import abc
 import enum
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -298,6 +298,10 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
         return equilibrium(self.equations(rotor), spinning(speed))
+
+    def suited(self, rotor: TheRotor) -> Self:
+        """The same model with a root that yields where that of the rotor does."""
+        return self
 
     def bands(self) -> BandTables | NodeByNode | None:
         """How matrices of small motion are bands, which makes `modes` fast; None: they are not.

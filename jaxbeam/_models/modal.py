@@ -16,6 +16,7 @@ Journal of Sound and Vibration, 1995.
 """
 
 import abc
+import dataclasses
 from typing import Self
 
 import equinox as eqx
@@ -34,6 +35,7 @@ from jaxbeam._models.cartesian import (
     linear_system,
 )
 from jaxbeam._models.coned import coned_system
+from jaxbeam._models.pieces import Hinged, suited
 from jaxbeam._models.tables import all_functions, check_root
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.spanwise import along
@@ -71,6 +73,11 @@ class _Modal(CartesianModel):
     @property
     def functions_from(self) -> Basis:
         return self.basis
+
+    def suited(self, rotor: Rotor) -> Self:
+        """As many functions of a basis that is `Hinged` where the root of the rotor yields."""
+        own = self.basis.basis if isinstance(self.basis, Hinged) else self.basis
+        return dataclasses.replace(self, basis=suited(own, rotor))
 
     @property
     def counts(self) -> tuple[int, int, int]:

@@ -177,13 +177,13 @@ def check_root(model: str, basis: Basis, counts: Counts, rotor: Rotor, coned: bo
         yields = basis.towards(family).yields
         if count and spring is not None and not yields:
             raise ValueError(
-                f"root: there is a spring ({name}), and the functions of {model} are clamped: give "
-                "the model basis=jaxbeam.models.Hinged(), or Hinged() of its own basis"
+                f"root: there is a spring ({name}), and the functions of {model} are clamped: take "
+                "model.suited(rotor), whose basis is jaxbeam.models.Hinged"
             )
         if count and spring is None and yields:
             raise ValueError(
                 f"root must have a spring ({name}), since the functions of {model} yield there: "
-                f"give jaxbeam.RootSprings({name}=...), or take Hinged({name}=False)"
+                f"give jaxbeam.RootSprings({name}=...), or take model.suited(rotor)"
             )
 
 
