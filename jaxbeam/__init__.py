@@ -3,8 +3,8 @@
 Say `jax.config.update("jax_enable_x64", True)` and `import jaxbeam as jb`. Everything is in SI
 units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad` goes through.
 
-What rotates        Beam, Rotor; Spanwise properties vary along the beam, RootSprings and TipBody
-                    are what it is held by and carries; Loads and Damping act on it
+What rotates        Beam, Rotor; Loads and Damping act on it
+As built            Spanwise and SpanwiseFunction: properties along the span; RootSprings, TipBody
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     EngineeringANCF, GreenANCF, ANCF in finite elements
 At a steady speed   modes; labels name the modes that are asked for
@@ -20,9 +20,9 @@ Measurements        fit finds each FreeParameter from FrequencyData, HistoryData
 How much model      choose_model for one question, ladder_sweep for many cases
 What went wrong     Status: whatever can fail takes throw=False and then carries one
 
-The rest is by subject: jb.models, jb.motions, jb.solvers, jb.fitting, jb.ladder, jb.results (what
-functions return) and jb.plot. `help(jb.simulate)` and so on tell the details; README.md shows all
-of it at work, `python -m jaxbeam --help` does without a script.
+The rest is by subject: jb.models, jb.motions, jb.solvers, jb.fitting, jb.ladder, jb.blades (beams
+from files), jb.results (what functions return) and jb.plot. `help(jb.simulate)` and so on tell the
+details; README.md shows all of it at work, `python -m jaxbeam --help` does without a script.
 """
 
 import importlib
@@ -32,6 +32,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jaxbeam import blades as blades
     from jaxbeam import fitting as fitting
     from jaxbeam import ladder as ladder
     from jaxbeam import models as models
@@ -53,9 +54,9 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal import Hybrid as Hybrid
     from jaxbeam._models.modal import VonKarman as VonKarman
     from jaxbeam._rotor.beam import Beam as Beam
-    from jaxbeam._rotor.beam import RootSprings as RootSprings
     from jaxbeam._rotor.beam import Rotor as Rotor
-    from jaxbeam._rotor.beam import TipBody as TipBody
+    from jaxbeam._rotor.ends import RootSprings as RootSprings
+    from jaxbeam._rotor.ends import TipBody as TipBody
     from jaxbeam._rotor.loads import Damping as Damping
     from jaxbeam._rotor.loads import Loads as Loads
     from jaxbeam._rotor.spanwise import Spanwise as Spanwise

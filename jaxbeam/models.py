@@ -18,4 +18,7 @@ from jaxbeam._models.discrete import DiscreteLP as DiscreteLP
 from jaxbeam._models.discrete import DiscreteNC as DiscreteNC
 from jaxbeam._models.discrete import DiscreteNP as DiscreteNP
 from jaxbeam._models.discrete import DiscreteNS as DiscreteNS
+from jaxbeam._models.pieces import Hinged as Hinged
+from jaxbeam._models.pieces import MomentPolynomials as MomentPolynomials
+from jaxbeam._models.pieces import PiecewisePolynomials as PiecewisePolynomials
 from jaxbeam._rotor.beam import SpringRotor as SpringRotor

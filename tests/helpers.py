@@ -44,9 +44,33 @@ DISCRETE = [
     jb.models.DiscreteNS(),
 ]
 
+# A beam as built, with all that modal models can do, and these models.
+AS_BUILT = jb.Rotor(
+    jb.Beam(
+        2.0,
+        jb.Spanwise([0, 0.3, 0.3, 1], [1.6, 1.2, 1.0, 0.7]),
+        jb.SpanwiseFunction(lambda x: 4e3 * (1 - x / 2)),
+        jb.Spanwise([0, 0.6, 1], [14.0, 9.0, 5.0]),
+        jb.Spanwise([0, 0.3, 0.3, 1], [8.0, 7.0, 5.0, 3.0]),
+        twist=jb.Spanwise([0, 1], [0.4, -0.1]),
+    ),
+    hub_radius=0.4,
+    tip_mass=0.3,
+    pitch=0.2,
+    root=jb.RootSprings(in_plane=40.0, flap=25.0),
+    tip=jb.TipBody(offset=0.1, inertia=0.02, axial_inertia=0.005),
+)
+YIELDING = [
+    jb.Hybrid(3, 4, 3, basis=jb.models.Hinged()),
+    jb.Classical(3, 4, 3, basis=jb.models.Hinged()),
+    jb.VonKarman(5, 3, 2, basis=jb.models.Hinged()),
+]
+
 
 def name(value: object) -> str:
     """What a parametrised test calls a model; with and without stretch it is another one."""
+    if value is AS_BUILT:
+        return "as built"
     if isinstance(value, jb.models.AbstractModel):
         return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"
     return ""

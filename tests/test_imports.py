@@ -10,7 +10,7 @@ import jaxbeam
 
 PACKAGE = Path(jaxbeam.__file__).parent
 # Public modules of names by subject.
-SUBJECTS = ["models", "motions", "solvers", "results", "fitting", "ladder"]
+SUBJECTS = ["models", "motions", "solvers", "results", "fitting", "ladder", "blades"]
 # Rooms, folders or single modules: each may import from those above it alone.
 ROOMS = [
     "_types",

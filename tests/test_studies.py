@@ -54,7 +54,7 @@ def test_numbers(run):
 
 def test_every_study_has_a_main():
     paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
-    assert len(paths) == 16
+    assert len(paths) == 17
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
@@ -282,7 +282,37 @@ def test_fit_experiment(tmp_path):
     (_, _), (low2, _), (low3, high3), (_, high4) = [tuple(map(float, pair)) for pair in found]
     assert low2 > high3
     assert low3 > high4
+    # A spring at the root explains none of it.
+    assert "without spring over that with it: 1.000" in printed
+    limits = re.findall(r"Softest spring by 95 %, .* fitted: (\d+) N m/rad", printed)
+    np.testing.assert_allclose([float(k) for k in limits], [440, 212], rtol=0.05)
+    springs = rows_of(tmp_path / "springs.csv")
+    ratios = [float(r["sum_of_squares_over_that_of_rigid_root"]) for r in springs]
+    assert len(ratios) == 14
+    assert min(ratios) > 1
+    found = re.findall(r"flap (\d): ([\d.]+) to ([\d.]+)", printed)
+    lows, highs = np.array([[float(x) for x in row[1:]] for row in found]).T
+    assert (lows[1:3] > highs[2:]).sum() >= 1
+    assert lows[1] > highs[3]
     assert "times as long as one" in printed
+
+
+@pytest.mark.slow
+def test_validation(tmp_path):
+    """Theory agrees as printed; a misprint and measured blades are shown as what they are."""
+    printed = study("validation", tmp_path)
+    assert (tmp_path / "validation.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "validation.csv")
+    theory = [r for r in rows if r["source"] != "Epps"]
+    assert len(theory) == 39 + 26 + 75 + 5 + 3 + 3 + 8 + 9
+    good = [r for r in theory if r["verdict"] in ("as printed", "last digit")]
+    assert [r["published"] for r in theory if r not in good] == ["38.4920"]
+    assert sum(r["verdict"] == "as printed" for r in theory) >= 160
+    assert all(abs(float(r["relative_difference"])) < 5e-4 for r in good)
+    measured = [abs(float(r["relative_difference"])) for r in rows if r["source"] == "Epps"]
+    assert len(measured) == 25
+    assert 0.05 < max(measured) < 0.12
+    assert "off" in printed
 
 
 @pytest.mark.slow

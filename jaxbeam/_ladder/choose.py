@@ -134,6 +134,12 @@ class Choice:
                 "strains are not small: an axial law other than that of the engineering strain "
                 f"might change this by some {self.law_effect:.1g}"
             )
+        stout = np.max(known.stoutness, where=takes_part, initial=0.0)
+        if stout > self.tolerance:
+            lines.append(
+                "the beam is stout: shear and rotary inertia, which no rung has, might change this "
+                f"by some {stout:.1g}"
+            )
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:
             if verdict == NOT_NEEDED:
@@ -189,8 +195,8 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
 def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     question, rotor = ask.question, ask.rotor
     planar = bool(is_planar(question, rotor))
-    linear, nonlinear = chains(question, planar)
-    rungs, elements, scout = rungs_of(question, planar), judges(nonlinear), scout_of(linear)
+    linear, nonlinear = chains(question, rotor, planar)
+    rungs, elements, scout = rungs_of(question, rotor, planar), judges(nonlinear), scout_of(linear)
     known = _scouted(ask, scout, elements)
     if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)

@@ -14,6 +14,7 @@ from jaxbeam._checks import real_scalar
 from jaxbeam._ladder.ahead import Ahead
 from jaxbeam._ladder.choose import UNKNOWN
 from jaxbeam._ladder.questions import Answer, Question
+from jaxbeam._ladder.rungs import is_planar
 from jaxbeam._models.base import AbstractModel
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._sweeps.cases import Cases
@@ -21,7 +22,8 @@ from jaxbeam._sweeps.sweep import compiled, sweep
 from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
 
-Situation = Callable[..., tuple[Rotor, Question]]
+Example = tuple[Rotor, Question]
+Situation = Callable[..., Example]
 SIZE = "deflection to expect"  # no parameter of the user's has this name
 
 
@@ -35,7 +37,7 @@ class Know(eqx.Module):
         speed = question.speed()
         strain = rotor.steady_strain(speed)
         status = rotor.status(jnp.zeros_like(speed))  # the rest is for the first answer to say
-        return {"strain": strain, "planar": question.planar(rotor), "status": status}
+        return {"strain": strain, "planar": is_planar(question, rotor), "status": status}
 
 
 class Ask(eqx.Module):

@@ -17,6 +17,7 @@ from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
+from jaxbeam._rotor.spanwise import at_root
 from jaxbeam._simulation.course import during
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.scene import check_scene, checked_times, scene_status
@@ -131,8 +132,9 @@ class _InTime(Question):
         slope = jnp.max(rise) / (0.01 * rotor.beam.length)
         scale = jnp.max(jnp.abs(value)) + jnp.zeros_like(value)
         beam = rotor.beam
-        stiffness = jnp.stack([beam.in_plane_bending_stiffness, beam.flap_bending_stiffness])
-        bent = run.curvature(0.0)[:, 0] ** 2 @ (stiffness / beam.axial_stiffness)
+        both = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
+        stiffness = jnp.stack([at_root(each) for each in both]) / at_root(beam.axial_stiffness)
+        bent = run.curvature(0.0)[:, 0] ** 2 @ stiffness
         law = jnp.max(jnp.abs(run.strain(0.0))) + jnp.max(bent)
         numbers = (value, scale, size, slope, law)
         value, scale, size, slope, law = where_known(run.status == Status.OK, numbers)
@@ -219,7 +221,7 @@ class RootStrain(_InTime):
         return jnp.minimum(size, rotor.steady_strain(self.speed()) + 1e-12)
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
-        return -run.hub_force[:, 0] / rotor.beam.axial_stiffness
+        return -run.hub_force[:, 0] / at_root(rotor.beam.axial_stiffness)
 
 
 class ModalFrequencies(Question):

@@ -14,13 +14,14 @@ from jaxtyping import Array
 
 from jaxbeam._ladder.questions import ModalFrequencies, Question, checked_question
 from jaxbeam._models.ancf import EngineeringANCF
-from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.base import AbstractModel, Family
 from jaxbeam._models.basis import CantileverModes, Polynomials
 from jaxbeam._models.modal import Classical, Hybrid, VonKarman
+from jaxbeam._models.pieces import Hinged, suited
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._types import Real, Scalar
-from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of
+from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, stoutness
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
 
@@ -43,28 +44,38 @@ def describe(model: AbstractModel) -> str:
         return f"{model.n_elements} element{'s' * (model.n_elements > 1)}"
     assert isinstance(model, Classical | Hybrid | VonKarman)
     n, flap = model.n_in_plane, model.n_flap
-    kind = "mode" if isinstance(model.basis, CantileverModes) else "function"
+    basis = model.basis.basis if isinstance(model.basis, Hinged) else model.basis
+    kind = "mode" if isinstance(basis, CantileverModes) else "function"
     count = f"{n} and {flap} {kind}s" if flap else f"{n} {kind}{'s' * (n > 1)}"
     stretch = f", stretch {model.n_stretch}" if model.n_stretch else ""
     title = {Classical: "classical", Hybrid: "hybrid", VonKarman: "von Karman"}[type(model)]
     return f"{title}, {count}{stretch}"
 
 
-def chains(question: Question, planar: bool) -> tuple[list[Hybrid], list[AbstractModel]]:
-    """Linear and non-linear models for a question, each from coarse to fine."""
-    linear = [_modal(Hybrid, n, planar) for n in question.functions]
+def chains(
+    question: Question, rotor: Rotor, planar: bool
+) -> tuple[list[Hybrid], list[AbstractModel]]:
+    """Linear and non-linear models for a question, each from coarse to fine.
+
+    Of the rotor only what it has counts, not its numbers.
+    """
+    linear = [_modal(Hybrid, n, rotor, planar) for n in question.functions]
     if planar:
-        return linear, [EngineeringANCF(n) for n in ELEMENTS if 2 * n >= question.functions[0]]
-    return linear, [_modal(VonKarman, n, planar) for n in question.functions if n > 1]
+        yields = rotor.root is not None and rotor.root.in_plane is not None
+        sizes = [n for n in ELEMENTS if 2 * n >= question.functions[0]]
+        return linear, [EngineeringANCF(n, yields) for n in sizes]
+    return linear, [_modal(VonKarman, n, rotor, planar) for n in question.functions if n > 1]
 
 
-def _modal(theory: type[Any], n: int, planar: bool, stretch: int = 0) -> Any:
-    """With n functions across, each way. Those of von Karman's u1 follow u2'^2."""
+def _modal(theory: type[Any], n: int, rotor: Rotor, planar: bool, stretch: int = 0) -> Any:
+    """With n functions across, each way, and one more where the root yields. Those of von Karman's
+    u1 follow u2'^2."""
     # One or two modes at rest do better than as many polynomials, from three on these win.
     stretch = 2 * n + 1 if theory is VonKarman else stretch
     few = n <= 2 and theory is not VonKarman
-    basis = CantileverModes() if few else Polynomials()
-    return theory(stretch, n, 0 if planar else n, basis=basis)
+    basis = suited(CantileverModes() if few else Polynomials(), rotor)
+    in_plane, flap = (n + basis.towards(way).yields for way in (Family.IN_PLANE, Family.FLAP))
+    return theory(stretch, in_plane, 0 if planar else flap, basis=basis)
 
 
 def rungs(rotor: Rotor, question: Question) -> list[Rung]:
@@ -75,17 +86,18 @@ def rungs(rotor: Rotor, question: Question) -> list[Rung]:
     elements. Nothing out of the plane where motion and loads stay in it.
     """
     checked_question(question)
-    return rungs_of(question, bool(is_planar(question, checked_rotor(Rotor, rotor))))
+    rotor = checked_rotor(Rotor, rotor)
+    return rungs_of(question, rotor, bool(is_planar(question, rotor)))
 
 
-def rungs_of(question: Question, planar: bool) -> list[Rung]:
+def rungs_of(question: Question, rotor: Rotor, planar: bool) -> list[Rung]:
     """The same where it is known whether all stays in the plane."""
-    linear, nonlinear = chains(question, planar)
-    models = [_modal(Classical, n, planar) for n in question.functions if n < 8]
+    linear, nonlinear = chains(question, rotor, planar)
+    models = [_modal(Classical, n, rotor, planar) for n in question.functions if n < 8]
     models += [*linear, *nonlinear]
     for n in question.functions:
-        models += [_modal(Hybrid, n, planar, n)] * (n >= 4)
-        models += [_modal(VonKarman, n, planar)] * (n in (2, 4) and planar)
+        models += [_modal(Hybrid, n, rotor, planar, n)] * (n >= 4)
+        models += [_modal(VonKarman, n, rotor, planar)] * (n in (2, 4) and planar)
     costs = [_cost(question, model) for model in models]
     found = [Rung(m, cost / min(costs)) for m, cost in zip(models, costs, strict=True)]
     return sorted(found, key=lambda rung: rung.cost)
@@ -118,6 +130,8 @@ class Indicators(eqx.Module):
     | slope            | ()    | largest slope there, of the same                               |
     | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
     | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
+    | stoutness        | (6,)  | share of each frequency that shear and rotary inertia, which   |
+    |                  |       | no rung has, would take off: an estimate for solid metal       |
     """
 
     stiffening_ratio: Scalar
@@ -126,6 +140,7 @@ class Indicators(eqx.Module):
     slope: Scalar
     rest_frequency: Array
     excited: Array
+    stoutness: Array
 
     @property
     def reach(self) -> Real:
@@ -146,13 +161,15 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
         slope=unknown,
         rest_frequency=omega[:6],
         excited=question.excited(omega[:6]),
+        stoutness=stoutness(omega[:6], shape[:6], rotor),
     )
 
 
 @Program
 def is_planar(question: Question, rotor: Rotor) -> Array:
     """Whether motion, loads and answer stay in the plane of rotation."""
-    return question.planar(rotor)
+    # Where sections are turned, what begins in the plane leaves it.
+    return question.planar(rotor) & (not rotor.couples_bending)
 
 
 def scout_of(linear: list[Hybrid]) -> Hybrid:

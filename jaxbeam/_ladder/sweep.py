@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxbeam._ladder.ahead import Ahead
 from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, SPACE, UNKNOWN, checked_tolerance
-from jaxbeam._ladder.pool import Know, Pool, Situation, answers_in, some_of
+from jaxbeam._ladder.pool import Example, Know, Pool, Situation, answers_in, some_of
 from jaxbeam._ladder.questions import Answer, Question
 from jaxbeam._ladder.rungs import chains, describe, has_other_law, judges, left_of, scout_of
 from jaxbeam._models.base import AbstractModel, count_functions
@@ -100,15 +100,15 @@ def ladder_sweep(
     count_functions("chunk", chunk, least=1)
     if Team.of(devices).shared:  # the sweeps below do not come in one order
         raise ValueError("devices must be of this process alone: use jax.local_devices()")
-    question = _example(situation, cases)
+    example = _example(situation, cases)
     with Ahead() as ahead:
         how = {"chunk": chunk, "devices": devices, "progress": progress}
         pool = Pool(situation, cases, INTEGRATION * tolerance, ahead, **how)
-        return _answered(pool, cases, question, tolerance, representatives)
+        return _answered(pool, cases, example, tolerance, representatives)
 
 
 def _answered(
-    pool: Pool, cases: Cases, question: Question, tolerance: float, representatives: int
+    pool: Pool, cases: Cases, example: Example, tolerance: float, representatives: int
 ) -> Table:
     n = len(cases)
     known = pool.run(Know(pool.situation), np.arange(n))
@@ -118,9 +118,7 @@ def _answered(
     for planar in (True, False):
         which = np.flatnonzero((given == Status.OK) & (known["planar"] == planar))
         if which.size:
-            part = _swept(
-                pool, question, which, known["strain"], planar, tolerance, representatives
-            )
+            part = _swept(pool, example, which, known["strain"], planar, tolerance, representatives)
             for name in ("value", "partial"):
                 if results[name].shape[1:] != part[name].shape[1:]:
                     results[name] = np.full((n, *part[name].shape[1:]), np.nan)
@@ -140,22 +138,23 @@ def _blank(n: int, m: int) -> dict[str, np.ndarray]:
     }
 
 
-def _example(situation: Situation, cases: Cases) -> Question:
-    """The question of the first case, which shows of what kind all are."""
+def _example(situation: Situation, cases: Cases) -> Example:
+    """Rotor and question of a case, without numbers, which show of what kind all are."""
     number = jax.ShapeDtypeStruct((), jnp.result_type(float))
     out = eqx.filter_eval_shape(situation, **dict.fromkeys(cases.columns, number))
     match out:
-        case (Rotor(), Question() as question):
-            return question
+        case (Rotor() as rotor, Question() as question):
+            return rotor, question
     raise TypeError("situation must return a Rotor and a Question")
 
 
 def _swept(
-    pool: Pool, question: Question, cases: np.ndarray, strain: np.ndarray, planar: bool,
+    pool: Pool, example: Example, cases: np.ndarray, strain: np.ndarray, planar: bool,
     tolerance: float, representatives: int,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Results of these cases, which all stay in the plane or all do not."""
-    linear, nonlinear = chains(question, planar)
+    rotor, question = example
+    linear, nonlinear = chains(question, rotor, planar)
     elements, top = judges(nonlinear), linear.index(scout_of(linear))
     linear = linear[max(top - 1, 0) :]  # cheaper ones would have to be compiled for few cases
     top = min(top, 1)

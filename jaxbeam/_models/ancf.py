@@ -233,7 +233,8 @@ class SmallStrainANCF(_ANCF):
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """Linear, with the tension P(x) of the rigid motion."""
         elastic = LinearElasticity(self.linear_stiffness(rotor) + axial_bending(self, rotor))
-        tension = self.tables.tension + 2 * self.tables.axial_tension
+        tables = self.weighted(rotor)
+        tension = tables.tension + 2 * tables.axial_tension
         return CartesianEquations.build(self, rotor, elastic, tension)
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:

@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed, kind_of
-from jaxbeam._models.sections import mass_moments
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor, Rotor, SpringRotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
+from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 
@@ -55,13 +55,21 @@ def labels(*, in_plane: int = 0, flap: int = 0, axial: int = 0) -> tuple[Label, 
     return tuple(Label(f, k + 1) for f, count in counts.items() for k in range(count))
 
 
+def planes_of(couples_bending: bool) -> list[tuple[tuple[Family, ...], tuple[Family, ...]]]:
+    """Transverse and axial families that move together."""
+    if couples_bending:
+        return [((Family.IN_PLANE, Family.FLAP), (Family.AXIAL,))]
+    return [((Family.IN_PLANE,), (Family.AXIAL,)), ((Family.FLAP,), ())]
+
+
 class LinearSystem(eqx.Module):
     """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
 
     `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is
     N/m when coordinates are metres. In-plane and axial coordinates are coupled by `gyroscopic`
-    alone, flap coordinates are coupled to neither: true of a straight beam that turns in its
-    plane, and what the eigensolver builds on. `families` names the direction of each coordinate.
+    alone, flap coordinates are coupled to neither, unless sections are turned and `stiffness`
+    `couples_bending` in the two directions: true of a straight beam that turns in its plane, and
+    what the eigensolver builds on. `families` names the direction of each coordinate.
     `steady_strain` is the axial strain at the root, the largest of the steady state, without
     unit: that of the steady state in `ANCF`, elsewhere the estimate P(0) / EA from the tension on
     the undeformed beam. Unless `status` is OK all numbers are NaN.
@@ -73,6 +81,7 @@ class LinearSystem(eqx.Module):
     steady_strain: Scalar
     status: Code
     families: tuple[Family, ...] = eqx.field(static=True)
+    couples_bending: bool = eqx.field(static=True, default=False)
 
     def where(self, *families: Family) -> np.ndarray:
         """Indices of the coordinates of these families, in the order of the families given."""
@@ -273,6 +282,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
             steady_strain=equations.strain(q, np.zeros(1))[0],
             status=status,
             families=self.families,
+            couples_bending=rotor.couples_bending,
         )
 
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
@@ -356,24 +366,19 @@ def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
 def rigid_moments(rotor: Rotor) -> Triple:
     """int (1, X, X^2) dm of the undeformed beam with its tip mass."""
     beam, radius, length = rotor.beam, rotor.hub_radius, rotor.beam.length
-    if not beam.is_uniform or rotor.tip is not None:
-        mass, first, second = mass_moments(beam)
-        inertia = 0.0 if rotor.tip is None else rotor.tip.inertia
-        first, second, far = first * length, second * length**2, rotor.reach
-        return jnp.stack(
-            [
-                mass + rotor.tip_mass,
-                mass * radius + first + rotor.tip_mass * far,
-                mass * radius**2 + 2 * radius * first + second + rotor.tip_mass * far**2 + inertia,
-            ]
-        )
-    mass, tip_mass, end = beam.mass, rotor.tip_mass, radius + length
+    mass, tip_mass, reach = beam.mass, rotor.tip_mass, rotor.reach
+    if beam.is_uniform:
+        first, second = length / 2, radius**2 + radius * length + length**2 / 3
+    else:
+        xi, weight = points_within(beam.edges)
+        share: Any = weight * along(beam.mass_per_length, xi) * length / mass
+        first = length * (share @ xi)
+        second = share @ (radius + length * xi) ** 2
+    at_tip = tip_mass * reach**2
+    if rotor.tip is not None:
+        at_tip = at_tip + rotor.tip.inertia
     return jnp.stack(
-        [
-            mass + tip_mass,
-            mass * (radius + length / 2) + tip_mass * end,
-            mass * (radius**2 + radius * length + length**2 / 3) + tip_mass * end**2,
-        ]
+        [mass + tip_mass, mass * (radius + first) + tip_mass * reach, mass * second + at_tip]
     )
 
 

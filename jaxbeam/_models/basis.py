@@ -16,6 +16,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Chebyshev, legendre
 
+from jaxbeam._models.base import Family
+from jaxbeam._rotor.spanwise import points_within, tails
+
 _Array = np.ndarray
 
 
@@ -58,6 +61,51 @@ class Basis(abc.ABC):
     @abc.abstractmethod
     def quadrature(self, n: int) -> tuple[Float[_Array, " p"], Float[_Array, " p"]]:
         """Points and weights on [0, 1], exact to rounding for products of n functions."""
+
+    @abc.abstractmethod
+    def rule(self, n: int, edges: tuple[float, ...]) -> "Rule":
+        """The same for products with what is smooth between `edges`."""
+
+    def up_to(self, n: int, end: float) -> tuple[Float[_Array, " p"], Float[_Array, " p"]]:
+        """Points and weights on [0, end] for products of n functions."""
+        xi, weight = self.quadrature(n)
+        return end * xi, end * weight
+
+    def towards(self, family: Family) -> "Basis":
+        """The basis of the bending functions in one direction."""
+        return self
+
+    @property
+    def yields(self) -> bool:
+        """Whether bending functions may have a slope at the root."""
+        return False
+
+    @property
+    def sizes(self) -> tuple[int, int, int] | None:
+        """How many functions there must be for stretch, bending in plane and flap, if these are not
+        free."""
+        return None
+
+
+class Rule(NamedTuple):
+    """Quadrature on [0, 1] that stops at edges: int f = weight.f(xi), int_xi^1 f = tail f(xi)."""
+
+    xi: Float[_Array, " p"]
+    weight: Float[_Array, " p"]
+    tail: Float[_Array, "p p"]
+
+
+@functools.lru_cache(maxsize=64)
+def segments(edges: tuple[float, ...], points: int, grading: int = 1) -> Rule:
+    """So many Gauss points between any two edges, in t = xi^(1/grading)."""
+    within = tuple((np.asarray(edges) ** (1 / grading)).tolist())
+    t, weight = points_within(within, points)
+    rate = grading * t ** (grading - 1)
+    return Rule(t**grading, weight * rate, tails(within, points) * rate)
+
+
+# What varies along the span multiplies products of functions; between its edges it is smooth.
+_MORE = 8
 
 
 def _gauss(n: int) -> tuple[_Array, _Array]:
@@ -104,6 +152,16 @@ class Polynomials(Basis):
         m = self.grading
         t, w = _gauss(m * (n + 4))
         return t**m, w * m * t ** (m - 1)
+
+    def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+        return segments(edges, self.points(n, edges), self.grading)
+
+    def points(self, n: int, edges: tuple[float, ...]) -> int:
+        """How many points of each segment products of n functions need."""
+        # Polynomials of degree k have k zeros that are even in arccos(1 - 2 t).
+        angles = np.arccos(1 - 2 * np.asarray(edges) ** (1 / self.grading))
+        waves = self.grading * (n + 2) * np.max(np.diff(angles)) / np.pi
+        return int(np.ceil(waves)) + _MORE
 
     def _highest(self, n: int) -> list[Chebyshev]:
         """Orthonormal polynomials in t, by the three-term recurrence in Chebyshev form."""
@@ -170,6 +228,10 @@ class CantileverModes(Basis):
         # A product of two functions has about n half waves: four points each, and a margin.
         return _gauss(4 * n + 30)
 
+    def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+        waves = 2 * n * float(np.max(np.diff(edges)))
+        return segments(edges, int(np.ceil(2 * waves)) + 2 * _MORE)
+
 
 def clamped_free_roots(n: int) -> Float[_Array, " n"]:
     """First n positive roots of cos(b) cosh(b) = -1, to rounding."""
@@ -202,6 +264,11 @@ class HermiteElements(Basis):
         x, w = _gauss(4)
         e = self.elements
         return ((np.arange(e)[:, None] + x) / e).ravel(), np.tile(w / e, e)
+
+    def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+        # Rounded, so that ends of elements which are edges are not there twice.
+        ends = np.round(np.arange(self.elements + 1) / self.elements, 12)
+        return segments(tuple(np.unique(np.append(ends, np.round(edges, 12))).tolist()), _MORE)
 
     def _clamped(self, n: int, xi: _Array, removed: int) -> Functions:
         total = 2 * self.elements + 2 - removed

@@ -16,8 +16,7 @@ Technical Report MBS99-5-UIC, 1999.
 """
 
 import abc
-import functools
-from typing import NamedTuple, Self
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -32,14 +31,23 @@ from jaxbeam._models.base import (
     LinearSystem,
     rigid_moments,
 )
-from jaxbeam._models.basis import Basis, Functions, bending_integrals, stretch_integrals
+from jaxbeam._models.basis import Basis, Functions
+from jaxbeam._models.tables import (
+    FAMILIES,
+    Tables,
+    all_functions,
+    check_root,
+    foreshortening,
+    linear_stiffness,
+    tables,
+    weighted,
+)
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.beam import Rotor, tension
+from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.motion import Hub, skew, spinning
 from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
-
-_DIRECTION = {Family.AXIAL: 0, Family.IN_PLANE: 1, Family.FLAP: 2}
 
 
 class Elasticity(eqx.Module):
@@ -84,19 +92,6 @@ class LinearElasticity(Elasticity):
         return gradient[:, 0]
 
 
-class Tables(NamedTuple):
-    """Integrals over a beam of unit length and mass, and values at its tip."""
-
-    direction: Float[np.ndarray, "n 3"]  # one-hot: which way a coordinate moves
-    gram: Float[np.ndarray, "n n"]
-    moment: Float[np.ndarray, " n"]
-    first: Float[np.ndarray, " n"]  # int xi f
-    tip: Float[np.ndarray, " n"]
-    elastic: Float[np.ndarray, "3 n n"]  # axial f' f', in plane and flap f'' f''
-    tension: Float[np.ndarray, "3 n n"]  # bending alone: int t_k f' f', see `Integrals`
-    axial_tension: Float[np.ndarray, "3 n n"]  # the same for the axial coordinates
-
-
 class CartesianModel(AbstractModel[Rotor]):
     """A model with `counts` functions of one basis for axial, in-plane and flap displacement."""
 
@@ -113,7 +108,7 @@ class CartesianModel(AbstractModel[Rotor]):
     @property
     def families(self) -> tuple[Family, ...]:
         """Families of the coordinates: axial first, then in plane, then flap."""
-        each = zip((Family.AXIAL, Family.IN_PLANE, Family.FLAP), self.counts, strict=True)
+        each = zip(FAMILIES, self.counts, strict=True)
         return tuple(family for family, count in each for _ in range(count))
 
     @property
@@ -128,18 +123,17 @@ class CartesianModel(AbstractModel[Rotor]):
 
     @property
     def tables(self) -> Tables:
-        """Integrals of the functions, computed once."""
-        return _tables(self.functions_from, self.counts)
+        """Integrals of the functions over a uniform beam, computed once."""
+        return tables(self.functions_from, self.counts)
+
+    def weighted(self, rotor: Rotor) -> Tables:
+        """Integrals of the functions over the beam of a rotor."""
+        check_root(type(self).__name__, self.functions_from, self.counts, rotor)
+        return weighted(self.functions_from, self.counts, rotor.beam)
 
     def linear_stiffness(self, rotor: Rotor) -> Matrix:
-        """EA int f' f' dx axially, EI int f'' f'' dx in bending: Y eqs. 9 and 10."""
-        beam, length = rotor.beam, rotor.beam.length
-        rigidity = (
-            beam.axial_stiffness / length,
-            beam.in_plane_bending_stiffness / length**3,
-            beam.flap_bending_stiffness / length**3,
-        )
-        return jnp.tensordot(jnp.stack(rigidity), self.tables.elastic, 1)
+        """EA int f' f' dx axially, EI int f'' f'' dx in bending, and springs at the root."""
+        return linear_stiffness(self.functions_from, self.counts, rotor)
 
 
 def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
@@ -153,6 +147,7 @@ def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearS
         steady_strain=rotor.steady_strain(speed),
         status=jnp.asarray(Status.OK),
         families=model.families,
+        couples_bending=rotor.couples_bending,
     )
 
 
@@ -163,6 +158,14 @@ class CartesianEquations(Equations):
     motion acts, P(x) = -int_x^L a1 dm, a1 = a_O1 - (omega_2^2 + omega_3^2) X (Y eqs. 19, 20); None
     where a theory has no such term. It is what remains of the foreshortening
     -1/2 int_0^x u'^2 after linearisation, and enters the kinetic energy as such.
+
+    A rigid body at the tip turns with the unit vector e along the beam's end, a1 + f'(L) q / L to
+    first order and shorter along a1 by half the square of the slope. Its kinetic energy is
+
+        M |r' + omega x r|^2 / 2 + J |e' + omega x e|^2 / 2 + J_x (omega . e)^2 / 2
+
+    with its centre at r = r_L + c e: the second term is that of a particle at e which only the
+    rotation of the hub carries along. What the hub feels leaves out J_x.
     """
 
     mass: Matrix
@@ -175,8 +178,10 @@ class CartesianEquations(Equations):
     energy_scale: Number
     masses: tuple[Number, Number]  # of the beam and at the tip
     hub_radius: Number
+    reach: Number
+    body: TipBody | None
     elasticity: Elasticity
-    stiffening: Float[Array, "3 n n"] | None
+    stiffening: Float[Array, "k n n"] | None
     model: CartesianModel = eqx.field(static=True)
 
     @classmethod
@@ -185,24 +190,35 @@ class CartesianEquations(Equations):
         model: CartesianModel,
         rotor: Rotor,
         elasticity: Elasticity,
-        stiffening: np.ndarray | None = None,
+        stiffening: Array | np.ndarray | None = None,
     ) -> Self:
         """Scale the tables of `model` to a rotor."""
-        beam, t = rotor.beam, model.tables
+        beam, t, body = rotor.beam, model.weighted(rotor), rotor.tip
         radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass
-        end = radius + length
-        gram = mass * t.gram + tip_mass * np.outer(t.tip, t.tip)
+        end, tip = radius + length, t.tip
+        if body is not None:
+            tip = tip + body.offset / length * t.turn
+        gram = mass * t.gram + tip_mass * _outer(tip)
+        first = mass * (radius * t.moment + length * t.first) + tip_mass * rotor.reach * tip
+        if body is not None:
+            turn = t.turn / length
+            gram, first = gram + body.inertia * _outer(turn), first + body.inertia * turn
+            if stiffening is not None:
+                alike = _outer(t.turn) * (t.direction @ t.direction.T)
+                stiffening = jnp.concatenate([stiffening, alike[None]])
         return cls(
             mass=gram * (t.direction @ t.direction.T),
             gram=gram,
-            moment=mass * t.moment + tip_mass * t.tip,
-            first=mass * (radius * t.moment + length * t.first) + tip_mass * end * t.tip,
+            moment=mass * t.moment + tip_mass * tip,
+            first=first,
             rigid=rigid_moments(rotor),
             size=length,
             end=end,
-            energy_scale=beam.in_plane_bending_stiffness / length,
+            energy_scale=beam.mean.in_plane_bending_stiffness / length,
             masses=(mass, tip_mass),
             hub_radius=radius,
+            reach=rotor.reach,
+            body=body,
             elasticity=elasticity,
             stiffening=None if stiffening is None else jnp.asarray(stiffening),
             model=model,
@@ -212,10 +228,16 @@ class CartesianEquations(Equations):
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
         assert self.stiffening is not None
         mass, tip_mass = self.masses
-        tip, *rest = tension(spin2, self.hub_radius, tip_mass, mass, self.size, axial)
-        pull = 0.0 if tip_force is None else tip_force[0]
-        coefficients = jnp.stack([tip + pull, *rest])
-        return jnp.tensordot(coefficients / self.size, self.stiffening, 1)
+        coefficients = list(
+            tension(spin2, self.hub_radius, tip_mass, mass, self.size, axial, self.reach)
+        )
+        if self.body is not None:
+            # What its centre and its own particle do when the end of the beam turns.
+            own = self.body.offset * coefficients[0] + self.body.inertia * spin2
+            coefficients.append(own / self.size)
+        if tip_force is not None:
+            coefficients[0] = coefficients[0] + tip_force[0]
+        return jnp.tensordot(jnp.stack(coefficients) / self.size, self.stiffening, 1)
 
     @property
     def is_linear(self) -> bool:
@@ -234,6 +256,9 @@ class CartesianEquations(Equations):
             out = out + self.model.tables.tip * (direction @ tip_force)
         if self.stiffening is not None:
             out = out - self._tension(hub, w, tip_force) @ q
+        if self.body is not None:
+            rise, second = self._axial_spin(hub.angular_velocity)
+            out = out + rise + second @ q
         return out
 
     def tangents(
@@ -243,6 +268,8 @@ class CartesianEquations(Equations):
         k = self.inertial(w) + self.elasticity.tangent(q)
         if self.stiffening is not None:
             k = k + self._tension(hub, w, tip_force)
+        if self.body is not None:
+            k = k - self._axial_spin(hub.angular_velocity)[1]
         return k, self.inertial(2 * skew(hub.angular_velocity))
 
     def inertial(self, b: Float[Array, "3 3"]) -> Matrix:
@@ -252,6 +279,17 @@ class CartesianEquations(Equations):
 
     def _tension(self, hub: Hub, w: Float[Array, "3 3"], tip_force: Triple | None) -> Matrix:
         return self.motion_stiffness(hub.acceleration[0], -w[0, 0], tip_force)
+
+    def _axial_spin(self, spin: Triple) -> tuple[Vector, Matrix]:
+        """First and second derivatives by q of J_x (omega . e)^2 / 2 of the body."""
+        assert self.body is not None
+        t = self.model.tables
+        turn, alike = t.turn / self.size, t.direction @ t.direction.T
+        along = turn * (t.direction @ spin)
+        second = _outer(along)
+        if self.stiffening is not None:
+            second = second - spin[0] ** 2 * _outer(turn) * alike
+        return self.body.axial_inertia * spin[0] * along, self.body.axial_inertia * second
 
     def elastic_force(self, q: Vector) -> Vector:
         return self.elasticity.force(q)
@@ -286,8 +324,13 @@ class CartesianEquations(Equations):
             second = second.at[0, 0].add(-q @ short_first @ q)
         # |omega x r|^2 = tr(w~ r r^T w~^T)
         turning = skew(spin) @ second
+        own: Any = 0.0
+        if self.body is not None:
+            rise, square = self._axial_spin(spin)
+            own = rise @ q + q @ square @ q / 2
         return (
-            velocity @ (skew(spin) @ moment)
+            own
+            + velocity @ (skew(spin) @ moment)
             + velocity @ rate
             + jnp.sum(skew(spin) * turning) / 2
             - jnp.sum(skew(spin) * mixed)  # spin . int (X a1 + u) x u' dm
@@ -315,7 +358,7 @@ class CartesianEquations(Equations):
         out = jnp.tensordot(self.model.displacement(xi), q, 1).T
         if self.model.foreshortens:
             key = tuple(np.asarray(xi, float).tolist())
-            table = _foreshortening(self.model.functions_from, self.model.counts, key)
+            table = foreshortening(self.model.functions_from, self.model.counts, key)
             out = out.at[:, 0].add(-jnp.einsum("a,pab,b->p", q, table, q) / (2 * self.size))
         return out
 
@@ -334,59 +377,11 @@ class CartesianEquations(Equations):
         return all_functions(self.model.functions_from, self.model.counts, np.asarray(xi, float))
 
 
+def _outer(x: Vector | np.ndarray) -> Any:
+    return x[:, None] * x[None]
+
+
 def _turning(hub: Hub) -> Float[Array, "3 3"]:
     """W = w~ w~ + w~', the acceleration of a point at rest in the hub by its position."""
     k = skew(hub.angular_velocity)
     return k @ k + skew(hub.angular_velocity_rate)
-
-
-def all_functions(basis: Basis, counts: tuple[int, int, int], xi: np.ndarray) -> Functions:
-    """All functions of a model side by side, at points xi."""
-    parts = [basis.stretch(counts[0], xi)] if counts[0] else []
-    parts += [basis.bending(n, xi) for n in counts[1:] if n]
-    return Functions(*(np.concatenate(same, 1) for same in zip(*parts, strict=True)))
-
-
-@functools.lru_cache(maxsize=64)
-def _tables(basis: Basis, counts: tuple[int, int, int]) -> Tables:
-    family = np.repeat(np.arange(3), counts)
-    direction = np.eye(3)[family]
-    xi, w = basis.quadrature(max(counts))
-    f = all_functions(basis, counts, xi).value
-    gram = f.T @ (w[:, None] * f)
-    elastic, tension, axial_tension = (np.zeros((3, family.size, family.size)) for _ in range(3))
-    for k, n in enumerate(counts):
-        if n == 0:
-            continue
-        rows = np.ix_(family == k, family == k)
-        own = (stretch_integrals if k == 0 else bending_integrals)(basis, n)
-        gram[rows] = own.mass
-        elastic[k][rows] = own.tension[0] if k == 0 else own.curvature
-        for table, whole in zip(own.tension, axial_tension if k == 0 else tension, strict=True):
-            whole[rows] = table
-    return Tables(
-        direction=direction,
-        gram=(gram + gram.T) / 2,
-        moment=w @ f,
-        first=(w * xi) @ f,
-        tip=all_functions(basis, counts, np.ones(1)).value[0],
-        elastic=elastic,
-        tension=tension,
-        axial_tension=axial_tension,
-    )
-
-
-@functools.lru_cache(maxsize=64)
-def _foreshortening(
-    basis: Basis, counts: tuple[int, int, int], xi: tuple[float, ...]
-) -> Float[np.ndarray, "p n n"]:
-    """int_0^xi f' f' of functions that bend the same way, for a unit beam."""
-    family = np.repeat(np.arange(3), counts)
-    same = (family[:, None] == family) & (family > 0)
-    points, w = basis.quadrature(max(counts))
-    out = []
-    for end in xi:
-        # Rescaled to [0, xi], the rule stays exact for smooth functions.
-        f = all_functions(basis, counts, end * points).slope
-        out.append((f.T @ (end * w[:, None] * f)) * same)
-    return np.stack(out)

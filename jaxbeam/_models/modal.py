@@ -16,6 +16,7 @@ Journal of Sound and Vibration, 1995.
 """
 
 import abc
+from typing import Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,10 +31,11 @@ from jaxbeam._models.cartesian import (
     CartesianModel,
     Elasticity,
     LinearElasticity,
-    all_functions,
     linear_system,
 )
+from jaxbeam._models.tables import all_functions
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Matrix, Number, Scalar, Vector
 
 
@@ -55,6 +57,15 @@ class _Modal(CartesianModel):
             raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
         if not isinstance(self.basis, Basis):
             raise TypeError(f"basis must be a Basis, got {kind_of(self.basis)}")
+
+    @classmethod
+    def on(cls, basis: Basis) -> Self:
+        """With all functions of a basis that has so many and no others, `PiecewisePolynomials`."""
+        if not isinstance(basis, Basis):
+            raise TypeError(f"basis must be a Basis, got {kind_of(basis)}")
+        if basis.sizes is None:
+            raise ValueError(f"basis has functions without end: say how many, as {cls.__name__}()")
+        return cls(*basis.sizes, basis=basis)
 
     @property
     def functions_from(self) -> Basis:
@@ -90,7 +101,7 @@ class Hybrid(_Linear):
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
         elastic = LinearElasticity(self.linear_stiffness(rotor))
-        return CartesianEquations.build(self, rotor, elastic, self.tables.tension)
+        return CartesianEquations.build(self, rotor, elastic, self.weighted(rotor).tension)
 
     def bands(self) -> BandTables | None:
         """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""
@@ -149,19 +160,27 @@ class VonKarman(_Modal):
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """U = int EA (u1' + (u2'^2 + u3'^2) / 2)^2 + EI_zz u2''^2 + EI_yy u3''^2 dx / 2."""
-        beam = rotor.beam
-        xi, weight = self.basis.quadrature(2 * max(self.counts))
+        beam, tables = rotor.beam, self.tables
+        if beam.is_uniform:
+            xi, weight = self.basis.quadrature(2 * max(self.counts))
+            stiffness, along_it = beam.axial_stiffness, jnp.asarray(weight)
+        else:
+            rule = self.basis.rule(2 * max(self.counts), beam.edges)
+            xi, stiffness = rule.xi, beam.mean.axial_stiffness
+            along_it = rule.weight * along(beam.axial_stiffness, xi) / stiffness
         slope = all_functions(self.basis, self.counts, xi).slope
-        bends = self.tables.direction[:, 1:].sum(1)
+        bends = tables.direction[:, 1:].sum(1)
         elastic = _VonKarman(
             bending=self.linear_stiffness(rotor) * np.outer(bends, bends),
-            axial_stiffness=beam.axial_stiffness,
+            axial_stiffness=stiffness,
             length=beam.length,
             slope=jnp.asarray(slope),
-            weight=jnp.asarray(weight),
-            direction=jnp.asarray(self.tables.direction),
+            weight=along_it,
+            direction=jnp.asarray(tables.direction),
         )
-        return CartesianEquations.build(self, rotor, elastic)
+        # The centre of a body at the tip comes nearer when the end of the beam turns.
+        short = None if rotor.tip is None else np.zeros_like(tables.elastic)
+        return CartesianEquations.build(self, rotor, elastic, short)
 
 
 class _VonKarman(Elasticity):
@@ -169,7 +188,7 @@ class _VonKarman(Elasticity):
     axial_stiffness: Number
     length: Number
     slope: Float[Array, "p n"]
-    weight: Float[Array, " p"]
+    weight: Float[Array, " p"]  # of a point, over the axial stiffness times that which is there
     direction: Float[Array, "n 3"]
 
     def energy(self, q: Vector) -> Scalar:

@@ -8,97 +8,29 @@ Technical Report MBS99-5-UIC, 1999.
 
 import dataclasses
 import warnings
-from collections.abc import Iterator, Mapping
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import is_valid, kind_of, known, positive
+from jaxbeam._checks import kind_of, known, positive
+from jaxbeam._rotor.ends import RootSprings, TipBody
+from jaxbeam._rotor.parameters import Parameters, along_span, optional, parameter
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
     Property,
     along,
     beyond,
-    check,
     mean,
     points_within,
-    samples,
-    taken,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Number, Real, Scalar, is_known
+from jaxbeam._types import Number, Real, Scalar
 
 
-def parameter(status: Status, *, zero: bool | None = False) -> Any:
-    """Field of a scalar that is positive, or `zero`; with None it may have any sign. `status` is
-    what breaking that is called."""
-    return eqx.field(metadata={"status": status, "zero": zero})
-
-
-def along_span(status: Status) -> Any:
-    """Field of a positive property, a scalar or one that varies along the span."""
-    return eqx.field(metadata={"status": status, "zero": False, "varies": True})
-
-
-def optional(status: Status, *, zero: bool | None = False, varies: bool = False) -> Any:
-    """Field of a number that need not be there: without it the program has nothing of the kind.
-
-    With `zero=None` it may have any sign.
-    """
-    return eqx.field(
-        default=None,
-        metadata={"status": status, "zero": zero, "varies": varies, "optional": True},
-    )
-
-
-class _Parameters(eqx.Module):
-    """Numbers with rules, each at its field, checked when built from numbers that are known.
-
-    A further one is a field with its rule and an argument of `__init__` of the same name.
-    """
-
-    def _take(self, given: Mapping[str, Any]) -> None:
-        """Each field from the argument of its name; those with a rule as scalars, or as what varies
-        along the span."""
-        for field in dataclasses.fields(self):
-            value, rule = given[field.name], field.metadata
-            if rule and not (value is None and "optional" in rule):
-                value = taken(field.name, value, rule.get("varies", False))
-            setattr(self, field.name, value)
-
-    def __check_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value, rule = getattr(self, field.name), field.metadata
-            if rule and value is not None and is_known(value):
-                check(rule["status"], value, rule["zero"])
-
-    def status(self, angular_speed: Scalar) -> Code:
-        """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
-        code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
-        for value, rule in reversed([*self._rules()]):
-            fine = jnp.all(is_valid(samples(value), rule["zero"]))
-            code = jnp.where(fine, code, rule["status"])
-        return code
-
-    def _rules(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, _Parameters):
-                yield from value._rules()
-            elif value is not None:
-                yield value, field.metadata
-
-    def checked(self) -> Self:
-        """Rebuilt, so that what comes from `eqx.tree_at` or `vmap` meets the checks as well."""
-        values = [getattr(self, field.name) for field in dataclasses.fields(self)]
-        return type(self)(*(v.checked() if isinstance(v, _Parameters) else v for v in values))
-
-
-class Beam(_Parameters):
+class Beam(Parameters):
     """Initially straight, slender beam: no shear, no rotary inertia.
 
     | field                       | symbol | unit  | allowed |
@@ -235,46 +167,7 @@ class Beam(_Parameters):
         return beam.length * jnp.sqrt(beam.axial_stiffness / beam.in_plane_bending_stiffness)
 
 
-class RootSprings(_Parameters):
-    """Rotational springs between hub and root, one for each direction that yields.
-
-    | field    |                                          | unit    | allowed     |
-    |----------|------------------------------------------|---------|-------------|
-    | in_plane | about the axis of rotation (lag)         | N m/rad | > 0 or None |
-    | flap     | about the axis across beam and rotation  | N m/rad | > 0 or None |
-
-    Energy k phi(0)^2 / 2, phi(0) the slope at the root; None: rigid.
-    """
-
-    in_plane: Scalar | None = optional(Status.INVALID_ROOT_SPRINGS)
-    flap: Scalar | None = optional(Status.INVALID_ROOT_SPRINGS)
-
-    def __init__(self, in_plane: Real | None = None, flap: Real | None = None) -> None:
-        self._take(locals())
-
-
-class TipBody(_Parameters):
-    """What makes a rigid body of the mass at the tip: a payload, a tip brake, a tuning mass.
-
-    | field         | symbol | meaning                                          | unit   | allowed |
-    |---------------|--------|--------------------------------------------------|--------|---------|
-    | offset        | c      | of its centre of mass, beyond the tip            | m      | any     |
-    | inertia       | J      | about its centre, across the beam (both axes)    | kg m^2 | >= 0    |
-    | axial_inertia | J_x    | about the beam's axis (a rod: 0; a ball: J)      | kg m^2 | >= 0    |
-
-    Its mass is the `tip_mass` of the rotor; with all of these zero it is a point. It turns with the
-    tangent of the beam's end.
-    """
-
-    offset: Scalar = parameter(Status.INVALID_TIP_BODY, zero=None)
-    inertia: Scalar = parameter(Status.INVALID_TIP_BODY, zero=True)
-    axial_inertia: Scalar = parameter(Status.INVALID_TIP_BODY, zero=True)
-
-    def __init__(self, offset: Real = 0.0, inertia: Real = 0.0, axial_inertia: Real = 0.0) -> None:
-        self._take(locals())
-
-
-class Rotor(_Parameters):
+class Rotor(Parameters):
     """A beam that points radially from a rigid hub, with a mass at its tip.
 
     | field      | symbol | unit | allowed |
@@ -403,7 +296,7 @@ def tension(
     )
 
 
-class SpringRotor(_Parameters):
+class SpringRotor(Parameters):
     """The discrete analogue of a rotating beam (Y, section 6, Fig. 10, Table 2).
 
     A particle slides in a massless tube that is hinged at the distance `hub_radius` from the axis;
@@ -423,6 +316,8 @@ class SpringRotor(_Parameters):
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
     torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
+    couples_bending: ClassVar[bool] = False  # it moves in its plane
+    is_plain: ClassVar[bool] = True
 
     def __init__(
         self,

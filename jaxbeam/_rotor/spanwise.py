@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -20,7 +21,7 @@ from jaxbeam._checks import (
     require,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, is_known
 
 _POINTS = 16  # in a segment; what is linear there is exact from two on
 
@@ -105,6 +106,8 @@ class SpanwiseFunction(AbstractSpanwise):
         places = np.unique(known_array("kinks", kinks)) if len(kinks) else np.zeros(0)
         if not np.all((places > 0) & (places < 1)):
             raise ValueError(f"kinks must be between 0 and 1 (x / L), got {tuple(kinks)}")
+        if jax.tree.leaves(function) == [function]:  # it is no pytree: jit would stumble over it
+            function = jax.tree_util.Partial(function)
         self.function, self.kinks = function, tuple(places.tolist())
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
@@ -129,6 +132,11 @@ def along(value: Property, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
     if isinstance(value, AbstractSpanwise):
         return value.at(xi)
     return jnp.broadcast_to(value, np.shape(xi))
+
+
+def at_root(value: Property) -> Scalar:
+    """A property at the root."""
+    return value.at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
 
 
 def mean(value: Property) -> Scalar:
@@ -160,11 +168,9 @@ def interpolation(stations: tuple[float, ...], xi: tuple[float, ...]) -> Float[n
 
 
 @functools.lru_cache(maxsize=64)
-def tails(
-    edges: tuple[float, ...], points: int = _POINTS
-) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
-    """int_xi^1 f and int_xi^1 s f ds at `points_within` edges from the values of f there; exact
-    where f is a polynomial of less than this degree in each segment, by spectral integration."""
+def tails(edges: tuple[float, ...], points: int = _POINTS) -> Float[np.ndarray, "p p"]:
+    """int_xi^1 f at `points_within` edges from the values of f there; exact where f is a polynomial
+    of less than this degree in each segment, by spectral integration."""
     x, weight = legendre.leggauss(points)
     # Of the polynomial through values at the points, from each point to the end of the segment.
     coefficients = np.linalg.inv(legendre.legvander(x, points - 1))
@@ -176,9 +182,7 @@ def tails(
         rows = slice(i * points, (i + 1) * points)
         whole[rows, rows] = length * own
         whole[: i * points, rows] = length * weight / 2
-    xi, _ = points_within(edges, points)
-    # s f is a polynomial of one degree more: the last one is lost to nobody who has few degrees.
-    return whole, whole * xi
+    return whole
 
 
 def beyond(
@@ -188,9 +192,8 @@ def beyond(
     what 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""
     xi, weight = points_within(edges, points)
     value = along(mass, xi)
-    share = value / (weight @ value)
-    outside, moment = map(jnp.asarray, tails(edges, points))
-    return outside @ share, moment @ share
+    share, tail = value / (weight @ value), jnp.asarray(tails(edges, points))
+    return tail @ share, tail @ (xi * share)
 
 
 def taken(name: str, value: Any, varies: bool) -> Property:
@@ -212,7 +215,11 @@ def samples(value: Property) -> Any:
 
 def check(status: Status, value: Property, zero: bool | None) -> None:
     """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
-    numbers = np.asarray(samples(value))
+    with jax.ensure_compile_time_eval():  # under `jit` even functions without unknowns are traced
+        numbers = samples(value)
+    if not is_known(numbers):  # a closure over what is not known
+        return
+    numbers = np.asarray(numbers)
     fine = is_known_valid(numbers, zero)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, Family, checked_case
+from jaxbeam._models.base import AbstractModel, Family, checked_case, planes_of
 from jaxbeam._numerics.linalg import dense, lowest_eigenpair, solve
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
@@ -173,7 +173,7 @@ def _search(
 ) -> tuple[Scalar, Code, Vector, Code]:
     """Critical speed, family and direction, and a status."""
     k0, speed, shape = _alone(model, rotor, zero)
-    present = _present(model)
+    present = list(_groups(model, rotor))
     codes = jnp.asarray([int(f) for f in present])
     if _is_affine(model, rotor):
         first = jnp.argmin(speed)
@@ -210,9 +210,9 @@ def _alone(
     (k0, _), (_, curvature) = jax.jvp(with_rate, (zero,), (one,))
     k1 = curvature / 2  # exactly, without the cancellation of differences
     speeds, shapes = [], []
-    for family in _present(model):
-        least, x = _softest(model, family, k1, k0)  # K_1 x = least K_0 x
-        own = np.ix_(_rows(model, family), _rows(model, family))
+    for rows in _groups(model, rotor).values():
+        least, x = _softest(rows, k1, k0)  # K_1 x = least K_0 x
+        own = np.ix_(rows, rows)
         soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])
         speeds.append(jnp.where(soft, jnp.abs(jnp.where(soft, least, 1.0)) ** -0.5, jnp.inf))
         shapes.append(x)
@@ -260,8 +260,8 @@ class _Scan(NamedTuple):
         of the bracket, with the value at an end that stays halved each time."""
         one = jnp.ones_like(search.speed)
         system = self.model.matrices(self.rotor, search.speed)
-        families = _present(self.model)
-        pairs = [_softest(self.model, f, system.stiffness, self.k0) for f in families]
+        groups = _groups(self.model, self.rotor).values()
+        pairs = [_softest(rows, system.stiffness, self.k0) for rows in groups]
         value, x = zip(*pairs, strict=True)
         least, low = jnp.min(jnp.stack(value)), jnp.argmin(jnp.stack(value))
         here, stable = jnp.stack([search.speed, least]), least > 0
@@ -289,16 +289,18 @@ class _Scan(NamedTuple):
         return more & (search.status == Status.OK) & (search.tries < _SCANNED + 100)
 
 
-def _softest(model: AbstractModel, family: Family, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
-    """The lowest eigenvalue of K x = value K_0 x in one family, and x among all coordinates."""
-    rows = _rows(model, family)
+def _softest(rows: np.ndarray, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
+    """The lowest eigenvalue of K x = value K_0 x in some coordinates, and x among all."""
     least, x = lowest_eigenpair(k[np.ix_(rows, rows)], k0[np.ix_(rows, rows)])
-    return least, x @ np.eye(len(model.families))[rows]
+    return least, x @ np.eye(len(k))[rows]
 
 
-def _present(model: AbstractModel) -> list[Family]:
-    return [family for family in Family if family in model.families]
-
-
-def _rows(model: AbstractModel, family: Family) -> np.ndarray:
-    return np.flatnonzero([f == family for f in model.families])
+def _groups(model: AbstractModel, rotor: AnyRotor) -> dict[Family, np.ndarray]:
+    """Coordinates that lose their stability together, under the name of one of their families."""
+    groups = {}
+    for transverse, axial in planes_of(rotor.couples_bending):
+        for families in (transverse, axial):
+            rows = np.flatnonzero([family in families for family in model.families])
+            if rows.size:
+                groups[model.families[rows[0]]] = rows
+    return dict(sorted(groups.items()))

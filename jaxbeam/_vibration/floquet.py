@@ -27,7 +27,13 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import kind_of, known, positive
-from jaxbeam._models.base import AbstractModel, Family, checked_case, count_functions
+from jaxbeam._models.base import (
+    AbstractModel,
+    Family,
+    checked_case,
+    count_functions,
+    planes_of,
+)
 from jaxbeam._numerics.linalg import (
     dense,
     eigensystem,
@@ -47,7 +53,6 @@ from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 _NODES = (1 + np.polynomial.legendre.leggauss(3)[0]) / 2
 _SQUARINGS = 12  # steps of up to 160 periods of the fastest mode, which are too long anyhow
-PLANES = ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
 
 
 class Floquet(eqx.Module):
@@ -131,7 +136,8 @@ def _floquet(
         return jnp.where(fine, motion.angular_speed(t), 0.0)
 
     parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
-    for families in PLANES:
+    for transverse, axial in planes_of(rotor.couples_bending):
+        families = transverse + axial
         if any(family in model.families for family in families):
             plane = Plane(model, rotor, speed, period, damping, families)
             monodromy, correction = plane.monodromy(steps)

@@ -1,6 +1,7 @@
 """All modes of small motion by dense eigenproblems, one case at a time: for whatever there is."""
 
 import functools
+import itertools
 from typing import NamedTuple
 
 import jax
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._models.base import Family, LinearSystem
+from jaxbeam._models.base import Family, LinearSystem, planes_of
 from jaxbeam._numerics.linalg import planar_eigenpairs, symmetric_modes
 from jaxbeam._status import Status
 from jaxbeam._vibration.result import Modes
@@ -46,9 +47,9 @@ def _selected(system: LinearSystem, wanted: Wanted) -> tuple[Array, ...]:
     """Eigenvalues, shapes, families and orders of the modes wanted, and whether the axial stiffness
     is positive definite."""
     planes = [
-        _plane(system, *families)
-        for families in ((Family.IN_PLANE, Family.AXIAL), (Family.FLAP,))
-        if system.where(*families).size
+        _plane(system, transverse, axial)
+        for transverse, axial in planes_of(system.couples_bending)
+        if system.where(*transverse, *axial).size
     ]
     rows = np.concatenate([plane.rows for plane in planes])
     family_of, order_of = _labels(system.families, rows)
@@ -90,22 +91,27 @@ def _labels(families: tuple[Family, ...], rows: np.ndarray) -> tuple[Array, Arra
     )
 
 
-def _plane(system: LinearSystem, transverse: Family, *axial: Family) -> _Plane:
-    """All modes of one plane."""
-    rows = system.where(transverse, *axial)
-    n, n_transverse = rows.size, system.where(transverse).size
+def _plane(
+    system: LinearSystem, transverse: tuple[Family, ...], axial: tuple[Family, ...]
+) -> _Plane:
+    """All modes of families that are coupled, or of one alone."""
+    rows = system.where(*transverse, *axial)
+    n, n_transverse = rows.size, system.where(*transverse).size
     m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.gyroscopic, system.stiffness))
     pairs = planar_eigenpairs(m, g, k, n_transverse)
+    sizes = [size for family in (*transverse, *axial) if (size := system.where(family).size)]
     label = jnp.arange(n)
-    if 0 < n_transverse < n:  # in one family alone the rank is the order
-        label = _assign(_participation(m, k, pairs.right, n_transverse))
+    if len(sizes) > 1:  # in one family alone the rank is the order
+        label = _assign(_participation(m, k, pairs.right, sizes))
     return _Plane(rows, pairs.eigenvalue, pairs.right, label, pairs.positive == 1)
 
 
-def _participation(m: Array, k: Array, x: Array, n_transverse: int) -> Float[Array, "n n"]:
-    """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j."""
-    parts = []
-    for part in (slice(0, n_transverse), slice(n_transverse, None)):
+def _participation(m: Array, k: Array, x: Array, sizes: list[int]) -> Float[Array, "n n"]:
+    """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j; `sizes` are
+    those of the families, one behind the other."""
+    parts, ends = [], np.cumsum([0, *sizes])
+    for start, end in itertools.pairwise(ends):
+        part = slice(start, end)
         v = symmetric_modes(m[part, part], k[part, part])
         parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
     share = jnp.concatenate(parts, axis=1)

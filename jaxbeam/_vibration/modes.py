@@ -50,7 +50,9 @@ def modes(
 
     Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
     both modes and to any order, wherever the eigenvalue is simple within its plane; crossings of
-    flap with in-plane modes are harmless. First derivatives of eigenvalues cost no linear solve:
+    flap with in-plane modes are harmless. Where pitch or twist couple the two a label goes to the
+    mode that has most of the uncoupled one in it, and `energy_share` says how mixed it is. First
+    derivatives of eigenvalues cost no linear solve:
     d lambda = -y^T (lambda^2 dM + lambda dG + dK) x / y^T (2 lambda M + G) x.
 
     `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps. The
@@ -69,7 +71,7 @@ def modes(
 def find(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted) -> Modes:
     """What `modes` does once its arguments are checked."""
     given, rotor, speed = guarded(rotor, speed)
-    bands = bands_of(model, wanted.most, wanted.count)
+    bands = bands_of(model, wanted.most, wanted.count) if rotor.is_plain else None
     system = model.matrices(rotor, speed)
     known = without_derivatives((system, (rotor, speed, wanted)))
     found = general(known[0], wanted) if bands is None else _search(model, bands, *known)
@@ -159,7 +161,7 @@ def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Arra
     kinds = jnp.asarray(system.families)
     signature = jnp.where(kinds == Family.AXIAL, -1.0, 1.0)
     same_plane = (kinds == Family.FLAP)[None] == (found.family == Family.FLAP)[:, None]
-    same_plane = same_plane.astype(dtype)
+    same_plane = (same_plane | system.couples_bending).astype(dtype)
     # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
     # later is the end of it: gradients of other cases by shared parameters stay finite.
     identity = jnp.eye(len(system.families), dtype=dtype)

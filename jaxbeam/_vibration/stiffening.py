@@ -5,17 +5,26 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
 from jaxbeam._models.base import guarded
+from jaxbeam._models.basis import Polynomials
 from jaxbeam._models.modal import Hybrid
+from jaxbeam._models.pieces import suited
+from jaxbeam._models.tables import all_functions
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.spanwise import along
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import find
 from jaxbeam._vibration.wanted import lowest
 
-_BENDING = Hybrid(0, 14, 0)
+_SHEAR = 3.1  # E / (kappa G)
+
+
+def _bending(rotor: Rotor) -> Hybrid:
+    """Bending in the plane alone."""
+    return Hybrid(0, 14, 0, suited(Polynomials(), rotor))
 
 
 def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
@@ -44,13 +53,14 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
 def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
     given, rotor, speed = guarded(rotor, speed)
     still = jnp.zeros_like(speed)
-    phi = find(_BENDING, rotor, still, lowest(_BENDING, 1)).shape[0].real
+    model = _bending(rotor)
+    phi = find(model, rotor, still, lowest(model, 1)).shape[0].real
     return where_known(given == Status.OK, stiffening_of(phi, rotor, speed))
 
 
 def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
     """The same where the first mode is known and all is in range."""
-    equations = _BENDING.equations(rotor)
+    equations = _bending(rotor).equations(rotor)
     motion = phi @ equations.motion_stiffness(jnp.zeros_like(speed), speed**2, None) @ phi
     return motion / (2 * equations.strain_energy(phi))
 
@@ -58,6 +68,33 @@ def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
 def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
     derivatives, and a program a fifth as large."""
-    system = _BENDING.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
+    system = _bending(rotor).matrices(rotor, jnp.zeros_like(rotor.hub_radius))
     shape = symmetric_modes(system.mass, system.stiffness)
     return jnp.sqrt(jnp.sum((shape @ system.stiffness) * shape, axis=1)), shape
+
+
+def stoutness(
+    omega: Float[Array, " k"], shape: Float[Array, "k n"], rotor: Rotor
+) -> Float[Array, " k"]:
+    """What shear and rotary inertia would take off the frequencies of modes in plane, relative.
+
+        int r^2 phi'^2 dm / 2 + omega^2 int Q^2 / (kappa G A) dx / 2,   Q = int_x^L phi dm,
+
+    r^2 = EI_zz / EA, for modes at rest of unit modal mass: Rayleigh's quotient to first order in
+    (r / L)^2 with the inertia of sections that turn, and with their compliance to the shear force
+    (S. P. Timoshenko, Philosophical Magazine 41, 1921). For a solid section of metal, EA / (kappa G
+    A) = 3.1; thin webs, or composite ones, yield more.
+    """
+    beam, model = rotor.beam, _bending(rotor)
+    rule = model.basis.rule(model.n_in_plane, beam.edges)
+    at = all_functions(model.basis, model.counts, rule.xi)
+    stiffness, axial, mass = (
+        along(each, rule.xi)
+        for each in (beam.in_plane_bending_stiffness, beam.axial_stiffness, beam.mass_per_length)
+    )
+    slope = shape @ at.slope.T / beam.length
+    turning = slope**2 @ (rule.weight * beam.length * mass * stiffness / axial)
+    carried = (shape @ at.value.T) * mass[None] @ rule.tail.T * beam.length
+    force = carried + rotor.tip_mass * (shape @ model.tables.tip)[:, None]
+    sheared = force**2 @ (rule.weight * beam.length / axial)
+    return (turning + _SHEAR * omega**2 * sheared) / 2

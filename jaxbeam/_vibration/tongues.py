@@ -9,7 +9,14 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import positive, real_array
-from jaxbeam._models.base import AbstractModel, Family, Label, checked_case, count_functions
+from jaxbeam._models.base import (
+    AbstractModel,
+    Family,
+    Label,
+    checked_case,
+    count_functions,
+    planes_of,
+)
 from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
@@ -18,7 +25,7 @@ from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_known
-from jaxbeam._vibration.floquet import PLANES, Plane, checked_damping, modulation_status
+from jaxbeam._vibration.floquet import Plane, checked_damping, modulation_status
 from jaxbeam._vibration.modes import find
 from jaxbeam._vibration.result import Modes
 from jaxbeam._vibration.wanted import Wanted, choose
@@ -81,7 +88,9 @@ def tongue(
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise ValueError(f"pair must be two labels, got {pair!r}")
     wanted = choose(model, tuple(pair))
-    planes = [families for families in PLANES if all(label.family in families for label in pair)]
+    rotor, _ = checked_case(model, rotor)
+    every = [transverse + axial for transverse, axial in planes_of(rotor.couples_bending)]
+    planes = [families for families in every if all(label.family in families for label in pair)]
     if not planes:
         raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
     count_functions("order", order, least=1)
@@ -94,7 +103,6 @@ def tongue(
         if not (np.isfinite(known).all() and known[0] > 0 and (np.diff(known) > 0).all()):
             raise ValueError(f"depths must be finite, positive and increasing, got {known}")
     speed = positive("mean", mean)
-    rotor, _ = checked_case(model, rotor)
     damping = checked_damping(damping)
     share = jnp.asarray(float(order))  # an array: another order does not compile anew
     result = _tongue(model, rotor, speed, wanted, depths, share, damping, planes[0], steps)

@@ -9,7 +9,7 @@ from numpy.polynomial import chebyshev
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.motion import Hub, skew
-from tests.helpers import DISCRETE, ELEMENTS, name
+from tests.helpers import AS_BUILT, DISCRETE, ELEMENTS, YIELDING, name
 
 BLADE = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.9)
@@ -22,6 +22,7 @@ BEAM_MODELS = [
     *ELEMENTS,
 ]
 EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SPRINGS) for m in DISCRETE]
+EVERY += [(m, AS_BUILT) for m in YIELDING]
 
 
 def random_state(model, seed, planar):

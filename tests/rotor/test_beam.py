@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -156,3 +157,22 @@ def test_tension_is_the_integral_of_the_centrifugal_load():
             y = xk + (8 - xk) * (nodes + 1) / 2
             beam = 0.2 * np.sum(weights * (8 - xk) / 2 * (0.7 + y))
             np.testing.assert_allclose(pk, speed**2 * (beam + 0.3 * 8.7), rtol=1e-13)
+
+
+def test_functions_along_the_span_under_jit():
+    """What is known is checked under `jit` as well, and what a closure hides is not."""
+    known = jb.Rotor(jb.Beam(**GOOD | {"mass_per_length": jb.SpanwiseFunction(lambda x: 2 - x)}))
+    model = jb.Hybrid(0, 0, 6)
+
+    def first(rotor):
+        return jb.modes(model, rotor, 1.0, jb.labels(flap=1)).frequency
+
+    np.testing.assert_allclose(jax.jit(lambda: first(known))(), first(known), rtol=1e-12)
+
+    def hidden(taper):
+        mass = jb.SpanwiseFunction(lambda x: 2 - taper * x)
+        return jb.Beam(**GOOD | {"mass_per_length": mass}).mass
+
+    np.testing.assert_allclose(jax.jit(hidden)(1.0), 12.0, rtol=1e-12)
+    with pytest.raises(ValueError, match="mass_per_length"):
+        jax.jit(lambda: hidden(3.0))()

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.helpers import DISCRETE, ELEMENTS, finite_difference, name, optimised
+from tests.helpers import (
+    AS_BUILT,
+    DISCRETE,
+    ELEMENTS,
+    YIELDING,
+    finite_difference,
+    name,
+    optimised,
+)
 
 BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
@@ -22,6 +30,7 @@ PLANAR = [
     *ELEMENTS,
 ]
 EVERY = [(m, ROTOR) for m in PLANAR] + [(m, SPRINGS) for m in DISCRETE]
+BUILT = [(m, AS_BUILT) for m in YIELDING]
 FEW = [EVERY[0]]
 REST = [case for case in EVERY if case not in FEW]
 
@@ -46,7 +55,11 @@ def power_of_loads(scene, t, y):
     return weight + power(scene.loads.at_tip(t), equations.tip, equations.end, 1.0)
 
 
-@each_model
+@pytest.mark.parametrize(
+    ("model", "rotor"),
+    [*FEW, *(pytest.param(*case, marks=pytest.mark.slow) for case in REST + BUILT)],
+    ids=name,
+)
 def test_work_balance_during_spin_up(model, rotor):
     """Hub torque times speed, gravity, tip force and damping give the change of total energy."""
     times = jnp.linspace(0.0, 1.0, 401)
@@ -81,10 +94,10 @@ def drift(run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("model", "rotor"), EVERY, ids=name)
+@pytest.mark.parametrize(("model", "rotor"), [*EVERY, BUILT[0], BUILT[2]], ids=name)
 def test_jacobi_integral_is_constant_at_constant_speed(model, rotor):
     """Drift below 1e-8 over 100 periods of bending; ANCF has no energy, but a remainder."""
-    scale = 3.5 * float(BLADE.frequency_scale) if rotor is ROTOR else np.sqrt(30 / 1.3) / 0.8
+    scale = np.sqrt(30 / 1.3) / 0.8 if rotor is SPRINGS else 3.5 * float(rotor.frequency_scale)
     end = 100 * 2 * np.pi / scale
     speed = 0.3 * scale
     motion = jb.ConstantSpeed(speed)
@@ -631,9 +644,12 @@ def test_lanes_that_end_badly_leave_others_alone():
 
 
 @pytest.mark.parametrize(
-    "model", [jb.Hybrid(2, 2, 2), jb.Classical(2, 2, 2), jb.VonKarman(3, 2, 2)]
+    ("model", "rotor"),
+    [(m, ROTOR) for m in (jb.Hybrid(2, 2, 2), jb.Classical(2, 2, 2), jb.VonKarman(3, 2, 2))]
+    + BUILT,
+    ids=name,
 )
-def test_force_and_torque_of_the_hub_balance_power(model):
+def test_force_and_torque_of_the_hub_balance_power(model, rotor):
     """F.v + C.omega + tip power = rate of the total energy less gravity's, for any motion."""
     rng = np.random.default_rng(5)
     a, b = jnp.asarray(rng.normal(size=(2, 3)))
@@ -644,7 +660,7 @@ def test_force_and_torque_of_the_hub_balance_power(model):
 
     motion = jb.motions.HubPose(lambda t: jnp.sin(t * a) + b * t**2, rotation)
     loads = jb.Loads([0.3, -9.81, 2.0], [1.0, 2.0, -0.5])
-    scene = jb.results.Scene(model, ROTOR, motion, loads, jb.Damping())
+    scene = jb.results.Scene(model, rotor, motion, loads, jb.Damping())
     q, v = jnp.asarray(0.05 * rng.normal(size=(2, len(model.families))))
 
     @jax.jit

@@ -5,9 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.optimize
 
 import jaxbeam as jb
 from jaxbeam import stiffening_ratio
+from jaxbeam._ladder.rungs import indicators
 from tests.helpers import build, finite_difference, slender
 from tests.vibration import reference
 
@@ -86,3 +89,34 @@ def test_bad_input():
         stiffening_ratio(slender(), jnp.inf)
     with pytest.raises(ValueError, match="tip_mass"):
         stiffening_ratio(eqx.tree_at(lambda r: r.tip_mass, slender(), jnp.asarray(-1.0)), 1.0)
+
+
+def timoshenko(slenderness, count):
+    """Frequencies of a cantilever with shear and rotary inertia: L = rho A = EI = 1, r = 1 /
+    slenderness and E / (kappa G) = 3.1, from the transfer matrix of (w, psi, M, Q)."""
+    r2 = slenderness**-2.0
+    shear = 1 / (3.1 * r2)  # kappa G A, since EA = EI / r^2
+
+    def misfit(omega):
+        a = np.zeros((4, 4))
+        a[0, 1], a[0, 3] = 1.0, 1 / shear  # w' = psi + Q / (kappa G A)
+        a[1, 2] = 1.0  # psi' = M / EI
+        a[2, 1], a[2, 3] = -(omega**2) * r2, -1.0  # M' = -Q - omega^2 rho I psi
+        a[3, 0] = -(omega**2)  # Q' = -omega^2 rho A w
+        return np.linalg.det(scipy.linalg.expm(a)[2:, 2:])
+
+    grid = np.linspace(0.5, 150.0, 1200)
+    values = np.array([misfit(omega) for omega in grid])
+    ends = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))[:count]
+    return np.array([scipy.optimize.brentq(misfit, grid[i], grid[i + 1]) for i in ends])
+
+
+@pytest.mark.parametrize("slenderness", [60.0, 150.0])
+def test_stoutness_is_what_timoshenko_takes_off(slenderness):
+    rotor = jb.Rotor(jb.Beam.from_slenderness(slenderness))
+    question = jb.ladder.ModalFrequencies(0.0, jb.labels(in_plane=3))
+    known = indicators(question, rotor)
+    exact = timoshenko(slenderness, 3)
+    taken = 1 - exact / np.asarray(known.rest_frequency[:3])
+    # What is left is of second order.
+    np.testing.assert_array_less(np.abs(known.stoutness[:3] / taken - 1), 3 * taken)

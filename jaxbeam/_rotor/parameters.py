@@ -1,0 +1,78 @@
+"""Numbers that something is made of, with what they may be."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxbeam._checks import is_valid
+from jaxbeam._rotor.spanwise import check, samples, taken
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar, is_known
+
+
+def parameter(status: Status, *, zero: bool | None = False) -> Any:
+    """Field of a scalar that is positive, or `zero`; with None it may have any sign. `status` is
+    what breaking that is called."""
+    return eqx.field(metadata={"status": status, "zero": zero})
+
+
+def along_span(status: Status) -> Any:
+    """Field of a positive property, a scalar or one that varies along the span."""
+    return eqx.field(metadata={"status": status, "zero": False, "varies": True})
+
+
+def optional(status: Status, *, zero: bool | None = False, varies: bool = False) -> Any:
+    """Field of a number that need not be there: without it the program has nothing of the kind.
+
+    With `zero=None` it may have any sign.
+    """
+    return eqx.field(
+        default=None,
+        metadata={"status": status, "zero": zero, "varies": varies, "optional": True},
+    )
+
+
+class Parameters(eqx.Module):
+    """Numbers with rules, each at its field, checked when built from numbers that are known.
+
+    A further one is a field with its rule and an argument of `__init__` of the same name.
+    """
+
+    def _take(self, given: Mapping[str, Any]) -> None:
+        """Each field from the argument of its name; those with a rule as scalars, or as what varies
+        along the span."""
+        for field in dataclasses.fields(self):
+            value, rule = given[field.name], field.metadata
+            if rule and not (value is None and "optional" in rule):
+                value = taken(field.name, value, rule.get("varies", False))
+            setattr(self, field.name, value)
+
+    def __check_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value, rule = getattr(self, field.name), field.metadata
+            if rule and value is not None and is_known(value):
+                check(rule["status"], value, rule["zero"])
+
+    def status(self, angular_speed: Scalar) -> Code:
+        """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
+        code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
+        for value, rule in reversed([*self._rules()]):
+            fine = is_valid(samples(value), rule["zero"])
+            code = jnp.where(jnp.all(fine) if fine.ndim else fine, code, rule["status"])
+        return code
+
+    def _rules(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, Parameters):
+                yield from value._rules()
+            elif value is not None:
+                yield value, field.metadata
+
+    def checked(self) -> Self:
+        """Rebuilt, so that what comes from `eqx.tree_at` or `vmap` meets the checks as well."""
+        values = [getattr(self, field.name) for field in dataclasses.fields(self)]
+        return type(self)(*(v.checked() if isinstance(v, Parameters) else v for v in values))

@@ -1,0 +1,386 @@
+"""Beams as built in the modal models, against references that are computed without them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import chebyshev
+
+import jaxbeam as jb
+from jaxbeam._numerics.linalg import dense
+from jaxbeam.models import Hinged, MomentPolynomials, PiecewisePolynomials, Polynomials
+from tests.helpers import name
+from tests.models.test_equations import random_state
+from tests.vibration import blade_reference as reference
+
+STIFF = 1e9  # axial stiffness of what the reference has as inextensible: no model here uses it
+QUARTERS, TABLE = (0, 0.2, 0.45, 0.7, 1), ((2, 1.2, 1, 0.8, 0.3), (3, 1.5, 1, 0.5, 0.1))
+EIGHTH = np.pi / 4
+
+
+def _power(factor, base, exponent, x):
+    return factor * (1 - base * x) ** exponent
+
+
+def power(base, exponent, factor=1.0):
+    """Its numbers are leaves, so that all tapers share a program."""
+    return jb.SpanwiseFunction(jax.tree_util.Partial(_power, factor, base, exponent))
+
+
+def lowest(model, rotor, speed, count=6):
+    return np.sort(np.asarray(jb.modes(model, rotor, speed, count).frequency))
+
+
+def tapered(taper, mass, stiffness, **more):
+    """A blade of ours and of the reference with m ~ (1 - c x)^mass, EI ~ (1 - c x)^stiffness."""
+    lag, flap = power(taper, stiffness, 16.0), power(taper, stiffness)
+    ours = jb.Beam(1.0, power(taper, mass), STIFF, lag, flap)
+    theirs = reference.Blade(
+        mass=lambda x: (1 - taper * x) ** mass, flap=lambda x: (1 - taper * x) ** stiffness,
+        lag=lambda x: 16 * (1 - taper * x) ** stiffness, **more,
+    )  # fmt: skip
+    return ours, theirs
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, 12.0])
+@pytest.mark.parametrize(
+    ("taper", "functions"),
+    [(0.5, 16), *(pytest.param(c, n, marks=pytest.mark.slow) for c, n in ((0.25, 16), (0.9, 28)))],
+)
+@pytest.mark.parametrize(("mass", "stiffness"), [(1, 1), (1, 3), (2, 4)])
+def test_tapered_beams(mass, stiffness, taper, functions, speed):
+    """Breadth, height and both: three modes of each family by 16 polynomials, 28 for a tip a tenth
+    as broad as the root."""
+    hub, tip = (0.0, 0.0) if speed < 1 else (1.0, 0.1)
+    ours, theirs = tapered(taper, mass, stiffness, hub=hub, tip=reference.Body(tip))
+    model = jb.Hybrid(0, functions, functions)
+    found = jb.modes(model, jb.Rotor(ours, hub, tip), speed, jb.labels(in_plane=3, flap=3))
+    wanted = [*reference.in_plane(theirs, speed), *reference.flap(theirs, speed)]
+    np.testing.assert_allclose(found.frequency, wanted, rtol=1e-8)
+
+
+def test_printed_frequencies_of_tapered_beams():
+    """Hodges and Rutkowski (1981): height taper 1/2; Kirchhoff's wedge and cone, whose tips are
+    sharp: 5.315 and 8.719 of the thick end (Bessel functions)."""
+    frequency = lowest(jb.Hybrid(0, 0, 16), jb.Rotor(tapered(0.5, 1, 3)[0]), 0.0, 3)
+    np.testing.assert_allclose(frequency, [3.8238, 18.3173, 47.2648], atol=6e-5)
+    for powers, printed in (((1, 3), 5.315), ((2, 4), 8.719)):
+        sharp = jb.Rotor(tapered(1 - 1e-6, *powers)[0])
+        np.testing.assert_allclose(lowest(jb.Hybrid(0, 0, 40), sharp, 0.0, 1), printed, atol=6e-4)
+
+
+def stepped(flap=True):
+    halves = (0, 0.5, 0.5, 1)
+    lag, mass = jb.Spanwise(halves, [4, 4, 2, 2]), jb.Spanwise(halves, [1, 1, 0.6, 0.6])
+    ours = jb.Beam(1.0, mass, STIFF, lag, jb.Spanwise(halves, [1, 1, 0.3, 0.3]))
+    theirs = reference.Blade(
+        mass=(halves, (1, 1, 0.6, 0.6)), lag=(halves, (4, 4, 2, 2)), flap=(halves, (1, 1, 0.3, 0.3))
+    )
+    return ours, theirs
+
+
+def in_table(twist=None):
+    mass, stiffness = TABLE
+    lag = tuple(4 * np.array(stiffness))
+    turn = None if twist is None else jb.Spanwise(QUARTERS, twist)
+    ours = jb.Beam(
+        1.0, jb.Spanwise(QUARTERS, mass), STIFF, jb.Spanwise(QUARTERS, lag),
+        jb.Spanwise(QUARTERS, stiffness), turn,
+    )  # fmt: skip
+    theirs = reference.Blade(
+        mass=(QUARTERS, mass), lag=(QUARTERS, lag), flap=(QUARTERS, stiffness),
+        twist=0.0 if twist is None else (QUARTERS, twist), hub=0.5,
+    )  # fmt: skip
+    return ours, theirs
+
+
+@pytest.mark.parametrize("speed", [0.0, pytest.param(6.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("build", "basis", "close"),
+    [
+        (stepped, PiecewisePolynomials((0, 0.5, 1), 12), 1e-9),
+        (in_table, PiecewisePolynomials(QUARTERS, 10), 2e-8),
+        (stepped, MomentPolynomials.of(stepped()[0]), 1e-5),
+        (in_table, MomentPolynomials.of(in_table()[0]), 1e-7),
+        (in_table, Polynomials(), 1e-4),
+    ],
+    ids=["step, pieces", "table, pieces", "step, moments", "table, moments", "table, global"],
+)  # fmt: skip
+def test_steps_and_tables(build, basis, close, speed):
+    """Pieces with 11 or 9 functions each, moments well with 16, smooth functions badly."""
+    ours, theirs = build()
+    sizes = basis.sizes or (0, 16, 16)
+    model = jb.Hybrid(0, *sizes[1:], basis=basis)
+    wanted = reference.frequencies(theirs, speed, 6)
+    np.testing.assert_allclose(lowest(model, jb.Rotor(ours, theirs.hub), speed), wanted, rtol=close)
+
+
+@pytest.mark.parametrize("speed", [1.0, pytest.param(12.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("ratio", [16.0, 64.0])
+@pytest.mark.parametrize("pitch", [0.0, 0.3])
+def test_twist_and_pitch(ratio, pitch, speed):
+    """Twist to 45 degrees; labels go to those modes which have most of them."""
+    ours = jb.Beam(1.0, 1.0, STIFF, ratio, 1.0, twist=jb.Spanwise([0, 1], [0, EIGHTH]))
+    theirs = reference.Blade(lag=ratio, twist=((0, 1), (0, EIGHTH)), pitch=pitch, hub=0.5)
+    rotor = jb.Rotor(ours, 0.5, pitch=pitch)
+    found = jb.modes(jb.Hybrid(0, 16, 16), rotor, speed, 6)
+    wanted = reference.frequencies(theirs, speed, 6)
+    np.testing.assert_allclose(np.sort(found.frequency), wanted, rtol=1e-9)
+    np.testing.assert_allclose(found.energy_share.sum(1), 1.0)
+    assert 0.01 < np.min(np.max(found.energy_share, 1)) < 0.99  # mixed
+    labels = {(int(f), int(k)) for f, k in zip(found.family, found.order, strict=True)}
+    assert len(labels) == 6
+
+
+def test_labels_of_turned_sections():
+    """A quarter turn exchanges the names of the directions, no turn leaves them; what is between
+    goes from one to the other."""
+    ours = jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0)
+    model, wanted = jb.Hybrid(0, 8, 8), jb.labels(in_plane=2, flap=2)
+
+    def at(pitch):
+        return jb.modes(model, jb.Rotor(ours, pitch=pitch), 0.0, wanted).frequency
+
+    np.testing.assert_allclose(at(0.0), jb.modes(model, jb.Rotor(ours), 0.0, wanted).frequency)
+    np.testing.assert_allclose(at(np.pi / 2), np.roll(np.asarray(at(0.0)), 2), rtol=1e-9)
+    np.testing.assert_allclose(at(0.1), at(-0.1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("spring", [0.01, 1.0, 100.0, 1e6])
+@pytest.mark.parametrize("speed", [0.0, pytest.param(4.0, marks=pytest.mark.slow)])
+def test_root_springs(spring, speed):
+    ours = jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0)
+    theirs = reference.Blade(lag=16.0, lag_spring=2 * spring, flap_spring=spring, hub=0.2)
+    rotor = jb.Rotor(ours, 0.2, root=jb.RootSprings(2 * spring, spring))
+    model = jb.Hybrid(0, 14, 14, basis=Hinged())
+    wanted = reference.frequencies(theirs, speed, 6)
+    np.testing.assert_allclose(lowest(model, rotor, speed), wanted, rtol=1e-9)
+
+
+def test_root_that_yields_one_way():
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0), root=jb.RootSprings(flap=0.5))
+    model = jb.Hybrid(0, 14, 14, basis=Hinged(in_plane=False))
+    found = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=3)).frequency
+    clamped = 4 * 1.8751040687119611**2  # the first root of cos(b) cosh(b) = -1
+    printed = [1.158197107, 15.86088999, 50.44763967]
+    np.testing.assert_allclose(found, [clamped, *printed], rtol=1e-9)
+    with pytest.raises(ValueError, match=r"root: there is a spring \(flap\).*Hinged"):
+        jb.modes(jb.Hybrid(), rotor, 0.0)
+    with pytest.raises(ValueError, match=r"root must have a spring \(in_plane\)"):
+        jb.modes(jb.Hybrid(basis=Hinged()), rotor, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "stretch"),
+    [(4.0, 0), *(pytest.param(w, 6, marks=pytest.mark.slow) for w in (0.0, 4.0))],
+)
+def test_tip_bodies(speed, stretch):
+    body = jb.TipBody(0.1, 0.03, 0.01)
+    ours = jb.Beam(1.0, 1.0, 400.0, 16.0, 1.0)
+    theirs = reference.Blade(
+        lag=16.0, hub=0.3, tip=reference.Body(0.5, 0.1, 0.03, 0.03 - 0.01),
+        stretch=400.0 if stretch else None,
+    )  # fmt: skip
+    model = jb.Hybrid(stretch, 14, 14)
+    found = lowest(model, jb.Rotor(ours, 0.3, 0.5, tip=body), speed)
+    np.testing.assert_allclose(found, reference.frequencies(theirs, speed, 6), rtol=1e-9)
+    point = jb.Rotor(ours, 0.3, 0.5)
+    none = jb.Rotor(ours, 0.3, 0.5, tip=jb.TipBody())
+    np.testing.assert_allclose(lowest(model, none, speed), lowest(model, point, speed), rtol=1e-12)
+
+
+def test_a_body_at_the_tip_moves_as_one():
+    """Its kinetic energy to second order, in any motion of the hub, against the exact one."""
+    beam = jb.Beam(2.0, 1e-9, 4e3, 11.0, 7.0)
+    body = jb.TipBody(0.3, 0.2, 0.07)
+    rotor, model = jb.Rotor(beam, 0.4, 0.9, tip=body), jb.Hybrid(2, 3, 3)
+    equations = model.equations(rotor)
+    hub, q, v = random_state(model, 3, False)
+    end = model.displacement(np.ones(1))[:, 0]
+    points, weights = np.polynomial.legendre.leggauss(12)
+    points, weights = (1 + points) / 2, weights / 2
+    # Slopes of polynomials of low degree, at the points and at the tip.
+    knots = np.cos(np.pi * (np.arange(10) + 0.5) / 10)
+    values = np.moveaxis(np.asarray(model.displacement((1 + knots) / 2)), 1, 0).reshape(10, -1)
+    slopes = chebyshev.chebder(chebyshev.chebfit(knots, values, 9)) * 2
+    slopes = chebyshev.chebval(2 * np.append(points, 1.0) - 1, slopes).reshape(3, -1, 13)
+
+    def place(q):
+        """Centre and axis of the body, exact but for what is of third order."""
+        rise = jnp.einsum("cnp,n->pc", slopes[1:], q) / 2.0
+        short = 2.0 * weights @ jnp.sum(rise[:-1] ** 2, 1) / 2
+        axis = jnp.append(jnp.sqrt(1 - jnp.sum(rise[-1] ** 2)), rise[-1])
+        return end @ q + jnp.array([2.4, 0.0, 0.0]).at[0].add(-short) + 0.3 * axis, axis
+
+    def exact(q, v):
+        (r, e), (dr, de) = jax.jvp(place, (q,), (v,))
+        spin = hub.angular_velocity
+        dr, de = dr + jnp.cross(spin, r) + hub.velocity, de + jnp.cross(spin, e)
+        return (0.9 * dr @ dr + 0.2 * de @ de + 0.07 * (spin @ e) ** 2) / 2
+
+    def ours(q, v):
+        return equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity)
+
+    def orders(energy, q, v):
+        """Parts of first and of second order, but for what is of third and fourth."""
+        there, back, still = energy(q, v), energy(-q, -v), energy(0 * q, 0 * v)
+        return jnp.stack([(there - back) / 2, (there + back) / 2 - still])
+
+    q, v = 1e-3 * q, 1e-3 * v
+    for at in ((q, v), (0 * q, v), (q, 0 * v)):
+        found, wanted = (jax.jit(orders, static_argnums=0)(f, *at) for f in (ours, exact))
+        np.testing.assert_allclose(found, wanted, rtol=1e-5)
+
+
+CONSTANT = [
+    jb.Hybrid(3, 4, 3),
+    jb.Classical(3, 4, 3),
+    jb.VonKarman(5, 3, 2),
+    jb.models.SmallStrainANCF(2),
+    pytest.param(jb.Hybrid(3, 4, 3, jb.models.CantileverModes()), marks=pytest.mark.slow),
+    pytest.param(jb.Hybrid(3, 4, 3, Polynomials(grading=2)), marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("model", CONSTANT, ids=name)
+def test_constant_tables_are_the_uniform_beam(model):
+    """With a kink in the table, twist of zero and a body that is a point."""
+    uniform = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0), 0.4, 0.9)
+
+    def same(value):
+        return jb.Spanwise([0.0, 0.3, 1.0], 3 * [value])
+
+    flat = jb.models.Family.FLAP not in model.families
+    built = jb.Rotor(
+        jb.Beam(2.0, same(1.3), same(4e3), same(11.0), same(7.0), None if flat else same(0.0)),
+        0.4, 0.9, tip=jb.TipBody(),
+    )  # fmt: skip
+    hub, q, v = random_state(model, 4, flat)
+    force = jnp.array([3.0, -2.0, 0.0])
+
+    @jax.jit
+    def numbers(rotor):
+        equations = model.equations(rotor)
+        return (
+            equations.force(hub, q, v, force), *map(dense, equations.tangents(hub, q, v, force)),
+            equations.strain_energy(q), equations.first_moment(q), equations.tip(q),
+            equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity), equations.rigid,
+            equations.displacement(q, np.array([0.4, 1.0])), rotor.steady_strain(jnp.asarray(2.0)),
+        )  # fmt: skip
+
+    for ours, wanted in zip(numbers(built), numbers(uniform), strict=True):
+        np.testing.assert_allclose(ours, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
+    found = jb.modes(model, built, 2.0, 5).frequency
+    np.testing.assert_allclose(found, jb.modes(model, uniform, 2.0, 5).frequency, rtol=1e-11)
+
+
+def built_from(values):
+    """A rotor all of whose numbers come from one vector."""
+    mass, axial, lag, flap, twist, rest = jnp.split(values, [3, 5, 8, 11, 14])
+    stations = (0.0, 0.4, 1.0)
+    beam = jb.Beam(
+        1.0, jb.Spanwise(stations, mass), jb.Spanwise((0, 1), axial), jb.Spanwise(stations, lag),
+        jb.Spanwise(stations, flap), jb.Spanwise(stations, twist),
+    )  # fmt: skip
+    hub, tip, pitch, first, second, offset, inertia, axial_inertia = rest
+    return jb.Rotor(
+        beam, hub, tip, pitch, jb.RootSprings(first, second),
+        jb.TipBody(offset, inertia, axial_inertia),
+    )  # fmt: skip
+
+
+OF_BEAM = (1.0, 0.9, 0.5, 5e3, 4e3, 16.0, 12.0, 5.0, 1.0, 0.8, 0.4, 0.3, 0.2, 0.05)
+VALUES = np.array([*OF_BEAM, 0.2, 0.3, 0.1, 50.0, 20.0, 0.05, 0.02, 0.01])
+
+
+def test_gradients_by_every_number():
+    """By every value at a station and all the rest, against differences, in both modes; and a batch
+    is as single cases."""
+    model = jb.Hybrid(3, 6, 6, basis=Hinged())
+
+    def frequency(values):
+        return jb.modes(model, built_from(values), 3.0, 4, throw=False).frequency
+
+    exact = jax.jit(jax.jacfwd(frequency))(VALUES)
+    step = 1e-5 * np.abs(VALUES)
+    ends = np.concatenate([VALUES + np.diag(step), VALUES - np.diag(step)])
+    many = jax.jit(jax.vmap(frequency))(ends)
+    above, below = np.split(np.asarray(many), 2)
+    differences = ((above - below) / (2 * step[:, None])).T
+    exact = np.asarray(exact)
+    scale = np.abs(differences * VALUES[None]).max()
+    np.testing.assert_allclose(
+        exact * VALUES[None], differences * VALUES[None], rtol=1e-7, atol=1e-7 * scale
+    )
+    np.testing.assert_allclose(jax.jit(jax.jacrev(frequency))(VALUES), exact, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(many[3], frequency(ends[3]), rtol=1e-12)
+
+
+def test_a_bad_number_fails_alone():
+    def case(values):
+        return jb.modes(jb.Hybrid(3, 6, 6, basis=Hinged()), built_from(values), 3.0, 4, throw=False)
+
+    bad = {1: -1.0, 4: np.nan, 13: np.inf, 16: np.nan, 17: 0.0, 20: -1.0}
+    cases = np.tile(VALUES, (len(bad) + 1, 1))
+    for row, (place, value) in enumerate(bad.items()):
+        cases[row, place] = value
+    found = jax.vmap(case)(cases)
+    status = jb.Status
+    np.testing.assert_array_equal(
+        found.status,
+        [
+            status.INVALID_MASS_PER_LENGTH, status.INVALID_AXIAL_STIFFNESS, status.INVALID_TWIST,
+            status.INVALID_PITCH, status.INVALID_ROOT_SPRINGS, status.INVALID_TIP_BODY, status.OK,
+        ],
+    )  # fmt: skip
+    np.testing.assert_allclose(found.frequency[-1], case(VALUES).frequency, rtol=1e-12)
+
+
+def test_a_function_is_as_its_table():
+    table = jb.Spanwise([0, 0.4, 1], [2.0, 1.0, 0.5])
+    function = jb.SpanwiseFunction(
+        jax.tree_util.Partial(lambda a, x: jnp.where(x < 0.4, 2 - a * x, 1 - (x - 0.4) / 1.2), 2.5),
+        kinks=(0.4,),
+    )
+    model = jb.Hybrid(0, 8, 8)
+    each = [
+        lowest(model, jb.Rotor(jb.Beam(1.0, mass, STIFF, 4.0, mass)), 2.0)
+        for mass in (table, function)
+    ]
+    np.testing.assert_allclose(each[0], each[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: jb.Spanwise([0, 0.5, 0.4, 1], [1, 2, 3, 4]), "0.5 and then 0.4 at number 3"),
+        (lambda: jb.Spanwise([0, 0.5, 0.5, 0.5, 1], [1, 2, 3, 4, 5]), "more than two are equal"),
+        (lambda: jb.Spanwise([0, 0.9], [1, 2]), "from 0 to 1"),
+        (lambda: jb.Spanwise([0, 1], [1, 2, 3]), "as many as stations, 2"),
+        (lambda: jb.Spanwise([0], [1]), "two or more"),
+        (lambda: jb.Spanwise([0, np.nan, 1], [1, 2, 3]), "must not decrease"),
+        (lambda: jb.Spanwise([0, 0, 1], [1, 2, 3]), "between the ends"),
+        (lambda: jb.SpanwiseFunction(3.0), "must be a function"),
+        (lambda: jb.SpanwiseFunction(jnp.sin, kinks=(1.5,)), "between 0 and 1"),
+        (lambda: jb.Beam(1, jb.Spanwise([0, 1], [1, -1]), 1, 1, 1), "station 2, x / L = 1"),
+        (lambda: jb.Beam(1, jb.SpanwiseFunction(lambda x: 0.5 - x), 1, 1, 1), "mass_per_length"),
+        (lambda: jb.Beam(1, jb.SpanwiseFunction(lambda x: x[:2]), 1, 1, 1), "for each of"),
+        (lambda: jb.Beam(1, 1, 1, 1, jnp.sin), "wrap a function in SpanwiseFunction"),
+        (lambda: jb.Beam(jb.Spanwise([0, 1], [1, 1]), 1, 1, 1, 1), "length must be"),
+        (lambda: jb.RootSprings(0.0), "springs at the root"),
+        (lambda: jb.TipBody(0.0, -1.0), "tip body"),
+        (lambda: jb.Rotor(BEAM, root=3.0), "root must be a RootSprings"),
+        (lambda: PiecewisePolynomials((0, 0.5)), "from 0 to 1"),
+        (lambda: PiecewisePolynomials((0, 0.5, 0.5, 1)), "must increase"),
+        (lambda: PiecewisePolynomials((0, 1), 2), "degree must be >= 3"),
+        (lambda: jb.Hybrid(3, 3, 3, PiecewisePolynomials((0, 1), 4)).tables, "Hybrid.on"),
+        (lambda: jb.Hybrid.on(Polynomials()), "say how many"),
+        (lambda: MomentPolynomials.of(3), "must be a Beam"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(make, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
+
+
+BEAM = jb.Beam(1.0, 1.0, STIFF, 4.0, 1.0)
