@@ -20,7 +20,7 @@ from jaxbeam._models.basis import hermite
 from jaxbeam._models.laws import POINTS, WEIGHTS, Element, Rule, elongation, gradient_of, rule
 from jaxbeam._numerics.lanes import beside
 from jaxbeam._rotor.beam import Beam, Rotor
-from jaxbeam._rotor.spanwise import along
+from jaxbeam._rotor.spanwise import Property, along
 from jaxbeam._types import Number
 
 Cuts = tuple[tuple[float, ...], ...]  # of each element its parts' edges, from 0 to 1
@@ -68,28 +68,31 @@ def _points(parts: Cuts) -> tuple[np.ndarray, np.ndarray]:
     return edges[:, :-1] + sizes * POINTS, sizes * WEIGHTS / len(parts)
 
 
+def _at(value: Property, xi: Float[np.ndarray, "E m g"]) -> Float[Array, "E m g"]:
+    """A property at points."""
+    return along(value, xi.ravel()).reshape(xi.shape)
+
+
 class Sections(eqx.Module):
     """Properties at the points of integration of elements."""
 
-    mass: Float[Array, "E 4 4 *lanes"]  # int N N^T dm
+    mass: Float[Array, "E 4 4"]  # int N N^T dm
     axial_stiffness: Number  # mean of EA
     bending_stiffness: Number  # mean of EI
     element: Element  # whose arrays have axes of elements and, if these are cut, of parts
 
     def __init__(self, beam: Beam, parts: Cuts, element: type[Element]) -> None:
-        lanes, n = beam.length.ndim, len(parts)
-        s, weight = _points(parts)
+        n, (s, weight) = len(parts), _points(parts)
         xi = (np.arange(n)[:, None, None] + s) / n
         shapes = hermite(s.ravel(), 1 / n).value.reshape(*s.shape, 4)
-        gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes).reshape(n, -1, 4, 4)
-        mass = along(beam.mass_per_length, xi, lanes) * beam.length
-        mass = mass.reshape(n, -1, 1, 1, *mass.shape[3:])
-        self.mass = jnp.sum(beside(gram, lanes) * mass, 1)
-        axial = along(beam.axial_stiffness, xi, lanes)
-        bending = along(beam.in_plane_bending_stiffness, xi, lanes)
-        every = beside(weight, lanes)
-        self.axial_stiffness = jnp.sum(every * axial, (0, 1, 2))
-        self.bending_stiffness = jnp.sum(every * bending, (0, 1, 2))
+        gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes)
+        mass = _at(beam.mass_per_length, xi) * beam.length
+        self.mass = jnp.sum(gram * mass[..., None, None], (1, 2))
+        axial, bending = (
+            _at(value, xi) for value in (beam.axial_stiffness, beam.in_plane_bending_stiffness)
+        )
+        self.axial_stiffness = jnp.sum(weight * axial)
+        self.bending_stiffness = jnp.sum(weight * bending)
         stretching = axial / self.axial_stiffness
         bending = bending / (self.axial_stiffness * beam.length**2)
         if s.shape[1] == 1:
@@ -97,7 +100,7 @@ class Sections(eqx.Module):
         self.element = element(bending, n, stretching)
 
 
-def body_mass(rotor: Rotor) -> Float[Array, "2 2 *lanes"] | None:
+def body_mass(rotor: Rotor) -> Float[Array, "2 2"] | None:
     """Mass matrix of the tip body that belongs to the position of the tip and to L r' there; None
     for a point.
 
@@ -109,7 +112,7 @@ def body_mass(rotor: Rotor) -> Float[Array, "2 2 *lanes"] | None:
     mass, length = rotor.tip_mass, rotor.beam.length
     arm = mass * rotor.tip.offset / length
     own = arm * rotor.tip.offset / length + rotor.tip.inertia / length**2
-    return jnp.stack(jnp.broadcast_arrays(mass, arm, arm, own)).reshape(2, 2, *own.shape)
+    return jnp.stack([mass, arm, arm, own]).reshape(2, 2)
 
 
 class Ends(eqx.Module):

@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, known, positive
-from jaxbeam._numerics.lanes import beside
 from jaxbeam._rotor.ends import RootSprings, TipBody
 from jaxbeam._rotor.parameters import Parameters, along_span, optional, parameter
 from jaxbeam._rotor.spanwise import (
@@ -144,7 +143,7 @@ class Beam(Parameters):
         if self.is_uniform:
             return self
         means = (
-            mean(getattr(self, field.name), self.length.ndim)
+            mean(getattr(self, field.name))
             for field in dataclasses.fields(self)
             if "optional" not in field.metadata
         )
@@ -153,7 +152,7 @@ class Beam(Parameters):
     @property
     def mass(self) -> Number:
         """Mass of the beam, int rho dx, in kg."""
-        return mean(self.mass_per_length, self.length.ndim) * self.length
+        return mean(self.mass_per_length) * self.length
 
     @property
     def frequency_scale(self) -> Number:
@@ -252,11 +251,10 @@ class Rotor(Parameters):
         if beam.is_uniform:
             first, second = length / 2, radius**2 + radius * length + length**2 / 3
         else:
-            xi, weight = (beside(a, length.ndim) for a in points_within(beam.edges))
-            share = weight * along(beam.mass_per_length, points_within(beam.edges)[0], length.ndim)
-            share = share * length / mass
-            first = length * jnp.sum(share * xi, 0)
-            second = jnp.sum(share * (radius + length * xi) ** 2, 0)
+            xi, weight = points_within(beam.edges)
+            share: Any = weight * along(beam.mass_per_length, xi) * length / mass
+            first = length * (share @ xi)
+            second = share @ (radius + length * xi) ** 2
         at_tip = tip_mass * reach**2
         if self.tip is not None:
             at_tip = at_tip + self.tip.inertia

@@ -20,7 +20,6 @@ from jaxbeam._checks import (
     real_scalar,
     require,
 )
-from jaxbeam._numerics.lanes import beside
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_known
 
@@ -128,26 +127,11 @@ class SpanwiseFunction(AbstractSpanwise):
 Property = Any  # Scalar | AbstractSpanwise: whoever gave numbers gets numbers back
 
 
-def along(value: Property, xi: Float[np.ndarray, "*p"], lanes: int = 0) -> Float[Array, "..."]:
-    """A property at points, none of which is a kink; behind those of points there may be axes of
-    lanes (see `kernel`)."""
-    if not isinstance(value, AbstractSpanwise):
-        return jnp.broadcast_to(value, (*np.shape(xi), *jnp.shape(value)))
-
-    def at(value: AbstractSpanwise) -> Array:
-        return value.at(xi.ravel())
-
-    if lanes:  # what one value has for all lanes is repeated
-        shapes = [leaf.shape[-lanes:] for leaf in jax.tree.leaves(eqx.filter(value, eqx.is_array))]
-        whole = jnp.broadcast_shapes(*shapes) if shapes else (1,) * lanes
-        value = jax.tree.map(
-            lambda a: jnp.broadcast_to(a, (*a.shape[:-lanes], *whole)) if eqx.is_array(a) else a,
-            value,
-        )
-    for _ in range(lanes):
-        at = eqx.filter_vmap(at, in_axes=eqx.if_array(-1), out_axes=-1, axis_size=None)
-    values = at(value)
-    return values.reshape(*xi.shape, *values.shape[1:])
+def along(value: Property, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+    """A property at points, none of which is a kink."""
+    if isinstance(value, AbstractSpanwise):
+        return value.at(xi)
+    return jnp.broadcast_to(value, np.shape(xi))
 
 
 def at_root(value: Property) -> Scalar:
@@ -155,12 +139,12 @@ def at_root(value: Property) -> Scalar:
     return value.at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
 
 
-def mean(value: Property, lanes: int = 0) -> Number:
-    """Mean of a property over the span."""
+def mean(value: Property) -> Number:
+    """Mean of a property over the span; of a uniform one, which may have lanes, itself."""
     if not isinstance(value, AbstractSpanwise):
         return value
     xi, weight = points_within((0.0, *value.kinks, 1.0))
-    return jnp.sum(beside(weight, lanes) * along(value, xi, lanes), 0)
+    return jnp.asarray(weight) @ value.at(xi)
 
 
 @functools.lru_cache(maxsize=64)

@@ -11,8 +11,6 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._models.ancf import axial_bending
 from jaxbeam._models.sections import cuts
-from jaxbeam._numerics.kernel import kernel
-from jaxbeam._numerics.lanes import beside
 from jaxbeam._numerics.linalg import dense
 from tests.helpers import ELEMENTS, finite_difference, name
 from tests.models.test_equations import lagrange, random_state
@@ -37,7 +35,9 @@ def table(value, stations, *factors):
 
 def varying(**more):
     """A step within an element, a kink in another, a smooth function."""
-    stiffness = jb.SpanwiseFunction(jax.tree_util.Partial(lambda x: 11.0 * (1 - 0.6 * x) ** 3))
+    stiffness = jb.blades.SpanwiseFunction(
+        jax.tree_util.Partial(lambda x: 11.0 * (1 - 0.6 * x) ** 3)
+    )
     beam = jb.Beam(
         2.0, table(1.3, BETWEEN, 1.0, 0.8, 0.6, 0.7, 0.5),
         table(4e3, (0.0, 0.8, 1.0), 1.0, 0.7, 0.8), stiffness, 7.0,
@@ -127,7 +127,7 @@ def test_stretch_of_small_strain_elements_bends_with_a_varying_stiffness():
     beam = rotor.beam
 
     def along(factor):
-        stiffness = jb.SpanwiseFunction(
+        stiffness = jb.blades.SpanwiseFunction(
             jax.tree_util.Partial(lambda x: factor * 11.0 * (1 - 0.6 * x) ** 3)
         )
         whole = jb.Beam(2.0, beam.mass_per_length, beam.axial_stiffness, stiffness, 7.0)
@@ -163,7 +163,7 @@ def errors(blade, n, speed, body=False, spring=None):
         mass, stiffness, hub=HUB, tip=TIP if body else blade_reference.Body(), lag_spring=spring
     )
     mass, stiffness = (
-        jb.SpanwiseFunction(jax.tree_util.Partial(p)) if callable(p) else jb.Spanwise(*p)
+        jb.blades.SpanwiseFunction(jax.tree_util.Partial(p)) if callable(p) else jb.Spanwise(*p)
         for p in BLADES[blade]
     )
     rotor = jb.Rotor(
@@ -327,32 +327,3 @@ def test_twist_is_refused():
     rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, twist=0.2))
     with pytest.raises(ValueError, match="EngineeringANCF is planar and takes no twist"):
         jb.EngineeringANCF(2).linearise(rotor, 1.0)
-
-
-@pytest.mark.slow
-def test_lanes_of_varying_beams_are_single_beams():
-    """Equations that are made where lanes are last, of properties that some of them share."""
-    model = jb.EngineeringANCF(2, root_yields=True)
-    hub, q, _ = random_state(model, 1, True)
-
-    def rotor(scale):
-        mass = jb.SpanwiseFunction(jax.tree_util.Partial(lambda a, x: a * (1 - 0.5 * x), scale))
-        stiffness = table(11.0, BETWEEN)
-        stiffness = jb.Spanwise(BETWEEN, scale * stiffness.values)
-        beam = jb.Beam(2.0, mass, table(4e3, BETWEEN), stiffness, 7.0)
-        return jb.Rotor(beam, 0.4, scale, tip=BODY, root=SPRING)
-
-    def answers(rotor, q):
-        equations = model.equations(rotor)
-        where = jax.tree.map(lambda a: beside(a, q.ndim - 1), hub)
-        force = equations.force(where, q, q, None)
-        inertia = (equations.mass + equations.tangents(where, q, q, None)[0]) @ q
-        return force, inertia, equations.strain_energy(q), equations.rigid
-
-    fast = kernel(answers)
-    scales = jnp.array([1.0, 1.2, 0.7])
-    many = jax.jit(jax.vmap(lambda scale: fast(rotor(scale), q * scale)))(scales)
-    for i, scale in enumerate(scales):
-        one = jax.jit(answers)(rotor(scale), q * scale)
-        for a, b in zip(many, one, strict=True):
-            np.testing.assert_allclose(a[i], b, rtol=1e-12, atol=1e-12)
