@@ -4,7 +4,7 @@ Say `jax.config.update("jax_enable_x64", True)` and `import jaxbeam as jb`. Ever
 units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad` goes through.
 
 What rotates        Beam, Rotor; Loads and Damping act on it
-As built            Spanwise: a property along the span; RootSprings, TipBody; jb.blades reads tables
+As built            Spanwise: a property along the span; RootSprings, TipBody; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     EngineeringANCF, GreenANCF, ANCF in finite elements
 At a steady speed   modes; labels name the modes that are asked for

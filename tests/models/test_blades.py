@@ -8,6 +8,7 @@ from numpy.polynomial import chebyshev
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
+from jaxbeam.blades import SpanwiseFunction
 from jaxbeam.models import Hinged, MomentPolynomials, PiecewisePolynomials, Polynomials
 from tests.helpers import name
 from tests.models.test_equations import random_state
@@ -24,7 +25,7 @@ def _power(factor, base, exponent, x):
 
 def power(base, exponent, factor=1.0):
     """Its numbers are leaves, so that all tapers share a program."""
-    return jb.blades.SpanwiseFunction(jax.tree_util.Partial(_power, factor, base, exponent))
+    return SpanwiseFunction(jax.tree_util.Partial(_power, factor, base, exponent))
 
 
 def lowest(model, rotor, speed, count=6):
@@ -398,7 +399,7 @@ def test_a_bad_number_fails_alone():
 
 def test_a_function_is_as_its_table():
     table = jb.Spanwise([0, 0.4, 1], [2.0, 1.0, 0.5])
-    function = jb.blades.SpanwiseFunction(
+    function = SpanwiseFunction(
         jax.tree_util.Partial(lambda a, x: jnp.where(x < 0.4, 2 - a * x, 1 - (x - 0.4) / 1.2), 2.5),
         kinks=(0.4,),
     )
@@ -420,11 +421,11 @@ def test_a_function_is_as_its_table():
         (lambda: jb.Spanwise([0], [1]), "two or more"),
         (lambda: jb.Spanwise([0, np.nan, 1], [1, 2, 3]), "must not decrease"),
         (lambda: jb.Spanwise([0, 0, 1], [1, 2, 3]), "between the ends"),
-        (lambda: jb.blades.SpanwiseFunction(3.0), "must be a function"),
-        (lambda: jb.blades.SpanwiseFunction(jnp.sin, kinks=(1.5,)), "between 0 and 1"),
+        (lambda: SpanwiseFunction(3.0), "must be a function"),
+        (lambda: SpanwiseFunction(jnp.sin, kinks=(1.5,)), "between 0 and 1"),
         (lambda: jb.Beam(1, jb.Spanwise([0, 1], [1, -1]), 1, 1, 1), "station 2, x / L = 1"),
-        (lambda: jb.Beam(1, jb.blades.SpanwiseFunction(lambda x: 0.5 - x), 1, 1, 1), "mass_per_length"),
-        (lambda: jb.Beam(1, jb.blades.SpanwiseFunction(lambda x: x[:2]), 1, 1, 1), "for each of"),
+        (lambda: jb.Beam(1, SpanwiseFunction(lambda x: 0.5 - x), 1, 1, 1), "mass_per_length"),
+        (lambda: jb.Beam(1, SpanwiseFunction(lambda x: x[:2]), 1, 1, 1), "for each of"),
         (lambda: jb.Beam(1, 1, 1, 1, jnp.sin), "wrap a function in SpanwiseFunction"),
         (lambda: jb.Beam(jb.Spanwise([0, 1], [1, 1]), 1, 1, 1, 1), "length must be"),
         (lambda: jb.RootSprings(0.0), "springs at the root"),

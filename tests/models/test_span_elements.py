@@ -12,6 +12,7 @@ import jaxbeam as jb
 from jaxbeam._models.ancf import axial_bending
 from jaxbeam._models.sections import cuts
 from jaxbeam._numerics.linalg import dense
+from jaxbeam.blades import SpanwiseFunction
 from tests.helpers import ELEMENTS, finite_difference, name
 from tests.models.test_equations import lagrange, random_state
 from tests.vibration import blade_reference
@@ -35,9 +36,7 @@ def table(value, stations, *factors):
 
 def varying(**more):
     """A step within an element, a kink in another, a smooth function."""
-    stiffness = jb.blades.SpanwiseFunction(
-        jax.tree_util.Partial(lambda x: 11.0 * (1 - 0.6 * x) ** 3)
-    )
+    stiffness = SpanwiseFunction(jax.tree_util.Partial(lambda x: 11.0 * (1 - 0.6 * x) ** 3))
     beam = jb.Beam(
         2.0, table(1.3, BETWEEN, 1.0, 0.8, 0.6, 0.7, 0.5),
         table(4e3, (0.0, 0.8, 1.0), 1.0, 0.7, 0.8), stiffness, 7.0,
@@ -127,7 +126,7 @@ def test_stretch_of_small_strain_elements_bends_with_a_varying_stiffness():
     beam = rotor.beam
 
     def along(factor):
-        stiffness = jb.blades.SpanwiseFunction(
+        stiffness = SpanwiseFunction(
             jax.tree_util.Partial(lambda x: factor * 11.0 * (1 - 0.6 * x) ** 3)
         )
         whole = jb.Beam(2.0, beam.mass_per_length, beam.axial_stiffness, stiffness, 7.0)
@@ -163,7 +162,7 @@ def errors(blade, n, speed, body=False, spring=None):
         mass, stiffness, hub=HUB, tip=TIP if body else blade_reference.Body(), lag_spring=spring
     )
     mass, stiffness = (
-        jb.blades.SpanwiseFunction(jax.tree_util.Partial(p)) if callable(p) else jb.Spanwise(*p)
+        SpanwiseFunction(jax.tree_util.Partial(p)) if callable(p) else jb.Spanwise(*p)
         for p in BLADES[blade]
     )
     rotor = jb.Rotor(
