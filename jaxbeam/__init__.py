@@ -4,7 +4,7 @@ Say `jax.config.update("jax_enable_x64", True)` and `import jaxbeam as jb`. Ever
 units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad` goes through.
 
 What rotates        Beam, Rotor; Loads and Damping act on it
-As built            Spanwise and SpanwiseFunction: properties along the span; RootSprings, TipBody
+As built            Spanwise: a property along the span; RootSprings, TipBody; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     EngineeringANCF, GreenANCF, ANCF in finite elements
 At a steady speed   modes; labels name the modes that are asked for
@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     from jaxbeam._rotor.loads import Damping as Damping
     from jaxbeam._rotor.loads import Loads as Loads
     from jaxbeam._rotor.spanwise import Spanwise as Spanwise
-    from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
     from jaxbeam._rotor.spins import ConstantSpeed as ConstantSpeed
     from jaxbeam._rotor.spins import SmoothSpinUp as SmoothSpinUp
     from jaxbeam._simulation.simulate import deflection_limit as deflection_limit

@@ -70,6 +70,8 @@ _EPILOG = f"""\
 Frequencies over speed, for three tip masses (--example prints it, and the others):
 
 {EXAMPLES["frequencies"]}
+A [beam] may have file = "blade.csv" for a table of sectional properties (jaxbeam.blades.read_csv),
+[root] springs (jaxbeam.RootSprings) and [tip] what makes a body of the tip mass (jaxbeam.TipBody).
 A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
 
 {EXAMPLES["spin_up"]}
@@ -80,7 +82,12 @@ on when the same command runs again; after a change in the file remove FOLDER/ch
 another FOLDER. Exit status: 0 if a case is ok, 1 if none is, 2 for a mistake in the file.
 """
 Dims = dict[str, dict[str, list[Any]]]
-TABLES = ("model", "beam", "rotor", "motion", "loads", "damping")
+TABLES = ("model", "beam", "rotor", "root", "tip", "motion", "loads", "damping")
+
+
+def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> jb.Beam:
+    """The beam of a table of sectional properties (see `jaxbeam.blades.read_csv`)."""
+    return jb.blades.read_csv(file, length=length, axial_stiffness=axial_stiffness).beam
 
 
 # Questions: functions of one case. Arguments are TABLES, and keys of the question's own table.
@@ -177,7 +184,8 @@ def read(tables: Mapping[str, Any]) -> Job:
     axes = {name: _values(name, given) for name, given in tables.get("sweep", {}).items()}
     bases = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}
     makers: dict[str, list[Any]] = {"loads": [jb.Loads], "damping": [jb.Damping], question: [ask]}
-    makers["beam"] = [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness]
+    makers |= {"root": [jb.RootSprings], "tip": [jb.TipBody]}
+    makers["beam"] = [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness, _beam_in]
     takes: dict[str, dict[str, inspect.Parameter]] = {}
     made: dict[str, Callable[[Mapping[str, Any]], Any]] = {}  # from the swept numbers
 
@@ -197,6 +205,8 @@ def read(tables: Mapping[str, Any]) -> Job:
         def make(numbers: Mapping[str, Any]) -> Any:
             swept = {name: n for name, n in numbers.items() if name in takes[table]}
             parts = {needed: made[needed](numbers) for needed in needs}
+            if "model" in parts and "rotor" in parts:
+                parts["model"] = parts["model"].suited(parts["rotor"])
             with _blamed(table):
                 return maker(**parts, **{**given, **swept})
 
@@ -285,6 +295,8 @@ def _fitting(
     those = "its keys are" if len(makers) == 1 else f"{maker.__qualname__} takes"
     for key, value in given.items():
         _unless_among(key, keys, f"[{table}] has no {key}", those)
+        if keys[key].annotation is str and isinstance(value, str):
+            continue
         several = isinstance(value, list) and keys[key].annotation is Any  # say an axis
         if not all(map(_is_number, value if several else [value])):
             raise ValueError(f"[{table}] {key} must be a number, got {value!r}")

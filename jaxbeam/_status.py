@@ -161,6 +161,7 @@ class Status(enum.IntEnum):
         "offset of the tip body must be finite, its inertia finite and >= 0",
         INPUT,
     )
+    INVALID_PRECONE = 38, "precone must be finite", INPUT
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

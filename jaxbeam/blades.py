@@ -6,5 +6,6 @@
 
 from jaxbeam._rotor.nrel_tables import read_bmodes as read_bmodes
 from jaxbeam._rotor.nrel_tables import read_elastodyn as read_elastodyn
+from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
 from jaxbeam._rotor.tables import BladeTable as BladeTable
 from jaxbeam._rotor.tables import read_csv as read_csv

@@ -131,7 +131,7 @@ def tables() -> Iterator[Line]:
 def tapered(height: Any, breadth: Any) -> jb.Rotor:
     """By linear tapers of height and breadth, as shares of what they are at the root."""
     parts = Partial(mass_left, height, breadth), Partial(stiffness_left, height, breadth)
-    return jb.Rotor(beam(*map(jb.SpanwiseFunction, parts)))
+    return jb.Rotor(beam(*map(jb.blades.SpanwiseFunction, parts)))
 
 
 def mass_left(height: Any, breadth: Any, x: Any) -> Any:

@@ -49,7 +49,7 @@ AS_BUILT = jb.Rotor(
     jb.Beam(
         2.0,
         jb.Spanwise([0, 0.3, 0.3, 1], [1.6, 1.2, 1.0, 0.7]),
-        jb.SpanwiseFunction(lambda x: 4e3 * (1 - x / 2)),
+        jb.blades.SpanwiseFunction(lambda x: 4e3 * (1 - x / 2)),
         jb.Spanwise([0, 0.6, 1], [14.0, 9.0, 5.0]),
         jb.Spanwise([0, 0.3, 0.3, 1], [8.0, 7.0, 5.0, 3.0]),
         twist=jb.Spanwise([0, 1], [0.4, -0.1]),

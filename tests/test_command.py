@@ -242,7 +242,7 @@ def test_further_scenes_are_accepted():
         ("tip_mass = [0.0, -0.1]", "tip_mass = [0, true]", "[sweep] tip_mass must be a list"),
         ("tip_mass = [0.0, -0.1]", "tip_mass = 0.1", "[sweep] tip_mass must be a list of numbers"),
         ("tip_mass = [0.0, -0.1]", "tipmass = [0.0]", "[sweep] tipmass is not swept: did you mean "
-         "tip_mass? numbers are angular_speed, hub_radius, tip_mass, length"),
+         "tip_mass? numbers are angular_speed, hub_radius, tip_mass, pitch, precone, length"),
         ("tip_mass = [0.0, -0.1]", "n_flap = [0, 1]", "[sweep] n_flap is not swept: numbers are"),
         ("count = 3", "count = 1", "[sweep] angular_speed count must be >= 2, got 1"),
         ("count = 3", "count = 3.0", "[sweep] angular_speed count must be an int, got float"),

@@ -61,9 +61,8 @@ def chains(
     """
     linear = [_modal(Hybrid, n, rotor, planar) for n in question.functions]
     if planar:
-        yields = rotor.root is not None and rotor.root.in_plane is not None
         sizes = [n for n in ELEMENTS if 2 * n >= question.functions[0]]
-        return linear, [EngineeringANCF(n, yields) for n in sizes]
+        return linear, [EngineeringANCF(n).suited(rotor) for n in sizes]
     return linear, [_modal(VonKarman, n, rotor, planar) for n in question.functions if n > 1]
 
 

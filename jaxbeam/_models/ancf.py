@@ -6,7 +6,8 @@ B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifuga
 Technical Report MBS99-5-UIC, 1999.
 """
 
-from typing import ClassVar
+import dataclasses
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,6 +28,7 @@ from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import spinning
+from jaxbeam._rotor.spanwise import AbstractSpanwise, points_within
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
@@ -47,30 +49,67 @@ class _ANCF(CartesianModel):
 
 
 class _Nodal(_ANCF):
-    """Geometrically non-linear elements, whose coordinates are ordered node by node."""
+    """Geometrically non-linear elements, whose coordinates are ordered node by node.
+
+    Properties may vary along the span, and a body may be at the tip: as far as that is stretched
+    with the end of the beam, see `Ends`, it is rigid. With `root_yields` there is a spring at the
+    root, and the rotor says how stiff it is.
+    """
 
     element: ClassVar[type[Element]]
+    root_yields: bool = eqx.field(static=True, default=False)
 
     @property
     def families(self) -> tuple[Family, ...]:
-        """L u' of the first node, then w, L w', u, L u' of each."""
+        """L u' of the first node, L w' before it if the root yields, then w, L w', u, L u' of each
+        other node."""
+        first = (Family.IN_PLANE, Family.AXIAL)[0 if self.root_yields else 1 :]
         node = (Family.IN_PLANE, Family.IN_PLANE, Family.AXIAL, Family.AXIAL)
-        return (Family.AXIAL, *self.n_elements * node)
+        return (*first, *self.n_elements * node)
 
     def equations(self, rotor: Rotor) -> ElementEquations:
         """Equations of motion with the law of strain of `element`."""
+        self._refuse(rotor)
         return ElementEquations(rotor, self.n_elements, self.element)
 
-    def bands(self) -> NodeByNode:
+    def _refuse(self, rotor: Rotor) -> None:
+        """Raise `ValueError` where a rotor has what elements in the plane of rotation have not."""
+        name, root = type(self).__name__, rotor.root
+        springs = (None, None) if root is None else (root.in_plane, root.flap)
+        for there, what in (
+            (rotor.beam.twist is not None, "twist"),
+            (rotor.pitch is not None, "pitch"),
+            (rotor.precone is not None, "precone"),
+            (springs[1] is not None, "flap spring at the root"),
+        ):
+            if there:
+                raise ValueError(f"{name} is planar and takes no {what}: take Hybrid")
+        if self.root_yields != (springs[0] is not None):
+            has = "no spring" if self.root_yields else "a spring"
+            raise ValueError(
+                f"the root of the rotor has {has} in the plane of rotation: take "
+                f"{name}(root_yields={not self.root_yields})"
+            )
+
+    def suited(self, rotor: Rotor) -> Self:
+        """As many elements, with a root that yields if that of the rotor does."""
+        yields = rotor.root is not None and rotor.root.in_plane is not None
+        return dataclasses.replace(self, root_yields=yields)
+
+    def bands(self) -> NodeByNode | None:
         """The order of the coordinates, whatever the equations are."""
-        return NodeByNode(self.n_elements)
+        return None if self.root_yields else NodeByNode(self.n_elements)
 
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
         n = self.n_elements
-        node = np.array([2 * n + 1, 2 * n + 2, 1, 2])  # axial coordinates come first there
-        order = np.append(0, (2 * np.arange(n)[:, None] + node).ravel())
-        return super().displacement(xi)[:, :, order]
+        # Functions that are zero at the root: the slope there, then value and slope of each node.
+        shapes = self.functions_from.stretch(2 * n + 1, xi).value
+        out = np.zeros((3, len(xi), 4 * n + 2))
+        node = 2 + 4 * np.arange(n)[:, None] + np.arange(2)
+        for component, columns in ((1, np.append(0, node)), (0, np.append(1, node + 2))):
+            out[component][:, columns] = shapes
+        return jnp.asarray(out[:, :, 0 if self.root_yields else 1 :])
 
     def steady_state(self, rotor: Rotor, angular_speed: Real) -> Array:
         """Axial coordinates (2 n + 1, in metres) of the steady state; the beam stays straight.
@@ -94,7 +133,7 @@ class _Nodal(_ANCF):
         def residual(u: Array, fraction: Array | float = 1.0) -> Array:
             part = hub._replace(angular_velocity=jnp.sqrt(fraction) * hub.angular_velocity)
             q = u @ along
-            return -equations.force(part, q, zero, None)[axial] / rotor.beam.axial_stiffness
+            return -equations.force(part, q, zero, None)[axial] / equations.axial_stiffness
 
         def acceptable(u: Array) -> Array:
             return jnp.all(equations.gradient(u @ along, points)[1] > -0.5)
@@ -103,7 +142,12 @@ class _Nodal(_ANCF):
         q = u @ along
         status = jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
         if self.element.tears:
-            status = jnp.where(rotor.tears(speed), Status.NO_EQUILIBRIUM, status)
+            if rotor.beam.is_uniform and rotor.tip is None:
+                torn = rotor.tears(speed)
+            else:
+                k, _ = equations.tangents(hub, q, zero, None)
+                torn = ~jnp.all(jnp.isfinite(jnp.linalg.cholesky(dense(k)[axial][:, axial])))
+            status = jnp.where(torn, Status.NO_EQUILIBRIUM, status)
         return q, status
 
     @property
@@ -119,10 +163,16 @@ class _Nodal(_ANCF):
             mass=dense(equations.mass),
             gyroscopic=c,
             stiffness=(k + k.T) / 2,
-            steady_strain=equations.strain(q, np.zeros(1))[0],
+            steady_strain=self._largest_strain(rotor, equations, q),
             status=status,
             families=self.families,
         )
+
+    def _largest_strain(self, rotor: Rotor, equations: ElementEquations, q: Vector) -> Scalar:
+        """Of a straight beam: at the root if it is uniform, else at one of the nodes."""
+        if rotor.beam.is_uniform:
+            return equations.strain(q, np.zeros(1))[0]
+        return jnp.max(equations.strain(q, np.linspace(0.0, 1.0, self.n_elements + 1)))
 
 
 class GreenANCF(_Nodal):
@@ -202,9 +252,16 @@ class SmallStrainANCF(_ANCF):
 def axial_bending(model: _ANCF, rotor: Rotor) -> Matrix:
     """int EI u1'' u1'' dx: elements with EI r''.r'' have it on their axial coordinates too."""
     beam, n = rotor.beam, model.counts[0]
+    stiffness, others = beam.in_plane_bending_stiffness, len(model.families) - n
+    if isinstance(stiffness, AbstractSpanwise):
+        ends = np.linspace(0.0, 1.0, model.n_elements + 1)
+        xi, weight = points_within(tuple(np.union1d(ends, stiffness.kinks).tolist()))
+        curvature = model.functions_from.stretch(n, xi).curvature
+        along = curvature.T @ ((weight * stiffness.at(xi))[:, None] * curvature)
+        return jnp.pad(along / beam.length**3, (0, others))
     out = np.zeros((len(model.families),) * 2)
     out[:n, :n] = stretch_integrals(model.functions_from, n).curvature
-    return beam.in_plane_bending_stiffness / beam.length**3 * out
+    return stiffness / beam.length**3 * out
 
 
 class ANCF(_Nodal):

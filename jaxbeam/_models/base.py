@@ -2,7 +2,7 @@
 
 import abc
 import enum
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -17,7 +17,6 @@ from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor, Rotor, SpringRotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
-from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 
@@ -55,21 +54,32 @@ def labels(*, in_plane: int = 0, flap: int = 0, axial: int = 0) -> tuple[Label, 
     return tuple(Label(f, k + 1) for f, count in counts.items() for k in range(count))
 
 
-def planes_of(couples_bending: bool) -> list[tuple[tuple[Family, ...], tuple[Family, ...]]]:
-    """Transverse and axial families that move together."""
-    if couples_bending:
-        return [((Family.IN_PLANE, Family.FLAP), (Family.AXIAL,))]
-    return [((Family.IN_PLANE,), (Family.AXIAL,)), ((Family.FLAP,), ())]
+# Families that move in phase, and those that move in quadrature to them.
+Plane = tuple[tuple[Family, ...], tuple[Family, ...]]
+APART: tuple[Plane, ...] = (((Family.IN_PLANE,), (Family.AXIAL,)), ((Family.FLAP,), ()))
+
+
+def planes_of(rotor: AnyRotor) -> tuple[Plane, ...]:
+    """Which families of modes are coupled: flap with none, unless sections are turned or the beam
+    is coned."""
+    if not isinstance(rotor, Rotor):
+        return APART
+    if rotor.precone is not None:
+        return (((Family.IN_PLANE,), (Family.FLAP, Family.AXIAL)),)
+    if rotor.couples_bending:
+        return (((Family.IN_PLANE, Family.FLAP), (Family.AXIAL,)),)
+    return APART
 
 
 class LinearSystem(eqx.Module):
     """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
 
     `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is
-    N/m when coordinates are metres. In-plane and axial coordinates are coupled by `gyroscopic`
-    alone, flap coordinates are coupled to neither, unless sections are turned and `stiffness`
-    `couples_bending` in the two directions: true of a straight beam that turns in its plane, and
-    what the eigensolver builds on. `families` names the direction of each coordinate.
+    N/m when coordinates are metres. `planes` says which families are coupled. Within a plane those
+    of the first kind are coupled with those of the second by `gyroscopic` alone, which couples
+    nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
+    straight beam that turns in its plane are such, with flap alone. `families` names the direction
+    of each coordinate.
     `steady_strain` is the axial strain at the root, the largest of the steady state, without
     unit: that of the steady state in `ANCF`, elsewhere the estimate P(0) / EA from the tension on
     the undeformed beam. Unless `status` is OK all numbers are NaN.
@@ -81,7 +91,7 @@ class LinearSystem(eqx.Module):
     steady_strain: Scalar
     status: Code
     families: tuple[Family, ...] = eqx.field(static=True)
-    couples_bending: bool = eqx.field(static=True, default=False)
+    planes: tuple[Plane, ...] = eqx.field(static=True, default=APART)
 
     def where(self, *families: Family) -> np.ndarray:
         """Indices of the coordinates of these families, in the order of the families given."""
@@ -282,12 +292,16 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
             steady_strain=equations.strain(q, np.zeros(1))[0],
             status=status,
             families=self.families,
-            couples_bending=rotor.couples_bending,
+            planes=planes_of(rotor),
         )
 
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
         return equilibrium(self.equations(rotor), spinning(speed))
+
+    def suited(self, rotor: TheRotor) -> Self:
+        """The same model with a root that yields where that of the rotor does."""
+        return self
 
     def bands(self) -> BandTables | NodeByNode | None:
         """How matrices of small motion are bands, which makes `modes` fast; None: they are not.
@@ -361,25 +375,6 @@ def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
     given = rotor.status(speed)
     fine = given == Status.OK
     return given, harmless(fine, rotor), jnp.where(fine, speed, 0.0)
-
-
-def rigid_moments(rotor: Rotor) -> Triple:
-    """int (1, X, X^2) dm of the undeformed beam with its tip mass."""
-    beam, radius, length = rotor.beam, rotor.hub_radius, rotor.beam.length
-    mass, tip_mass, reach = beam.mass, rotor.tip_mass, rotor.reach
-    if beam.is_uniform:
-        first, second = length / 2, radius**2 + radius * length + length**2 / 3
-    else:
-        xi, weight = points_within(beam.edges)
-        share: Any = weight * along(beam.mass_per_length, xi) * length / mass
-        first = length * (share @ xi)
-        second = share @ (radius + length * xi) ** 2
-    at_tip = tip_mass * reach**2
-    if rotor.tip is not None:
-        at_tip = at_tip + rotor.tip.inertia
-    return jnp.stack(
-        [mass + tip_mass, mass * (radius + first) + tip_mass * reach, mass * second + at_tip]
-    )
 
 
 def count_functions(name: str, value: int, least: int = 0) -> None:

@@ -29,7 +29,7 @@ from jaxbeam._models.base import (
     Equations,
     Family,
     LinearSystem,
-    rigid_moments,
+    planes_of,
 )
 from jaxbeam._models.basis import Basis, Functions
 from jaxbeam._models.tables import (
@@ -147,7 +147,7 @@ def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearS
         steady_strain=rotor.steady_strain(speed),
         status=jnp.asarray(Status.OK),
         families=model.families,
-        couples_bending=rotor.couples_bending,
+        planes=planes_of(rotor),
     )
 
 
@@ -211,7 +211,7 @@ class CartesianEquations(Equations):
             gram=gram,
             moment=mass * t.moment + tip_mass * tip,
             first=first,
-            rigid=rigid_moments(rotor),
+            rigid=rotor.rigid_moments,
             size=length,
             end=end,
             energy_scale=beam.mean.in_plane_bending_stiffness / length,

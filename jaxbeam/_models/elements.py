@@ -5,7 +5,10 @@ that of any beam on a moving hub (see `cartesian.py`), element by element, with 
 matrix H = int N N^T; elastic forces do not care in which frame they are written, and are those of
 `laws.py`. Coordinates go node by node, (w, L w', u, L u'), so that all matrices are
 block-tridiagonal; of the clamped node only the last is free (B eqs. 18-20): 4 n + 1 coordinates for
-n elements, all in metres.
+n elements, all in metres. Where the root yields L w' of the first node is one more, before L u'.
+
+A uniform beam has one table of inertia and one law for all elements; where properties vary, both
+come element by element from `sections.py`.
 
 Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
 behind those it is said to have (see `kernel`).
@@ -14,24 +17,28 @@ B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifuga
 Technical Report MBS99-5-UIC, 1999.
 """
 
+import dataclasses
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import Equations, rigid_moments
+from jaxbeam._models.base import Equations
 from jaxbeam._models.basis import Functions, hermite
-from jaxbeam._models.laws import POINTS, TURN, WEIGHTS, Element, Local, gradient_of, tabled
+from jaxbeam._models.laws import POINTS, TURN, WEIGHTS, Element, Local, Parts, gradient_of, tabled
+from jaxbeam._models.sections import Cuts, Ends, Sections, body_mass, cuts, rules
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
-from jaxbeam._numerics.lanes import beside, total
+from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Number, Triple, Vector
 
 Nodes = Float[Array, "k 2 2 *lanes"]  # in m: value and L times slope
+Law = Element | Parts
 
 
 class ElementEquations(Equations):
@@ -50,52 +57,74 @@ class ElementEquations(Equations):
     energy_scale: Number
     turned_mass: BlockTridiagonal  # M times a turn by a right angle
     straight: Nodes  # of X a1
-    element_mass: Number
+    element_mass: Number  # where it varies, int N N^T dm of each (E, 4, 4, *lanes)
     tip_mass: Number
+    tip_body: Float[Array, "2 2 *lanes"] | None
     axial_stiffness: Number
     element: Element
+    ends: Ends
+    cuts: Cuts | None = eqx.field(static=True)  # None: a uniform beam
+    yields: bool = eqx.field(static=True)  # whether the slope at the root is a coordinate
 
     takes_lanes: ClassVar[bool] = True
 
     def __init__(self, rotor: Rotor, n_elements: int, element: type[Element]) -> None:
         beam = rotor.beam
         radius, length = rotor.hub_radius, beam.length
-        self.size, self.end, self.rigid = length, radius + length, rigid_moments(rotor)
-        self.element_mass, self.tip_mass = beam.mass / n_elements, rotor.tip_mass
-        self.axial_stiffness = beam.axial_stiffness
-        self.energy_scale = beam.in_plane_bending_stiffness / length
+        self.size, self.end, self.rigid = length, radius + length, rotor.rigid_moments
+        self.tip_mass, self.tip_body = rotor.tip_mass, body_mass(rotor)
         along = radius + length * beside(np.linspace(0.0, 1.0, n_elements + 1), length.ndim)
         along = jnp.stack([along, length + jnp.zeros_like(along)], 1)
         self.straight = jnp.stack([jnp.zeros_like(along), along], 1)
-        ratio = beam.in_plane_bending_stiffness / (beam.axial_stiffness * length**2)
-        self.element = element(ratio, n_elements)
+        self.cuts = None if beam.is_uniform else cuts(beam.edges, n_elements)
+        if self.cuts is None:
+            self.element_mass = beam.mass / n_elements
+            self.axial_stiffness = beam.axial_stiffness
+            self.energy_scale = beam.in_plane_bending_stiffness / length
+            ratio = beam.in_plane_bending_stiffness / (beam.axial_stiffness * length**2)
+            self.element = element(ratio, n_elements)
+        else:
+            sections = Sections(beam, self.cuts, element)
+            self.element_mass, self.element = sections.mass, sections.element
+            self.axial_stiffness = sections.axial_stiffness
+            self.energy_scale = sections.bending_stiffness / length
+        self.ends = Ends(rotor, self.axial_stiffness)
+        self.yields = self.ends.spring is not None
         self.mass, self.turned_mass = self._inertial(np.eye(2)), self._inertial(TURN)
 
     def _inertial(self, turn: np.ndarray) -> BlockTridiagonal:
         """Mass matrix times `turn`."""
         lanes = self.tip_mass.ndim
-        local = np.einsum("cd,ij->cidj", turn, self._gram)[None]
-        own = _assembled(jnp.repeat(local, self.element.n_elements, 0))
-        at_tip = np.zeros((len(self.straight), 4, 12))
-        at_tip[-1, ::2, 4:8:2] = turn
-        rows = self.element_mass * beside(own.rows, lanes) + self.tip_mass * beside(at_tip, lanes)
-        return BlockTridiagonal(rows, absent=3)
+        if self.cuts is None:
+            local = np.einsum("cd,ij->cidj", turn, self._gram)[None]
+            own = _assembled(jnp.repeat(local, self.element.n_elements, 0))
+            rows = self.element_mass * beside(own, lanes)
+        else:
+            turns = beside(turn[None, :, None, :, None], lanes)
+            rows = _assembled(turns * self.element_mass[:, None, :, None])
+        if self.tip_body is None:
+            at_tip = np.zeros((len(self.straight), 4, 12))
+            at_tip[-1, ::2, 4:8:2] = turn
+            rows = rows + self.tip_mass * beside(at_tip, lanes)
+        else:
+            turns = beside(turn[:, None, :, None], lanes)
+            rows = rows + self._at_node(-1, turns * self.tip_body[None, :, None])
+        return self._matrix(rows)
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
         spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
         place = self.straight + self._nodes(q)
         field = _turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
         field = field + _constant(hub.acceleration)
-        own = _by_element(
-            lambda local, field: (
-                self._elastic(local) + self.element_mass * tabled(self._gram, field)
-            ),
+        own = self._by_element(
+            lambda law, mass, local, field: self._elastic(law, local) + self._weighed(mass, field),
             _local(self._nodes(q)), _local(field),
         )  # fmt: skip
-        at_tip = self.tip_mass * field[-1]
+        at_tip = self._borne(field[-1])
         if tip_force is not None:
             at_tip = at_tip - _constant(tip_force)[0]
-        return -_gathered(own, at_tip[:, 0])
+        at_tip = at_tip[:, 0] if self.tip_body is None else at_tip
+        return -self._gathered(own, at_tip, q)
 
     def tangents(
         self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
@@ -107,27 +136,53 @@ class ElementEquations(Equations):
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
         n, scale = self.element.n_elements, self.axial_stiffness / self.size
 
-        def one(local: Array) -> Array:
-            tangent = scale * self.element.tangent(self._gradients(local))
+        def one(law: Law, _: Array, local: Array) -> Array:
+            tangent = scale * law.tangent(self._gradients(local))
             rows = _on_ends(n, tangent).reshape(8, *tangent.shape[2:])
             both = jax.vmap(lambda row: _on_ends(n, row))(rows)
             return both.reshape(2, 4, *both.shape[1:])
 
-        return _assembled(_by_element(one, _local(self._nodes(q))))
+        rows = _assembled(self._by_element(one, _local(self._nodes(q))))
+        if not self.ends.are_plain:
+            slopes = self.ends.tangent(self._at_ends(q)) / self.size**2
+            none = ((0, 0),) * (q.ndim - 1)
+            for i in (0, -1):
+                block = jnp.pad(slopes[i][:, None, :, None], (*((0, 0), (1, 0)) * 2, *none))
+                rows = rows + self._at_node(i, block)
+        return self._matrix(rows)
 
     def elastic_force(self, q: Vector) -> Vector:
-        own = _by_element(self._elastic, _local(self._nodes(q)))
-        return _gathered(own, jnp.zeros_like(own[-1, :, 0]))
+        own = self._by_element(
+            lambda law, _, local: self._elastic(law, local), _local(self._nodes(q))
+        )
+        return self._gathered(own, jnp.zeros_like(own[-1, :, 0]), q)
 
-    def _elastic(self, local: Float[Array, "2 4 *lanes"]) -> Float[Array, "2 4 *lanes"]:
-        """Of an element."""
-        force = self.axial_stiffness * self.element.force(self._gradients(local))
+    def _elastic(self, law: Law, local: Float[Array, "2 4 *lanes"]) -> Array:
+        """Of an element, (2, 4, *lanes)."""
+        force = self.axial_stiffness * law.force(self._gradients(local))
         return _on_ends(self.element.n_elements, force)
+
+    def _weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
+        """int N N^T dm of an element times a field, (2, 4, *lanes)."""
+        if self.cuts is None:
+            return mass * tabled(self._gram, field)
+        return contract(mass[None], field[:, None], 2, field.ndim - 2)
+
+    def _borne(self, field: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 *lanes"]:
+        """Mass matrix at the tip times a field there; of a point only values count."""
+        if self.tip_body is None:
+            return self.tip_mass * field
+        return contract(self.tip_body[None], field[:, None], 2, field.ndim - 2)
 
     def strain_energy(self, q: Vector) -> Number:
         local = _local(self._nodes(q))
-        energy = total(jax.vmap(lambda e: self.element.energy(self._gradients(e)))(local))
-        return self.axial_stiffness * self.size * energy
+        if self.cuts is None:
+            each = jax.vmap(lambda e: self.element.energy(self._gradients(e)))(local)
+        else:
+            each = jax.vmap(lambda law, e: law.energy(self._gradients(e)))(self._laws, local)
+        energy = total(each)
+        energy = self.axial_stiffness * self.size * energy
+        return energy if self.ends.are_plain else energy + self.ends.energy(self._at_ends(q))
 
     def nonconservative_force(self, q: Vector) -> Vector:
         if self.element.is_conservative:
@@ -150,9 +205,17 @@ class ElementEquations(Equations):
 
     def _product(self, a: Nodes, b: Nodes) -> Number:
         """int a . b dm of two fields."""
-        own = _local(a) * _each(self._gram, _local(b))
+        if self.cuts is None:
+            own = _local(a) * jax.vmap(lambda x: tabled(self._gram, x))(_local(b))
+        else:
+            own = _local(a) * jax.vmap(self._weighed)(self.element_mass, _local(b))
         own = total(own.reshape(-1, *own.shape[3:]))
-        return self.element_mass * own + self.tip_mass * total(a[-1, :, 0] * b[-1, :, 0])
+        if self.cuts is None:
+            own = self.element_mass * own
+        if self.tip_body is None:
+            return own + self.tip_mass * total(a[-1, :, 0] * b[-1, :, 0])
+        at_tip = a[-1] * self._borne(b[-1])
+        return own + total(at_tip.reshape(4, *at_tip.shape[2:]))
 
     @property
     def _gram(self) -> np.ndarray:
@@ -196,7 +259,71 @@ class ElementEquations(Equations):
 
     def _nodes(self, q: Vector) -> Nodes:
         """Coordinates node by node, those of the clamped node included."""
-        return padded(q, 3, 0).reshape(-1, 2, 2, *q.shape[1:])
+        nodes = padded(q, self._absent, 0).reshape(-1, 2, 2, *q.shape[1:])
+        return self._reordered(nodes)
+
+    def _at_ends(self, q: Vector) -> Float[Array, "2 2 *lanes"]:
+        """Displacement gradient at root and tip."""
+        nodes = self._nodes(q)
+        return jnp.stack([nodes[0, :, 1], nodes[-1, :, 1]]) / self.size
+
+    @property
+    def _absent(self) -> int:
+        return 2 if self.yields else 3
+
+    def _reordered(self, nodes: Nodes) -> Nodes:
+        """From the order of coordinates to that of nodes and back: where the root yields, values of
+        the first node come before its slopes, so that what is absent is at the beginning."""
+        if not self.yields:
+            return nodes
+        return jnp.concatenate([nodes[:1].swapaxes(1, 2), nodes[1:]])
+
+    def _matrix(self, rows: Float[Array, "k 4 12 *lanes"]) -> BlockTridiagonal:
+        """From the order of nodes to that of coordinates."""
+        if self.yields:
+            parts = rows.reshape(len(rows), 2, 2, 3, 2, 2, *rows.shape[3:])
+            first, second = parts[0].swapaxes(0, 1), parts[1]
+            own, beside_it = first[:, :, 1:2].swapaxes(3, 4), second[:, :, :1].swapaxes(3, 4)
+            first = jnp.concatenate([first[:, :, :1], own, first[:, :, 2:]], 2)
+            second = jnp.concatenate([beside_it, second[:, :, 1:]], 2)
+            parts = jnp.concatenate([first[None], second[None], parts[2:]])
+            rows = parts.reshape(rows.shape)
+        return BlockTridiagonal(rows, absent=self._absent)
+
+    def _at_node(self, i: int, block: Float[Array, "2 2 2 2 *lanes"]) -> Array:
+        """Rows (k, 4, 12, *lanes) in which this is at the first (0) or the last (-1) node."""
+        lanes, more = block.shape[4:], len(self.straight) - 1
+        sides = ((0, 0), (4, 4), *((0, 0),) * len(lanes))
+        row = jnp.pad(block.reshape(4, 4, *lanes), sides)[None]
+        return padded(row, -i * more, (1 + i) * more)
+
+    def _gathered(self, local: Float[Array, "E 2 4 *lanes"], at_tip: Array, q: Vector) -> Vector:
+        """Sum of what elements do at nodes, of a force at the tip (2, *lanes), with the one on the
+        slope (2, 2, *lanes), and of what is at the ends."""
+        own = padded(local[:, :, :2], 0, 1) + padded(local[:, :, 2:], 1, 0)
+        if at_tip.ndim == local.ndim - 2:
+            at_tip = jnp.stack([at_tip, jnp.zeros_like(at_tip)], 1)
+        own = own + padded(at_tip[None], len(local), 0)
+        if not self.ends.are_plain:
+            slopes = self.ends.force(self._at_ends(q)) / self.size
+            slopes = jnp.stack([jnp.zeros_like(slopes), slopes], 2)
+            own = own + padded(slopes[:1], 0, len(local)) + padded(slopes[1:], len(local), 0)
+        return self._reordered(own).reshape(-1, *local.shape[3:])[self._absent :]
+
+    @property
+    def _laws(self) -> Law:
+        """Of elements whose properties vary, with an axis of elements before all others."""
+        parts = None if self.cuts is None else rules(self.cuts)
+        if parts is None:
+            return self.element
+        return Parts(dataclasses.replace(self.element, part=parts))
+
+    def _by_element(self, function: Callable[..., Array], *local: Array) -> Array:
+        """What a function of law, mass and coordinates (2, 4, *lanes) makes of every element."""
+        if self.cuts is None:
+            law, mass = self.element, self.element_mass
+            return _each(lambda *local: function(law, mass, *local), local)
+        return _each(function, (self._laws, self.element_mass, *local))
 
 
 def _on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest"]:
@@ -206,17 +333,13 @@ def _on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *res
     return jnp.concatenate([-chord, force[:, :1], chord, force[:, 2:]], 1)
 
 
-def _by_element(function: Callable[..., Array], *local: Float[Array, "E 2 4 *lanes"]) -> Array:
-    """What a function makes of every element: where there are lanes one after the other, so that
-    what is needed on the way stays in the cache, and loops over lanes are not mixed up with what
-    becomes of the results."""
-    if local[0].ndim > 3:
-        return jax.lax.map(lambda local: function(*local), local)
-    return jax.vmap(function)(*local)
-
-
-def _each(table: np.ndarray, x: Float[Array, "E 2 4 *lanes"]) -> Float[Array, "E 2 4 *lanes"]:
-    return jax.vmap(lambda x: tabled(table, x))(x)
+def _each(function: Callable[..., Array], of: tuple[Any, ...]) -> Array:
+    """Of every element: where there are lanes one after the other, so that what is needed on the
+    way stays in the cache, and loops over lanes are not mixed up with what becomes of the results.
+    """
+    if of[-1].ndim > 3:
+        return jax.lax.map(lambda of: function(*of), of)
+    return jax.vmap(function)(*of)
 
 
 def _local(nodes: Nodes) -> Float[Array, "E 2 4 *lanes"]:
@@ -235,14 +358,8 @@ def _turned(nodes: Nodes) -> Nodes:
     return jnp.concatenate([nodes[:, 1:], -nodes[:, :1]], 1)
 
 
-def _gathered(local: Float[Array, "E 2 4 *lanes"], at_tip: Float[Array, "2 *lanes"]) -> Vector:
-    """Sum of what elements do at nodes, and of a force at the tip."""
-    nodes = padded(local[:, :, :2], 0, 1) + padded(local[:, :, 2:], 1, 0)
-    tip = padded(jnp.stack([at_tip, jnp.zeros_like(at_tip)], 1)[None], len(local), 0)
-    return (nodes + tip).reshape(-1, *local.shape[3:])[3:]
-
-
-def _assembled(local: Float[Array, "E 2 4 2 4 *lanes"]) -> BlockTridiagonal:
+def _assembled(local: Float[Array, "E 2 4 2 4 *lanes"]) -> Float[Array, "k 4 12 *lanes"]:
+    """Rows of blocks, see `BlockTridiagonal`."""
     n, lanes = len(local), local.shape[5:]
     # Rows by end, component, value and slope; columns the same.
     ends = local.reshape(n, 2, 2, 2, 2, 2, 2, *lanes)
@@ -251,4 +368,4 @@ def _assembled(local: Float[Array, "E 2 4 2 4 *lanes"]) -> BlockTridiagonal:
     beyond = jnp.zeros_like(first[:, :, :4])
     first = padded(jnp.concatenate([beyond, first], 2), 0, 1)
     last = padded(jnp.concatenate([last, beyond], 2), 1, 0)
-    return BlockTridiagonal(first + last, absent=3)
+    return first + last

@@ -11,6 +11,9 @@ axial strain:
     Engineering    |r'| - 1, forces from int [EA eps^2 + EI phi'^2] dx / 2, phi the tangent's angle
     Model 0        t.r' - 1 and curvature n.r'' in a frame that moves with the element
 
+Where EA and EI vary along an element, they have a number each at every point of integration, and
+`Parts` integrates from kink to kink.
+
 Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
 behind those it is said to have (see `kernel`).
 
@@ -21,7 +24,7 @@ Technical Report MBS99-5-UIC, 1999.
 import abc
 import functools
 from collections.abc import Callable
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -38,7 +41,9 @@ POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # by a right angle: a1 becomes a2, a2 becomes -a1
 
 
-def tabled(table: Float[np.ndarray, "a b"], x: Float[Array, "c b *lanes"]) -> Array:
+def tabled(
+    table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
+) -> Array:
     """The product sum_b table_ab x_cb, with axes of lanes behind."""
     lanes = x.ndim - 2
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
@@ -71,13 +76,33 @@ def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]
     return jax.grad(lambda x: jnp.sum(function(x)))
 
 
+class Rule(NamedTuple):
+    """How an element, or a part of it, is integrated over x / L."""
+
+    weights: Any  # of the Gauss points (g,)
+    slopes: Any  # from the local coordinates to the gradient there (g, 3)
+    curvatures: Any  # and to its derivative by x / L (g, 3)
+
+
+def rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> Rule:
+    """Of one of so many elements, from s = start to s = end."""
+    s, size = start + (end - start) * POINTS, (end - start) * WEIGHTS
+    return Rule(size / n_elements, _along(s), n_elements * _along(s, 1))
+
+
 class Element(eqx.Module):
-    """Elastic energy, force and tangent of an element, over EA L."""
+    """Elastic energy, force and tangent of an element, over EA L.
+
+    Where properties vary EA is any one value of it: `bending` and `stretching`, EA at the points
+    over that value, are then numbers at the Gauss points, (g, *lanes).
+    """
 
     is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
-    tears: ClassVar[bool] = False  # whether steady states end where `Rotor.tears` says
+    tears: ClassVar[bool] = False  # whether steady states end where the rod tears
     bending: Number  # EI / (EA L^2)
     n_elements: int = eqx.field(static=True)
+    stretching: Number | None = None
+    part: Rule | None = None  # of a part of the element; None: of the whole
 
     @abc.abstractmethod
     def energy(self, e: Local) -> Number:
@@ -103,18 +128,39 @@ class Element(eqx.Module):
 
     @property
     def weights(self) -> np.ndarray:
-        """Weights of the Gauss points."""
-        return WEIGHTS / self.n_elements
+        return self._rule.weights
 
     @property
     def slopes(self) -> np.ndarray:
-        """From the local coordinates to the gradient at the Gauss points (g, 3)."""
-        return _along(POINTS)
+        return self._rule.slopes
 
     @property
     def curvatures(self) -> np.ndarray:
-        """From the local coordinates to its derivative by x / L at the Gauss points (g, 3)."""
-        return self.n_elements * _along(POINTS, 1)
+        return self._rule.curvatures
+
+    @property
+    def _rule(self) -> Rule:
+        return rule(self.n_elements) if self.part is None else self.part
+
+    def pulled(self, x: Float[Array, "g *lanes"]) -> Float[Array, "g *lanes"]:
+        """What is at the Gauss points times the axial stiffness there."""
+        return x if self.stretching is None else self.stretching * x
+
+
+class Parts(eqx.Module):
+    """An element whose properties have kinks inside: the sum of its parts, each a `Rule` that takes
+    the coordinates of the whole element."""
+
+    each: Element  # whose arrays have a first axis, of parts
+
+    def energy(self, e: Local) -> Number:
+        return total(jax.vmap(lambda part: part.energy(e))(self.each))
+
+    def force(self, e: Local) -> Local:
+        return total(jax.vmap(lambda part: part.force(e))(self.each))
+
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+        return total(jax.vmap(lambda part: part.tangent(e))(self.each))
 
 
 class Continuum(Element):
@@ -145,17 +191,19 @@ class Continuum(Element):
     def energy(self, e: Local) -> Number:
         """Strain energy of B eq. 9."""
         bend = total(tabled(self.curvatures, e) ** 2)
-        return _integral(self.weights, self._strain(e) ** 2 + self.bending * bend) / 2
+        return _integral(self.weights, self.pulled(self._strain(e) ** 2) + self.bending * bend) / 2
 
     def force(self, e: Local) -> Local:
         """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
-        pull = self._strain(e)[None] * _stretched(tabled(self.slopes, e))
-        return tabled((self.weights[:, None] * self.slopes).T, pull) + self.bending * tabled(
-            self.bend, e
-        )
+        pull = self.pulled(self._strain(e))[None] * _stretched(tabled(self.slopes, e))
+        pull = tabled((self.weights[:, None] * self.slopes).T, pull)
+        if self.stretching is None:
+            return pull + self.bending * tabled(self._bend, e)
+        moment = self.bending[None] * tabled(self.curvatures, e)
+        return pull + tabled((self.weights[:, None] * self.curvatures).T, moment)
 
     @property
-    def bend(self) -> np.ndarray:
+    def _bend(self) -> np.ndarray:
         """int S''^T S'' dx."""
         return np.einsum("g,gi,gj->ij", self.weights, self.curvatures, self.curvatures)
 
@@ -164,22 +212,34 @@ class Continuum(Element):
         strain, direction = self.measure(tabled(stations, e))
         pull = _rows(slopes, _stretched(tabled(slopes, e)))
         # By the derivative of the strain
-        turn = self.interpolated(_rows(stations, direction))
+        turn = jax.vmap(self.pulled)(self.interpolated(_rows(stations, direction)))
         terms = [w * pull[:, None, g] * turn[None, :, g] for g, w in enumerate(self.weights)]
         material = functools.reduce(jnp.add, terms).reshape(2, 3, *e.shape)
         # and of S'^T r', the same for both components, like bending.
-        each = np.einsum("g,gi,gj->ijg", self.weights, slopes, slopes).reshape(9, -1)
-        along = tabled(each, self.interpolated(strain[None]))[0].reshape(3, *e.shape[1:])
-        along = along + self.bending * beside(self.bend, e.ndim - 2)
+        pull = jax.vmap(self.pulled)(self.interpolated(strain[None]))
+        along = _weighted(self.weights, slopes, slopes, pull)
+        if self.stretching is None:
+            along = along + self.bending * beside(self._bend, e.ndim - 2)
+        else:
+            bending = jnp.broadcast_to(self.bending, pull[0].shape)[None]
+            along = along + _weighted(self.weights, self.curvatures, self.curvatures, bending)
         return material + _both(along)
 
 
 def _rows(
-    table: Float[np.ndarray, "p 3"], vector: Float[Array, "2 p *lanes"]
+    table: Float[np.ndarray, "p 3"] | Float[Array, "p 3"], vector: Float[Array, "2 p *lanes"]
 ) -> Float[Array, "6 p *lanes"]:
     """Table^T times a vector at every point."""
     out = vector[:, None] * beside(table.T[None], vector.ndim - 2)
     return out.reshape(6, *vector.shape[1:])
+
+
+def _weighted(
+    weights: np.ndarray, x: np.ndarray, y: np.ndarray, values: Float[Array, "1 g *lanes"]
+) -> Float[Array, "3 3 *lanes"]:
+    """int x y^T values dx of two tables (g, 3)."""
+    each = weights[None, None] * x.T[:, None] * y.T[None] + 0.0  # no zero is negative
+    return tabled(each.reshape(9, -1), values)[0].reshape(3, 3, *values.shape[2:])
 
 
 def _both(a: Float[Array, "3 3 *lanes"]) -> Float[Array, "2 3 2 3 *lanes"]:
@@ -234,13 +294,14 @@ class Engineering(Element):
 
     def energy(self, e: Local) -> Number:
         at = self._at(e)
-        return _integral(self.weights, at.strain**2 + self.bending * at.turning**2) / 2
+        energy = self.pulled(at.strain**2) + self.bending * at.turning**2
+        return _integral(self.weights, energy) / 2
 
     def force(self, e: Local) -> Local:
         at = self._at(e)
         over = beside(self.weights, e.ndim - 2) / at.square
         twist = self.bending * at.turning * over
-        pull = (at.strain * at.size - 2 * self.bending * at.turning**2) * over
+        pull = (self.pulled(at.strain * at.size) - 2 * self.bending * at.turning**2) * over
         by_slope = pull[None] * at.along + twist[None] * at.turned
         return tabled(self.slopes.T, by_slope) + tabled(self.curvatures.T, twist[None] * at.back)
 
@@ -263,15 +324,13 @@ class Engineering(Element):
         k = _rows(slopes, (at.turned - 4 * at.turning[None] * at.along) / square[None])
         k = k + _rows(self.curvatures, at.back / square[None])
         both, w = jnp.concatenate([p, k], 1), beside(weights, lanes)
-        by = jnp.concatenate([w * (at.size - 4 * bent) / square**2, w * self.bending + 0 * square])
+        by = w * (self.pulled(at.size) - 4 * bent) / square**2
+        by = jnp.concatenate([by, w * self.bending + 0 * square])
         material = contract(both[:, None], (by[None] * both)[None], 2, lanes)
 
-        def whole(x: np.ndarray, y: np.ndarray, values: Array) -> Array:
-            each = np.einsum("g,gi,gj->ijg", weights, x, y).reshape(9, -1)
-            return tabled(each, values[None])[0].reshape(3, *e.shape[1:])
-
-        along = whole(slopes, slopes, (at.strain * at.size - 2 * bent) / square)
-        across = whole(self.curvatures, slopes, moment / square)
+        along = (self.pulled(at.strain * at.size) - 2 * bent) / square
+        along = _weighted(weights, slopes, slopes, along[None])
+        across = _weighted(weights, self.curvatures, slopes, (moment / square)[None])
         across = across - across.swapaxes(0, 1)
         turned = beside(TURN[:, None, :, None], lanes) * across[None, :, None]
         return material.reshape(2, 3, *e.shape) + _both(along) + turned
@@ -316,7 +375,7 @@ class ModelZero(Element):
         stretched, curved = _stretched(d), tabled(self.curvatures, e)
         strain = lean[0] * stretched[0] + lean[1] * stretched[1] + d[1]
         bend = tangent[1] * curved[0] - tangent[0] * curved[1]
-        return _integral(self.weights, strain**2 + self.bending * bend**2) / 2
+        return _integral(self.weights, self.pulled(strain**2) + self.bending * bend**2) / 2
 
 
 class Chord(ModelZero):

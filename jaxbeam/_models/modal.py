@@ -16,6 +16,7 @@ Journal of Sound and Vibration, 1995.
 """
 
 import abc
+import dataclasses
 from typing import Self
 
 import equinox as eqx
@@ -33,7 +34,9 @@ from jaxbeam._models.cartesian import (
     LinearElasticity,
     linear_system,
 )
-from jaxbeam._models.tables import all_functions
+from jaxbeam._models.coned import coned_system
+from jaxbeam._models.pieces import Hinged, suited
+from jaxbeam._models.tables import all_functions, check_root
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Matrix, Number, Scalar, Vector
@@ -71,6 +74,11 @@ class _Modal(CartesianModel):
     def functions_from(self) -> Basis:
         return self.basis
 
+    def suited(self, rotor: Rotor) -> Self:
+        """As many functions of a basis that is `Hinged` where the root of the rotor yields."""
+        own = self.basis.basis if isinstance(self.basis, Hinged) else self.basis
+        return dataclasses.replace(self, basis=suited(own, rotor))
+
     @property
     def counts(self) -> tuple[int, int, int]:
         return self.n_stretch, self.n_in_plane, self.n_flap
@@ -102,6 +110,21 @@ class Hybrid(_Linear):
         """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
         elastic = LinearElasticity(self.linear_stiffness(rotor))
         return CartesianEquations.build(self, rotor, elastic, self.weighted(rotor).tension)
+
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        """The coefficients of the equations of motion; about the deflected steady state of a coned
+        beam (`coned.py`)."""
+        if rotor.precone is None:
+            return super().matrices(rotor, speed)
+        check_root("Hybrid", self.basis, self.counts, rotor, coned=True)
+        if self.n_stretch or not self.n_in_plane or not self.n_flap:
+            raise ValueError(
+                "precone: take Hybrid(n_stretch=0), with functions in plane and in flap, for the "
+                "frequencies of a coned beam"
+            )
+        if rotor.couples_bending or rotor.tip is not None:
+            raise ValueError("precone goes neither with pitch and twist nor with a body at the tip")
+        return coned_system(rotor, speed, self.basis, self.counts[1:], self.families)
 
     def bands(self) -> BandTables | None:
         """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""

@@ -162,21 +162,28 @@ def _springs(known: Tables, rotor: Rotor) -> Matrix:
     return out
 
 
-def check_root(model: str, basis: Basis, counts: Counts, rotor: Rotor) -> None:
-    """Raise `ValueError` unless functions yield at the root where the rotor does."""
+def check_root(model: str, basis: Basis, counts: Counts, rotor: Rotor, coned: bool = False) -> None:
+    """Raise `ValueError` unless functions yield at the root where the rotor does, and the beam is
+    `coned` only where a model may be."""
+    if rotor.precone is not None and not coned:
+        raise ValueError(
+            f"precone: {model} has no motion of a coned beam. Frequencies are those of "
+            "Hybrid(n_stretch=0), about the deflected steady state; else leave it out, which for "
+            "soft beams is the smaller error"
+        )
     springs = (None, None) if rotor.root is None else (rotor.root.in_plane, rotor.root.flap)
     ways = zip(FAMILIES[1:], ("in_plane", "flap"), springs, counts[1:], strict=True)
     for family, name, spring, count in ways:
         yields = basis.towards(family).yields
         if count and spring is not None and not yields:
             raise ValueError(
-                f"root: there is a spring ({name}), and the functions of {model} are clamped: give "
-                "the model basis=jaxbeam.models.Hinged(), or Hinged() of its own basis"
+                f"root: there is a spring ({name}), and the functions of {model} are clamped: take "
+                "model.suited(rotor), whose basis is jaxbeam.models.Hinged"
             )
         if count and spring is None and yields:
             raise ValueError(
                 f"root must have a spring ({name}), since the functions of {model} yield there: "
-                f"give jaxbeam.RootSprings({name}=...), or take Hinged({name}=False)"
+                f"give jaxbeam.RootSprings({name}=...), or take model.suited(rotor)"
             )
 
 

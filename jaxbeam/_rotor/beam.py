@@ -27,7 +27,7 @@ from jaxbeam._rotor.spanwise import (
     points_within,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Number, Real, Scalar
+from jaxbeam._types import Number, Real, Scalar, Triple
 
 
 class Beam(Parameters):
@@ -178,10 +178,12 @@ class Rotor(Parameters):
     | pitch      | theta  | rad  | any     |
     | root       |        |      |         |
     | tip        |        |      |         |
+    | precone    | beta   | rad  | any     |
 
     The hub radius is the distance from the axis of rotation to the root of the beam. The root is
     clamped unless `root` has springs, the tip mass is a point unless `tip` makes it a body, and
     sections are as the beam says unless `pitch` turns them all, by that angle added to the twist.
+    With a `precone` the beam leaves the hub at that angle from the plane of rotation.
     """
 
     beam: Beam
@@ -190,6 +192,7 @@ class Rotor(Parameters):
     pitch: Scalar | None = optional(Status.INVALID_PITCH, zero=None)
     root: RootSprings | None = None
     tip: TipBody | None = None
+    precone: Scalar | None = optional(Status.INVALID_PRECONE, zero=None)
 
     def __init__(
         self,
@@ -199,6 +202,7 @@ class Rotor(Parameters):
         pitch: Real | None = None,
         root: RootSprings | None = None,
         tip: TipBody | None = None,
+        precone: Real | None = None,
     ) -> None:
         for value, kind, name in (
             (beam, Beam, "beam"), (root, RootSprings | None, "root"), (tip, TipBody | None, "tip"),
@@ -211,7 +215,7 @@ class Rotor(Parameters):
     @property
     def is_plain(self) -> bool:
         """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip."""
-        extras = (self.pitch, self.root, self.tip)
+        extras = (self.pitch, self.root, self.tip, self.precone)
         return self.beam.is_uniform and all(extra is None for extra in extras)
 
     @property
@@ -237,6 +241,26 @@ class Rotor(Parameters):
         """Distance of the centre of the tip mass from the axis, in m."""
         end = self.hub_radius + self.beam.length
         return end if self.tip is None else end + self.tip.offset
+
+    @property
+    def rigid_moments(self) -> Triple:
+        """int (1, X, X^2) dm of the undeformed beam with its tip mass, X the distance from the
+        axis."""
+        beam, radius, length = self.beam, self.hub_radius, self.beam.length
+        mass, tip_mass, reach = beam.mass, self.tip_mass, self.reach
+        if beam.is_uniform:
+            first, second = length / 2, radius**2 + radius * length + length**2 / 3
+        else:
+            xi, weight = points_within(beam.edges)
+            share: Any = weight * along(beam.mass_per_length, xi) * length / mass
+            first = length * (share @ xi)
+            second = share @ (radius + length * xi) ** 2
+        at_tip = tip_mass * reach**2
+        if self.tip is not None:
+            at_tip = at_tip + self.tip.inertia
+        return jnp.stack(
+            [mass + tip_mass, mass * (radius + first) + tip_mass * reach, mass * second + at_tip]
+        )
 
     def tension(self, angular_speed: Number) -> tuple[Any, Any, Any]:
         """Axial force of steady rotation, as three coefficients in N: see `tension`."""
@@ -316,7 +340,6 @@ class SpringRotor(Parameters):
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
     torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
-    couples_bending: ClassVar[bool] = False  # it moves in its plane
     is_plain: ClassVar[bool] = True
 
     def __init__(

@@ -21,7 +21,7 @@ from jaxbeam._checks import (
     require,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar, is_known
+from jaxbeam._types import Number, Scalar, is_known
 
 _POINTS = 16  # in a segment; what is linear there is exact from two on
 
@@ -139,8 +139,8 @@ def at_root(value: Property) -> Scalar:
     return value.at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
 
 
-def mean(value: Property) -> Scalar:
-    """Mean of a property over the span."""
+def mean(value: Property) -> Number:
+    """Mean of a property over the span; of a uniform one, which may have lanes, itself."""
     if not isinstance(value, AbstractSpanwise):
         return value
     xi, weight = points_within((0.0, *value.kinks, 1.0))

@@ -298,7 +298,7 @@ def _softest(rows: np.ndarray, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
 def _groups(model: AbstractModel, rotor: AnyRotor) -> dict[Family, np.ndarray]:
     """Coordinates that lose their stability together, under the name of one of their families."""
     groups = {}
-    for transverse, axial in planes_of(rotor.couples_bending):
+    for transverse, axial in planes_of(rotor):
         for families in (transverse, axial):
             rows = np.flatnonzero([family in families for family in model.families])
             if rows.size:

@@ -44,7 +44,7 @@ from jaxbeam._numerics.linalg import (
 )
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
-from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
@@ -107,6 +107,7 @@ def _checked(
     model: AbstractModel, rotor: AnyRotor, motion: Any, period: Any, damping: Any
 ) -> tuple[Any, Spin, Scalar, Damping]:
     rotor, _ = checked_case(model, rotor)
+    refuse_cone(rotor)
     if not isinstance(motion, Spin):
         raise TypeError(f"motion must turn about a fixed axis, got {kind_of(motion)}")
     if period is None:
@@ -114,6 +115,12 @@ def _checked(
             raise TypeError("period must be given, but for a ModulatedSpeed")
         period = 2 * np.pi / known(motion.frequency)
     return rotor, motion, positive("period", period), checked_damping(damping)
+
+
+def refuse_cone(rotor: AnyRotor) -> None:
+    """Raise `ValueError` for a coned beam, which a speed that varies bends to and fro."""
+    if isinstance(rotor, Rotor) and rotor.precone is not None:
+        raise ValueError("precone: small motion about a modulated speed is of beams without a cone")
 
 
 def checked_damping(damping: Any) -> Damping:
@@ -136,7 +143,7 @@ def _floquet(
         return jnp.where(fine, motion.angular_speed(t), 0.0)
 
     parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
-    for transverse, axial in planes_of(rotor.couples_bending):
+    for transverse, axial in planes_of(rotor):
         families = transverse + axial
         if any(family in model.families for family in families):
             plane = Plane(model, rotor, speed, period, damping, families)

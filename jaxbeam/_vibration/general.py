@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._models.base import Family, LinearSystem, planes_of
+from jaxbeam._models.base import Family, LinearSystem
 from jaxbeam._numerics.linalg import planar_eigenpairs, symmetric_modes
 from jaxbeam._status import Status
 from jaxbeam._vibration.result import Modes
@@ -48,7 +48,7 @@ def _selected(system: LinearSystem, wanted: Wanted) -> tuple[Array, ...]:
     is positive definite."""
     planes = [
         _plane(system, transverse, axial)
-        for transverse, axial in planes_of(system.couples_bending)
+        for transverse, axial in system.planes
         if system.where(*transverse, *axial).size
     ]
     rows = np.concatenate([plane.rows for plane in planes])

@@ -7,13 +7,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.base import (
     AbstractModel,
     Family,
     Label,
     LinearSystem,
+    Plane,
     checked_case,
     guarded,
 )
@@ -83,7 +84,7 @@ def find(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted) -
     share = _valued(found.energy_share, energy_share(system.mass, shape, system.families))
     return Modes(
         eigenvalue=where_known(ok, eigenvalue),
-        shape=where_known(ok, shape * _sign(model, shape, found.family)[:, None]),
+        shape=where_known(ok, shape * _sign(model, system, shape, found.family)[:, None]),
         family=found.family,
         order=found.order,
         energy_share=where_known(ok, share),
@@ -158,10 +159,11 @@ def _as_found(model: AbstractModel, found: Lowest) -> Modes:
 def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Array, Array]:
     """Eigenvalues and shapes, with derivatives by all that the matrices depend on."""
     dtype = system.mass.dtype
-    kinds = jnp.asarray(system.families)
-    signature = jnp.where(kinds == Family.AXIAL, -1.0, 1.0)
-    same_plane = (kinds == Family.FLAP)[None] == (found.family == Family.FLAP)[:, None]
-    same_plane = (same_plane | system.couples_bending).astype(dtype)
+    kinds = np.array(system.families)
+    signature = np.where(_in_quadrature(system.planes)[kinds], -1.0, 1.0)
+    place = np.array([[f in first + second for f in Family] for first, second in system.planes])
+    plane = np.argmax(place, 0)
+    same_plane = (plane[kinds][None] == jnp.asarray(plane)[found.family][:, None]).astype(dtype)
     # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
     # later is the end of it: gradients of other cases by shared parameters stay finite.
     identity = jnp.eye(len(system.families), dtype=dtype)
@@ -172,7 +174,7 @@ def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Arra
         jnp.where(ok, found.eigenvalue, 1j),
         jnp.where(ok, found.shape, identity[jnp.argmax(same_plane, axis=1)]),
         same_plane,
-        signature,
+        jnp.asarray(signature, dtype),
     )
 
 
@@ -257,11 +259,18 @@ def _eigenpairs_jvp(
     return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, same_plane)
 
 
-def _sign(model: AbstractModel, shape: Vectors, family: Array) -> Float[Array, " k"]:
+def _in_quadrature(planes: tuple[Plane, ...]) -> Bool[np.ndarray, " f"]:
+    """Of each family, whether it moves in quadrature to others."""
+    return np.array([any(f in second for _, second in planes) for f in Family])
+
+
+def _sign(
+    model: AbstractModel, system: LinearSystem, shape: Vectors, family: Array
+) -> Float[Array, " k"]:
     """Sign that makes the tip move the positive way in the direction that names the mode."""
     # Displacement is ordered axial, in plane, flap.
     tip = model.displacement(np.ones(1))[np.array([1, 2, 0]), 0]
     own = jnp.sum(tip[family] * shape, -1)
-    # Stable axial parts are imaginary: x = (w, -i u).
-    own = jnp.where(family == Family.AXIAL, -own.imag, own.real)
+    # Stable parts in quadrature are imaginary: x = (w, -i u).
+    own = jnp.where(jnp.asarray(_in_quadrature(system.planes))[family], -own.imag, own.real)
     return jax.lax.stop_gradient(jnp.where(own < 0, -1.0, 1.0))

@@ -25,7 +25,7 @@ from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_known
-from jaxbeam._vibration.floquet import Plane, checked_damping, modulation_status
+from jaxbeam._vibration.floquet import Plane, checked_damping, modulation_status, refuse_cone
 from jaxbeam._vibration.modes import find
 from jaxbeam._vibration.result import Modes
 from jaxbeam._vibration.wanted import Wanted, choose
@@ -89,7 +89,8 @@ def tongue(
         raise ValueError(f"pair must be two labels, got {pair!r}")
     wanted = choose(model, tuple(pair))
     rotor, _ = checked_case(model, rotor)
-    every = [transverse + axial for transverse, axial in planes_of(rotor.couples_bending)]
+    refuse_cone(rotor)
+    every = [transverse + axial for transverse, axial in planes_of(rotor)]
     planes = [families for families in every if all(label.family in families for label in pair)]
     if not planes:
         raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")

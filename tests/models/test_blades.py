@@ -8,6 +8,7 @@ from numpy.polynomial import chebyshev
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
+from jaxbeam.blades import SpanwiseFunction
 from jaxbeam.models import Hinged, MomentPolynomials, PiecewisePolynomials, Polynomials
 from tests.helpers import name
 from tests.models.test_equations import random_state
@@ -24,7 +25,7 @@ def _power(factor, base, exponent, x):
 
 def power(base, exponent, factor=1.0):
     """Its numbers are leaves, so that all tapers share a program."""
-    return jb.SpanwiseFunction(jax.tree_util.Partial(_power, factor, base, exponent))
+    return SpanwiseFunction(jax.tree_util.Partial(_power, factor, base, exponent))
 
 
 def lowest(model, rotor, speed, count=6):
@@ -164,7 +165,7 @@ def test_root_that_yields_one_way():
     clamped = 4 * 1.8751040687119611**2  # the first root of cos(b) cosh(b) = -1
     printed = [1.158197107, 15.86088999, 50.44763967]
     np.testing.assert_allclose(found, [clamped, *printed], rtol=1e-9)
-    with pytest.raises(ValueError, match=r"root: there is a spring \(flap\).*Hinged"):
+    with pytest.raises(ValueError, match=r"root: there is a spring \(flap\).*suited"):
         jb.modes(jb.Hybrid(), rotor, 0.0)
     with pytest.raises(ValueError, match=r"root must have a spring \(in_plane\)"):
         jb.modes(jb.Hybrid(basis=Hinged()), rotor, 0.0)
@@ -230,6 +231,66 @@ def test_a_body_at_the_tip_moves_as_one():
     for at in ((q, v), (0 * q, v), (q, 0 * v)):
         found, wanted = (jax.jit(orders, static_argnums=0)(f, *at) for f in (ours, exact))
         np.testing.assert_allclose(found, wanted, rtol=1e-5)
+
+
+CONES = [
+    (16.0, 0.0, 0.0, 8.0, np.deg2rad(5.0)), (16.0, 0.5, 0.2, 6.0, 0.3), (4.0, 0.0, 0.0, 12.0, -0.2),
+    (16.0, 0.3, 0.1, 0.0, 0.3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("ratio", "hub", "tip", "speed", "cone"), CONES)
+def test_precone(ratio, hub, tip, speed, cone):
+    """About the deflected steady state, by 12 functions each way."""
+    theirs = reference.Blade(lag=ratio, hub=hub, tip=reference.Body(tip))
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, STIFF, ratio, 1.0), hub, tip, precone=cone)
+    found = jb.modes(jb.Hybrid(0, 12, 12), rotor, speed, 4)
+    wanted = reference.coned(theirs, speed, cone, 4)
+    np.testing.assert_allclose(np.sort(found.frequency), wanted, rtol=1e-9)
+    assert np.max(found.residual) < 1e-12
+
+
+def test_precone_of_a_table():
+    """Differences and both modes of derivatives, kinks, a root that yields, a batch; a cone of
+    zero is none."""
+    ours, theirs = in_table()
+    model = jb.Hybrid.on(PiecewisePolynomials(QUARTERS, 6))
+    model = jb.Hybrid(0, model.n_in_plane, model.n_flap, model.basis)
+    wanted = reference.coned(theirs, 3.0, 0.1, 4)
+    found = lowest(model, jb.Rotor(ours, 0.5, precone=0.1), 3.0, 4)
+    np.testing.assert_allclose(found, wanted, rtol=1e-5)
+    yielding = jb.Hybrid(0, 9, 9, basis=Hinged())
+
+    def frequency(cone, spring=20.0):
+        rotor = jb.Rotor(ours, 0.5, root=jb.RootSprings(spring, spring), precone=cone)
+        return jb.modes(yielding, rotor, 3.0, 4).frequency
+
+    flat = jb.Rotor(ours, 0.5, root=jb.RootSprings(20.0, 20.0))
+    np.testing.assert_allclose(frequency(0.0), jb.modes(yielding, flat, 3.0, 4).frequency)
+    ends = jax.vmap(frequency)(jnp.array([0.1 - 1e-4, 0.1, 0.1 + 1e-4]))
+    np.testing.assert_allclose(ends[1], frequency(0.1), rtol=1e-12)
+    exact = jax.jacfwd(frequency)(0.1)
+    np.testing.assert_allclose(exact, (ends[2] - ends[0]) / 2e-4, rtol=1e-6)
+    np.testing.assert_allclose(jax.jacrev(frequency)(0.1), exact, rtol=1e-9)
+
+
+def test_what_coned_beams_cannot_do_is_named():
+    rotor = jb.Rotor(BEAM, precone=0.1)
+    small, modulated = jb.Hybrid(0, 3, 3), jb.motions.ModulatedSpeed(2.0, 0.3, 5.0)
+    for refused in (
+        lambda: jb.simulate(small, rotor, jb.ConstantSpeed(1.0), [0.0, 1.0]),
+        lambda: jb.modes(jb.Hybrid(), rotor, 1.0),
+        lambda: jb.modes(jb.VonKarman(), rotor, 1.0),
+        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, pitch=0.1), 1.0),
+        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, tip=jb.TipBody()), 1.0),
+        lambda: jb.critical_speed(small, rotor),
+        lambda: jb.floquet(small, rotor, modulated),
+        lambda: jb.stiffening_ratio(rotor, 1.0),
+    ):
+        with pytest.raises(ValueError, match=r"^precone"):
+            refused()
+    bad = jax.vmap(lambda c: jb.modes(small, jb.Rotor(BEAM, precone=c), 1.0, throw=False).status)
+    np.testing.assert_array_equal(bad(jnp.array([0.1, jnp.nan])), [0, jb.Status.INVALID_PRECONE])
 
 
 CONSTANT = [
@@ -338,7 +399,7 @@ def test_a_bad_number_fails_alone():
 
 def test_a_function_is_as_its_table():
     table = jb.Spanwise([0, 0.4, 1], [2.0, 1.0, 0.5])
-    function = jb.SpanwiseFunction(
+    function = SpanwiseFunction(
         jax.tree_util.Partial(lambda a, x: jnp.where(x < 0.4, 2 - a * x, 1 - (x - 0.4) / 1.2), 2.5),
         kinks=(0.4,),
     )
@@ -360,11 +421,11 @@ def test_a_function_is_as_its_table():
         (lambda: jb.Spanwise([0], [1]), "two or more"),
         (lambda: jb.Spanwise([0, np.nan, 1], [1, 2, 3]), "must not decrease"),
         (lambda: jb.Spanwise([0, 0, 1], [1, 2, 3]), "between the ends"),
-        (lambda: jb.SpanwiseFunction(3.0), "must be a function"),
-        (lambda: jb.SpanwiseFunction(jnp.sin, kinks=(1.5,)), "between 0 and 1"),
+        (lambda: SpanwiseFunction(3.0), "must be a function"),
+        (lambda: SpanwiseFunction(jnp.sin, kinks=(1.5,)), "between 0 and 1"),
         (lambda: jb.Beam(1, jb.Spanwise([0, 1], [1, -1]), 1, 1, 1), "station 2, x / L = 1"),
-        (lambda: jb.Beam(1, jb.SpanwiseFunction(lambda x: 0.5 - x), 1, 1, 1), "mass_per_length"),
-        (lambda: jb.Beam(1, jb.SpanwiseFunction(lambda x: x[:2]), 1, 1, 1), "for each of"),
+        (lambda: jb.Beam(1, SpanwiseFunction(lambda x: 0.5 - x), 1, 1, 1), "mass_per_length"),
+        (lambda: jb.Beam(1, SpanwiseFunction(lambda x: x[:2]), 1, 1, 1), "for each of"),
         (lambda: jb.Beam(1, 1, 1, 1, jnp.sin), "wrap a function in SpanwiseFunction"),
         (lambda: jb.Beam(jb.Spanwise([0, 1], [1, 1]), 1, 1, 1, 1), "length must be"),
         (lambda: jb.RootSprings(0.0), "springs at the root"),

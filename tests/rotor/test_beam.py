@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam.blades import SpanwiseFunction
 
 GOOD = {
     "length": 8.0,
@@ -161,7 +162,7 @@ def test_tension_is_the_integral_of_the_centrifugal_load():
 
 def test_functions_along_the_span_under_jit():
     """What is known is checked under `jit` as well, and what a closure hides is not."""
-    known = jb.Rotor(jb.Beam(**GOOD | {"mass_per_length": jb.SpanwiseFunction(lambda x: 2 - x)}))
+    known = jb.Rotor(jb.Beam(**GOOD | {"mass_per_length": SpanwiseFunction(lambda x: 2 - x)}))
     model = jb.Hybrid(0, 0, 6)
 
     def first(rotor):
@@ -170,7 +171,7 @@ def test_functions_along_the_span_under_jit():
     np.testing.assert_allclose(jax.jit(lambda: first(known))(), first(known), rtol=1e-12)
 
     def hidden(taper):
-        mass = jb.SpanwiseFunction(lambda x: 2 - taper * x)
+        mass = SpanwiseFunction(lambda x: 2 - taper * x)
         return jb.Beam(**GOOD | {"mass_per_length": mass}).mass
 
     np.testing.assert_allclose(jax.jit(hidden)(1.0), 12.0, rtol=1e-12)
