@@ -48,7 +48,10 @@ def tapered(taper, mass, stiffness, **more):
     ("taper", "functions"),
     [(0.5, 16), *(pytest.param(c, n, marks=pytest.mark.slow) for c, n in ((0.25, 16), (0.9, 28)))],
 )
-@pytest.mark.parametrize(("mass", "stiffness"), [(1, 1), (1, 3), (2, 4)])
+@pytest.mark.parametrize(
+    ("mass", "stiffness"),
+    [(1, 3), *(pytest.param(*powers, marks=pytest.mark.slow) for powers in ((1, 1), (2, 4)))],
+)
 def test_tapered_beams(mass, stiffness, taper, functions, speed):
     """Breadth, height and both: three modes of each family by 16 polynomials, 28 for a tip a tenth
     as broad as the root."""
@@ -117,8 +120,8 @@ def test_steps_and_tables(build, basis, close, speed):
 
 
 @pytest.mark.parametrize("speed", [1.0, pytest.param(12.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("ratio", [16.0, 64.0])
-@pytest.mark.parametrize("pitch", [0.0, 0.3])
+@pytest.mark.parametrize("ratio", [64.0, pytest.param(16.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("pitch", [0.3, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_twist_and_pitch(ratio, pitch, speed):
     """Twist to 45 degrees; labels go to those modes which have most of them."""
     ours = jb.Beam(1.0, 1.0, STIFF, ratio, 1.0, twist=jb.Spanwise([0, 1], [0, EIGHTH]))
@@ -147,7 +150,9 @@ def test_labels_of_turned_sections():
     np.testing.assert_allclose(at(0.1), at(-0.1), rtol=1e-12)
 
 
-@pytest.mark.parametrize("spring", [0.01, 1.0, 100.0, 1e6])
+@pytest.mark.parametrize(
+    "spring", [1.0, *(pytest.param(k, marks=pytest.mark.slow) for k in (0.01, 100.0, 1e6))]
+)
 @pytest.mark.parametrize("speed", [0.0, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_root_springs(spring, speed):
     ours = jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0)
@@ -234,8 +239,14 @@ def test_a_body_at_the_tip_moves_as_one():
 
 
 CONES = [
-    (16.0, 0.0, 0.0, 8.0, np.deg2rad(5.0)), (16.0, 0.5, 0.2, 6.0, 0.3), (4.0, 0.0, 0.0, 12.0, -0.2),
-    (16.0, 0.3, 0.1, 0.0, 0.3),
+    (16.0, 0.5, 0.2, 6.0, 0.3),
+    *(
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (
+            (16.0, 0.0, 0.0, 8.0, np.deg2rad(5.0)), (4.0, 0.0, 0.0, 12.0, -0.2),
+            (16.0, 0.3, 0.1, 0.0, 0.3),
+        )
+    ),
 ]  # fmt: skip
 
 
@@ -250,6 +261,7 @@ def test_precone(ratio, hub, tip, speed, cone):
     assert np.max(found.residual) < 1e-12
 
 
+@pytest.mark.slow
 def test_precone_of_a_table():
     """Differences and both modes of derivatives, kinks, a root that yields, a batch; a cone of
     zero is none."""
@@ -295,9 +307,9 @@ def test_what_coned_beams_cannot_do_is_named():
 
 CONSTANT = [
     jb.Hybrid(3, 4, 3),
-    jb.Classical(3, 4, 3),
-    jb.VonKarman(5, 3, 2),
     jb.models.SmallStrainANCF(2),
+    pytest.param(jb.Classical(3, 4, 3), marks=pytest.mark.slow),
+    pytest.param(jb.VonKarman(5, 3, 2), marks=pytest.mark.slow),
     pytest.param(jb.Hybrid(3, 4, 3, jb.models.CantileverModes()), marks=pytest.mark.slow),
     pytest.param(jb.Hybrid(3, 4, 3, Polynomials(grading=2)), marks=pytest.mark.slow),
 ]
