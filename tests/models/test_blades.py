@@ -103,7 +103,7 @@ def in_table(twist=None):
     ("build", "basis", "close"),
     [
         (stepped, PiecewisePolynomials((0, 0.5, 1), 12), 1e-9),
-        (in_table, PiecewisePolynomials(QUARTERS, 10), 2e-8),
+        (in_table, PiecewisePolynomials(QUARTERS, 12), 1e-8),
         (stepped, MomentPolynomials.of(stepped()[0]), 1e-5),
         (in_table, MomentPolynomials.of(in_table()[0]), 1e-7),
         (in_table, Polynomials(), 1e-4),
@@ -111,7 +111,7 @@ def in_table(twist=None):
     ids=["step, pieces", "table, pieces", "step, moments", "table, moments", "table, global"],
 )  # fmt: skip
 def test_steps_and_tables(build, basis, close, speed):
-    """Pieces with 11 or 9 functions each, moments well with 16, smooth functions badly."""
+    """Pieces with 11 functions each, moments well with 16, smooth functions badly."""
     ours, theirs = build()
     sizes = basis.sizes or (0, 16, 16)
     model = jb.Hybrid(0, *sizes[1:], basis=basis)

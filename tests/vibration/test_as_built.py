@@ -1,0 +1,180 @@
+"""What is asked of a beam as built: stability, stiffening, fits and the choice of a model."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam.models import Hinged
+from tests.helpers import AS_BUILT, optimised
+
+MODEL = jb.Hybrid(3, 8, 8, basis=Hinged())
+FIRST = jb.labels(in_plane=1, flap=1)
+UNCOUPLED = jb.Rotor(
+    jb.Beam(
+        2.0, jb.Spanwise([0, 0.4, 0.4, 1], [1.6, 1.3, 1.0, 0.7]), 4e4,
+        jb.Spanwise([0, 0.5, 1], [14.0, 9.0, 5.0]), jb.Spanwise([0, 1], [8.0, 3.0]),
+    ),
+    hub_radius=0.3,
+    tip_mass=0.2,
+    root=jb.RootSprings(in_plane=60.0),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("speed", [0.0, pytest.param(2.0, marks=pytest.mark.slow)])
+def test_southwell_coefficients_are_slopes_of_squares(speed):
+    """d omega^2 / d Omega^2, at rest from a small speed."""
+    found = jb.southwell(MODEL, AS_BUILT, speed, FIRST).coefficient
+
+    def square(speed):
+        return np.asarray(jb.modes(MODEL, AS_BUILT, speed, FIRST).frequency) ** 2
+
+    low, high = (0.0, 0.02) if speed == 0 else (speed - 0.01, speed + 0.01)
+    slope = (square(high) - square(low)) / (high**2 - low**2)
+    np.testing.assert_allclose(found, slope, rtol=2e-4)
+
+
+@pytest.mark.slow
+def test_a_classical_beam_diverges_at_its_first_frequency():
+    """Whatever its properties: K - Omega^2 M in plane (Y, section 5); of a beam whose sections are
+    turned the plane has part in both directions, and it happens later."""
+    classical = jb.Classical(3, 8, 8).suited(UNCOUPLED)
+    first = jb.modes(classical, UNCOUPLED, 0.0, jb.labels(in_plane=1)).frequency[0]
+    found = jb.critical_speed(classical, UNCOUPLED)
+    np.testing.assert_allclose(found.angular_speed, first, rtol=1e-9)
+    turned = jb.Classical(3, 8, 8, basis=Hinged())
+    lowest = jb.modes(turned, AS_BUILT, 0.0, 1).frequency[0]
+    critical = float(jb.critical_speed(turned, AS_BUILT).angular_speed)
+    assert critical > lowest
+    below, beyond = (
+        jb.modes(turned, AS_BUILT, share * critical, 1).growth_rate[0] for share in (0.999, 1.001)
+    )
+    assert below == 0
+    assert beyond > 0
+
+
+@pytest.mark.slow
+def test_elements_lose_their_stability_where_they_tear():
+    """A varying rod tears where its axial stiffness is used up, which the modal theory knows."""
+    elements = jb.EngineeringANCF(8).suited(UNCOUPLED)
+    modal = jb.Hybrid(12, 8, 0).suited(UNCOUPLED)
+    found, wanted = (jb.critical_speed(m, UNCOUPLED) for m in (elements, modal))
+    np.testing.assert_allclose(found.angular_speed, wanted.angular_speed, rtol=1e-3)
+
+
+@pytest.mark.parametrize("rotor", [pytest.param(AS_BUILT, id="turned"), UNCOUPLED])
+@pytest.mark.slow
+def test_multipliers_without_modulation(rotor):
+    """exp(+-i omega T) of all modes."""
+    model = jb.Hybrid(1, 3, 3).suited(rotor)
+    motion = jb.motions.ModulatedSpeed(2.0, 0.0, 5.0)
+    found = jb.floquet(model, rotor, motion, steps=256)
+    omega = np.asarray(jb.modes(model, rotor, 2.0, 7).frequency)
+    wanted = np.exp(1j * np.append(omega, -omega) * 2 * np.pi / 5.0)
+    apart = np.abs(np.asarray(found.multipliers)[:, None] - wanted[None])
+    assert np.max(np.min(apart, 1)) < 1e-5
+    assert np.max(np.min(apart, 0)) < 1e-5
+
+
+@pytest.mark.slow
+def test_a_tongue_of_flap_with_lag_where_sections_are_turned():
+    """Inside its boundaries a mode grows, outside none does."""
+    model = jb.Hybrid(0, 3, 3).suited(AS_BUILT)
+    found = jb.tongue(model, AS_BUILT, 2.0, FIRST, [0.1], steps=48)
+    low, high = np.asarray(found.frequency)[0]
+    assert low < high
+
+    def growth(frequency):
+        motion = jb.motions.ModulatedSpeed(2.0, 0.1, frequency)
+        return float(jb.floquet(model, AS_BUILT, motion, steps=96).growth_rate)
+
+    width = high - low
+    assert growth((low + high) / 2) > 1e-4
+    assert growth(low - 0.2 * width) < 1e-6
+    assert growth(high + 0.2 * width) < 1e-6
+    with pytest.raises(ValueError, match="one plane"):
+        jb.tongue(jb.Hybrid(0, 3, 3).suited(UNCOUPLED), UNCOUPLED, 2.0, FIRST, [0.1])
+
+
+@pytest.mark.slow
+def test_stable_step():
+    """Over the period of the fastest mode it is that of any beam."""
+
+    def over_period(rotor):
+        model = jb.Hybrid(0, 3, 3).suited(rotor)
+        step = jb.stable_step(model, rotor, 0.0, diffrax.Tsit5()).step
+        return step * np.max(jb.modes(model, rotor, 0.0, 6).frequency)
+
+    uniform = jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 2.0, 1.0))
+    np.testing.assert_allclose(over_period(AS_BUILT), over_period(uniform), rtol=1e-6)
+
+
+def built(**changes):
+    given = {"stiff": 5.0, "soft": 2.0, "spring": 12.0, "tip_mass": 0.15} | changes
+    stations = (0.0, 0.5, 1.0)
+    flap = jb.Spanwise(
+        stations, jnp.stack([given["stiff"], 3.0 + 0 * given["soft"], given["soft"]])
+    )
+    beam = jb.Beam(1.0, jb.Spanwise(stations, [1.0, 0.8, 0.5]), 1e5, 16.0, flap)
+    root = jb.RootSprings(flap=given["spring"])
+    return jb.Rotor(beam, 0.2, given["tip_mass"], root=root)
+
+
+TRUTH = {"stiff": 5.0, "soft": 2.0, "spring": 12.0, "tip_mass": 0.15}
+FITTED = jb.Hybrid(0, 0, 10, basis=Hinged())
+
+
+@pytest.mark.slow
+def test_fit_of_stations_a_spring_and_a_tip_mass():
+    """Frequencies without noise give all of them back, from 20 % off."""
+    speeds, labels = np.array([0.0, 4.0, 8.0]), jb.labels(flap=3)
+    data = np.stack([jb.modes(FITTED, built(), speed, labels).frequency for speed in speeds])
+
+    def experiments(**values):
+        return jb.FrequencyData(FITTED, built(**values), speeds, data, 1e-4 * data, labels)
+
+    free = {
+        name: jb.FreeParameter(value * (1.2 if i % 2 else 0.8))
+        for i, (name, value) in enumerate(TRUTH.items())
+    }
+    found = optimised(lambda: jb.fit(experiments, free))()
+    for name, value in TRUTH.items():
+        np.testing.assert_allclose(found.parameters[name], value, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_choice_of_a_model():
+    """The rung chosen is right to the tolerance, against elements twice as fine as the judge; of
+    turned sections, which no element has, it is honest."""
+    question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(2.5, 4.0), np.linspace(0.0, 5.0, 40))
+    choice = jb.choose_model(UNCOUPLED, question, 1e-2)
+    assert choice.met
+    truth = jb.ladder.ask(jb.EngineeringANCF(16).suited(UNCOUPLED), UNCOUPLED, question, 1e-6)
+    assert np.abs(choice.answer / np.asarray(truth.value) - 1).max() < 1e-2
+    frequencies = jb.ladder.ModalFrequencies(2.0, FIRST)
+    choice = jb.choose_model(AS_BUILT, frequencies, 0.05)
+    assert choice.met
+    converged = jb.modes(jb.Hybrid(0, 20, 20).suited(AS_BUILT), AS_BUILT, 2.0, FIRST).frequency
+    assert np.abs(choice.answer / np.asarray(converged) - 1).max() < 0.05
+    cases = jb.grid(tip_mass=[0.1, 0.3])
+    table = jb.ladder_sweep(
+        lambda tip_mass: (
+            jb.Rotor(UNCOUPLED.beam, 0.3, tip_mass, root=UNCOUPLED.root),
+            jb.ladder.ModalFrequencies(2.0, jb.labels(in_plane=2)),
+        ),
+        cases, 1e-2,
+    )  # fmt: skip
+    assert (table["status"] == jb.Status.OK).all()
+
+
+def test_a_large_batch_is_single_cases():
+    """Three hundred blades at once: no fast way, and the same numbers."""
+
+    def frequency(stiffness):
+        return jb.modes(FITTED, built(stiff=stiffness), 4.0, 2, throw=False).frequency
+
+    stiffness = jnp.linspace(4.0, 6.0, 300)
+    many = jax.jit(jax.vmap(frequency))(stiffness)
+    np.testing.assert_allclose(many[17], frequency(stiffness[17]), rtol=1e-11)
