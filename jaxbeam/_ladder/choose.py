@@ -276,7 +276,7 @@ def _refined(
 ) -> tuple[AbstractModel, float]:
     """The judge, refined until it stands still, and how far it may be off. Where a finer one fails,
     the finest that another confirms."""
-    share = left_of(ask.question)
+    share = left_of(ask.question, ask.rotor)
     judge, left, before = elements[1], np.inf, np.inf
     for coarse, fine in itertools.pairwise(elements):
         apart = ask.apart(coarse, fine)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._ladder.questions import ModalFrequencies, Question, checked_question
@@ -61,17 +62,33 @@ def chains(
     """
     linear = [_modal(Hybrid, n, rotor, planar) for n in question.functions]
     if planar:
-        sizes = [n for n in ELEMENTS if 2 * n >= question.functions[0]]
+        sizes = [n for n in sizes_for(rotor) if 2 * n >= question.functions[0]]
         return linear, [EngineeringANCF(n).suited(rotor) for n in sizes]
     return linear, [_modal(VonKarman, n, rotor, planar) for n in question.functions if n > 1]
+
+
+def sizes_for(rotor: Rotor) -> tuple[int, ...]:
+    """Numbers of elements, each twice the last, with nodes at the kinks of the beam if there are
+    such, or at its steps: what jumps within an element leaves an error of first order."""
+    for places in (rotor.beam.edges, rotor.beam.steps):
+        for first in range(1, 13):
+            if _at_nodes(places, first):
+                return tuple(n for k in range(8) if (n := first * 2**k) <= 2 * ELEMENTS[-1])
+    return ELEMENTS
+
+
+def _at_nodes(places: tuple[float, ...], n_elements: int) -> bool:
+    along = np.asarray(places) * n_elements
+    return bool(np.all(np.abs(along - np.round(along)) < 1e-7))
 
 
 def _modal(theory: type[Any], n: int, rotor: Rotor, planar: bool, stretch: int = 0) -> Any:
     """With n functions across, each way, and one more where the root yields. Those of von Karman's
     u1 follow u2'^2."""
-    # One or two modes at rest do better than as many polynomials, from three on these win.
+    # One or two modes at rest do better than as many polynomials, from three on these win; of beams
+    # that vary they are not the modes.
     stretch = 2 * n + 1 if theory is VonKarman else stretch
-    few = n <= 2 and theory is not VonKarman
+    few = n <= 2 and theory is not VonKarman and rotor.beam.is_uniform
     basis = suited(CantileverModes() if few else Polynomials(), rotor)
     in_plane, flap = (n + basis.towards(way).yields for way in (Family.IN_PLANE, Family.FLAP))
     return theory(stretch, in_plane, 0 if planar else flap, basis=basis)
@@ -206,7 +223,12 @@ def has_other_law(model: AbstractModel) -> bool:
     return not isinstance(model, EngineeringANCF)
 
 
-def left_of(question: Question) -> float:
+def left_of(question: Question, rotor: Rotor) -> float:
     """Share of the difference between two rungs that the finer may be off: twice what the order of
-    convergence says, elements being halved."""
-    return float(2.0 ** (1 - question.order))
+    convergence says, elements being halved. With a kink of a property within elements the order is
+    three at most, with a step one: then the differences to come add up to the last one."""
+    finest = sizes_for(rotor)[-1]
+    order = question.order
+    if not _at_nodes(rotor.beam.edges, finest):
+        order = min(order, 3)
+    return float(2.0 ** (1 - order)) if _at_nodes(rotor.beam.steps, finest) else 1.0

@@ -1,5 +1,6 @@
 """Many questions on the ladder: a few say how rungs err, all are answered on what suffices."""
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -139,13 +140,21 @@ def _blank(n: int, m: int) -> dict[str, np.ndarray]:
 
 
 def _example(situation: Situation, cases: Cases) -> Example:
-    """Rotor and question of a case, without numbers, which show of what kind all are."""
+    """Rotor and question of the first case, which show of what kind all are; without numbers where
+    its own are out of range."""
     number = jax.ShapeDtypeStruct((), jnp.result_type(float))
     out = eqx.filter_eval_shape(situation, **dict.fromkeys(cases.columns, number))
-    match out:
-        case (Rotor() as rotor, Question() as question):
-            return rotor, question
-    raise TypeError("situation must return a Rotor and a Question")
+    if not isinstance(out, tuple) or [*map(_kind, out)] != [Rotor, Question]:
+        raise TypeError("situation must return a Rotor and a Question")
+    first = {name: jnp.asarray(column[0]) for name, column in cases.columns.items()}
+    with contextlib.suppress(ValueError):
+        return situation(**first)
+    return out
+
+
+def _kind(value: Any) -> type | None:
+    kinds = [kind for kind in (Rotor, Question) if isinstance(value, kind)]
+    return kinds[0] if kinds else None
 
 
 def _swept(
@@ -176,7 +185,7 @@ def _swept(
         linear = []
     pool.begin(*linear[:top])
     sample = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
-    known = cases[sample], reach[sample], tolerance, left_of(question)
+    known = cases[sample], reach[sample], tolerance, left_of(question, rotor)
     rich, truth = _calibrated(pool, elements, *known, 0.0 if planar else SPACE)
     poor = [_linear(pool, linear, truth, rich.theory, *known)] if linear else []
     estimate, status = out["estimate"], out["status"]

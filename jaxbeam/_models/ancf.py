@@ -14,7 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import Family, LinearSystem, NodeByNode, checked_case, count_functions
+from jaxbeam._models.base import (
+    Family,
+    LinearSystem,
+    NodeByNode,
+    checked_case,
+    count_functions,
+    steady_strain,
+)
 from jaxbeam._models.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.cartesian import (
     CartesianEquations,
@@ -163,16 +170,10 @@ class _Nodal(_ANCF):
             mass=dense(equations.mass),
             gyroscopic=c,
             stiffness=(k + k.T) / 2,
-            steady_strain=self._largest_strain(rotor, equations, q),
+            steady_strain=steady_strain(rotor, speed, equations, q),
             status=status,
             families=self.families,
         )
-
-    def _largest_strain(self, rotor: Rotor, equations: ElementEquations, q: Vector) -> Scalar:
-        """Of a straight beam: at the root if it is uniform, else at one of the nodes."""
-        if rotor.beam.is_uniform:
-            return equations.strain(q, np.zeros(1))[0]
-        return jnp.max(equations.strain(q, np.linspace(0.0, 1.0, self.n_elements + 1)))
 
 
 class GreenANCF(_Nodal):

@@ -80,9 +80,10 @@ class LinearSystem(eqx.Module):
     nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
     straight beam that turns in its plane are such, with flap alone. `families` names the direction
     of each coordinate.
-    `steady_strain` is the axial strain at the root, the largest of the steady state, without
-    unit: that of the steady state in `ANCF`, elsewhere the estimate P(0) / EA from the tension on
-    the undeformed beam. Unless `status` is OK all numbers are NaN.
+    `steady_strain` is the largest axial strain of the steady state, without unit: of a uniform beam
+    that at the root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the
+    span, the estimate P / EA from the tension on the undeformed beam. Unless `status` is OK all
+    numbers are NaN.
     """
 
     mass: Matrix
@@ -289,7 +290,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
             mass=dense(equations.mass) / scale,
             gyroscopic=dense(c) / scale,
             stiffness=dense(k) / scale,
-            steady_strain=equations.strain(q, np.zeros(1))[0],
+            steady_strain=steady_strain(rotor, speed, equations, q),
             status=status,
             families=self.families,
             planes=planes_of(rotor),
@@ -300,7 +301,8 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         return equilibrium(self.equations(rotor), spinning(speed))
 
     def suited(self, rotor: TheRotor) -> Self:
-        """The same model with a root that yields where that of the rotor does."""
+        """A model of the same theory and size for what the rotor is: with a root that yields where
+        that of the rotor does, and functions that follow its kinks."""
         return self
 
     def bands(self) -> BandTables | NodeByNode | None:
@@ -347,6 +349,14 @@ def equilibrium(
 
     q, done = find_root(residual, rest)
     return equations.size * q, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
+
+
+def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
+    """The largest axial strain of a steady state: at the root of a uniform beam; of one that varies
+    P / EA, since functions that are smooth do not follow its steps."""
+    if isinstance(rotor, Rotor) and not rotor.beam.is_uniform:
+        return rotor.steady_strain(speed)
+    return equations.strain(q, np.zeros(1))[0]
 
 
 @Program

@@ -35,7 +35,7 @@ from jaxbeam._models.cartesian import (
     linear_system,
 )
 from jaxbeam._models.coned import coned_system
-from jaxbeam._models.pieces import Hinged, suited
+from jaxbeam._models.pieces import suited
 from jaxbeam._models.tables import all_functions, check_root
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.spanwise import along
@@ -75,9 +75,10 @@ class _Modal(CartesianModel):
         return self.basis
 
     def suited(self, rotor: Rotor) -> Self:
-        """As many functions of a basis that is `Hinged` where the root of the rotor yields."""
-        own = self.basis.basis if isinstance(self.basis, Hinged) else self.basis
-        return dataclasses.replace(self, basis=suited(own, rotor))
+        """As many functions of a basis for what the rotor is: `MomentPolynomials` in the place of
+        `Polynomials` for a beam that varies along the span and whose numbers are known, `Hinged`
+        where the root yields."""
+        return dataclasses.replace(self, basis=suited(self.basis, rotor))
 
     @property
     def counts(self) -> tuple[int, int, int]:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from typing import Self
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from jaxbeam._models.base import Family, count_functions
 from jaxbeam._models.basis import Basis, Functions, Polynomials, Rule, hermite, segments
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import along, points_within
-from jaxbeam._types import is_known
+from jaxbeam._types import Real, is_known
 
 _Array = np.ndarray
 _POINTS = 12  # of a segment, at which the compliance of a beam is kept
@@ -149,13 +149,14 @@ class MomentPolynomials(Basis):
     direction: Family = Family.IN_PLANE
 
     @classmethod
-    def of(cls, beam: Beam) -> Self:
-        """Functions for a beam, whose numbers must be known."""
+    def of(cls, beam: Beam, pitch: Real | None = None) -> Self:
+        """Functions for a beam, at a pitch in rad; the numbers of both must be known."""
         if not isinstance(beam, Beam):
             raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
-        if not is_known(beam):
+        if not is_known((beam, pitch)):
             raise TypeError(
-                "beam must be known when a program is compiled: give the one that you begin from"
+                "beam and pitch must be known when a program is compiled: give those that you "
+                "begin from"
             )
         xi, _ = points_within(beam.edges, _POINTS)
         with jax.ensure_compile_time_eval():  # also within a program that is being compiled
@@ -166,6 +167,7 @@ class MomentPolynomials(Basis):
                     jnp.zeros(()) if beam.twist is None else beam.twist,
                 )
             )  # fmt: skip
+        angle = angle if pitch is None else angle + float(pitch)
         c2 = np.cos(angle) ** 2
         each = (c2 / zz + (1 - c2) / yy, c2 / yy + (1 - c2) / zz)
         in_plane, flap = (tuple((a / a.max()).tolist()) for a in each)
@@ -240,11 +242,21 @@ def _from_curvature(
 
 
 def suited(basis: Basis, rotor: Rotor) -> Basis:
-    """The basis, with a root that yields where that of the rotor does."""
+    """A basis for what a rotor is: `MomentPolynomials` in the place of `Polynomials` for a beam
+    that varies along the span and is known, `Hinged` where the root yields."""
+    own = basis.basis if isinstance(basis, Hinged) else basis
+    beam = (rotor.beam, rotor.pitch)
+    if own == Polynomials() and not rotor.beam.is_uniform and _has_numbers(beam):
+        own = MomentPolynomials.of(*beam)
     if rotor.root is None:
-        return basis
+        return own
     yields = (spring is not None for spring in (rotor.root.in_plane, rotor.root.flap))
-    return Hinged(basis, *yields)
+    return Hinged(own, *yields)
+
+
+def _has_numbers(tree: Any) -> bool:
+    """Whether all leaves are known; of a rotor that only shows what others are like none are."""
+    return is_known(tree) and all(hasattr(a, "__array__") for a in jax.tree.leaves(tree))
 
 
 def _independent(columns: _Array, weight: _Array) -> _Array:

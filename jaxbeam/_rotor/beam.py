@@ -22,7 +22,9 @@ from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
     Property,
     along,
+    beside_kinks,
     beyond,
+    beyond_edges,
     mean,
     points_within,
 )
@@ -134,6 +136,12 @@ class Beam(Parameters):
         varying = [p for p in self._properties() if isinstance(p, AbstractSpanwise)]
         return 0.0, *sorted({kink for p in varying for kink in p.kinks}), 1.0
 
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """x / L at which a property may jump."""
+        varying = [p for p in self._properties() if isinstance(p, AbstractSpanwise)]
+        return tuple(sorted({step for p in varying for step in p.steps}))
+
     def _properties(self) -> list[Any]:
         return [getattr(self, f.name) for f in dataclasses.fields(self) if f.metadata.get("varies")]
 
@@ -183,7 +191,8 @@ class Rotor(Parameters):
     The hub radius is the distance from the axis of rotation to the root of the beam. The root is
     clamped unless `root` has springs, the tip mass is a point unless `tip` makes it a body, and
     sections are as the beam says unless `pitch` turns them all, by that angle added to the twist.
-    With a `precone` the beam leaves the hub at that angle from the plane of rotation.
+    With a `precone` the beam leaves the hub at that angle from the plane of rotation. What is None
+    is not there: a pitch of zero counts as one, and lets models look for what it might couple.
     """
 
     beam: Beam
@@ -276,19 +285,25 @@ class Rotor(Parameters):
         beam = self.beam
         if beam.is_uniform:
             return (c0 + c1 + c2 / 2) / beam.axial_stiffness
-        xi, weight = points_within(beam.edges)
-        outside, moment = beyond(beam.mass_per_length, beam.edges)
-        mass = weight * along(beam.mass_per_length, xi)
-        at_root = c0 + c1 + c2 * (mass @ xi) / jnp.sum(mass)
-        force = jnp.append(at_root, c0 + c1 * outside + c2 * moment)
-        return jnp.max(force / along(beam.axial_stiffness, np.append(0.0, xi)))
+        edges = beam.edges
+        inside = along(beam.axial_stiffness, points_within(edges)[0])
+        outside, moment = beyond(beam.mass_per_length, edges)
+        strain = (c0 + c1 * outside + c2 * moment) / inside
+        # Beside every kink, where the stiffness may have a step.
+        first, last = (along(beam.axial_stiffness, xi) for xi in beside_kinks(edges))
+        outside, moment = beyond_edges(beam.mass_per_length, edges)
+        force = c0 + c1 * outside + c2 * moment
+        return jnp.max(jnp.concatenate([strain, force[:-1] / first, force[1:] / last]))
 
     def tears(self, angular_speed: Number) -> Any:
-        """Whether a rod of constant axial stiffness has no steady state at this speed.
+        """Whether a uniform rod of constant axial stiffness has no steady state at this speed.
 
-        Omega L (rho / EA)^(1/2) = beta with m_t beta tan(beta) = rho L or beyond.
+        Omega L (rho / EA)^(1/2) = beta with m_t beta tan(beta) = rho L or beyond. Raises
+        `ValueError` for a beam that varies along the span, or has a body at its tip.
         """
         beam = self.beam
+        if not beam.is_uniform or self.tip is not None:
+            raise ValueError("tears knows uniform beams with a point at their tip alone")
         beta = jnp.abs(angular_speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
         holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
         return ~holds

@@ -30,6 +30,7 @@ class AbstractSpanwise(eqx.Module):
     """A property that varies along the span."""
 
     kinks: eqx.AbstractVar[tuple[float, ...]]  # where it is not smooth, between 0 and 1
+    steps: eqx.AbstractVar[tuple[float, ...]]  # those at which it may jump
 
     @abc.abstractmethod
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
@@ -53,6 +54,7 @@ class Spanwise(AbstractSpanwise):
     values: Float[Array, " k"]
     stations: tuple[float, ...] = eqx.field(static=True)
     kinks: tuple[float, ...] = eqx.field(static=True)
+    steps: tuple[float, ...] = eqx.field(static=True)
 
     def __init__(self, stations: Sequence[float], values: Any) -> None:
         places = known_array("stations", stations)
@@ -79,6 +81,7 @@ class Spanwise(AbstractSpanwise):
             raise ValueError("stations: a step must be between the ends, not at 0 or 1")
         self.stations = tuple(places.tolist())
         self.kinks = tuple(sorted(set(self.stations[1:-1])))
+        self.steps = tuple(places[1:][np.diff(places) == 0].tolist())
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
         table = interpolation(self.stations, tuple(np.asarray(xi, float).tolist()))
@@ -99,6 +102,7 @@ class SpanwiseFunction(AbstractSpanwise):
 
     function: Callable[[Float[Array, " p"]], Float[Array, " p"]]
     kinks: tuple[float, ...] = eqx.field(static=True)
+    steps: tuple[float, ...] = eqx.field(static=True)
 
     def __init__(self, function: Callable[[Array], Array], kinks: Sequence[float] = ()) -> None:
         if not callable(function):
@@ -109,6 +113,7 @@ class SpanwiseFunction(AbstractSpanwise):
         if jax.tree.leaves(function) == [function]:  # it is no pytree: jit would stumble over it
             function = jax.tree_util.Partial(function)
         self.function, self.kinks = function, tuple(places.tolist())
+        self.steps = self.kinks  # for all that is known of it
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
         values = self.function(jnp.asarray(xi))
@@ -194,6 +199,25 @@ def beyond(
     value = along(mass, xi)
     share, tail = value / (weight @ value), jnp.asarray(tails(edges, points))
     return tail @ share, tail @ (xi * share)
+
+
+def beyond_edges(
+    mass: Property, edges: tuple[float, ...]
+) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
+    """`beyond` at the edges themselves."""
+    xi, weight = points_within(edges)
+    own = weight * along(mass, xi)
+    parts = jnp.stack([own, own * xi]).reshape(2, len(edges) - 1, -1) / jnp.sum(own)
+    before = jnp.cumsum(jnp.pad(jnp.sum(parts, 2), ((0, 0), (1, 0))), 1)
+    outside, moment = before[:, -1:] - before
+    return outside, moment
+
+
+def beside_kinks(edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Points just behind the beginning, and just before the end, of every segment."""
+    places = np.asarray(edges)
+    near = 1e-9 * np.diff(places)
+    return places[:-1] + near, places[1:] - near
 
 
 def taken(name: str, value: Any, varies: bool) -> Property:
