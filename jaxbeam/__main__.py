@@ -70,7 +70,7 @@ _EPILOG = f"""\
 Frequencies over speed, for three tip masses (--example prints it, and the others):
 
 {EXAMPLES["frequencies"]}
-A [beam] may have file = "blade.csv" for a table of sectional properties (jaxbeam.blades.read_csv),
+A [beam] may have file = "blade.csv", a table of sectional properties beside it (blades.read_csv),
 [root] springs (jaxbeam.RootSprings) and [tip] what makes a body of the tip mass (jaxbeam.TipBody).
 A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
 
@@ -86,8 +86,16 @@ TABLES = ("model", "beam", "rotor", "root", "tip", "motion", "loads", "damping")
 
 
 def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> jb.Beam:
-    """The beam of a table of sectional properties (see `jaxbeam.blades.read_csv`)."""
-    return jb.blades.read_csv(file, length=length, axial_stiffness=axial_stiffness).beam
+    table = jb.blades.read_csv(file, length=length, axial_stiffness=axial_stiffness)
+    for ignored in table.ignored:
+        _note(f"{file}: {ignored}")
+    return table.beam
+
+
+@functools.cache
+def _note(text: str) -> None:
+    """Said once, however often the table is read."""
+    print(text, file=sys.stderr)
 
 
 # Questions: functions of one case. Arguments are TABLES, and keys of the question's own table.
@@ -206,7 +214,10 @@ def read(tables: Mapping[str, Any]) -> Job:
             swept = {name: n for name, n in numbers.items() if name in takes[table]}
             parts = {needed: made[needed](numbers) for needed in needs}
             if "model" in parts and "rotor" in parts:
-                parts["model"] = parts["model"].suited(parts["rotor"])
+                # To the first case, whose numbers are known also where others are compiled.
+                first = {name: values[0] for name, values in axes.items()}
+                with contextlib.suppress(ValueError), jax.ensure_compile_time_eval():
+                    parts["model"] = parts["model"].suited(made["rotor"](first))
             with _blamed(table):
                 return maker(**parts, **{**given, **swept})
 
@@ -370,7 +381,10 @@ def main(argv: list[str] | None = None) -> int:
         parser.error("name a SCENE.toml, and one core and one case at least")
     jax.config.update("jax_enable_x64", True)
     try:
-        scene = read(tomllib.loads(given.scene.read_text("utf-8")))
+        tables = tomllib.loads(given.scene.read_text("utf-8"))
+        if isinstance(beam := tables.get("beam"), dict) and isinstance(beam.get("file"), str):
+            beam["file"] = str(given.scene.parent / beam["file"])  # it lies beside the scene
+        scene = read(tables)
         return 0 if run(scene, given.out or Path(given.scene.stem), given.cores, given.chunk) else 1
     except (ValueError, OSError) as error:  # what is wrong with the file or the folder
         where, said = getattr(error, "filename", None), getattr(error, "strerror", None)

@@ -327,3 +327,47 @@ def test_help_in_a_process_of_its_own():
     )
     assert EXAMPLES["frequencies"] in done.stdout
     assert EXAMPLES["spin_up"] in done.stdout
+
+
+def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
+    """With a spring and a body, as in Python; what the table holds besides is named."""
+    rows = [(0.0, 60, 9e6, 5e6), (0.3, 50, 8e6, 4e6), (0.3, 30, 4e6, 1e6), (1.0, 12, 4e5, 5e4)]
+    head = "x_over_L,mass_per_length_kg_per_m,edge_stiffness_N_m2,flap_stiffness_N_m2,cg_m\n"
+    table = head + "".join(",".join(map(str, (*row, 0.1))) + "\n" for row in rows)
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    (folder / "blade.csv").write_text(table)
+    (folder / "scene.toml").write_text(
+        """
+        [model]
+        name = "Hybrid"
+        n_stretch = 0
+        [beam]
+        file = "blade.csv"
+        length = 10.0
+        axial_stiffness = 1e9
+        [rotor]
+        hub_radius = 1.0
+        tip_mass = 5.0
+        [root]
+        flap = 4e6
+        [tip]
+        offset = 0.1
+        [frequencies]
+        angular_speed = 0.0
+        in_plane = 1
+        flap = 2
+        """
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main(["scenes/scene.toml", "--out", "found"]) == 0
+    assert "cg_m" in capsys.readouterr().err
+    columns = np.array(rows).T
+    beam = jb.Beam(10.0, *(jb.Spanwise(columns[0], c) if np.ndim(c) else c for c in (
+        columns[1], 1e9, columns[2], columns[3],
+    )))  # fmt: skip
+    rotor = jb.Rotor(beam, 1.0, 5.0, root=jb.RootSprings(flap=4e6), tip=jb.TipBody(0.1))
+    model = jb.Hybrid(0).suited(rotor)
+    wanted = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=2)).frequency
+    found = jb.Table.load(tmp_path / "found" / "frequencies.npz")["frequency"].ravel()
+    np.testing.assert_allclose(found, wanted, rtol=1e-10)

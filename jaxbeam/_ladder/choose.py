@@ -45,6 +45,7 @@ SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in 
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
 LARGE = 0.1  # and where linear theory fails
 NOT_NEEDED = "not needed"
+_NO_RUNG_HAS = "shear and rotary inertia, which no rung has, might"
 _UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
 
 
@@ -134,12 +135,9 @@ class Choice:
                 "strains are not small: an axial law other than that of the engineering strain "
                 f"might change this by some {self.law_effect:.1g}"
             )
-        stout = np.max(known.stoutness, where=takes_part, initial=0.0)
+        stout = np.max(known.stoutness, where=takes_part[None], initial=0.0)
         if stout > self.tolerance:
-            lines.append(
-                "the beam is stout: shear and rotary inertia, which no rung has, might change this "
-                f"by some {stout:.1g}"
-            )
+            lines.append(f"the beam is stout: {_NO_RUNG_HAS} change this by some {stout:.1g}")
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:
             if verdict == NOT_NEEDED:
@@ -196,8 +194,14 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     question, rotor = ask.question, ask.rotor
     planar = bool(is_planar(question, rotor))
     linear, nonlinear = chains(question, rotor, planar)
-    rungs, elements, scout = rungs_of(question, rotor, planar), judges(nonlinear), scout_of(linear)
+    rungs, elements, scout = (
+        rungs_of(question, rotor, planar),
+        judges(nonlinear, rotor),
+        scout_of(linear),
+    )
     known = _scouted(ask, scout, elements)
+    if planar:
+        known = eqx.tree_at(lambda k: k.stoutness, known, known.stoutness[:1])
     if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
         ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, known, tolerance)][:1])

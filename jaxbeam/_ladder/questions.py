@@ -17,7 +17,7 @@ from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
-from jaxbeam._rotor.spanwise import at_root
+from jaxbeam._rotor.spanwise import along, at_root, beside_kinks
 from jaxbeam._simulation.course import during
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.scene import check_scene, checked_times, scene_status
@@ -132,10 +132,13 @@ class _InTime(Question):
         slope = jnp.max(rise) / (0.01 * rotor.beam.length)
         scale = jnp.max(jnp.abs(value)) + jnp.zeros_like(value)
         beam = rotor.beam
+        # The largest strains are at the root, unless the beam is weaker elsewhere.
+        places = np.zeros(1) if beam.is_uniform else np.append(0.0, beside_kinks(beam.edges)[0])
         both = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
-        stiffness = jnp.stack([at_root(each) for each in both]) / at_root(beam.axial_stiffness)
-        bent = run.curvature(0.0)[:, 0] ** 2 @ stiffness
-        law = jnp.max(jnp.abs(run.strain(0.0))) + jnp.max(bent)
+        stiffness = jnp.stack([along(each, places) for each in both], 1)
+        stiffness = stiffness / along(beam.axial_stiffness, places)[:, None]
+        bent = jnp.sum(run.curvature(places) ** 2 * stiffness[None], 2)
+        law = jnp.max(jnp.abs(run.strain(places))) + jnp.max(bent)
         numbers = (value, scale, size, slope, law)
         value, scale, size, slope, law = where_known(run.status == Status.OK, numbers)
         steps = run.solution.stats["num_steps"]

@@ -146,8 +146,10 @@ class Indicators(eqx.Module):
     | slope            | ()    | largest slope there, of the same                               |
     | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
     | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
-    | stoutness        | (6,)  | share of each frequency that shear and rotary inertia, which   |
-    |                  |       | no rung has, would take off: an estimate for solid metal       |
+    | stoutness        | (2,6) | share of each frequency, in plane and in flap (if that takes   |
+    |                  |       | part), that shear and rotary inertia, which no rung has, would |
+    |                  |       | take off: an estimate for solid metal. Of turned sections off  |
+    |                  |       | the lowest frequencies                                         |
     """
 
     stiffening_ratio: Scalar
@@ -177,7 +179,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
         slope=unknown,
         rest_frequency=omega[:6],
         excited=question.excited(omega[:6]),
-        stoutness=stoutness(omega[:6], shape[:6], rotor),
+        stoutness=stoutness(rotor),
     )
 
 
@@ -193,9 +195,12 @@ def scout_of(linear: list[Hybrid]) -> Hybrid:
     return linear[min(2, len(linear) - 1)]
 
 
-def judges(nonlinear: list[AbstractModel]) -> list[AbstractModel]:
+def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     """Those that may judge: coarser ones seldom do, and each would have to be compiled."""
-    return nonlinear[min(2, len(nonlinear) - 2) :]
+    coarse = 2
+    if not rotor.beam.is_uniform and isinstance(nonlinear[0], EngineeringANCF):
+        coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
+    return nonlinear[min(coarse, len(nonlinear) - 2) :]
 
 
 def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:

@@ -164,7 +164,7 @@ def _swept(
     """Results of these cases, which all stay in the plane or all do not."""
     rotor, question = example
     linear, nonlinear = chains(question, rotor, planar)
-    elements, top = judges(nonlinear), linear.index(scout_of(linear))
+    elements, top = judges(nonlinear, rotor), linear.index(scout_of(linear))
     linear = linear[max(top - 1, 0) :]  # cheaper ones would have to be compiled for few cases
     top = min(top, 1)
     pool.begin(linear[top], *elements[:2])

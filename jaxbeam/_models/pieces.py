@@ -153,7 +153,7 @@ class MomentPolynomials(Basis):
         """Functions for a beam, at a pitch in rad; the numbers of both must be known."""
         if not isinstance(beam, Beam):
             raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
-        if not is_known((beam, pitch)):
+        if not is_known(_bending_of(beam, pitch)):
             raise TypeError(
                 "beam and pitch must be known when a program is compiled: give those that you "
                 "begin from"
@@ -245,13 +245,19 @@ def suited(basis: Basis, rotor: Rotor) -> Basis:
     """A basis for what a rotor is: `MomentPolynomials` in the place of `Polynomials` for a beam
     that varies along the span and is known, `Hinged` where the root yields."""
     own = basis.basis if isinstance(basis, Hinged) else basis
-    beam = (rotor.beam, rotor.pitch)
-    if own == Polynomials() and not rotor.beam.is_uniform and _has_numbers(beam):
-        own = MomentPolynomials.of(*beam)
+    beam = rotor.beam
+    known = _has_numbers(_bending_of(beam, rotor.pitch))
+    if own == Polynomials() and not beam.is_uniform and known:
+        own = MomentPolynomials.of(beam, rotor.pitch)
     if rotor.root is None:
         return own
     yields = (spring is not None for spring in (rotor.root.in_plane, rotor.root.flap))
     return Hinged(own, *yields)
+
+
+def _bending_of(beam: Beam, pitch: Any) -> Any:
+    """What the shapes of functions are made of."""
+    return beam.in_plane_bending_stiffness, beam.flap_bending_stiffness, beam.twist, pitch
 
 
 def _has_numbers(tree: Any) -> bool:

@@ -139,17 +139,21 @@ def _varying_stiffness(basis: Basis, counts: Counts, rotor: Rotor) -> Matrix:
     flap = along(beam.flap_bending_stiffness, rule.xi)
     stretch = _gram(f.slope * stretches[None], rule.weight * along(beam.axial_stiffness, rule.xi))
     rows = [f.curvature * direction[None, :, k] for k in (1, 2)]
-    if not rotor.couples_bending:
-        bending = _gram(rows[0], rule.weight * in_plane) + _gram(rows[1], rule.weight * flap)
-        return stretch / length + bending / length**3
-    angle = jnp.zeros_like(in_plane)
-    for turn in (beam.twist, rotor.pitch):
-        angle = angle if turn is None else angle + along(turn, rule.xi)
-    cos, sin = jnp.cos(angle)[:, None], jnp.sin(angle)[:, None]
-    # Curvature in the axes of the section: those of its stiffness in plane, and across.
-    first, second = rows[0] * cos + rows[1] * sin, rows[1] * cos - rows[0] * sin
+    first, second = (a.T for a in turned(rotor, rule.xi, rows[0].T, rows[1].T))
     bending = _gram(first, rule.weight * in_plane) + _gram(second, rule.weight * flap)
     return stretch / length + bending / length**3
+
+
+def turned(rotor: Rotor, xi: np.ndarray, in_plane: Any, flap: Any) -> tuple[Any, Any]:
+    """Curvatures or slopes (..., p) in the axes of sections, which twist and pitch turn: about that
+    of the stiffness in plane, and across."""
+    if not rotor.couples_bending:
+        return in_plane, flap
+    angle = jnp.zeros(xi.size)
+    for turn in (rotor.beam.twist, rotor.pitch):
+        angle = angle if turn is None else angle + along(turn, xi)
+    cos, sin = jnp.cos(angle)[None], jnp.sin(angle)[None]
+    return in_plane * cos + flap * sin, flap * cos - in_plane * sin
 
 
 def _springs(known: Tables, rotor: Rotor) -> Matrix:

@@ -32,8 +32,8 @@ class TipBody(Parameters):
     | inertia       | J      | about its centre, across the beam (both axes)    | kg m^2 | >= 0    |
     | axial_inertia | J_x    | about the beam's axis (a rod: 0; a ball: J)      | kg m^2 | >= 0    |
 
-    Its mass is the `tip_mass` of the rotor; with all of these zero it is a point. It turns with the
-    tangent of the beam's end.
+    Its mass is the `tip_mass` of the rotor; with all of these zero it is a point (nearly, in
+    elements, which hold a body by a stiff spring). It turns with the tangent of the beam's end.
     """
 
     offset: Scalar = parameter(Status.INVALID_TIP_BODY, zero=None)

@@ -40,10 +40,10 @@ _REASONS = {
         "damping is an argument of a simulation": "bldfldmp bldeddmp",
         "frequencies follow from stiffness and mass": "flsttunr",
         "shapes of modes are computed": "bldfl1sh bldfl2sh bldedgsh",
-        "the beam turns in a plane": "precone",
+        "give it to a Rotor as precone": "precone",
         "the tip mass is on the axis of the beam": "cm_loc",
-        "the tip mass is at the tip, unless a TipBody has an offset": "cm_axial",
-        "the tip mass is a point, unless a TipBody has inertia": (
+        "give it to a Rotor in a TipBody, as offset": "cm_axial",
+        "give it to a Rotor in a TipBody, as inertia": (
             "ixx_tip iyy_tip izz_tip ixy_tip izx_tip iyz_tip"
         ),
     }.items()

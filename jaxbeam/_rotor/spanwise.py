@@ -58,7 +58,11 @@ class Spanwise(AbstractSpanwise):
 
     def __init__(self, stations: Sequence[float], values: Any) -> None:
         places = known_array("stations", stations)
-        self.values = real_array("values", values)
+        if is_known(values):  # and stays so while a program is compiled
+            with jax.ensure_compile_time_eval():
+                self.values = real_array("values", values)
+        else:
+            self.values = real_array("values", values)
         if places.ndim != 1 or places.size < 2:
             raise ValueError(f"stations must be two or more in a row, got shape {places.shape}")
         if self.values.shape != places.shape:

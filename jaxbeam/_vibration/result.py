@@ -16,8 +16,8 @@ class Modes(eqx.Module):
     | field        | shape  | unit  |                                                            |
     |--------------|--------|-------|------------------------------------------------------------|
     | eigenvalue   | (k,)   | rad/s | lambda = growth_rate + i frequency, frequency >= 0         |
-    | shape        | (k, n) | *     | x, scaled to unit modal mass; transverse part real, axial  |
-    |              |        |       | part imaginary (a quarter turn later) while stable         |
+    | shape        | (k, n) | *     | x, scaled to unit modal mass; while stable the axial part  |
+    |              |        |       | (of coned beams that of flap) is imaginary, the rest real  |
     | family       | (k,)   |       | `Family` of the mode as an integer                         |
     | order        | (k,)   |       | its number within the family, from 1                       |
     | energy_share | (k, 3) |       | share of kinetic energy that is in plane, flap, axial      |

@@ -1,5 +1,7 @@
 """What says beforehand whether a theory may be used."""
 
+import dataclasses
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -8,7 +10,7 @@ from jaxbeam._models.base import guarded
 from jaxbeam._models.basis import Polynomials
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._models.pieces import suited
-from jaxbeam._models.tables import all_functions
+from jaxbeam._models.tables import all_functions, turned
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
@@ -73,28 +75,50 @@ def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     return jnp.sqrt(jnp.sum((shape @ system.stiffness) * shape, axis=1)), shape
 
 
-def stoutness(
-    omega: Float[Array, " k"], shape: Float[Array, "k n"], rotor: Rotor
-) -> Float[Array, " k"]:
-    """What shear and rotary inertia would take off the frequencies of modes in plane, relative.
+def stoutness(rotor: Rotor) -> Float[Array, "2 6"]:
+    """What shear and rotary inertia would take off the first frequencies in plane and in flap, at
+    rest, relative; where sections are turned off those of the lowest modes, twice.
 
         int r^2 phi'^2 dm / 2 + omega^2 int Q^2 / (kappa G A) dx / 2,   Q = int_x^L phi dm,
 
-    r^2 = EI_zz / EA, for modes at rest of unit modal mass: Rayleigh's quotient to first order in
-    (r / L)^2 with the inertia of sections that turn, and with their compliance to the shear force
+    r^2 = EI / EA, for modes of unit modal mass: Rayleigh's quotient to first order in (r / L)^2
+    with the inertia of sections that turn, and with their compliance to the shear force
     (S. P. Timoshenko, Philosophical Magazine 41, 1921). For a solid section of metal, EA / (kappa G
     A) = 3.1; thin webs, or composite ones, yield more.
     """
-    beam, model = rotor.beam, _bending(rotor)
-    rule = model.basis.rule(model.n_in_plane, beam.edges)
+    full = Hybrid(0, 14, 14, suited(Polynomials(), rotor))
+    if rotor.couples_bending:
+        return jnp.stack(2 * [_stoutness(full, rotor)])
+    alone = (dataclasses.replace(full, n_flap=0), dataclasses.replace(full, n_in_plane=0))
+    return jnp.stack([_stoutness(model, rotor) for model in alone])
+
+
+def _stoutness(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
+    beam, tables = rotor.beam, model.tables
+    system = model.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
+    shape = symmetric_modes(system.mass, system.stiffness)[:6]
+    square = jnp.sum((shape @ system.stiffness) * shape, axis=1)  # omega^2
+    rule = model.basis.rule(14, beam.edges)
     at = all_functions(model.basis, model.counts, rule.xi)
-    stiffness, axial, mass = (
+    zz, yy, axial, mass = (
         along(each, rule.xi)
-        for each in (beam.in_plane_bending_stiffness, beam.axial_stiffness, beam.mass_per_length)
-    )
-    slope = shape @ at.slope.T / beam.length
-    turning = slope**2 @ (rule.weight * beam.length * mass * stiffness / axial)
-    carried = (shape @ at.value.T) * mass[None] @ rule.tail.T * beam.length
-    force = carried + rotor.tip_mass * (shape @ model.tables.tip)[:, None]
-    sheared = force**2 @ (rule.weight * beam.length / axial)
-    return (turning + _SHEAR * omega**2 * sheared) / 2
+        for each in (
+            beam.in_plane_bending_stiffness, beam.flap_bending_stiffness, beam.axial_stiffness,
+            beam.mass_per_length,
+        )
+    )  # fmt: skip
+    ways = [shape * tables.direction[None, :, k] for k in (1, 2)]
+    slopes = [way @ at.slope.T / beam.length for way in ways]
+    first, second = turned(rotor, rule.xi, *slopes)
+    dm = rule.weight * beam.length * mass
+    turning = first**2 @ (dm * zz / axial) + second**2 @ (dm * yy / axial)
+    tip = tables.tip
+    if rotor.tip is not None:
+        tip = tip + rotor.tip.offset / beam.length * tables.turn
+    force = [
+        (way @ at.value.T) * mass[None] @ rule.tail.T * beam.length
+        + rotor.tip_mass * (way @ tip)[:, None]
+        for way in ways
+    ]
+    sheared = (force[0] ** 2 + force[1] ** 2) @ (rule.weight * beam.length / axial)
+    return (turning + _SHEAR * square * sheared) / 2

@@ -178,3 +178,37 @@ def test_a_large_batch_is_single_cases():
     stiffness = jnp.linspace(4.0, 6.0, 300)
     many = jax.jit(jax.vmap(frequency))(stiffness)
     np.testing.assert_allclose(many[17], frequency(stiffness[17]), rtol=1e-11)
+
+
+@pytest.mark.slow
+def test_choices_for_a_step_within_elements():
+    """Estimates are honest, and functions that follow the step cheap: EI falls to a quarter at 0.3,
+    where no number of elements of a power of two has a node."""
+    stations = (0, 0.3, 0.3, 1)
+    beam = jb.Beam(
+        10.0, jb.Spanwise(stations, [60, 50, 30, 12]), 1e9,
+        jb.Spanwise(stations, [9e5, 8e5, 2e5, 4e4]), 1e6,
+    )  # fmt: skip
+    rotor, labels = jb.Rotor(beam, 1.0, 5.0), jb.labels(in_plane=2)
+    pieces = jb.models.PiecewisePolynomials(beam.edges, 10)
+    converged = jb.Hybrid(*pieces.sizes[:2], 0, pieces)
+    exact = np.asarray(jb.modes(converged, rotor, 3.0, labels).frequency)
+    question = jb.ladder.ModalFrequencies(3.0, labels)
+    choice = jb.choose_model(rotor, question, 1e-3)
+    assert choice.met
+    assert np.abs(choice.answer / exact - 1).max() < choice.estimate
+    assert choice.rung.cost < 2  # some functions
+    table = jb.ladder_sweep(
+        lambda tip_mass: (jb.Rotor(beam, 1.0, tip_mass), question), jb.grid(tip_mass=[5.0]), 1e-3
+    )
+    assert (table["status"] == jb.Status.OK).all()
+    assert np.abs(table["value"][0] / exact - 1).max() < table["estimate"][0]
+
+
+def test_the_largest_steady_strain_is_beside_a_step():
+    """P / EA where EA falls to a tenth, in every theory; P(L / 2) = Omega^2 (1 - 1/4) / 2."""
+    steps = jb.Spanwise([0, 0.5, 0.5, 1], [1e4, 1e4, 1e3, 1e3])
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, steps, 1.0, 1.0))
+    for model in (jb.Hybrid(2, 3, 0), jb.VonKarman(4, 2, 0), jb.EngineeringANCF(2)):
+        strain = jb.modes(model, rotor, 8.0, 1).steady_strain
+        np.testing.assert_allclose(strain, 64 * 0.375 / 1e3, rtol=1e-6)
