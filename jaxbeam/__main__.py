@@ -87,15 +87,11 @@ TABLES = ("model", "beam", "rotor", "root", "tip", "motion", "loads", "damping")
 
 def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> jb.Beam:
     table = jb.blades.read_csv(file, length=length, axial_stiffness=axial_stiffness)
-    for ignored in table.ignored:
-        _note(f"{file}: {ignored}")
+    _note("\n".join(f"{file}: {ignored}" for ignored in table.ignored))
     return table.beam
 
 
-@functools.cache
-def _note(text: str) -> None:
-    """Said once, however often the table is read."""
-    print(text, file=sys.stderr)
+_note = functools.cache(lambda text: text and print(text, file=sys.stderr))  # once, not every time
 
 
 # Questions: functions of one case. Arguments are TABLES, and keys of the question's own table.
@@ -214,10 +210,7 @@ def read(tables: Mapping[str, Any]) -> Job:
             swept = {name: n for name, n in numbers.items() if name in takes[table]}
             parts = {needed: made[needed](numbers) for needed in needs}
             if "model" in parts and "rotor" in parts:
-                # To the first case, whose numbers are known also where others are compiled.
-                first = {name: values[0] for name, values in axes.items()}
-                with contextlib.suppress(ValueError), jax.ensure_compile_time_eval():
-                    parts["model"] = parts["model"].suited(made["rotor"](first))
+                parts["model"] = _suited(parts["model"], made["rotor"], axes)
             with _blamed(table):
                 return maker(**parts, **{**given, **swept})
 
@@ -241,6 +234,13 @@ def read(tables: Mapping[str, Any]) -> Job:
     with _blamed(question):
         case = functools.partial(_answer, made[question], tables)
         return Job(question, case, axes, over(**tables[question]))
+
+
+def _suited(model: Any, rotor: Callable[..., Any], axes: dict[str, list[float]]) -> Any:
+    """For the first case, whose numbers are known also where those of others are compiled."""
+    with contextlib.suppress(ValueError), jax.ensure_compile_time_eval():
+        return model.suited(rotor({name: values[0] for name, values in axes.items()}))
+    return model
 
 
 def _answer(make: Callable[[Mapping[str, Any]], Any], _: Any, **numbers: Any) -> Any:
@@ -384,8 +384,8 @@ def main(argv: list[str] | None = None) -> int:
         tables = tomllib.loads(given.scene.read_text("utf-8"))
         if isinstance(beam := tables.get("beam"), dict) and isinstance(beam.get("file"), str):
             beam["file"] = str(given.scene.parent / beam["file"])  # it lies beside the scene
-        scene = read(tables)
-        return 0 if run(scene, given.out or Path(given.scene.stem), given.cores, given.chunk) else 1
+        out = given.out or Path(given.scene.stem)
+        return 0 if run(read(tables), out, given.cores, given.chunk) else 1
     except (ValueError, OSError) as error:  # what is wrong with the file or the folder
         where, said = getattr(error, "filename", None), getattr(error, "strerror", None)
         said = str(said or error).splitlines()[0]

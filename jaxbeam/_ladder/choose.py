@@ -45,7 +45,6 @@ SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in 
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
 LARGE = 0.1  # and where linear theory fails
 NOT_NEEDED = "not needed"
-_NO_RUNG_HAS = "shear and rotary inertia, which no rung has, might"
 _UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
 
 
@@ -135,9 +134,8 @@ class Choice:
                 "strains are not small: an axial law other than that of the engineering strain "
                 f"might change this by some {self.law_effect:.1g}"
             )
-        stout = np.max(known.stoutness, where=takes_part[None], initial=0.0)
-        if stout > self.tolerance:
-            lines.append(f"the beam is stout: {_NO_RUNG_HAS} change this by some {stout:.1g}")
+        if (stout := np.max(known.stoutness[:, takes_part], initial=0.0)) > self.tolerance:
+            lines.append(f"shear and rotary inertia, which no rung has, might take off {stout:.1g}")
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:
             if verdict == NOT_NEEDED:
