@@ -16,7 +16,8 @@ from jaxbeam._vibration.result import Modes
 COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
 UNITS = {
     "length": "m", "pitch": "rad", "precone": "rad", "offset": "m", "inertia": "kg m²",
-    "axial_inertia": "kg m²", "hub_radius": "m", "area": "m²", "time": "s", "duration": "s", "down_at": "s",
+    "axial_inertia": "kg m²", "hub_radius": "m", "area": "m²", "time": "s", "duration": "s",
+    "down_at": "s",
     "in_plane_second_moment": "m⁴", "flap_second_moment": "m⁴", "tip_mass": "kg",
     "density": "kg/m³", "mass_per_length": "kg/m", "youngs_modulus": "Pa", "axial_stiffness": "N",
     "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
