@@ -29,6 +29,7 @@ axis, as the fits of `fit_experiment.py` say of the composite one.
     python studies/validation.py [--quick] [--out FOLDER]
 """
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -259,15 +260,11 @@ def blade_frequencies(
     name: str, length: float, hub: float, factor: float
 ) -> dict[tuple[str, int], float]:
     """At rest, in Hz."""
-    text = (DATA / f"{name}_blade.csv").read_text().splitlines()
-    numbers = [line.split(",") for line in text if line[0].isdigit()]
-    x, twist, mass, flap, edge = np.array(numbers, float).T
-
-    def along(values: np.ndarray) -> jb.Spanwise:
-        return jb.Spanwise(x.tolist(), values)
-
-    sections = along(factor * mass), 1e10, along(edge), along(flap), along(np.radians(twist))
-    rotor = jb.Rotor(jb.Beam(length, *sections), hub)
+    file = DATA / f"{name}_blade.csv"
+    beam = jb.blades.read_csv(file, length=length, axial_stiffness=1e10).beam
+    mass = beam.mass_per_length
+    mass = jb.Spanwise(mass.stations, factor * mass.values)
+    rotor = jb.Rotor(dataclasses.replace(beam, mass_per_length=mass), hub)
     basis = jb.models.PiecewisePolynomials(rotor.beam.edges, 3)
     model = jb.Hybrid(0, *basis.sizes[1:], basis=basis)
     found = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=2)).frequency / (2 * np.pi)

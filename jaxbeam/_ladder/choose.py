@@ -192,11 +192,8 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     question, rotor = ask.question, ask.rotor
     planar = bool(is_planar(question, rotor))
     linear, nonlinear = chains(question, rotor, planar)
-    rungs, elements, scout = (
-        rungs_of(question, rotor, planar),
-        judges(nonlinear, rotor),
-        scout_of(linear),
-    )
+    rungs, scout = rungs_of(question, rotor, planar), scout_of(linear)
+    elements = judges(nonlinear, rotor)
     known = _scouted(ask, scout, elements)
     if planar:
         known = eqx.tree_at(lambda k: k.stoutness, known, known.stoutness[:1])

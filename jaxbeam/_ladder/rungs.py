@@ -56,9 +56,8 @@ def describe(model: AbstractModel) -> str:
 def chains(
     question: Question, rotor: Rotor, planar: bool
 ) -> tuple[list[Hybrid], list[AbstractModel]]:
-    """Linear and non-linear models for a question, each from coarse to fine.
-
-    Of the rotor only what it has counts, not its numbers.
+    """Linear and non-linear models for a question, each from coarse to fine, suited to a rotor and
+    to others that are like it.
     """
     linear = [_modal(Hybrid, n, rotor, planar) for n in question.functions]
     if planar:

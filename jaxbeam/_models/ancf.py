@@ -35,7 +35,7 @@ from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import spinning
-from jaxbeam._rotor.spanwise import AbstractSpanwise, points_within
+from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
@@ -81,8 +81,7 @@ class _Nodal(_ANCF):
 
     def _refuse(self, rotor: Rotor) -> None:
         """Raise `ValueError` where a rotor has what elements in the plane of rotation have not."""
-        name, root = type(self).__name__, rotor.root
-        springs = (None, None) if root is None else (root.in_plane, root.flap)
+        name, springs = type(self).__name__, rotor.springs
         for there, what in (
             (rotor.beam.twist is not None, "twist"),
             (rotor.pitch is not None, "pitch"),
@@ -100,8 +99,7 @@ class _Nodal(_ANCF):
 
     def suited(self, rotor: Rotor) -> Self:
         """As many elements, with a root that yields if that of the rotor does."""
-        yields = rotor.root is not None and rotor.root.in_plane is not None
-        return dataclasses.replace(self, root_yields=yields)
+        return dataclasses.replace(self, root_yields=rotor.springs[0] is not None)
 
     def bands(self) -> NodeByNode | None:
         """The order of the coordinates, whatever the equations are."""
@@ -241,9 +239,9 @@ class SmallStrainANCF(_ANCF):
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """Linear, with the tension P(x) of the rigid motion."""
         elastic = LinearElasticity(self.linear_stiffness(rotor) + axial_bending(self, rotor))
-        tables = self.weighted(rotor)
-        tension = tables.tension + 2 * tables.axial_tension
-        return CartesianEquations.build(self, rotor, elastic, tension)
+        return CartesianEquations.build(
+            self, rotor, elastic, lambda tables: tables.tension + 2 * tables.axial_tension
+        )
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """Mass, gyroscopic and stiffness matrices (B eqs. 53-54)."""
@@ -255,10 +253,9 @@ def axial_bending(model: _ANCF, rotor: Rotor) -> Matrix:
     beam, n = rotor.beam, model.counts[0]
     stiffness, others = beam.in_plane_bending_stiffness, len(model.families) - n
     if isinstance(stiffness, AbstractSpanwise):
-        ends = np.linspace(0.0, 1.0, model.n_elements + 1)
-        xi, weight = points_within(tuple(np.union1d(ends, stiffness.kinks).tolist()))
-        curvature = model.functions_from.stretch(n, xi).curvature
-        along = curvature.T @ ((weight * stiffness.at(xi))[:, None] * curvature)
+        rule = model.functions_from.rule(n, (0.0, *stiffness.kinks, 1.0))
+        curvature = model.functions_from.stretch(n, rule.xi).curvature
+        along = curvature.T @ ((rule.weight * stiffness.at(rule.xi))[:, None] * curvature)
         return jnp.pad(along / beam.length**3, (0, others))
     out = np.zeros((len(model.families),) * 2)
     out[:n, :n] = stretch_integrals(model.functions_from, n).curvature

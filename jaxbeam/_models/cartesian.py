@@ -16,6 +16,7 @@ Technical Report MBS99-5-UIC, 1999.
 """
 
 import abc
+from collections.abc import Callable
 from typing import Any, Self
 
 import equinox as eqx
@@ -190,14 +191,13 @@ class CartesianEquations(Equations):
         model: CartesianModel,
         rotor: Rotor,
         elasticity: Elasticity,
-        stiffening: Array | np.ndarray | None = None,
+        stiffened: Callable[[Tables], Array | np.ndarray] | None = None,
     ) -> Self:
-        """Scale the tables of `model` to a rotor."""
+        """Scale the tables of `model` to a rotor; `stiffened` says which are `stiffening`."""
         beam, t, body = rotor.beam, model.weighted(rotor), rotor.tip
         radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass
-        end, tip = radius + length, t.tip
-        if body is not None:
-            tip = tip + body.offset / length * t.turn
+        end, tip = radius + length, t.centre(rotor)
+        stiffening = None if stiffened is None else stiffened(t)
         gram = mass * t.gram + tip_mass * _outer(tip)
         first = mass * (radius * t.moment + length * t.first) + tip_mass * rotor.reach * tip
         if body is not None:

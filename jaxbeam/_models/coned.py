@@ -42,9 +42,9 @@ class _Cone(NamedTuple):
     """A rotor at the points of a rule; masses are those of the points, in kg."""
 
     rotor: Rotor
-    xi: np.ndarray
     weight: np.ndarray
     head: np.ndarray  # int_0^x by x / L
+    tail: np.ndarray  # and int_x^L
     mass: Float[Array, " p"]
     lag: Float[Array, " p"]
     flap: Float[Array, " p"]
@@ -60,7 +60,7 @@ class _Cone(NamedTuple):
         first, second = (w.bending(n, rule.xi) for w, n in zip(ways, counts, strict=True))
         ends = [w.bending(n, np.zeros(1)).slope[0] for w, n in zip(ways, counts, strict=True)]
         return cls(
-            rotor, rule.xi, rule.weight, rule.weight[None] - rule.tail,
+            rotor, rule.weight, rule.weight[None] - rule.tail, rule.tail,
             length * rule.weight * along(beam.mass_per_length, rule.xi),
             along(beam.in_plane_bending_stiffness, rule.xi),
             along(beam.flap_bending_stiffness, rule.xi), (first, second),
@@ -69,9 +69,7 @@ class _Cone(NamedTuple):
 
     def springs(self) -> tuple[Any, Any]:
         """Stiffness of the root in plane and in flap; zero where it is clamped."""
-        root = self.rotor.root
-        given = (None, None) if root is None else (root.in_plane, root.flap)
-        first, second = (jnp.zeros(()) if spring is None else spring for spring in given)
+        first, second = (jnp.zeros(()) if s is None else s for s in self.rotor.springs)
         return first, second
 
     def shape(self, turn: Vector) -> tuple[Any, Any, Any, Any]:
@@ -122,7 +120,7 @@ def coned_system(
     y_tip, x_tip, z_tip = (cone.weight @ a for a in ways)
     twist = -length * (cone.head @ (turning * sin))
     # The radial force: of what is beyond a point, and of the tip mass.
-    outward = jnp.sum(dm * at) - (cone.head * dm[None] / cone.weight[None]) @ at
+    outward = cone.tail @ (dm / cone.weight * at)
     force = speed**2 * (outward + tip_mass * tip) * cos[:, 0]
 
     def over(weight: Any, a: Any, b: Any) -> Any:

@@ -110,7 +110,7 @@ class Hybrid(_Linear):
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
         elastic = LinearElasticity(self.linear_stiffness(rotor))
-        return CartesianEquations.build(self, rotor, elastic, self.weighted(rotor).tension)
+        return CartesianEquations.build(self, rotor, elastic, lambda tables: tables.tension)
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion; about the deflected steady state of a coned
@@ -203,7 +203,7 @@ class VonKarman(_Modal):
             direction=jnp.asarray(tables.direction),
         )
         # The centre of a body at the tip comes nearer when the end of the beam turns.
-        short = None if rotor.tip is None else np.zeros_like(tables.elastic)
+        short = None if rotor.tip is None else lambda tables: np.zeros_like(tables.elastic)
         return CartesianEquations.build(self, rotor, elastic, short)
 
 

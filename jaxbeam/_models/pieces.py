@@ -69,11 +69,7 @@ class PiecewisePolynomials(Basis):
         return segments(every, self.degree + 5)
 
     def up_to(self, n: int, end: float) -> tuple[_Array, _Array]:
-        if end == 0:
-            return np.zeros(1), np.zeros(1)
-        nodes = (*(node for node in self.nodes if node < end), end)
-        rule = segments(tuple(np.asarray(nodes) / end), self.degree + 1)
-        return end * rule.xi, end * rule.weight
+        return _before(self.rule(n, (0.0, end, 1.0)), end)
 
     def _check(self, n: int, wanted: int) -> None:
         if n != wanted:
@@ -99,6 +95,12 @@ class PiecewisePolynomials(Basis):
             if inner:
                 out[:, rows, within : within + inner] = _bubbles(s, h, order, inner)
         return Functions(*out[:, :, order:])
+
+
+def _before(rule: Rule, end: float) -> tuple[_Array, _Array]:
+    """Points and weights of a rule up to one of its edges."""
+    inside = rule.xi < end
+    return rule.xi[inside], rule.weight[inside]
 
 
 def _line(s: _Array, h: float) -> tuple[_Array, _Array, _Array]:
@@ -206,11 +208,7 @@ class MomentPolynomials(Basis):
         return max(Polynomials().points(n, edges), _POINTS)
 
     def up_to(self, n: int, end: float) -> tuple[_Array, _Array]:
-        if end == 0:
-            return np.zeros(1), np.zeros(1)
-        rule = self.rule(n, (0.0, end, 1.0))
-        inside = rule.xi < end
-        return rule.xi[inside], rule.weight[inside]
+        return _before(self.rule(n, (0.0, end, 1.0)), end)
 
 
 @functools.lru_cache(maxsize=64)
@@ -251,8 +249,7 @@ def suited(basis: Basis, rotor: Rotor) -> Basis:
         own = MomentPolynomials.of(beam, rotor.pitch)
     if rotor.root is None:
         return own
-    yields = (spring is not None for spring in (rotor.root.in_plane, rotor.root.flap))
-    return Hinged(own, *yields)
+    return Hinged(own, *(spring is not None for spring in rotor.springs))
 
 
 def _bending_of(beam: Beam, pitch: Any) -> Any:

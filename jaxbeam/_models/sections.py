@@ -130,7 +130,7 @@ class Ends(eqx.Module):
     hold: Number | None  # J
 
     def __init__(self, rotor: Rotor, axial_stiffness: Number) -> None:
-        self.spring = None if rotor.root is None else rotor.root.in_plane
+        self.spring, _ = rotor.springs
         self.hold = None
         if rotor.tip is not None:
             self.hold = 10 * axial_stiffness * rotor.beam.length

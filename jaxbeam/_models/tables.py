@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxbeam._models.base import Family
-from jaxbeam._models.basis import Basis, Functions, bending_integrals, stretch_integrals
+from jaxbeam._models.basis import Basis, Functions, Rule, bending_integrals, stretch_integrals
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Matrix
@@ -37,6 +37,12 @@ class Tables(NamedTuple):
     tension: Any  # (3, n, n), bending alone: int t_k f' f', see `Integrals`
     axial_tension: Any  # (3, n, n), the same for the axial coordinates
 
+    def centre(self, rotor: Rotor) -> Any:
+        """Values of the functions at the centre of the tip mass, (n,)."""
+        if rotor.tip is None:
+            return self.tip
+        return self.tip + rotor.tip.offset / rotor.beam.length * self.turn
+
 
 def all_functions(basis: Basis, counts: Counts, xi: np.ndarray) -> Functions:
     """All functions of a model side by side, at points xi."""
@@ -44,6 +50,13 @@ def all_functions(basis: Basis, counts: Counts, xi: np.ndarray) -> Functions:
     ways = zip(FAMILIES[1:], counts[1:], strict=True)
     parts += [basis.towards(family).bending(n, xi) for family, n in ways if n]
     return Functions(*(np.concatenate(same, 1) for same in zip(*parts, strict=True)))
+
+
+@functools.lru_cache(maxsize=64)
+def sampled(basis: Basis, counts: Counts, edges: tuple[float, ...]) -> tuple[Rule, Functions]:
+    """The rule that stops at edges, and all functions at its points."""
+    rule = basis.rule(max(counts), edges)
+    return rule, all_functions(basis, counts, rule.xi)
 
 
 @functools.lru_cache(maxsize=64)
@@ -89,8 +102,7 @@ def weighted(basis: Basis, counts: Counts, beam: Beam) -> Tables:
     known = tables(basis, counts)
     if beam.is_uniform:
         return known
-    rule = basis.rule(max(counts), beam.edges)
-    f = all_functions(basis, counts, rule.xi)
+    rule, f = sampled(basis, counts, beam.edges)
     mass = along(beam.mass_per_length, rule.xi)
     share = rule.weight * mass / (rule.weight @ mass)
     # The shapes of `tension` but the first, which is one: int over what lies beyond, of the mass
@@ -132,8 +144,7 @@ def linear_stiffness(basis: Basis, counts: Counts, rotor: Rotor) -> Matrix:
 
 def _varying_stiffness(basis: Basis, counts: Counts, rotor: Rotor) -> Matrix:
     beam, length = rotor.beam, rotor.beam.length
-    rule = basis.rule(max(counts), beam.edges)
-    f, direction = all_functions(basis, counts, rule.xi), tables(basis, counts).direction
+    (rule, f), direction = sampled(basis, counts, beam.edges), tables(basis, counts).direction
     stretches = direction[:, 0]
     in_plane = along(beam.in_plane_bending_stiffness, rule.xi)
     flap = along(beam.flap_bending_stiffness, rule.xi)
@@ -159,7 +170,7 @@ def turned(rotor: Rotor, xi: np.ndarray, in_plane: Any, flap: Any) -> tuple[Any,
 def _springs(known: Tables, rotor: Rotor) -> Matrix:
     """Energy k phi^2 / 2, phi = f'(0) q / L."""
     out = jnp.zeros_like(known.elastic[0])
-    for k, spring in enumerate((rotor.root.in_plane, rotor.root.flap), start=1):  # type: ignore[union-attr]
+    for k, spring in enumerate(rotor.springs, start=1):
         if spring is not None:
             slope = known.root * known.direction[:, k]
             out = out + spring / rotor.beam.length**2 * np.outer(slope, slope)
@@ -175,8 +186,7 @@ def check_root(model: str, basis: Basis, counts: Counts, rotor: Rotor, coned: bo
             "Hybrid(n_stretch=0), about the deflected steady state; else leave it out, which for "
             "soft beams is the smaller error"
         )
-    springs = (None, None) if rotor.root is None else (rotor.root.in_plane, rotor.root.flap)
-    ways = zip(FAMILIES[1:], ("in_plane", "flap"), springs, counts[1:], strict=True)
+    ways = zip(FAMILIES[1:], ("in_plane", "flap"), rotor.springs, counts[1:], strict=True)
     for family, name, spring, count in ways:
         yields = basis.towards(family).yields
         if count and spring is not None and not yields:

@@ -126,24 +126,21 @@ class Beam(Parameters):
     @property
     def is_uniform(self) -> bool:
         """Whether nothing varies along the span, and sections are not turned."""
-        return self.twist is None and not any(
-            isinstance(value, AbstractSpanwise) for value in self._properties()
-        )
+        return self.twist is None and not self._varying()
 
     @property
     def edges(self) -> tuple[float, ...]:
         """x / L between which all properties are smooth, from 0 to 1."""
-        varying = [p for p in self._properties() if isinstance(p, AbstractSpanwise)]
-        return 0.0, *sorted({kink for p in varying for kink in p.kinks}), 1.0
+        return 0.0, *sorted({kink for p in self._varying() for kink in p.kinks}), 1.0
 
     @property
     def steps(self) -> tuple[float, ...]:
         """x / L at which a property may jump."""
-        varying = [p for p in self._properties() if isinstance(p, AbstractSpanwise)]
-        return tuple(sorted({step for p in varying for step in p.steps}))
+        return tuple(sorted({step for p in self._varying() for step in p.steps}))
 
-    def _properties(self) -> list[Any]:
-        return [getattr(self, f.name) for f in dataclasses.fields(self) if f.metadata.get("varies")]
+    def _varying(self) -> list[AbstractSpanwise]:
+        every = (getattr(self, field.name) for field in dataclasses.fields(self))
+        return [value for value in every if isinstance(value, AbstractSpanwise)]
 
     @property
     def mean(self) -> "Beam":
@@ -226,6 +223,11 @@ class Rotor(Parameters):
         """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip."""
         extras = (self.pitch, self.root, self.tip, self.precone)
         return self.beam.is_uniform and all(extra is None for extra in extras)
+
+    @property
+    def springs(self) -> tuple[Scalar | None, Scalar | None]:
+        """Those of the root, in plane and in flap; None where it is clamped."""
+        return (None, None) if self.root is None else (self.root.in_plane, self.root.flap)
 
     @property
     def couples_bending(self) -> bool:

@@ -10,7 +10,7 @@ from jaxbeam._models.base import guarded
 from jaxbeam._models.basis import Polynomials
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._models.pieces import suited
-from jaxbeam._models.tables import all_functions, turned
+from jaxbeam._models.tables import sampled, turned
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
@@ -70,9 +70,15 @@ def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
 def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
     derivatives, and a program a fifth as large."""
-    system = _bending(rotor).matrices(rotor, jnp.zeros_like(rotor.hub_radius))
+    square, shape = _at_rest(_bending(rotor), rotor)
+    return jnp.sqrt(square), shape
+
+
+def _at_rest(model: Hybrid, rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
+    """Squares of frequencies, and modes."""
+    system = model.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
     shape = symmetric_modes(system.mass, system.stiffness)
-    return jnp.sqrt(jnp.sum((shape @ system.stiffness) * shape, axis=1)), shape
+    return jnp.sum((shape @ system.stiffness) * shape, axis=1), shape
 
 
 def stoutness(rotor: Rotor) -> Float[Array, "2 6"]:
@@ -95,11 +101,8 @@ def stoutness(rotor: Rotor) -> Float[Array, "2 6"]:
 
 def _stoutness(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
     beam, tables = rotor.beam, model.tables
-    system = model.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
-    shape = symmetric_modes(system.mass, system.stiffness)[:6]
-    square = jnp.sum((shape @ system.stiffness) * shape, axis=1)  # omega^2
-    rule = model.basis.rule(14, beam.edges)
-    at = all_functions(model.basis, model.counts, rule.xi)
+    square, shape = (a[:6] for a in _at_rest(model, rotor))
+    rule, at = sampled(model.basis, model.counts, beam.edges)
     zz, yy, axial, mass = (
         along(each, rule.xi)
         for each in (
@@ -112,9 +115,7 @@ def _stoutness(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
     first, second = turned(rotor, rule.xi, *slopes)
     dm = rule.weight * beam.length * mass
     turning = first**2 @ (dm * zz / axial) + second**2 @ (dm * yy / axial)
-    tip = tables.tip
-    if rotor.tip is not None:
-        tip = tip + rotor.tip.offset / beam.length * tables.turn
+    tip = tables.centre(rotor)
     force = [
         (way @ at.value.T) * mass[None] @ rule.tail.T * beam.length
         + rotor.tip_mass * (way @ tip)[:, None]

@@ -47,7 +47,7 @@ import scipy.linalg
 # A constant, a smooth function of x / L, or stations x / L and values at them, linear between them;
 # two equal stations are a step.
 Profile = float | Callable[[np.ndarray], np.ndarray] | tuple[Sequence[float], Sequence[float]]
-NREL = Path(__file__).parents[1] / "data" / "nrel5mw_blade.csv"
+NREL = Path(__file__).parents[2] / "studies" / "data" / "nrel5mw_blade.csv"
 PROPERTIES = ("mass", "lag", "flap", "stretch", "twist")
 
 
