@@ -6,17 +6,18 @@ units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad
 What rotates        Beam, Rotor; Loads and Damping act on it
 As built            Spanwise: a property along the span; RootSprings, TipBody; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
-                    EngineeringANCF, GreenANCF, ANCF in finite elements
+                    EngineeringANCF, GreenANCF, ANCF in finite elements in the plane,
+                    SpatialANCF in space: it bends both ways and twists
 At a steady speed   modes; labels name the modes that are asked for
                     southwell, stiffening_ratio: how fast they stiffen
                     campbell, crossing: frequencies over speed, resonances with harmonics of it
-                    critical_speed: where the beam, or the theory, loses its stability
+                    critical_speed, critical_load: where the beam, or the theory, loses its
+                    stability
 Modulated speed     floquet, tongue: multipliers, boundaries of parametric resonance
 In time             simulate through a motion (SmoothSpinUp, ConstantSpeed, ...)
                     steady_start, deflection_limit: how a run begins and when it ends
-                    stable_step: the largest step of an explicit integrator
 Many cases          sweep over grid or points gives a Table
-Measurements        fit finds each FreeParameter from FrequencyData, HistoryData, ...
+Measurements        fit finds each FreeParameter from FrequencyData, ...
 How much model      choose_model for one question, ladder_sweep for many cases
 What went wrong     Status: whatever can fail takes throw=False and then carries one
 
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from jaxbeam import results as results
     from jaxbeam import solvers as solvers
     from jaxbeam._fitting.experiments import FrequencyData as FrequencyData
-    from jaxbeam._fitting.experiments import HistoryData as HistoryData
     from jaxbeam._fitting.fit import fit as fit
     from jaxbeam._fitting.free import FreeParameter as FreeParameter
     from jaxbeam._ladder.choose import choose_model as choose_model
@@ -49,10 +49,11 @@ if TYPE_CHECKING:
     from jaxbeam._models.ancf import ANCF as ANCF
     from jaxbeam._models.ancf import EngineeringANCF as EngineeringANCF
     from jaxbeam._models.ancf import GreenANCF as GreenANCF
-    from jaxbeam._models.base import labels as labels
+    from jaxbeam._models.families import labels as labels
     from jaxbeam._models.modal import Classical as Classical
     from jaxbeam._models.modal import Hybrid as Hybrid
     from jaxbeam._models.modal import VonKarman as VonKarman
+    from jaxbeam._models.spatial_ancf import SpatialANCF as SpatialANCF
     from jaxbeam._rotor.beam import Beam as Beam
     from jaxbeam._rotor.beam import Rotor as Rotor
     from jaxbeam._rotor.ends import RootSprings as RootSprings
@@ -65,13 +66,13 @@ if TYPE_CHECKING:
     from jaxbeam._simulation.simulate import deflection_limit as deflection_limit
     from jaxbeam._simulation.simulate import simulate as simulate
     from jaxbeam._simulation.simulate import steady_start as steady_start
-    from jaxbeam._simulation.stable_step import stable_step as stable_step
     from jaxbeam._status import Status as Status
     from jaxbeam._sweeps.cases import grid as grid
     from jaxbeam._sweeps.cases import points as points
     from jaxbeam._sweeps.sweep import sweep as sweep
     from jaxbeam._sweeps.table import Table as Table
     from jaxbeam._vibration.campbell import campbell as campbell
+    from jaxbeam._vibration.critical_load import critical_load as critical_load
     from jaxbeam._vibration.critical_speed import critical_speed as critical_speed
     from jaxbeam._vibration.crossing import crossing as crossing
     from jaxbeam._vibration.floquet import floquet as floquet

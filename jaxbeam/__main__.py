@@ -19,7 +19,7 @@ import numpy as np
 
 import jaxbeam as jb
 from jaxbeam import plot
-from jaxbeam._models.base import count_functions
+from jaxbeam._checks import count_functions
 from jaxbeam._types import Real
 
 _ROTOR = """\

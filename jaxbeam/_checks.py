@@ -114,3 +114,11 @@ def checked_speed(angular_speed: Any) -> Scalar:
     if is_known(speed):
         require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)
     return speed
+
+
+def count_functions(name: str, value: int, least: int = 0) -> None:
+    """Raise unless `value` is a whole number of functions or elements, at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"{name} must be an int, got {type(value).__name__}")
+    if value < least:
+        raise ValueError(f"{name} must be >= {least}, got {value}")

@@ -64,7 +64,7 @@ class Status(enum.IntEnum):
         "rotation proper orthogonal",
         INPUT,
     )
-    INVALID_LOAD = 13, "gravity and tip_force must be finite over the whole run", INPUT
+    INVALID_LOAD = 13, "gravity, tip_force and tip_moment must be finite over the whole run", INPUT
     INVALID_DAMPING = 14, "damping must be finite and >= 0", INPUT
     INVALID_TIMES = (
         15,
@@ -162,6 +162,13 @@ class Status(enum.IntEnum):
         INPUT,
     )
     INVALID_PRECONE = 38, "precone must be finite", INPUT
+    INVALID_TORSIONAL_STIFFNESS = 39, "torsional_stiffness must be finite and > 0", INPUT
+    INVALID_POLAR_INERTIA = 40, "polar_inertia must be finite and > 0", INPUT
+    OUT_OF_RANGE = (
+        41,
+        "an element in space turns or twists by more than a right angle, or is stretched by more "
+        "than a half: take more elements, or look whether the loads are meant",
+    )
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

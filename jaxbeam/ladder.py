@@ -4,8 +4,8 @@ A question is passed as an object, `jaxbeam.choose_model(rotor, PeakDeflection(m
 `rungs` lists the models for it from cheap to dear, `ask` has one of them answer it.
 """
 
-from jaxbeam._ladder.choose import Choice as Choice
-from jaxbeam._ladder.choose import Evidence as Evidence
+from jaxbeam._ladder.choice import Choice as Choice
+from jaxbeam._ladder.choice import Evidence as Evidence
 from jaxbeam._ladder.choose import ask as ask
 from jaxbeam._ladder.questions import Answer as Answer
 from jaxbeam._ladder.questions import DeflectionHistory as DeflectionHistory

@@ -8,8 +8,6 @@ from jaxbeam._models.ancf import ChordANCF as ChordANCF
 from jaxbeam._models.ancf import SmallStrainANCF as SmallStrainANCF
 from jaxbeam._models.ancf import TangentANCF as TangentANCF
 from jaxbeam._models.base import AbstractModel as AbstractModel
-from jaxbeam._models.base import Family as Family
-from jaxbeam._models.base import Label as Label
 from jaxbeam._models.base import LinearSystem as LinearSystem
 from jaxbeam._models.basis import CantileverModes as CantileverModes
 from jaxbeam._models.basis import Polynomials as Polynomials
@@ -18,7 +16,9 @@ from jaxbeam._models.discrete import DiscreteLP as DiscreteLP
 from jaxbeam._models.discrete import DiscreteNC as DiscreteNC
 from jaxbeam._models.discrete import DiscreteNP as DiscreteNP
 from jaxbeam._models.discrete import DiscreteNS as DiscreteNS
+from jaxbeam._models.families import Family as Family
+from jaxbeam._models.families import Label as Label
 from jaxbeam._models.pieces import Hinged as Hinged
 from jaxbeam._models.pieces import MomentPolynomials as MomentPolynomials
 from jaxbeam._models.pieces import PiecewisePolynomials as PiecewisePolynomials
-from jaxbeam._rotor.beam import SpringRotor as SpringRotor
+from jaxbeam._rotor.spring_rotor import SpringRotor as SpringRotor

@@ -2,18 +2,36 @@
 
 from collections.abc import Sequence
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.animation import FuncAnimation
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from jaxbeam._fitting.result import Fit
-from jaxbeam._models.base import AbstractModel, Family, Label
+from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.families import Family, Label
+from jaxbeam._models.space_frames import axes as section_axes
+from jaxbeam._models.tables import section_angle
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._simulation.result import Simulation
 from jaxbeam._status import Status
 from jaxbeam._sweeps.table import Table
 from jaxbeam._vibration.campbell import Campbell
 from jaxbeam._vibration.result import Modes
 
-COLOURS = {Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green"}
+COLOURS = {
+    Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green",
+    Family.TORSION: "tab:red",
+}  # fmt: skip
 UNITS = {
     "length": "m", "pitch": "rad", "precone": "rad", "offset": "m", "inertia": "kg m²",
     "axial_inertia": "kg m²", "hub_radius": "m", "area": "m²", "time": "s", "duration": "s",
@@ -168,3 +186,101 @@ def history(table: Table) -> Figure:
     axes[-1].set_xlabel("time (s)")
     figure.align_ylabels()
     return figure
+
+
+def filmstrip(rotor: Rotor, run: Simulation, frames: int = 12) -> Figure:
+    """The beam in three dimensions at so many of the output times of a run: in the axes of the hub
+    and, as they turn, in those of space. Each is a ribbon along the middle of its sections, half of
+    it light, so that twist shows; dotted is the path of the tip.
+
+    The motion has to state the attitude of the hub; a hub that moves along is drawn where it began.
+    """
+    times, ribbons = _ribbons(rotor, run)
+    turned = _turned(run, times, ribbons)
+    colour, scale = colormaps["viridis"], Normalize(0, times[-1])
+    figure = Figure((10.5, 5.2), layout="constrained")
+    for k, (places, title) in enumerate(((ribbons, "axes of the hub"), (turned, "space"))):
+        ax = figure.add_subplot(1, 2, 1 + k, projection="3d")
+        _boxed(ax, places, "axis {}" if k == 0 else "{}", title)
+        for i in np.linspace(0, len(times) - 1, frames).round().astype(int):
+            for faces, alpha in _faces(places[i]):
+                shade = (*colour(scale(times[i]))[:3], alpha)
+                ax.add_collection3d(Poly3DCollection(faces, facecolors=[shade]))
+        ax.plot(*places[:, 1, -1].T, ":", color="k", lw=1)
+    figure.colorbar(ScalarMappable(scale, colour), ax=figure.axes, label="time (s)", shrink=0.7)
+    return figure
+
+
+def film(rotor: Rotor, run: Simulation, figure: Figure) -> FuncAnimation:
+    """The beam as it moves in space, in a `figure` of pyplot's, a frame for each output time;
+    `film(rotor, run, plt.figure()).save("film.gif")` writes it. See `filmstrip`."""
+    times, ribbons = _ribbons(rotor, run)
+    places = _turned(run, times, ribbons)
+    ax = figure.add_subplot(projection="3d")
+    _boxed(ax, places, "{}", "")
+    surfaces = [Poly3DCollection(f, facecolors=[(0.0, 0.45, 0.7, a)]) for f, a in _faces(places[0])]
+    for surface in surfaces:
+        ax.add_collection3d(surface)
+    (path,) = ax.plot([], [], [], ":", color="k", lw=1)
+
+    def frame(k: int) -> list[Artist]:
+        for surface, (faces, _) in zip(surfaces, _faces(places[k]), strict=True):
+            surface.set_verts(faces)
+        path.set_data_3d(*places[: k + 1, 1, -1].T)
+        ax.set_title(f"{times[k]:.3g} s", fontsize=10)
+        return [*surfaces, path]
+
+    return FuncAnimation(figure, frame, frames=len(times))
+
+
+def _ribbons(rotor: Rotor, run: Simulation, points: int = 41) -> tuple[np.ndarray, np.ndarray]:
+    """Output times that were reached, and edge, middle and edge of a ribbon in axes of the hub,
+    from where the hub's radius is measured: (T, 3, points, 3)."""
+    if run.times.ndim != 1:
+        raise ValueError("run must be that of one case, got a batch: take one by jax.tree.map")
+    xi, length = np.linspace(0, 1, points), float(rotor.beam.length)
+    cone = 0.0 if rotor.precone is None else float(rotor.precone)
+    out = np.array([np.cos(cone), 0.0, np.sin(cone)])  # along the undeformed beam
+    there = np.isfinite(np.asarray(run.times))
+    along = np.asarray(run.displacement(xi))[there] + length * xi[:, None] * out
+    middle = along + np.array([float(rotor.hub_radius), 0.0, 0.0])
+    a2 = np.array([0.0, 1.0, 0.0])
+    axes = np.stack([out, a2, np.cross(out, a2)])  # of the undeformed section
+    t = np.gradient(along, xi, axis=1) @ axes.T
+    t = t / np.linalg.norm(t, axis=2, keepdims=True)
+    turn = np.asarray(run.twist(xi))[there]
+    if (angle := section_angle(rotor, xi)) is not None:
+        turn = turn + np.asarray(angle)
+    across = section_axes(jnp.asarray(np.moveaxis(t, 2, 0)), jnp.asarray(turn))[1]
+    wide = 0.04 * length * np.moveaxis(np.asarray(across), 0, 2) @ axes
+    return np.asarray(run.times)[there], np.stack([middle - wide, middle, middle + wide], 1)
+
+
+def _turned(run: Simulation, times: np.ndarray, places: np.ndarray) -> np.ndarray:
+    attitude = np.asarray(jax.vmap(run.scene.motion.attitude)(jnp.asarray(times)))
+    return np.einsum("tij,tkpj->tkpi", attitude, places)
+
+
+def _faces(ribbon: np.ndarray) -> list[tuple[np.ndarray, float]]:
+    """Quadrilaterals (n, 4, 3) of each half of a ribbon, and how dense they are drawn."""
+    halves = ((ribbon[0], ribbon[1], 0.35), (ribbon[1], ribbon[2], 0.9))
+    return [(np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1), alpha) for a, b, alpha in halves]
+
+
+def _boxed(ax: Axes3D, places: np.ndarray, name: str, title: str) -> None:
+    """All that there is, the centre of the hub included, in one scale."""
+    every = np.concatenate([places.reshape(-1, 3), np.zeros((1, 3))])
+    low, high = every.min(0), every.max(0)
+    half = 0.55 * np.maximum(high - low, 0.2 * (high - low).max())
+    middle = (low + high) / 2
+    ax.set(
+        xlim=(middle[0] - half[0], middle[0] + half[0]), title=title,
+        ylim=(middle[1] - half[1], middle[1] + half[1]),
+        zlim=(middle[2] - half[2], middle[2] + half[2]),
+        **{f"{c}label": name.format(k if "axis" in name else c) + " (m)"
+           for k, c in enumerate("xyz", 1)},
+    )  # fmt: skip
+    ax.set_box_aspect(half)
+    for axis, share in zip((ax.xaxis, ax.yaxis, ax.zaxis), half / half.max(), strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(6 * share))))
+    ax.plot(0, 0, 0, "o", color="k", ms=4)

@@ -29,7 +29,7 @@ matplotlib.use("Agg")
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 PURPLE, SKY = "#CC79A7", "#56B4E9"
 
-# Beams by their numbers: arrays would start JAX, which comes after `jax.distributed` in scale.py.
+# Beams by their numbers: arrays would start JAX, and scale.py names its cores before that.
 ALUMINIUM = {  # of `Beam.from_section`: the beam of Ref. 21 of B, Table 1
     "length": 8.0, "youngs_modulus": 6.895e10, "density": 2767.0, "area": 7.299e-5,
     "in_plane_second_moment": 8.214e-9,
@@ -37,6 +37,17 @@ ALUMINIUM = {  # of `Beam.from_section`: the beam of Ref. 21 of B, Table 1
 # Of `Beam`: that of Y Figs. 3 and 4, its data as corrected: 550 kg/m, E = 6.89 GPa.
 STIFF = 30.5, 550.0, 6.89e9 * 9.29e-2, 6.89e9 * 7.19e-4, 6.89e9 * 7.19e-4
 SPRINGS = 1.0, 1.0, 1.0, 6e5, 300.0  # of `SpringRotor`: Y Figs. 12-14
+
+
+def aluminium_in_space() -> jb.Beam:
+    """`ALUMINIUM` with a section that is alike in all directions, and G = E / 2.6."""
+    plane = jb.Beam.from_section(**ALUMINIUM)
+    stiffness = plane.in_plane_bending_stiffness
+    return jb.Beam(
+        plane.length, plane.mass_per_length, plane.axial_stiffness, stiffness, stiffness,
+        torsional_stiffness=stiffness / 1.3,
+        polar_inertia=2 * ALUMINIUM["density"] * ALUMINIUM["in_plane_second_moment"],
+    )  # fmt: skip
 
 
 class SpinUp(jb.motions.Spin):

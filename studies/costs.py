@@ -1,9 +1,10 @@
 """What things cost: gradients, elements, and the first result of a fresh process.
 
 Reverse mode against the forward run (the peak of a spin-up, a sweep of frequencies); a step
-against the number of elements, with the slope on logarithmic scales; and from the start of a new
-process to its first result, beside what diffrax alone takes for ten linear oscillators, and in the
-next process where JAX keeps programs in a cache. It measures the Python that runs it.
+against the number of elements, in the plane and in space, with slopes on logarithmic scales; and
+from the start of a new process to its first result, beside what diffrax alone takes for ten linear
+oscillators, and in the next process where JAX keeps programs in a cache. It measures the Python
+that runs it.
 
     python studies/costs.py [--quick] [--out FOLDER]
 """
@@ -117,23 +118,23 @@ def gradients(quick: bool) -> list[Row]:
         ).peak()[0]  # fmt: skip
 
     blade = [REF_21.mass_per_length, REF_21.axial_stiffness, REF_21.in_plane_bending_stiffness]
-    tried: list[tuple[str, Any, Any]] = [
-        ("spin-up peak, 8 elements", peak, jnp.asarray([*blade, 0.0, 0.0]))
-    ]
+    tried: list[tuple[str, Any, Any]] = []
+    if not quick:
+        tried = [("spin-up peak, 8 elements", peak, jnp.asarray([*blade, 0.0, 0.0]))]
     size = 1000 if quick else 10_000
     cases, at = common.random_cases(size, seed=2), common.rotating
 
     def swept(one: Callable[[Any], Any]) -> Callable[[Any], Any]:
         return lambda cases: jnp.sum(jax.vmap(one)(cases))
 
-    polynomials, elements = jb.Hybrid(8, 16, 0), jb.ANCF(10)
-    for name, one, share in (
-        ("modes, 16 + 8 polynomials",
-         lambda v: jnp.sum(jb.modes(polynomials, *at(v), 3, throw=False).frequency), 1),
-        ("modes, 10 elements",
-         lambda v: jnp.sum(jb.modes(elements, *at(v), 3, throw=False).frequency), 1),
-    ):  # fmt: skip
-        tried.append((f"sweep of {name}", swept(one), cases[: size // share]))
+    for name, model in (
+        ("modes, 16 + 8 polynomials", jb.Hybrid(8, 16, 0)), ("modes, 10 elements", jb.ANCF(10))
+    )[: 1 if quick else 2]:  # fmt: skip
+
+        def one(v: Any, model: Any = model) -> Any:
+            return jnp.sum(jb.modes(model, *at(v), 3, throw=False).frequency)
+
+        tried.append((f"sweep of {name}", swept(one), cases))
     rows = []
     for name, function, v in tried:
         forward, reverse = jax.jit(function), jax.jit(jax.value_and_grad(function))
@@ -142,35 +143,43 @@ def gradients(quick: bool) -> list[Row]:
     return rows
 
 
-def elements(quick: bool, out: Path) -> list[Row]:
-    """A step of `Rodas5P`, alone: the first 200 of a spin-up."""
-    counts = (8, 16, 32, 64) if quick else (8, 16, 32, 64, 128, 256)
-    steps, taken = 200, []
-    for n in counts:
-
-        @jax.jit
-        def run(speed: Any, n: int = n) -> Any:
-            return jb.simulate(
-                jb.EngineeringANCF(n), jb.Rotor(REF_21), jb.SmoothSpinUp(speed, 15.0), [0.0, 2.0],
-                stepsize_controller=diffrax.ConstantStepSize(), dt0=2.0 / steps, throw=False,
-            ).tip  # fmt: skip
-
-        taken.append(seconds(3 if quick else 9, run, 4.0) / steps)
-    slope, _ = np.polyfit(np.log(counts), np.log(taken), 1)
+def elements(quick: bool, out: Path) -> Iterator[Row]:
+    """A step of `Rodas5P`, alone, of elements in the plane and in space: the first 200 of a spin-up
+    of a beam that bends alike both ways."""
+    steps, some = 200, (8, 32) if quick else (8, 16, 32, 64, 128, 256)
+    beam = common.aluminium_in_space()
     figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
-    ax.loglog(counts, 1e6 * np.array(taken), "o-")
-    ax.loglog(counts, 1e6 * taken[0] * np.array(counts) / counts[0], "k:", label="linear")
+    first = {}
+    for kind, name, counts in (
+        (jb.EngineeringANCF, "in the plane", some),
+        (jb.SpatialANCF, "in space", (8,) if quick else (8, 32, 128, 256)),
+    ):
+        taken = []
+        for n in counts:
+
+            @jax.jit
+            def run(speed: Any, model: Any = kind(n)) -> Any:  # noqa: B008
+                return jb.simulate(
+                    model, jb.Rotor(beam), jb.SmoothSpinUp(speed, 15.0), [0.0, 2.0],
+                    stepsize_controller=diffrax.ConstantStepSize(), dt0=2.0 / steps, throw=False,
+                ).tip  # fmt: skip
+
+            taken.append(seconds(3 if quick else 9, run, 4.0) / steps)
+            yield f"a step of Rodas5P, {name}", f"{n} elements", 1e6 * taken[-1], "us"
+        if len(counts) > 1:
+            slope, _ = np.polyfit(np.log(counts), np.log(taken), 1)
+            yield "slope of step over elements", name, float(slope), "-"
+        first[name] = taken[counts.index(8)]
+        ax.loglog(counts, 1e6 * np.array(taken), "o-", label=name)
+    ratio = first["in space"] / first["in the plane"]
+    yield "step in space over in the plane", "8 elements", ratio, "-"
+    ax.loglog(some, 1e6 * first["in the plane"] * np.array(some) / some[0], "k:", label="linear")
     ax.set(xlabel="elements (-)", ylabel="wall time of a step of Rodas5P (µs)")
-    ax.set_xticks(counts, [str(n) for n in counts], minor=False)
+    ax.set_xticks(some, [str(n) for n in some], minor=False)
     ax.minorticks_off()
     ax.grid(alpha=0.3)
     ax.legend()
     common.save_figure(figure, out / "elements.png", dpi=150)
-    rows = [
-        ("a step of Rodas5P", f"{n} elements", 1e6 * t, "us")
-        for n, t in zip(counts, taken, strict=True)
-    ]
-    return [*rows, ("slope of step over elements", "Rodas5P", float(slope), "-")]
 
 
 # What is asked, what comes before it, and whether another process is asked again with a cache.
@@ -211,7 +220,7 @@ def fresh_processes(quick: bool) -> Iterator[Row]:
         return float(np.median(taken))
 
     repeats = 1 if quick else 5
-    for what in ("yardstick: diffrax alone", "spin-up") if quick else FIRST:
+    for what in ("spin-up",) if quick else FIRST:
         yield "fresh process", what, waited(what, repeats, {}), "s"
         if not FIRST[what][2]:
             continue

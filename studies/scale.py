@@ -1,21 +1,23 @@
-"""What a sweep costs at scale: cases per second and memory over cases, cores, processes, folders.
+"""What a sweep costs at scale: cases per second and memory over cases, cores, workers, folders.
 
 Frequencies of 1e4 to 1e6 cases, in memory and into a folder; frequencies, spin-ups, Floquet
-multipliers and fits on one core, on all, and in two processes. Each is measured in a process of its
-own, after compilation; results of the same sweep are compared to the last bit.
+multipliers and fits on one core, on all, and by workers of an executor, one and one for each core.
+Each is measured in a process of its own, after compilation; results of the same sweep are compared
+to the last bit.
 
     python studies/scale.py [--quick] [--out FOLDER]
 """
 
 import hashlib
 import json
+import multiprocessing
 import os
 import resource
-import socket
 import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,9 +75,9 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "frequencies": Kind(frequencies, 2000, 200_000, 20_000),
+    "frequencies": Kind(frequencies, 2000, 1_000_000, 20_000),
     "spin-ups": Kind(spin_up, 32, 2_048, 0),
-    "Floquet multipliers": Kind(floquet, 250, 20_000, 1_000),
+    "Floquet multipliers": Kind(floquet, 250, 20_000, 0),
     "fits": Kind(fit, 125, 8_000, 0),
 }
 
@@ -96,53 +98,44 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # bytes on macOS
 
 
-def measure(
-    kind: str, n: int, cores: int, folder: str | None, port: int, rank: int
-) -> dict[str, Any]:
+def measure(kind: str, n: int, cores: int, workers: int, folder: str | None) -> dict[str, Any]:
     """In this process: rate and peak memory, and a digest of all results."""
-    if port:
-        jax.distributed.initialize(f"127.0.0.1:{port}", 2, rank)
-    if hasattr(os, "sched_setaffinity"):  # one core means one, whatever threads there are
-        all_cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, all_cores[rank * cores : (rank + 1) * cores] or all_cores)
+    if not workers and hasattr(os, "sched_setaffinity"):  # before threads start
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     function, chunk, _, _ = KINDS[kind]
-    devices = cores * jax.devices()
-    jb.sweep(function, grid(chunk * len(devices)), chunk=chunk, devices=devices, progress=False)
-    start = time.perf_counter()
-    table = jb.sweep(function, grid(n), chunk=chunk, devices=devices, folder=folder, progress=False)
-    taken = time.perf_counter() - start
+    with ProcessPoolExecutor(workers or 1, multiprocessing.get_context("spawn")) as pool:
+        how: Any = {"executor": pool} if workers else {"devices": cores * jax.devices()}
+        how |= {"chunk": chunk, "progress": False}
+        for _ in range(2 if workers else 1):  # so that every worker is there, and has compiled
+            jb.sweep(function, grid(4 * chunk * max(cores, workers)), **how)
+        start = time.perf_counter()
+        table = jb.sweep(function, grid(n), folder=folder, **how)
+        taken = time.perf_counter() - start
     memory = peak_memory()
     digest = hashlib.sha256()
     for name in sorted(table.values):
         digest.update(np.ascontiguousarray(table[name]).data)
     return {
-        "what": kind, "cases": n, "cores": cores, "processes": 2 if port else 1,
+        "what": kind, "cases": n, "cores": cores, "workers": workers,
         "folder": folder is not None, "rate": n / taken,
         "memory": memory, "ok": float(np.mean(table["status"] == jb.Status.OK)),
         "digest": digest.hexdigest(),
     }  # fmt: skip
 
 
-def measured(kind: str, n: int, cores: int = 1, folder: bool = False, processes: int = 1) -> Any:
-    """The same in processes of their own: what the first says."""
-    port = 0
-    if processes == 2:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+def measured(kind: str, n: int, cores: int = 1, workers: int = 0, folder: bool = False) -> Any:
+    """The same in a process of its own."""
     with tempfile.TemporaryDirectory() as place:
-        children: list[subprocess.Popen[str]] = []
-        for rank in range(processes):
-            asked = [kind, n, cores, f"{place}/kept" if folder else None, port, rank]
-            command = [sys.executable, __file__, "--measure", json.dumps(asked)]
-            children.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
-        said = [child.communicate()[0] for child in children]
-    if any(child.returncode for child in children):
-        raise RuntimeError(f"{kind}, {n} cases: a process failed")
-    row = json.loads(said[0].splitlines()[-1])
+        asked = [kind, n, cores, workers, f"{place}/kept" if folder else None]
+        command = [sys.executable, __file__, "--measure", json.dumps(asked)]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{kind}, {n} cases: the process failed")
+    row = json.loads(done.stdout.splitlines()[-1])
+    by = f"{workers} workers" if workers else f"{cores} cores  "
     where = "folder" if folder else "memory"
     print(
-        f"{kind:20s} {n:8d} cases, {processes} x {cores} cores, {where}: {row['rate']:10.0f} /s, "
+        f"{kind:20s} {n:8d} cases, {by}, {where}: {row['rate']:10.0f} /s, "
         f"{row['memory']:6.0f} MiB, {100 * row['ok']:.1f} % ok",
         flush=True,
     )
@@ -163,20 +156,20 @@ def draw(rows: list[dict[str, Any]], out: Path) -> None:
         ax.set_ylim(0, 1.1 * ax.get_ylim()[1])
         ax.grid(alpha=0.3)
         ax.legend(loc="lower right")
-    single = {r["what"]: r["rate"] for r in rows if r["series"] == "cores" and r["total"] == 1}
+    ways = [r for r in rows if r["series"] == "ways"]
+    single = {r["what"]: r["rate"] for r in ways if (r["cores"], r["workers"]) == (1, 0)}
     kinds = list(single)
     at = np.arange(len(kinds))
-    tried = sorted({(r["processes"], r["cores"]) for r in rows if r["series"] == "cores"})
-    for i, (processes, cores) in enumerate(tried):
+    tried = sorted({(r["workers"], r["cores"]) for r in ways})
+    for i, (workers, cores) in enumerate(tried):
         bars = [
-            r["rate"] / single[kind]
-            for kind in kinds
-            for r in rows
-            if r["series"] == "cores"
-            and (r["what"], r["processes"], r["cores"]) == (kind, processes, cores)
+            r["rate"] / single[r["what"]]
+            for r in ways
+            if (r["workers"], r["cores"]) == (workers, cores)
         ]
-        name = f"{processes} process{'es' if processes > 1 else ''}, {cores} core"
-        name += "s" if cores > 1 else " each" if processes > 1 else ""
+        many = workers or cores
+        name = f"{many} {'worker' if workers else 'core'}{'s' if many > 1 else ''}"
+        name += " of an executor" if workers else ", this process"
         width = 0.8 / len(tried)
         axes[2].bar(at + (i - (len(tried) - 1) / 2) * width, bars, width, label=name)
     axes[2].set_xticks(at, [kind.replace(" ", "\n") for kind in kinds])
@@ -194,14 +187,19 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     for n in (10_000, 40_000) if quick else (10_000, 100_000, 1_000_000):
         for folder in (False, True):
             row = measured("frequencies", n, folder=folder)
-            rows.append({"series": "cases", "total": 1, **row})
+            rows.append({"series": "cases", **row})
     for kind, (_, _, many, few) in KINDS.items():
         cases = few if quick else many
         if not cases:
             continue
-        for processes, cores in dict.fromkeys([(1, 1), (1, CORES), (2, max(1, CORES // 2))]):
-            row = measured(kind, cases, cores, processes=processes)
-            rows.append({"series": "cores", "total": processes * cores, **row})
+        for cores, workers in dict.fromkeys([(1, 0), (CORES, 0), (1, 1), (1, CORES)]):
+            rows.append({"series": "ways", **measured(kind, cases, cores, workers)})
+    by_way = {
+        (r["cores"], r["workers"]): r["rate"] for r in rows
+        if r["series"] == "ways" and r["what"] == "frequencies"
+    }  # fmt: skip
+    slower = by_way[CORES, 0] / by_way[1, CORES]
+    print(f"frequencies take an executor {slower:.2f} times as long as {CORES} devices")
     digests: dict[Any, set[str]] = {}
     for row in rows:
         digests.setdefault((row["what"], row["cases"]), set()).add(row["digest"])

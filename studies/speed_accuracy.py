@@ -83,8 +83,8 @@ def pairs(quick: bool) -> list[tuple[str, Any, Method]]:
         ("hybrid, 6, no stretch", jb.Hybrid(0, 6, 0)),
         ("classical, 4 + 3", jb.Classical(3, 4, 0)),
     ]
-    out = [(name, model, RODAS5P) for name, model in elements[: 2 if quick else 5]]
-    out += [(name, model, MAGNUS) for name, model in linear[: 2 if quick else 4]]
+    out = [(name, model, RODAS5P) for name, model in elements[: 1 if quick else 5]]
+    out += [(name, model, MAGNUS) for name, model in linear[: 1 if quick else 4]]
     if not quick:
         green = elements[0]
         out += [(*green, RODAS4P), (*green, CHORD), (*green, KENCARP)]
@@ -127,26 +127,27 @@ def tip(scene: Any, model: Any, method: Method, share: Any, setting: Any) -> tup
 def motions(quick: bool) -> list[Point]:
     """All pairs in all scenes."""
     repeats = 1 if quick else 5
-    given = [jax.tree.map(jnp.asarray, tuple(s)[1:]) for s in SCENES]
-    exact = jax.jit(
-        lambda g: tip(g, jb.EngineeringANCF(16 if quick else 32), RODAS5P, 1.0, 1e-9)[0]
-    )
+    scenes = SCENES[1:] if quick else SCENES
+    given = [jax.tree.map(jnp.asarray, tuple(s)[1:]) for s in scenes]
+    judge, fine = (jb.EngineeringANCF(16), 1e-8) if quick else (jb.EngineeringANCF(32), 1e-9)
+    exact = jax.jit(lambda g: tip(g, judge, RODAS5P, 1.0, fine)[0])
     references = [np.asarray(exact(g)) for g in given]
     shares = jnp.asarray(np.linspace(1.0, 0.9, LANES))
-    points = []
+    points: list[Point] = []
     for name, model, method in pairs(quick):
         alone = jax.jit(lambda g, x, m=model, how=method: tip(g, m, how, 1.0, x))
         batch = jax.jit(
             jax.vmap(lambda g, s, x, m=model, how=method: tip(g, m, how, s, x), (None, 0, None))
         )
         compilation, _ = common.timed(1, alone, given[0], method.settings[0])
-        if method.batched:
+        batched = method.batched and not (quick and points)  # then, of the first pair alone
+        if batched:
             jax.block_until_ready(batch(given[0], shares, method.settings[0]))
-        for scene, g, reference in zip(SCENES, given, references, strict=True):
+        for scene, g, reference in zip(scenes, given, references, strict=True):
             for setting in method.settings[:: 2 if quick else 1]:
                 one, (found, status) = common.timed(repeats, alone, g, setting, patience=PATIENCE)
                 many = np.nan
-                if method.batched:
+                if batched:
                     half = max(1, repeats // 2)
                     many, _ = common.timed(half, batch, g, shares, setting, patience=PATIENCE)
                 error = float(np.max(np.abs(found - reference)) / np.max(np.abs(reference)))
@@ -168,7 +169,7 @@ def eigenvalues(quick: bool) -> list[Point]:
     polynomials; Model A has the steady strain that the linear theory leaves out: 1e-3 at most."""
     cases = 320 if quick else 3200
     points = []
-    for gamma in (1.0, 12.0):
+    for gamma in (12.0,) if quick else (1.0, 12.0):
         title = f"frequencies, speed {gamma:g} sqrt(EI / rho L^4)"
         speeds = jnp.asarray(gamma * np.linspace(1.0, 0.95, cases))
 
@@ -277,7 +278,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     out = common.folder(out, "speed_accuracy")
     moving, still = motions(quick), eigenvalues(quick)
     common.write_csv(out / "speed_accuracy.csv", Point._fields, moving + still)
-    draw(out / "speed_accuracy.png", moving, [s.title for s in SCENES])
+    draw(out / "speed_accuracy.png", moving, dict.fromkeys(p.scene for p in moving))
     draw(out / "speed_accuracy_frequencies.png", still, dict.fromkeys(p.scene for p in still))
     for scene in dict.fromkeys(p.scene for p in moving + still):
         here = [p for p in moving + still if p.scene == scene]

@@ -181,8 +181,8 @@ def maps(out: Path, quick: bool) -> None:
     ]
     panels[0].append(("LC", jb.models.DiscreteLC(), springs))
     panels[1].append(("LP", jb.models.DiscreteLP(), springs))
-    radii = jnp.linspace(0.0, 4.0, 5 if quick else 9)
-    speeds = jnp.geomspace(0.3, 100.0, 12 if quick else 22)  # over the first rest frequency
+    radii = jnp.linspace(0.0, 4.0, 4 if quick else 9)
+    speeds = jnp.geomspace(0.3, 100.0, 8 if quick else 22)  # over the first rest frequency
     figure, axes = plt.subplots(
         2, len(panels[0]), figsize=(2.1 * len(panels[0]) + 1, 6.4), layout="constrained",
         sharex=True, sharey=True,
@@ -293,8 +293,8 @@ def tongues(out: Path, quick: bool) -> None:
     """Growth over frequency and depth of modulation, with boundaries traced along the gradient."""
     model, at, mean = jb.Hybrid(0, 3, 0), rotor(BEAM, 0.5, 0.3), 3.0
     frequency, depth = (
-        jnp.linspace(2.0, 50.0, 97 if quick else 385),
-        jnp.linspace(0.02, 0.8, 14 if quick else 40),
+        jnp.linspace(2.0, 50.0, 49 if quick else 385),
+        jnp.linspace(0.02, 0.8, 8 if quick else 40),
     )
 
     def case(*, frequency: Any, depth: Any) -> Any:

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
-from importlib.metadata import version
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 import jaxbeam as jb
+from tests.compilation import xla_flags
 
 
 def rules(kind: type) -> dict[str, Mapping[str, Any]]:
@@ -53,6 +53,8 @@ AS_BUILT = jb.Rotor(
         jb.Spanwise([0, 0.6, 1], [14.0, 9.0, 5.0]),
         jb.Spanwise([0, 0.3, 0.3, 1], [8.0, 7.0, 5.0, 3.0]),
         twist=jb.Spanwise([0, 1], [0.4, -0.1]),
+        torsional_stiffness=jb.Spanwise([0, 0.3, 0.3, 1], [6.0, 5.0, 4.0, 3.0]),
+        polar_inertia=jb.Spanwise([0, 1], [0.02, 0.01]),
     ),
     hub_radius=0.4,
     tip_mass=0.3,
@@ -64,6 +66,7 @@ YIELDING = [
     jb.Hybrid(3, 4, 3, basis=jb.models.Hinged()),
     jb.Classical(3, 4, 3, basis=jb.models.Hinged()),
     jb.VonKarman(5, 3, 2, basis=jb.models.Hinged()),
+    jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True),
 ]
 
 
@@ -76,25 +79,8 @@ def name(value: object) -> str:
     return ""
 
 
-# Compilation. Much of the time of all tests is LLVM's, so it does not optimise: neither in the
-# process of the tests (conftest.py) nor in one that inherits its environment. A test asks for
-# optimised programs by `optimised`, where a function of its own runs longer than it compiles, or by
-# `run_optimised`, where it is about what users run: that takes a process of its own, since XLA
-# reads its flags once.
-
-# Emitters of code that XLA has beside others: with them it takes half as long.
-OLD_EMITTERS = version("jaxlib").startswith("0.10.")
-
-
-def xla_flags(level: int) -> str:
-    """How far LLVM optimises, from 0 to 3; by the emitters that take half as long if there are."""
-    # Releases that do not know this flag end the process.
-    emitters = ["--xla_cpu_use_fusion_emitters=false"] if OLD_EMITTERS else []
-    return " ".join([f"--xla_backend_optimization_level={level}", *emitters])
-
-
 def optimised(function: Callable) -> Callable:
-    """`jax.jit`, optimised."""
+    """`jax.jit`, optimised: see tests/compilation.py."""
     return jax.jit(function, compiler_options={"xla_backend_optimization_level": 3})
 
 
@@ -107,7 +93,7 @@ def environment(level: int | None = None) -> dict[str, str]:
 
 
 def run_optimised(
-    *arguments: str | os.PathLike[str], level: int | None = None, timeout: float = 600.0,
+    *arguments: str | os.PathLike[str], level: int | None = None, timeout: float = 1500.0,
     cwd: os.PathLike[str] | None = None,
 ) -> str:  # fmt: skip
     """What Python prints with these arguments, in a process of its own with that `environment`."""
@@ -133,6 +119,24 @@ def finite_difference(f: Callable, x: ArrayLike, relative: float = 2e-3) -> np.n
         total = sum(w * (f(x + k * step) - f(x - k * step)) for k, w in weights.items())
         columns.append(np.asarray(total) / (60 * h))
     return np.stack(columns, -1)
+
+
+def reverse_mode(function: Callable, outputs: int) -> tuple[Callable, Callable]:
+    """A function of a vector, of so many numbers, and its Jacobian by reverse mode: one program for
+    both, and row by row, since what is not batched compiles in half the time."""
+
+    @jax.jit
+    def pull(x: jax.Array, weights: jax.Array) -> tuple[jax.Array, jax.Array]:
+        value, back = jax.vjp(function, x)
+        return value, back(weights)[0]
+
+    def value(x: jax.Array) -> jax.Array:
+        return pull(x, jnp.zeros(outputs))[0]
+
+    def jacobian(x: jax.Array) -> np.ndarray:
+        return np.stack([pull(x, weights)[1] for weights in jnp.eye(outputs)])
+
+    return value, jacobian
 
 
 def build(parameters: ArrayLike) -> tuple[jb.Rotor, jnp.ndarray]:

@@ -104,7 +104,7 @@ def run(**given):
 
 
 def history(**given):
-    return jb.HistoryData(MODEL, ROTOR, MOTION, TIMES, [0.0, 0.0, 0.0], 0.1, **given)
+    return jb.fitting.HistoryData(MODEL, ROTOR, MOTION, TIMES, [0.0, 0.0, 0.0], 0.1, **given)
 
 
 def moved(velocity):
@@ -133,7 +133,7 @@ def clearance(**changed):
     [
         ("times", lambda x: jb.simulate(MODEL, ROTOR, MOTION, x)),
         ("times", lambda x: jb.ladder.PeakDeflection(MOTION, x)),
-        ("times", lambda x: jb.HistoryData(MODEL, ROTOR, MOTION, x, [0.0, 1.0], 0.1)),
+        ("times", lambda x: jb.fitting.HistoryData(MODEL, ROTOR, MOTION, x, [0.0, 1.0], 0.1)),
         ("gravity", lambda x: jb.Loads(gravity=x)),
         ("tip_force", lambda x: jb.Loads(tip_force=x)),
         ("axis", lambda x: jb.ConstantSpeed(1.0, axis=x)),
@@ -187,12 +187,12 @@ def test_numbers_that_are_real_pass():
         lambda m: jb.critical_speed(m, ROTOR),
         lambda m: jb.floquet(m, ROTOR, jb.motions.ModulatedSpeed(1.0, 0.1, 2.0)),
         lambda m: jb.tongue(m, ROTOR, 1.0, (WHICH[0], WHICH[0]), [0.1]),
-        lambda m: jb.stable_step(m, ROTOR, 1.0, diffrax.Euler()),
+        lambda m: jb.solvers.stable_step(m, ROTOR, 1.0, diffrax.Euler()),
         lambda m: jb.simulate(m, ROTOR, MOTION, TIMES),
         lambda m: jb.steady_start(m, ROTOR, MOTION),
         lambda m: jb.ladder.ask(m, ROTOR, jb.ladder.ModalFrequencies(1.0, WHICH)),
         lambda m: jb.FrequencyData(m, ROTOR, **FREQUENCIES),
-        lambda m: jb.HistoryData(m, ROTOR, MOTION, TIMES, [0.0, 0.0, 0.0], 0.1),
+        lambda m: jb.fitting.HistoryData(m, ROTOR, MOTION, TIMES, [0.0, 0.0, 0.0], 0.1),
         lambda m: jb.fitting.StaticData(m, ROTOR, jb.Loads(), [0.0], 0.1),
         lambda m: jb.fitting.Clearance(m, ROTOR, [1.0], WHICH, [1]),
     ],

@@ -8,6 +8,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._models.base import checked_case
+from jaxbeam._numerics import platforms
 from jaxbeam._numerics.batches import CPU_LANES
 from jaxbeam._vibration.banded import bands_of
 from jaxbeam._vibration.wanted import choose
@@ -29,7 +30,17 @@ def spun_up(speed):
     return run.tip, run.strain_energy, run.status
 
 
+@pytest.fixture
+def as_with_a_gpu(monkeypatch):
+    """What is for other platforms is traced where there are others."""
+    monkeypatch.setattr(platforms, "_only_cpus", lambda: False)
+    jax.clear_caches()
+    yield
+    jax.clear_caches()
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("as_with_a_gpu")
 @pytest.mark.parametrize(
     "case",
     [lowest(jb.Hybrid(4, 8, 8)), lowest(jb.EngineeringANCF(4)), spun_up],

@@ -8,6 +8,7 @@ import jaxbeam as jb
 
 N, POISONED = 1000, 517
 BEAM = jb.Beam.from_slenderness(70.0)
+TWISTING = jb.Beam(1.0, 1.0, 4900.0, 1.0, 1.0, torsional_stiffness=0.7, polar_inertia=1e-2)
 TIMES = jnp.linspace(0.0, 10.0, 11)
 FIRST = jb.labels(in_plane=1)
 
@@ -42,6 +43,19 @@ def elements(speed, tip_mass):
     return spun_up(jb.GreenANCF(1), speed, tip_mass)
 
 
+def modes_in_space(speed, tip_mass):
+    rotor = jb.Rotor(TWISTING, 0.0, tip_mass)
+    return jb.modes(jb.SpatialANCF(1), rotor, speed, jb.labels(flap=1, torsion=1), throw=False)
+
+
+def in_space(speed, tip_mass):
+    motion = jb.SmoothSpinUp(speed, 1.0, jb.motions.inclined_axis(0.5))
+    rotor = jb.Rotor(TWISTING, 0.0, tip_mass)
+    times = jnp.linspace(0.0, 0.5, 3)
+    run = jb.simulate(jb.SpatialANCF(1), rotor, motion, times, max_steps=1000, throw=False)
+    return {"tip": run.tip, "twist": run.twist(1.0), "status": run.status}
+
+
 def modulated(speed, tip_mass):
     motion = jb.motions.ModulatedSpeed(speed, 0.3, 5.0)
     model, rotor = jb.Hybrid(0, 2, 0), jb.Rotor(BEAM, 0.0, tip_mass)
@@ -73,6 +87,8 @@ slow = pytest.mark.slow
         pytest.param(hybrid, {"speed": 100.0}, jb.Status.MAX_STEPS, marks=slow),
         pytest.param(classical, {"speed": 40.0}, jb.Status.DIVERGED, marks=slow),
         pytest.param(elements, NAN, INVALID, marks=slow),
+        pytest.param(modes_in_space, NAN, INVALID, marks=slow),
+        pytest.param(in_space, NAN, INVALID, marks=slow),
     ],
 )
 def test_poison(function, poison, status):

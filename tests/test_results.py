@@ -63,7 +63,7 @@ RESULTS = {
         jb.Hybrid(0, 3, 0), rotor(), (0.1, 9.0), FIRST[0], 2.0 * x, throw=False
     ),
     "CriticalSpeed": lambda x: jb.critical_speed(jb.Classical(0, 3, 0), rotor(x), throw=False),
-    "StableStep": lambda x: jb.stable_step(
+    "StableStep": lambda x: jb.solvers.stable_step(
         jb.Hybrid(0, 3, 0), rotor(), x, diffrax.Bosh3(), throw=False
     ),
     "Floquet": lambda x: jb.floquet(
@@ -167,6 +167,7 @@ def test_sweep_does_not_call_a_failed_run_ok():
     assert np.isnan(table["value"][1:]).all()
 
 
+@pytest.mark.slow
 def test_runs_that_failed_answer_as_far_as_they_may_be_trusted():
     """Stopped by `max_steps`; diverged; out of balance; out of range."""
 
@@ -265,7 +266,7 @@ NUMBERS = {
         [0.1, -1.0, np.nan],
     ),
     "stable_step": (
-        lambda p, x: jb.stable_step(
+        lambda p, x: jb.solvers.stable_step(
             jb.Hybrid(2, 3, 0), rotor(p), x, diffrax.Bosh3(), growth=100.0 * p, throw=False
         ).step,
         [1.0, 1e3, np.nan],
@@ -294,7 +295,7 @@ NUMBERS = {
 }  # fmt: skip
 
 
-QUICK_NUMBERS = ("modes", "linearise", "stiffening_ratio")
+QUICK_NUMBERS = ("modes",)
 
 
 def check_derivatives(push, pull, x):

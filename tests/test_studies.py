@@ -1,6 +1,7 @@
 """Studies run through, write where they are told, and print numbers that the tests stand behind."""
 
 import csv
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,21 +16,27 @@ STUDIES = Path(__file__).parents[1] / "studies"
 HASTY = 1  # level of optimisation of studies, most of whose time is compilation
 
 
-def study(name, out, level=HASTY, **options):
+def study(name, out):
     """What the study prints, made quick."""
     script = STUDIES / f"{name}.py"
-    return run_optimised(script, "--quick", "--out", out, level=level, **options)
+    return run_optimised(script, "--quick", "--out", out, level=HASTY)
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """The main study, in another folder."""
+    """The main command of the README, in another folder."""
     out = tmp_path_factory.mktemp("study")
-    said = study("rotating_cantilever", out / "made", timeout=240, cwd=out)
+    script = STUDIES / "rotating_cantilever.py"
+    said = run_optimised(script, "--out", out / "made", level=HASTY, cwd=out)
     return out / "made", said, set(out.iterdir())
 
 
+# Together where tests are dealt out one by one.
+main_study = pytest.mark.xdist_group("main study")
+
+
 @pytest.mark.slow
+@main_study
 def test_files(run):
     out, printed, beside = run
     assert beside == {out}
@@ -41,6 +48,7 @@ def test_files(run):
 
 
 @pytest.mark.slow
+@main_study
 def test_numbers(run):
     out, printed, _ = run
     with open(out / "tables_3_4_5.csv") as file:
@@ -56,7 +64,7 @@ def test_numbers(run):
 
 def test_every_study_has_a_main():
     paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
-    assert len(paths) == 19
+    assert len(paths) == 21
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
@@ -64,13 +72,13 @@ def test_every_study_has_a_main():
 
 
 @pytest.mark.slow
-def test_default_run_tells_the_causes(tmp_path):
-    """The main command of the README, and what it says of artefacts (physics of the tables)."""
-    script = STUDIES / "rotating_cantilever.py"
-    said = run_optimised(script, "--out", tmp_path, timeout=300)
+@main_study
+def test_causes(run):
+    """What it says of artefacts (physics of the tables)."""
+    out, said, _ = run
     assert "ten elements 10.278, 40 elements 10.040" in said
     assert "inextensible 10.447" in said
-    causes = np.genfromtxt(tmp_path / "causes.csv", delimiter=",", skip_header=1)
+    causes = np.genfromtxt(out / "causes.csv", delimiter=",", skip_header=1)
     slow, fast = causes[causes[:, 0] == 1], causes[causes[:, 0] == 50]
     assert (slow[:, 2:5] < 0.05).all()  # at low speed the tables are the physics, to 0.05 %
     assert (fast[0, 2:5] > 20).all()  # at gamma = 50 each cause moves some first mode by over 20 %
@@ -92,6 +100,23 @@ def test_yoo1995(tmp_path):
     present, exact = (float(rows["4", "", m, "u2"]["peak_m"]) for m in ("present (hybrid)", "ANCF"))
     assert 1.15 < present / exact < 1.3
     assert float(rows["4", "", "present (hybrid)", "u1"]["peak_m"]) < -5
+
+
+@pytest.mark.slow
+def test_space(tmp_path):
+    """What other programs computed and what was measured, and lateral buckling."""
+    printed = study("space", tmp_path)
+    for name in ("princeton", "buckling", "inclined", "filmstrip"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "princeton.csv")
+    assert len(rows) == 49
+    for row in rows:
+        ours, theirs = ((float(row[k + e]) for k in ("flap", "chord")) for e in ("_ours_m", "_m"))
+        apart = np.hypot(*(a - b for a, b in zip(ours, theirs, strict=True)))
+        size = max(float(row["flap_ours_m"]), float(row["chord_ours_m"]))
+        assert apart < {"mbdyn": 2e-3, "ansys_solid": 4e-2}.get(row["source"], 5e-3) * size
+    assert "56.33 / 57." in printed  # measured, and ours, in mm
+    assert abs(float(rows_of(tmp_path / "buckling.csv")[0]["critical_load"]) / 4.0126 - 1) < 0.02
 
 
 @pytest.mark.slow
@@ -125,13 +150,13 @@ def rows_of(path):
 def test_speed_accuracy(tmp_path):
     """Every scene has a front, failures are kept, and errors are what theory says."""
     printed = study("speed_accuracy", tmp_path)
-    assert printed.count("the front alone") == 5
+    assert printed.count("the front alone") == 3
     for name in ("speed_accuracy", "speed_accuracy_frequencies"):
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
     rows = rows_of(tmp_path / "speed_accuracy.csv")
     error = {(r["scene"], r["model"], r["integrator"], r["setting"]): r for r in rows}
     scenes = {r["scene"] for r in rows}
-    assert len(scenes) == 5
+    assert len(scenes) == 3
     for scene in scenes:
         ours = [r for r in rows if r["scene"] == scene and r["model"] == "hybrid, 16 + 8 functions"]
         if ours:
@@ -150,7 +175,7 @@ def test_speed_accuracy(tmp_path):
 @pytest.mark.slow
 def test_peers(tmp_path):
     """Other integrators and other codes find the same motion."""
-    printed = study("peers", tmp_path, level=None)
+    printed = study("peers", tmp_path)
     rows = {(r["method"], r["setting"]): float(r["error"]) for r in rows_of(tmp_path / "peers.csv")}
     assert rows["jaxbeam Rodas5P", "1e-05"] < 1e-5
     assert rows["SciPy Radau", "1e-05"] < 1e-5
@@ -168,11 +193,11 @@ def test_peers(tmp_path):
 
 @pytest.mark.slow
 def test_costs(tmp_path):
-    study("costs", tmp_path, level=None)
+    study("costs", tmp_path)
     rows = rows_of(tmp_path / "costs.csv")
     assert all(np.isfinite(float(r["number"])) and float(r["number"]) > 0 for r in rows)
     assert {r["what"] for r in rows} >= {
-        "reverse mode over forward run", "a step of Rodas5P", "the next, with a cache",
+        "reverse mode over forward run", "a step of Rodas5P, in space", "the next, with a cache",
     }  # fmt: skip
     assert (tmp_path / "elements.png").stat().st_size > 10_000
 
@@ -255,15 +280,15 @@ def test_ladder(tmp_path):
     printed = study("ladder", tmp_path)
     assert (tmp_path / "ladder.png").stat().st_size > 20_000
     rows = rows_of(tmp_path / "choices.csv")
-    assert len(rows) == 3 * 200
-    for tolerance in ("0.01", "0.001", "0.0001"):
+    assert len(rows) == 2 * 40
+    for tolerance in ("0.01", "0.001"):
         own = [r for r in rows if r["tolerance"] == tolerance]
         error = np.array([float(r["error"]) for r in own]) / float(tolerance)
         assert np.mean(error <= 1) >= 0.95
         assert all(e <= 10 or r["met"] == "False" for e, r in zip(error, own, strict=True))
         assert np.mean([int(r["above"]) <= 1 for r in own]) >= 0.9
     sweep = rows_of(tmp_path / "sweep.csv")
-    assert len(sweep) == 192
+    assert len(sweep) == 64
     assert {r["rung"].split(",")[0].split()[-1] for r in sweep} >= {"hybrid", "elements"}
     assert "error above estimate: 0" in printed
 
@@ -440,12 +465,12 @@ def test_ensembles(tmp_path):
 
 @pytest.mark.slow
 def test_scale(tmp_path):
-    """Sweeps come to the same bits on one core, on two, in two processes, and in a folder."""
+    """Sweeps come to the same bits on one core, on two, by two workers, and in a folder."""
     printed = study("scale", tmp_path)
     assert re.search(r"^(\d) of \1 sweeps have the same bits", printed, re.MULTILINE)
     with open(tmp_path / "scale.csv") as file:
         rows = list(csv.DictReader(file))
-    assert {row["processes"] for row in rows} == {"1", "2"}
+    assert {row["workers"] for row in rows} == {"0", "1", str(len(os.sched_getaffinity(0)))}
     assert all(float(row["ok"]) > 0.99 and float(row["memory"]) < 2048 for row in rows)
     assert (tmp_path / "scale.png").stat().st_size > 20_000
 
@@ -465,5 +490,5 @@ def test_templates(name, made, told, tmp_path):
     """Scripts to be copied are short, and run where they are."""
     script = STUDIES / "short" / f"{name}.py"
     assert len(script.read_text().splitlines()) <= 40
-    assert told in run_optimised(script, level=HASTY, timeout=300, cwd=tmp_path)
+    assert told in run_optimised(script, level=HASTY, cwd=tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(made)

@@ -13,22 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._checks import checked_speed, known_array, real_array, real_scalar
-from jaxbeam._models.base import (
-    AbstractModel,
-    Family,
-    Label,
-    checked_case,
-    checked_model,
-    count_functions,
-    equilibrium,
-)
+from jaxbeam._checks import checked_speed, count_functions, known_array, real_array, real_scalar
+from jaxbeam._models.base import AbstractModel, checked_case, checked_model, equilibrium
+from jaxbeam._models.families import Family, Label
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spins import ConstantSpeed
+from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import check_scene, checked_times, scene_status
+from jaxbeam._simulation.scene import equations_under
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_known
@@ -239,7 +233,7 @@ class StaticData(Experiment):
         given, _ = scene_status(
             self.model, self.rotor, motion, self.loads, NO_DAMPING, moments, moments
         )
-        equations = self.model.equations(self.rotor)
+        equations = equations_under(self.model, self.rotor, self.loads)
         q, status = equilibrium(
             equations, motion.hub(zero, self.loads.gravity), self.loads.at_tip(zero)
         )

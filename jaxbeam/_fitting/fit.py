@@ -11,7 +11,7 @@ import optax
 import optimistix
 from jaxtyping import Array
 
-from jaxbeam._checks import kind_of, real_scalar
+from jaxbeam._checks import count_functions, kind_of, real_scalar
 from jaxbeam._fitting.experiments import Experiment
 from jaxbeam._fitting.free import FreeParameter, values_of
 from jaxbeam._fitting.result import (
@@ -22,7 +22,6 @@ from jaxbeam._fitting.result import (
     excess_of,
     spread,
 )
-from jaxbeam._models.base import count_functions
 from jaxbeam._numerics.linalg import value_and_jacobian
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known

@@ -9,7 +9,7 @@ asked is compiled side by side, and what cannot matter is not.
 import dataclasses
 import functools
 import itertools
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,17 +17,20 @@ import numpy as np
 
 from jaxbeam._checks import positive, real_scalar
 from jaxbeam._ladder.ahead import Ahead
+from jaxbeam._ladder.choice import NOT_NEEDED, Choice, Evidence
 from jaxbeam._ladder.questions import Answer, Question, checked_question
 from jaxbeam._ladder.rungs import (
     Indicators,
     Rung,
     chains,
+    check_answerable,
     describe,
     has_other_law,
     indicators,
     is_planar,
     judges,
     left_of,
+    left_out_by,
     ruled_out,
     rungs_of,
     scout_of,
@@ -41,10 +44,8 @@ from jaxbeam._types import Real, Scalar
 
 INTEGRATION = 0.05  # of the tolerance, left to numerical integration
 JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may differ
-SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in studies/validity.py
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
-LARGE = 0.1  # and where linear theory fails
-NOT_NEEDED = "not needed"
+LARGE = 0.1  # and where the scout fails
 _UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
 
 
@@ -81,77 +82,6 @@ def _answer(
     return question.answer(model, rotor, accuracy, size)
 
 
-class Evidence(NamedTuple):
-    """What became of one rung: its expected cost, the estimate of its error (NaN: not run), and
-    the verdict in words."""
-
-    rung: Rung
-    estimate: float
-    verdict: str
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Choice:
-    """The cheapest rung found to meet a tolerance; as text, a table of the rungs looked at.
-
-    `met` is False where no rung was found to: then `rung` is the best there is, and `estimate` its
-    error. `partial` is what the rung says, `answer` the same where the tolerance is met, else NaN.
-    `law_effect` is what an axial law other than the engineering strain might change
-    (`Answer.law_effect`).
-    """
-
-    rung: Rung
-    estimate: float
-    met: bool
-    tolerance: float
-    partial: np.ndarray
-    law_effect: float
-    indicators: Indicators
-    evidence: tuple[Evidence, ...]
-
-    @property
-    def answer(self) -> np.ndarray:
-        """The answer of the rung chosen, NaN unless it meets the tolerance."""
-        return self.partial if self.met else np.full_like(self.partial, np.nan)
-
-    @property
-    def model(self) -> AbstractModel:
-        """The model of the rung chosen."""
-        return self.rung.model
-
-    def __str__(self) -> str:
-        known = self.indicators
-        takes_part = known.excited > 0.1 * self.tolerance
-        highest = np.max(known.rest_frequency, where=takes_part, initial=0.0)
-        excited = f"excited up to {highest:.3g} rad/s" if highest else "no mode excited by the hub"
-        lines = [
-            f"stiffening ratio {float(known.stiffening_ratio):.2g}, deflection "
-            f"{float(known.size):.2g} L, slope {float(known.slope):.2g}, steady strain "
-            f"{float(known.steady_strain):.2g}, {excited}",
-        ]
-        if self.law_effect > self.tolerance:
-            lines.append(
-                "strains are not small: an axial law other than that of the engineering strain "
-                f"might change this by some {self.law_effect:.1g}"
-            )
-        if (stout := np.max(known.stoutness[:, takes_part], initial=0.0)) > self.tolerance:
-            lines.append(f"shear and rotary inertia, which no rung has, might take off {stout:.1g}")
-        lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
-        for rung, estimate, verdict in self.evidence:
-            if verdict == NOT_NEEDED:
-                continue
-            said = "" if np.isnan(estimate) else f"{estimate:.2g}"
-            lines.append(f"{rung.name:34} {rung.cost:8.3g} {said:>10}  {verdict}")
-        if self.met:
-            lines.append(f"{self.rung.name}: error {self.estimate:.2g}, asked {self.tolerance:.2g}")
-        else:
-            lines.append(
-                f"no rung was found to meet {self.tolerance:.2g}; the best, {self.rung.name}, has "
-                f"{self.estimate:.2g}"
-            )
-        return "\n".join(lines)
-
-
 def checked_tolerance(tolerance: float) -> float:
     """The tolerance as a float, or an error where it is not a positive number."""
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.floating):
@@ -167,23 +97,29 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
     a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
     do. Then elements are refined, from four on, until the last two differ by less than the
-    tolerance: they are the judge (in space von Karman beams are, and estimates have their own error
-    on top, twice the square of the deflection over length plus the strain). Cheaper rungs are tried
-    in order of cost until one agrees, but for those that a better one of their kind, far off
-    itself, rules out. The estimate of a rung is its distance from the judge, plus what the judge
-    may be off, plus what ten times tighter integration changes.
+    tolerance: they are the judge. In space that takes the `torsional_stiffness` of the beam; where
+    it is not given von Karman beams judge there, and estimates have their own error on top, twice
+    the square of the deflection over length plus the strain. What elements in space alone bear (a
+    moment at the tip or a load that follows it, motion in a cone) is answered by these alone, and
+    the coarsest of them looks first. Cheaper rungs are tried in order of cost until one agrees, but
+    for those that a better one of their kind, far off itself, rules out. The estimate of a rung is
+    its distance from the judge, plus what the judge may be off, plus what ten times tighter
+    integration changes.
 
-    The judge's material has the engineering strain (`EngineeringANCF`). To estimates of rungs of
-    any other axial law is added what laws that agree at small strains may differ by, from the
-    strains that the judge meets: see `Answer.law_effect`, which `Choice.law_effect` repeats.
+    The judge's material has the engineering strain (`EngineeringANCF`, `SpatialANCF`). To estimates
+    of rungs of any other axial law is added what laws that agree at small strains may differ by,
+    from the strains that the judge meets: see `Answer.law_effect`, which `Choice.law_effect`
+    repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
     model is compiled once for all questions of a kind, side by side on the cores there are. For
     many cases use `ladder_sweep`. Raises `ValueError` or `TypeError` for a malformed argument or
-    parameters out of range, `RuntimeError` where no model gives an answer.
+    parameters out of range, or where elements in space alone could answer and the beam has no
+    `torsional_stiffness`; `RuntimeError` where no model gives an answer.
     """
     checked_question(question)
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
+    check_answerable(question, rotor)
     with Ahead() as ahead:
         return _chosen(_Asker(question, rotor, INTEGRATION * tolerance, ahead), tolerance)
 
@@ -192,18 +128,18 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     question, rotor = ask.question, ask.rotor
     planar = bool(is_planar(question, rotor))
     linear, nonlinear = chains(question, rotor, planar)
-    rungs, scout = rungs_of(question, rotor, planar), scout_of(linear)
-    elements = judges(nonlinear, rotor)
+    rungs, elements = rungs_of(question, rotor, planar), judges(nonlinear, rotor)
+    scout = scout_of(linear, elements)
     known = _scouted(ask, scout, elements)
     if planar:
         known = eqx.tree_at(lambda k: k.stoutness, known, known.stoutness[:1])
-    if 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
+    if linear and 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
         ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, known, tolerance)][:1])
 
     judge, left = _refined(ask, elements, tolerance)
     noise = ask.now(judge, 0.1).distance(ask(judge))
-    left = left + float(noise) + (0.0 if planar else SPACE * float(known.reach))
+    left = left + float(noise) + left_out_by(judge, known)
     trial = _Trial(ask, tolerance, known, scout, nonlinear, judge, left)
     for model in (scout, *elements):
         if model in ask.found or model == scout:
@@ -281,6 +217,8 @@ def _refined(
         apart = ask.apart(coarse, fine)
         if np.isfinite(left) and not np.isfinite(apart):
             break
+        if all(int(ask(m).status) == Status.MAX_STEPS for m in (coarse, fine)):
+            break  # finer ones vibrate faster
         # Two rungs may agree by chance: so little is left only if those before agreed as well.
         if np.isinf(before):
             here = max(share * apart, min(apart / 2, _UNCONFIRMED * tolerance))
@@ -302,7 +240,7 @@ class _Trial:
     ask: _Asker
     tolerance: float
     known: Indicators
-    scout: Hybrid
+    scout: AbstractModel
     nonlinear: list[AbstractModel]
     judge: AbstractModel
     left: float
@@ -357,7 +295,9 @@ class _Trial:
                 return f"{describe(better)}: {self.estimates[better]:.2g}"
         scout = self.scout
         poor = 3 * self.tolerance
-        if isinstance(model, Classical | Hybrid) and self.ask.apart(scout, self.judge) > poor:
+        if not isinstance(model, Classical | Hybrid) or not isinstance(scout, Hybrid):
+            return ""
+        if self.ask.apart(scout, self.judge) > poor:
             # Another linear theory is no better, but by more functions, or in its stretch.
             less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
             if less or 0.1 * self.known.size**2 > self.tolerance:

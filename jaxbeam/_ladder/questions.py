@@ -10,17 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import checked_speed, kind_of
-from jaxbeam._models.base import AbstractModel, Family, Label, count_functions
+from jaxbeam._checks import checked_speed, count_functions, kind_of
+from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.families import Family, Label
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spanwise import along, at_root, beside_kinks
+from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
 from jaxbeam._simulation.course import during
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import check_scene, checked_times, scene_status
 from jaxbeam._simulation.simulate import adaptive, simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
@@ -80,6 +81,11 @@ class Question(eqx.Module):
     @abc.abstractmethod
     def planar(self, rotor: Rotor) -> Array:
         """Whether motion, loads and answer stay in the plane of rotation."""
+
+    @property
+    def space_alone(self) -> str:
+        """What of it elements in space alone bear, in words; empty where other theories do too."""
+        return ""
 
     @property
     @abc.abstractmethod
@@ -156,6 +162,12 @@ class _InTime(Question):
         return given != Status.OUT_OF_PLANE
 
     @property
+    def space_alone(self) -> str:
+        if self.loads.is_plain:
+            return ""
+        return "loads.follows" if self.loads.tip_moment is None else "loads.tip_moment"
+
+    @property
     def functions(self) -> tuple[int, ...]:
         return 1, 2, 4, 8
 
@@ -215,8 +227,9 @@ class PeakDeflection(_AtPoint):
 class RootStrain(_InTime):
     """Axial strain at the root, at `times` (s); errors over its largest.
 
-    The force of the hub along the beam over EA. Of models without stretch that is the quasi-static
-    strain; of elements it converges as deflections do, which their strain at a point does not.
+    The force of the hub along the undeformed beam over EA. Of models without stretch that is the
+    quasi-static strain; of elements it converges as deflections do, which their strain at a point
+    does not.
     """
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
@@ -224,12 +237,16 @@ class RootStrain(_InTime):
         return jnp.minimum(size, rotor.steady_strain(self.speed()) + 1e-12)
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
-        return -run.hub_force[:, 0] / at_root(rotor.beam.axial_stiffness)
+        force = run.hub_force[:, 0]
+        if rotor.precone is not None:
+            cos, sin = jnp.cos(rotor.precone), jnp.sin(rotor.precone)
+            force = cos * force + sin * run.hub_force[:, 2]
+        return -force / at_root(rotor.beam.axial_stiffness)
 
 
 class ModalFrequencies(Question):
-    """Frequencies of bending in steady rotation at `angular_speed` (rad/s), in rad/s, by label;
-    errors over each of them."""
+    """Frequencies of bending and torsion in steady rotation at `angular_speed` (rad/s), in rad/s,
+    by label; errors over each of them."""
 
     order: ClassVar[int] = 4
     angular_speed: Scalar
@@ -243,7 +260,7 @@ class ModalFrequencies(Question):
             raise ValueError(f"which must be labels, see jaxbeam.labels; got {which!r}")
         for label in self.which:
             if label.family == Family.AXIAL or not 1 <= label.order <= 8:
-                raise ValueError(f"which: bending modes of order 1 to 8, got {label}")
+                raise ValueError(f"which: bending or torsion of order 1 to 8, got {label}")
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
         found = modes(model, rotor, self.angular_speed, self.which, throw=False)
@@ -259,7 +276,12 @@ class ModalFrequencies(Question):
         return jnp.abs(self.angular_speed)
 
     def planar(self, rotor: Rotor) -> Array:
-        return jnp.asarray(all(label.family != Family.FLAP for label in self.which))
+        return jnp.asarray(all(label.family == Family.IN_PLANE for label in self.which))
+
+    @property
+    def space_alone(self) -> str:
+        torsion = [str(label) for label in self.which if label.family == Family.TORSION]
+        return ", ".join(torsion)
 
     @property
     def functions(self) -> tuple[int, ...]:

@@ -2,8 +2,10 @@
 
 Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
 at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
-elements converge to the right answer for a material of the engineering strain (`EngineeringANCF`;
-in space, where there are none, von Karman beams do to second order of deflection over length).
+elements converge to the right answer for a material of the engineering strain: `EngineeringANCF`
+in the plane, `SpatialANCF` in space. That needs to know how the beam twists; where its
+`torsional_stiffness` is not given, von Karman beams take its place, which are right to second order
+of deflection over length.
 """
 
 from typing import Any, NamedTuple
@@ -15,16 +17,19 @@ from jaxtyping import Array
 
 from jaxbeam._ladder.questions import ModalFrequencies, Question, checked_question
 from jaxbeam._models.ancf import EngineeringANCF
-from jaxbeam._models.base import AbstractModel, Family
+from jaxbeam._models.base import AbstractModel
 from jaxbeam._models.basis import CantileverModes, Polynomials
+from jaxbeam._models.families import Family
 from jaxbeam._models.modal import Classical, Hybrid, VonKarman
 from jaxbeam._models.pieces import Hinged, suited
+from jaxbeam._models.spatial_ancf import SpatialANCF
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, stoutness
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
+SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in studies/validity.py
 
 
 class Rung(NamedTuple):
@@ -41,8 +46,9 @@ class Rung(NamedTuple):
 
 def describe(model: AbstractModel) -> str:
     """A rung in words: theory and size."""
-    if isinstance(model, EngineeringANCF):
-        return f"{model.n_elements} element{'s' * (model.n_elements > 1)}"
+    if isinstance(model, EngineeringANCF | SpatialANCF):
+        where = " in space" if isinstance(model, SpatialANCF) else ""
+        return f"{model.n_elements} element{'s' * (model.n_elements > 1)}{where}"
     assert isinstance(model, Classical | Hybrid | VonKarman)
     n, flap = model.n_in_plane, model.n_flap
     basis = model.basis.basis if isinstance(model.basis, Hinged) else model.basis
@@ -53,17 +59,47 @@ def describe(model: AbstractModel) -> str:
     return f"{title}, {count}{stretch}"
 
 
+def space_alone(question: Question, rotor: Rotor) -> str:
+    """What of a question or a rotor elements in space alone bear, in words, or nothing."""
+    if question.space_alone or rotor.precone is None:
+        return question.space_alone
+    if not isinstance(question, ModalFrequencies):
+        return "precone in motion"
+    # About the deflected beam in a cone `Hybrid` has frequencies, but not of all rotors.
+    beyond = rotor.couples_bending or rotor.tip is not None
+    return "precone beside pitch, twist or a body at the tip" if beyond else ""
+
+
+def check_answerable(question: Question, rotor: Rotor) -> None:
+    """Raise `ValueError` where elements in space are needed, and how the beam twists is not said.
+
+    That does not depend on numbers.
+    """
+    needed = space_alone(question, rotor) or ("precone" if rotor.precone is not None else "")
+    if needed and not _twists(rotor):
+        raise ValueError(
+            f"{needed}: of this SpatialANCF alone is the judge, which twists: give "
+            "torsional_stiffness=..., GJ in N m^2, to the Beam"
+        )
+
+
+def _twists(rotor: Rotor) -> bool:
+    return rotor.beam.torsional_stiffness is not None
+
+
 def chains(
     question: Question, rotor: Rotor, planar: bool
-) -> tuple[list[Hybrid], list[AbstractModel]]:
+) -> tuple[list[AbstractModel], list[AbstractModel]]:
     """Linear and non-linear models for a question, each from coarse to fine, suited to a rotor and
-    to others that are like it.
+    to others that are like it. There may be no linear ones.
     """
-    linear = [_modal(Hybrid, n, rotor, planar) for n in question.functions]
-    if planar:
+    counts = () if space_alone(question, rotor) else question.functions
+    linear: list[AbstractModel] = [_modal(Hybrid, n, rotor, planar) for n in counts]
+    if planar or _twists(rotor):
         sizes = [n for n in sizes_for(rotor) if 2 * n >= question.functions[0]]
-        return linear, [EngineeringANCF(n).suited(rotor) for n in sizes]
-    return linear, [_modal(VonKarman, n, rotor, planar) for n in question.functions if n > 1]
+        theory = EngineeringANCF if planar else SpatialANCF
+        return linear, [theory(n).suited(rotor) for n in sizes]
+    return linear, [_modal(VonKarman, n, rotor, planar) for n in counts if n > 1]
 
 
 def sizes_for(rotor: Rotor) -> tuple[int, ...]:
@@ -97,22 +133,27 @@ def rungs(rotor: Rotor, question: Question) -> list[Rung]:
     """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
 
     In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
-    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; in the plane,
-    elements. Nothing out of the plane where motion and loads stay in it.
+    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; elements, those
+    in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion and
+    loads stay in it; and only models that bear what there is. Raises `ValueError` where none does.
     """
     checked_question(question)
     rotor = checked_rotor(Rotor, rotor)
+    check_answerable(question, rotor)
     return rungs_of(question, rotor, bool(is_planar(question, rotor)))
 
 
 def rungs_of(question: Question, rotor: Rotor, planar: bool) -> list[Rung]:
     """The same where it is known whether all stays in the plane."""
     linear, nonlinear = chains(question, rotor, planar)
-    models = [_modal(Classical, n, rotor, planar) for n in question.functions if n < 8]
+    judged = is_of_elements(nonlinear[0])  # else von Karman beams are there already
+    # In a cone there is `Hybrid` without stretch alone, beside elements.
+    counts = question.functions if linear and rotor.precone is None else ()
+    models = [_modal(Classical, n, rotor, planar) for n in counts if n < 8]
     models += [*linear, *nonlinear]
-    for n in question.functions:
+    for n in counts:
         models += [_modal(Hybrid, n, rotor, planar, n)] * (n >= 4)
-        models += [_modal(VonKarman, n, rotor, planar)] * (n in (2, 4) and planar)
+        models += [_modal(VonKarman, n, rotor, planar)] * (n in (2, 4) and judged)
     costs = [_cost(question, model) for model in models]
     found = [Rung(m, cost / min(costs)) for m, cost in zip(models, costs, strict=True)]
     return sorted(found, key=lambda rung: rung.cost)
@@ -128,8 +169,10 @@ def _cost(question: Question, model: AbstractModel) -> float:
     n = len(model.families)
     if isinstance(question, ModalFrequencies):
         return 40 + 5e-3 * n**3
-    if isinstance(model, EngineeringANCF):  # more than twice as many steps as linear motion
-        return 2.3 * 200 * (2 + 2.2 * model.n_elements)
+    if isinstance(model, EngineeringANCF | SpatialANCF):
+        # More than twice as many steps as linear motion; of blocks of eight in place of four.
+        dearer = 4 if isinstance(model, SpatialANCF) else 1
+        return dearer * 2.3 * 200 * (2 + 2.2 * model.n_elements)
     step = (1.9 if isinstance(model, Classical) else 2) + 1.2 * n
     return 200 * step * (5 if isinstance(model, VonKarman) else 1)
 
@@ -142,6 +185,7 @@ class Indicators(eqx.Module):
     | stiffening_ratio | ()    | motion-induced over elastic stiffness at the largest speed     |
     | steady_strain    | ()    | P(0) / EA at the largest speed                                 |
     | size             | ()    | largest deflection of the tip over the length, linear theory   |
+    |                  |       | (where none bears what is asked, the coarsest elements)        |
     | slope            | ()    | largest slope there, of the same                               |
     | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
     | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
@@ -168,6 +212,8 @@ class Indicators(eqx.Module):
 @Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
     """All but the size and the slope, which a linear theory has to say: they are infinite."""
+    # Of a beam in a cone as if it lay in the plane, where the tension is no less.
+    rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
     speed = question.speed()
     omega, shape = bending_at_rest(rotor)
     unknown = jnp.full_like(speed, jnp.inf)
@@ -185,19 +231,20 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
 @Program
 def is_planar(question: Question, rotor: Rotor) -> Array:
     """Whether motion, loads and answer stay in the plane of rotation."""
-    # Where sections are turned, what begins in the plane leaves it.
-    return question.planar(rotor) & (not rotor.couples_bending)
+    # Where sections are turned, what begins in the plane leaves it; so does a beam in a cone.
+    leaves = rotor.couples_bending or rotor.precone is not None or question.space_alone
+    return question.planar(rotor) & (not leaves)
 
 
-def scout_of(linear: list[Hybrid]) -> Hybrid:
-    """The linear theory that says how large deflections are."""
-    return linear[min(2, len(linear) - 1)]
+def scout_of(linear: list[AbstractModel], elements: list[AbstractModel]) -> AbstractModel:
+    """The model that says how large deflections are: linear, if there is one."""
+    return linear[min(2, len(linear) - 1)] if linear else elements[0]
 
 
 def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     """Those that may judge: coarser ones seldom do, and each would have to be compiled."""
     coarse = 2
-    if not rotor.beam.is_uniform and isinstance(nonlinear[0], EngineeringANCF):
+    if not rotor.beam.is_uniform and is_of_elements(nonlinear[0]):
         coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 
@@ -205,7 +252,7 @@ def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
 def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
     """Why it need not be tried: a tenth of what it leaves out as a rule (`studies/validity.py`; of
     a mode, its share) is too much."""
-    if isinstance(model, EngineeringANCF):
+    if is_of_elements(model):
         return ""
     assert isinstance(model, Classical | Hybrid | VonKarman)
     if isinstance(model, Classical) and 0.05 * known.stiffening_ratio > tolerance:
@@ -215,6 +262,8 @@ def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
             return f"deflection {float(known.size):.2g} L, slope {float(known.slope):.2g}"
         if 0.04 * known.steady_strain > tolerance:
             return f"steady strain {float(known.steady_strain):.2g}"
+    elif 0.05 * SPACE * known.size**2 > tolerance:
+        return f"deflection {float(known.size):.2g} L, slope {float(known.slope):.2g}"
     n = model.n_in_plane
     if n < len(known.excited) and known.excited[n] > 10 * tolerance:
         return f"mode {n + 1} takes part, {float(known.excited[n]):.1g} of what the first could"
@@ -224,7 +273,17 @@ def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
 def has_other_law(model: AbstractModel) -> bool:
     """Whether its material is not that of the engineering strain, to which errors refer. Then what
     the law may change (`Answer.law_effect`) is part of its error, even if it agrees by chance."""
-    return not isinstance(model, EngineeringANCF)
+    return not is_of_elements(model)
+
+
+def is_of_elements(model: AbstractModel) -> bool:
+    """Whether it is a rung of geometrically exact elements."""
+    return isinstance(model, EngineeringANCF | SpatialANCF)
+
+
+def left_out_by(judge: AbstractModel, known: Indicators) -> float:
+    """What a judge may be off however fine it is."""
+    return 0.0 if is_of_elements(judge) else SPACE * float(known.reach)
 
 
 def left_of(question: Question, rotor: Rotor) -> float:

@@ -10,16 +10,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxbeam._checks import count_functions
 from jaxbeam._ladder.ahead import Ahead
-from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, SPACE, UNKNOWN, checked_tolerance
+from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, UNKNOWN, checked_tolerance
 from jaxbeam._ladder.pool import Example, Know, Pool, Situation, answers_in, some_of
 from jaxbeam._ladder.questions import Answer, Question
-from jaxbeam._ladder.rungs import chains, describe, has_other_law, judges, left_of, scout_of
-from jaxbeam._models.base import AbstractModel, count_functions
+from jaxbeam._ladder.rungs import (
+    SPACE,
+    chains,
+    check_answerable,
+    describe,
+    has_other_law,
+    is_of_elements,
+    judges,
+    left_of,
+    scout_of,
+)
+from jaxbeam._models.base import AbstractModel
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._status import Status
 from jaxbeam._sweeps.cases import Cases, checked_cases
-from jaxbeam._sweeps.devices import Team
 from jaxbeam._sweeps.table import Table, tabled
 
 _SAFETY = 1.5
@@ -67,16 +77,16 @@ def ladder_sweep(
     it is written for one case and sees the parameters of `cases` as scalars. All questions must be
     of one kind, and of equally many times.
 
-    A linear theory in bending looks at every case. Of those in the plane, and of those in space,
-    `representatives` that differ most are followed up both chains of the ladder (see
-    `choose_model`) until the last two rungs differ by less than the tolerance. They tell what
-    linear theory leaves out, over the square of deflection over length plus the steady strain; on
-    each rung, the error of discretisation over the distance from the rung below; what integration
-    adds; and where to start. Then each case gets the answers of two neighbouring rungs. The
-    estimate of its error is 1.5 times the sum of what these, its deflection and integration say,
-    plus, but for elements, what another axial law might change (`Answer.law_effect`); where that
-    is more than the tolerance the case goes on to a richer rung, of the same chain or the
-    non-linear one.
+    A linear theory in bending looks at every case (or, where none bears what is asked, the coarsest
+    elements in space do). Of those in the plane, and of those in space, `representatives` that
+    differ most are followed up both chains of the ladder (see `choose_model`) until the last two
+    rungs differ by less than the tolerance. They tell what linear theory leaves out, over the
+    square of deflection over length plus the steady strain; on each rung, the error of
+    discretisation over the distance from the rung below; what integration adds; and where to start.
+    Then each case gets the answers of two neighbouring rungs. The estimate of its error is 1.5
+    times the sum of what these, its deflection and integration say, plus, but for elements, what
+    another axial law might change (`Answer.law_effect`); where that is more than the tolerance the
+    case goes on to a richer rung, of the same chain or the non-linear one.
 
     The `Table` holds, beside the coordinates of the cases:
 
@@ -89,19 +99,18 @@ def ladder_sweep(
     | outgrown | ()     | how often the estimate was too large and a richer rung was asked       |
     | status   | ()     | `Status`; `TOLERANCE_NOT_MET` where the best answer is not good enough |
 
-    `chunk`, `devices` (of this process alone) and `progress` are those of `sweep`. Each model is
-    compiled once, side by side on the cores there are; where `cases` are few that takes longer than
-    all else, so the cheapest rungs of both kinds are left out, and others until they are needed.
-    Raises `ValueError` or `TypeError` for malformed arguments.
+    `chunk`, `devices` and `progress` are those of `sweep`. Each model is compiled once, side by
+    side on the cores there are; where `cases` are few that takes longer than all else, so the
+    cheapest rungs of both kinds are left out, and others until they are needed.
+    Raises `ValueError` or `TypeError` as `choose_model` does, but for what is wrong with a case.
     """
     if not callable(situation):
         raise TypeError(f"situation must take parameters by name, got {type(situation).__name__}")
     cases, tolerance = checked_cases(cases), checked_tolerance(tolerance)
     count_functions("representatives", representatives, least=2)
     count_functions("chunk", chunk, least=1)
-    if Team.of(devices).shared:  # the sweeps below do not come in one order
-        raise ValueError("devices must be of this process alone: use jax.local_devices()")
     example = _example(situation, cases)
+    check_answerable(example[1], example[0])
     with Ahead() as ahead:
         how = {"chunk": chunk, "devices": devices, "progress": progress}
         pool = Pool(situation, cases, INTEGRATION * tolerance, ahead, **how)
@@ -164,16 +173,17 @@ def _swept(
     """Results of these cases, which all stay in the plane or all do not."""
     rotor, question = example
     linear, nonlinear = chains(question, rotor, planar)
-    elements, top = judges(nonlinear, rotor), linear.index(scout_of(linear))
-    linear = linear[max(top - 1, 0) :]  # cheaper ones would have to be compiled for few cases
-    top = min(top, 1)
-    pool.begin(linear[top], *elements[:2])
-    scout = pool.ask(linear[top], cases)
+    elements = judges(nonlinear, rotor)
+    first = scout_of(linear, elements)
+    # One that is cheaper, others would have to be compiled for few cases.
+    linear = linear[max(linear.index(first) - 1, 0) :] if linear else []
+    pool.begin(first, *elements[:2])
+    scout = pool.ask(first, cases)
     given, ok = scout["status"], scout["status"] == Status.OK
     pool.size[cases] = np.where(ok, np.clip(scout["size"], 1e-9, 1.0), LARGE)
     pool.steps[cases] = scout["steps"]
     exact = np.flatnonzero(ok & (scout["size"] >= UNKNOWN))  # integrated tightly enough as it is
-    pool.keep(linear[top], cases[exact], scout.take("row", exact))
+    pool.keep(first, cases[exact], scout.take("row", exact))
     reach = np.where(ok, scout["size"] ** 2 + strain[cases], np.inf)
     fine = ok | ((given > Status.OUT_OF_PLANE) & (given != Status.RAISED))
 
@@ -181,12 +191,11 @@ def _swept(
     out["status"][:] = given
     if not fine.any():
         return out
-    if 0.03 * reach.min() > tolerance:  # a tenth of what linear theory leaves out as a rule
-        linear = []
-    pool.begin(*linear[:top])
+    linear = linear if 0.03 * reach.min() <= tolerance else []  # a tenth of what it leaves out
+    pool.begin(*linear[:2])
     sample = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
     known = cases[sample], reach[sample], tolerance, left_of(question, rotor)
-    rich, truth = _calibrated(pool, elements, *known, 0.0 if planar else SPACE)
+    rich, truth = _calibrated(pool, elements, *known)
     poor = [_linear(pool, linear, truth, rich.theory, *known)] if linear else []
     estimate, status = out["estimate"], out["status"]
     for chain in (*poor, rich):
@@ -238,14 +247,14 @@ def _representatives(
 
 def _calibrated(
     pool: Pool, elements: list[AbstractModel], sample: np.ndarray, reach: np.ndarray,
-    tolerance: float, share: float, beyond: float,
+    tolerance: float, share: float,
 ) -> tuple[_Chain, Answer]:  # fmt: skip
-    """The non-linear chain, and its best answers; `beyond`: see `_Chain.theory`."""
+    """The non-linear chain, and its best answers."""
     judge, truth = _judged(pool, sample, elements, tolerance)
     chain = _chain(pool, sample, elements, truth, judge, share, tolerance)
     middle = elements[int(np.median(judge))]
     noise = _noise(pool, sample, middle, np.asarray(truth.status == Status.OK))
-    return chain._replace(theory=beyond, noise=noise), truth
+    return chain._replace(theory=0.0 if is_of_elements(middle) else SPACE, noise=noise), truth
 
 
 def _linear(

@@ -14,14 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import (
-    Family,
-    LinearSystem,
-    NodeByNode,
-    checked_case,
-    count_functions,
-    steady_strain,
-)
+from jaxbeam._checks import count_functions
+from jaxbeam._models.base import LinearSystem, NodeByNode, checked_case, steady_strain
 from jaxbeam._models.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.cartesian import (
     CartesianEquations,
@@ -30,6 +24,7 @@ from jaxbeam._models.cartesian import (
     linear_system,
 )
 from jaxbeam._models.elements import ElementEquations
+from jaxbeam._models.families import Family
 from jaxbeam._models.laws import Chord, Element, Engineering, Green, ModelA, Tangent
 from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._numerics.program import Program
@@ -89,7 +84,9 @@ class _Nodal(_ANCF):
             (springs[1] is not None, "flap spring at the root"),
         ):
             if there:
-                raise ValueError(f"{name} is planar and takes no {what}: take Hybrid")
+                raise ValueError(
+                    f"{name} is planar and takes no {what}: take SpatialANCF, or Hybrid"
+                )
         if self.root_yields != (springs[0] is not None):
             has = "no spring" if self.root_yields else "a spring"
             raise ValueError(

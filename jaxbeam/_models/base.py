@@ -1,7 +1,6 @@
 """What every model offers to the rest of the package."""
 
 import abc
-import enum
 from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import equinox as eqx
@@ -11,64 +10,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed, kind_of
+from jaxbeam._models.families import APART, Family, Plane, planes_of
 from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import dense, find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
-from jaxbeam._rotor.beam import AnyRotor, Rotor, SpringRotor, checked_rotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
 from jaxbeam._rotor.motion import Hub, spinning
+from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 
 TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
-
-
-class Family(enum.IntEnum):
-    """Which way a coordinate or a mode moves."""
-
-    IN_PLANE = 0
-    FLAP = 1
-    AXIAL = 2
-
-    @property
-    def title(self) -> str:
-        return ("in-plane bending", "flap bending", "axial")[self]
-
-
-class Label(NamedTuple):
-    """Name of a mode: its family, and its number within the family, from 1."""
-
-    family: Family
-    order: int
-
-    def __str__(self) -> str:
-        return f"{self.family.title} {self.order}"
-
-
-def labels(*, in_plane: int = 0, flap: int = 0, axial: int = 0) -> tuple[Label, ...]:
-    """Labels of the first modes of each family: `labels(in_plane=2, flap=1)` is three labels."""
-    named = {"in_plane": in_plane, "flap": flap, "axial": axial}
-    for name, count in named.items():
-        count_functions(name, int(count) if isinstance(count, np.integer) else count)
-    counts = {Family.IN_PLANE: in_plane, Family.FLAP: flap, Family.AXIAL: axial}
-    return tuple(Label(f, k + 1) for f, count in counts.items() for k in range(count))
-
-
-# Families that move in phase, and those that move in quadrature to them.
-Plane = tuple[tuple[Family, ...], tuple[Family, ...]]
-APART: tuple[Plane, ...] = (((Family.IN_PLANE,), (Family.AXIAL,)), ((Family.FLAP,), ()))
-
-
-def planes_of(rotor: AnyRotor) -> tuple[Plane, ...]:
-    """Which families of modes are coupled: flap with none, unless sections are turned or the beam
-    is coned."""
-    if not isinstance(rotor, Rotor):
-        return APART
-    if rotor.precone is not None:
-        return (((Family.IN_PLANE,), (Family.FLAP, Family.AXIAL)),)
-    if rotor.couples_bending:
-        return (((Family.IN_PLANE, Family.FLAP), (Family.AXIAL,)),)
-    return APART
 
 
 class LinearSystem(eqx.Module):
@@ -100,6 +54,15 @@ class LinearSystem(eqx.Module):
         return np.concatenate(found) if found else np.zeros(0, int)
 
 
+class Undeformed(NamedTuple):
+    """The beam with its tip mass before it deforms, in hub axes from the centre of the hub."""
+
+    mass: Number  # kg
+    first: Triple  # int r dm, kg m
+    inertia: Matrix  # int r.r - r r^T dm, kg m^2
+    tip: Triple  # m
+
+
 class Equations(eqx.Module):
     """A model of one rotor in motion: M q'' = force(hub, q, q'), in the hub frame.
 
@@ -116,6 +79,7 @@ class Equations(eqx.Module):
     """
 
     takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
+    takes_moments: ClassVar[bool] = False  # whether it bears a `TipLoad` as `tip_force`
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
     rigid: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
     size: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
@@ -127,9 +91,17 @@ class Equations(eqx.Module):
         """Whether `force` is linear in q and v."""
         return False
 
+    @property
+    def undeformed(self) -> Undeformed:
+        """The beam that points from the hub along a1."""
+        mass, first, second = self.rigid
+        along, across = np.eye(3)[0], np.diag([0.0, 1.0, 1.0])
+        return Undeformed(mass, first * along, second * across, self.end * along)
+
     @abc.abstractmethod
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
-        """Right-hand side, all but damping; `tip_force` in hub axes, in N."""
+        """Right-hand side, all but damping; `tip_force` in hub axes, in N, or where it is borne a
+        `TipLoad`."""
 
     def as_force(self, q: Vector, generalised: Vector) -> Vector:
         """A generalised force (its power, in W, is that times q') as it enters `force`."""
@@ -165,11 +137,29 @@ class Equations(eqx.Module):
 
     @abc.abstractmethod
     def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
-        """In-plane and flap curvature at x = xi L, in 1/m."""
+        """In-plane and flap curvature at x = xi L, in 1/m: how fast the tangent turns by the
+        unstretched length, in axes that turn with the section, but not with pitch and twist that
+        the beam has by itself."""
 
     def tip(self, q: Vector) -> Triple:
         """Displacement of the tip, in m: shape (3,), axial, in plane, flap."""
         return self.displacement(q, np.ones(1))[0]
+
+    def twist(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        """Angle of twist at x = xi L, in rad: none, but in space."""
+        return jnp.zeros(len(xi), q.dtype)
+
+    def is_in_range(self, q: Vector) -> Array:
+        """Whether the beam is deformed by no more than what the model is made for."""
+        return jnp.asarray(True)
+
+    def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
+        """What a load at the tip does, in W."""
+        return total(tip_force * jax.jvp(self.tip, (q,), (v,))[1])
+
+    def tip_action(self, q: Vector, tip_force: Any) -> tuple[Triple, Triple]:
+        """Force and moment of a load at the tip, in hub axes, in N and N m."""
+        return tip_force, jnp.zeros_like(tip_force)
 
     def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
         """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
@@ -266,6 +256,10 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
 
+    def twist(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+        """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
+        return jnp.zeros((len(xi), len(self.families)))
+
     def linearise(
         self, rotor: TheRotor, angular_speed: Real, *, throw: bool = True
     ) -> LinearSystem:
@@ -326,9 +320,7 @@ def checked_case(model: Any, rotor: Any, angular_speed: Any = 0.0) -> tuple[Any,
     return checked_rotor(kind, rotor), checked_speed(angular_speed)
 
 
-def equilibrium(
-    equations: Equations, hub: Hub, tip_force: Triple | None = None
-) -> tuple[Vector, Code]:
+def equilibrium(equations: Equations, hub: Hub, tip_force: Any = None) -> tuple[Vector, Code]:
     """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
 
     Newton's method with the load raised from zero in adaptive steps where one step will not do;
@@ -344,11 +336,13 @@ def equilibrium(
             root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,
             fraction * hub.angular_velocity_rate, fraction * hub.gravity,
         )  # fmt: skip
-        force = None if tip_force is None else fraction * tip_force
+        force = jax.tree.map(lambda part: fraction * part, tip_force)
         return -equations.force(part, equations.size * q, rest, force) / scale
 
     q, done = find_root(residual, rest)
-    return equations.size * q, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
+    q = equations.size * q
+    status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
+    return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)
 
 
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
@@ -385,11 +379,3 @@ def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
     given = rotor.status(speed)
     fine = given == Status.OK
     return given, harmless(fine, rotor), jnp.where(fine, speed, 0.0)
-
-
-def count_functions(name: str, value: int, least: int = 0) -> None:
-    """Raise unless `value` is a whole number of functions or elements, at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError(f"{name} must be an int, got {type(value).__name__}")
-    if value < least:
-        raise ValueError(f"{name} must be >= {least}, got {value}")

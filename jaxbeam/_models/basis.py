@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Chebyshev, legendre
 
-from jaxbeam._models.base import Family
+from jaxbeam._models.families import Family
 from jaxbeam._rotor.spanwise import points_within, tails
 
 _Array = np.ndarray

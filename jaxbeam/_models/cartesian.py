@@ -25,14 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import (
-    AbstractModel,
-    Equations,
-    Family,
-    LinearSystem,
-    planes_of,
-)
+from jaxbeam._models.base import AbstractModel, Equations, LinearSystem
 from jaxbeam._models.basis import Basis, Functions
+from jaxbeam._models.families import Family, planes_of
 from jaxbeam._models.tables import (
     FAMILIES,
     Tables,

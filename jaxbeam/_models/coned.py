@@ -29,8 +29,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import Family, LinearSystem, planes_of
+from jaxbeam._models.base import LinearSystem
 from jaxbeam._models.basis import Basis, Functions
+from jaxbeam._models.families import Family, planes_of
 from jaxbeam._numerics.linalg import find_root
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.spanwise import along

@@ -24,9 +24,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, Equations, Family
-from jaxbeam._rotor.beam import SpringRotor
+from jaxbeam._models.base import AbstractModel, Equations
+from jaxbeam._models.families import Family
 from jaxbeam._rotor.motion import Hub, cross, skew
+from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
 

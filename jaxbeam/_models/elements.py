@@ -19,7 +19,7 @@ Technical Report MBS99-5-UIC, 1999.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -29,8 +29,18 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.base import Equations
 from jaxbeam._models.basis import Functions, hermite
-from jaxbeam._models.laws import POINTS, TURN, WEIGHTS, Element, Local, Parts, gradient_of, tabled
-from jaxbeam._models.sections import Cuts, Ends, Sections, body_mass, cuts, rules
+from jaxbeam._models.laws import (
+    POINTS,
+    TURN,
+    WEIGHTS,
+    Element,
+    Local,
+    Parts,
+    gradient_of,
+    rule,
+    tabled,
+)
+from jaxbeam._models.sections import Cuts, Ends, Sections, body_mass, cuts, each_element, rules
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
@@ -242,7 +252,10 @@ class ElementEquations(Equations):
 
     def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
         shapes, local = self._around(q, xi)
-        bend = jnp.sum(shapes.curvature * local, 2)[0] / self.size**2
+        rate, other = jnp.sum(shapes.curvature * local, 2) / self.size**2
+        across, along = self.gradient(q, xi)
+        along = 1 + along
+        bend = (along * rate - across * other) / (along**2 + across**2)
         return jnp.stack([bend, jnp.zeros_like(bend)], 1)
 
     def _around(self, q: Vector, xi: np.ndarray) -> tuple[Functions, Float[Array, "2 p 4"]]:
@@ -313,7 +326,7 @@ class ElementEquations(Equations):
     @property
     def _laws(self) -> Law:
         """Of elements whose properties vary, with an axis of elements before all others."""
-        parts = None if self.cuts is None else rules(self.cuts)
+        parts = None if self.cuts is None else rules(self.cuts, rule)
         if parts is None:
             return self.element
         return Parts(dataclasses.replace(self.element, part=parts))
@@ -322,8 +335,8 @@ class ElementEquations(Equations):
         """What a function of law, mass and coordinates (2, 4, *lanes) makes of every element."""
         if self.cuts is None:
             law, mass = self.element, self.element_mass
-            return _each(lambda *local: function(law, mass, *local), local)
-        return _each(function, (self._laws, self.element_mass, *local))
+            return each_element(lambda *local: function(law, mass, *local), local, 3)
+        return each_element(function, (self._laws, self.element_mass, *local), 3)
 
 
 def _on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest"]:
@@ -331,15 +344,6 @@ def _on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *res
     ends: the transpose of `_gradients`, but for the length."""
     chord = n * force[:, 1:2]
     return jnp.concatenate([-chord, force[:, :1], chord, force[:, 2:]], 1)
-
-
-def _each(function: Callable[..., Array], of: tuple[Any, ...]) -> Array:
-    """Of every element: where there are lanes one after the other, so that what is needed on the
-    way stays in the cache, and loops over lanes are not mixed up with what becomes of the results.
-    """
-    if of[-1].ndim > 3:
-        return jax.lax.map(lambda of: function(*of), of)
-    return jax.vmap(function)(*of)
 
 
 def _local(nodes: Nodes) -> Float[Array, "E 2 4 *lanes"]:

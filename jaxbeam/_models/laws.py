@@ -49,7 +49,7 @@ def tabled(
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
 
 
-def _along(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
+def along_element(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
     """The gradient by its three values at points s, or its derivative by s."""
     if derivative:
         return np.stack([6 * s - 4, 6 - 12 * s, 6 * s - 2], 1)
@@ -87,7 +87,7 @@ class Rule(NamedTuple):
 def rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> Rule:
     """Of one of so many elements, from s = start to s = end."""
     s, size = start + (end - start) * POINTS, (end - start) * WEIGHTS
-    return Rule(size / n_elements, _along(s), n_elements * _along(s, 1))
+    return Rule(size / n_elements, along_element(s), n_elements * along_element(s, 1))
 
 
 class Element(eqx.Module):
@@ -148,18 +148,18 @@ class Element(eqx.Module):
 
 
 class Parts(eqx.Module):
-    """An element whose properties have kinks inside: the sum of its parts, each a `Rule` that takes
-    the coordinates of the whole element."""
+    """An element, in the plane or in space, whose properties have kinks inside: the sum of its
+    parts, each a rule that takes the coordinates of the whole element."""
 
-    each: Element  # whose arrays have a first axis, of parts
+    each: Any  # an element, whose arrays have a first axis, of parts
 
-    def energy(self, e: Local) -> Number:
+    def energy(self, e: Array) -> Number:
         return total(jax.vmap(lambda part: part.energy(e))(self.each))
 
-    def force(self, e: Local) -> Local:
+    def force(self, e: Array) -> Array:
         return total(jax.vmap(lambda part: part.force(e))(self.each))
 
-    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+    def tangent(self, e: Array) -> Array:
         return total(jax.vmap(lambda part: part.tangent(e))(self.each))
 
 

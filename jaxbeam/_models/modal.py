@@ -24,8 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of
-from jaxbeam._models.base import BandTables, LinearSystem, count_functions
+from jaxbeam._checks import count_functions, kind_of
+from jaxbeam._models.base import BandTables, LinearSystem
 from jaxbeam._models.basis import Basis, Polynomials
 from jaxbeam._models.cartesian import (
     CartesianEquations,
@@ -124,7 +124,10 @@ class Hybrid(_Linear):
                 "frequencies of a coned beam"
             )
         if rotor.couples_bending or rotor.tip is not None:
-            raise ValueError("precone goes neither with pitch and twist nor with a body at the tip")
+            raise ValueError(
+                "precone: here it goes neither with pitch and twist nor with a body at the tip; "
+                "take SpatialANCF"
+            )
         return coned_system(rotor, speed, self.basis, self.counts[1:], self.families)
 
     def bands(self) -> BandTables | None:

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
 
-from jaxbeam._checks import kind_of, known_array
-from jaxbeam._models.base import Family, count_functions
+from jaxbeam._checks import count_functions, kind_of, known_array
 from jaxbeam._models.basis import Basis, Functions, Polynomials, Rule, hermite, segments
+from jaxbeam._models.families import Family
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._types import Real, is_known

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxbeam._models.base import Family
 from jaxbeam._models.basis import Basis, Functions, Rule, bending_integrals, stretch_integrals
+from jaxbeam._models.families import Family
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Matrix
@@ -158,13 +158,21 @@ def _varying_stiffness(basis: Basis, counts: Counts, rotor: Rotor) -> Matrix:
 def turned(rotor: Rotor, xi: np.ndarray, in_plane: Any, flap: Any) -> tuple[Any, Any]:
     """Curvatures or slopes (..., p) in the axes of sections, which twist and pitch turn: about that
     of the stiffness in plane, and across."""
-    if not rotor.couples_bending:
+    angle = section_angle(rotor, xi)
+    if angle is None:
         return in_plane, flap
+    cos, sin = jnp.cos(angle)[None], jnp.sin(angle)[None]
+    return in_plane * cos + flap * sin, flap * cos - in_plane * sin
+
+
+def section_angle(rotor: Rotor, xi: np.ndarray) -> Any:
+    """The angle by which twist and pitch turn sections, (p,); None where they are not turned."""
+    if not rotor.couples_bending:
+        return None
     angle = jnp.zeros(xi.size)
     for turn in (rotor.beam.twist, rotor.pitch):
         angle = angle if turn is None else angle + along(turn, xi)
-    cos, sin = jnp.cos(angle)[None], jnp.sin(angle)[None]
-    return in_plane * cos + flap * sin, flap * cos - in_plane * sin
+    return angle
 
 
 def _springs(known: Tables, rotor: Rotor) -> Matrix:
@@ -182,9 +190,8 @@ def check_root(model: str, basis: Basis, counts: Counts, rotor: Rotor, coned: bo
     `coned` only where a model may be."""
     if rotor.precone is not None and not coned:
         raise ValueError(
-            f"precone: {model} has no motion of a coned beam. Frequencies are those of "
-            "Hybrid(n_stretch=0), about the deflected steady state; else leave it out, which for "
-            "soft beams is the smaller error"
+            f"precone: {model} has no motion of a coned beam: take SpatialANCF, or for frequencies "
+            "Hybrid(n_stretch=0); else leave it out, which for soft beams is the smaller error"
         )
     ways = zip(FAMILIES[1:], ("in_plane", "flap"), rotor.springs, counts[1:], strict=True)
     for family, name, spring, count in ways:
@@ -213,10 +220,9 @@ def foreshortening(
     """int_0^xi f' f' of functions that bend the same way, for a unit beam."""
     family = np.repeat(np.arange(3), counts)
     same = (family[:, None] == family) & (family > 0)
-    out = []
-    for end in xi:
-        # Rescaled to [0, xi], a rule stays exact for smooth functions.
-        points, w = basis.up_to(max(counts), end)
-        f = all_functions(basis, counts, points).slope
-        out.append((f.T @ (w[:, None] * f)) * same)
-    return np.stack(out)
+    # Rescaled to [0, xi], a rule stays exact for smooth functions.
+    rules = [basis.up_to(max(counts), end) for end in xi]
+    points, w = np.stack([rule[0] for rule in rules]), np.stack([rule[1] for rule in rules])
+    # All of them at once: of polynomials the recurrences take much longer than the values.
+    f = all_functions(basis, counts, points.ravel()).slope.reshape(*points.shape, family.size)
+    return f.swapaxes(1, 2) @ (w[:, :, None] * f) * same

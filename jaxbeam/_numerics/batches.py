@@ -8,6 +8,8 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array
 
+from jaxbeam._numerics.platforms import by_platform
+
 # From the number of cases, which leaves are of each case, and all leaves, to results (n, ...).
 Many = Callable[[int, tuple[bool, ...], list[Array]], Any]
 
@@ -66,9 +68,7 @@ def _batch(
         def on_cpu(leaves: list[Array]) -> Any:
             return jax.lax.map(each, [a for a, v in zip(leaves, varies, strict=True) if v])
 
-        return jax.lax.platform_dependent(
-            leaves, cpu=on_cpu, default=lambda leaves: as_one(more, varies, leaves)
-        )
+        return by_platform(leaves, cpu=on_cpu, default=lambda leaves: as_one(more, varies, leaves))
 
     @function.def_vmap
     def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:

@@ -21,16 +21,17 @@ from jaxtyping import Array
 
 from jaxbeam._numerics.batches import CPU_LANES, batchable
 from jaxbeam._numerics.lanes import total
+from jaxbeam._numerics.platforms import by_platform
 
 # What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
 # (they go to libraries), scattering, sorting or calls of any other kind.
 # fmt: off
 _ALLOWED = frozenset({
-    "abs", "add", "add_any", "and", "broadcast_in_dim", "clamp", "concatenate",
+    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "concatenate",
     "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
     "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
     "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reduce_and", "reduce_or", "reduce_sum", "reshape", "rev", "rsqrt", "scan", "select_n",
+    "reduce_and", "reduce_or", "reduce_sum", "reshape", "rev", "round", "rsqrt", "scan", "select_n",
     "sign", "sin", "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub",
     "transpose", "unstack", "while", "zeros_like",
 })
@@ -220,7 +221,7 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
 
             if size <= CPU_LANES:
                 return by(size)(leaves)
-            return jax.lax.platform_dependent(leaves, cpu=by(CPU_LANES), default=by(size))
+            return by_platform(leaves, cpu=by(CPU_LANES), default=by(size))
 
         def alone(leaves: list[Array]) -> Any:
             return one(*jax.tree.unflatten(tree, leaves))
@@ -281,7 +282,7 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
             how = {"xla_cpu_small_call": "true", "inlineable": "false"}
             return set_xla_metadata(one_function(*args), **how)[0]
 
-        return jax.lax.platform_dependent(*args, cpu=fast, default=function)
+        return by_platform(*args, cpu=fast, default=function)
 
     return run
 

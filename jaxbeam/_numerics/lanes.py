@@ -37,6 +37,8 @@ def beside(table: Any, axes: int) -> Any:
 
 def total(x: Float[Array, "n *rest"]) -> Float[Array, "*rest"]:
     """Sum along the first axis, by halves."""
+    if len(x) == 3:  # the same sum, in fewer operations
+        return x[0] + x[1] + x[2]
     while len(x) > 1:
         half = len(x) // 2
         x = jnp.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])

@@ -312,6 +312,38 @@ def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array,
     return solver
 
 
+def gyroscopic_eigenpairs(
+    mass: Float[Array, "n n"], gyroscopic: Float[Array, "n n"], stiffness: Float[Array, "n n"]
+) -> BlockPairs:
+    """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda > 0, lowest first, for
+    any skew G and K positive definite; else `positive` is 0 and results are NaN.
+
+    With K = L L^T, M = F F^T the skew matrix
+
+        [[-L^-1 G L^-T, -L^-1 F], [F^T L^-T, 0]]
+
+    has the eigenvalues 1 / lambda, the lowest frequencies for the largest. Eigenvectors have unit
+    modal mass, x^H M x = 1, and any phase.
+    """
+    return BlockPairs(*_gyroscopic(mass, gyroscopic, stiffness))
+
+
+@sequential_vmap
+def _gyroscopic(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+    n, lower = m.shape[0], _cholesky(k)
+    stable = jnp.all(jnp.isfinite(lower)) & jnp.all(jnp.isfinite(m + gyro))
+    lower = jnp.where(stable, lower, jnp.eye(n, dtype=m.dtype))
+    turned = _lower_solve(lower, _lower_solve(lower, gyro).T).T
+    mixed = _lower_solve(lower, _cholesky(m))
+    skew = jnp.block([[-turned, -mixed], [mixed.T, jnp.zeros_like(m)]])
+    y, nu = jax.lax.linalg.eigh(1j * (skew - skew.T) / 2, symmetrize_input=False)
+    x = _lower_solve(lower + 0j, y[:n, ::-1][:, :n], transpose=True)
+    x = x / jnp.sqrt(jnp.sum((x.conj() * (m @ x)).real, axis=0))[None]
+    lam = 1j / nu[::-1][:n]
+    fine = jnp.where(stable, 1.0, jnp.nan)
+    return fine * lam, fine * x.T, stable.astype(int)
+
+
 @sequential_vmap
 def symmetric_modes(
     mass: Float[Array, "n n"], stiffness: Float[Array, "n n"]

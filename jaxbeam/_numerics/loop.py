@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool
 
 from jaxbeam._numerics.anywhere import anywhere
 from jaxbeam._numerics.batches import CPU_LANES, batchable
+from jaxbeam._numerics.platforms import by_platform
 
 _MANY = 8192  # cases that other devices than a CPU work on together
 
@@ -87,7 +88,7 @@ def _loop(more: GoesOn, once: Step, given: _Leaves, start: _Leaves, riders: _Rid
         )
         if size <= CPU_LANES:
             return ensemble.together(moving, leaves[count:])
-        return jax.lax.platform_dependent(
+        return by_platform(
             moving, leaves[count:], cpu=ensemble.by(CPU_LANES), default=ensemble.by(_MANY)
         )
 

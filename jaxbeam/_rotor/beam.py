@@ -8,7 +8,7 @@ Technical Report MBS99-5-UIC, 1999.
 
 import dataclasses
 import warnings
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,7 @@ from jaxbeam._rotor.spanwise import (
     mean,
     points_within,
 )
+from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple
 
@@ -49,6 +50,10 @@ class Beam(Parameters):
     turned about the beam, its first axis (of the in-plane stiffness) towards the third of the hub;
     the same for all sections it is a pitch. Every number is a leaf, so any of them can be swept,
     fitted or differentiated.
+
+    Models in space want to know how it twists: `torsional_stiffness` GJ in N m^2, > 0, and
+    `polar_inertia`, the moment of inertia about the beam per length, in kg m, > 0; without the
+    latter that of a solid section, rho (EI_zz + EI_yy) / EA. No other model looks at them.
     """
 
     length: Scalar = parameter(Status.INVALID_LENGTH)
@@ -57,6 +62,8 @@ class Beam(Parameters):
     in_plane_bending_stiffness: Property = along_span(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
     flap_bending_stiffness: Property = along_span(Status.INVALID_FLAP_BENDING_STIFFNESS)
     twist: Property | None = optional(Status.INVALID_TWIST, zero=None, varies=True)
+    torsional_stiffness: Property | None = optional(Status.INVALID_TORSIONAL_STIFFNESS, varies=True)
+    polar_inertia: Property | None = optional(Status.INVALID_POLAR_INERTIA, varies=True)
 
     def __init__(
         self,
@@ -66,6 +73,8 @@ class Beam(Parameters):
         in_plane_bending_stiffness: Real | AbstractSpanwise,
         flap_bending_stiffness: Real | AbstractSpanwise,
         twist: Real | AbstractSpanwise | None = None,
+        torsional_stiffness: Real | AbstractSpanwise | None = None,
+        polar_inertia: Real | AbstractSpanwise | None = None,
     ) -> None:
         self._take(locals())
 
@@ -335,49 +344,6 @@ def tension(
         mass * (spin2 * hub_radius - axial),
         mass * spin2 * length,
     )
-
-
-class SpringRotor(Parameters):
-    """The discrete analogue of a rotating beam (Y, section 6, Fig. 10, Table 2).
-
-    A particle slides in a massless tube that is hinged at the distance `hub_radius` from the axis;
-    one spring acts along the tube, one at the hinge.
-
-    | field                 | symbol | unit   | allowed |
-    |-----------------------|--------|--------|---------|
-    | mass                  | m      | kg     | > 0     |
-    | length                | L      | m      | > 0     |
-    | hub_radius            | d      | m      | >= 0    |
-    | translational_spring  | k_T    | N/m    | > 0     |
-    | torsional_spring      | k_r    | N m    | > 0     |
-    """
-
-    mass: Scalar = parameter(Status.INVALID_MASS)
-    length: Scalar = parameter(Status.INVALID_LENGTH)
-    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
-    translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
-    torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
-    is_plain: ClassVar[bool] = True
-
-    def __init__(
-        self,
-        mass: Real,
-        length: Real,
-        hub_radius: Real,
-        translational_spring: Real,
-        torsional_spring: Real,
-    ) -> None:
-        self._take(locals())
-
-    @property
-    def frequency_scale(self) -> Number:
-        """(k_r / (m L^2))^(1/2), in rad/s."""
-        return jnp.sqrt(self.torsional_spring / self.mass) / self.length
-
-    @property
-    def compliance(self) -> Float[Array, "2"]:
-        """Deflection of the tip by a moment about the hinge, in 1/N; in plane alone."""
-        return jnp.stack([self.length / self.torsional_spring, jnp.zeros_like(self.length)])
 
 
 AnyRotor = Rotor | SpringRotor  # whichever a model takes, its `rotor_type`

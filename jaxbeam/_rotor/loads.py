@@ -1,4 +1,4 @@
-"""What acts on the beam beside its hub: gravity, a force at the tip, damping."""
+"""What acts on the beam beside its hub: gravity, a force and a moment at the tip, damping."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import real_array, real_scalar, require
+from jaxbeam._checks import kind_of, real_array, real_scalar, require
 from jaxbeam._rotor.motion import (
     Times,
     check_function_of_time,
@@ -19,16 +19,40 @@ from jaxbeam._rotor.motion import (
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Triple, is_known
 
+TipPart = Triple | Callable[[Scalar], Triple] | None
+
+
+class TipLoad(eqx.Module):
+    """A force (N) and a moment (N m) at the tip, in hub axes or, if they follow, in those of the
+    section there: the tangent, and the axes which the least rotation from a1 and the twist bring to
+    where a2 and a3 were."""
+
+    force: Triple
+    moment: Triple
+    follows: bool = eqx.field(static=True)
+
+
+def bending(load: Triple | TipLoad, length: Scalar) -> Float[Array, "2"]:
+    """Moments about the root, in plane and in flap, in N m, of what is at the tip of a straight
+    beam."""
+    if not isinstance(load, TipLoad):
+        return length * load[1:]
+    _, lowering, turning = load.moment
+    return length * load.force[1:] + jnp.stack([turning, -lowering])
+
 
 class Loads(eqx.Module):
     """External loads, none by default.
 
-    | field     | unit  |                                                                        |
-    |-----------|-------|------------------------------------------------------------------------|
-    | gravity   | m/s^2 | shape (3,), in inertial axes: those of the hub at angle zero           |
-    | tip_force | N     | shape (3,) or a function of time to (3,), in hub axes: a1, a2, a3      |
-    | changes   | s     | times at which `tip_force` begins or ends something smoothly           |
-    | jumps     | s     | times at which `tip_force` jumps                                       |
+    | field      | unit  |                                                                       |
+    |------------|-------|-----------------------------------------------------------------------|
+    | gravity    | m/s^2 | shape (3,), in inertial axes: those of the hub at angle zero          |
+    | tip_force  | N     | shape (3,) or a function of time to (3,), in hub axes: a1, a2, a3     |
+    | tip_moment | N m   | the same; of `SpatialANCF` alone                                      |
+    | follows    |       | whether force and moment at the tip turn with the section there, as a |
+    |            |       | thruster does: their axes are those of the section (see `TipLoad`)    |
+    | changes    | s     | times at which a load at the tip begins or ends something smoothly    |
+    | jumps      | s     | times at which it jumps                                               |
 
     A force along the beam stiffens it in tension and softens it in compression in every model
     that knows of `Rotor.tension`. A callable that is a pytree carries its parameters as leaves.
@@ -37,27 +61,43 @@ class Loads(eqx.Module):
     """
 
     gravity: Triple | None
-    tip_force: Triple | Callable[[Scalar], Triple] | None
+    tip_force: TipPart
+    tip_moment: TipPart
     changes: Times | None
     jumps: Float[Array, " j"] | None
+    follows: bool = eqx.field(static=True)
 
     def __init__(
-        self, gravity: Any = None, tip_force: Any = None, changes: Any = (), jumps: Any = ()
-    ) -> None:
+        self, gravity: Any = None, tip_force: Any = None, changes: Any = (), jumps: Any = (),
+        *, tip_moment: Any = None, follows: bool = False,
+    ) -> None:  # fmt: skip
         # No arrays where there are none, so that `NO_LOADS` starts no backend of JAX.
         self.changes = time_list("changes", changes) if np.size(changes) else None
         self.jumps = time_list("jumps", jumps) if np.size(jumps) else None
         self.gravity = None if gravity is None else _triple("gravity", gravity)
-        if callable(tip_force):
-            check_function_of_time("tip_force", tip_force, (3,))
-            self.tip_force = function_of_time(tip_force)
-        else:
-            self.tip_force = None if tip_force is None else _triple("tip_force", tip_force)
+        self.tip_force = _at_any_time("tip_force", tip_force)
+        self.tip_moment = _at_any_time("tip_moment", tip_moment)
+        if not isinstance(follows, bool):
+            raise TypeError(f"follows must be True or False, got {kind_of(follows)}")
+        self.follows = follows
 
-    def at_tip(self, t: Scalar) -> Triple | None:
-        """Force at the tip at time t."""
-        force = self.tip_force
-        return jnp.asarray(force(t)) if callable(force) else force
+    @property
+    def is_plain(self) -> bool:
+        """Whether all there is at the tip is a force in hub axes."""
+        return self.tip_moment is None and not (self.follows and self.tip_force is not None)
+
+    def at_tip(self, t: Scalar) -> Triple | TipLoad | None:
+        """What acts at the tip at time t: its force, where that is all."""
+        force, moment = (
+            jnp.asarray(part(t)) if callable(part) else part
+            for part in (self.tip_force, self.tip_moment)
+        )
+        if self.is_plain:
+            return force
+        none = jnp.zeros(3, t.dtype)
+        return TipLoad(
+            none if force is None else force, none if moment is None else moment, self.follows
+        )
 
     def change_times(self) -> Times:
         """The times that were given as `changes`."""
@@ -93,6 +133,13 @@ def _rate(name: str, value: Any) -> Scalar | None:
         number = float(np.asarray(value))
         require(Status.INVALID_DAMPING, bool(np.isfinite(number)) and number >= 0, number)
     return value
+
+
+def _at_any_time(name: str, value: Any) -> TipPart:
+    if callable(value):
+        check_function_of_time(name, value, (3,))
+        return function_of_time(value)
+    return None if value is None else _triple(name, value)
 
 
 def _triple(name: str, value: Any) -> Triple:

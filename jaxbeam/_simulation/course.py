@@ -84,7 +84,7 @@ class Course(eqx.Module):
 def _signals(hub: Hub, force: Any) -> Float[Array, "c k"]:
     """What forces depend on, one number each, relative to its largest."""
     parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
-    parts += [hub.angular_velocity_rate] + ([] if force is None else [force])
+    parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]  # which may be a `TipLoad`
     signals = jnp.stack([_ASLANT @ part.T for part in parts])
     largest = jnp.max(jnp.abs(signals), 1, keepdims=True)
     return signals / jnp.where(largest > 0, largest, 1.0)

@@ -81,8 +81,16 @@ class Simulation(eqx.Module):
 
     @per_case
     def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
-        """In-plane and flap curvature, in 1/m: surface strain is the axial one less y times it."""
+        """In-plane and flap curvature, in 1/m, in axes that turn with the section, but not with
+        pitch and twist that the beam has by itself: surface strain is the axial one less y times
+        it."""
         return self._each(_curvature, *_points(xi))
+
+    @per_case
+    def twist(self, xi: Any = 1.0) -> Float[Array, "T p"]:
+        """Angle, in rad, by which the section has turned about the tangent from where the least
+        rotation from a1 to the tangent brings it: zero but in `SpatialANCF`."""
+        return self._each(_twist, *_points(xi))
 
     @property
     @per_case
@@ -182,6 +190,10 @@ def _strain(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]
 
 def _curvature(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 2"]:
     return scene.equations.curvature(y.q, np.array(xi))
+
+
+def _twist(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
+    return scene.equations.twist(y.q, np.array(xi))
 
 
 def _strain_energy(scene: Scene, t: Scalar, y: State) -> Scalar:

@@ -6,23 +6,20 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, real_array, require
-from jaxbeam._models.base import AbstractModel, Equations, Family
+from jaxbeam._models.base import AbstractModel, Equations
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import inverse
-from jaxbeam._results import harmless, without_derivatives
+from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._status import Status
-from jaxbeam._types import Code, Matrix, Number, Scalar, Triple, Vector, is_known
+from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
-Inputs = tuple[Hub, Triple | None]
+Inputs = tuple[Hub, Any]  # what is at the tip being a force, a `TipLoad` or None
 
 
 class Scene(SecondOrderSystem):
@@ -50,7 +47,7 @@ class Scene(SecondOrderSystem):
         times: Array | None = None,
     ) -> None:  # fmt: skip
         """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
-        self.equations = model.equations(rotor)
+        self.equations = equations_under(model, rotor, loads)
         self.inverse_mass = None
         self.motion, self.loads, self.damping = motion, loads, damping
         size = self.equations.size
@@ -70,9 +67,9 @@ class Scene(SecondOrderSystem):
         without: Scene = eqx.tree_at(
             lambda s: (
                 s.inverse_mass, s.motion, s.gap, s.end,
-                s.loads.tip_force, s.loads.changes, s.loads.jumps,
+                s.loads.tip_force, s.loads.tip_moment, s.loads.changes, s.loads.jumps,
             ),
-            self, (None,) * 7, is_leaf=lambda leaf: leaf is None,
+            self, (None,) * 8, is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 
@@ -92,13 +89,13 @@ class Scene(SecondOrderSystem):
     def traced(self, t: Scalar) -> "Scene":
         """The same scene, with all that motion and loads are made of as leaves, what functions of
         the user close over too, and without tracing them ever again; t is any time."""
-        gravity, force = self.loads.gravity, self.loads.tip_force
+        gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
         motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
-        if callable(force):
-            force = eqx.filter_closure_convert(lambda t: self.loads.at_tip(t), t)  # type: ignore[arg-type, return-value]
+        force, moment = (_converted(part, t) for part in (loads.tip_force, loads.tip_moment))
         scene: Scene = eqx.tree_at(
-            lambda s: (s.motion, s.loads.tip_force), self, (motion, force),
+            lambda s: (s.motion, s.loads.tip_force, s.loads.tip_moment),
+            self, (motion, force, moment),
             is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return scene
@@ -218,7 +215,7 @@ class Scene(SecondOrderSystem):
         if self.loads.gravity is not None:
             out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (v,))[1])
         if tip_force is not None:
-            out = out + total(tip_force * jax.jvp(equations.tip, (q,), (v,))[1])
+            out = out + equations.tip_power(q, v, tip_force)
         return out / self.work_unit
 
     def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Number:
@@ -253,20 +250,20 @@ class Scene(SecondOrderSystem):
 
     def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """Kinetic energy in the inertial frame, in J."""
-        mass, first, second = self.equations.rigid
-        beam = jnp.zeros(3, q.dtype).at[0].set(first)
+        mass, first, inertia, _ = self.equations.undeformed
         rigid = (
             mass * (velocity @ velocity) / 2
-            + velocity @ skew(spin) @ beam
-            + second * (spin[1] ** 2 + spin[2] ** 2) / 2
+            + velocity @ skew(spin) @ first
+            + spin @ inertia @ spin / 2
         )
         return rigid + self.equations.kinetic_energy(q, v, velocity, spin)
 
     def reaction(self, t: Scalar, y: State) -> tuple[Triple, Triple]:
         """Force and moment about the centre of the hub by which the hub moves the beam.
 
-        F = p' + omega x p - M g - F_tip, C = H' + omega x H + v x p - S x g - r_tip x F_tip, with
-        p = dT/dv and H = dT/domega. Damping by `Damping.mass` is taken to act between hub and beam.
+        F = p' + omega x p - M g - F_tip, C = H' + omega x H + v x p - S x g - r_tip x F_tip -
+        M_tip, with p = dT/dv and H = dT/domega. Damping by `Damping.mass` is taken to act between
+        hub and beam.
         """
         hub, q, v = self.hub(t), y.q, y.v
         a = self.acceleration(t, q, v)
@@ -275,16 +272,16 @@ class Scene(SecondOrderSystem):
             (q, v, hub.velocity, hub.angular_velocity),
             (v, a, hub.velocity_rate, hub.angular_velocity_rate),
         )
-        mass, first, _ = self.equations.rigid
-        along = jnp.zeros(3, q.dtype).at[0].set(1.0)
-        moment = self.equations.first_moment(q) + first * along
+        mass, first, _, end = self.equations.undeformed
+        moment = self.equations.first_moment(q) + first
         force = dp + skew(hub.angular_velocity) @ p - mass * hub.gravity
         couple = dh + skew(hub.angular_velocity) @ h + skew(hub.velocity) @ p
         couple = couple - skew(moment) @ hub.gravity
         tip = self.loads.at_tip(t)
         if tip is not None:
-            end = self.equations.tip(q) + self.equations.end * along
-            force, couple = force - tip, couple - skew(end) @ tip
+            end = self.equations.tip(q) + end
+            push, moment = self.equations.tip_action(q, tip)
+            force, couple = force - push, couple - skew(end) @ push - moment
         return force, couple
 
 
@@ -313,87 +310,23 @@ def _moved(y: State, rate: State, h: Scalar) -> State:
     return State(y.q + h * rate.q, y.v + h * rate.v, y.work)
 
 
-def scene_status(
-    model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
-    times: Array, between: Array,
-) -> tuple[Code, Any]:  # fmt: skip
-    """The first thing that is out of range, at output times or at others `between`; and rotor,
-    motion, loads, damping and inputs at the latter, each harmless where it is not in range (each
-    by itself: what the cases of a batch share stays one for all)."""
+def _converted(part: Any, t: Scalar) -> Any:
+    """A function of time with all its numbers as leaves, those that it closes over too. (Not those
+    of default arguments, which would be one for all cases.)"""
 
-    def seen(t: Scalar) -> Inputs:
-        return motion.hub(t, loads.gravity), loads.at_tip(t)
+    def at(t: Scalar) -> Array:
+        return jnp.asarray(part(t))
 
-    def one(t: Scalar, x: Inputs) -> tuple[Array, Array, Array]:
-        hub, force = x
-        force = jnp.zeros(3, t.dtype) if force is None else force
-        turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
-        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2]])
-        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], jnp.max(jnp.abs(push)), force[1]])
-        planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
-        moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
-        return moves, jnp.all(jnp.isfinite(force)) & jnp.all(jnp.isfinite(hub.gravity)), planar
-
-    moments = jnp.concatenate([between, times])
-    inputs = jax.vmap(seen)(moments)
-    moves, loaded, planar = jax.vmap(one)(moments, inputs)
-    rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
-    status = jnp.asarray(Status.OK)
-    if Family.FLAP not in model.families:
-        status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
-    for ok, code in (
-        (jnp.all(loaded), Status.INVALID_LOAD),
-        (jnp.all(moves), Status.INVALID_MOTION),
-        (increasing(times), Status.INVALID_TIMES),
-    ):
-        status = jnp.where(ok, status, code)
-    seen = jax.tree.map(lambda a: a[: between.size], inputs)
-    motion, loads, seen = harmless(status == Status.OK, (motion, loads, seen))
-    calm = jnp.all(jnp.isfinite(rates) & (rates >= 0))
-    given = rotor.status(jnp.zeros((), times.dtype))
-    rotor, damping = harmless(given == Status.OK, rotor), harmless(calm, damping)
-    status = jnp.where(calm | (status == Status.INVALID_TIMES), status, Status.INVALID_DAMPING)
-    status = jnp.where(given == Status.OK, status, given).astype(int)
-    return status, (rotor, motion, loads, damping, seen)
+    return eqx.filter_closure_convert(at, t) if callable(part) else part
 
 
-def increasing(times: Array) -> Array:
-    """Whether times are finite and increasing."""
-    return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
-
-
-def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
-    for name, value, kind in (
-        ("motion", motion, Motion), ("loads", loads, Loads), ("damping", damping, Damping)
-    ):  # fmt: skip
-        if not isinstance(value, kind):
-            article = "a" if kind is Motion else "of class"
-            raise TypeError(f"{name} must be {article} {kind.__name__}, got {kind_of(value)}")
-    shapes = [a.shape for a in eqx.filter_eval_shape(motion.twist, t)]
-    if shapes != [(3,), (3,)]:
-        raise ValueError(f"motion.twist must return two vectors of shape (3,), got {shapes}")
-    if loads.gravity is not None:
-        eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
-
-
-def checked_times(times: Any) -> Array:
-    times = real_array("times", times)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
-    if is_known(times):
-        known = np.asarray(times)
-        require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
-        require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)
-    return times
-
-
-def checked_start(model: AbstractModel, start: Any) -> State:
-    """The state, if it is one of this model, without work done."""
-    if not isinstance(start, State):
-        raise TypeError(f"start must be a State, got {kind_of(start)}")
-    n = len(model.families)
-    parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
-    for name, part in zip(("q", "v"), parts, strict=True):
-        if part.shape != (n,):
-            raise ValueError(f"start.{name} must have shape ({n},), got {part.shape}")
-    return State(*parts)
+def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equations:
+    """Equations of motion, if they can bear what is at the tip."""
+    equations = model.equations(rotor)
+    if loads.is_plain or equations.takes_moments:
+        return equations
+    name = "follows" if loads.tip_moment is None else "tip_moment"
+    raise ValueError(
+        f"loads.{name}: {type(model).__name__} takes a force in hub axes alone at its tip; "
+        "take jaxbeam.SpatialANCF, or leave it out"
+    )

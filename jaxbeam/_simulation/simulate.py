@@ -10,26 +10,25 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, positive, real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case, count_functions, equilibrium
+from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
+from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
-from jaxbeam._simulation.course import SAMPLES, Course, during
-from jaxbeam._simulation.following import LOST, Struck, following
-from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
-from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import (
-    Inputs,
-    Scene,
+from jaxbeam._simulation.checks import (
     check_scene,
     checked_start,
     checked_times,
     increasing,
     scene_status,
 )
+from jaxbeam._simulation.course import SAMPLES, Course, during
+from jaxbeam._simulation.following import LOST, Struck, following
+from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
+from jaxbeam._simulation.result import Simulation, checked_point
+from jaxbeam._simulation.scene import Inputs, Scene, equations_under
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver, compute
 from jaxbeam._solvers.system import State
@@ -86,6 +85,7 @@ def simulate(
       kept. With an `event` of your own, or `BacksolveAdjoint`, it goes on;
     - the hub's velocity jumps, by more than 1e-5 of its largest, where no jump is declared
       (`UNRESOLVED`): the run ends there, and what came before is kept;
+    - an element in space is bent, twisted or stretched beyond its range (`OUT_OF_RANGE`);
     - the energy is out of balance with the work done by more than `balance_tolerance` times the
       largest energy (`UNBALANCED`): a loose tolerance with an explicit solver can return a success
       that is nonsense.
@@ -236,6 +236,8 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
     status = jnp.asarray(Status.OK)
     unbalanced = jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance))
     status = jnp.where(unbalanced, Status.UNBALANCED, status)
+    fits = jax.vmap(now.equations.is_in_range)(without_derivatives(state.q))
+    status = jnp.where(jnp.any(reached & ~fits), Status.OUT_OF_RANGE, status)
     status = jnp.where(jnp.any(reached & far), Status.DIVERGED, status)
     finite = jax.tree.map(lambda a: jnp.all(jnp.isfinite(a) | ~_beside(reached, a)), state)
     status = jnp.where(jax.tree.reduce(jnp.logical_and, finite), status, Status.NOT_FINITE)
@@ -305,7 +307,7 @@ def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Inputs) -> tuple[
     across = jax.vmap(lambda hub: hub.acceleration)(hub)[:, 1:]
     moment = across * (first - radius * mass) + jnp.stack(turn, 1) * (second - radius * first)
     if force is not None:
-        moment = moment - force[:, 1:] * equations.size
+        moment = moment - jax.vmap(lambda load: bending(load, equations.size))(force)
     static = moment * rotor.compliance[None]
     at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
     # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
@@ -371,7 +373,7 @@ def _steady(
     hub = motion.hub(t, loads.gravity)
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
-    q, status = equilibrium(model.equations(rotor), hub, loads.at_tip(t))
+    q, status = equilibrium(equations_under(model, rotor, loads), hub, loads.at_tip(t))
     status = jnp.where(given == Status.OK, status, given)
     q = where_known(status == Status.OK, q)
     return State(q, jnp.zeros_like(q)), status

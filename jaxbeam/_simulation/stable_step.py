@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._checks import kind_of, positive, real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case, count_functions
+from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
+from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import AnyRotor

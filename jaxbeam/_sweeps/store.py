@@ -42,6 +42,14 @@ class Spec(NamedTuple):
         return np.full((n, *self.shape), filled, self.dtype)
 
 
+class Part(NamedTuple):
+    """A chunk: results by name, and messages of the cases that raised, by their place in it."""
+
+    results: dict[str, np.ndarray]
+    errors: dict[int, str]
+    computed: bool = True  # not where every worker died that tried to
+
+
 class _Chunks:
     """How cases are divided: `chunk` of them at a time, the last chunk holds the rest."""
 
@@ -52,6 +60,10 @@ class _Chunks:
     def length(self, number: int) -> int:
         """The number of cases in a chunk."""
         return min(self.chunk, self.n - number * self.chunk)
+
+    def by_case(self, number: int, part: Part) -> dict[int, str]:
+        """Messages of a chunk by number of case."""
+        return {number * self.chunk + place: text for place, text in part.errors.items()}
 
 
 class Memory(_Chunks):
@@ -67,13 +79,13 @@ class Memory(_Chunks):
         """Numbers of the chunks that are not there."""
         return list(self._left)
 
-    def put(self, number: int, part: Mapping[str, np.ndarray], errors: dict[int, str]) -> None:
-        """Keep a chunk, and the messages of its cases that raised, by number of case."""
+    def put(self, number: int, part: Part) -> None:
+        """Keep a chunk."""
         start = number * self.chunk
         del self._left[number]
-        for name, values in part.items():
+        for name, values in part.results.items():
             self._results[name][start : start + len(values)] = values
-        self._errors |= errors
+        self._errors |= self.by_case(number, part)
 
     def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
         """Results and messages of all cases."""
@@ -82,13 +94,11 @@ class Memory(_Chunks):
 
 
 class Folder(_Chunks):
-    """Results in a folder, made by `opened` or `reopened`; others write where `writes` is False."""
+    """Results in a folder, made by `opened` or `reopened`."""
 
-    def __init__(
-        self, folder: Path, specs: Mapping[str, Spec], n: int, chunk: int, writes: bool
-    ) -> None:
+    def __init__(self, folder: Path, specs: Mapping[str, Spec], n: int, chunk: int) -> None:
         super().__init__(n, chunk)
-        self.folder, self.specs, self.writes = folder, specs, writes
+        self.folder, self.specs = folder, specs
         self.errors: dict[int, dict[int, str]] = {}  # of the finished chunks, by number
         index = folder / "index.txt"
         lines = index.read_bytes().split(b"\n") if index.exists() else []
@@ -103,17 +113,17 @@ class Folder(_Chunks):
         """Numbers of the chunks that are not there, or not whole."""
         return [k for k in range(self.number) if k not in self.errors]
 
-    def put(self, number: int, part: Mapping[str, np.ndarray], errors: dict[int, str]) -> None:
-        """Write a chunk, and the messages of its cases that raised, by number of case."""
-        self.errors[number] = errors
-        if not self.writes:
-            return
+    def put(self, number: int, part: Part) -> None:
+        """Write a chunk; one that was not computed is missing when the folder is opened again."""
+        self.errors[number] = errors = self.by_case(number, part)
         try:
             checks = {}
-            for name, values in part.items():
+            for name, values in part.results.items():
                 data = np.ascontiguousarray(values, self.specs[name].dtype).tobytes()
                 checks[name] = zlib.crc32(data)
                 self._write(name, number, data)
+            if not part.computed:
+                return
             text = json.dumps({"chunk": number, "checks": checks, "errors": errors}).encode()
             with open(self.folder / "index.txt", "ab+") as file:
                 # A line that a dying process left half done must not swallow this one.
@@ -189,7 +199,7 @@ class Folder(_Chunks):
 
 
 def opened(
-    folder: Path, identity: dict[str, Any], specs: Mapping[str, Spec], cases: Cases, writes: bool
+    folder: Path, identity: dict[str, Any], specs: Mapping[str, Spec], cases: Cases
 ) -> Folder:
     """The folder of this sweep, new or to go on with; one of another sweep is refused."""
     results = {name: [spec.dtype.str, list(spec.shape)] for name, spec in specs.items()}
@@ -200,8 +210,6 @@ def opened(
         there = os.listdir(folder) if folder.exists() else []
         if "sweep.json" in there:
             _refuse_another(folder, _identity(folder), described)
-        elif not writes:
-            raise ValueError(f"{folder} must be in a file system that all processes share")
         elif any(not name.startswith(_NEW) for name in there):
             raise ValueError(
                 f"{folder} holds files that are not of a sweep: name a folder that is new or empty"
@@ -210,7 +218,7 @@ def opened(
             folder.mkdir(parents=True, exist_ok=True)
             described["check"] = _digest(described)
             _replace(folder / "sweep.json", json.dumps(described, indent=2).encode())
-        if writes and not _whole(_cases(folder), identity):
+        if not _whole(_cases(folder), identity):
             file = io.BytesIO()
             arrays: dict[str, Any] = {f"axis:{n}": a for n, a in cases.axes.items()}
             arrays |= {f"list:{n}": a for n, a in (cases.of_list or {}).items()}
@@ -218,7 +226,7 @@ def opened(
             _replace(folder / "cases.npz", file.getvalue())
     except OSError as error:
         raise _told(error, folder) from error
-    return Folder(folder, specs, len(cases), identity["chunk"], writes)
+    return Folder(folder, specs, len(cases), identity["chunk"])
 
 
 def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
@@ -229,7 +237,7 @@ def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
     if cases is None or not _whole(cases, identity):
         raise ValueError(f"{folder}: cases.npz is missing or damaged; run the same sweep again")
     specs = {n: Spec(np.dtype(d), tuple(s)) for n, (d, s) in identity["results"].items()}
-    return Folder(folder, specs, len(cases), identity["chunk"], False), identity, cases
+    return Folder(folder, specs, len(cases), identity["chunk"]), identity, cases
 
 
 def _identity(folder: Path) -> dict[str, Any]:

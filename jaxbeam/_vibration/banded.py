@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jaxbeam._models.base import AbstractModel, BandTables, Equations, Family, NodeByNode
+from jaxbeam._models.base import AbstractModel, BandTables, Equations, NodeByNode
 from jaxbeam._models.basis import Functions, Polynomials
+from jaxbeam._models.families import Family
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
 from jaxbeam._numerics.kernel import kernel
 from jaxbeam._numerics.lanes import beside, total
@@ -23,7 +24,7 @@ from jaxbeam._vibration.ritz import combined
 from jaxbeam._vibration.spectrum import Entries, Guess, Named, chosen, coupled, transverse
 
 MOST = 6  # modes of a family that are found this way; of axial ones half as many
-Counts = tuple[int, int, int]  # in plane, flap, axial: the order of `Family`
+Counts = tuple[int, int, int, int]  # of each `Family`
 _Forms = tuple[Complex[Array, " k"], Complex[Array, " k"], Complex[Array, " k"]]
 
 
@@ -186,7 +187,7 @@ class _Polynomials(Bands):
         return Lowest(found._replace(omega=omega, x=x), rotor.steady_strain(speed))
 
     def _search(self, numbers: _Numbers, named: Named) -> Entries:
-        g, (n_bends, n_flaps, n_pulls) = numbers.speed, self.most
+        g, (n_bends, n_flaps, n_pulls, _) = numbers.speed, self.most
         inside_guess, flap_guess = self._guess(numbers)
         k, m, c = _in_plane(numbers)
         parts = ((k, 0, 7), (m, 5, 7), (c, 7, 9))[: 3 if self.stretch else 2]

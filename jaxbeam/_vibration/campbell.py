@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import known_array
-from jaxbeam._models.base import AbstractModel, Label, checked_case
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.families import Label
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._status import Status
 from jaxbeam._sweeps.cases import grid

@@ -20,22 +20,29 @@ B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifuga
 Technical Report MBS99-5-UIC, 1999.
 """
 
-from typing import Any, NamedTuple
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, Family, checked_case, planes_of
-from jaxbeam._numerics.linalg import dense, lowest_eigenpair, solve
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.families import Family
+from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.program import Program
-from jaxbeam._results import harmless, where_known, without_derivatives
+from jaxbeam._results import harmless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
+from jaxbeam._vibration.singular import (
+    AbstractPlace,
+    Groups,
+    Scan,
+    answer,
+    gives_way,
+    groups_of,
+    is_affine,
+)
 
 _SCANNED = 64  # speeds at which a model that is not affine is looked at
 
@@ -93,71 +100,30 @@ def _critical(model: AbstractModel, rotor: AnyRotor, zero: Scalar) -> CriticalSp
     rotor = harmless(fine, rotor)
     found, family, x, status = _search(model, *without_derivatives((rotor, zero)))
     status = jnp.where(fine, status, given).astype(int)
-    ok = status == Status.OK
-    exists = jnp.isfinite(found) & ok
-    place = _Place(model, family, x, exists)
-    speed = _root(place, rotor, jnp.where(exists, found, 1.0))
-    return CriticalSpeed(
-        angular_speed=where_known(ok, jnp.where(exists, speed, jnp.inf)),
-        family=family,
-        shape=jnp.where(exists, x / x[jnp.argmax(jnp.abs(x))], jnp.nan),
-        status=status,
-    )
+    exists = jnp.isfinite(found) & (status == Status.OK)
+    place = _Place(x=x, exists=exists, model=model, family=family)
+    speed, shape = answer(place, rotor, found, status)
+    return CriticalSpeed(angular_speed=speed, family=family, shape=shape, status=status)
 
 
-class _Place(eqx.Module):
-    """What is known of a critical speed, without derivatives."""
+class _Place(AbstractPlace):
+    """A critical speed."""
 
-    model: AbstractModel
-    family: Code
     x: Vector
     exists: Array
+    model: AbstractModel
+    family: Code
 
-    def bordered(self, rotor: AnyRotor, speed: Scalar) -> Scalar:
-        """The function f that is zero at the critical speed."""
-        model, x = self.model, self.x
-        # Coordinates in which K has ones on its diagonal at rest, so that the border fits.
-        rest = without_derivatives(_undeformed(model, rotor, jnp.zeros_like(speed)))
-        scale = jnp.diag(rest) ** -0.5
-        border = x / scale / jnp.linalg.norm(x / scale)
-        k = _undeformed(model, rotor, speed)
-        if not _is_affine(model, rotor):  # where a rod tears there is no state to be at
-            tears = self.family == Family.AXIAL
-            moved = model.matrices(rotor, jnp.where(tears | ~self.exists, 0.0, speed)).stiffness
-            k = jnp.where(tears, k, moved)
-        # In a case without a critical speed any regular problem will do.
-        k = jnp.where(self.exists, scale[:, None] * k * scale[None], jnp.eye(x.size))
-        system = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
-        solution = solve(system, jnp.zeros(x.size + 1).at[-1].set(1.0))
-        return jnp.where(self.exists, solution[-1], speed - 1.0)
+    def rest(self, given: AnyRotor) -> Matrix:
+        return _undeformed(self.model, given, jnp.zeros_like(self.x[0]))
 
-
-@eqx.filter_custom_jvp
-def _root(place: _Place, rotor: AnyRotor, speed: Scalar) -> Scalar:
-    """The critical speed, with its derivatives as the root of f: only where they are asked for is
-    f looked at."""
-    return speed
-
-
-@_root.def_jvp
-def _root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scalar, Scalar]:
-    place, rotor, speed = primals
-    # Through the function itself: then this rule can be differentiated again.
-    speed = _root(*primals)
-    _, change = jax.linearize(place.bordered, rotor, speed)
-    still = jax.tree.map(jnp.zeros_like, rotor)
-    rates = jax.tree.map(lambda t, z: z if t is None else t, tangents[1], still, is_leaf=_is_none)
-    slope = change(still, jnp.ones_like(speed))
-    return speed, -change(rates, jnp.zeros_like(speed)) / slope
-
-
-def _is_none(x: Any) -> bool:
-    return x is None
-
-
-def _is_affine(model: AbstractModel, rotor: AnyRotor) -> bool:
-    """Whether K is affine in Omega^2: nothing in the steady state changes it."""
-    return model.equations(rotor).is_linear or Family.AXIAL not in model.families
+    def stiffness(self, given: AnyRotor, value: Scalar) -> Matrix:
+        model, k = self.model, _undeformed(self.model, given, value)
+        if is_affine(model, given):
+            return k
+        tears = self.family == Family.AXIAL  # where a rod tears there is no state to be at
+        moved = model.matrices(given, jnp.where(tears | ~self.exists, 0.0, value)).stiffness
+        return jnp.where(tears, k, moved)
 
 
 def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
@@ -172,36 +138,39 @@ def _search(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar
 ) -> tuple[Scalar, Code, Vector, Code]:
     """Critical speed, family and direction, and a status."""
-    k0, speed, shape = _alone(model, rotor, zero)
-    present = list(_groups(model, rotor))
-    codes = jnp.asarray([int(f) for f in present])
-    if _is_affine(model, rotor):
+    groups = groups_of(model, rotor)
+    k0, speed, shape = _alone(model, rotor, zero, groups)
+    if is_affine(model, rotor):
         first = jnp.argmin(speed)
-        return speed[first], codes[first], shape[first], jnp.asarray(Status.OK)
+        return speed[first], groups.codes[first], shape[first], jnp.asarray(Status.OK)
 
-    tears = present.index(Family.AXIAL)
+    tears = groups.families.index(Family.AXIAL)
     bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
     ratio = (top / bottom) ** (1 / (_SCANNED - 1))
-    scan = _Scan(model, rotor, k0, codes, tears, top, ratio)
-    end = jax.lax.while_loop(scan.goes_on, scan.step, scan.start(zero, bottom, shape[tears]))
+
+    def at(speed: Scalar) -> tuple[Matrix, Code]:
+        system = model.matrices(rotor, speed)
+        return system.stiffness, system.status
+
+    scan = Scan(at, groups, k0, top, ratio, _SCANNED)
+    end = scan.run(bottom, tears, shape[tears])
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
-    diverges, hardens = end.b[1] <= 0, end.axial > 0.1
+    hardens = end.softest[tears] > 0.1
     torn = jnp.where(hardens, jnp.inf, speed[tears])
-    lost = (end.tries == _SCANNED + 100) & (end.status == Status.OK)
     return (
-        jnp.where(diverges, end.speed, torn),
-        jnp.where(diverges, end.family, codes[tears]),
-        jnp.where(diverges, end.x, shape[tears]),
-        jnp.where(lost, Status.INACCURATE, end.status),
+        jnp.where(end.found, end.value, torn),
+        jnp.where(end.found, end.family, groups.codes[tears]),
+        jnp.where(end.found, end.x, shape[tears]),
+        scan.status(end),
     )
 
 
 def _alone(
-    model: AbstractModel, rotor: AnyRotor, zero: Scalar
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar, groups: Groups
 ) -> tuple[Matrix, Float[Array, " f"], Float[Array, "f n"]]:
-    """K at rest, and the speed and the direction in which each family alone would give way, were
-    the beam kept as it is at rest."""
+    """K at rest, and the speed and the direction in which each group alone would give way, were the
+    beam kept as it is at rest."""
     one = jnp.ones_like(zero)
 
     def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:
@@ -209,98 +178,5 @@ def _alone(
 
     (k0, _), (_, curvature) = jax.jvp(with_rate, (zero,), (one,))
     k1 = curvature / 2  # exactly, without the cancellation of differences
-    speeds, shapes = [], []
-    for rows in _groups(model, rotor).values():
-        least, x = _softest(rows, k1, k0)  # K_1 x = least K_0 x
-        own = np.ix_(rows, rows)
-        soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])
-        speeds.append(jnp.where(soft, jnp.abs(jnp.where(soft, least, 1.0)) ** -0.5, jnp.inf))
-        shapes.append(x)
-    return k0, jnp.stack(speeds), jnp.stack(shapes)
-
-
-class _State(NamedTuple):
-    """Where the search for a change of sign is: `a` and `b` are speeds and lowest eigenvalues."""
-
-    tries: Array
-    last: Scalar
-    speed: Scalar
-    a: Vector
-    b: Vector
-    stable: Array  # whether K was positive definite at `last`
-    family: Code
-    x: Vector
-    axial: Scalar  # lowest eigenvalue of the axial block
-    status: Code
-
-
-class _Scan(NamedTuple):
-    """The search for a change of sign of the lowest eigenvalue of K, at the steady state of each
-    speed up to `top`."""
-
-    model: AbstractModel
-    rotor: AnyRotor
-    k0: Matrix
-    codes: Array
-    tears: int  # place of the axial family among `codes`
-    top: Scalar
-    ratio: Scalar  # of one speed that is looked at to the last
-
-    def start(self, zero: Scalar, bottom: Scalar, axial: Vector) -> _State:
-        """Before the first look, at the speed `bottom`; nothing is found yet."""
-        one = jnp.ones_like(zero)
-        return _State(
-            tries=jnp.asarray(0), last=zero, speed=bottom, a=jnp.stack([zero, one]),
-            b=jnp.stack([self.top, one]), stable=jnp.asarray(True), family=self.codes[self.tears],
-            x=axial, axial=one, status=jnp.asarray(int(Status.OK)),
-        )  # fmt: skip
-
-    def step(self, search: _State) -> _State:
-        """Steps up while K is positive definite, then the Illinois rule: secants between the ends
-        of the bracket, with the value at an end that stays halved each time."""
-        one = jnp.ones_like(search.speed)
-        system = self.model.matrices(self.rotor, search.speed)
-        groups = _groups(self.model, self.rotor).values()
-        pairs = [_softest(rows, system.stiffness, self.k0) for rows in groups]
-        value, x = zip(*pairs, strict=True)
-        least, low = jnp.min(jnp.stack(value)), jnp.argmin(jnp.stack(value))
-        here, stable = jnp.stack([search.speed, least]), least > 0
-        weight = jnp.stack([one, jnp.where(stable == search.stable, one / 2, one)])
-        a = jnp.where(stable, here, search.a * weight)
-        b = jnp.where(stable, search.b * weight, here)
-        found = b[1] <= 0
-        secant = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
-        return _State(
-            tries=search.tries + 1,
-            last=search.speed,
-            speed=jnp.where(found, secant, search.speed * self.ratio),
-            # Until a change of sign is found the upper end is none.
-            a=a, b=jnp.where(found, b, search.b), stable=stable, family=self.codes[low],
-            x=jnp.stack(x)[low], axial=value[self.tears], status=system.status,
-        )  # fmt: skip
-
-    def goes_on(self, search: _State) -> Array:
-        """Up to the top, or until the bracket is as narrow as rounding lets it be."""
-        more = jnp.where(
-            search.b[1] <= 0,
-            jnp.abs(search.speed - search.last) > 1e-14 * search.speed,
-            search.speed <= self.top * (1 + 1e-9),
-        )
-        return more & (search.status == Status.OK) & (search.tries < _SCANNED + 100)
-
-
-def _softest(rows: np.ndarray, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
-    """The lowest eigenvalue of K x = value K_0 x in some coordinates, and x among all."""
-    least, x = lowest_eigenpair(k[np.ix_(rows, rows)], k0[np.ix_(rows, rows)])
-    return least, x @ np.eye(len(k))[rows]
-
-
-def _groups(model: AbstractModel, rotor: AnyRotor) -> dict[Family, np.ndarray]:
-    """Coordinates that lose their stability together, under the name of one of their families."""
-    groups = {}
-    for transverse, axial in planes_of(rotor):
-        for families in (transverse, axial):
-            rows = np.flatnonzero([family in families for family in model.families])
-            if rows.size:
-                groups[model.families[rows[0]]] = rows
-    return dict(sorted(groups.items()))
+    squares, shapes = zip(*(gives_way(rows, k1, k0) for rows in groups.rows), strict=True)
+    return k0, jnp.sqrt(jnp.stack(squares)), jnp.stack(shapes)

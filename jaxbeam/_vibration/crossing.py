@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import real_scalar
-from jaxbeam._models.base import AbstractModel, Label, checked_case
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.families import Label
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor

@@ -26,14 +26,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._checks import kind_of, known, positive
-from jaxbeam._models.base import (
-    AbstractModel,
-    Family,
-    checked_case,
-    count_functions,
-    planes_of,
-)
+from jaxbeam._checks import count_functions, kind_of, known, positive
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.families import Family, planes_of
 from jaxbeam._numerics.linalg import (
     dense,
     eigensystem,

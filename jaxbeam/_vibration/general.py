@@ -9,8 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._models.base import Family, LinearSystem
-from jaxbeam._numerics.linalg import planar_eigenpairs, symmetric_modes
+from jaxbeam._models.base import LinearSystem
+from jaxbeam._models.families import Family
+from jaxbeam._numerics.linalg import (
+    gyroscopic_eigenpairs,
+    planar_eigenpairs,
+    symmetric_modes,
+)
 from jaxbeam._status import Status
 from jaxbeam._vibration.result import Modes
 from jaxbeam._vibration.wanted import Wanted
@@ -36,7 +41,7 @@ def general(system: LinearSystem, wanted: Wanted) -> Modes:
 
 def energy_share(
     mass: Float[Array, "n n"], shape: Complex[Array, "k n"], families: tuple[Family, ...]
-) -> Float[Array, "k 3"]:
+) -> Float[Array, "k 4"]:
     """Share of the kinetic energy that is in each `Family`."""
     kinetic = (shape.conj() * (shape @ mass)).real
     share = kinetic @ (np.array(families)[:, None] == np.array(Family)[None]).astype(mass.dtype)
@@ -49,7 +54,7 @@ def _selected(system: LinearSystem, wanted: Wanted) -> tuple[Array, ...]:
     planes = [
         _plane(system, transverse, axial)
         for transverse, axial in system.planes
-        if system.where(*transverse, *axial).size
+        if system.where(*dict.fromkeys(transverse + axial)).size
     ]
     rows = np.concatenate([plane.rows for plane in planes])
     family_of, order_of = _labels(system.families, rows)
@@ -95,11 +100,15 @@ def _plane(
     system: LinearSystem, transverse: tuple[Family, ...], axial: tuple[Family, ...]
 ) -> _Plane:
     """All modes of families that are coupled, or of one alone."""
-    rows = system.where(*transverse, *axial)
-    n, n_transverse = rows.size, system.where(*transverse).size
+    families = tuple(dict.fromkeys(transverse + axial))
+    rows = system.where(*families)
+    n = rows.size
     m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.gyroscopic, system.stiffness))
-    pairs = planar_eigenpairs(m, g, k, n_transverse)
-    sizes = [size for family in (*transverse, *axial) if (size := system.where(family).size)]
+    if transverse == axial:
+        pairs = gyroscopic_eigenpairs(m, g, k)
+    else:
+        pairs = planar_eigenpairs(m, g, k, system.where(*transverse).size)
+    sizes = [size for family in families if (size := system.where(family).size)]
     label = jnp.arange(n)
     if len(sizes) > 1:  # in one family alone the rank is the order
         label = _assign(_participation(m, k, pairs.right, sizes))

@@ -7,17 +7,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Inexact
 
-from jaxbeam._models.base import (
-    AbstractModel,
-    Family,
-    Label,
-    LinearSystem,
-    Plane,
-    checked_case,
-    guarded,
-)
+from jaxbeam._models.base import AbstractModel, LinearSystem, checked_case, guarded
+from jaxbeam._models.families import Family, Label, Plane
 from jaxbeam._numerics.batches import batchable
 from jaxbeam._numerics.linalg import solve
 from jaxbeam._numerics.program import Program
@@ -149,7 +142,7 @@ def _as_found(model: AbstractModel, found: Lowest) -> Modes:
         shape=shape,
         family=family.astype(int),
         order=order.astype(int),
-        energy_share=jnp.stack([1 - flat - along, flat, along], -1),
+        energy_share=jnp.stack([1 - flat - along, flat, along, 0 * flat], -1),
         residual=residual,
         status=jnp.asarray(Status.OK).astype(int),
         steady_strain=found.strain,
@@ -161,6 +154,7 @@ def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Arra
     dtype = system.mass.dtype
     kinds = np.array(system.families)
     signature = np.where(_in_quadrature(system.planes)[kinds], -1.0, 1.0)
+    signature = np.where(_mixed(system.planes)[kinds], 0.0, signature)
     place = np.array([[f in first + second for f in Family] for first, second in system.planes])
     plane = np.argmax(place, 0)
     same_plane = (plane[kinds][None] == jnp.asarray(plane)[found.family][:, None]).astype(dtype)
@@ -228,7 +222,8 @@ def _eigenpairs(
     """Identity on (eigenvalue, shape) that knows their derivatives by the three matrices.
 
     Left eigenvectors are y = S x, S = diag(`signature`), because M and K are symmetric and G is
-    skew and couples only coordinates of opposite signature.
+    skew and couples only coordinates of opposite signature; where it couples others too, where the
+    signature is zero, those of stable modes are the conjugates of x.
     """
     return eigenvalue, shape
 
@@ -243,7 +238,7 @@ def _eigenpairs_jvp(
     eigenvalue, shape = _eigenpairs(*primals)
 
     def one(lam: Array, x: Array, plane: Array) -> tuple[Array, Array]:
-        y = signature * x
+        y = jnp.where(signature == 0, x.conj(), signature * x)
         force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
         slope = 2 * lam * (m @ x) + g @ x
         dlam = -(y @ force) / (y @ slope)
@@ -261,16 +256,28 @@ def _eigenpairs_jvp(
 
 def _in_quadrature(planes: tuple[Plane, ...]) -> Bool[np.ndarray, " f"]:
     """Of each family, whether it moves in quadrature to others."""
-    return np.array([any(f in second for _, second in planes) for f in Family])
+    return np.array(
+        [any(f in second and f not in first for first, second in planes) for f in Family]
+    )
+
+
+def _mixed(planes: tuple[Plane, ...]) -> Bool[np.ndarray, " f"]:
+    """Of each family, whether all may be coupled with it."""
+    return np.array([any(f in first and f in second for first, second in planes) for f in Family])
 
 
 def _sign(
     model: AbstractModel, system: LinearSystem, shape: Vectors, family: Array
-) -> Float[Array, " k"]:
+) -> Inexact[Array, " k"]:
     """Sign that makes the tip move the positive way in the direction that names the mode."""
     # Displacement is ordered axial, in plane, flap.
-    tip = model.displacement(np.ones(1))[np.array([1, 2, 0]), 0]
-    own = jnp.sum(tip[family] * shape, -1)
+    end = np.ones(1)
+    tip = jnp.concatenate([model.displacement(end)[np.array([1, 2, 0]), 0], model.twist(end)])
+    own = whole = jnp.sum(tip[family] * shape, -1)
     # Stable parts in quadrature are imaginary: x = (w, -i u).
     own = jnp.where(jnp.asarray(_in_quadrature(system.planes))[family], -own.imag, own.real)
-    return jax.lax.stop_gradient(jnp.where(own < 0, -1.0, 1.0))
+    sign = jnp.where(own < 0, -1.0, 1.0)
+    if _mixed(system.planes).any():  # then any phase is a sign
+        moving = jnp.where(whole == 0, 1.0, whole)
+        sign = jnp.where(jnp.asarray(_mixed(system.planes))[family], jnp.abs(moving) / moving, sign)
+    return jax.lax.stop_gradient(sign)

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._models.base import Family, Label
+from jaxbeam._models.families import Family, Label
 from jaxbeam._types import Code, Scalar, Vectors
 
 
@@ -20,7 +20,7 @@ class Modes(eqx.Module):
     |              |        |       | (of coned beams that of flap) is imaginary, the rest real  |
     | family       | (k,)   |       | `Family` of the mode as an integer                         |
     | order        | (k,)   |       | its number within the family, from 1                       |
-    | energy_share | (k, 3) |       | share of kinetic energy that is in plane, flap, axial      |
+    | energy_share | (k, 4) |       | share of kinetic energy: in plane, flap, axial, torsion    |
     | residual     | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M)        |
     |              |        |       | + abs(lambda) norm(G) + norm(K)) norm(x))                  |
     | status       | ()     |       | `Status`; unless OK the numbers are NaN, but for residual  |
@@ -41,7 +41,7 @@ class Modes(eqx.Module):
     shape: Vectors
     family: Int[Array, " k"]
     order: Int[Array, " k"]
-    energy_share: Float[Array, "k 3"]
+    energy_share: Float[Array, "k 4"]
     residual: Float[Array, " k"]
     status: Code
     steady_strain: Scalar

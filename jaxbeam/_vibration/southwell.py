@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, Label, checked_case
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.families import Label
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import Family
+from jaxbeam._models.families import Family
 from jaxbeam._numerics.band import Pencil, factors, product, refined
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._numerics.lanes import beside, total

@@ -8,15 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._checks import positive, real_array
-from jaxbeam._models.base import (
-    AbstractModel,
-    Family,
-    Label,
-    checked_case,
-    count_functions,
-    planes_of,
-)
+from jaxbeam._checks import count_functions, positive, real_array
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.families import Family, Label, planes_of
 from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives

@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from jaxbeam._models.base import AbstractModel, Family, Label, checked_model
+from jaxbeam._models.base import AbstractModel, checked_model
+from jaxbeam._models.families import Family, Label
 
+_Counts = tuple[int, int, int, int]
 _FEW = 3  # labels up to here share a program, as do those up to twice as many
 
 
@@ -21,36 +23,37 @@ class Wanted(eqx.Module):
     """
 
     count: int = eqx.field(static=True)
-    most: tuple[int, int, int] = eqx.field(static=True)  # of each `Family`
+    most: _Counts = eqx.field(static=True)  # of each `Family`
     named: tuple[Int[Array, " k"], Int[Array, " k"]] | None
 
 
 def lowest(model: AbstractModel, count: int) -> Wanted:
     """The lowest modes; growing ones come first."""
     # Axial frequencies grow with the number, those of bending with its square.
-    return Wanted(count, _at_most(model, (count, count, min(count, _FEW))), None)
+    return Wanted(count, _at_most(model, (count, count, min(count, _FEW), count)), None)
 
 
 def lowest_in_plane(model: AbstractModel, count: int) -> Wanted:
     """Those of bending in the plane of rotation and of axial motion."""
-    return Wanted(count, _at_most(model, (count, 0, min(count, _FEW))), None)
+    return Wanted(count, _at_most(model, (count, 0, min(count, _FEW), 0)), None)
 
 
-def _at_most(model: AbstractModel, counts: tuple[int, int, int]) -> tuple[int, int, int]:
+def _at_most(model: AbstractModel, counts: _Counts) -> _Counts:
     """As many of each family as there are, at most."""
     here = [model.families.count(family) for family in Family]
-    in_plane, flap, axial = (min(*both) for both in zip(counts, here, strict=True))
-    return in_plane, flap, axial
+    in_plane, flap, axial, torsion = (min(*both) for both in zip(counts, here, strict=True))
+    return in_plane, flap, axial, torsion
 
 
 def _of_labels(model: AbstractModel, labels: Sequence[Label]) -> Wanted:
     named = np.array([(int(family), order) for family, order in labels])
     # What is in the plane is told apart by both families there.
-    in_plane, flap, axial = (
-        -(-max([family != Family.FLAP, *(k for f, k in labels if f == family)]) // _FEW) * _FEW
+    always = Family.IN_PLANE, Family.AXIAL
+    in_plane, flap, axial, torsion = (
+        -(-max([family in always, *(k for f, k in labels if f == family)]) // _FEW) * _FEW
         for family in Family
     )
-    most = _at_most(model, (in_plane, flap, axial))
+    most = _at_most(model, (in_plane, flap, axial, torsion))
     return Wanted(len(labels), most, (jnp.asarray(named[:, 0]), jnp.asarray(named[:, 1])))
 
 

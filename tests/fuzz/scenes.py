@@ -34,15 +34,16 @@ def examples(number):
 BAD = 0.0, -1.0, math.nan, math.inf, -math.inf
 ABSURD = 1e-300, 1e-30, 1e30, 1e300  # and yet in range
 RULES = rules(jb.Beam) | rules(jb.Rotor) | rules(jb.models.SpringRotor)
+TWISTING = "torsional_stiffness", "polar_inertia"  # of elements in space
 # What a parameter's status is called follows from its name.
-NAMED = {key: Status[f"INVALID_{key.upper()}"] for key in RULES}
-POSITIVE = {key: status for key, status in NAMED.items() if not RULES[key]["zero"]} | {
+NAMED = {key: Status[f"INVALID_{key.upper()}"] for key in (*RULES, *TWISTING)}
+POSITIVE = {key: s for key, s in NAMED.items() if key in TWISTING or not RULES[key]["zero"]} | {
     "duration": Status.INVALID_MOTION,
     "down_at": Status.INVALID_MOTION,
     "frequency": Status.INVALID_MOTION,
     "end": Status.INVALID_TIMES,
 }
-NOT_NEGATIVE = {key: status for key, status in NAMED.items() if RULES[key]["zero"]} | {
+NOT_NEGATIVE = {key: status for key, status in NAMED.items() if key not in POSITIVE} | {
     "mass_damping": Status.INVALID_DAMPING,
     "stiffness_damping": Status.INVALID_DAMPING,
 }
@@ -97,6 +98,9 @@ def rotors(draw, model):
         "hub_radius": length * draw(sizes(-2, 1)),
         "tip_mass": density * length * draw(sizes(-2, 1)),
     }
+    if isinstance(model, jb.SpatialANCF):
+        rotor["torsional_stiffness"] = bending * draw(decades(-1, 1))
+        rotor["polar_inertia"] = density * (length / slenderness) ** 2 * draw(decades(-1, 2))
     return rotor, unit, bending / length**2
 
 
@@ -118,12 +122,15 @@ def build(model, p):
     """The rotor of these numbers."""
     if model.rotor_type is jb.models.SpringRotor:
         return jb.models.SpringRotor(**{key: p[key] for key in SPRINGS})
-    return jb.Rotor(jb.Beam(*(p[key] for key in BEAM)), p["hub_radius"], p["tip_mass"])
+    twisting = {key: p[key] for key in TWISTING if key in p}
+    beam = jb.Beam(*(p[key] for key in BEAM), **twisting)
+    return jb.Rotor(beam, p["hub_radius"], p["tip_mass"])
 
 
 def broken(model, p, *others, **instead):
     """Status of the first number that is out of range: of the rotor, then of these others."""
-    for key in (SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR) + others:
+    own = SPRINGS if model.rotor_type is jb.models.SpringRotor else (*BEAM, *TWISTING, *ROTOR)
+    for key in own + others:
         value = p.get(key, 1.0)
         least = 0.0 if key in NOT_NEGATIVE else 5e-324 if key in POSITIVE else -math.inf
         if not (math.isfinite(value) and value >= least):

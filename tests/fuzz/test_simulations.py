@@ -57,8 +57,7 @@ CASES = [
     Case(jb.Hybrid(0, 1, 0), "modulated", "loads", diffrax.Tsit5(), "adaptive"),
     Case(jb.Classical(1, 2, 0), "constant", "start"),
     Case(jb.VonKarman(3, 2, 0), "quintic", "damping"),
-    Case(jb.GreenANCF(2), "up and down", "loads damping"),
-    Case(jb.GreenANCF(4), "smooth", "", None, "adaptive"),
+    Case(jb.GreenANCF(4), "up and down", "loads damping"),
     Case(jb.GreenANCF(2), "quintic", "", jb.solvers.ChordKvaerno5(), "fixed"),
     Case(jb.ANCF(2), "quintic", "loads"),
     Case(jb.models.ChordANCF(2), "smooth", "damping"),
@@ -251,7 +250,7 @@ def check_simulation(case, p):
     # state, to rounding.
     energies, rates = found["parts"], found["rates"]
     size = (np.abs(rates).sum(1) + np.abs(found["power"])).max()
-    size = max(size, 1e-280)  # products of numbers as small as that are rounded to the least number
+    size = max(size, 1e-200)  # products of numbers as small as that are rounded to the least number
     assert np.abs(rates[:, 3] - rates[:, 4]).max() <= 1e-10 * size
     # Integrated it is the change of energy, if output times resolve all that goes on. Where a beam
     # is bent far, nothing is known of how fast that is.
@@ -266,7 +265,7 @@ def check_simulation(case, p):
         event("resolved")
         change = energies[2::2] - energies[:1]
         off = np.abs(integrals(rates[:, [0, 1, 2, 4]], width) - change).max()
-        assert off <= 2e-3 * max(np.abs(energies).sum(1).max(), 1e-280)
+        assert off <= 2e-3 * max(np.abs(energies).sum(1).max(), 1e-200)
 
 
 @pytest.mark.slow

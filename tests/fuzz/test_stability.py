@@ -212,7 +212,7 @@ def test_floquet_multipliers(model, data, watched):
 def stability(model):
     def run(p):
         rotor, speed = build(model, p), p["angular_speed"]
-        found = jb.stable_step(model, rotor, speed, diffrax.Bosh3(), throw=False)
+        found = jb.solvers.stable_step(model, rotor, speed, diffrax.Bosh3(), throw=False)
         system = model.linearise(rotor, speed, throw=False)
         return {
             "status": found.status,

@@ -79,6 +79,7 @@ def check_modes(model, p):
 VIBRATING = [
     jb.Hybrid(2, 4, 2), jb.Classical(2, 3, 2), jb.VonKarman(3, 2, 2), jb.GreenANCF(2),
     jb.models.ChordANCF(2), jb.models.SmallStrainANCF(2), jb.models.DiscreteNC(),
+    jb.SpatialANCF(2),
 ]  # fmt: skip
 
 

@@ -139,7 +139,7 @@ def test_errors():
         jb.models.Label(jb.models.Family.FLAP, 0),
         *jb.labels(axial=1),
     ):
-        with pytest.raises(ValueError, match="which: bending modes of order 1 to 8"):
+        with pytest.raises(ValueError, match="which: bending or torsion of order 1 to 8"):
             jb.ladder.ModalFrequencies(1.0, label)
     with pytest.raises(TypeError, match="question must be a Question"):
         jb.ladder.rungs(rotor, rotor)
@@ -203,17 +203,17 @@ def sweep_of(tolerance, **columns):
 def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
     """Against 16 elements, integrated tightly."""
     rng = np.random.default_rng(11)
-    n, tolerance = 24, 1e-3
+    n, tolerance = 16, 1e-3
     columns = {
         "speed": np.exp(rng.uniform(np.log(0.05), np.log(4.0), n)),
-        "duration": np.exp(rng.uniform(np.log(1.0), np.log(12.0), n)),
+        "duration": np.exp(rng.uniform(np.log(1.0), np.log(8.0), n)),
         "hub": rng.uniform(0.0, 1.0, n),
     }
-    bad = {3: ("speed", np.nan), 8: ("hub", -1.0), 20: ("duration", 0.0)}
+    bad = {3: ("speed", np.nan), 8: ("hub", -1.0), 14: ("duration", 0.0)}
     for i, (name, value) in bad.items():
         columns[name][i] = value
     table = sweep_of(tolerance, **columns)
-    wanted = {3: "INVALID_MOTION", 8: "INVALID_HUB_RADIUS", 20: "INVALID_MOTION"}
+    wanted = {3: "INVALID_MOTION", 8: "INVALID_HUB_RADIUS", 14: "INVALID_MOTION"}
     for i, name in wanted.items():
         assert jb.Status(int(table["status"][i])).name == name
         assert np.isnan(table["value"][i]).all()

@@ -67,7 +67,13 @@ def test_roots_against_multiple_precision():
             assert abs(root - exact) <= 4e-16 * exact
 
 
-@pytest.mark.parametrize("basis", [*BASES, basis_module.HermiteElements(3)])
+@pytest.mark.parametrize(
+    "basis",
+    [
+        BASES[2], basis_module.HermiteElements(3),
+        *(pytest.param(basis, marks=pytest.mark.slow) for basis in BASES[:2]),
+    ],
+)  # fmt: skip
 def test_integrals_against_adaptive_quadrature(basis):
     n, ns = (6, 7) if isinstance(basis, basis_module.HermiteElements) else (5, 4)
     f, g = basis_module.bending_integrals(basis, n), basis_module.stretch_integrals(basis, ns)

@@ -366,6 +366,7 @@ OF_BEAM = (1.0, 0.9, 0.5, 5e3, 4e3, 16.0, 12.0, 5.0, 1.0, 0.8, 0.4, 0.3, 0.2, 0.
 VALUES = np.array([*OF_BEAM, 0.2, 0.3, 0.1, 50.0, 20.0, 0.05, 0.02, 0.01])
 
 
+@pytest.mark.slow
 def test_gradients_by_every_number():
     """By every value at a station and all the rest, against differences, in both modes; and a batch
     is as single cases."""

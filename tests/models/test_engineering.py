@@ -83,6 +83,7 @@ def bent(model, force, slenderness):
 BENT = [(300.0, (0.0, 10.0)), (20.0, (-1.0, 6.0))]
 
 
+@pytest.mark.slow
 def test_elements_converge_to_the_extensible_elastica():
     """A stocky one: strains of five per cent, of bending by twenty."""
     exact = rod((5.0, 5.0), 100.0)

@@ -23,6 +23,20 @@ ids = [repr(m) for m in MODELS]
 ROTOR = jb.Rotor(jb.Beam(2.0, 0.7, 3e3, 5.0, 8.0), hub_radius=0.4, tip_mass=0.3)
 
 
+@pytest.mark.parametrize("model", [jb.EngineeringANCF(8), jb.SpatialANCF(8)], ids=repr)
+def test_curvature_is_that_of_the_axis_however_far_it_is_bent(model):
+    """Of elements that are laid along half a circle, but for what cubics are off."""
+    equations = model.equations(jb.Rotor(jb.Beam(2.0, 0.7, 3e3, 5.0, 8.0, torsional_stiffness=1.0)))
+    xi = np.linspace(0.0, 1.0, 81)
+    angle, radius = np.pi * xi, 2.0 / np.pi
+    circle = radius * np.stack([np.sin(angle) - angle, 1 - np.cos(angle), 0 * angle], 1)
+    linear = jax.jacfwd(lambda q: equations.displacement(q, xi).ravel())
+    q = np.linalg.lstsq(linear(jnp.zeros(len(model.families))), circle.ravel(), rcond=None)[0]
+    found = equations.curvature(jnp.asarray(q), xi)
+    np.testing.assert_allclose(found[:, 0], 1 / radius, rtol=0.03)
+    np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("model", MODELS, ids=ids)
 def test_structure(model):
     system = model.linearise(ROTOR, 1.7)

@@ -74,8 +74,7 @@ def test_values_and_first_and_second_derivatives_are_those_of_the_function():
         close(derivative(fast), derivative(plain), rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize("size", [1, 3, 70])
-@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize(("size", "shared"), [(1, True), (70, True), (3, False)])
 @pytest.mark.slow
 def test_lanes_see_their_own_case_alone(size, shared):
     fast = kernel(chain)
@@ -180,17 +179,17 @@ def end(model, solver, rotor, speed, damping=1e-4):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", MODELS, ids=repr)
+@pytest.mark.parametrize("model", [jb.EngineeringANCF(2), jb.ANCF(2)], ids=repr)
 def test_a_batch_of_runs_is_as_the_runs_alone(model):
-    """Values and gradients."""
-    run = jax.value_and_grad(lambda *v: end(model, jb.solvers.Rodas4P(), ROTOR, *v), (0, 1))
+    """Values, and gradients of one model: for others these take a minute each to compile."""
+    run = functools.partial(end, model, jb.solvers.Rodas4P(), ROTOR)
+    if isinstance(model, jb.EngineeringANCF):
+        run = jax.value_and_grad(run, (0, 1))
     one = jax.jit(run)
     speeds, damping = jnp.array([1.0, 2.0, 5.0]), jnp.array([1e-4, 0.0, 1e-3])
-    value, slopes = jax.jit(jax.vmap(run))(speeds, damping)
+    found = jax.jit(jax.vmap(run))(speeds, damping)
     for i, case in enumerate(zip(speeds, damping, strict=True)):
-        alone, by = one(*case)
-        np.testing.assert_allclose(value[i], alone, rtol=1e-9)
-        np.testing.assert_allclose([slope[i] for slope in slopes], by, rtol=1e-7)
+        close(jax.tree.map(lambda a, i=i: a[i], found), one(*case), rtol=1e-7)
 
 
 def step(model, speed, mass):
@@ -229,8 +228,11 @@ def test_steps_are_compiled_to_one_function():
 
 @pytest.mark.slow
 @compiled
-@pytest.mark.parametrize("solver", [jb.solvers.Rodas5P(), jb.solvers.ChordKvaerno5()], ids=repr)
-@pytest.mark.parametrize("model", MODELS, ids=repr)
+@pytest.mark.parametrize(
+    ("model", "solver"),
+    [(MODELS[0], jb.solvers.ChordKvaerno5()), (MODELS[1], jb.solvers.Rodas5P())],
+    ids=repr,
+)
 def test_spin_ups_of_elements_are_one_function(model, solver):
     """One makes steps, one the account of energies; the step that is made again for the gradient
     may be the same function, or another."""
@@ -241,7 +243,7 @@ def test_spin_ups_of_elements_are_one_function(model, solver):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [24, 32, 48])
+@pytest.mark.parametrize("n", [48])
 def test_any_number_of_elements(n):
     """Programs grow with it, and XLA treats large operations in other ways."""
 

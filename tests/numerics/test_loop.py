@@ -109,6 +109,7 @@ def test_forward_derivatives() -> None:
     np.testing.assert_allclose(forward, exact, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_rates_ride_with_their_cases() -> None:
     """In forward mode nobody waits either, and the rates of one case take its steps together."""
     exponent = np.where(np.arange(640) % 10 == 3, 200, 10)

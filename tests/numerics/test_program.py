@@ -8,7 +8,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._numerics.program import Program, _haste
-from tests.helpers import OLD_EMITTERS
+from tests.compilation import OLD_EMITTERS
 
 
 def test_haste_where_the_compiler_knows_it():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.helpers import optimised
 
 BEAM = jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0)
 TIMES = np.linspace(0.0, 12.0, 5)
@@ -29,8 +30,8 @@ def test_a_batch_is_its_single_runs(model):
     """More cases than go ahead together, of which the longest takes many times the steps of the
     shortest; two of them fail, at once and on the way."""
     speeds = np.append(SPEEDS, [np.nan, 40.0])
-    tip, steps, status = jax.jit(jax.vmap(lambda s: run(model, s)))(speeds)
-    single = jax.jit(lambda s: run(model, s))
+    tip, steps, status = optimised(jax.vmap(lambda s: run(model, s)))(speeds)
+    single = optimised(lambda s: run(model, s))
     alone = [single(s) for s in speeds]
     np.testing.assert_array_equal(status, [a[2] for a in alone])
     assert (status[:40] == jb.Status.OK).all()
@@ -46,8 +47,8 @@ def test_a_grid_is_a_batch():
     def one(mass, speed):
         return run(model, speed, mass)[0]
 
-    grid = jax.jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))(masses, SPEEDS[:15])
-    flat = jax.jit(jax.vmap(one))(jnp.repeat(masses, 15), np.tile(SPEEDS[:15], 3))
+    grid = optimised(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))(masses, SPEEDS[:15])
+    flat = optimised(jax.vmap(one))(jnp.repeat(masses, 15), np.tile(SPEEDS[:15], 3))
     np.testing.assert_allclose(grid.reshape(45, -1), flat, rtol=1e-9, atol=1e-12)
 
 

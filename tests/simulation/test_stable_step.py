@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam import stable_step
-from jaxbeam.solvers import amplification
+from jaxbeam.solvers import amplification, stable_step
 
 ROTOR = jb.Rotor(jb.Beam.from_slenderness(50.0), 0.1, 0.0)
 SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
@@ -271,22 +270,18 @@ def largest_stable(run, low, high):
     return low
 
 
-EXPLICIT = [diffrax.Euler(), diffrax.Bosh3(), diffrax.Dopri8()]  # others: in the study
-MODELS = [
-    jb.Hybrid(2, 3, 0), GREEN, jb.models.SmallStrainANCF(2), jb.models.DiscreteNC(),
-]  # fmt: skip
-
-
+@slow
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        *(pytest.param(solver, jb.models.DiscreteLP(), marks=slow) for solver in EXPLICIT),
-        *(pytest.param(diffrax.Tsit5(), model, marks=slow) for model in MODELS),
+        (diffrax.Euler(), jb.models.DiscreteLP()),
+        (diffrax.Tsit5(), jb.Hybrid(1, 2, 0)),
+        (diffrax.Tsit5(), jb.GreenANCF(1)),
     ],
     ids=named,
 )
 def test_steps_fail_where_theory_says_and_not_below(solver, model):
-    """All methods on one model, one method on all models."""
+    """Other methods: in the study."""
     rotor = SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR
     theory = float(stable_step(model, rotor, SPEED, solver, steps=STEPS, growth=GROWTH).step)
     run = follow(solver, model, rotor)
@@ -294,7 +289,7 @@ def test_steps_fail_where_theory_says_and_not_below(solver, model):
     growth, status = run(theory * jnp.linspace(0.9, 1.6, 16))
     assert growth[0] < GROWTH
     assert int(status[0]) == jb.Status.OK
-    if not isinstance(solver, diffrax.Euler | diffrax.Heun):  # which creep
+    if not isinstance(solver, diffrax.Euler):  # which creeps
         assert set(np.asarray(status[-3:])) <= {
             jb.Status.DIVERGED, jb.Status.NOT_FINITE, jb.Status.UNBALANCED
         }  # fmt: skip

@@ -15,6 +15,7 @@ multiple precision make them exact to 20 digits.
 """
 
 import functools
+import math
 
 import mpmath
 import numpy as np
@@ -63,44 +64,57 @@ def _galerkin(gamma: float, hub: float, tip: float, slenderness: float | None, p
 
 
 def _determinant(omega, gamma, hub, tip, slenderness, plane):
-    """Boundary determinant of the power-series solutions at the tip."""
-    w, g, r, n = (mpmath.mpf(v) for v in (omega, gamma, hub, tip))
-    c = 1 if plane == "in plane" else 0
-    p0, p1, p2 = r + mpmath.mpf(1) / 2 + n * (r + 1), -r, -mpmath.mpf(1) / 2
-    a2 = None if slenderness is None else mpmath.mpf(slenderness) ** 2
-    g2, bending, axial, cross = g**2, w**2 + c * g**2, w**2 + g**2, 2 * g * w
+    """Boundary determinant of the power-series solutions at the tip.
+
+    In integers, multiples of 2^-bits: all numbers are below e^growth, which `frequencies` adds to
+    the digits, and Python multiplies integers ten times as fast as mpmath its numbers.
+    """
+    bits = mpmath.mp.prec
+    w, g, r, n = (int(mpmath.mpf(v) * 2**bits) for v in (omega, gamma, hub, tip))
+
+    def times(a: int, b: int) -> int:
+        return a * b >> bits
+
+    one, c = 1 << bits, 1 if plane == "in plane" else 0
+    p0, p1, p2 = r + one // 2 + times(n, r + one), -r, -one // 2
+    g2 = times(g, g)
+    bending, axial = times(w, w) + c * g2, times(w, w) + g2
+    cross = 2 * times(g, w)
+    a2 = None if slenderness is None else int(mpmath.mpf(slenderness) ** 2 * 2**bits)
     columns = []
     for start in range(2 if a2 is None else 3):
-        a = [mpmath.mpf(0)] * 4
-        b = [mpmath.mpf(0)] * 2
+        a, b = [0] * 4, [0] * 2
         if start < 2:
-            a[2 + start] = mpmath.mpf(1)
+            a[2 + start] = one
         else:
-            b[1] = mpmath.mpf(1)
+            b[1] = one
         k, quiet = 0, 0
-        tiny = mpmath.mpf(10) ** (-mpmath.mp.dps)
         while quiet < 12:
             j = k + 1  # coefficient j of p W' is c_j, and (k + 1) c_{k+1} is that of its derivative
-            flow = p0 * (j + 1) * a[j + 1] + p1 * j * a[j] + p2 * (j - 1) * a[j - 1]
-            new = g2 * (k + 1) * flow + bending * a[k]
+            flow = (
+                times(p0, (j + 1) * a[j + 1]) + times(p1, j * a[j]) + times(p2, (j - 1) * a[j - 1])
+            )
+            new = (k + 1) * times(g2, flow) + times(bending, a[k])
             if a2 is not None:
-                new -= cross * b[k]
-                b.append((cross * a[k] - axial * b[k]) / (a2 * (k + 2) * (k + 1)))
-            a.append(new / ((k + 4) * (k + 3) * (k + 2) * (k + 1)))
-            small = abs(a[-1]) * k**4 < tiny and (a2 is None or abs(b[-1]) * k**4 < tiny)
+                new -= times(cross, b[k])
+                rest = times(cross, a[k]) - times(axial, b[k])
+                b.append((rest << bits) // (a2 * (k + 2) * (k + 1)))
+            a.append(new // ((k + 4) * (k + 3) * (k + 2) * (k + 1)))
+            small = abs(a[-1]) < 4 and (a2 is None or abs(b[-1]) < 4)
             quiet = quiet + 1 if small else 0
             k += 1
 
         def at_tip(series, d):
-            return mpmath.fsum(v * mpmath.ff(i, d) for i, v in enumerate(series) if i >= d)
+            return sum(v * math.perm(i, d) for i, v in enumerate(series) if i >= d)
 
         value, slope, curve, third = (at_tip(a, d) for d in range(4))
         s, ds = (at_tip(b, 0), at_tip(b, 1)) if a2 is not None else (0, 0)
-        shear = third - g2 * (p0 + p1 + p2) * slope + n * (bending * value - cross * s)
+        shear = third - times(times(g2, p0 + p1 + p2), slope)
+        shear += times(n, times(bending, value) - times(cross, s))
         column = [curve, shear]
         if a2 is not None:
-            column.append(a2 * ds - n * (axial * s - cross * value))
-        columns.append(column)
+            column.append(times(a2, ds) - times(n, times(axial, s) - times(cross, value)))
+        columns.append([mpmath.mpf(number) / 2**bits for number in column])
     return mpmath.det(mpmath.matrix(columns))
 
 

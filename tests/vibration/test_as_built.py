@@ -104,7 +104,7 @@ def test_stable_step():
 
     def over_period(rotor):
         model = jb.Hybrid(0, 3, 3).suited(rotor)
-        step = jb.stable_step(model, rotor, 0.0, diffrax.Tsit5()).step
+        step = jb.solvers.stable_step(model, rotor, 0.0, diffrax.Tsit5()).step
         return step * np.max(jb.modes(model, rotor, 0.0, 6).frequency)
 
     uniform = jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 2.0, 1.0))

@@ -97,7 +97,6 @@ PAIRED = [
     (jb.models.DiscreteLP(), SPRINGS),
     pytest.param(jb.models.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),
     pytest.param(jb.VonKarman(3, 2, 1), SHORT, marks=pytest.mark.slow),
-    pytest.param(jb.GreenANCF(1), SHORT, marks=pytest.mark.slow),
     pytest.param(jb.ANCF(1), SHORT, marks=pytest.mark.slow),
     pytest.param(jb.models.ChordANCF(1), SHORT, marks=pytest.mark.slow),
 ]
@@ -163,10 +162,8 @@ def test_mass_damping_without_stretch_is_a_factor():
 @pytest.mark.parametrize(
     ("model", "pair", "order"),
     [
-        pytest.param(jb.Hybrid(0, 3, 0), (0, 0), 1, marks=pytest.mark.slow),
         pytest.param(jb.Hybrid(0, 3, 0), (0, 0), 2, marks=pytest.mark.slow),
         pytest.param(jb.Hybrid(0, 3, 0), (0, 1), 1, marks=pytest.mark.slow),
-        pytest.param(jb.Hybrid(0, 3, 0), (1, 1), 1, marks=pytest.mark.slow),
         pytest.param(jb.Hybrid(2, 3, 0), (0, 1), 1, marks=pytest.mark.slow),
         pytest.param(jb.models.SmallStrainANCF(2), (0, 0), 1, marks=pytest.mark.slow),
     ],

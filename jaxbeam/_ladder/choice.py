@@ -1,0 +1,87 @@
+"""What came of choosing a model: the rung, and the evidence for it."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxbeam._ladder.rungs import Indicators, Rung, is_of_elements
+from jaxbeam._models.base import AbstractModel
+
+NOT_NEEDED = "not needed"
+
+
+class Evidence(NamedTuple):
+    """What became of one rung: its expected cost, the estimate of its error (NaN: not run), and
+    the verdict in words."""
+
+    rung: Rung
+    estimate: float
+    verdict: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Choice:
+    """The cheapest rung found to meet a tolerance; as text, a table of the rungs looked at.
+
+    `met` is False where no rung was found to: then `rung` is the best there is, and `estimate` its
+    error. `partial` is what the rung says, `answer` the same where the tolerance is met, else NaN.
+    `law_effect` is what an axial law other than the engineering strain might change
+    (`Answer.law_effect`).
+    """
+
+    rung: Rung
+    estimate: float
+    met: bool
+    tolerance: float
+    partial: np.ndarray
+    law_effect: float
+    indicators: Indicators
+    evidence: tuple[Evidence, ...]
+
+    @property
+    def answer(self) -> np.ndarray:
+        """The answer of the rung chosen, NaN unless it meets the tolerance."""
+        return self.partial if self.met else np.full_like(self.partial, np.nan)
+
+    @property
+    def model(self) -> AbstractModel:
+        """The model of the rung chosen."""
+        return self.rung.model
+
+    def __str__(self) -> str:
+        known = self.indicators
+        takes_part = known.excited > 0.1 * self.tolerance
+        highest = np.max(known.rest_frequency, where=takes_part, initial=0.0)
+        excited = f"excited up to {highest:.3g} rad/s" if highest else "no mode excited by the hub"
+        lines = [
+            f"stiffening ratio {float(known.stiffening_ratio):.2g}, deflection "
+            f"{float(known.size):.2g} L, slope {float(known.slope):.2g}, steady strain "
+            f"{float(known.steady_strain):.2g}, {excited}",
+        ]
+        if self.law_effect > self.tolerance:
+            lines.append(
+                "strains are not small: an axial law other than that of the engineering strain "
+                f"might change this by some {self.law_effect:.1g}"
+            )
+        if (stout := np.max(known.stoutness[:, takes_part], initial=0.0)) > self.tolerance:
+            lines.append(f"shear and rotary inertia, which no rung has, might take off {stout:.1g}")
+        lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
+        for rung, estimate, verdict in self.evidence:
+            if verdict == NOT_NEEDED:
+                continue
+            said = "" if np.isnan(estimate) else f"{estimate:.2g}"
+            lines.append(f"{rung.name:34} {rung.cost:8.3g} {said:>10}  {verdict}")
+        if self.met:
+            lines.append(f"{self.rung.name}: error {self.estimate:.2g}, asked {self.tolerance:.2g}")
+        else:
+            if not any(is_of_elements(each.rung.model) for each in self.evidence):
+                lines.append(
+                    "von Karman beams judge, to second order in deflection: the beam's "
+                    "torsional_stiffness would give elements in space to judge by"
+                )
+            lines.append(
+                f"no rung was found to meet {self.tolerance:.2g}; the best, {self.rung.name}, has "
+                f"{self.estimate:.2g}"
+            )
+        return "\n".join(lines)

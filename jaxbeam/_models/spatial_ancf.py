@@ -1,0 +1,97 @@
+"""The model of a beam that bends both ways and twists."""
+
+import dataclasses
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import count_functions
+from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.basis import HermiteElements
+from jaxbeam._models.families import Family
+from jaxbeam._models.spatial import SpatialEquations
+from jaxbeam._models.spatial_nodes import components
+from jaxbeam._rotor.beam import Rotor
+
+_FAMILIES = Family.AXIAL, Family.IN_PLANE, Family.FLAP, Family.TORSION
+
+
+class SpatialANCF(AbstractModel[Rotor]):
+    """Finite elements that bend both ways, twist and stretch, geometrically exact and free of
+    shear; positions and slopes of nodes are in the hub frame.
+
+    Energy int [EA eps^2 + GJ k_1^2 + bending as sections are turned] dx / 2, eps = |r'| - 1 the
+    engineering strain, k_1 the twist per length and (k_2, k_3) the curvatures of the frame that the
+    section keeps, all by the unstretched length. In a plane it converges to what `EngineeringANCF`
+    does, which integrates stretch with more points. Rotations may be of any size, within an element
+    less than a right angle between its ends. It takes moments and
+    loads that follow the tip (`Loads`), pitch, twist, pre-cone, springs of the root and bodies at
+    the tip; the beam needs its `torsional_stiffness`. Left out: shear, rotary inertia of bending,
+    the moment that turns flat sections into the plane of rotation (propeller moment), and what
+    tension does to torsion: it untwists twisted sections, and stiffens torsion by T i^2 / GJ, i the
+    polar radius of gyration. So frequencies of torsion are those at rest, nearly, at any speed.
+
+    Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
+    number, errors with the fourth power of an element's length. Roots that yield have more: take
+    `suited(rotor)`. Formulation and sources: the docstring of `_models/space.py`.
+    """
+
+    n_elements: int = eqx.field(static=True, default=10)
+    in_plane_yields: bool = eqx.field(static=True, default=False)
+    flap_yields: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self) -> None:
+        count_functions("n_elements", self.n_elements, least=1)
+
+    @property
+    def _coordinates(self) -> list[tuple[int, int]]:
+        """Of each coordinate its component and its place among values and slopes of all nodes."""
+        ways, absent = components(self.in_plane_yields, self.flap_yields)
+        places = [
+            (way, 2 * k + d) for k in range(self.n_elements + 1) for d in (0, 1) for way in ways
+        ]
+        return places[absent:]
+
+    @property
+    def families(self) -> tuple[Family, ...]:
+        return tuple(_FAMILIES[way] for way, _ in self._coordinates)
+
+    def equations(self, rotor: Rotor) -> SpatialEquations:
+        """Equations of motion."""
+        self._check(rotor)
+        return SpatialEquations(rotor, self.n_elements)
+
+    def _check(self, rotor: Rotor) -> None:
+        if rotor.beam.torsional_stiffness is None:
+            raise ValueError(
+                "SpatialANCF twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
+            )
+        wanted = self.suited(rotor)
+        if wanted != self:
+            raise ValueError(
+                f"root: the rotor has springs {rotor.springs}: take model.suited(rotor)"
+            )
+
+    def suited(self, rotor: Rotor) -> Self:
+        in_plane, flap = (spring is not None for spring in rotor.springs)
+        return dataclasses.replace(self, in_plane_yields=in_plane, flap_yields=flap)
+
+    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
+        """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
+        return self._shapes(xi)[:3]
+
+    def twist(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+        """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
+        return self._shapes(xi)[3]
+
+    def _shapes(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "4 p n"]:
+        n, coordinates = self.n_elements, self._coordinates
+        # Functions that are zero at the root: the slope there, then value and slope of each node.
+        shapes = HermiteElements(n).stretch(2 * n + 1, np.asarray(xi, float)).value
+        out = np.zeros((4, len(xi), len(coordinates)))
+        for column, (way, place) in enumerate(coordinates):
+            out[way, :, column] = shapes[:, place - 1]
+        return jnp.asarray(out)

@@ -1,0 +1,57 @@
+"""The discrete analogue of a rotating beam.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
+"""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxbeam._rotor.parameters import Parameters, parameter
+from jaxbeam._status import Status
+from jaxbeam._types import Number, Real, Scalar
+
+
+class SpringRotor(Parameters):
+    """The discrete analogue of a rotating beam (Y, section 6, Fig. 10, Table 2).
+
+    A particle slides in a massless tube that is hinged at the distance `hub_radius` from the axis;
+    one spring acts along the tube, one at the hinge.
+
+    | field                 | symbol | unit   | allowed |
+    |-----------------------|--------|--------|---------|
+    | mass                  | m      | kg     | > 0     |
+    | length                | L      | m      | > 0     |
+    | hub_radius            | d      | m      | >= 0    |
+    | translational_spring  | k_T    | N/m    | > 0     |
+    | torsional_spring      | k_r    | N m    | > 0     |
+    """
+
+    mass: Scalar = parameter(Status.INVALID_MASS)
+    length: Scalar = parameter(Status.INVALID_LENGTH)
+    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
+    translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
+    torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
+    is_plain: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        mass: Real,
+        length: Real,
+        hub_radius: Real,
+        translational_spring: Real,
+        torsional_spring: Real,
+    ) -> None:
+        self._take(locals())
+
+    @property
+    def frequency_scale(self) -> Number:
+        """(k_r / (m L^2))^(1/2), in rad/s."""
+        return jnp.sqrt(self.torsional_spring / self.mass) / self.length
+
+    @property
+    def compliance(self) -> Float[Array, "2"]:
+        """Deflection of the tip by a moment about the hinge, in 1/N; in plane alone."""
+        return jnp.stack([self.length / self.torsional_spring, jnp.zeros_like(self.length)])

@@ -1,0 +1,109 @@
+"""What may be out of range in a scene, found before it moves."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._checks import kind_of, real_array, require
+from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.families import Family
+from jaxbeam._results import harmless
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.motion import Motion
+from jaxbeam._simulation.scene import Inputs
+from jaxbeam._solvers.system import State
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar, is_known
+
+
+def scene_status(
+    model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
+    times: Array, between: Array,
+) -> tuple[Code, Any]:  # fmt: skip
+    """The first thing that is out of range, at output times or at others `between`; and rotor,
+    motion, loads, damping and inputs at the latter, each harmless where it is not in range (each
+    by itself: what the cases of a batch share stays one for all)."""
+
+    def seen(t: Scalar) -> Inputs:
+        return motion.hub(t, loads.gravity), loads.at_tip(t)
+
+    def one(t: Scalar, x: Inputs) -> tuple[Array, Array, Array]:
+        hub, tip = x
+        loaded = jnp.all(jnp.isfinite(jnp.stack([hub.gravity, *jax.tree.leaves(tip)])))
+        # All else that may be at the tip is for models in space.
+        force = tip if isinstance(tip, Array) else jnp.zeros(3, t.dtype)
+        turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
+        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2]])
+        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], jnp.max(jnp.abs(push)), force[1]])
+        planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
+        moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
+        return moves, loaded, planar
+
+    moments = jnp.concatenate([between, times])
+    inputs = jax.vmap(seen)(moments)
+    moves, loaded, planar = jax.vmap(one)(moments, inputs)
+    rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
+    status = jnp.asarray(Status.OK)
+    if Family.FLAP not in model.families:
+        status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
+    for ok, code in (
+        (jnp.all(loaded), Status.INVALID_LOAD),
+        (jnp.all(moves), Status.INVALID_MOTION),
+        (increasing(times), Status.INVALID_TIMES),
+    ):
+        status = jnp.where(ok, status, code)
+    seen = jax.tree.map(lambda a: a[: between.size], inputs)
+    motion, loads, seen = harmless(status == Status.OK, (motion, loads, seen))
+    calm = jnp.all(jnp.isfinite(rates) & (rates >= 0))
+    given = rotor.status(jnp.zeros((), times.dtype))
+    rotor, damping = harmless(given == Status.OK, rotor), harmless(calm, damping)
+    status = jnp.where(calm | (status == Status.INVALID_TIMES), status, Status.INVALID_DAMPING)
+    status = jnp.where(given == Status.OK, status, given).astype(int)
+    return status, (rotor, motion, loads, damping, seen)
+
+
+def increasing(times: Array) -> Array:
+    """Whether times are finite and increasing."""
+    return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
+
+
+def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
+    for name, value, kind in (
+        ("motion", motion, Motion), ("loads", loads, Loads), ("damping", damping, Damping)
+    ):  # fmt: skip
+        if not isinstance(value, kind):
+            article = "a" if kind is Motion else "of class"
+            raise TypeError(f"{name} must be {article} {kind.__name__}, got {kind_of(value)}")
+    shapes = [a.shape for a in eqx.filter_eval_shape(motion.twist, t)]
+    if shapes != [(3,), (3,)]:
+        raise ValueError(f"motion.twist must return two vectors of shape (3,), got {shapes}")
+    if loads.gravity is not None:
+        eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
+
+
+def checked_times(times: Any) -> Array:
+    times = real_array("times", times)
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
+    if is_known(times):
+        known = np.asarray(times)
+        require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
+        require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)
+    return times
+
+
+def checked_start(model: AbstractModel, start: Any) -> State:
+    """The state, if it is one of this model, without work done."""
+    if not isinstance(start, State):
+        raise TypeError(f"start must be a State, got {kind_of(start)}")
+    n = len(model.families)
+    parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
+    for name, part in zip(("q", "v"), parts, strict=True):
+        if part.shape != (n,):
+            raise ValueError(f"start.{name} must have shape ({n},), got {part.shape}")
+    return State(*parts)

@@ -1,0 +1,123 @@
+"""One chunk of cases: computed all at once, and those that raise kept from the others."""
+
+import importlib.metadata
+import os
+import platform
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxbeam._numerics.program import Program
+from jaxbeam._status import Status, said, unlogged
+from jaxbeam._sweeps.store import Part, Spec
+
+Columns = dict[str, np.ndarray]
+_MADE_WITH = ("jaxbeam", "jax", "jaxlib", "equinox", "diffrax", "numpy")
+
+
+@Program  # its errors, unlike those of jax.jit, say only what went wrong
+def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
+    """`function(**parameters)` of every case."""
+    return jax.vmap(lambda parameters: function(**parameters))(columns)
+
+
+class Work(NamedTuple):
+    """What is done with every chunk: a function, results of one case, and cases at a time."""
+
+    function: Callable[..., Any]
+    specs: Mapping[str, Spec]
+    chunk: int
+
+    def on(self, columns: Columns, device: jax.Device | None) -> Part:
+        """Results of these cases, and what those say that raised."""
+        n, results = self._blank(columns)
+        errors: dict[int, str] = {}
+        function = placed(self.function, device)
+
+        def run(lanes: np.ndarray) -> dict[str, np.ndarray]:
+            # One shape, one compilation: other lanes are filled up. A case keeps its lane, whatever
+            # becomes of its neighbours, so its numbers stay the same to the last bit.
+            case = np.full(self.chunk, lanes[0])
+            case[lanes] = lanes
+            filled = jax.device_put({name: c[case] for name, c in columns.items()}, device)
+            found = named(jax.device_get(batched(function, filled)))
+            return {name: np.asarray(leaf)[lanes] for name, leaf in found.items()}
+
+        for lanes, found in _isolated(run, np.arange(n)):
+            if isinstance(found, str):
+                errors[int(lanes[0])] = found
+                results["status"][lanes] = Status.RAISED
+                continue
+            if "status" not in found:
+                found["status"] = _finite(found, len(lanes))
+            for name, leaf in found.items():
+                results[name][lanes] = leaf
+        return Part(results, errors)
+
+    def lost(self, columns: Columns, message: str) -> Part:
+        """What stands for a chunk that nobody lived to compute."""
+        n, results = self._blank(columns)
+        results["status"][:] = Status.RAISED
+        return Part(results, dict.fromkeys(range(n), message), computed=False)
+
+    def _blank(self, columns: Columns) -> tuple[int, dict[str, np.ndarray]]:
+        """The number of these cases, and results that are not known yet."""
+        n = len(next(iter(columns.values())))
+        return n, {name: spec.blank(n) for name, spec in self.specs.items()}
+
+
+def placed(function: Callable[..., Any], device: jax.Device | None) -> Callable[..., Any]:
+    """The function with what is bound to it on a device."""
+    arrays, rest = eqx.partition(function, eqx.is_array)
+    return function if device is None else eqx.combine(jax.device_put(arrays, device), rest)
+
+
+def named(result: Any) -> dict[str, Any]:
+    """Leaves of a result by the path to them: "frequency", "a.b", or "value" for a lone array."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(result)
+    return {
+        jax.tree_util.keystr(path, simple=True, separator=".") or "value": leaf
+        for path, leaf in leaves
+    }
+
+
+def _finite(results: Mapping[str, np.ndarray], n: int) -> np.ndarray:
+    """Status of n cases that do not tell it themselves."""
+    finite = np.ones(n, bool)
+    for value in results.values():
+        if np.issubdtype(value.dtype, np.inexact):
+            finite &= np.isfinite(value).reshape(n, -1).all(1)
+    return np.where(finite, Status.OK, Status.NOT_FINITE)
+
+
+def _isolated(
+    run: Callable[[np.ndarray], dict[str, np.ndarray]], index: np.ndarray
+) -> list[tuple[np.ndarray, dict[str, np.ndarray] | str]]:
+    """Results of the cases in `index` in parts, a message for each case that raises alone."""
+    try:
+        with unlogged():
+            return [(index, run(index))]
+    except Exception as error:
+        sentence = said(error)
+        if sentence is None:  # another error, say of memory
+            raise
+    if len(index) == 1:
+        return [(index, sentence)]
+    half = len(index) // 2
+    return _isolated(run, index[:half]) + _isolated(run, index[half:])
+
+
+def made_with() -> dict[str, Any]:
+    """What the last bits may depend on beside the program."""
+    device = jax.device_put(0.0).device
+    versions = {name: importlib.metadata.version(name) for name in _MADE_WITH}
+    flags = os.environ.get("XLA_FLAGS", "").split()
+    return {
+        "precision": "float64" if jax.config.read("jax_enable_x64") else "float32",
+        "platform": f"{device.platform} {device.device_kind} {platform.machine()}",
+        "flags": [f for f in flags if "host_platform_device_count" not in f],
+        "versions": {"python": platform.python_version(), **versions},
+    }

@@ -1,0 +1,182 @@
+"""Chunks sent to an executor: processes of this machine, or of a cluster.
+
+The function is pickled once; each chunk takes it along with the parameters of its own cases, and
+brings back their results. What goes wrong within a chunk comes back as a text, so that an exception
+of the executor itself says that a worker died, or could not begin.
+"""
+
+import collections
+import functools
+import os
+import pickle
+import sys
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import (
+    ALL_COMPLETED,
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    wait,
+)
+from typing import Any
+
+import jax
+
+from jaxbeam._sweeps.chunks import Columns, Work, made_with
+from jaxbeam._sweeps.store import Part
+
+try:  # it takes functions of scripts and notebooks along, and comes with Dask and with loky
+    import cloudpickle as pickler
+except ImportError:
+    pickler = pickle
+
+_DEATHS = 3  # of workers, after which the chunk that they had is given up
+_MADE = 10  # executors, after which it is given up that one of them ever answers
+_MANY = 1024  # chunks sent ahead to an executor that does not say how many workers it has
+
+
+def on_executor(
+    work: Work, columns: Callable[[int], Columns], numbers: Sequence[int], executor: Any
+) -> Generator[tuple[int, Part]]:
+    """Every number with what was found for it, as they end.
+
+    Executors of the standard library end with the first worker that dies: they are made again, and
+    what they had not answered is sent again. A chunk that was out at two deaths is tried alone, so
+    that it is to blame for a third. Dask replaces workers by itself; a chunk that it gives up is
+    tried alone once more.
+    """
+    job, pool = _pickled(work), _made(executor)
+    made, answered = 1, False
+    ahead = 2 * getattr(pool, "_max_workers", _MANY // 2)
+    deaths: collections.Counter[int] = collections.Counter()
+    waiting = collections.deque(numbers)
+    running: dict[Future[Part | str], int] = {}
+
+    def may_go(number: int) -> bool:
+        suspects = {k for k, times in deaths.items() if times >= _DEATHS - 1}
+        suspected = bool(suspects) and not suspects.isdisjoint((number, *running.values()))
+        return not running or (not suspected and len(running) < ahead)
+
+    try:
+        while waiting or running:
+            broken: BrokenExecutor | None = None
+            try:
+                while waiting and may_go(waiting[0]):
+                    number = waiting[0]
+                    future = pool.submit(_answer, job, columns(number), deaths[number])
+                    running[future] = waiting.popleft()
+            except BrokenExecutor as error:
+                broken = error
+            ended = wait(running, return_when=ALL_COMPLETED if broken else FIRST_COMPLETED).done
+            for future in ended:
+                number = running.pop(future)
+                found = _found(future)
+                if not isinstance(found, BaseException):
+                    answered = True
+                    yield number, found
+                    continue
+                if isinstance(found, BrokenExecutor):
+                    broken = found
+                # Dask has tried by itself, and blames what waited at the workers that died, too.
+                deaths[number] += 1 if isinstance(found, BrokenExecutor) else _DEATHS - 1
+                if deaths[number] < _DEATHS:
+                    waiting.append(number)
+                    continue
+                text = f"the worker that computed its chunk died: {type(found).__name__}: {found}"
+                yield number, work.lost(columns(number), text)
+            if broken and not running:
+                if made == _MADE and not answered:
+                    raise RuntimeError(
+                        f"{made} executors ended, one after the other, before any chunk was "
+                        "answered: do workers start at all? A script whose processes start afresh "
+                        'must call sweep below `if __name__ == "__main__":`'
+                    ) from broken
+                pool, made = _another(executor, broken), made + 1
+    finally:
+        for future in running:
+            future.cancel()
+        if not isinstance(executor, Executor):
+            pool.shutdown(wait=False)
+
+
+def _made(executor: Any) -> Executor:
+    given = isinstance(executor, Executor) or not callable(executor)
+    pool = executor if given else executor()
+    if not isinstance(pool, Executor):
+        raise TypeError(
+            f"executor must be, or make, a concurrent.futures.Executor, got {executor!r}"
+        )
+    context = getattr(pool, "_mp_context", None)
+    if context is not None and context.get_start_method() == "fork":
+        raise ValueError(
+            "executor must start its processes afresh, since JAX does not survive a fork: pass "
+            'mp_context=multiprocessing.get_context("spawn")'
+        )
+    return pool
+
+
+def _another(executor: Any, end: BaseException) -> Executor:
+    """In the place of one that ended."""
+    if isinstance(executor, Executor):
+        raise RuntimeError(
+            "a worker died, and the executor with it: pass a function that makes executors, and "
+            "sweeps go on with a new one"
+        ) from end
+    return _made(executor)
+
+
+def _found(future: Future[Part | str]) -> Part | BaseException:
+    """For a chunk, or how the worker died that had it."""
+    if future.cancelled():
+        raise RuntimeError("the executor was shut down, or lost its connection")
+    death = future.exception()
+    if death is None:
+        found = future.result()
+        if isinstance(found, str):
+            raise RuntimeError(f"a worker failed: {found}")
+        return found
+    if not isinstance(death, _deaths()):
+        raise RuntimeError(
+            f"a worker could not begin: {type(death).__name__}: {death}; it needs jaxbeam, and "
+            "what the function imports"
+        ) from death
+    return death
+
+
+def _deaths() -> tuple[type[BaseException], ...]:
+    """What executors raise in the place of an answer where workers died of it."""
+    dask = sys.modules.get("distributed.scheduler")
+    return (BrokenExecutor,) if dask is None else (BrokenExecutor, dask.KilledWorker)
+
+
+def _pickled(work: Work) -> bytes:
+    exact = jax.config.read("jax_enable_x64")
+    try:
+        return pickler.dumps((os.getpid(), exact, made_with(), work))
+    except Exception as error:  # of what kind depends on what it is
+        raise TypeError(
+            "function must be picklable to go to an executor: define it in a module, with what it "
+            f"needs bound by jax.tree_util.Partial, or install cloudpickle ({error})"
+        ) from error
+
+
+@functools.lru_cache(maxsize=4)
+def _opened(job: bytes) -> Work:
+    caller, exact, theirs, work = pickle.loads(job)
+    if os.getpid() != caller:  # what a context manager sets does not reach callbacks
+        jax.config.update("jax_enable_x64", exact)
+    ours = made_with()
+    other = [f"{n} ({ours[n]}, not {theirs[n]})" for n in ours if ours[n] != theirs[n]]
+    if other:
+        raise RuntimeError(f"it would find other bits, being different in {', '.join(other)}")
+    return work
+
+
+def _answer(job: bytes, columns: Columns, deaths: int) -> Part | str:
+    """In a worker: what is found for a chunk, or what went wrong with all of it. Dask knows calls
+    by their arguments: with the number of deaths before, another try is not the one that failed."""
+    try:
+        return _opened(job).on(columns, None)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"

@@ -1,0 +1,233 @@
+"""The ladder in space: elements judge where the beam says how it twists, and answer alone where no
+other theory bears what is asked."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+
+TIMES = np.linspace(0.0, 4.0, 41)
+UP = jb.SmoothSpinUp(0.5, 2.0)
+
+
+def rotor(torsional_stiffness=0.8, **more):
+    beam = jb.Beam(1.0, 1.0, 200.0**2, 1.0, 0.7, torsional_stiffness=torsional_stiffness)
+    return jb.Rotor(beam, **more)
+
+
+class Raised(eqx.Module):
+    """A vector that rises smoothly from zero."""
+
+    largest: jax.Array
+    duration: float
+
+    def __call__(self, t):
+        share = jnp.clip(t / self.duration, 0.0, 1.0)
+        return self.largest * share**3 * (10 - 15 * share + 6 * share**2)
+
+
+def raised(largest, duration=2.0):
+    return Raised(jnp.asarray(largest), duration)
+
+
+def flap(motion=UP, **loads):
+    """The largest deflection of the tip out of the plane."""
+    return jb.ladder.PeakDeflection(motion, TIMES, 2, loads=jb.Loads(**loads))
+
+
+def inclined(speed, angle=0.7, **loads):
+    return flap(jb.SmoothSpinUp(speed, 2.0, jb.motions.inclined_axis(angle)), **loads)
+
+
+def names(*asked):
+    return [rung.name for rung in jb.ladder.rungs(*asked)]
+
+
+MOMENT = flap(tip_moment=[0.0, 0.2, 0.0])
+FOLLOWING = flap(tip_force=[0.0, 0.0, 0.2], follows=True)
+TORSION = jb.ladder.ModalFrequencies(2.0, jb.labels(in_plane=1, torsion=1))
+BENDING = jb.ladder.ModalFrequencies(2.0, jb.labels(in_plane=1, flap=1))
+
+
+def test_elements_in_space_are_rungs_where_the_beam_says_how_it_twists():
+    with_elements, without = names(rotor(), inclined(1.0)), names(rotor(None), inclined(1.0))
+    assert with_elements[-1] == "128 elements in space"
+    assert "1 element in space" in with_elements
+    assert not any("element" in name for name in without)
+    theirs = {name for name in with_elements if "element" not in name}
+    assert theirs == {name for name in without if not name.startswith("von Karman, 8")}
+
+
+PLANAR = [
+    jb.ladder.PeakDeflection(UP, TIMES),
+    jb.ladder.RootStrain(UP, TIMES, loads=jb.Loads(tip_force=[0.0, 0.1, 0.0])),
+    jb.ladder.ModalFrequencies(1.0, jb.labels(in_plane=2)),
+]
+
+
+@pytest.mark.parametrize("question", PLANAR)
+def test_rungs_in_the_plane_do_not_ask_how_the_beam_twists(question):
+    assert names(rotor(), question) == names(rotor(None), question)
+    assert any(name == "64 elements" for name in names(rotor(), question))
+
+
+ALONE = [
+    (MOMENT, {}, "loads.tip_moment"),
+    (FOLLOWING, {}, "loads.follows"),
+    (jb.ladder.PeakDeflection(UP, TIMES), {"precone": 0.1}, "precone in motion"),
+    (BENDING, {"precone": 0.1, "pitch": 0.2}, "precone beside pitch"),
+    (TORSION, {}, "torsion 1"),
+]
+
+
+@pytest.mark.parametrize(("question", "more", "needed"), ALONE, ids=[a[2] for a in ALONE])
+def test_what_elements_in_space_alone_bear(question, more, needed):
+    """They are all the rungs there are, and without them there is an error that names the cause."""
+    assert all(
+        isinstance(r.model, jb.SpatialANCF) for r in jb.ladder.rungs(rotor(**more), question)
+    )
+    refused = rotor(None, **more)
+    for ask in (
+        lambda: jb.ladder.rungs(refused, question),
+        lambda: jb.choose_model(refused, question),
+        lambda: jb.ladder_sweep(lambda **_: (refused, question), jb.points(speed=[1.0])),
+    ):
+        with pytest.raises(ValueError, match=f"{needed}.*give torsional_stiffness"):
+            ask()
+
+
+def test_frequencies_in_a_cone_have_hybrid_rungs_without_stretch():
+    models = [rung.model for rung in jb.ladder.rungs(rotor(precone=0.1), BENDING)]
+    assert {type(model) for model in models} == {jb.Hybrid, jb.SpatialANCF}
+    assert all(model.n_stretch == 0 for model in models if isinstance(model, jb.Hybrid))
+    with pytest.raises(ValueError, match=r"^precone: .* give torsional_stiffness"):
+        jb.ladder.rungs(rotor(None, precone=0.1), BENDING)
+
+
+def test_places_in_a_cone():
+    """The axes of the hub are not those of the beam, for many points as for one."""
+    model = jb.SpatialANCF(2)
+    equations = model.equations(rotor(precone=0.3))
+    q = jnp.linspace(-0.1, 0.1, len(model.families))
+    tip = equations.tip(q)
+    np.testing.assert_allclose(equations.displacement(q, np.array([0.5, 1.0]))[1], tip, atol=1e-15)
+    np.testing.assert_allclose(equations.displacement(q, np.ones(1))[0], tip, atol=1e-15)
+
+
+def truth(asked, question, size, elements):
+    found = jb.ladder.ask(jb.SpatialANCF(elements), asked, question, 1e-6, size)
+    assert int(found.status) == 0
+    return found
+
+
+def honest(choice, asked, question, elements=16):
+    """Met, and truly: the error is no larger than its estimate."""
+    assert choice.met
+    best = truth(asked, question, float(np.clip(choice.indicators.size, 1e-9, 1.0)), elements)
+    off = np.max(np.abs(choice.answer - np.asarray(best.value)) / np.asarray(best.scale))
+    assert off <= choice.estimate <= choice.tolerance
+
+
+@pytest.mark.slow
+def test_small_deflections_need_no_elements():
+    asked, question = rotor(), inclined(0.02, tip_force=raised([0.0, 0.0, 1e-3]))
+    choice = jb.choose_model(asked, question, 1e-2)
+    assert isinstance(choice.model, jb.Classical | jb.Hybrid)
+    assert choice.estimate < 0.5 * choice.tolerance
+    honest(choice, asked, question)
+
+
+@pytest.mark.slow
+def test_large_deflections_are_for_elements():
+    """About an inclined axis, under a load that follows."""
+    asked, question = rotor(), inclined(0.7, tip_force=raised([0.0, 0.1, 0.3]), follows=True)
+    choice = jb.choose_model(asked, question, 1e-3)
+    assert isinstance(choice.model, jb.SpatialANCF)
+    assert choice.indicators.size > 0.1
+    honest(choice, asked, question)
+
+
+@pytest.mark.slow
+def test_without_torsional_stiffness_the_choice_says_what_it_would_take():
+    choice = jb.choose_model(rotor(None), inclined(1.0), 1e-3)
+    assert not choice.met
+    assert "torsional_stiffness would give elements in space" in str(choice).splitlines()[-2]
+
+
+@pytest.mark.slow
+def test_a_moment_at_the_tip_bends_a_circle():
+    """Raised slowly, M at the tip turns it by M L / EI."""
+    asked = rotor()
+    question = jb.ladder.PeakDeflection(
+        jb.ConstantSpeed(0.0), 12 * TIMES, 2,
+        loads=jb.Loads(tip_moment=raised([0.0, -0.28, 0.0], 40.0)),
+    )  # fmt: skip
+    choice = jb.choose_model(asked, question, 1e-3)
+    turn = 0.28 / 0.7
+    assert choice.met
+    assert choice.answer[0] == pytest.approx((1 - np.cos(turn)) / turn, rel=2e-3)
+    assert choice.rung.name.endswith("in space")
+
+
+@pytest.mark.slow
+def test_motion_in_a_cone():
+    """At the end of a slow spin-up the root strain is that of the tension along the beam."""
+    asked = rotor(precone=0.2, hub_radius=0.5)
+    question = jb.ladder.RootStrain(jb.SmoothSpinUp(0.3, 30.0), np.linspace(0.0, 33.0, 12))
+    choice = jb.choose_model(asked, question, 2e-2)
+    assert choice.met
+    # Of the undeformed beam: int (R + x cos b) cos b dm, and the centrifugal force is radial.
+    along = 0.3**2 * np.cos(0.2) * (0.5 + np.cos(0.2) / 2) / 200.0**2
+    assert choice.answer[-1] == pytest.approx(along, rel=2e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("question", "more", "tolerance"),
+    [
+        (BENDING, {"precone": 0.1, "hub_radius": 0.2}, 1e-3),
+        (TORSION, {}, 1e-2),
+    ],
+    ids=["coned", "torsion"],
+)
+def test_frequencies(question, more, tolerance):
+    asked = rotor(**more)
+    honest(jb.choose_model(asked, question, tolerance), asked, question)
+
+
+def pushed(speed, load, angle):
+    """A spin-up about an inclined axis under a load in flap."""
+    motion = jb.SmoothSpinUp(speed, 2.0, jb.motions.inclined_axis(angle))
+    force = raised(jnp.stack([0 * load, 0 * load, load]))
+    return rotor(), jb.ladder.PeakDeflection(motion, TIMES, 2, loads=jb.Loads(tip_force=force))
+
+
+@pytest.mark.slow
+def test_sweep_in_space():
+    """Small ones on linear rungs, large ones on elements, all as honest as they say."""
+    rng = np.random.default_rng(3)
+    n, tolerance = 8, 2e-3
+    columns = {
+        "speed": rng.uniform(0.1, 1.0, n),
+        "load": np.geomspace(1e-3, 1.0, n),
+        "angle": rng.uniform(0.3, 1.5, n),
+    }
+    columns["speed"][:3] *= 0.05
+    table = jb.ladder_sweep(pushed, jb.points(**columns), tolerance, representatives=4, chunk=4)
+
+    def best(speed, load, angle):
+        asked, question = pushed(speed, load, angle)
+        found = question.answer(jb.SpatialANCF(8), asked, jnp.asarray(1e-6), jnp.asarray(1e-2))
+        return {"value": found.value[0], "status": found.status}
+
+    exact = jb.sweep(best, jb.points(**columns), chunk=4, progress=False)
+    assert (exact["status"] == 0).all()
+    error = np.abs(table["partial"][:, 0] / exact["value"] - 1)
+    assert (error <= table["estimate"]).all()
+    assert (table["status"] == 0).mean() > 0.9
+    assert (error[table["status"] == 0] <= tolerance).all()
+    assert table["rung"][-1].endswith("elements in space")
+    assert table["rung"][0].startswith("hybrid")

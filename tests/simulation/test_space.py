@@ -1,0 +1,177 @@
+"""Elements in space in time: balances, loads that follow, cones, gradients, batches."""
+
+import dataclasses
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxbeam as jb
+from jaxbeam import plot
+from tests.helpers import AS_BUILT, finite_difference, optimised
+
+TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
+MODEL = jb.SpatialANCF(2)
+BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+CONED = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3, precone=0.3, pitch=0.2)
+AXIS = jb.motions.inclined_axis(1.1)
+GRAVITY = jnp.array([0.0, -1.0, -0.5])
+
+
+def rising(t):
+    return jnp.array([0.3, 0.5, 0.4]) * t
+
+
+def turning(t):
+    return jnp.array([0.4, 0.2, -0.3]) * t
+
+
+DEAD = jb.Loads(GRAVITY, rising, tip_moment=turning)
+SOFT = jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True)
+slow = pytest.mark.slow
+
+
+@slow
+def test_power_is_the_change_of_energy():
+    """Hub torque, gravity, force and moment at the tip, and damping, of a beam as built, in a cone,
+    about an inclined axis."""
+    model, loads = SOFT, DEAD
+    rotor = dataclasses.replace(AS_BUILT, precone=jnp.asarray(0.3))
+    times = jnp.linspace(0.0, 0.5, 401)
+    damping = jb.Damping(mass=0.3, stiffness=1e-3)
+    motion = jb.SmoothSpinUp(1.5, 0.5, AXIS)
+    run = optimised(
+        lambda: jb.simulate(
+            model, rotor, motion, times, loads=loads, damping=damping, stepsize_controller=TIGHT,
+            max_steps=40_000,
+        )
+    )()  # fmt: skip
+
+    out = jnp.array([np.cos(0.3), 0.0, np.sin(0.3)])
+    root = jnp.array([rotor.hub_radius, 0.0, 0.0])
+
+    def besides_hub(t, y):
+        scene = run.scene
+        hub, equations = scene.hub(t), scene.equations
+        mass, first, _ = equations.rigid
+        at, moved = jax.jvp(equations.first_moment, (y.q,), (y.v,))
+        at = at + mass * root + (first - mass * rotor.hub_radius) * out
+        turned = jnp.cross(hub.angular_velocity, at)
+        weight = hub.gravity @ (moved + mass * hub.velocity + turned)
+        load = loads.at_tip(t)
+        force, moment = equations.tip_action(y.q, load)
+        end = equations.tip(y.q) + root + rotor.beam.length * out
+        carried = force @ jnp.cross(hub.angular_velocity, end) + moment @ hub.angular_velocity
+        pushed = equations.tip_power(y.q, y.v, load) + carried
+        rate = jax.jvp(equations.elastic_force, (y.q,), (y.v,))[1]
+        momentum = jax.grad(equations.kinetic_energy, 1)(y.q, y.v, jnp.zeros(3), jnp.zeros(3))
+        return weight + pushed - (0.3 * momentum + 1e-3 * rate) @ y.v
+
+    speed = jax.vmap(motion.angular_speed)(times)
+    power = speed * (run.hub_torque @ AXIS) + jax.jit(jax.vmap(besides_hub))(times, run.state)
+    weights = (times[1] - times[0]) / 3 * np.r_[1, np.tile([4, 2], 199), 4, 1]  # Simpson
+    change = run.energy[-1] - run.energy[0]
+    np.testing.assert_allclose(weights @ power, change, rtol=1e-5)
+    assert np.abs(run.imbalance).max() < 1e-7
+
+
+@slow
+def test_jacobi_integral_of_large_motion():
+    """Over a hundred periods of the first mode, in a cone, about an inclined axis, let go where a
+    force across has bent it both ways. A beam that is not too slender: what counts is the number of
+    steps."""
+    beam = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+    rotor = jb.Rotor(beam, hub_radius=0.4, tip_mass=0.3, precone=0.3)
+    end = 200 * np.pi / float(jb.modes(MODEL, rotor, 0.0, 1).frequency[0])
+    motion = jb.ConstantSpeed(1.0, AXIS)
+    start = jb.steady_start(MODEL, rotor, motion, loads=jb.Loads(tip_force=[0.0, -0.6, 0.5]))
+    run = optimised(
+        lambda: jb.simulate(
+            MODEL, rotor, motion, np.linspace(0, end, 101), start=start, max_steps=10**6,
+            stepsize_controller=diffrax.PIDController(rtol=1e-7, atol=1e-9),
+        )
+    )()  # fmt: skip
+    assert np.abs(run.tip[0, 1:]).min() > 0.1
+    h = run.jacobi_integral
+    assert np.abs(h - h[0]).max() < 1e-8 * np.abs(run.strain_energy).max()
+
+
+VALUES = jnp.array(
+    [2.0, 1.3, 4e4, 11.0, 7.0, 6.0, 0.03, 0.4, 0.3, 0.2, 0.1, 1.5, 0.9, 0.3, 1e-3, 0.5, 0.1]
+)
+
+
+def outcome(p):
+    """Tip and twist after a spin-up, by every number there is."""
+    beam = jb.Beam(*p[:5], torsional_stiffness=p[5], polar_inertia=p[6])
+    rotor = jb.Rotor(beam, p[7], p[8], pitch=p[9], precone=p[10])
+    motion = jb.SmoothSpinUp(p[11], p[12], AXIS)
+    loads = jb.Loads(
+        GRAVITY, jnp.stack([0 * p[15], p[15], 0.4 * p[15]]), tip_moment=p[16] * jnp.ones(3)
+    )
+    run = jb.simulate(
+        MODEL, rotor, motion, jnp.linspace(0.0, 0.4, 3), damping=jb.Damping(p[13], p[14]),
+        loads=loads, stepsize_controller=diffrax.ConstantStepSize(), dt0=0.005, max_steps=128,
+        adjoint=diffrax.ForwardMode(), throw=False,
+    )  # fmt: skip
+    return jnp.append(run.tip[-1], run.twist(1.0)[-1])
+
+
+@slow
+def test_gradients_by_every_parameter():
+    """Against differences of the same discrete solution. The reverse mode of a run, which takes
+    minutes to compile, goes the way that all models go."""
+    # One direction at a time: what is not batched compiles in half the time.
+    push = jax.jit(lambda along: jax.jvp(outcome, (VALUES,), (along,))[1])
+    exact = np.stack([push(along) for along in jnp.eye(VALUES.size)], -1)
+    numeric, size = finite_difference(jax.jit(outcome), VALUES), np.asarray(VALUES)
+    scale = np.abs(exact * size).max(1, keepdims=True)
+    np.testing.assert_allclose(exact * size / scale, numeric * size / scale, rtol=0, atol=1e-6)
+
+
+@slow
+def test_one_case_that_leaves_the_range_does_not_spoil_its_neighbours():
+    """Loads are functions of time that close over a number of their case. The force of the second
+    folds its elements; the third has no stiffness in torsion."""
+    times = jnp.linspace(0.0, 0.5, 6)
+
+    def run(size, torsion):
+        beam = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=torsion, polar_inertia=0.03)
+        loads = jb.Loads(
+            tip_force=lambda t: size * jnp.array([-1.0, 0.1, 0.1]) * jnp.minimum(20 * t, 1.0),
+            tip_moment=lambda t: size * 0.1 * turning(t), changes=[0.05],
+        )  # fmt: skip
+        return jb.simulate(
+            MODEL, jb.Rotor(beam), jb.SmoothSpinUp(2.0, 0.5, AXIS), times, loads=loads, throw=False
+        )
+
+    batch = optimised(jax.vmap(run))(jnp.array([1.0, 100.0, 1.0, 2.0]), jnp.array([6, 6, -1.0, 6]))
+    assert list(map(jb.Status, batch.status.tolist())) == [
+        jb.Status.OK, jb.Status.OUT_OF_RANGE, jb.Status.INVALID_TORSIONAL_STIFFNESS, jb.Status.OK
+    ]  # fmt: skip
+    one = optimised(run)
+    for k, size in ((0, 1.0), (3, 2.0)):
+        alone = one(jnp.asarray(size), jnp.asarray(6.0))
+        np.testing.assert_allclose(batch.tip[k], alone.tip, rtol=0, atol=1e-8)
+
+
+def test_films_show_where_the_beam_is(tmp_path):
+    """Faces of ribbons are those of displacement, in axes of the hub and in space."""
+    times = jnp.linspace(0.0, 0.2, 3)
+    run = jb.simulate(MODEL, CONED, jb.SmoothSpinUp(2.0, 0.5, AXIS), times)
+    strip = plot.filmstrip(CONED, run, frames=2)
+    hub, space = strip.axes[:2]
+    assert (hub.get_title(), space.get_title()) == ("axes of the hub", "space")
+    tips = [np.stack(ax.lines[-1].get_data_3d(), 1) for ax in (hub, space)]
+    out = 2.0 * np.array([np.cos(0.3), 0.0, np.sin(0.3)]) + [0.4, 0, 0]
+    np.testing.assert_allclose(tips[0], np.asarray(run.tip) + out, rtol=0, atol=1e-14)
+    turn = jax.vmap(run.scene.motion.attitude)(times)
+    np.testing.assert_allclose(tips[1], np.einsum("tij,tj->ti", turn, tips[0]), atol=1e-14)
+    plot.film(CONED, run, Figure()).save(tmp_path / "film.gif", "pillow", dpi=20)
+    assert (tmp_path / "film.gif").stat().st_size > 0
+    with pytest.raises(ValueError, match="run must be that of one case"):
+        plot.filmstrip(CONED, eqx.tree_at(lambda r: r.times, run, run.times[None]))

@@ -1,0 +1,254 @@
+"""Small motion of elements in space, and where they lose their stability."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam.models import Family
+from tests.helpers import finite_difference, reverse_mode
+from tests.models.rod_reference import lateral_buckling
+
+BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
+WHICH = jb.labels(in_plane=2, flap=2)
+
+
+def frequencies(model, rotor, speed, which=WHICH):
+    return np.asarray(jb.modes(model, rotor, speed, which).frequency)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.0, 6.0])
+def test_bending_of_a_straight_beam_is_that_of_the_planar_element_and_of_the_modal_theory(speed):
+    """In the plane that of `EngineeringANCF`, with the fourth power of an element's length; out of
+    it, which takes no part in its steady stretch, that of `Hybrid` where stretch is small."""
+    found = [frequencies(jb.SpatialANCF(n), ROTOR, speed) for n in (4, 8)]
+    strain = float(ROTOR.steady_strain(jnp.asarray(speed)))
+    exact = frequencies(jb.Hybrid(12, 14, 14), ROTOR, speed)
+    assert np.abs(found[1] / exact - 1).max() < 1e-4 + 2 * strain
+    planar = frequencies(jb.EngineeringANCF(32), ROTOR, speed, jb.labels(in_plane=2))
+    apart = [np.abs(each[:2] / planar - 1).max() for each in found]
+    assert apart[1] < 5e-4
+    assert apart[1] < apart[0] / 10
+    if speed == 0.0:  # without stretch, which they integrate differently, as many are the same
+        planar = frequencies(jb.EngineeringANCF(8), ROTOR, speed, jb.labels(in_plane=2))
+        np.testing.assert_allclose(found[1][:2], planar, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_torsion_is_that_of_a_bar_with_a_body_at_its_end():
+    """cot(l) = l I / (j L): polar inertia j per length, I at the tip, w = l (GJ / j)^1/2 / L."""
+    tip = jb.TipBody(offset=0.0, inertia=0.0, axial_inertia=0.06)
+    for body, roots in (
+        (None, np.pi / 2 * np.array([1, 3])),
+        (tip, [0.8603335890193797, 3.4256184594817]),
+    ):
+        rotor = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3, tip=body)
+        found = frequencies(jb.SpatialANCF(10), rotor, 0.0, jb.labels(torsion=2))
+        np.testing.assert_allclose(found, np.array(roots) * np.sqrt(6.0 / 0.03) / 2, rtol=1e-5)
+
+
+TWISTED = jb.Rotor(
+    jb.Beam(
+        2.0, 1.3, 4e5, 44.0, 7.0, twist=jb.Spanwise([0, 1], [0.5, -0.1]), torsional_stiffness=60.0,
+        polar_inertia=1e-3,
+    ),
+    hub_radius=0.4, pitch=0.2,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.0, 12.0])
+def test_twisted_sections_couple_bending_as_in_the_modal_theory(speed):
+    exact = frequencies(jb.Hybrid(12, 14, 14), TWISTED, speed)
+    errors = [
+        np.abs(frequencies(jb.SpatialANCF(n), TWISTED, speed) / exact - 1).max() for n in (4, 8)
+    ]
+    strain = float(TWISTED.steady_strain(jnp.asarray(speed)))
+    assert errors[1] < 4e-4 + 2 * strain
+    assert errors[1] < errors[0] / 10 + 2 * strain
+
+
+@pytest.mark.slow
+def test_a_cone_bends_and_couples_as_in_the_modal_theory():
+    """Of a beam that hardly stretches or twists, `coned.py`."""
+    beam = jb.Beam(1.0, 1.0, 1e6, 4.0, 1.0, torsional_stiffness=1e3, polar_inertia=1e-5)
+    rotor, which = jb.Rotor(beam, hub_radius=0.1, precone=0.09), jb.labels(in_plane=1, flap=2)
+    exact = frequencies(jb.Hybrid(0, 14, 14), rotor, 6.0, which)
+    errors = [
+        np.abs(frequencies(jb.SpatialANCF(n), rotor, 6.0, which) / exact - 1).max()
+        for n in (4, 8, 16)
+    ]
+    assert errors[2] < 1e-4
+    assert errors[2] < errors[1] / 3 < errors[0] / 9
+
+
+def test_participation_says_what_twists():
+    found = jb.modes(jb.SpatialANCF(4), ROTOR, 3.0, jb.labels(in_plane=1, flap=1, torsion=1))
+    np.testing.assert_allclose(found.energy_share, np.eye(4)[[0, 1, 3]], atol=1e-5)
+
+
+@pytest.mark.slow
+def test_gradients_by_all_parameters():
+    """Of frequencies in a cone, twisted sections, both modes."""
+    model, which = jb.SpatialANCF(2), jb.labels(in_plane=1, flap=1, torsion=1)
+
+    def of(x):
+        beam = jb.Beam(
+            x[0], x[1], 1e3 * x[2], 11 * x[3], 4 * x[4], twist=0.3 * x[5],
+            torsional_stiffness=6 * x[6], polar_inertia=0.03 * x[7],
+        )  # fmt: skip
+        rotor = jb.Rotor(beam, 0.4 * x[8], 0.2 * x[9], precone=0.1 * x[10], pitch=0.1 * x[11])
+        return jb.modes(model, rotor, 3.0 * x[12], which).frequency
+
+    x = jnp.ones(13)
+    value, jacobian = reverse_mode(of, 3)
+    exact = jacobian(x)
+    along = np.linspace(0.5, 1.5, 13)
+    forward = jax.jit(lambda x: jax.jvp(of, (x,), (along,))[1])(x)
+    np.testing.assert_allclose(forward, exact @ along, rtol=1e-9)
+    numeric = finite_difference(value, x)
+    np.testing.assert_allclose(exact, numeric, rtol=1e-6, atol=2e-6 * np.abs(exact).max())
+
+
+def narrow(ratio, torsion, axial=1e5):
+    return jb.Rotor(jb.Beam(1.0, 1.0, axial, ratio, 1.0, torsional_stiffness=torsion))
+
+
+ACROSS = jb.Loads(tip_force=[0, 1.0, 0])
+ALONG = np.array([-1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        pytest.param(jb.SpatialANCF(4), marks=pytest.mark.slow),
+        jb.EngineeringANCF(4),
+        jb.Hybrid(0, 6, 0),
+    ],
+)
+def test_a_column_buckles_under_the_load_of_euler(model):
+    """pi^2 EI / 4 L^2 of the softer direction that a model has, less what it is shortened by."""
+    softest = 1.0 if Family.FLAP in model.families else 2.5
+    found = jb.critical_load(model, narrow(2.5, 0.3, 1e6), jb.Loads(tip_force=[-1.0, 0, 0]))
+    np.testing.assert_allclose(found.factor, softest * np.pi**2 / 4, rtol=1e-4)
+    assert Family(int(found.family)) == (Family.FLAP if softest == 1 else Family.IN_PLANE)
+
+
+@pytest.mark.slow
+def test_columns_of_any_slenderness_buckle_under_the_load_of_a_rod_that_gets_shorter():
+    """P (1 - P / EA) = pi^2 EI / 4 L^2; none is lost where the search comes upon a stiffness that
+    is singular but for rounding, at which no equilibrium is found."""
+    axial = jnp.geomspace(30.0, 1e6, 200)
+
+    def of(axial):
+        rotor = jb.Rotor(jb.Beam(1.0, 1.0, axial, 1.0, 1.0))
+        loads = jb.Loads(tip_force=[-1.0, 0, 0])
+        found = jb.critical_load(jb.EngineeringANCF(2), rotor, loads, throw=False)
+        return found.factor, found.status
+
+    both = jax.jit(jax.vmap(of))
+    factor, status = both(axial)
+    assert (status == jb.Status.OK).all()
+    exact = axial / 2 * (1 - jnp.sqrt(1 - np.pi**2 / axial))
+    np.testing.assert_allclose(factor, exact, rtol=1e-3)  # of two elements
+    slope = (both(axial * (1 + 1e-4))[0] / both(axial * (1 - 1e-4))[0] - 1) / 2e-4
+    np.testing.assert_allclose(both(axial * (1 + 1e-8))[0] / factor - 1, 1e-8 * slope, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_a_heavy_column_buckles_under_its_weight():
+    """7.8373 EI / L^3 per length (Greenhill)."""
+    loads = jb.Loads(gravity=[-1.0, 0, 0])
+    found = jb.critical_load(jb.SpatialANCF(8), narrow(2.5, 0.3, 1e6), loads)
+    np.testing.assert_allclose(found.factor, 7.8373474, rtol=3e-5)
+
+
+@pytest.mark.slow
+def test_a_narrow_cantilever_buckles_sideways():
+    """4.0126 (EI GJ)^1/2 / L^2 (Prandtl, Michell) in the narrow limit; more where the beam bends
+    before it buckles."""
+    limit = lateral_buckling(1e6, 0.3) / np.sqrt(0.3)
+    np.testing.assert_allclose(limit, 4.012599, rtol=2e-6)
+    for ratio in (2.5, 1e3):
+        exact = lateral_buckling(ratio, 0.3)
+        errors = [
+            abs(
+                float(jb.critical_load(jb.SpatialANCF(n), narrow(ratio, 0.3), ACROSS).factor)
+                - exact
+            )
+            for n in (4, 16)
+        ]
+        assert errors[1] < 1e-4
+        assert errors[1] < errors[0] / 10
+    found = jb.critical_load(jb.SpatialANCF(4), narrow(2.5, 0.3), ACROSS)
+    assert Family(int(found.family)) in (Family.FLAP, Family.TORSION)
+
+
+@pytest.mark.slow
+def test_a_beam_that_is_pushed_aside_comes_back_below_the_critical_load_alone():
+    """Bracketed by integration in time: a disturbance stays small 3 % below, and grows above."""
+    model, rotor = jb.SpatialANCF(4), narrow(2.5, 0.3)
+    factor = float(jb.critical_load(model, rotor, ACROSS).factor)
+    for share, grows in ((0.97, False), (1.03, True)):
+        aside = jb.Loads(tip_force=[0, share * factor, 1e-5])
+        start = jb.steady_start(
+            model, rotor, jb.ConstantSpeed(0.0), loads=jb.Loads(tip_force=[0, share * factor, 0])
+        )
+        run = jb.simulate(
+            model, rotor, jb.ConstantSpeed(0.0), np.linspace(0, 20.0, 101), start=start, loads=aside
+        )
+        assert (np.abs(run.tip[:, 2]).max() > 0.02) == grows
+
+
+@pytest.mark.slow
+def test_critical_loads_have_gradients():
+    """In both modes, forwards in one direction; of elements in the plane, since those in space take
+    minutes to compile, and go the same way."""
+
+    def of(x):
+        rotor = jb.Rotor(jb.Beam(x[0], 1.0, 1e3 * x[1], 2.5 * x[2], 1.0))
+        return jb.critical_load(
+            jb.EngineeringANCF(2), rotor, jb.Loads(tip_force=x[3] * ALONG)
+        ).factor
+
+    x, of = jnp.ones(4), jax.jit(of)
+    exact = jax.jit(jax.grad(of))(x)
+    np.testing.assert_allclose(exact, finite_difference(of, x), rtol=1e-6, atol=1e-6)
+    assert (np.abs(exact) > 1e-3).all()
+    along = jnp.array([0.7, 1.0, -0.4, 0.2])
+    forward = jax.jit(lambda x: jax.jvp(of, (x,), (along,))[1])(x)
+    np.testing.assert_allclose(forward, exact @ along, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_cases_of_a_batch_of_critical_loads_do_not_spoil_one_another():
+    """The second pulls and never buckles, the third has no stiffness in torsion."""
+    force = jnp.array([[-1.0, 0, 0], [1.0, 0, 0], [-1.0, 0, 0]])
+    torsion = jnp.array([0.3, 0.3, -1.0])
+    of = functools.partial(jb.critical_load, jb.SpatialANCF(2), throw=False)
+    found = jax.vmap(lambda f, t: of(narrow(2.5, t), jb.Loads(tip_force=f)))(force, torsion)
+    assert list(map(jb.Status, found.status.tolist())) == [
+        jb.Status.OK, jb.Status.OK, jb.Status.INVALID_TORSIONAL_STIFFNESS
+    ]  # fmt: skip
+    np.testing.assert_allclose(found.factor[0], np.pi**2 / 4, rtol=1e-3)
+    assert np.isinf(found.factor[1])
+    assert np.isnan(found.factor[2])
+
+
+def test_loads_without_a_potential_are_refused():
+    rotor = narrow(2.5, 0.3)
+    for loads, said in (
+        (jb.Loads(tip_moment=[0, 0, 1.0]), "has no potential"),
+        (jb.Loads(tip_force=[0, 1.0, 0], follows=True), "has no potential"),
+        (jb.Loads(tip_force=lambda t: jnp.array([0, 1.0, 0])), "must be constant"),
+        (jb.Loads(), "there are none"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            jb.critical_load(jb.SpatialANCF(2), rotor, loads)
+    with pytest.raises(TypeError, match="loads must be of class Loads"):
+        jb.critical_load(jb.SpatialANCF(2), rotor, 3.0)
