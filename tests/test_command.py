@@ -87,6 +87,7 @@ def columns(path):
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
+@pytest.mark.slow
 def test_frequencies_resumed_and_refused(command, tmp_path):
     code, said, _ = command(FREQUENCIES, "--out", "out", "--chunk", "4", "--cores", "2")
     assert code == 0
@@ -158,7 +159,7 @@ def test_histories_of_a_spin_up(command, tmp_path):
     np.testing.assert_allclose(peak, run.peak(), rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_swept_spin_up(command, tmp_path):
     text = f"{HYBRID}{SPIN_UP.split('n_elements = 2')[1]}[sweep]\nangular_speed = [2, 4, inf]\n"
     code, said, _ = command(text, "--chunk", "3")
@@ -180,6 +181,7 @@ def test_swept_spin_up(command, tmp_path):
     assert np.isnan(rows["peak[in plane]"][2])
 
 
+@pytest.mark.slow
 def test_no_case_is_ok(command):
     code, said, _ = command(SPRINGS + "[sweep]\nmass = [-1, 0]")
     assert code == 1
@@ -194,7 +196,7 @@ def test_examples_are_accepted(name, capsys):
     assert bool(scene.axes) == (name != "spin_up")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_run(name, command):
     code, said, _ = command(EXAMPLES[name])
@@ -321,6 +323,7 @@ def test_figures_leave_out_what_is_not_there():
     assert legend.get_texts()[0].get_text() == "b 0, c 0"
 
 
+@pytest.mark.slow
 def test_help_in_a_process_of_its_own():
     done = subprocess.run(
         [sys.executable, "-m", "jaxbeam", "--help"], capture_output=True, text=True, check=True

@@ -329,6 +329,7 @@ def test_files_that_are_no_tables(tmp_path):
         jb.Table.load(tmp_path)
 
 
+@pytest.mark.slow
 def test_results_are_printed_copied_and_compared():
     def print_it(measured):
         result = jb.fit(functools.partial(measured_by, measured), FREE)

@@ -12,6 +12,7 @@ from jaxbeam._numerics import platforms
 from jaxbeam._numerics.batches import CPU_LANES
 from jaxbeam._vibration.banded import bands_of
 from jaxbeam._vibration.wanted import choose
+from tests.tiers import slow
 
 SIZE = 301
 BEAM = jb.Beam.from_slenderness(300.0)
@@ -39,11 +40,11 @@ def as_with_a_gpu(monkeypatch):
     jax.clear_caches()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.usefixtures("as_with_a_gpu")
 @pytest.mark.parametrize(
     "case",
-    [lowest(jb.Hybrid(4, 8, 8)), lowest(jb.EngineeringANCF(4)), spun_up],
+    [slow(lowest(jb.Hybrid(4, 8, 8))), lowest(jb.EngineeringANCF(4)), spun_up],
     ids=["modes", "modes of elements", "spin-ups"],
 )
 def test_all_lanes_at_once_and_no_calls_of_libraries(case):

@@ -8,6 +8,7 @@ import pytest
 
 import jaxbeam
 
+pytestmark = pytest.mark.release
 PACKAGE = Path(jaxbeam.__file__).parent
 # Public modules of names by subject.
 SUBJECTS = ["models", "motions", "solvers", "results", "fitting", "ladder", "blades"]

@@ -49,7 +49,7 @@ for _ in range(8):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "body",
     [

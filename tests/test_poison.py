@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.tiers import exhaustive, slow
 
 N, POISONED = 1000, 517
 BEAM = jb.Beam.from_slenderness(70.0)
@@ -70,7 +71,6 @@ def steepness(speed, tip_mass):
 
 NAN = {"tip_mass": float("nan")}
 INVALID = jb.Status.INVALID_TIP_MASS
-slow = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
@@ -78,17 +78,17 @@ slow = pytest.mark.slow
     [
         (found_modes, NAN, INVALID),
         (found_modes, {"speed": 1e3}, jb.Status.NO_EQUILIBRIUM),
-        (raising, NAN, jb.Status.RAISED),
-        (lowest, NAN, INVALID),
-        pytest.param(modulated, NAN, INVALID, marks=slow),
-        pytest.param(modulated, {"speed": 1e3}, jb.Status.TOO_FEW_STEPS, marks=slow),
-        pytest.param(steepness, NAN, INVALID, marks=slow),
-        pytest.param(hybrid, NAN, INVALID, marks=slow),
-        pytest.param(hybrid, {"speed": 100.0}, jb.Status.MAX_STEPS, marks=slow),
-        pytest.param(classical, {"speed": 40.0}, jb.Status.DIVERGED, marks=slow),
-        pytest.param(elements, NAN, INVALID, marks=slow),
-        pytest.param(modes_in_space, NAN, INVALID, marks=slow),
-        pytest.param(in_space, NAN, INVALID, marks=slow),
+        slow(raising, NAN, jb.Status.RAISED),
+        slow(lowest, NAN, INVALID),
+        slow(modulated, NAN, INVALID),
+        exhaustive(modulated, {"speed": 1e3}, jb.Status.TOO_FEW_STEPS),
+        exhaustive(steepness, NAN, INVALID),
+        exhaustive(hybrid, NAN, INVALID),
+        slow(hybrid, {"speed": 100.0}, jb.Status.MAX_STEPS),
+        exhaustive(classical, {"speed": 40.0}, jb.Status.DIVERGED),
+        exhaustive(elements, NAN, INVALID),
+        slow(modes_in_space, NAN, INVALID),
+        exhaustive(in_space, NAN, INVALID),
     ],
 )
 def test_poison(function, poison, status):

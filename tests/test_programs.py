@@ -8,6 +8,7 @@ import jax
 import pytest
 
 import jaxbeam as jb
+from tests.tiers import slow
 
 BLADE = jb.Beam.from_section(
     length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
@@ -46,24 +47,20 @@ def fitted(measured):
 @pytest.mark.parametrize(
     ("answer", "argument", "most"),
     [
-        (lambda rotor: jb.modes(HYBRID, rotor, 10.0, WHICH), ROTOR, 2300),
-        (lambda rotor: jb.southwell(HYBRID, rotor, 0.0, WHICH), ROTOR, 4500),
-        (lambda rotor: jb.critical_speed(jb.models.ChordANCF(4), rotor), ROTOR, 5000),
-        (lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3100),
-        (fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300),
-        (spun_up, ROTOR, 4900),
-        (jax.grad(spun_up), ROTOR, 9400),
+        pytest.param(lambda rotor: jb.modes(HYBRID, rotor, 10.0, WHICH), ROTOR, 2300, id="modes"),
+        slow(lambda rotor: jb.southwell(HYBRID, rotor, 0.0, WHICH), ROTOR, 4500, id="southwell"),
+        slow(
+            lambda rotor: jb.critical_speed(jb.models.ChordANCF(4), rotor), ROTOR, 5000,
+            id="critical_speed",
+        ),
+        slow(
+            lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3100, id="floquet"
+        ),
+        slow(fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300, id="fit"),
+        slow(spun_up, ROTOR, 4900, id="spin-up"),
+        slow(jax.grad(spun_up), ROTOR, 9400, id="gradient of a spin-up"),
     ],
-    ids=[
-        "modes",
-        "southwell",
-        "critical_speed",
-        "floquet",
-        "fit",
-        "spin-up",
-        "gradient of a spin-up",
-    ],
-)
+)  # fmt: skip
 def test_programs_are_small(answer, argument, most):
     """In lines of StableHLO."""
     assert jax.jit(answer).lower(argument).as_text().count("\n") <= most
@@ -149,7 +146,7 @@ for name, answer in others.items():
 """
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_second_process_compiles_nothing(tmp_path):
     """With JAX's own settings alone."""
     settings = {

@@ -25,6 +25,8 @@ def _numbers(text: str) -> list[float]:
     return [float(n) for n in re.findall(r"-?\d+\.\d+", text)]
 
 
+@pytest.mark.release
+@pytest.mark.slow
 def test_example_prints_what_is_printed():
     program = _blocks("python")
     said = run_optimised("-c", program, timeout=120)
@@ -37,7 +39,7 @@ def test_example_prints_what_is_printed():
         assert ("True" in line) == ("True" in claim)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_longer_examples_print_what_is_printed(tmp_path):
     program = _blocks("python") + _blocks("py")
     said = run_optimised("-c", program, timeout=300, cwd=tmp_path)

@@ -11,6 +11,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.fitting.test_fit import line
+from tests.tiers import exhaustive, slow
 
 BEAM = jb.Beam.from_slenderness(70.0)
 FIRST = jb.labels(in_plane=1)
@@ -75,7 +76,7 @@ RESULTS = {
     "Fit": fitted,
     "Answer": answered,
 }
-QUICK = ("Modes", "LinearSystem", "Southwell")
+QUICK, SLOW = ("LinearSystem",), ("Modes", "Southwell", "Simulation", "Fit")
 
 
 def asked(result):
@@ -108,7 +109,8 @@ def assert_same(a, b, **tolerance):
 
 
 @pytest.mark.parametrize(
-    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in RESULTS]
+    "name",
+    [n if n in QUICK else slow(n) if n in SLOW else exhaustive(n) for n in RESULTS],
 )
 def test_batches_answer_as_their_cases_do(name):
     """Nested maps of either kind, asked outside and inside, and a single case of them."""
@@ -153,6 +155,7 @@ LONG = jb.Rotor(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_sweep_does_not_call_a_failed_run_ok():
     """Of a beam of 8 m: the classical theory diverges at 3 and 4 rad/s, with peaks of -97 m."""
     times = jnp.linspace(0.0, 20.0, 21)
@@ -295,7 +298,7 @@ NUMBERS = {
 }  # fmt: skip
 
 
-QUICK_NUMBERS = ("modes",)
+SLOW_NUMBERS = "modes", "critical_speed"
 
 
 def check_derivatives(push, pull, x):
@@ -320,7 +323,7 @@ def check_derivatives(push, pull, x):
 
 @pytest.mark.parametrize(
     "name",
-    [n if n in QUICK_NUMBERS else pytest.param(n, marks=pytest.mark.slow) for n in NUMBERS],
+    [n if n in QUICK else slow(n) if n in SLOW_NUMBERS else exhaustive(n) for n in NUMBERS],
 )
 def test_derivatives_where_a_case_failed(name):
     """NaN forwards, nothing in reverse: gradients by what lanes share are those of good lanes."""
@@ -328,7 +331,7 @@ def test_derivatives_where_a_case_failed(name):
     check_derivatives(number, number, x)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_derivatives_where_a_run_failed():
     def number(**kwargs):
         def of(p, x):

@@ -84,7 +84,7 @@ def test_causes(run):
     assert (fast[0, 2:5] > 20).all()  # at gamma = 50 each cause moves some first mode by over 20 %
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_yoo1995(tmp_path):
     """Every figure, a table of peaks, and what Y says of its models."""
     study("yoo1995", tmp_path)
@@ -102,7 +102,7 @@ def test_yoo1995(tmp_path):
     assert float(rows["4", "", "present (hybrid)", "u1"]["peak_m"]) < -5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_space(tmp_path):
     """What other programs computed and what was measured, and lateral buckling."""
     printed = study("space", tmp_path)
@@ -119,14 +119,14 @@ def test_space(tmp_path):
     assert abs(float(rows_of(tmp_path / "buckling.csv")[0]["critical_load"]) / 4.0126 - 1) < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_spin_up_film(tmp_path):
     study("spin_up_film", tmp_path)
     assert any(path.suffix == ".gif" for path in tmp_path.iterdir())
     assert any(path.suffix == ".png" for path in tmp_path.iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_berzeri1999(tmp_path):
     """Every figure, and the statements of B on Model 0 and Model A."""
     study("berzeri1999", tmp_path)
@@ -146,7 +146,7 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_speed_accuracy(tmp_path):
     """Every scene has a front, failures are kept, and errors are what theory says."""
     printed = study("speed_accuracy", tmp_path)
@@ -172,7 +172,7 @@ def test_speed_accuracy(tmp_path):
     assert min(linear) > 0.15  # it moves three quarters of its length
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_peers(tmp_path):
     """Other integrators and other codes find the same motion."""
     printed = study("peers", tmp_path)
@@ -191,7 +191,7 @@ def test_peers(tmp_path):
     assert "times as fast as scipy.linalg.eig" in printed
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_costs(tmp_path):
     study("costs", tmp_path)
     rows = rows_of(tmp_path / "costs.csv")
@@ -202,7 +202,7 @@ def test_costs(tmp_path):
     assert (tmp_path / "elements.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_stability(tmp_path):
     """Motions in time stay bounded for 200 periods 1 % below a critical speed, and grow 1 % above;
     over the maps they do what it says."""
@@ -224,7 +224,7 @@ def test_stability(tmp_path):
             assert float(row["low_rad_s"]) < float(row["high_rad_s"])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_integrator_stability(tmp_path):
     """Theory and trial agree, and every wrong result is caught."""
     printed = study("integrator_stability", tmp_path)
@@ -240,7 +240,7 @@ def test_integrator_stability(tmp_path):
     assert "of these not caught: 0" in printed
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_validity(tmp_path):
     """Rayleigh gives the classical error; the hybrid one is quadratic, small strain linear."""
     study("validity", tmp_path)
@@ -274,7 +274,7 @@ def test_validity(tmp_path):
     assert 0.9 < slope < 1.1
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_ladder(tmp_path):
     """What is chosen is within the tolerance, or says that it is not."""
     printed = study("ladder", tmp_path)
@@ -293,7 +293,7 @@ def test_ladder(tmp_path):
     assert "error above estimate: 0" in printed
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_fit_experiment(tmp_path):
     """Measured frequencies that a fit has not seen, and a stiffness that differs from mode to mode
     where the theory of beams ends."""
@@ -342,7 +342,7 @@ def test_validation(tmp_path):
     assert "off" in printed
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_detune(tmp_path):
     study("detune", tmp_path)
     before, after = rows_of(tmp_path / "detune.csv")
@@ -350,7 +350,7 @@ def test_detune(tmp_path):
     assert float(after["margin"]) >= 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_blade(tmp_path):
     """Frequencies are those of another method, pyBModes is as far off as it must be, and stiffness
     and mass times the same factor change nothing."""
@@ -391,7 +391,7 @@ def hertz(of, rpm, count):
     return np.array(blade_reference.frequencies(of, rpm * np.pi / 30, count)) / (2 * np.pi)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_tune_blade(tmp_path):
     """The tuned blade keeps its margin by another method, with hardly more mass than must be."""
     study("tune_blade", tmp_path)
@@ -427,7 +427,7 @@ def test_tune_blade(tmp_path):
     assert 0 < float(shown["added_kg"]) - float(shown["least_of_linearised_kg"]) < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_quiet_spin_up(tmp_path):
     """The robust optimum is an order of magnitude quieter in the worst case than all others, on
     elements too, and not below what is least."""
@@ -451,7 +451,7 @@ def test_quiet_spin_up(tmp_path):
     assert 0 < least["least, stiffness as at full speed"] < least["least, stiffness as at rest"]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_ensembles(tmp_path):
     """A line for each comparison; the operations are those of a step."""
     said = study("ensembles", tmp_path)
@@ -463,7 +463,7 @@ def test_ensembles(tmp_path):
     assert "Gflop/s a core" in said
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_scale(tmp_path):
     """Sweeps come to the same bits on one core, on two, by two workers, and in a folder."""
     printed = study("scale", tmp_path)
@@ -475,7 +475,7 @@ def test_scale(tmp_path):
     assert (tmp_path / "scale.png").stat().st_size > 20_000
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("name", "made", "told"),
     [

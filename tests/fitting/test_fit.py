@@ -206,7 +206,7 @@ def test_noisy_frequencies(frequencies):
     judge(fits, TRUTH)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_noisy_histories(history):
     noise = history_noise(history)
     rng = np.random.default_rng(4)
@@ -229,7 +229,7 @@ def at_rest(measured, noise=0.01):
 AT_REST = np.sqrt(2.0 / 1.1) * np.array([[3.5160152685, 22.0344915647]])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
     free = {"in_plane": jb.FreeParameter(1.5), "mass": jb.FreeParameter(1.0)}
     found = jb.fit(at_rest(AT_REST), free, throw=False)
@@ -363,6 +363,7 @@ def test_whether_data_tell_a_parameter_does_not_depend_on_units(guess):
     assert int(unsure.status) == jb.Status.NOT_IDENTIFIABLE
 
 
+@pytest.mark.slow
 def test_too_little_data_in_a_batch_is_reported_case_by_case():
     x = np.linspace(0.0, 1.0, 3)
 
@@ -406,6 +407,7 @@ def clearance(hub=0.1, **changes):
     return jb.fitting.Clearance(jb.Hybrid(0, 1, 6), slender(hub=hub), margin=0.1, **given)
 
 
+@pytest.mark.slow
 def test_clearance_is_what_is_missing():
     """Flap 1 at 3.54 and 3.55 rad/s: 8 per revolution is 3.2 and 4.0, crossed."""
     demand = clearance()
@@ -507,6 +509,7 @@ def test_bad_data_is_named(changes, message):
         freq(**changes)
 
 
+@pytest.mark.slow
 def test_bad_histories_and_problems_are_named():
     def history(times, measured, **kwargs):
         return jb.fitting.HistoryData(

@@ -5,24 +5,24 @@ import os
 
 import jax
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, Phase, event, settings
 from hypothesis import strategies as st
 
 import jaxbeam as jb
 from jaxbeam import Status
+from tests import tiers
 from tests.helpers import BEAM, ROTOR, SPRINGS, rules
 
 FACTOR = float(os.environ.get("FUZZ_FACTOR", "1"))
-# What is new, and slow to compile.
-BY_HAND = pytest.mark.skipif("FUZZ_FACTOR" not in os.environ, reason="set FUZZ_FACTOR=1")
 
 
 def examples(number):
-    """So many scenes, times FUZZ_FACTOR."""
+    """So many scenes, times FUZZ_FACTOR, drawn anew in each run of the exhaustive tier; elsewhere
+    an eighth of them, the same ones in every run."""
+    exhaustive = tiers.running == "exhaustive"
     return settings(
-        max_examples=max(1, round(number * FACTOR)),
-        derandomize=False,  # which it is where CI is set
+        max_examples=max(3, round(number * FACTOR / (1 if exhaustive else 8))),
+        derandomize=not exhaustive,
         database=None,
         deadline=None,
         print_blob=True,

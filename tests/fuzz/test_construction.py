@@ -48,7 +48,7 @@ STRICT = [
 ANY = "angular_speed", "mean", "depth"  # whether they are finite is asked with the times of a run
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @examples(200)
 @given(
     which=st.sampled_from(ARGUMENTS),

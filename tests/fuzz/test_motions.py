@@ -16,7 +16,6 @@ from scipy.interpolate import CubicHermiteSpline
 import jaxbeam as jb
 from jaxbeam import Status
 from tests.fuzz.scenes import (
-    BY_HAND,
     build,
     decades,
     evaluated,
@@ -26,8 +25,6 @@ from tests.fuzz.scenes import (
     sizes,
 )
 from tests.helpers import name
-
-pytestmark = BY_HAND
 
 MODEL = jb.Hybrid(0, 2, 0)
 OUTPUTS = 65
@@ -159,7 +156,7 @@ def events(model):
     return jax.jit(lambda p: (one(p, False), one(p, True)))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", [MODEL, jb.EngineeringANCF(1)], ids=name)
 @examples(16)
 @given(data=st.data())
@@ -218,7 +215,7 @@ def jumps(how):
     return jax.jit(one)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @examples(20)
 @given(data=st.data())
 def test_jumps(data, watched):
@@ -284,7 +281,7 @@ def tabulated(smooth):
     return jax.jit(both)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("smooth", [False, True])
 @examples(20)
 @given(data=st.data())

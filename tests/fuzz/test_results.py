@@ -16,7 +16,6 @@ import jaxbeam as jb
 from jaxbeam import Status
 from tests.fuzz.scenes import (
     BAD,
-    BY_HAND,
     build,
     decades,
     evaluated,
@@ -28,8 +27,6 @@ from tests.fuzz.scenes import (
     spoiled,
 )
 from tests.helpers import ROTOR
-
-pytestmark = BY_HAND
 
 LANES = 4
 ONE, TWO = jb.Hybrid(0, 1, 0), jb.Hybrid(0, 2, 0)
@@ -89,7 +86,7 @@ def compiled(asked):
     return jax.jit(asked), jax.jit(jax.vmap(asked))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("asked", ASKED, ids=lambda asked: asked.__name__)
 @examples(8)
 @given(data=st.data())
@@ -146,7 +143,7 @@ def boundaries(pair):
     return jax.jit(run)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("pair", [(0, 0), (0, 1)], ids=str)
 @examples(12)
 @given(data=st.data())
@@ -227,7 +224,7 @@ def fits(p):
     return found.status, found.parameters, found.deviation, found.misfit
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @examples(30)
 @given(data=st.data())
 def test_fits(data, watched):
@@ -253,7 +250,7 @@ def test_fits(data, watched):
 # The ladder ----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @examples(4)
 @given(data=st.data())
 def test_choices_of_the_ladder(data, watched):

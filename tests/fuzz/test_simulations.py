@@ -31,6 +31,7 @@ from tests.fuzz.scenes import (
     spoiled,
 )
 from tests.helpers import name
+from tests.tiers import slow
 
 OUTPUTS = 257
 PATTERN = np.cos(np.arange(40.0))  # of coordinates at the start
@@ -52,17 +53,17 @@ class Case(NamedTuple):
 
 
 CASES = [
-    Case(jb.Hybrid(2, 3, 0), "smooth"),
+    slow(Case(jb.Hybrid(2, 3, 0), "smooth")),
     Case(jb.Hybrid(1, 2, 1), "modulated", "loads damping space"),
     Case(jb.Hybrid(0, 1, 0), "modulated", "loads", diffrax.Tsit5(), "adaptive"),
     Case(jb.Classical(1, 2, 0), "constant", "start"),
     Case(jb.VonKarman(3, 2, 0), "quintic", "damping"),
-    Case(jb.GreenANCF(4), "up and down", "loads damping"),
+    slow(Case(jb.GreenANCF(4), "up and down", "loads damping")),
     Case(jb.GreenANCF(2), "quintic", "", jb.solvers.ChordKvaerno5(), "fixed"),
     Case(jb.ANCF(2), "quintic", "loads"),
     Case(jb.models.ChordANCF(2), "smooth", "damping"),
     Case(jb.models.DiscreteNC(), "quintic", "loads damping"),
-    Case(jb.models.DiscreteNP(), "constant", "start", None, "", 300),
+    slow(Case(jb.models.DiscreteNP(), "constant", "start", None, "", 300)),
 ]
 MOTIONS = {
     "constant": lambda p, axis: jb.ConstantSpeed(p["angular_speed"], axis),
@@ -268,7 +269,7 @@ def check_simulation(case, p):
         assert off <= 2e-3 * max(np.abs(energies).sum(1).max(), 1e-200)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("case", CASES, ids=str)
 @examples(36)
 @given(data=st.data())

@@ -69,7 +69,7 @@ CRITICAL = [
 ]  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", CRITICAL, ids=name)
 @examples(16)
 @given(data=st.data())
@@ -162,7 +162,7 @@ def modulated(draw, model):
 MODULATED = [jb.Hybrid(0, 1, 0), jb.Hybrid(1, 2, 1), jb.GreenANCF(1), jb.models.DiscreteLP()]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", MODULATED, ids=name)
 @examples(20)
 @given(data=st.data())
@@ -224,7 +224,7 @@ def stability(model):
     return jax.jit(run)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @examples(30)
 @given(data=st.data())
 def test_stable_steps(data, watched):

@@ -15,6 +15,7 @@ from jaxbeam._vibration.modes import MANY
 from jaxbeam.models import Family
 from tests.fuzz.scenes import absurd, build, evaluated, examples, judged_at_speed, spinning
 from tests.helpers import name
+from tests.tiers import slow
 
 EPS = np.finfo(float).eps
 
@@ -77,13 +78,13 @@ def check_modes(model, p):
 
 
 VIBRATING = [
-    jb.Hybrid(2, 4, 2), jb.Classical(2, 3, 2), jb.VonKarman(3, 2, 2), jb.GreenANCF(2),
+    slow(jb.Hybrid(2, 4, 2)), jb.Classical(2, 3, 2), jb.VonKarman(3, 2, 2), slow(jb.GreenANCF(2)),
     jb.models.ChordANCF(2), jb.models.SmallStrainANCF(2), jb.models.DiscreteNC(),
     jb.SpatialANCF(2),
 ]  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", VIBRATING, ids=name)
 @examples(24)
 @given(data=st.data())
@@ -124,8 +125,8 @@ def one_and_many(model):
     return jax.jit(run)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.Hybrid(4, 8, 0), jb.GreenANCF(3)], ids=name)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [slow(jb.Hybrid(4, 8, 0)), jb.GreenANCF(3)], ids=name)
 @examples(24)
 @given(data=st.data())
 def test_many_modes(model, data, watched):
@@ -171,8 +172,8 @@ def stiffening(model):
     return jax.jit(run)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), jb.GreenANCF(2)], ids=name)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), slow(jb.GreenANCF(2))], ids=name)
 @examples(20)
 @given(data=st.data())
 def test_southwell_coefficients(model, data, watched):

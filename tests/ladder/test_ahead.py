@@ -92,7 +92,7 @@ def readme():
     return rotor, jb.ladder.PeakDeflection(motion, jnp.linspace(0.0, 20.0, 201))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_programs_of_a_choice(compiled):
     """Four rungs suffice, and a second choice needs no program."""
     choice = jb.choose_model(*readme(), tolerance=1e-2)
@@ -105,7 +105,7 @@ def test_programs_of_a_choice(compiled):
     assert compiled == []
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_no_linear_rung_where_linear_theory_misses(compiled):
     """One has said so, of which there are seven; and none of the elements that are too coarse."""
     rotor, question = spin_up(1.5, 3.0)
@@ -144,7 +144,7 @@ def stout(gamma):
     return slender(30.0), jb.ladder.ModalFrequencies(gamma, jb.labels(in_plane=1))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_no_linear_rung_in_a_sweep_that_is_beyond_them(compiled):
     """But the one that looks first."""
     cases = jb.points(gamma=[10.0, 11.0])

@@ -7,6 +7,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.helpers import slender
+from tests.tiers import slow
 from tests.vibration import reference
 
 TIMES = np.linspace(0.0, 1.0, 61)
@@ -81,7 +82,7 @@ def test_spectrum_of_a_spin_up(spread):
 CASES = [(0.05, 0.0, 0.0, 1e-3), (2.0, 0.5, 0.0, 1e-2), (6.0, 0.0, 0.5, 1e-3)]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("gamma", "hub", "tip", "tolerance"), CASES)
 def test_frequencies_against_power_series(gamma, hub, tip, tolerance):
     """Strains are small, so that linear stretch is right as well."""
@@ -176,8 +177,10 @@ def test_distance_of_answers():
     assert float(answer([4.0, 2.0]).distance(none)) == np.inf
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.Hybrid(0, 2, 0), jb.Hybrid(4, 2, 0), jb.EngineeringANCF(4)])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    "model", [slow(jb.Hybrid(0, 2, 0)), jb.Hybrid(4, 2, 0), jb.EngineeringANCF(4)]
+)
 def test_strain_at_the_root_of_a_slow_spin_up(model):
     """At its end P(0) / EA, by dynamics of stretch or quasi-statically."""
     rotor = slender(300.0, 0.5, 0.3)
@@ -199,7 +202,7 @@ def sweep_of(tolerance, **columns):
     return jb.ladder_sweep(spin_up, jb.points(**columns), tolerance, representatives=8)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
     """Against 16 elements, integrated tightly."""
     rng = np.random.default_rng(11)
@@ -267,6 +270,7 @@ def test_sweep_of_frequencies_on_a_grid():
                 assert table["rung"][i, j] != ""
 
 
+@pytest.mark.slow
 def test_sweep_where_no_case_is_in_range():
     table = jb.ladder_sweep(steady, jb.points(gamma=[1.0, np.nan], hub=[-1.0, 0.0]), chunk=2)
     assert [jb.Status(int(s)).name for s in table["status"]] == [
@@ -276,7 +280,7 @@ def test_sweep_where_no_case_is_in_range():
     assert np.isinf(table["estimate"]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_space_where_von_karman_is_all_there_is():
     """A wide swing about an inclined axis: nothing here is right to 1e-3, and the ladder says so.
     A narrow one is answered."""

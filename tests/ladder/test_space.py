@@ -131,7 +131,7 @@ def honest(choice, asked, question, elements=16):
     assert off <= choice.estimate <= choice.tolerance
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_small_deflections_need_no_elements():
     asked, question = rotor(), inclined(0.02, tip_force=raised([0.0, 0.0, 1e-3]))
     choice = jb.choose_model(asked, question, 1e-2)
@@ -140,7 +140,7 @@ def test_small_deflections_need_no_elements():
     honest(choice, asked, question)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_large_deflections_are_for_elements():
     """About an inclined axis, under a load that follows."""
     asked, question = rotor(), inclined(0.7, tip_force=raised([0.0, 0.1, 0.3]), follows=True)
@@ -150,14 +150,14 @@ def test_large_deflections_are_for_elements():
     honest(choice, asked, question)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_without_torsional_stiffness_the_choice_says_what_it_would_take():
     choice = jb.choose_model(rotor(None), inclined(1.0), 1e-3)
     assert not choice.met
     assert "torsional_stiffness would give elements in space" in str(choice).splitlines()[-2]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_moment_at_the_tip_bends_a_circle():
     """Raised slowly, M at the tip turns it by M L / EI."""
     asked = rotor()
@@ -172,7 +172,7 @@ def test_a_moment_at_the_tip_bends_a_circle():
     assert choice.rung.name.endswith("in space")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_motion_in_a_cone():
     """At the end of a slow spin-up the root strain is that of the tension along the beam."""
     asked = rotor(precone=0.2, hub_radius=0.5)
@@ -184,7 +184,7 @@ def test_motion_in_a_cone():
     assert choice.answer[-1] == pytest.approx(along, rel=2e-2)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("question", "more", "tolerance"),
     [
@@ -205,7 +205,7 @@ def pushed(speed, load, angle):
     return rotor(), jb.ladder.PeakDeflection(motion, TIMES, 2, loads=jb.Loads(tip_force=force))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_sweep_in_space():
     """Small ones on linear rungs, large ones on elements, all as honest as they say."""
     rng = np.random.default_rng(3)

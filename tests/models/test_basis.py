@@ -9,6 +9,7 @@ import scipy.integrate
 
 import jaxbeam as jb
 from jaxbeam._models import basis as basis_module
+from tests.tiers import exhaustive, slow
 
 BASES = [jb.models.Polynomials(), jb.models.Polynomials(grading=2), jb.models.CantileverModes()]
 ids = [repr(b) for b in BASES]
@@ -37,7 +38,7 @@ def test_derivatives(basis):
             assert np.abs(fd - exact).max() < 1e-5 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("n", [4, 24, 60, 100])
+@pytest.mark.parametrize("n", [4, 24, slow(60), exhaustive(100)])
 @pytest.mark.parametrize("grading", [1, 2])
 def test_polynomials_make_elastic_stiffness_the_identity(n, grading):
     basis = jb.models.Polynomials(grading)
@@ -71,7 +72,7 @@ def test_roots_against_multiple_precision():
     "basis",
     [
         BASES[2], basis_module.HermiteElements(3),
-        *(pytest.param(basis, marks=pytest.mark.slow) for basis in BASES[:2]),
+        *(exhaustive(basis) for basis in BASES[:2]),
     ],
 )  # fmt: skip
 def test_integrals_against_adaptive_quadrature(basis):

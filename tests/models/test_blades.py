@@ -12,6 +12,7 @@ from jaxbeam.blades import SpanwiseFunction
 from jaxbeam.models import Hinged, MomentPolynomials, PiecewisePolynomials, Polynomials
 from tests.helpers import name
 from tests.models.test_equations import random_state
+from tests.tiers import exhaustive, slow
 from tests.vibration import blade_reference as reference
 
 STIFF = 1e9  # axial stiffness of what the reference has as inextensible: no model here uses it
@@ -43,14 +44,17 @@ def tapered(taper, mass, stiffness, **more):
     return ours, theirs
 
 
-@pytest.mark.parametrize("speed", [0.0, 1.0, 12.0])
+@pytest.mark.parametrize("speed", [1.0, exhaustive(0.0), exhaustive(12.0)])
 @pytest.mark.parametrize(
     ("taper", "functions"),
-    [(0.5, 16), *(pytest.param(c, n, marks=pytest.mark.slow) for c, n in ((0.25, 16), (0.9, 28)))],
+    [
+        (0.5, 16),
+        *(exhaustive(c, n) for c, n in ((0.25, 16), (0.9, 28))),
+    ],
 )
 @pytest.mark.parametrize(
     ("mass", "stiffness"),
-    [(1, 3), *(pytest.param(*powers, marks=pytest.mark.slow) for powers in ((1, 1), (2, 4)))],
+    [(1, 3), *(exhaustive(*powers) for powers in ((1, 1), (2, 4)))],
 )
 def test_tapered_beams(mass, stiffness, taper, functions, speed):
     """Breadth, height and both: three modes of each family by 16 polynomials, 28 for a tip a tenth
@@ -63,6 +67,7 @@ def test_tapered_beams(mass, stiffness, taper, functions, speed):
     np.testing.assert_allclose(found.frequency, wanted, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_printed_frequencies_of_tapered_beams():
     """Hodges and Rutkowski (1981): height taper 1/2; Kirchhoff's wedge and cone, whose tips are
     sharp: 5.315 and 8.719 of the thick end (Bessel functions)."""
@@ -98,7 +103,7 @@ def in_table(twist=None):
     return ours, theirs
 
 
-@pytest.mark.parametrize("speed", [0.0, pytest.param(6.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("speed", [0.0, exhaustive(6.0)])
 @pytest.mark.parametrize(
     ("build", "basis", "close"),
     [
@@ -119,9 +124,9 @@ def test_steps_and_tables(build, basis, close, speed):
     np.testing.assert_allclose(lowest(model, jb.Rotor(ours, theirs.hub), speed), wanted, rtol=close)
 
 
-@pytest.mark.parametrize("speed", [1.0, pytest.param(12.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("ratio", [64.0, pytest.param(16.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("pitch", [0.3, pytest.param(0.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("speed", [1.0, exhaustive(12.0)])
+@pytest.mark.parametrize("ratio", [64.0, exhaustive(16.0)])
+@pytest.mark.parametrize("pitch", [0.3, exhaustive(0.0)])
 def test_twist_and_pitch(ratio, pitch, speed):
     """Twist to 45 degrees; labels go to those modes which have most of them."""
     ours = jb.Beam(1.0, 1.0, STIFF, ratio, 1.0, twist=jb.Spanwise([0, 1], [0, EIGHTH]))
@@ -150,10 +155,8 @@ def test_labels_of_turned_sections():
     np.testing.assert_allclose(at(0.1), at(-0.1), rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "spring", [1.0, *(pytest.param(k, marks=pytest.mark.slow) for k in (0.01, 100.0, 1e6))]
-)
-@pytest.mark.parametrize("speed", [0.0, pytest.param(4.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("spring", [1.0, *(exhaustive(k) for k in (0.01, 100.0, 1e6))])
+@pytest.mark.parametrize("speed", [0.0, exhaustive(4.0)])
 def test_root_springs(spring, speed):
     ours = jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0)
     theirs = reference.Blade(lag=16.0, lag_spring=2 * spring, flap_spring=spring, hub=0.2)
@@ -178,7 +181,7 @@ def test_root_that_yields_one_way():
 
 @pytest.mark.parametrize(
     ("speed", "stretch"),
-    [(4.0, 0), *(pytest.param(w, 6, marks=pytest.mark.slow) for w in (0.0, 4.0))],
+    [slow(4.0, 0), *(exhaustive(w, 6) for w in (0.0, 4.0))],
 )
 def test_tip_bodies(speed, stretch):
     body = jb.TipBody(0.1, 0.03, 0.01)
@@ -239,9 +242,9 @@ def test_a_body_at_the_tip_moves_as_one():
 
 
 CONES = [
-    (16.0, 0.5, 0.2, 6.0, 0.3),
+    slow(16.0, 0.5, 0.2, 6.0, 0.3),
     *(
-        pytest.param(*case, marks=pytest.mark.slow)
+        exhaustive(*case)
         for case in (
             (16.0, 0.0, 0.0, 8.0, np.deg2rad(5.0)), (4.0, 0.0, 0.0, 12.0, -0.2),
             (16.0, 0.3, 0.1, 0.0, 0.3),
@@ -261,7 +264,7 @@ def test_precone(ratio, hub, tip, speed, cone):
     assert np.max(found.residual) < 1e-12
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_precone_of_a_table():
     """Differences and both modes of derivatives, kinks, a root that yields, a batch; a cone of
     zero is none."""
@@ -286,6 +289,7 @@ def test_precone_of_a_table():
     np.testing.assert_allclose(jax.jacrev(frequency)(0.1), exact, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_coned_beams_cannot_do_is_named():
     rotor = jb.Rotor(BEAM, precone=0.1)
     small, modulated = jb.Hybrid(0, 3, 3), jb.motions.ModulatedSpeed(2.0, 0.3, 5.0)
@@ -306,12 +310,12 @@ def test_what_coned_beams_cannot_do_is_named():
 
 
 CONSTANT = [
-    jb.Hybrid(3, 4, 3),
-    jb.models.SmallStrainANCF(2),
-    pytest.param(jb.Classical(3, 4, 3), marks=pytest.mark.slow),
-    pytest.param(jb.VonKarman(5, 3, 2), marks=pytest.mark.slow),
-    pytest.param(jb.Hybrid(3, 4, 3, jb.models.CantileverModes()), marks=pytest.mark.slow),
-    pytest.param(jb.Hybrid(3, 4, 3, Polynomials(grading=2)), marks=pytest.mark.slow),
+    slow(jb.Hybrid(3, 4, 3)),
+    slow(jb.models.SmallStrainANCF(2)),
+    exhaustive(jb.Classical(3, 4, 3)),
+    exhaustive(jb.VonKarman(5, 3, 2)),
+    exhaustive(jb.Hybrid(3, 4, 3, jb.models.CantileverModes())),
+    exhaustive(jb.Hybrid(3, 4, 3, Polynomials(grading=2))),
 ]
 
 
@@ -366,7 +370,7 @@ OF_BEAM = (1.0, 0.9, 0.5, 5e3, 4e3, 16.0, 12.0, 5.0, 1.0, 0.8, 0.4, 0.3, 0.2, 0.
 VALUES = np.array([*OF_BEAM, 0.2, 0.3, 0.1, 50.0, 20.0, 0.05, 0.02, 0.01])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_by_every_number():
     """By every value at a station and all the rest, against differences, in both modes; and a batch
     is as single cases."""

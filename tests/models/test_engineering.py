@@ -83,7 +83,7 @@ def bent(model, force, slenderness):
 BENT = [(300.0, (0.0, 10.0)), (20.0, (-1.0, 6.0))]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_elements_converge_to_the_extensible_elastica():
     """A stocky one: strains of five per cent, of bending by twenty."""
     exact = rod((5.0, 5.0), 100.0)
@@ -91,7 +91,7 @@ def test_elements_converge_to_the_extensible_elastica():
     np.testing.assert_allclose(found, exact, atol=3e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("slenderness", "force"), BENT)
 def test_order_of_convergence_to_the_extensible_elastica(slenderness, force):
     """Four; and elements of the Green strain have another limit."""
@@ -115,6 +115,7 @@ def stretched(speed, slenderness, hub, tip, x):
     return hub * np.cos(beta * x) + c * np.sin(beta * x) - hub - x
 
 
+@pytest.mark.slow
 def test_steady_rod():
     """Strains of the order of one; beyond the speed of tearing there is no steady state."""
     hub, tip, n = 0.3, 0.2, 8
@@ -159,7 +160,7 @@ def apart(slenderness, speed, duration, count):
     return np.abs(greens - ours).max() / np.abs(ours).max(), abs(peaks[1] / peaks[0] - 1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_what_the_law_is_worth_in_spin_ups():
     """Some 1e-5 of the largest deflection on Kane's spin-up (B Ref. 21 to 4 rad/s in 15 s), and
     some thousandths in an abrupt one that strains by 0.7 %, and 12 % at the surface by bending."""
@@ -180,7 +181,7 @@ def test_estimates_know_what_the_law_is_worth():
     assert 0.1 * found.law_effect < greens.distance(found) < found.law_effect
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_ladder_says_where_the_law_matters():
     """Linear theory may agree by chance, but not be believed beyond what the law is worth."""
     rotor, which = slender(30.0), jb.labels(in_plane=2)

@@ -10,6 +10,7 @@ import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.motion import Hub, skew
 from tests.helpers import AS_BUILT, DISCRETE, ELEMENTS, YIELDING, name
+from tests.tiers import exhaustive, slow
 
 BLADE = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.9)
@@ -20,11 +21,14 @@ BEAM_MODELS = [
     jb.Classical(3, 4, 3),
     jb.VonKarman(5, 3, 2),
     *ELEMENTS,
-    jb.SpatialANCF(2),
 ]
-EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SPRINGS) for m in DISCRETE]
+EVERY = (
+    [(m, ROTOR) for m in BEAM_MODELS]
+    + [slow(jb.SpatialANCF(2), ROTOR)]
+    + [(m, SPRINGS) for m in DISCRETE]
+)
 EVERY += [(m, AS_BUILT) for m in YIELDING[:-1]]
-EVERY += [pytest.param(YIELDING[-1], AS_BUILT, marks=pytest.mark.slow)]  # in space, takes longest
+EVERY += [exhaustive(YIELDING[-1], AS_BUILT)]  # in space, takes longest
 
 
 def random_state(model, seed, planar):
@@ -94,8 +98,8 @@ def test_tangents_are_derivatives_of_the_force(model, rotor):
         np.testing.assert_allclose(a, -b, rtol=1e-11, atol=1e-12 * np.abs(b).max())
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("model", [jb.Hybrid(3, 4, 3), jb.Classical(3, 4, 3)], ids=name)
+@pytest.mark.parametrize("seed", [0, exhaustive(1)])
+@pytest.mark.parametrize("model", [slow(jb.Hybrid(3, 4, 3)), jb.Classical(3, 4, 3)], ids=name)
 def test_yoo_equations_linearise_exact_kinematics(model, seed):
     """Y eqs. 18-20: dm = rho dx + m_t delta, u1 = s - int (u2'^2 + u3'^2) / 2, any 3-D motion."""
     x, w = np.polynomial.legendre.leggauss(40)

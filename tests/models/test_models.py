@@ -9,6 +9,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.helpers import slender
+from tests.tiers import slow
 
 FAMILY = jb.models.Family
 MODELS = [
@@ -23,7 +24,7 @@ ids = [repr(m) for m in MODELS]
 ROTOR = jb.Rotor(jb.Beam(2.0, 0.7, 3e3, 5.0, 8.0), hub_radius=0.4, tip_mass=0.3)
 
 
-@pytest.mark.parametrize("model", [jb.EngineeringANCF(8), jb.SpatialANCF(8)], ids=repr)
+@pytest.mark.parametrize("model", [jb.EngineeringANCF(8), slow(jb.SpatialANCF(8))], ids=repr)
 def test_curvature_is_that_of_the_axis_however_far_it_is_bent(model):
     """Of elements that are laid along half a circle, but for what cubics are off."""
     equations = model.equations(jb.Rotor(jb.Beam(2.0, 0.7, 3e3, 5.0, 8.0, torsional_stiffness=1.0)))
@@ -76,7 +77,7 @@ def test_mass_is_the_kinetic_energy(model):
     np.testing.assert_allclose(u @ system.gyroscopic @ v, expected, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_hybrid_against_exact_kinematics():
     """Mass, gyroscopic and stiffness matrices are the Hessians of a Lagrangian at rest in the hub.
 
@@ -290,6 +291,7 @@ def test_steady_state_derivative():
         assert float(jax.jit(d)(8.0)) == pytest.approx(float(fd), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_search_that_fails_says_so():
     rotor = slender(5.0, 0.5, 1.0)
     for call in (jb.ANCF(3).steady_state, jb.ANCF(3).linearise, partial(jb.modes, jb.ANCF(3))):

@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.tiers import slow
 from tests.vibration import blade_reference
 
 BLADE = jb.blades.read_csv(blade_reference.NREL, length=61.5, axial_stiffness=1e10).beam
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rpm", [0.0, 12.1])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("rpm", [0.0, slow(12.1)])
 def test_of_a_twisted_blade(rpm):
     """Some functions are for what a moment bends across."""
     speed = rpm * np.pi / 30

@@ -15,6 +15,7 @@ from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub, spinning
 from tests.models import rod_reference
 from tests.models.rod_reference import Rod
+from tests.tiers import exhaustive, slow
 
 STILL = jb.ConstantSpeed(0.0)
 N = 4  # elements of the beam of which the one below is part
@@ -42,7 +43,7 @@ def turned(e, rotation):
     return jnp.asarray(out)
 
 
-@pytest.mark.parametrize("is_turned", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("is_turned", [slow(True), exhaustive(False)])
 def test_force_and_tangent_are_derivatives_of_the_energy(is_turned):
     law = element(is_turned)
 
@@ -64,7 +65,7 @@ def test_rigid_rotations_of_any_size_change_strains_by_rounding_only(seed):
     np.testing.assert_allclose(element().energy(other), element().energy(e), rtol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_lanes_are_cases():
     cases = jnp.stack([bent(0), bent(1), 0 * bent(2)], -1)
     for one, many in ((element().force, 1), (element().tangent, 2)):
@@ -82,6 +83,7 @@ def test_the_undeformed_element_has_finite_derivatives_of_any_order():
         assert np.isfinite(value).all()
 
 
+@pytest.mark.slow
 def test_in_a_plane_it_is_the_planar_element_but_for_the_number_of_points():
     h, s = 1 / N, laws.POINTS
     none = np.zeros((s.size, 3))
@@ -112,12 +114,12 @@ BEAM = jb.Beam(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("force", "moment", "follows"),
     [
         ((0, 3.0, 2.0), (0.5, 0, 1.0), False),
-        ((0, 1.5, -1.0), (1.0, 0.5, 1.0), True),
+        slow((0, 1.5, -1.0), (1.0, 0.5, 1.0), True),
         ((-1.0, 0.5, 0), (0, 0, 0), True),
     ],
 )
@@ -152,8 +154,8 @@ def test_pitch_is_a_twist_of_all_sections():
     np.testing.assert_allclose(found, end, rtol=0, atol=1e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("stations", [[0.0, 0.37, 1.0], [0.0, 0.37, 0.4, 0.61, 1.0]])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("stations", [slow([0.0, 0.37, 1.0]), [0.0, 0.37, 0.4, 0.61, 1.0]])
 def test_slender_beams_with_stations_within_elements_do_not_lock(stations):
     """They bend as far as uniform ones do, that are held by as many points of stretch."""
     axial, force = 1e8, (0, 3.0, 2.0)
@@ -166,6 +168,7 @@ def test_slender_beams_with_stations_within_elements_do_not_lock(stations):
     assert np.abs(tip(beam, jb.Loads(tip_force=force), 4) - end).max() < 3e-4
 
 
+@pytest.mark.slow
 def test_points_of_stretch_have_their_shares_of_the_axial_stiffness():
     """All of it, none less than nothing; of a linear one as the energy of strain has it."""
 
@@ -186,8 +189,10 @@ def test_points_of_stretch_have_their_shares_of_the_axial_stiffness():
 ROUND = jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0, torsional_stiffness=0.7)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("moment", [(0, 0, 2 * np.pi), (2.0, 0, 4.0)], ids=["circle", "helix"])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    "moment", [(0, 0, 2 * np.pi), slow((2.0, 0, 4.0))], ids=["circle", "helix"]
+)
 def test_a_moment_rolls_it_into_a_circle_or_a_helix(moment):
     """To 1e-6, with the fourth power of an element's length."""
     end = rod_reference.helix(Rod(1.0, np.inf, 1.0, 1.0, 0.7), moment)
@@ -199,7 +204,7 @@ def test_a_moment_rolls_it_into_a_circle_or_a_helix(moment):
     assert errors[1] < errors[0] / 8
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("follows", [False, True])
 def test_loads_at_the_tip_do_the_work_of_their_force_and_moment(follows):
     """Power, action on the hub and tangent, about a state without symmetry."""
@@ -228,7 +233,7 @@ def test_loads_at_the_tip_do_the_work_of_their_force_and_moment(follows):
     np.testing.assert_allclose(given, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_hub_bears_what_acts_at_the_tip():
     """At rest, whatever the shape: -F, and -(M + r x F)."""
     force, moment = jnp.array([0.4, 1.0, 0.5]), jnp.array([0.3, 0.2, -0.5])
@@ -277,7 +282,7 @@ def test_what_leaves_the_range_of_an_element_is_reported():
         )
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_hub_axes_are_those_of_loads_in_a_cone():
     """A beam in a cone of 90 degrees with a force along the axis of rotation is stretched."""
     beam = jb.Beam(1.0, 1.0, 10.0, 1.0, 0.4, torsional_stiffness=0.7)

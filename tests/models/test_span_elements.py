@@ -15,6 +15,7 @@ from jaxbeam._numerics.linalg import dense
 from jaxbeam.blades import SpanwiseFunction
 from tests.helpers import ELEMENTS, finite_difference, name
 from tests.models.test_equations import lagrange, random_state
+from tests.tiers import exhaustive, slow
 from tests.vibration import blade_reference
 
 THEORIES = [type(model) for model in ELEMENTS if not isinstance(model, jb.models.SmallStrainANCF)]
@@ -25,7 +26,7 @@ BODY, SPRING = jb.TipBody(0.3, 0.2, 0.1), jb.RootSprings(in_plane=9.0)
 def some(slow_ones):
     """All theories, some of which take long to compile."""
     return [
-        pytest.param(theory, marks=pytest.mark.slow if theory in slow_ones else ())
+        pytest.param(theory, marks=pytest.mark.exhaustive if theory in slow_ones else ())
         for theory in THEORIES
     ]
 
@@ -78,13 +79,9 @@ def test_constant_tables_are_a_uniform_beam(theory):
 @pytest.mark.parametrize(
     ("theory", "yields"),
     [
-        (jb.EngineeringANCF, True),
-        pytest.param(jb.GreenANCF, False, marks=pytest.mark.slow),
-        *(
-            pytest.param(theory, True, marks=pytest.mark.slow)
-            for theory in THEORIES
-            if theory is not jb.EngineeringANCF
-        ),
+        slow(jb.EngineeringANCF, True),
+        exhaustive(jb.GreenANCF, False),
+        *(exhaustive(theory, True) for theory in THEORIES if theory is not jb.EngineeringANCF),
     ],
     ids=name,
 )
@@ -190,10 +187,10 @@ def test_frequencies_of_a_table_with_a_body_at_the_tip():
     assert np.all(errors("table", 8, 6.0, body=True) < [2e-5, 6e-4])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("blade", "more"),
-    [("breadth", {}), ("table", {"body": True}), ("height", {"spring": 0.5})],
+    [slow("breadth", {}), ("table", {"body": True}), ("height", {"spring": 0.5})],
 )
 def test_order_of_convergence_of_varying_blades(blade, more):
     for speed in (0.0, 6.0):
@@ -213,7 +210,7 @@ def test_a_step_within_an_element_costs_the_order():
     assert np.all(at_nodes < 4e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_axial_frequencies_with_a_body_converge_by_the_first_order():
     """The end that the body holds is not strained, other than that of the rod."""
     rotor = jb.Rotor(
@@ -249,7 +246,7 @@ def test_spin_up_of_a_varying_beam_keeps_its_energy():
     assert np.abs(run.tip[:, 1]).max() > 1e-2
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_spin_up_with_a_root_that_yields():
     """Softly: the tip goes further than that of a clamped beam."""
     times, farthest = jnp.linspace(0.0, 1.5, 7), []
@@ -286,7 +283,7 @@ def test_gradients_by_the_values_at_stations():
     np.testing.assert_allclose(exact, finite_difference(jax.jit(lowest), VALUES), rtol=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_batches_over_the_values_at_stations_are_single_runs():
     """Of frequencies, and of runs, whose steps take lanes."""
     many = jnp.stack([VALUES, 1.1 * VALUES, VALUES**2])
@@ -301,7 +298,7 @@ def test_batches_over_the_values_at_stations_are_single_runs():
         np.testing.assert_allclose(jax.vmap(answer)(many), each, rtol=1e-9, atol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("tip", [None, jb.TipBody()], ids=["table", "table and body"])
 def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
     """A constant table does so where a uniform rod does; a point that is called a body, too."""

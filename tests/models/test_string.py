@@ -4,6 +4,7 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxbeam as jb
 from jaxbeam._models.basis import Polynomials
@@ -25,6 +26,7 @@ class String(jb.Hybrid):
         return jnp.asarray(rigidity * self.tables.elastic[0])
 
 
+@pytest.mark.slow
 def test_frequencies_of_a_rotating_string():
     """On a hub without radius: flap omega_k = Omega (k (2 k - 1))^1/2, from Legendre polynomials of
     odd degree; in plane omega^2 is less by Omega^2."""

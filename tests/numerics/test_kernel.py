@@ -14,6 +14,7 @@ from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.kernel import kernel
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._solvers.system import State
+from tests.tiers import slow
 
 compiled = pytest.mark.skipif(
     jax.default_backend() != "cpu", reason="only on a CPU is all compiled to one function"
@@ -57,6 +58,8 @@ def close(a, b, **tolerance):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, **tolerance), a, b)
 
 
+@pytest.mark.release
+@pytest.mark.slow
 def test_values_and_first_and_second_derivatives_are_those_of_the_function():
     fast, args, way = kernel(chain), case(), case(seed=1)
     close(jax.jit(fast)(*args), plain(*args), rtol=1e-12, atol=1e-14)
@@ -74,8 +77,8 @@ def test_values_and_first_and_second_derivatives_are_those_of_the_function():
         close(derivative(fast), derivative(plain), rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize(("size", "shared"), [(1, True), (70, True), (3, False)])
-@pytest.mark.slow
+@pytest.mark.parametrize(("size", "shared"), [(1, True), slow(70, True), (3, False)])
+@pytest.mark.exhaustive
 def test_lanes_see_their_own_case_alone(size, shared):
     fast = kernel(chain)
     parameters, x = case((size,))
@@ -116,6 +119,7 @@ def test_rates_that_are_constant_beside_others_that_are_not():
     close(ours, jax.grad(lambda x: loss(plain, x))(x), rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.release
 @compiled
 def test_large_sums_also_in_loops():
     """Written out in pieces: more numbers than may be summed at once."""
@@ -143,6 +147,8 @@ def test_large_sums_also_in_loops():
     close(gradient(*args), jax.grad(f, argnums=(0, 1))(*args), rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.release
+@pytest.mark.slow
 def test_lanes_of_lanes():
     fast = kernel(chain)
     args = case((2, 5))
@@ -178,8 +184,8 @@ def end(model, solver, rotor, speed, damping=1e-4):
     return run.tip[-1, 1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.EngineeringANCF(2), jb.ANCF(2)], ids=repr)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [slow(jb.EngineeringANCF(2)), jb.ANCF(2)], ids=repr)
 def test_a_batch_of_runs_is_as_the_runs_alone(model):
     """Values, and gradients of one model: for others these take a minute each to compile."""
     run = functools.partial(end, model, jb.solvers.Rodas4P(), ROTOR)
@@ -204,7 +210,7 @@ def step(model, speed, mass):
 SEVERAL = jnp.full(40, 2.0), jnp.full(40, 0.1)  # more lanes than are worked on together
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @compiled
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_steps_of_elements_are_one_function(model):
@@ -218,7 +224,7 @@ def test_steps_of_elements_are_one_function(model):
 
 
 @compiled
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_steps_are_compiled_to_one_function():
     """What is asked for is what XLA does."""
     run = jax.value_and_grad(functools.partial(step, jb.EngineeringANCF(2)), (0, 1))
@@ -226,7 +232,7 @@ def test_steps_are_compiled_to_one_function():
         assert calls(lowered) == (2, 2)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @compiled
 @pytest.mark.parametrize(
     ("model", "solver"),
@@ -242,7 +248,7 @@ def test_spin_ups_of_elements_are_one_function(model, solver):
     assert backwards.count("xla_cpu_small_call") >= 3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("n", [48])
 def test_any_number_of_elements(n):
     """Programs grow with it, and XLA treats large operations in other ways."""

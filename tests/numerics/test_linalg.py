@@ -8,6 +8,7 @@ from scipy.linalg import expm
 
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import exponential
+from tests.tiers import slow
 
 
 def case(blocks, size, absent, seed=1):
@@ -20,7 +21,7 @@ def case(blocks, size, absent, seed=1):
 SHAPES = [
     (5, 4, 3),
     (1, 4, 0),
-    *(pytest.param(*s, marks=pytest.mark.slow) for s in ((2, 3, 1), (9, 4, 3), (3, 1, 0))),
+    *(slow(*s) for s in ((2, 3, 1), (9, 4, 3), (3, 1, 0))),
 ]
 
 
@@ -35,6 +36,7 @@ def test_sums_and_products_are_those_of_dense_matrices(blocks, size, absent):
     np.testing.assert_allclose((2 * a + a / 4) @ x, 2.25 * full @ x, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("blocks", "size", "absent"), SHAPES)
 def test_solutions_and_their_derivatives(blocks, size, absent):
     """To the second derivative, in both modes, alone and in a batch."""

@@ -9,6 +9,7 @@ import pytest
 from jax.custom_batching import custom_vmap
 
 from jaxbeam._numerics.loop import loop
+from tests.tiers import slow
 
 STEPS: list[int] = []
 
@@ -42,7 +43,8 @@ def cases(n: int, longest: int = 40) -> tuple[np.ndarray, np.ndarray]:
     return random.uniform(0.5, 1.5, n), random.integers(0, longest, n)
 
 
-@pytest.mark.parametrize("n", [1, 2, 32, 33, 200])
+@pytest.mark.release
+@pytest.mark.parametrize("n", [1, 2, 33, slow(32), slow(200)])
 def test_batches_are_what_single_loops_are(n: int) -> None:
     base, exponent = cases(n)
     values, counts = jax.jit(jax.vmap(power))(base, exponent)
@@ -64,6 +66,7 @@ def test_what_cases_share(shared: str) -> None:
     np.testing.assert_allclose(values, base**exponent, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_batch_of_batches_is_a_batch() -> None:
     base, exponent = cases(120)
     values, counts = jax.jit(jax.vmap(jax.vmap(power)))(
@@ -145,6 +148,7 @@ def test_rates_of_a_batch() -> None:
     np.testing.assert_allclose(rates, exact, rtol=1e-11)
 
 
+@pytest.mark.release
 def test_second_derivatives() -> None:
     base, exponent = cases(40)
     second = jax.vmap(jax.jacfwd(jax.jacfwd(lambda b, e: power(b, e)[0])))(base, exponent)

@@ -11,11 +11,13 @@ from jaxbeam._numerics.program import Program, _haste
 from tests.compilation import OLD_EMITTERS
 
 
+@pytest.mark.release
 def test_haste_where_the_compiler_knows_it():
     """Nothing else tells whether users wait twice as long."""
     assert _haste() == OLD_EMITTERS
 
 
+@pytest.mark.release
 def test_a_call_within_another_program_is_a_part_of_it():
     seen = []
 
@@ -46,7 +48,7 @@ def test_a_call_within_another_program_is_a_part_of_it():
         assert all(each is (alone if call is asked else squared.part) for each in seen)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_numbers_that_a_motion_closes_over():
     """They are traced, and no argument of the program shows it."""
     rotor = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), 0.5, 0.1)

@@ -103,6 +103,7 @@ def test_bad_sections_name_the_argument():
         jb.Beam.from_slenderness(0.0)
 
 
+@pytest.mark.slow
 def test_signs_do_not_cancel_in_a_sweep():
     model = jb.Hybrid(2, 4, 0)
 
@@ -132,6 +133,7 @@ def _with(name, value):
     return jb.modes(model, jb.Rotor(rotor, **{name: value}), 1.0)
 
 
+@pytest.mark.slow
 def test_import_leaves_jax_configuration_alone_and_32_bits_bring_a_warning():
     program = """
 import warnings, jax, jaxbeam as jb

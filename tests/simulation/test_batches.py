@@ -8,6 +8,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.helpers import optimised
+from tests.tiers import exhaustive, slow
 
 BEAM = jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0)
 TIMES = np.linspace(0.0, 12.0, 5)
@@ -25,7 +26,7 @@ def run(model, speed, tip_mass=0.1, bending=566.0):
     return out.tip[:, 1], out.solution.stats["num_steps"], out.status
 
 
-@pytest.mark.parametrize("model", [jb.EngineeringANCF(2), jb.Hybrid(1, 2, 0)])
+@pytest.mark.parametrize("model", [exhaustive(jb.EngineeringANCF(2)), slow(jb.Hybrid(1, 2, 0))])
 def test_a_batch_is_its_single_runs(model):
     """More cases than go ahead together, of which the longest takes many times the steps of the
     shortest; two of them fail, at once and on the way."""
@@ -41,6 +42,7 @@ def test_a_batch_is_its_single_runs(model):
     np.testing.assert_allclose(tip, np.stack([a[0] for a in alone]), rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.exhaustive
 def test_a_grid_is_a_batch():
     model, masses = jb.EngineeringANCF(2), jnp.array([0.0, 0.05, 0.2])
 
@@ -52,7 +54,7 @@ def test_a_grid_is_a_batch():
     np.testing.assert_allclose(grid.reshape(45, -1), flat, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_through_a_batch():
     """Reverse mode of a mean over cases is the mean of theirs, to what rounding makes of steps."""
     model = jb.EngineeringANCF(2)

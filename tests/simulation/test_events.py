@@ -11,6 +11,7 @@ import pytest
 import jaxbeam as jb
 from tests.helpers import finite_difference, name, optimised
 from tests.simulation.test_simulate import BLADE, KINDS, ROTOR, SPRINGS, TIGHT, each_kind
+from tests.tiers import slow
 
 A3 = jnp.array([0.0, 0.0, 1.0])
 TIMES = jnp.linspace(0.0, 20.0, 201)
@@ -73,7 +74,7 @@ def assert_same(found, expected, rtol):
     np.testing.assert_allclose(found.tip, expected.tip, rtol=0, atol=rtol * size)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_spin_up_that_begins_later_is_the_same_later():
     """At rest nothing limits a step but what is to come."""
 
@@ -92,7 +93,7 @@ def test_a_spin_up_that_begins_later_is_the_same_later():
     assert (jnp.max(jnp.abs(later), (1, 2)) > 4.0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("model", "rotor"), KINDS, ids=name)
 def test_a_start_before_the_spin_up_changes_nothing(model, rotor):
     motion, times = jb.SmoothSpinUp(0.5, 0.4), jnp.linspace(0.0, 2.0, 41)
@@ -122,7 +123,7 @@ def pushed(starts, widths, sizes):
     return found.status + declared.status, found.tip, declared.tip
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_pulses_of_force_are_seen_wherever_they_are():
     """Short, repeated, small beside large ones: at places that no step would look at."""
     chance = np.random.default_rng()
@@ -150,7 +151,7 @@ def test_pulses_of_force_are_seen_wherever_they_are():
     np.testing.assert_allclose(found[-1, early], expected[-1, early], rtol=0, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_damped_beam_at_rest_at_speed_sees_the_spin_down():
     up = jb.SmoothSpinUp(2.0, 1.0)
     damping = jb.Damping(mass=3.0)
@@ -186,7 +187,7 @@ def after_a_sudden_rise():
     return run(jb.Hybrid(0, 1, 0), LONG, SUDDEN, stepsize_controller=TIGHT)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("solver", "controller", "dt0"),
     CONTROLLED,
@@ -211,7 +212,7 @@ def test_a_jump_of_speed_that_is_not_declared_ends_the_run(model, rotor):
         jb.simulate(model, rotor, motion, times)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_jumps_of_other_kinds_that_are_not_declared():
     times = jnp.linspace(0.0, 2.0, 41)
     sideways = jb.motions.HubVelocity(
@@ -262,7 +263,7 @@ def test_the_impulse_of_a_jump_is_the_limit_of_short_rises(model, rotor):
 SOLVERS = [None, jb.solvers.ChordKvaerno5(5), diffrax.Dopri8(), diffrax.Kvaerno5()]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda value: type(value).__name__)
 def test_jumps_of_all_kinds_at_any_time(solver):
     """Of the hub's place and angle together; at the start, at an output, in between."""
@@ -289,7 +290,7 @@ def test_jumps_of_all_kinds_at_any_time(solver):
         assert jnp.max(jnp.abs(found.imbalance)) < 1e-5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_jumps_at_both_ends_of_a_run():
     """Struck at the start; what jumps at the end is no part of the run."""
     times = jnp.linspace(0.0, 1.0, 21)
@@ -312,7 +313,7 @@ def test_jumps_at_both_ends_of_a_run():
         np.testing.assert_allclose(a[0], a[1], rtol=0, atol=1e-5 * jnp.max(jnp.abs(a[1])))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_corners_cost_no_rejected_steps_where_they_are_declared():
     """With a tolerance that rejects nothing, what is left are steps that missed a corner."""
     times = jnp.array([0.0, 2.03, 3.07, 6.01, 6.52, 10.04])
@@ -331,7 +332,7 @@ def test_corners_cost_no_rejected_steps_where_they_are_declared():
     np.testing.assert_allclose(undeclared.partial.tip, declared.tip, rtol=0, atol=0.01 * size)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_by_times_of_jumps_and_corners():
     """Steps end there: what the state does on either side of a moving time is not forgotten."""
     times = jnp.linspace(0.0, 1.2, 13)
@@ -353,7 +354,7 @@ def test_gradients_by_times_of_jumps_and_corners():
     np.testing.assert_allclose(forward, expected, rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_jumps_in_a_batch_are_those_of_single_runs():
     times = jnp.linspace(0.0, 1.0, 21)
 
@@ -368,7 +369,7 @@ def test_jumps_in_a_batch_are_those_of_single_runs():
         np.testing.assert_allclose(batch.tip[i], alone.tip, rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_small_speed_profile_from_a_file(tmp_path):
     """Piecewise linear and cubic, against the smooth motion that it is taken from."""
     up = jb.SmoothSpinUp(4.0, 15.0)
@@ -388,8 +389,8 @@ def test_a_small_speed_profile_from_a_file(tmp_path):
     assert errors[61, True] < 0.2 * errors[31, True] < 2e-3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("smooth", [False, slow(True)])
 def test_tabulated_speeds(smooth):
     times, speeds = jnp.array([1.0, 2.0, 2.5, 4.0]), jnp.array([0.5, 1.0, -1.0, 2.0])
     motion = jb.motions.TabulatedSpeed(times, speeds, smooth=smooth)

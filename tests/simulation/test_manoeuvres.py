@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 import jaxbeam as jb
 from tests.simulation.elastica import tip_history
+from tests.tiers import slow
 
 # B Table 1, "Ref. 21", and Y Figs. 3, 5, 7.
 BLADE = jb.Beam.from_section(
@@ -23,7 +24,7 @@ SPATIAL = jb.Rotor(jb.Beam(10.0, 1.2, 7e10 * 4e-4, 7e10 * 4e-7, 7e10 * 2e-7))
 SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_discrete_models():
     """Y Figs. 12-14. NC and NP agree; LC is wrong yet plausible at 10 rad/s and unbounded at 20; LP
     stays within 2 %; NS is no better than LP."""
@@ -76,7 +77,7 @@ def test_smooth_spin_up():
     np.testing.assert_allclose(classical.tip[early, 1], hybrid.tip[early, 1], atol=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_explicit_steps_at_loose_tolerance_fail_and_say_so():
     """Each step passes the solver's own test, and energy appears: the tip ends metres away."""
     case = jb.GreenANCF(2), ROTOR, jb.SmoothSpinUp(4.0, 15.0), [0.0, 8.0]
@@ -91,7 +92,7 @@ def test_explicit_steps_at_loose_tolerance_fail_and_say_so():
     assert int(good.status) == jb.Status.OK
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_mass_damping_is_the_same_in_all_coordinates():
     """Drag on velocities relative to the hub: NC and NP are one system, damped or not."""
     tips = [
@@ -105,7 +106,7 @@ def test_mass_damping_is_the_same_in_all_coordinates():
     np.testing.assert_allclose(*tips, rtol=1e-9, atol=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_abrupt_spin_up():
     """Y Fig. 4: foreshortening shows in u1 of the hybrid model, not of the classical one; at three
     quarters of the length the hybrid model is some 20 % off."""
@@ -166,7 +167,7 @@ def deviation(model, speed, exact):
     return distance / peak, abs(abs(float(run.peak()[0])) / peak - 1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_reference_is_converged(exact):
     """Two functions more for the angle, one for the strain."""
     speed = jb.SmoothSpinUp(4.0, 15.0).angular_speed
@@ -174,7 +175,7 @@ def test_reference_is_converged(exact):
     np.testing.assert_allclose(exact[4.0], more, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("family", "counts", "order", "peak_order", "peak_error"),
     [
@@ -182,7 +183,7 @@ def test_reference_is_converged(exact):
         # the chord is shorter than the arc by h^2, and so is the mean strain that it stands for
         (jb.ANCF, (4, 16), 2, 1, 1e-5),
         (jb.models.ChordANCF, (8, 32), 2, 1.5, 2e-4),
-        (jb.models.TangentANCF, (8, 32), 3, 3, 3e-4),
+        slow(jb.models.TangentANCF, (8, 32), 3, 3, 3e-4),
     ],
     ids=lambda v: getattr(v, "__name__", None),
 )
@@ -202,7 +203,7 @@ def test_two_elements_of_model_a_are_enough(exact):
     assert max(deviation(jb.ANCF(2), 4.0, exact)) < 4e-3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_remainder_of_model_a_vanishes_with_its_elements():
     """Work of the forces of B eq. A-5 beyond the gradient of B eq. 9, over the strain energy."""
     motion = jb.SmoothSpinUp(4.0, 15.0)
@@ -219,7 +220,7 @@ def test_remainder_of_model_a_vanishes_with_its_elements():
     assert np.polyfit(np.log(counts), np.log(shares), 1)[0] < -1.7
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("build", "limit"),
     [
@@ -253,7 +254,7 @@ def test_linear_elements_have_the_limit_of_the_hybrid_model(exact):
     np.testing.assert_allclose(*found, rtol=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_model_zero_fails_where_berzeri_says():
     """Unstable with one element at 10 rad/s and two at 40, where ten agree with Model A."""
 
@@ -274,7 +275,7 @@ def test_model_zero_fails_where_berzeri_says():
     np.testing.assert_allclose(*ten, rtol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_model_zero_in_time():
     """B Fig. 6: at 10 rad/s one element leaves, ten stay with Model A."""
     motion, times = jb.SmoothSpinUp(10.0, 15.0), np.linspace(0.0, 20.0, 101)
@@ -292,7 +293,7 @@ def test_model_zero_in_time():
     np.testing.assert_allclose(*peaks, rtol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_steady_stretch_by_every_model():
     """L (tan b / b - 1) of a linear-elastic rod; strain measures differ by the strain itself."""
     rotor, motion = jb.Rotor(jb.Beam(10.0, 1.2, 2.8e7, 1.4e4, 1.4e4)), jb.ConstantSpeed(6.0)

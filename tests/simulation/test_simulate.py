@@ -20,6 +20,7 @@ from tests.helpers import (
     optimised,
     reverse_mode,
 )
+from tests.tiers import exhaustive, slow
 
 BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
@@ -33,12 +34,13 @@ FEW = [(jb.Hybrid(2, 3, 0), ROTOR)]
 KINDS = [
     *FEW, (jb.EngineeringANCF(2), ROTOR), (jb.ANCF(2), ROTOR), (jb.models.DiscreteNP(), SPRINGS)
 ]  # fmt: skip
+OFTEN = [model for model, _ in KINDS]
 
 
 def each_kind(test):
-    """Quick on one model, slow on the others."""
-    slow = [pytest.param(*case, marks=pytest.mark.slow) for case in KINDS[1:]]
-    return pytest.mark.parametrize(("model", "rotor"), FEW + slow, ids=name)(test)
+    """Slow on two models, exhaustive on the others."""
+    rest = [slow(*KINDS[0]), slow(*KINDS[1]), *(exhaustive(*case) for case in KINDS[2:])]
+    return pytest.mark.parametrize(("model", "rotor"), rest, ids=name)(test)
 
 
 def power_of_loads(scene, t, y):
@@ -57,7 +59,7 @@ def power_of_loads(scene, t, y):
 
 @pytest.mark.parametrize(
     ("model", "rotor"),
-    [*FEW, *(pytest.param(*case, marks=pytest.mark.slow) for case in KINDS[1:] + BUILT)],
+    [slow(*FEW[0]), slow(*BUILT[0]), *(exhaustive(*case) for case in KINDS[1:] + BUILT[1:])],
     ids=name,
 )
 def test_work_balance_during_spin_up(model, rotor):
@@ -96,10 +98,11 @@ def drift(run):
 LONG_RUNS = KINDS[:2]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "rotor", "periods"),
-    [(*case, 100 if case in LONG_RUNS else 20) for case in [*KINDS, BUILT[0], BUILT[2]]],
+    [slow(*KINDS[1], 10)]
+    + [(*case, 100 if case in LONG_RUNS else 20) for case in [*KINDS, BUILT[0], BUILT[2]]],
     ids=name,
 )
 def test_jacobi_integral_is_constant_at_constant_speed(model, rotor, periods):
@@ -127,7 +130,7 @@ def test_jacobi_integral_is_constant_at_constant_speed(model, rotor, periods):
         assert drift(run) < 1e-10 * periods
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "model", [jb.Hybrid(2, 2, 2), jb.VonKarman(4, 2, 2), jb.GreenANCF(2)], ids=name
 )
@@ -176,6 +179,7 @@ def test_steady_stretch_of_a_rod():
     )
 
 
+@pytest.mark.release
 def test_static_deflections():
     """Cantilever under a tip force and under its weight: F L^3 / 3 EI, rho g L^4 / 8 EI."""
     rotor, model = jb.Rotor(BLADE), jb.Hybrid(2, 5, 5)
@@ -249,6 +253,7 @@ def test_outputs():
     assert float(early.peak()[1]) == 0.3
 
 
+@pytest.mark.slow
 def test_peak_between_output_times():
     """Of a free vibration, wherever its extremum falls between two output times."""
     model, still = jb.Hybrid(0, 1, 0), jb.ConstantSpeed(0.0)
@@ -272,6 +277,7 @@ def test_peak_between_output_times():
     np.testing.assert_allclose(w * found, w * when, atol=0.25**3 / 100)
 
 
+@pytest.mark.slow
 def test_event_ends_the_run_where_the_limit_is_reached():
     run = jb.simulate(
         jb.Hybrid(2, 3, 0), ROTOR, jb.motions.QuinticSpinUp(3.0, 1.0), np.linspace(0, 1, 21),
@@ -285,7 +291,7 @@ def test_event_ends_the_run_where_the_limit_is_reached():
     np.testing.assert_allclose(np.abs(run.peak()[0]), 0.05, rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_diffrax_objects_pass_through():
     times = np.linspace(0, 1, 5)
     case = (jb.Hybrid(2, 3, 0), ROTOR, jb.motions.QuinticSpinUp(3.0, 1.0), times)
@@ -328,8 +334,8 @@ def outcome(model, p, **kwargs):
     return jnp.stack([run.peak()[0], run.tip[-1, 1]])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("model", "rotor"), KINDS, ids=name)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("model", "rotor"), [slow(*KINDS[1]), *FEW, *KINDS[2:]], ids=name)
 def test_gradients_by_every_parameter(model, rotor):
     """Forward and reverse mode against differences of the same discrete solution, to 1e-6."""
     p = SPRING_VALUES if rotor is SPRINGS else VALUES
@@ -351,6 +357,7 @@ def test_gradients_by_every_parameter(model, rotor):
     assert np.subtract(*np.abs(alone(p))) > 1e-3  # the peak is not the end
 
 
+@pytest.mark.release
 @pytest.mark.slow
 def test_gradient_of_the_smallest_model():
     """Reverse mode through adaptive steps, by hub radius, against differences."""
@@ -367,7 +374,7 @@ def test_gradient_of_the_smallest_model():
     np.testing.assert_allclose(jax.grad(final)(0.4), change[0], rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_of_adaptive_steps_under_vmap():
     """Lanes in lock-step, of unlike lengths, have the gradients of single runs and of differences,
     within what steps chosen for 1e-9 leave of either."""
@@ -390,7 +397,7 @@ def test_gradients_of_adaptive_steps_under_vmap():
 SPATIAL = jnp.array([2.0, 1.3, 4e4, 11.0, 7.0, 0.4, 0.3, 3.0, 1.4, 1.1, -2.0, 0.5])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", [jb.Hybrid(1, 2, 2), jb.VonKarman(3, 2, 2)])
 def test_gradients_in_space(model):
     """By both bending stiffnesses, the angle of the axis, gravity and the force at the tip."""
@@ -447,7 +454,7 @@ MOTIONS = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("build", "p"), MOTIONS.values(), ids=MOTIONS.keys())
 def test_gradients_by_parameters_of_motions(build, p):
     p = jnp.array(p)
@@ -536,7 +543,7 @@ def test_what_goes_wrong_is_told(changes, error, message):
         run_case(**changes)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_what_a_bad_case_brings_along():
     """A bad rotor or time beside times that a saveat or a controller holds: a status each."""
     times = jnp.array([0.0, 1.5, 3.0])
@@ -561,7 +568,7 @@ def test_what_a_bad_case_brings_along():
     assert np.isnan(tip[1]).all()  # not those of the harmless numbers that it ran with
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_verdict_does_not_depend_on_what_is_saved():
     """A manoeuvre that ends at rest has no energy at its ends; loads may vanish at outputs."""
     motion = jb.motions.SpinUpThenDown(jb.SmoothSpinUp(3.0, 20.0), 25.0)
@@ -572,7 +579,7 @@ def test_verdict_does_not_depend_on_what_is_saved():
         jb.simulate(jb.Hybrid(2, 3, 0), ROTOR, motion, [0.0, 1.0, 2.0], loads=aside)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_default_tolerance_suits_stiff_beams():
     """Deflections of a millionth of the length are resolved as well as large ones."""
     rotor = jb.Rotor(jb.Beam(2.0, 1.3, 1e9, 1e7, 1e7), 0.4, 0.3)
@@ -585,7 +592,7 @@ def test_default_tolerance_suits_stiff_beams():
         np.testing.assert_allclose(run.peak()[0], exact.peak()[0], rtol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "adjoint",
     [diffrax.DirectAdjoint(), diffrax.RecursiveCheckpointAdjoint(checkpoints=5),
@@ -619,7 +626,7 @@ def test_backsolve_says_what_it_needs():
         run_case(adjoint=diffrax.BacksolveAdjoint())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_lanes_that_end_badly_leave_others_alone():
     """Diverged, out of steps: neighbours, and their gradients, are those of single runs."""
 
@@ -631,14 +638,14 @@ def test_lanes_that_end_badly_leave_others_alone():
         return run.tip[-1, 1], run.status
 
     fast = 12.0
-    for model, slow, kwargs, ended in (
+    for model, gentle, kwargs, ended in (
         (jb.Classical(2, 3, 0), 0.5, {}, jb.Status.DIVERGED),
         (jb.Hybrid(2, 3, 0), 0.0, {"max_steps": 64}, jb.Status.MAX_STEPS),
     ):
         one = jax.jit(jax.value_and_grad(lambda s: tip(model, s, **kwargs), has_aux=True))  # noqa: B023
-        (value, status), slope = jax.jit(jax.vmap(one))(jnp.array([slow, fast]))
+        (value, status), slope = jax.jit(jax.vmap(one))(jnp.array([gentle, fast]))
         assert status.tolist() == [jb.Status.OK, ended]
-        (alone, _), alone_slope = one(slow)
+        (alone, _), alone_slope = one(gentle)
         np.testing.assert_allclose(value[0], alone, rtol=1e-12)
         np.testing.assert_allclose(slope[0], alone_slope, rtol=1e-9)
         assert np.abs(slope[0]) > 1e-3
@@ -647,9 +654,9 @@ def test_lanes_that_end_badly_leave_others_alone():
 @pytest.mark.parametrize(
     ("model", "rotor"),
     [(m, ROTOR) for m in (jb.Hybrid(2, 2, 2), jb.Classical(2, 2, 2), jb.VonKarman(3, 2, 2))]
-    + BUILT
-    + [pytest.param(m, ROTOR, marks=pytest.mark.slow) for m in ELEMENTS]
-    + [pytest.param(m, SPRINGS, marks=pytest.mark.slow) for m in DISCRETE],
+    + [slow(*BUILT[0]), *(exhaustive(*case) for case in BUILT[1:])]
+    + [slow(m, ROTOR) if m in OFTEN else exhaustive(m, ROTOR) for m in ELEMENTS]
+    + [slow(m, SPRINGS) if m in OFTEN else exhaustive(m, SPRINGS) for m in DISCRETE],
     ids=name,
 )
 def test_force_and_torque_of_the_hub_balance_power(model, rotor):
@@ -733,7 +740,7 @@ def test_batch_keeps_failures_to_themselves():
         np.testing.assert_allclose(value[i], alone, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_bad_times_in_a_batch():
     """Decreasing or NaN times of one lane are its own affair."""
 
@@ -762,6 +769,7 @@ def gap(t, value):
     return jnp.where((t > 0.392) & (t < 0.402), jnp.nan, value)
 
 
+@pytest.mark.slow
 def test_a_gap_in_motion_or_load_between_outputs_is_named():
     def run(motion, loads):
         return jb.simulate(

@@ -32,10 +32,9 @@ def turning(t):
 
 DEAD = jb.Loads(GRAVITY, rising, tip_moment=turning)
 SOFT = jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True)
-slow = pytest.mark.slow
 
 
-@slow
+@pytest.mark.exhaustive
 def test_power_is_the_change_of_energy():
     """Hub torque, gravity, force and moment at the tip, and damping, of a beam as built, in a cone,
     about an inclined axis."""
@@ -79,7 +78,7 @@ def test_power_is_the_change_of_energy():
     assert np.abs(run.imbalance).max() < 1e-7
 
 
-@slow
+@pytest.mark.exhaustive
 def test_jacobi_integral_of_large_motion():
     """Over a hundred periods of the first mode, in a cone, about an inclined axis, let go where a
     force across has bent it both ways. A beam that is not too slender: what counts is the number of
@@ -121,7 +120,7 @@ def outcome(p):
     return jnp.append(run.tip[-1], run.twist(1.0)[-1])
 
 
-@slow
+@pytest.mark.exhaustive
 def test_gradients_by_every_parameter():
     """Against differences of the same discrete solution. The reverse mode of a run, which takes
     minutes to compile, goes the way that all models go."""
@@ -133,7 +132,7 @@ def test_gradients_by_every_parameter():
     np.testing.assert_allclose(exact * size / scale, numeric * size / scale, rtol=0, atol=1e-6)
 
 
-@slow
+@pytest.mark.exhaustive
 def test_one_case_that_leaves_the_range_does_not_spoil_its_neighbours():
     """Loads are functions of time that close over a number of their case. The force of the second
     folds its elements; the third has no stiffness in torsion."""
@@ -159,6 +158,7 @@ def test_one_case_that_leaves_the_range_does_not_spoil_its_neighbours():
         np.testing.assert_allclose(batch.tip[k], alone.tip, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_films_show_where_the_beam_is(tmp_path):
     """Faces of ribbons are those of displacement, in axes of the hub and in space."""
     times = jnp.linspace(0.0, 0.2, 3)

@@ -96,6 +96,7 @@ def test_chord_iterations_solve_what_is_linear():
     assert (error < 2 * np.finfo(float).eps * (1 + angles)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "solver",
     some(

@@ -53,7 +53,7 @@ CASES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
 def test_is_that_of_diffrax(options):
     """Peak and end, also for solvers that keep a state and for controllers that tell of jumps."""
@@ -80,6 +80,7 @@ def test_checkpoints(monkeypatch):
     check(*both(value, 2, P, max_steps=256, **options))
 
 
+@pytest.mark.release
 def test_rows_of_the_tape():
     """Every state that the sweep asks for is where it was put, whatever the number of steps."""
     rows = 8
@@ -95,7 +96,7 @@ def test_rows_of_the_tape():
         assert [tape[int(loop.place(jnp.asarray(k), rows))] for k in wanted] == list(wanted)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_batch_with_a_lane_that_fails():
     """Lanes are alike and alone; one that fails has no share in the gradient."""
     model = jb.Hybrid(0, 2, 0)
@@ -124,7 +125,7 @@ def test_batch_with_a_lane_that_fails():
             assert np.isfinite(own).all()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_by_times_of_outputs():
     """The first is where the run begins, the last where it ends."""
 
@@ -138,7 +139,7 @@ def test_by_times_of_outputs():
     check(*both(value, 3, P / jnp.array([1, 1, 1, 5.0, 1, 1, 10, 1]), **fixed), 1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_with_an_event():
     """When and how a run ends at a limit of the deflection, by the limit too."""
 
@@ -154,7 +155,7 @@ def test_with_an_event():
     assert run.end_time < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_with_jumps_and_closures():
     """By the times of jumps and corners, and by what functions of the user close over."""
 
@@ -173,7 +174,7 @@ def test_with_jumps_and_closures():
     check(*both(value, 1, jnp.array([0.33, 0.5, 0.7, 0.2])), 1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_second_derivatives():
     """Forward over reverse, symmetric and as differences have it; reverse over reverse is refused
     by JAX."""
@@ -193,6 +194,7 @@ def test_second_derivatives():
         jax.grad(lambda p: jnp.sum(jax.grad(value)(p)))(p)
 
 
+@pytest.mark.slow
 def test_bounds_of_memory():
     """The tape has a fixed number of rows, and max_steps=None none that would do."""
     model = jb.Hybrid(0, 2, 0)

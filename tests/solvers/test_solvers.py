@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 import jaxbeam as jb
+from tests.tiers import slow
 
 
 class Forced(jb.solvers.SecondOrderSystem):
@@ -83,6 +84,7 @@ def is_linear(solver):
     return isinstance(solver, jb.solvers.Magnus)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("solver", "stiff", "order"),
     [
@@ -115,15 +117,10 @@ def test_order(solver, stiff, order):
 @pytest.mark.parametrize(
     ("solver", "order"),
     [
-        (jb.solvers.Rodas5P(), 4),
-        *(
-            pytest.param(solver, order, marks=pytest.mark.slow)
-            for solver, order in (
-                (jb.solvers.Rodas4P(), 3),
-                (jb.solvers.ChordKvaerno5(), 4),
-                (jb.solvers.Magnus(), 3),
-            )
-        ),
+        slow(jb.solvers.Rodas5P(), 4),
+        slow(jb.solvers.Rodas4P(), 3),
+        slow(jb.solvers.ChordKvaerno5(), 4),
+        slow(jb.solvers.Magnus(), 3),
     ],
     ids=lambda v: type(v).__name__ if isinstance(v, diffrax.AbstractSolver) else None,
 )
@@ -180,9 +177,9 @@ def test_magnus_refuses_what_is_not_linear():
         solve(system(1.0), jb.solvers.Magnus(), dt0=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    "model", [jb.Hybrid(2, 3, 0), jb.Classical(2, 3, 2), jb.models.DiscreteLP()]
+    "model", [slow(jb.Hybrid(2, 3, 0)), jb.Classical(2, 3, 2), jb.models.DiscreteLP()]
 )
 def test_magnus_is_exact_in_one_step_at_constant_speed(model):
     rotor = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.tiers import exhaustive, slow
 
 BEAM = jb.Beam.from_slenderness(70.0)
 CASES = jb.grid(hub_radius=np.linspace(0.0, 2.0, 7), tip_mass=[0.0, 0.3, float("nan"), -1.0, 1.0])
@@ -56,8 +57,8 @@ def assert_same(one: jb.Table, other: jb.Table) -> None:
     assert one.dims == other.dims
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("function", [found_modes, raising, lowest, spun_up])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("function", [slow(found_modes), raising, lowest, spun_up])
 def test_eight_devices(function):
     devices = jax.devices()
     assert len(devices) == 8
@@ -70,7 +71,7 @@ def test_eight_devices(function):
 
 @pytest.mark.parametrize(
     "function",
-    [found_modes, *(pytest.param(f, marks=pytest.mark.slow) for f in (modulated, fitted))],
+    [slow(found_modes), *(exhaustive(f) for f in (modulated, fitted))],
 )
 def test_two_devices_and_one_named_twice(function):
     """Uneven: nine chunks for three, the last of three cases."""
@@ -127,7 +128,7 @@ def test_arrays_bound_to_a_device_move_to_others():
     np.testing.assert_array_equal(table["value"], 3 * np.arange(9.0))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_ladder_sweep_takes_devices():
     def situation(tip_mass):
         question = jb.ladder.ModalFrequencies(1.0, WHICH)

@@ -20,6 +20,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.sweeps.test_devices import CASES, assert_same, found_modes, raising
+from tests.tiers import slow
 
 MANY = jb.grid(hub_radius=np.linspace(0.0, 1.0, 40), tip_mass=np.linspace(0.0, 1.0, 25))
 
@@ -221,7 +222,7 @@ def test_processes_of_the_standard_library(tmp_path):
     assert_same(jb.Table.load(tmp_path), raised)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_shorter_floats_are_those_of_the_caller():
     with jax.enable_x64(False):
         table = jb.sweep(sine, jb.grid(a=[1.0, 2.0]), executor=processes)
@@ -233,8 +234,8 @@ def test_shorter_floats_are_those_of_the_caller():
         jb.sweep(sine, jb.grid(a=[1.0, 3.0]), executor=pool)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("deaths", [2, 99])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("deaths", [slow(2), 99])
 def test_processes_that_die(deaths, tmp_path):
     """Two deaths cost time alone; a case that kills whoever touches it costs its chunk."""
     (tmp_path / "deaths").mkdir()
@@ -277,7 +278,7 @@ def test_a_worker_that_is_slow_and_one_that_comes_late(cluster, tmp_path):
     assert done.pop(slow) < sum(done.values())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_case_that_kills_workers_of_dask(cluster, tmp_path):
     (tmp_path / "deaths").mkdir()
     function = functools.partial(die, str(tmp_path / "deaths"), 5.0, 99)
@@ -289,7 +290,7 @@ def test_a_case_that_kills_workers_of_dask(cluster, tmp_path):
     assert 4 < len(os.listdir(tmp_path / "deaths")) <= 8  # Dask allows for three, twice
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_twenty_kills_at_random_moments(cluster, tmp_path):
     """Of workers of Dask, by the system, during a thousand cases in 250 chunks."""
     seed = random.randrange(2**32)

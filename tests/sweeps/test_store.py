@@ -55,6 +55,7 @@ def computed(monkeypatch):
     return numbers
 
 
+@pytest.mark.release
 def test_the_same_table_from_a_folder(tmp_path, computed):
     table = jb.sweep(function, CASES, chunk=4, dims=DIMS)
     assert len(table.errors) == 5
@@ -347,7 +348,7 @@ def spin(hub_radius, tip_mass):
     return jb.Hybrid(0, 2, 0).linearise(rotor, 3.0, throw=False)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_killed_at_twenty_moments(tmp_path):
     """One sweep killed twenty times while it writes, at random; the same bits in the end."""
     seed = random.randrange(2**32)
@@ -402,7 +403,7 @@ for n in (10, 1000):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform != "linux", reason="peak memory of one process, from /proc")
 def test_memory_stays_flat(tmp_path):
     """A million cases, and no more than a small sweep but for what the results take."""

@@ -9,6 +9,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.helpers import slender
+from tests.tiers import slow
 
 
 def product(a, b):
@@ -118,7 +119,7 @@ def raised(angular_speed, hub_radius, tip_mass):
     return frequency(angular_speed, hub_radius, tip_mass, throw=True)
 
 
-@pytest.mark.parametrize("chunk", [5, pytest.param(27, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("chunk", [5, slow(27)])
 @pytest.mark.parametrize("function", [returned, raised])
 def test_failing_cases_leave_others_alone(function, chunk):
     table = jb.sweep(function, GRID, chunk=chunk)

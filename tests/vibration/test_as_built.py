@@ -9,6 +9,7 @@ import pytest
 import jaxbeam as jb
 from jaxbeam.models import Hinged
 from tests.helpers import AS_BUILT, optimised
+from tests.tiers import exhaustive, slow
 
 MODEL = jb.Hybrid(3, 8, 8, basis=Hinged())
 FIRST = jb.labels(in_plane=1, flap=1)
@@ -23,7 +24,7 @@ UNCOUPLED = jb.Rotor(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("speed", [0.0, pytest.param(2.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("speed", [slow(0.0), exhaustive(2.0)])
 def test_southwell_coefficients_are_slopes_of_squares(speed):
     """d omega^2 / d Omega^2, at rest from a small speed."""
     found = jb.southwell(MODEL, AS_BUILT, speed, FIRST).coefficient
@@ -64,8 +65,8 @@ def test_elements_lose_their_stability_where_they_tear():
     np.testing.assert_allclose(found.angular_speed, wanted.angular_speed, rtol=1e-3)
 
 
-@pytest.mark.parametrize("rotor", [pytest.param(AS_BUILT, id="turned"), UNCOUPLED])
-@pytest.mark.slow
+@pytest.mark.parametrize("rotor", [slow(AS_BUILT, id="turned"), UNCOUPLED])
+@pytest.mark.exhaustive
 def test_multipliers_without_modulation(rotor):
     """exp(+-i omega T) of all modes."""
     model = jb.Hybrid(1, 3, 3).suited(rotor)
@@ -78,7 +79,7 @@ def test_multipliers_without_modulation(rotor):
     assert np.max(np.min(apart, 0)) < 1e-5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_tongue_of_flap_with_lag_where_sections_are_turned():
     """Inside its boundaries a mode grows, outside none does."""
     model = jb.Hybrid(0, 3, 3).suited(AS_BUILT)
@@ -144,7 +145,7 @@ def test_fit_of_stations_a_spring_and_a_tip_mass():
         np.testing.assert_allclose(found.parameters[name], value, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_choice_of_a_model():
     """The rung chosen is right to the tolerance, against elements twice as fine as the judge; of
     turned sections, which no element has, it is honest."""
@@ -180,7 +181,7 @@ def test_a_large_batch_is_single_cases():
     np.testing.assert_allclose(many[17], frequency(stiffness[17]), rtol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_choices_for_a_step_within_elements():
     """Estimates are honest, and functions that follow the step cheap: EI falls to a quarter at 0.3,
     where no number of elements of a power of two has a node."""
@@ -205,6 +206,7 @@ def test_choices_for_a_step_within_elements():
     assert np.abs(table["value"][0] / exact - 1).max() < table["estimate"][0]
 
 
+@pytest.mark.slow
 def test_the_largest_steady_strain_is_beside_a_step():
     """P / EA where EA falls to a tenth, in every theory; P(L / 2) = Omega^2 (1 - 1/4) / 2."""
     steps = jb.Spanwise([0, 0.5, 0.5, 1], [1e4, 1e4, 1e3, 1e3])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from tests.tiers import exhaustive, slow
 from tests.vibration import reference
 from tests.vibration.blade_reference import (
     Blade,
@@ -115,7 +116,7 @@ def _secant(function, guess: float):
 
 
 @pytest.mark.parametrize("width", [1, 2], ids=["wedge", "cone"])
-@pytest.mark.parametrize("c", [0.25, 0.5, 0.95])
+@pytest.mark.parametrize("c", [0.5, exhaustive(0.25), exhaustive(0.95)])
 def test_tapered_to_an_edge_or_a_point(width, c):
     with mpmath.workdps(30):
         for found in flap(_height(c, width), 0.0, 3):
@@ -129,11 +130,11 @@ def test_tapered_to_an_edge_or_a_point(width, c):
         (0.0, 0.0, 0.0, None, "flap"),
         (10.0, 2.0, 0.5, None, "flap"),
         (10.0, 2.0, 0.5, 70.0, "in plane"),
-        pytest.param(1.0, 0.0, 1.0, 70.0, "in plane", marks=pytest.mark.slow),
-        pytest.param(10.0, 0.0, 0.0, None, "in plane", marks=pytest.mark.slow),
-        pytest.param(50.0, 0.0, 0.0, 216.2125, "in plane", marks=pytest.mark.slow),
-        pytest.param(50.0, 5.0, 4.0, None, "flap", marks=pytest.mark.slow),
-        pytest.param(50.0, 5.0, 4.0, 216.2125, "in plane", marks=pytest.mark.slow),
+        exhaustive(1.0, 0.0, 1.0, 70.0, "in plane"),
+        exhaustive(10.0, 0.0, 0.0, None, "in plane"),
+        exhaustive(50.0, 0.0, 0.0, 216.2125, "in plane"),
+        exhaustive(50.0, 5.0, 4.0, None, "flap"),
+        slow(50.0, 5.0, 4.0, 216.2125, "in plane"),
     ],
 )
 def test_uniform_blades_against_power_series(gamma, hub, tip, slenderness, plane):
@@ -153,6 +154,7 @@ def test_stretch_alone():
 # --- against itself, described otherwise ---------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_tip_body_is_a_stiff_end_of_the_blade():
     """A rod that hardly bends, of twice the offset: the difference goes with its flexibility."""
     reach, mass, error = 0.15, 0.6, []
@@ -177,6 +179,7 @@ def test_tip_body_is_a_stiff_end_of_the_blade():
     np.testing.assert_allclose(error[1], error[0] / 100, rtol=0.01, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, RATED])
 def test_integral_equation_agrees(speed):
     for blade, motion in ((LOADED, None), (EXTENSIBLE, None), (HINGED, "flap")):
@@ -184,6 +187,7 @@ def test_integral_equation_agrees(speed):
         np.testing.assert_allclose(by_integrals(blade, speed, 5, motion, stages=7), shot, rtol=1e-9)
 
 
+@pytest.mark.exhaustive
 def test_resolution_does_not_matter():
     cases = [(LOADED, RATED), (EXTENSIBLE, 9.0), (_height(0.95), 5.0), (STEP, 20.0)]
     for blade, speed in cases:
@@ -191,6 +195,7 @@ def test_resolution_does_not_matter():
         np.testing.assert_allclose(plain, fine, rtol=5e-12)
 
 
+@pytest.mark.slow
 def test_turned_sections():
     square = Blade(flap=2.0, lag=2.0, hub=0.2)
     for speed in (0.0, 3.0):  # at rest every frequency is double
@@ -236,6 +241,7 @@ def test_coned_values():
         np.testing.assert_allclose(found, expected, rtol=0, atol=5.1e-5)
 
 
+@pytest.mark.slow
 def test_coned_limits():
     blade = replace(STEP, hub=0.2, tip=Body(0.3))
     flat = frequencies(blade, 6.0, 4)
@@ -298,8 +304,8 @@ def _from_finite_rotations(lag, speed, cone, hub, tip, n=10, nodes=24):
     return np.sort(found[found > 0])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", [(16.0, 8.0, 0.1, 0.0, 0.0), (4.0, 6.0, 0.5, 0.2, 0.3)])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("case", [(16.0, 8.0, 0.1, 0.0, 0.0), slow((4.0, 6.0, 0.5, 0.2, 0.3))])
 def test_coned_against_finite_rotations(case):
     """The equations of `coned` were derived by hand; here differentiation is left to JAX."""
     lag, speed, cone, hub, tip = case

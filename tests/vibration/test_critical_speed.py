@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import jaxbeam as jb
 from tests.helpers import finite_difference, name, slender
+from tests.tiers import exhaustive, slow
 
 DATA = Path(__file__).parents[1] / "data"
 SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)
@@ -32,14 +33,14 @@ FAILING = [
 TEARING = [
     (jb.Hybrid(12, 6, 6), slender(hub=0.5, tip=0.3)),
     (jb.models.DiscreteLP(), SPRINGS),
-    pytest.param(jb.VonKarman(10, 5, 0), slender(hub=0.5, tip=0.3), marks=pytest.mark.slow),
-    pytest.param(jb.models.DiscreteNC(), SPRINGS, marks=pytest.mark.slow),
-    pytest.param(jb.models.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),
+    exhaustive(jb.VonKarman(10, 5, 0), slender(hub=0.5, tip=0.3)),
+    exhaustive(jb.models.DiscreteNC(), SPRINGS),
+    slow(jb.models.DiscreteNP(), SPRINGS),
     (jb.models.DiscreteNS(), SPRINGS),
 ]
 STABLE = [
-    pytest.param(jb.ANCF(2), slender(hub=0.5, tip=0.3), marks=pytest.mark.slow),
-    pytest.param(jb.GreenANCF(2), slender(hub=0.5, tip=0.3), marks=pytest.mark.slow),
+    slow(jb.ANCF(2), slender(hub=0.5, tip=0.3)),
+    exhaustive(jb.GreenANCF(2), slender(hub=0.5, tip=0.3)),
     (jb.models.SmallStrainANCF(4), slender(hub=0.5, tip=0.3)),
     (jb.Hybrid(0, 6, 6), slender(hub=0.5, tip=0.3)),
 ]
@@ -47,11 +48,7 @@ SLOW = (jb.models.ChordANCF, jb.models.TangentANCF)  # to compile
 
 
 def cases(*lists):
-    return [
-        pytest.param(*case, marks=pytest.mark.slow) if isinstance(case[0], SLOW) else case
-        for part in lists
-        for case in part
-    ]
+    return [slow(*case) if isinstance(case[0], SLOW) else case for part in lists for case in part]
 
 
 def tear(rotor):
@@ -141,7 +138,7 @@ def test_stiffness_changes_sign_within_a_hundred_millionth(model, rotor, family)
     )
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_model_0_as_b_says():
     """One element fails at 10 rad/s, ten do not; two fail at 40 rad/s (B, Figs. 6 and 7). Always a
     critical speed, that grows with the number of elements; in the tangent frame a lower one, with
@@ -174,8 +171,8 @@ def test_a_batch_finds_what_single_cases_find():
 
 
 PARAMETERS = [  # and whether the rod tears
-    pytest.param(jb.Hybrid(8, 3, 0), True, marks=pytest.mark.slow),
-    pytest.param(jb.Classical(2, 5, 0), False, marks=pytest.mark.slow),
+    exhaustive(jb.Hybrid(8, 3, 0), True),
+    exhaustive(jb.Classical(2, 5, 0), False),
     (jb.models.ChordANCF(1), False),
 ]
 
@@ -296,7 +293,7 @@ def test_no_flutter():
     assert {0, 1, 2} <= counts
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("tip", [0.0, 0.5])
 def test_liapunov_function(tip):
     """B eq. 61 is constant to rounding along linearised motions; eq. 56 is positive definite."""

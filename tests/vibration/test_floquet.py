@@ -11,6 +11,7 @@ from scipy.special import mathieu_a, mathieu_b
 
 import jaxbeam as jb
 from tests.helpers import finite_difference, name, slender
+from tests.tiers import exhaustive, slow
 
 ROTOR = slender(hub=0.5, tip=0.3)
 SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 400.0, 300.0)
@@ -80,6 +81,7 @@ def test_mathieu_between_characteristic_values(a, q):
     assert (float(found.growth_rate) > 1e-6) == inside
 
 
+@pytest.mark.slow
 def test_order():
     """6, by the error of the trace."""
     errors = [
@@ -91,14 +93,14 @@ def test_order():
 
 SHORT = slender(20.0, 0.5, 0.3)
 PAIRED = [
-    (jb.Hybrid(2, 3, 2), SHORT),
-    pytest.param(jb.Classical(2, 3, 2), SHORT, marks=pytest.mark.slow),
+    slow(jb.Hybrid(2, 3, 2), SHORT),
+    exhaustive(jb.Classical(2, 3, 2), SHORT),
     (jb.models.SmallStrainANCF(2), SHORT),
-    (jb.models.DiscreteLP(), SPRINGS),
-    pytest.param(jb.models.DiscreteNP(), SPRINGS, marks=pytest.mark.slow),
-    pytest.param(jb.VonKarman(3, 2, 1), SHORT, marks=pytest.mark.slow),
-    pytest.param(jb.ANCF(1), SHORT, marks=pytest.mark.slow),
-    pytest.param(jb.models.ChordANCF(1), SHORT, marks=pytest.mark.slow),
+    exhaustive(jb.models.DiscreteLP(), SPRINGS),
+    exhaustive(jb.models.DiscreteNP(), SPRINGS),
+    exhaustive(jb.VonKarman(3, 2, 1), SHORT),
+    exhaustive(jb.ANCF(1), SHORT),
+    exhaustive(jb.models.ChordANCF(1), SHORT),
 ]
 
 
@@ -120,7 +122,7 @@ TIMED = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("model", "damping"), TIMED, ids=["Hybrid", "damped", "elements, damped"])
 def test_against_motions_in_time(model, damping):
     """Differences of simulations from unit starts are the same matrix in other coordinates."""
@@ -162,10 +164,10 @@ def test_mass_damping_without_stretch_is_a_factor():
 @pytest.mark.parametrize(
     ("model", "pair", "order"),
     [
-        pytest.param(jb.Hybrid(0, 3, 0), (0, 0), 2, marks=pytest.mark.slow),
-        pytest.param(jb.Hybrid(0, 3, 0), (0, 1), 1, marks=pytest.mark.slow),
-        pytest.param(jb.Hybrid(2, 3, 0), (0, 1), 1, marks=pytest.mark.slow),
-        pytest.param(jb.models.SmallStrainANCF(2), (0, 0), 1, marks=pytest.mark.slow),
+        slow(jb.Hybrid(0, 3, 0), (0, 0), 2),
+        exhaustive(jb.Hybrid(0, 3, 0), (0, 1), 1),
+        exhaustive(jb.Hybrid(2, 3, 0), (0, 1), 1),
+        slow(jb.models.SmallStrainANCF(2), (0, 0), 1),
     ],
     ids=lambda v: name(v) or str(v),
 )
@@ -212,8 +214,8 @@ def test_damping_moves_the_tip_by_the_analytic_amount():
         assert found.status.tolist() == [jb.Status.NO_TONGUE, jb.Status.OK]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.GreenANCF(1), jb.models.ChordANCF(1)], ids=name)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [slow(jb.GreenANCF(1)), jb.models.ChordANCF(1)], ids=name)
 def test_elements_linearised_about_the_stretched_beam(model):
     """They grow in the middle of their principal tongue; Green elements, at strains of 1e-4, as the
     small-strain linearisation does."""
@@ -247,7 +249,7 @@ def test_boundaries_with_damping():
             assert growth(end - way * 1e-5 * (high - low), depth) < 0
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_derivatives_of_multipliers_and_tongues():
     at = jnp.array([1.0, 1.0, 100.0**2, 1.0, 1.0, 0.5, 0.3, 2.0, 0.2])
     model = jb.Hybrid(0, 2, 0)
@@ -280,6 +282,7 @@ def test_derivatives_of_multipliers_and_tongues():
     np.testing.assert_allclose(forward, expected, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_a_bad_case_spoils_no_other():
     def growth(mass, depth):
         motion = jb.motions.ModulatedSpeed(2.0, depth, 6.0)
@@ -293,7 +296,7 @@ def test_a_bad_case_spoils_no_other():
     np.testing.assert_allclose(found.multipliers[0], alone.multipliers, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_bad_depth_spoils_no_other():
     def low(hub, depth):
         found = jb.tongue(ONE, slender(hub=hub, tip=0.3), 2.0, IN_PLANE[:1] * 2, depth, throw=False)
@@ -313,7 +316,7 @@ def test_a_bad_depth_spoils_no_other():
     assert np.isfinite(jax.jit(jax.grad(total))(hub))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_where_there_is_nothing_to_modulate():
     """Beyond a critical speed, or that of tearing."""
     unstable = jb.tongue(

@@ -11,6 +11,7 @@ from jaxbeam._models.base import checked_case
 from jaxbeam._vibration.banded import bands_of
 from jaxbeam._vibration.modes import MANY, is_certain
 from jaxbeam._vibration.wanted import choose
+from tests.tiers import slow
 from tests.vibration import reference
 
 PLANE = jb.Hybrid(n_stretch=8, n_in_plane=16, n_flap=0)
@@ -73,13 +74,13 @@ def by_bands(model, which, cases):
     return np.asarray(jax.jit(jax.vmap(one))(cases))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "named"),
     [
         (PLANE, False),
         (ELEMENTS[0], False),
-        (SPACE, True),
+        slow(SPACE, True),
         (STIFF, True),
         (ELEMENTS[1], True),
     ],
@@ -101,7 +102,7 @@ def test_many_are_as_single_ones(model, named):
     assert np.mean(by_bands(model, which, some)) > 0.97
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("which", [6, jb.labels(flap=1)], ids=repr)
 def test_six_of_them_or_those_of_one_plane(which):
     some = cases()
@@ -110,7 +111,7 @@ def test_six_of_them_or_those_of_one_plane(which):
     assert np.mean(by_bands(SPACE, which, some)) > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_measured_frequencies_in_plane_pass_over_flap():
     """One by one and many at once."""
     given, _ = rotor(cases()[0])
@@ -121,6 +122,8 @@ def test_measured_frequencies_in_plane_pass_over_flap():
         np.testing.assert_allclose(data.predicted()[7], plain, rtol=1e-9)
 
 
+@pytest.mark.release
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [PLANE], ids=repr)
 def test_frequencies_of_the_continuum(model):
     """Multiple precision, see `reference`; what is asked for with them does not matter."""
@@ -133,7 +136,7 @@ def test_frequencies_of_the_continuum(model):
         np.testing.assert_array_equal(ours.frequency[row + 3], ours.frequency[row])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", [jb.Hybrid(8, 16, 8), jb.EngineeringANCF(8)], ids=repr)
 def test_random_rotors_get_an_answer_or_a_true_reason(model):
     """Slender and stout ones, at speeds up to where they tear and beyond, whatever is lowest."""
@@ -157,7 +160,7 @@ def test_random_rotors_get_an_answer_or_a_true_reason(model):
     assert_alike(jax.tree.map(lambda a: a[:60], many), alone(model, 3, some[:60]))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", [PLANE, jb.ANCF(4)], ids=repr)
 def test_derivatives_are_those_of_single_cases(model):
     """By every parameter, in both modes, of eigenvalues, shapes and shares; second ones too."""
@@ -192,8 +195,8 @@ def test_derivatives_are_those_of_single_cases(model):
         close(ours, np.stack([curved(v) for v in some[:2]]))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [PLANE, jb.ANCF(4)], ids=repr)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [slow(PLANE), jb.ANCF(4)], ids=repr)
 def test_bad_cases_are_named_and_leave_the_others_as_they_are(model):
     some = cases()
     spoilt = some.at[1, 0].set(jnp.nan).at[2, 2].set(-1.0).at[3, 0].set(1e5)
@@ -212,7 +215,7 @@ def test_bad_cases_are_named_and_leave_the_others_as_they_are(model):
     assert np.all(np.isfinite(jax.jit(jax.grad(total))(jnp.zeros(len(NAMES)))))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_growing_modes_come_first_among_many():
     """Those that bands do not find: of a model that is unstable at these speeds."""
     model, some = jb.models.TangentANCF(2), cases(top=30.0)
@@ -225,12 +228,12 @@ def test_growing_modes_come_first_among_many():
     assert_alike(jax.tree.map(lambda a: a[first], many), single)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "numbers"),  # axial stiffness, tip mass, speed
     [
         (jb.Hybrid(4, 8, 0), (6264.3353665688555, 3.1622776601683795, 3.1622776601683795)),
-        (jb.GreenANCF(3), (1000.0, 1.0, 1.0)),
+        slow(jb.GreenANCF(3), (1000.0, 1.0, 1.0)),
         (jb.GreenANCF(3), (1596.338544287942, 0.1333521432163324, 1.0)),
     ],
 )
@@ -266,8 +269,10 @@ class _SoftElements(jb.GreenANCF):
         return super().equations(_softer(rotor))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [_SoftHybrid(4, 8, 0), _StiffHybrid(4, 8, 0), _SoftElements(2)])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    "model", [slow(_SoftHybrid(4, 8, 0)), _StiffHybrid(4, 8, 0), _SoftElements(2)]
+)
 def test_models_with_other_equations_do_not_get_those_of_their_base(model):
     """Elements say all that counts in their equations; the tables of `Hybrid` do not."""
     some = cases()

@@ -14,6 +14,7 @@ import scipy.optimize
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import planar_eigenpairs
 from tests.helpers import NAMES, build, finite_difference, slender
+from tests.tiers import exhaustive, slow
 from tests.vibration import reference
 
 DATA = Path(__file__).parents[1] / "data"
@@ -41,6 +42,7 @@ def tables():
     return rows, *(np.asarray(a) for a in evaluate(*columns))
 
 
+@pytest.mark.slow
 def test_720_printed_frequencies(tables):
     """B Tables 3-5: the k-th mode whose kinetic energy is mostly transverse."""
     rows, frequency, share, labelled = tables
@@ -93,7 +95,7 @@ def test_table_2(slenderness, model, column):
         np.testing.assert_allclose(found, printed, rtol=0, atol=5.01e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_converged_value_behind_a_printed_one():
     """At gamma = 50, N = R = 0 the printed 10.278 is ten elements, not the beam."""
     rotor, label = slender(), jb.labels(in_plane=1)
@@ -110,13 +112,13 @@ def test_converged_value_behind_a_printed_one():
 
 HUBS_AND_TIPS = [
     (0.0, 0.0),
-    pytest.param(1.0, 0.0, marks=pytest.mark.slow),
-    pytest.param(0.0, 1.0, marks=pytest.mark.slow),
+    exhaustive(1.0, 0.0),
+    exhaustive(0.0, 1.0),
     (2.0, 0.5),
 ]
 
 
-@pytest.mark.parametrize("gamma", [0.0, 1.0, 10.0, pytest.param(50.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("gamma", [0.0, 1.0, 10.0, exhaustive(50.0)])
 @pytest.mark.parametrize(("hub", "tip"), HUBS_AND_TIPS)
 @pytest.mark.parametrize(
     ("plane", "slenderness"), [("in plane", None), ("flap", None), ("in plane", 70.0)]
@@ -132,7 +134,7 @@ def test_against_power_series(gamma, hub, tip, plane, slenderness):
     assert float(jnp.max(found.residual)) < 1e-14
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("plane", "slenderness"), [("in plane", None), ("flap", None), ("in plane", 216.2125)]
 )
@@ -157,7 +159,7 @@ README_TABLE = [  # gamma, largest hub radius and tip mass, functions for gradin
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("gamma", "hub", "tip", "plain", "graded"), README_TABLE)
 def test_accuracy_table_of_the_readme(gamma, hub, tip, plain, graded):
     """The last row, gamma = 50 with R = 5 L and N = 4, is the test above."""
@@ -169,7 +171,7 @@ def test_accuracy_table_of_the_readme(gamma, hub, tip, plain, graded):
                 np.testing.assert_allclose(found.frequency, expected, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_cantilever_modes_converge_but_slowly():
     expected = np.array(reference.frequencies(10.0, 1.0, 0.0))
     error = []
@@ -188,10 +190,10 @@ def _order(counts, errors):
 @pytest.mark.parametrize(
     ("make", "gamma"),
     [
-        pytest.param(jb.models.SmallStrainANCF, 0.0, marks=pytest.mark.slow),
-        pytest.param(jb.ANCF, 5.0, marks=pytest.mark.slow),
-        pytest.param(jb.models.SmallStrainANCF, 5.0, marks=pytest.mark.slow),
-        pytest.param(jb.ANCF, 0.0, marks=pytest.mark.slow),
+        exhaustive(jb.models.SmallStrainANCF, 0.0),
+        slow(jb.ANCF, 5.0),
+        exhaustive(jb.models.SmallStrainANCF, 5.0),
+        exhaustive(jb.ANCF, 0.0),
     ],
 )
 def test_order_of_convergence_of_elements_in_bending(make, gamma):
@@ -208,7 +210,7 @@ def test_order_of_convergence_of_elements_in_bending(make, gamma):
         assert _order(counts, column) == pytest.approx(4, abs=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("make", [jb.models.SmallStrainANCF, jb.ANCF])
 def test_order_of_convergence_of_elements_in_stretch(make):
     """h^6, to beta tan(beta) = m / m_t, for a beam so slender that the EI u''^2 of K_t is nil.
@@ -226,6 +228,7 @@ def test_order_of_convergence_of_elements_in_stretch(make):
     assert _order(counts, errors) == pytest.approx(6, abs=0.25)
 
 
+@pytest.mark.slow
 def test_elements_converge_to_the_rest_frequencies_of_the_continuum():
     expected = np.array(reference.frequencies(0.0, 0.0, 0.3))
     model = jb.ANCF(40)
@@ -256,7 +259,7 @@ def _random_planar(seed, n_transverse, n_axial, negative):
 
 @pytest.mark.parametrize("negative", [0, 1, 2])
 @pytest.mark.parametrize("sizes", [(3, 2), (4, 4), (5, 0), (2, 6)])
-@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 2, 3))])
+@pytest.mark.parametrize("seed", [0, *(exhaustive(s) for s in (1, 2, 3))])
 def test_eigenpairs_against_scipy(seed, sizes, negative):
     m, g, k = _random_planar(seed, *sizes, negative)
     n = len(m)
@@ -308,7 +311,7 @@ def test_classical_with_stretch_against_scipy():
     [
         jb.Hybrid(12, 16, 16),
         jb.models.SmallStrainANCF(8),
-        pytest.param(jb.ANCF(8), marks=pytest.mark.slow),
+        exhaustive(jb.ANCF(8)),
     ],
     ids=repr,
 )
@@ -340,6 +343,7 @@ def test_shapes(model):
 # --- labels --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_labels_count_within_families():
     found = jb.modes(jb.Hybrid(6, 8, 8), slender(216.0), 0.0, 9)
     titles = [str(label) for label in found.labels]
@@ -349,7 +353,7 @@ def test_labels_count_within_families():
     assert sorted(every) == sorted(jb.labels(in_plane=8, flap=8, axial=6))
 
 
-@pytest.mark.parametrize("steps", [9, pytest.param(600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [slow(9), exhaustive(600)])
 def test_labels_survive_veering_and_crossing(steps):
     """Slenderness 70: in-plane 3 veers with stretch 1 at gamma = 25.5, flap 3 crosses stretch 1.
 
@@ -393,28 +397,19 @@ def test_labels_survive_veering_and_crossing(steps):
 
 PLAIN = jnp.array([1.3, 0.8, 4.9e3, 1.1, 1.7, 0.3, 0.25, 5.0])
 DIFFERENTIABLE = [
-    (jb.Hybrid(8, 12, 12), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
-    pytest.param(
-        jb.Hybrid(8, 12, 0, jb.models.Polynomials(2)),
-        PLAIN,
-        jb.labels(in_plane=3, axial=1),
-        marks=pytest.mark.slow,
+    (jb.Hybrid(4, 6, 6), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
+    slow(jb.ANCF(3), PLAIN, jb.labels(in_plane=3, axial=1)),
+    exhaustive(jb.Hybrid(8, 12, 12), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
+    exhaustive(
+        jb.Hybrid(8, 12, 0, jb.models.Polynomials(2)), PLAIN, jb.labels(in_plane=3, axial=1)
     ),
-    pytest.param(
-        jb.models.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow
+    exhaustive(jb.models.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    exhaustive(jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    exhaustive(
+        jb.Classical(8, 12, 12), PLAIN.at[-1].set(1.2), jb.labels(in_plane=3, flap=2, axial=1)
     ),
-    pytest.param(jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1), marks=pytest.mark.slow),
-    pytest.param(
-        jb.Classical(8, 12, 12),
-        PLAIN.at[-1].set(1.2),
-        jb.labels(in_plane=3, flap=2, axial=1),
-        marks=pytest.mark.slow,
-    ),
-    pytest.param(
-        jb.Classical(8, 12, 12),
-        PLAIN.at[-1].set(4.0),
-        jb.labels(in_plane=3, flap=2, axial=1),
-        marks=pytest.mark.slow,
+    exhaustive(
+        jb.Classical(8, 12, 12), PLAIN.at[-1].set(4.0), jb.labels(in_plane=3, flap=2, axial=1)
     ),
 ]
 
@@ -429,6 +424,7 @@ def _agree(exact, fd, at):
     assert not wrong.any(), (NAMES, exact[wrong], fd[wrong])
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("model", "at", "which"), DIFFERENTIABLE)
 def test_gradients_with_respect_to_every_parameter(model, at, which):
     def eigenvalue(p):
@@ -440,7 +436,7 @@ def test_gradients_with_respect_to_every_parameter(model, at, which):
         _agree(np.asarray(jax.jit(jacobian(eigenvalue))(at)), fd, np.asarray(at))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_next_to_a_veering():
     """In-plane 3 and stretch 1 sharing their motion about equally: gradients stay exact."""
     model, which = jb.Hybrid(8, 14, 0), jb.labels(in_plane=3)
@@ -478,7 +474,7 @@ def test_gradients_where_flap_and_in_plane_coincide():
     np.testing.assert_allclose(exact, fd, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_second_derivatives_and_shapes():
     model, which = jb.Hybrid(6, 10, 8), jb.labels(in_plane=2, flap=1, axial=1)
 
@@ -552,7 +548,7 @@ def test_stretch_alone():
     np.testing.assert_allclose(found.frequency, np.sqrt((20 * beta) ** 2 - 9), rtol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_many_functions():
     """A hundred functions, stable and unstable: numbers and labels stay right."""
     rest = np.array(reference.frequencies(0.0))
@@ -589,6 +585,7 @@ def test_failed_lane_leaves_gradients_of_others_alone():
         np.testing.assert_allclose(a, b, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_shorter_floats_are_promoted():
     model, expected = jb.Hybrid(4, 8, 0), jb.modes(jb.Hybrid(4, 8, 0), slender(), 1.0).frequency
     found = jb.modes(model, slender(), jnp.float32(1.0)).frequency
@@ -613,7 +610,7 @@ def test_parameters_that_no_constructor_has_seen():
         jb.modes(model, rotor.beam, 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_ten_thousand_cases_equal_single_ones():
     model, which = jb.Hybrid(6, 12, 0), jb.labels(in_plane=3)
     cases = np.random.default_rng(0).uniform([0, 0, 0], [12, 2, 2], (10_000, 3))

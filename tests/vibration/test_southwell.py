@@ -7,6 +7,7 @@ import pytest
 
 import jaxbeam as jb
 from tests.helpers import DISCRETE, finite_difference, name, slender
+from tests.tiers import exhaustive, slow
 from tests.vibration import reference
 
 IN_PLANE, FLAP, AXIAL = jb.models.Family.IN_PLANE, jb.models.Family.FLAP, jb.models.Family.AXIAL
@@ -23,7 +24,7 @@ def crossing_at(*args, **kwargs):
 
 MODELS = [
     (jb.Hybrid(0, 14, 0), None),
-    pytest.param(jb.Hybrid(12, 14, 0), 150.0, marks=pytest.mark.slow),
+    exhaustive(jb.Hybrid(12, 14, 0), 150.0),
 ]
 
 
@@ -32,9 +33,9 @@ MODELS = [
     ("hub", "tip", "speed"),
     [
         (0.0, 0.0, 0.0),
-        pytest.param(0.5, 0.8, 2.0, marks=pytest.mark.slow),
-        pytest.param(0.5, 0.8, 0.0, marks=pytest.mark.slow),
-        pytest.param(1.5, 0.0, 6.0, marks=pytest.mark.slow),
+        exhaustive(0.5, 0.8, 2.0),
+        exhaustive(0.5, 0.8, 0.0),
+        exhaustive(1.5, 0.0, 6.0),
     ],
 )
 def test_against_differences_of_converged_frequencies(model, slenderness, hub, tip, speed):
@@ -86,8 +87,8 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
     np.testing.assert_allclose(found, line, rtol=1e-11)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", DISCRETE, ids=name)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [slow(DISCRETE[0]), *DISCRETE[1:]], ids=name)
 def test_discrete_analogue(model):
     """Against differences of squared frequencies: the error is of order speed squared."""
     springs, which = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0), jb.labels(in_plane=1)
@@ -122,8 +123,8 @@ def test_flap_exceeds_in_plane_by_one(hub, tip, speed):
     "model",
     [
         jb.Hybrid(8, 12, 12),
-        pytest.param(jb.ANCF(5), marks=pytest.mark.slow),
-        pytest.param(jb.models.SmallStrainANCF(5), marks=pytest.mark.slow),
+        exhaustive(jb.ANCF(5)),
+        exhaustive(jb.models.SmallStrainANCF(5)),
     ],
 )
 def test_continuous_at_rest(model):
@@ -133,6 +134,7 @@ def test_continuous_at_rest(model):
     np.testing.assert_allclose(at_rest, nearly, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_classical_never_stiffens():
     phi = phi_of(jb.Classical(0, 12, 12), slender(), 0.0, jb.labels(in_plane=2, flap=2))
     np.testing.assert_allclose(phi, [-1, -1, 0, 0], atol=1e-9)
@@ -140,7 +142,7 @@ def test_classical_never_stiffens():
     assert float(beyond[0]) == pytest.approx(-1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("speed", "jacobian"),
     [(0.0, jax.jacrev), (4.0, jax.jacfwd)],
@@ -189,7 +191,7 @@ def test_first_resonance():
     )
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_derivatives_of_the_resonance():
     model, label = jb.Hybrid(8, 12, 0), jb.models.Label(IN_PLANE, 1)
 
@@ -220,6 +222,7 @@ def test_crossings_under_vmap():
         crossing_at(model, slender(60.0, 3.0), (0.5, 9.0), label, 1.0)
 
 
+@pytest.mark.slow
 def test_crossing_of_the_classical_beam():
     """omega^2 = omega_0^2 - Omega^2 meets Omega at omega_0 / sqrt(2)."""
     at = crossing_at(
@@ -252,6 +255,7 @@ def test_campbell_diagram():
             assert changes == sum(c.label == label and c.harmonic == harmonic for c in found)
 
 
+@pytest.mark.slow
 def test_divergence_is_no_resonance():
     diagram = jb.campbell(
         jb.Classical(0, 8, 0), slender(), np.linspace(0.5, 10, 20), jb.labels(in_plane=1)
@@ -262,7 +266,7 @@ def test_divergence_is_no_resonance():
     assert (diagram.table["frequency"][growing, 0] == 0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_no_resonance_where_a_label_changes_branch():
     """The line passes through the gap of the veering of in-plane 3 with stretch 1 at 25.53."""
     model, rotor, harmonic = jb.Hybrid(8, 14, 0), slender(70.0), 4.6487

@@ -11,6 +11,7 @@ import jaxbeam as jb
 from jaxbeam.models import Family
 from tests.helpers import finite_difference, reverse_mode
 from tests.models.rod_reference import lateral_buckling
+from tests.tiers import exhaustive, slow
 
 BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
@@ -21,8 +22,8 @@ def frequencies(model, rotor, speed, which=WHICH):
     return np.asarray(jb.modes(model, rotor, speed, which).frequency)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("speed", [0.0, 6.0])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("speed", [0.0, slow(6.0)])
 def test_bending_of_a_straight_beam_is_that_of_the_planar_element_and_of_the_modal_theory(speed):
     """In the plane that of `EngineeringANCF`, with the fourth power of an element's length; out of
     it, which takes no part in its steady stretch, that of `Hybrid` where stretch is small."""
@@ -61,8 +62,8 @@ TWISTED = jb.Rotor(
 )  # fmt: skip
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("speed", [0.0, 12.0])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("speed", [0.0, slow(12.0)])
 def test_twisted_sections_couple_bending_as_in_the_modal_theory(speed):
     exact = frequencies(jb.Hybrid(12, 14, 14), TWISTED, speed)
     errors = [
@@ -73,7 +74,7 @@ def test_twisted_sections_couple_bending_as_in_the_modal_theory(speed):
     assert errors[1] < errors[0] / 10 + 2 * strain
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_cone_bends_and_couples_as_in_the_modal_theory():
     """Of a beam that hardly stretches or twists, `coned.py`."""
     beam = jb.Beam(1.0, 1.0, 1e6, 4.0, 1.0, torsional_stiffness=1e3, polar_inertia=1e-5)
@@ -87,12 +88,13 @@ def test_a_cone_bends_and_couples_as_in_the_modal_theory():
     assert errors[2] < errors[1] / 3 < errors[0] / 9
 
 
+@pytest.mark.slow
 def test_participation_says_what_twists():
     found = jb.modes(jb.SpatialANCF(4), ROTOR, 3.0, jb.labels(in_plane=1, flap=1, torsion=1))
     np.testing.assert_allclose(found.energy_share, np.eye(4)[[0, 1, 3]], atol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_by_all_parameters():
     """Of frequencies in a cone, twisted sections, both modes."""
     model, which = jb.SpatialANCF(2), jb.labels(in_plane=1, flap=1, torsion=1)
@@ -126,9 +128,9 @@ ALONG = np.array([-1.0, 0.0, 0.0])
 @pytest.mark.parametrize(
     "model",
     [
-        pytest.param(jb.SpatialANCF(4), marks=pytest.mark.slow),
-        jb.EngineeringANCF(4),
-        jb.Hybrid(0, 6, 0),
+        exhaustive(jb.SpatialANCF(4)),
+        slow(jb.EngineeringANCF(4)),
+        slow(jb.Hybrid(0, 6, 0)),
     ],
 )
 def test_a_column_buckles_under_the_load_of_euler(model):
@@ -139,7 +141,7 @@ def test_a_column_buckles_under_the_load_of_euler(model):
     assert Family(int(found.family)) == (Family.FLAP if softest == 1 else Family.IN_PLANE)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_columns_of_any_slenderness_buckle_under_the_load_of_a_rod_that_gets_shorter():
     """P (1 - P / EA) = pi^2 EI / 4 L^2; none is lost where the search comes upon a stiffness that
     is singular but for rounding, at which no equilibrium is found."""
@@ -189,7 +191,7 @@ def test_a_narrow_cantilever_buckles_sideways():
     assert Family(int(found.family)) in (Family.FLAP, Family.TORSION)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_beam_that_is_pushed_aside_comes_back_below_the_critical_load_alone():
     """Bracketed by integration in time: a disturbance stays small 3 % below, and grows above."""
     model, rotor = jb.SpatialANCF(4), narrow(2.5, 0.3)
@@ -205,7 +207,7 @@ def test_a_beam_that_is_pushed_aside_comes_back_below_the_critical_load_alone():
         assert (np.abs(run.tip[:, 2]).max() > 0.02) == grows
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_critical_loads_have_gradients():
     """In both modes, forwards in one direction; of elements in the plane, since those in space take
     minutes to compile, and go the same way."""
@@ -225,7 +227,7 @@ def test_critical_loads_have_gradients():
     np.testing.assert_allclose(forward, exact @ along, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_cases_of_a_batch_of_critical_loads_do_not_spoil_one_another():
     """The second pulls and never buckles, the third has no stiffness in torsion."""
     force = jnp.array([[-1.0, 0, 0], [1.0, 0, 0], [-1.0, 0, 0]])
