@@ -61,4 +61,4 @@ for _ in range(8):
     ids=["hybrid", "ancf", "classical", "mixed"],
 )
 def test_ends(body):
-    run_optimised("-c", PROLOGUE + body, timeout=180)
+    run_optimised("-c", PROLOGUE + body, timeout=900)

@@ -29,7 +29,7 @@ def _numbers(text: str) -> list[float]:
 @pytest.mark.slow
 def test_example_prints_what_is_printed():
     program = _blocks("python")
-    said = run_optimised("-c", program, timeout=120)
+    said = run_optimised("-c", program)
     stated, printed = _blocks("text").splitlines(), said.splitlines()
     assert len(stated) == len(printed) == 7
     for i, (claim, line) in enumerate(zip(stated, printed, strict=True)):
@@ -42,7 +42,7 @@ def test_example_prints_what_is_printed():
 @pytest.mark.exhaustive
 def test_longer_examples_print_what_is_printed(tmp_path):
     program = _blocks("python") + _blocks("py")
-    said = run_optimised("-c", program, timeout=300, cwd=tmp_path)
+    said = run_optimised("-c", program, cwd=tmp_path)
     stated = _blocks("txt").splitlines()
     printed = said.splitlines()[-len(stated) :]
     for claim, line in zip(stated, printed, strict=True):
