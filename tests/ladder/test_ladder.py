@@ -79,7 +79,7 @@ def test_spectrum_of_a_spin_up(spread):
     np.testing.assert_allclose(question.excited(jnp.asarray(omega)), wanted, atol=2e-4)
 
 
-CASES = [(0.05, 0.0, 0.0, 1e-3), (2.0, 0.5, 0.0, 1e-2), (6.0, 0.0, 0.5, 1e-3)]
+CASES = [(0.05, 0.0, 0.0, 1e-3), (2.0, 0.5, 0.0, 1e-2), slow(6.0, 0.0, 0.5, 1e-3)]
 
 
 @pytest.mark.exhaustive

@@ -77,66 +77,6 @@ def test_mass_is_the_kinetic_energy(model):
     np.testing.assert_allclose(u @ system.gyroscopic @ v, expected, rtol=1e-6)
 
 
-@pytest.mark.exhaustive
-def test_hybrid_against_exact_kinematics():
-    """Mass, gyroscopic and stiffness matrices are the Hessians of a Lagrangian at rest in the hub.
-
-    Points at r = (R + x + s - int (u2'^2 + u3'^2) / 2, u2, u3) in a frame that turns about a3
-    (Y eqs. 2-4, 12), quadratic strain energy in s (Y eq. 10): no motion-induced stiffness is put
-    in, it comes out of differentiating the foreshortening.
-    """
-    speed, model, (ns, nb) = 1.7, jb.Hybrid(3, 4, 4), (3, 4)
-    beam = ROTOR.beam
-    nodes, weights = np.polynomial.legendre.leggauss(24)
-    xi, weights = (nodes + 1) / 2, weights / 2
-    at = np.append(xi, 1.0)
-    # int_0^x of a function given at the Gauss points, exactly for polynomials
-    powers = np.polynomial.legendre.legvander(nodes, 23)
-    integrals = np.stack(
-        [
-            np.polynomial.legendre.legval(2 * at - 1, np.polynomial.legendre.legint(row, lbnd=-1))
-            for row in np.eye(24)
-        ],
-        axis=1,
-    )
-    cumulative = jnp.asarray(integrals @ np.linalg.inv(powers)) * beam.length / 2
-    stretch, bending = model.basis.stretch(ns, at), model.basis.bending(nb, at)
-    slope = jnp.asarray(model.basis.bending(nb, xi).slope) / beam.length
-    curvature = jnp.asarray(model.basis.bending(nb, xi).curvature) / beam.length**2
-    strain = jnp.asarray(model.basis.stretch(ns, xi).slope) / beam.length
-    mass = jnp.append(beam.mass * weights, ROTOR.tip_mass)
-    w = jnp.asarray(weights) * beam.length
-
-    def position(q):
-        s, a, b = q[:ns], q[ns : ns + nb], q[ns + nb :]
-        shortening = cumulative @ (((slope @ a) ** 2 + (slope @ b) ** 2) / 2)
-        along = ROTOR.hub_radius + jnp.asarray(at) * beam.length
-        return jnp.stack(
-            [along + stretch.value @ s - shortening, bending.value @ a, bending.value @ b]
-        )
-
-    def lagrangian(q, v):
-        r, rate = jax.jvp(position, (q,), (v,))
-        velocity = jnp.stack([rate[0] - speed * r[1], rate[1] + speed * r[0], rate[2]])
-        s, a, b = q[:ns], q[ns : ns + nb], q[ns + nb :]
-        energy = (
-            beam.axial_stiffness * jnp.sum(w * (strain @ s) ** 2)
-            + beam.in_plane_bending_stiffness * jnp.sum(w * (curvature @ a) ** 2)
-            + beam.flap_bending_stiffness * jnp.sum(w * (curvature @ b) ** 2)
-        )
-        return (jnp.sum(mass[None] * velocity**2) - energy) / 2
-
-    rest = jnp.zeros(ns + 2 * nb)
-    mixed = jax.jacfwd(jax.grad(lagrangian, 1), 0)(rest, rest)
-    system = model.linearise(ROTOR, speed)
-    for ours, derived in (
-        (system.mass, jax.hessian(lagrangian, 1)(rest, rest)),
-        (system.gyroscopic, mixed - mixed.T),
-        (system.stiffness, -jax.hessian(lagrangian, 0)(rest, rest)),
-    ):
-        assert float(jnp.abs(ours - derived).max()) < 1e-13 * float(jnp.abs(derived).max())
-
-
 def test_hybrid_minus_classical_is_the_tension():
     hybrid, classical = jb.Hybrid(3, 6, 6), jb.Classical(3, 6, 6)
     a, b = hybrid.linearise(ROTOR, 3.0), classical.linearise(ROTOR, 3.0)

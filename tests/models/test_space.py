@@ -205,7 +205,7 @@ def test_a_moment_rolls_it_into_a_circle_or_a_helix(moment):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("follows", [False, True])
+@pytest.mark.parametrize("follows", [False, slow(True)])
 def test_loads_at_the_tip_do_the_work_of_their_force_and_moment(follows):
     """Power, action on the hub and tangent, about a state without symmetry."""
     model = jb.SpatialANCF(2)
