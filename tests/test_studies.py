@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import run_optimised
+from tests.tiers import exhaustive, slow
 from tests.vibration import blade_reference
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -22,44 +23,38 @@ def study(name, out):
     return run_optimised(script, "--quick", "--out", out, level=HASTY)
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """The main command of the README, in another folder."""
-    out = tmp_path_factory.mktemp("study")
-    script = STUDIES / "rotating_cantilever.py"
-    said = run_optimised(script, "--out", out / "made", level=HASTY, cwd=out)
-    return out / "made", said, set(out.iterdir())
+def rows_of(path):
+    with open(path) as file:
+        return list(csv.DictReader(file))
 
 
-# Together where tests are dealt out one by one.
-main_study = pytest.mark.xdist_group("main study")
-
-
-@pytest.mark.slow
-@main_study
-def test_files(run):
-    out, printed, beside = run
-    assert beside == {out}
-    assert str(out) in printed
+@pytest.mark.parametrize("quick", [slow(["--quick"], id="quick"), exhaustive([], id="in full")])
+def test_rotating_cantilever(quick, tmp_path):
+    """The main command of the README, in another folder: files, printed numbers, and in full what
+    it says of artefacts (physics of the tables)."""
+    out, script = tmp_path / "made", STUDIES / "rotating_cantilever.py"
+    said = run_optimised(script, *quick, "--out", out, level=HASTY, cwd=tmp_path)
+    assert set(tmp_path.iterdir()) == {out}
+    assert str(out) in said
     for name in ("campbell", "mode_shapes", "southwell_lines", "southwell_map"):
         assert (out / f"{name}.png").stat().st_size > 20_000
     for name in ("table_2", "tables_3_4_5", "resonances", "southwell", "southwell_map"):
         assert len((out / f"{name}.csv").read_text().splitlines()) > 5
-
-
-@pytest.mark.slow
-@main_study
-def test_numbers(run):
-    out, printed, _ = run
-    with open(out / "tables_3_4_5.csv") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(out / "tables_3_4_5.csv")
     gap = [abs(float(row["printed"]) - float(row["ten elements"])) for row in rows]
     assert len(gap) == 720
     assert sorted(gap)[-2] < 6e-4  # all but the partner of the veering pair
-    assert "gamma = 3.8774421952" in printed
-    assert "entries with an axial mode below the printed bending mode: 127" in printed
+    assert "gamma = 3.8774421952" in said
+    assert "entries with an axial mode below the printed bending mode: 127" in said
     southwell = np.genfromtxt(out / "southwell.csv", delimiter=",", names=True)
     np.testing.assert_allclose(southwell["phi_1"][0], 0.1933, atol=1e-3)
+    if not quick:
+        assert "ten elements 10.278, 40 elements 10.040" in said
+        assert "inextensible 10.447" in said
+        causes = np.genfromtxt(out / "causes.csv", delimiter=",", skip_header=1)
+        at_low, at_high = causes[causes[:, 0] == 1], causes[causes[:, 0] == 50]
+        assert (at_low[:, 2:5] < 0.05).all()  # there the tables are the physics, to 0.05 %
+        assert (at_high[0, 2:5] > 20).all()  # each cause moves some first mode by over 20 %
 
 
 def test_every_study_has_a_main():
@@ -69,19 +64,6 @@ def test_every_study_has_a_main():
         text = path.read_text()
         assert "def main(quick: bool" in text
         assert "    common.run(main, __doc__, " in text  # which knows --quick and --out
-
-
-@pytest.mark.slow
-@main_study
-def test_causes(run):
-    """What it says of artefacts (physics of the tables)."""
-    out, said, _ = run
-    assert "ten elements 10.278, 40 elements 10.040" in said
-    assert "inextensible 10.447" in said
-    causes = np.genfromtxt(out / "causes.csv", delimiter=",", skip_header=1)
-    slow, fast = causes[causes[:, 0] == 1], causes[causes[:, 0] == 50]
-    assert (slow[:, 2:5] < 0.05).all()  # at low speed the tables are the physics, to 0.05 %
-    assert (fast[0, 2:5] > 20).all()  # at gamma = 50 each cause moves some first mode by over 20 %
 
 
 @pytest.mark.exhaustive
@@ -139,11 +121,6 @@ def test_berzeri1999(tmp_path):
     assert rows["6", "Model 0, chord, 1 element"]["status"] == "DIVERGED"
     assert rows["7", "Model 0, chord, 2 elements"]["status"] != "OK"
     assert rows["7", "Model A, 2 elements"]["status"] == "OK"
-
-
-def rows_of(path):
-    with open(path) as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.mark.exhaustive
