@@ -1,0 +1,109 @@
+"""Studies of cost, accuracy and choice: of integrators, models, sweeps, and of others."""
+
+import csv
+import os
+import re
+
+import numpy as np
+import pytest
+
+from tests.studies.common import rows_of, study
+
+
+@pytest.mark.exhaustive
+def test_speed_accuracy(tmp_path):
+    """Every scene has a front, failures are kept, and errors are what theory says."""
+    printed = study("speed_accuracy", tmp_path)
+    assert printed.count("the front alone") == 3
+    for name in ("speed_accuracy", "speed_accuracy_frequencies"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "speed_accuracy.csv")
+    error = {(r["scene"], r["model"], r["integrator"], r["setting"]): r for r in rows}
+    scenes = {r["scene"] for r in rows}
+    assert len(scenes) == 3
+    for scene in scenes:
+        ours = [r for r in rows if r["scene"] == scene and r["model"] == "hybrid, 16 + 8 functions"]
+        if ours:
+            assert {r["integrator"] for r in ours} == {"modes"}
+            assert all(float(r["error"]) < 1e-9 for r in ours)
+    for setting, least in (("0.0001", 1e-3), ("1e-06", 3e-4)):  # what eight elements leave
+        row = error["B Ref. 21, 4 rad/s", "exact, 8 elements", "Rodas5P", setting]
+        assert 1e-5 < float(row["error"]) < least
+    abrupt = [r for r in rows if r["scene"].startswith("abrupt")]
+    assert any(r["status"] != "OK" for r in abrupt)
+    assert all(float(r["error"]) == np.inf for r in rows if r["status"] != "OK")
+    linear = [float(r["error"]) for r in abrupt if r["model"].startswith("hybrid")]
+    assert min(linear) > 0.15  # it moves three quarters of its length
+
+
+@pytest.mark.exhaustive
+def test_peers(tmp_path):
+    """Other integrators and other codes find the same motion."""
+    printed = study("peers", tmp_path)
+    rows = {(r["method"], r["setting"]): float(r["error"]) for r in rows_of(tmp_path / "peers.csv")}
+    assert rows["jaxbeam Rodas5P", "1e-05"] < 1e-5
+    assert rows["SciPy Radau", "1e-05"] < 1e-5
+    assert rows["diffrax KenCarp4", "1e-06"] < 1e-5
+    assert rows["diffrax Dopri8", "1e-08"] < 1e-8
+    assert rows["jaxbeam Magnus", "0.15 s"] < 1e-8
+    assert rows["jaxbeam in lanes, one thread", "rtol 3e-4"] < 1e-4
+    assert rows["jaxbeam modes, 16 + 8 polynomials, 1 thread", "2000 cases"] < 1e-8
+    for name in ("jaxlib", "diffrax", "scipy", "exudyn", "pybmodes"):
+        assert name in printed.splitlines()[0]
+    assert "times as fast as SciPy Radau" in printed
+    assert "times as fast as diffrax KenCarp4" in printed
+    assert "times as fast as scipy.linalg.eig" in printed
+
+
+@pytest.mark.exhaustive
+def test_costs(tmp_path):
+    study("costs", tmp_path)
+    rows = rows_of(tmp_path / "costs.csv")
+    assert all(np.isfinite(float(r["number"])) and float(r["number"]) > 0 for r in rows)
+    assert {r["what"] for r in rows} >= {
+        "reverse mode over forward run", "a step of Rodas5P, in space", "the next, with a cache",
+    }  # fmt: skip
+    assert (tmp_path / "elements.png").stat().st_size > 10_000
+
+
+@pytest.mark.exhaustive
+def test_ensembles(tmp_path):
+    """A line for each comparison; the operations are those of a step."""
+    said = study("ensembles", tmp_path)
+    rows = {row["what"]: row for row in rows_of(tmp_path / "ensembles.csv")}
+    for what in ("spin-ups, one jax.vmap", "spin-ups, sweep", "mixed batch", "modes, 10 elements"):
+        assert float(rows[what]["seconds"]) > 0
+        assert float(rows[what]["ratio"]) > 0
+    assert 5e4 < int(rows["operations of a step a second"]["cases"]) < 5e5
+    assert "Gflop/s a core" in said
+
+
+@pytest.mark.exhaustive
+def test_scale(tmp_path):
+    """Sweeps come to the same bits on one core, on two, by two workers, and in a folder."""
+    printed = study("scale", tmp_path)
+    assert re.search(r"^(\d) of \1 sweeps have the same bits", printed, re.MULTILINE)
+    with open(tmp_path / "scale.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["workers"] for row in rows} == {"0", "1", str(len(os.sched_getaffinity(0)))}
+    assert all(float(row["ok"]) > 0.99 and float(row["memory"]) < 2048 for row in rows)
+    assert (tmp_path / "scale.png").stat().st_size > 20_000
+
+
+@pytest.mark.exhaustive
+def test_ladder(tmp_path):
+    """What is chosen is within the tolerance, or says that it is not."""
+    printed = study("ladder", tmp_path)
+    assert (tmp_path / "ladder.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "choices.csv")
+    assert len(rows) == 2 * 40
+    for tolerance in ("0.01", "0.001"):
+        own = [r for r in rows if r["tolerance"] == tolerance]
+        error = np.array([float(r["error"]) for r in own]) / float(tolerance)
+        assert np.mean(error <= 1) >= 0.95
+        assert all(e <= 10 or r["met"] == "False" for e, r in zip(error, own, strict=True))
+        assert np.mean([int(r["above"]) <= 1 for r in own]) >= 0.9
+    sweep = rows_of(tmp_path / "sweep.csv")
+    assert len(sweep) == 64
+    assert {r["rung"].split(",")[0].split()[-1] for r in sweep} >= {"hybrid", "elements"}
+    assert "error above estimate: 0" in printed
