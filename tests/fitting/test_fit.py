@@ -88,7 +88,7 @@ def test_match_passes_over_modes_without_an_answer():
             jb.fitting.match_modes(measured, [1.0])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_frequencies_without_noise_give_the_parameters_back(frequencies):
     experiments = with_and_without(frequencies, 1e-3 * frequencies)
     for seed in range(8):
@@ -160,7 +160,7 @@ def history_noise(history):
     return 0.02 * np.abs(history).max(0) * np.ones_like(history)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_histories_without_noise_give_the_parameters_back(history):
     found = jb.fit(spun_up(history, history_noise(history)), off(seed=0, truth=HISTORY_TRUTH))
     assert int(found.status) == 0
@@ -197,7 +197,7 @@ def judge(fits, truth):
     assert abs(misfit.mean() - 1) < 4 * np.sqrt(2 / float(fits.freedom[0]) / len(misfit))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_noisy_frequencies(frequencies):
     noise = 1e-3 * frequencies
     rng = np.random.default_rng(3)
@@ -550,7 +550,7 @@ def test_bad_histories_and_problems_are_named():
         jb.fitting.StaticData(jb.GreenANCF(2), slender(), jb.Loads(), [0.0], 1.0, component=2)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_one_bad_draw_spoils_no_other(frequencies):
     """A draw that no beam explains, and one of NaN, beside good ones."""
     noise = 1e-3 * frequencies

@@ -119,7 +119,7 @@ def test_no_linear_rung_where_linear_theory_misses(compiled):
     assert said["2 elements"].startswith("ruled out: 4 elements: ")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_programs_of_a_choice_of_frequencies(compiled):
     question = jb.ladder.ModalFrequencies(1.0, jb.labels(in_plane=2))
     choice = jb.choose_model(slender(1000.0), question, 1e-2)
@@ -127,7 +127,7 @@ def test_programs_of_a_choice_of_frequencies(compiled):
     assert large(compiled, "_answer") == len(asked(choice)) <= 5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_programs_of_a_sweep(compiled):
     """What is known without an answer, two linear rungs and three of elements, at most."""
     cases = jb.grid(gamma=[0.5, 2.0, 5.0], hub=[0.0, 1.0])

@@ -246,7 +246,7 @@ def steady(gamma, hub):
     return slender(1000.0, hub), jb.ladder.ModalFrequencies(gamma, jb.labels(in_plane=2))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_sweep_of_frequencies_on_a_grid():
     """Against power series; a case that raises, and one out of range, touch no other."""
     speeds, hubs, tolerance = [0.5, 2.0, 5.0, 1000.0, 8.0], [0.0, 1.0, -1.0], 1e-2

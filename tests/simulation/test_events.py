@@ -444,7 +444,7 @@ def test_what_cannot_be_watched_says_so():
         )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_particle_is_struck_as_mechanics_says():
     """The hub of the discrete analogue stops dead: the particle keeps its momentum across."""
     times = jnp.array([0.0, 1.0, 1.0 + 1e-6])

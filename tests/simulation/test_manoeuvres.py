@@ -10,7 +10,6 @@ from scipy.interpolate import CubicSpline
 
 import jaxbeam as jb
 from tests.simulation.elastica import tip_history
-from tests.tiers import slow
 
 # B Table 1, "Ref. 21", and Y Figs. 3, 5, 7.
 BLADE = jb.Beam.from_section(
@@ -183,7 +182,7 @@ def test_reference_is_converged(exact):
         # the chord is shorter than the arc by h^2, and so is the mean strain that it stands for
         (jb.ANCF, (4, 16), 2, 1, 1e-5),
         (jb.models.ChordANCF, (8, 32), 2, 1.5, 2e-4),
-        slow(jb.models.TangentANCF, (8, 32), 3, 3, 3e-4),
+        (jb.models.TangentANCF, (8, 32), 3, 3, 3e-4),
     ],
     ids=lambda v: getattr(v, "__name__", None),
 )
@@ -245,7 +244,7 @@ def test_modal_models_converge_exponentially_to_their_own_limit(exact, build, li
     assert slow < fast / 3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_linear_elements_have_the_limit_of_the_hybrid_model(exact):
     """One linear theory, small-strain, by elements and by polynomials."""
     found = [
@@ -310,7 +309,7 @@ def test_steady_stretch_by_every_model():
         np.testing.assert_allclose(run.tip[0, 0], exact, rtol=tolerance)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_discrete_frequencies():
     """Exact models agree at speed; LC diverges at sqrt(k_r / m) / L; LP is k_r / m + d Omega^2."""
     both = [
