@@ -8,7 +8,7 @@ import jax
 import pytest
 
 import jaxbeam as jb
-from tests.tiers import slow
+from tests.tiers import exhaustive, slow
 
 BLADE = jb.Beam.from_section(
     length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
@@ -48,15 +48,17 @@ def fitted(measured):
     ("answer", "argument", "most"),
     [
         pytest.param(lambda rotor: jb.modes(HYBRID, rotor, 10.0, WHICH), ROTOR, 2300, id="modes"),
-        slow(lambda rotor: jb.southwell(HYBRID, rotor, 0.0, WHICH), ROTOR, 4500, id="southwell"),
+        exhaustive(
+            lambda rotor: jb.southwell(HYBRID, rotor, 0.0, WHICH), ROTOR, 4500, id="southwell"
+        ),
         slow(
             lambda rotor: jb.critical_speed(jb.models.ChordANCF(4), rotor), ROTOR, 5000,
             id="critical_speed",
         ),
-        slow(
+        exhaustive(
             lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3100, id="floquet"
         ),
-        slow(fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300, id="fit"),
+        exhaustive(fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300, id="fit"),
         slow(spun_up, ROTOR, 4900, id="spin-up"),
         slow(jax.grad(spun_up), ROTOR, 9400, id="gradient of a spin-up"),
     ],

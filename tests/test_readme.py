@@ -26,7 +26,7 @@ def _numbers(text: str) -> list[float]:
 
 
 @pytest.mark.release
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_example_prints_what_is_printed():
     program = _blocks("python")
     said = run_optimised("-c", program)

@@ -76,7 +76,7 @@ RESULTS = {
     "Fit": fitted,
     "Answer": answered,
 }
-QUICK, SLOW = ("LinearSystem",), ("Modes", "Southwell", "Simulation", "Fit")
+QUICK, SLOW = ("LinearSystem",), ("Modes", "Southwell")
 
 
 def asked(result):

@@ -53,7 +53,7 @@ class Case(NamedTuple):
 
 
 CASES = [
-    slow(Case(jb.Hybrid(2, 3, 0), "smooth")),
+    Case(jb.Hybrid(2, 3, 0), "smooth"),
     Case(jb.Hybrid(1, 2, 1), "modulated", "loads damping space"),
     Case(jb.Hybrid(0, 1, 0), "modulated", "loads", diffrax.Tsit5(), "adaptive"),
     Case(jb.Classical(1, 2, 0), "constant", "start"),

@@ -106,7 +106,7 @@ def test_frequencies_against_power_series(gamma, hub, tip, tolerance):
     assert choice.rung.name in str(choice).splitlines()[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_no_rung_meets_what_is_asked():
     """Out of the plane, strains of a hundredth are more than von Karman beams bear."""
     question = jb.ladder.ModalFrequencies(5.0, jb.labels(in_plane=1, flap=1))

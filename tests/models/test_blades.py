@@ -311,7 +311,7 @@ def test_what_coned_beams_cannot_do_is_named():
 
 CONSTANT = [
     slow(jb.Hybrid(3, 4, 3)),
-    slow(jb.models.SmallStrainANCF(2)),
+    exhaustive(jb.models.SmallStrainANCF(2)),
     exhaustive(jb.Classical(3, 4, 3)),
     exhaustive(jb.VonKarman(5, 3, 2)),
     exhaustive(jb.Hybrid(3, 4, 3, jb.models.CantileverModes())),

@@ -171,7 +171,7 @@ def test_what_the_law_is_worth_in_spin_ups():
     assert 1e-3 < history < 5e-3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_estimates_know_what_the_law_is_worth():
     """The strain of the centre line, and the square of that of bending."""
     rotor, which = slender(50.0), jb.labels(in_plane=1)

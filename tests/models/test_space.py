@@ -43,7 +43,7 @@ def turned(e, rotation):
     return jnp.asarray(out)
 
 
-@pytest.mark.parametrize("is_turned", [slow(True), exhaustive(False)])
+@pytest.mark.parametrize("is_turned", [exhaustive(True), exhaustive(False)])
 def test_force_and_tangent_are_derivatives_of_the_energy(is_turned):
     law = element(is_turned)
 
@@ -76,7 +76,7 @@ def test_lanes_are_cases():
             )
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_undeformed_element_has_finite_derivatives_of_any_order():
     both = jax.jit(lambda e: (element().tangent(e), jax.jacfwd(element().tangent)(e)))
     for value in both(jnp.zeros(13)):
@@ -119,7 +119,7 @@ BEAM = jb.Beam(
     ("force", "moment", "follows"),
     [
         ((0, 3.0, 2.0), (0.5, 0, 1.0), False),
-        slow((0, 1.5, -1.0), (1.0, 0.5, 1.0), True),
+        ((0, 1.5, -1.0), (1.0, 0.5, 1.0), True),
         ((-1.0, 0.5, 0), (0, 0, 0), True),
     ],
 )
@@ -155,7 +155,7 @@ def test_pitch_is_a_twist_of_all_sections():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("stations", [slow([0.0, 0.37, 1.0]), [0.0, 0.37, 0.4, 0.61, 1.0]])
+@pytest.mark.parametrize("stations", [[0.0, 0.37, 1.0], [0.0, 0.37, 0.4, 0.61, 1.0]])
 def test_slender_beams_with_stations_within_elements_do_not_lock(stations):
     """They bend as far as uniform ones do, that are held by as many points of stretch."""
     axial, force = 1e8, (0, 3.0, 2.0)
@@ -190,9 +190,7 @@ ROUND = jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0, torsional_stiffness=0.7)
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    "moment", [(0, 0, 2 * np.pi), slow((2.0, 0, 4.0))], ids=["circle", "helix"]
-)
+@pytest.mark.parametrize("moment", [(0, 0, 2 * np.pi), (2.0, 0, 4.0)], ids=["circle", "helix"])
 def test_a_moment_rolls_it_into_a_circle_or_a_helix(moment):
     """To 1e-6, with the fourth power of an element's length."""
     end = rod_reference.helix(Rod(1.0, np.inf, 1.0, 1.0, 0.7), moment)

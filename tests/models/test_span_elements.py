@@ -200,7 +200,7 @@ def test_order_of_convergence_of_varying_blades(blade, more):
         assert np.all((coarse / fine > 2**3.4) | (fine < 1e-7))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_step_within_an_element_costs_the_order():
     """Curvature jumps there, and cubics have none that does; put a node there."""
     coarse, fine = (errors("step", n, 0.0) for n in (4, 16))
@@ -223,7 +223,7 @@ def test_axial_frequencies_with_a_body_converge_by_the_first_order():
         assert abs(found / exact - 1) < 0.02 / n
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_body_without_extent_is_a_point():
     """But for the strain of the end, which the body holds: an element's length of it."""
     frequencies = [
@@ -277,7 +277,7 @@ def lowest(values):
     return jb.modes(model, of_stations(values), 3.0, which).frequency
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_by_the_values_at_stations():
     exact = jax.jit(jax.jacfwd(lowest))(VALUES)
     np.testing.assert_allclose(exact, finite_difference(jax.jit(lowest), VALUES), rtol=1e-7)

@@ -14,7 +14,6 @@ from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.kernel import kernel
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._solvers.system import State
-from tests.tiers import slow
 
 compiled = pytest.mark.skipif(
     jax.default_backend() != "cpu", reason="only on a CPU is all compiled to one function"
@@ -77,7 +76,7 @@ def test_values_and_first_and_second_derivatives_are_those_of_the_function():
         close(derivative(fast), derivative(plain), rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize(("size", "shared"), [(1, True), slow(70, True), (3, False)])
+@pytest.mark.parametrize(("size", "shared"), [(1, True), (70, True), (3, False)])
 @pytest.mark.exhaustive
 def test_lanes_see_their_own_case_alone(size, shared):
     fast = kernel(chain)
@@ -185,7 +184,7 @@ def end(model, solver, rotor, speed, damping=1e-4):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [slow(jb.EngineeringANCF(2)), jb.ANCF(2)], ids=repr)
+@pytest.mark.parametrize("model", [jb.EngineeringANCF(2), jb.ANCF(2)], ids=repr)
 def test_a_batch_of_runs_is_as_the_runs_alone(model):
     """Values, and gradients of one model: for others these take a minute each to compile."""
     run = functools.partial(end, model, jb.solvers.Rodas4P(), ROTOR)

@@ -11,7 +11,6 @@ import pytest
 import jaxbeam as jb
 from tests.helpers import finite_difference, name, optimised
 from tests.simulation.test_simulate import BLADE, KINDS, ROTOR, SPRINGS, TIGHT, each_kind
-from tests.tiers import slow
 
 A3 = jnp.array([0.0, 0.0, 1.0])
 TIMES = jnp.linspace(0.0, 20.0, 201)
@@ -390,7 +389,7 @@ def test_a_small_speed_profile_from_a_file(tmp_path):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("smooth", [False, slow(True)])
+@pytest.mark.parametrize("smooth", [False, True])
 def test_tabulated_speeds(smooth):
     times, speeds = jnp.array([1.0, 2.0, 2.5, 4.0]), jnp.array([0.5, 1.0, -1.0, 2.0])
     motion = jb.motions.TabulatedSpeed(times, speeds, smooth=smooth)

@@ -122,7 +122,7 @@ def test_abrupt_spin_up():
     assert np.abs(runs["classical"].tip[:, 0]).max() < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_spatial_spin_up():
     """Y Fig. 8: the outward deflection u2 settles away from zero, u3 swings about zero."""
     motion, times = (

@@ -8,13 +8,13 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam.solvers import amplification, stable_step
+from tests.tiers import slow
 
 ROTOR = jb.Rotor(jb.Beam.from_slenderness(50.0), 0.1, 0.0)
 SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
 SPEED = 2.0  # rad/s: more than half the lowest frequency
 STEPS, GROWTH = 200, 100.0
 GREEN = jb.GreenANCF(2)
-slow = pytest.mark.slow
 
 
 def named(value):
@@ -22,7 +22,7 @@ def named(value):
 
 
 def some(quick, rest):
-    return [*quick, *(pytest.param(value, marks=slow) for value in rest)]
+    return [*quick, *(slow(value) for value in rest)]
 
 
 def each_angle(solver, angles, ratio=0.0):
@@ -87,7 +87,7 @@ def test_runge_kutta_methods(solver):
     np.testing.assert_allclose(each_angle(solver, angles), exact, rtol=1e-8)
 
 
-@slow
+@pytest.mark.slow
 def test_chord_iterations_solve_what_is_linear():
     """Forces z times as large as the state carry z times its rounding."""
     angles = np.geomspace(0.01, 1e6, 60)
@@ -146,7 +146,7 @@ def test_limits_of_high_order(solver):
     assert limit(solver, 1000) > 1.5 > 1.0 > exact
 
 
-@slow
+@pytest.mark.slow
 def test_high_order_does_not_mean_stable():
     """Dopri8 grows below 1.502 too, by 3e-8 a step: by theory at any step, in practice at none."""
     below, above = each_angle(diffrax.Dopri8(), [1.3, 2.5])
@@ -156,7 +156,7 @@ def test_high_order_does_not_mean_stable():
     assert limit(diffrax.Dopri8(), 10**9) < 1.5
 
 
-@slow
+@pytest.mark.slow
 def test_step_follows_the_highest_frequency():
     """Under jit and vmap, with derivatives by the rotor."""
     model, euler = jb.models.DiscreteLP(), diffrax.Euler()
@@ -176,7 +176,7 @@ def test_step_follows_the_highest_frequency():
     np.testing.assert_allclose(slope, -found * rate / omega, rtol=1e-9)
 
 
-@slow
+@pytest.mark.slow
 def test_flap_modes_count():
     """The highest frequency may be out of plane."""
     beam = jb.Beam(1.0, 1.0, 1e3, 1.0, 100.0)
@@ -213,8 +213,8 @@ def test_bad_input():
     ("model", "rotor", "speed", "status"),
     [
         (jb.models.DiscreteLC(), SPRINGS, 20.0, jb.Status.NO_EQUILIBRIUM),  # its spring gives way
-        pytest.param(jb.Classical(2, 3, 0), ROTOR, 5.0, jb.Status.NO_EQUILIBRIUM, marks=slow),
-        pytest.param(jb.Hybrid(2, 3, 0), ROTOR, 90.0, jb.Status.NO_EQUILIBRIUM, marks=slow),
+        slow(jb.Classical(2, 3, 0), ROTOR, 5.0, jb.Status.NO_EQUILIBRIUM),
+        slow(jb.Hybrid(2, 3, 0), ROTOR, 90.0, jb.Status.NO_EQUILIBRIUM),
     ],
 )
 def test_no_step_where_the_model_itself_grows(model, rotor, speed, status):
@@ -271,11 +271,11 @@ def largest_stable(run, low, high):
     return low
 
 
-@slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        (diffrax.Euler(), jb.models.DiscreteLP()),
+        slow(diffrax.Euler(), jb.models.DiscreteLP()),
         (diffrax.Tsit5(), jb.Hybrid(1, 2, 0)),
         (diffrax.Tsit5(), jb.GreenANCF(1)),
     ],
@@ -296,11 +296,11 @@ def test_steps_fail_where_theory_says_and_not_below(solver, model):
         }  # fmt: skip
 
 
-@slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        (jb.solvers.Rodas5P(), GREEN),
+        slow(jb.solvers.Rodas5P(), GREEN),
         (jb.solvers.ChordKvaerno5(), GREEN),
         (jb.solvers.Magnus(), jb.models.DiscreteLP()),
     ],

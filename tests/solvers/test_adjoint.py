@@ -65,7 +65,7 @@ def test_is_that_of_diffrax(options):
     check(*both(value, 3, P, **{"max_steps": 4000} | options))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_checkpoints(monkeypatch):
     """Where steps are more than rows, states in between are computed once more: nothing changes."""
     monkeypatch.setattr(loop, "ROWS", 32)

@@ -206,7 +206,7 @@ def test_choices_for_a_step_within_elements():
     assert np.abs(table["value"][0] / exact - 1).max() < table["estimate"][0]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_largest_steady_strain_is_beside_a_step():
     """P / EA where EA falls to a tenth, in every theory; P(L / 2) = Omega^2 (1 - 1/4) / 2."""
     steps = jb.Spanwise([0, 0.5, 0.5, 1], [1e4, 1e4, 1e3, 1e3])

@@ -27,8 +27,8 @@ REF_21 = jb.Rotor(
 FAILING = [
     (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.models.Family.IN_PLANE),
     (jb.models.DiscreteLC(), SPRINGS, jb.models.Family.IN_PLANE),
-    (jb.models.ChordANCF(1), REF_21, jb.models.Family.IN_PLANE),
-    (jb.models.TangentANCF(2), REF_21, jb.models.Family.IN_PLANE),
+    slow(jb.models.ChordANCF(1), REF_21, jb.models.Family.IN_PLANE),
+    exhaustive(jb.models.TangentANCF(2), REF_21, jb.models.Family.IN_PLANE),
 ]
 TEARING = [
     (jb.Hybrid(12, 6, 6), slender(hub=0.5, tip=0.3)),
@@ -47,10 +47,6 @@ STABLE = [
 SLOW = (jb.models.ChordANCF, jb.models.TangentANCF)  # to compile
 
 
-def cases(*lists):
-    return [slow(*case) if isinstance(case[0], SLOW) else case for part in lists for case in part]
-
-
 def tear(rotor):
     """Closed form: beta tan(beta) = m / m_t, Omega L sqrt(rho / EA) = beta."""
     if isinstance(rotor, jb.models.SpringRotor):
@@ -62,7 +58,7 @@ def tear(rotor):
     return beta * float(jnp.sqrt(beam.axial_stiffness / beam.mass_per_length) / beam.length)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_classical_diverges_at_the_first_rest_frequency():
     """In plane, whatever the hub radius: 3.5160 without tip mass, Table 2 of B with."""
     table = np.genfromtxt(
@@ -117,7 +113,7 @@ def test_hardening_and_inextensible_beams_are_stable(model, rotor):
     assert (np.linalg.eigvalsh(k) > 0).all()
 
 
-@pytest.mark.parametrize(("model", "rotor", "family"), cases(FAILING), ids=name)
+@pytest.mark.parametrize(("model", "rotor", "family"), FAILING, ids=name)
 def test_stiffness_changes_sign_within_a_hundred_millionth(model, rotor, family):
     """The method fails where theory says it must, and stops failing on the other side."""
     found = jb.critical_speed(model, rotor)
@@ -173,11 +169,11 @@ def test_a_batch_finds_what_single_cases_find():
 PARAMETERS = [  # and whether the rod tears
     exhaustive(jb.Hybrid(8, 3, 0), True),
     exhaustive(jb.Classical(2, 5, 0), False),
-    (jb.models.ChordANCF(1), False),
+    exhaustive(jb.models.ChordANCF(1), False),
 ]
 
 
-@pytest.mark.parametrize(("model", "tears"), cases(PARAMETERS), ids=name)
+@pytest.mark.parametrize(("model", "tears"), PARAMETERS, ids=name)
 def test_derivatives_by_every_parameter(model, tears):
     at = jnp.array([8.0, 0.2, 5.0e6, 566.0, 600.0, 0.5, 0.2])
 

@@ -167,7 +167,7 @@ def test_mass_damping_without_stretch_is_a_factor():
         slow(jb.Hybrid(0, 3, 0), (0, 0), 2),
         exhaustive(jb.Hybrid(0, 3, 0), (0, 1), 1),
         exhaustive(jb.Hybrid(2, 3, 0), (0, 1), 1),
-        slow(jb.models.SmallStrainANCF(2), (0, 0), 1),
+        exhaustive(jb.models.SmallStrainANCF(2), (0, 0), 1),
     ],
     ids=lambda v: name(v) or str(v),
 )
@@ -198,7 +198,7 @@ def test_tongues(model, pair, order):
             assert growth(depth, end - way * step) < outside
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_damping_moves_the_tip_by_the_analytic_amount():
     """w'' + c w' + (omega^2 + eps sin nu t) w = 0: the principal tongue begins at eps = 2 c omega,
     to second order; here eps = 2 depth k_1 Omega^2."""
@@ -232,7 +232,7 @@ def test_elements_linearised_about_the_stretched_beam(model):
             np.testing.assert_allclose(growth(model, nu), expected, rtol=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_boundaries_with_damping():
     """Of a combination tongue, where growth changes sign."""
     model, damping = jb.Hybrid(1, 3, 0), jb.Damping(mass=0.03, stiffness=1e-5)

@@ -42,7 +42,7 @@ def tables():
     return rows, *(np.asarray(a) for a in evaluate(*columns))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_720_printed_frequencies(tables):
     """B Tables 3-5: the k-th mode whose kinetic energy is mostly transverse."""
     rows, frequency, share, labelled = tables
@@ -191,7 +191,7 @@ def _order(counts, errors):
     ("make", "gamma"),
     [
         exhaustive(jb.models.SmallStrainANCF, 0.0),
-        slow(jb.ANCF, 5.0),
+        exhaustive(jb.ANCF, 5.0),
         exhaustive(jb.models.SmallStrainANCF, 5.0),
         exhaustive(jb.ANCF, 0.0),
     ],
@@ -459,7 +459,7 @@ def test_gradients_next_to_a_veering():
     _agree(exact, fd, at)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradients_where_flap_and_in_plane_coincide():
     """A square section at rest: doubly degenerate, yet every derivative is finite and right."""
     model = jb.Hybrid(6, 12, 12)
@@ -565,7 +565,7 @@ def test_many_functions():
     np.testing.assert_allclose(found.frequency, expected, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_failed_lane_leaves_gradients_of_others_alone():
     model, beam = jb.Hybrid(4, 8, 0), jb.Beam.from_slenderness(30.0)
 

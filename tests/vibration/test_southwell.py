@@ -175,7 +175,7 @@ def test_rest_and_speed_in_one_batch():
 # --- crossings -----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_first_resonance():
     """First in-plane mode meets the speed at gamma = 3.88 (B, section 7), to 1e-10 by solver.
 
@@ -283,7 +283,7 @@ def test_no_resonance_where_a_label_changes_branch():
         assert abs(c.angular_speed - 25.5325) > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_status_in_sweeps():
     model, label = jb.Hybrid(4, 8, 0), jb.models.Label(IN_PLANE, 1)
 

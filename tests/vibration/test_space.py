@@ -23,7 +23,7 @@ def frequencies(model, rotor, speed, which=WHICH):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("speed", [0.0, slow(6.0)])
+@pytest.mark.parametrize("speed", [0.0, 6.0])
 def test_bending_of_a_straight_beam_is_that_of_the_planar_element_and_of_the_modal_theory(speed):
     """In the plane that of `EngineeringANCF`, with the fourth power of an element's length; out of
     it, which takes no part in its steady stretch, that of `Hybrid` where stretch is small."""
@@ -88,7 +88,7 @@ def test_a_cone_bends_and_couples_as_in_the_modal_theory():
     assert errors[2] < errors[1] / 3 < errors[0] / 9
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_participation_says_what_twists():
     found = jb.modes(jb.SpatialANCF(4), ROTOR, 3.0, jb.labels(in_plane=1, flap=1, torsion=1))
     np.testing.assert_allclose(found.energy_share, np.eye(4)[[0, 1, 3]], atol=1e-5)
@@ -162,7 +162,7 @@ def test_columns_of_any_slenderness_buckle_under_the_load_of_a_rod_that_gets_sho
     np.testing.assert_allclose(both(axial * (1 + 1e-8))[0] / factor - 1, 1e-8 * slope, atol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_heavy_column_buckles_under_its_weight():
     """7.8373 EI / L^3 per length (Greenhill)."""
     loads = jb.Loads(gravity=[-1.0, 0, 0])

@@ -12,6 +12,7 @@ import jaxbeam as jb
 from jaxbeam import stiffening_ratio
 from jaxbeam._vibration.stiffening import stoutness
 from tests.helpers import build, finite_difference, slender
+from tests.tiers import exhaustive, slow
 from tests.vibration import reference
 
 
@@ -111,8 +112,7 @@ def timoshenko(slenderness, count):
     return np.array([scipy.optimize.brentq(misfit, grid[i], grid[i + 1]) for i in ends])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("slenderness", [60.0, 150.0])
+@pytest.mark.parametrize("slenderness", [slow(60.0), exhaustive(150.0)])
 def test_stoutness_is_what_timoshenko_takes_off(slenderness):
     """In plane, and in flap of a beam that is as stout there, or turned by a right angle."""
     exact = timoshenko(slenderness, 3)
@@ -134,7 +134,7 @@ def test_stoutness_is_what_timoshenko_takes_off(slenderness):
 CANTILEVER = np.array([1.8751040687119611, 4.694091132974174, 7.854757438237613]) ** 2
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_stoutness_of_a_body_at_the_tip():
     """A body beyond the tip shears the beam by the inertia of its centre: against quadrature."""
     body = jb.TipBody(0.5, 0.1)
