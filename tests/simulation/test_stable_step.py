@@ -8,7 +8,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam.solvers import amplification, stable_step
-from tests.tiers import slow
+from tests.tiers import exhaustive, slow
 
 ROTOR = jb.Rotor(jb.Beam.from_slenderness(50.0), 0.1, 0.0)
 SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
@@ -22,7 +22,7 @@ def named(value):
 
 
 def some(quick, rest):
-    return [*quick, *(slow(value) for value in rest)]
+    return [*quick, *(exhaustive(value) for value in rest)]
 
 
 def each_angle(solver, angles, ratio=0.0):
