@@ -195,7 +195,7 @@ def test_elements_converge_to_the_exact_beam(exact, family, counts, order, peak_
         assert errors[-1, 1] < peak_error
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_two_elements_of_model_a_are_enough(exact):
     """B, section 3: at 2 and 4 rad/s."""
     assert max(deviation(jb.ANCF(2), 2.0, exact)) < 2e-3

@@ -704,7 +704,7 @@ def test_hub_carries_the_weight():
     np.testing.assert_allclose(run.hub_torque[-1, 2], 9.81 * (2.6 * 1.4 + 0.3 * 2.4), rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_success_that_is_nonsense_is_flagged():
     """A fixed step too long for an explicit solver to follow the bending: finite, and wrong."""
     loose = {"solver": diffrax.Heun(), "stepsize_controller": diffrax.ConstantStepSize()}

@@ -300,7 +300,7 @@ def test_steps_fail_where_theory_says_and_not_below(solver, model):
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        slow(jb.solvers.Rodas5P(), GREEN),
+        (jb.solvers.Rodas5P(), GREEN),
         (jb.solvers.ChordKvaerno5(), GREEN),
         (jb.solvers.Magnus(), jb.models.DiscreteLP()),
     ],

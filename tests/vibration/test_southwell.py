@@ -231,7 +231,7 @@ def test_crossing_of_the_classical_beam():
     assert float(at) == pytest.approx(reference.frequencies(0.0)[0] / np.sqrt(2), rel=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_campbell_diagram():
     model, rotor = jb.Hybrid(8, 12, 12), slender(60.0)
     which = jb.labels(in_plane=2, flap=2)
