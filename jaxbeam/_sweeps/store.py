@@ -9,7 +9,9 @@ A folder holds
 
 A chunk is written into the arrays first and into the index then. So whatever ends the process, a
 chunk is in the index only if it was written whole; and as its checksums are compared with the
-arrays on opening, it counts only if it still is. Lines of the index carry a checksum too.
+arrays on opening, it counts only if it still is. Lines of the index carry a checksum too, and the
+mark of their sweep, so that those of another one do not count: a folder may be removed under a
+sweep, and another begin in its place.
 """
 
 import io
@@ -25,7 +27,7 @@ import numpy as np
 
 from jaxbeam._sweeps.cases import Cases
 
-_FORMAT = 1
+_FORMAT = 2
 _NEW = ".new-"  # begins the names of files that are not yet in place
 INFORMATION = ("function", "reads")  # for people: the program is what is compared
 
@@ -96,18 +98,13 @@ class Memory(_Chunks):
 class Folder(_Chunks):
     """Results in a folder, made by `opened` or `reopened`."""
 
-    def __init__(self, folder: Path, specs: Mapping[str, Spec], n: int, chunk: int) -> None:
+    def __init__(
+        self, folder: Path, mark: str, specs: Mapping[str, Spec], n: int, chunk: int
+    ) -> None:
         super().__init__(n, chunk)
-        self.folder, self.specs = folder, specs
-        self.errors: dict[int, dict[int, str]] = {}  # of the finished chunks, by number
-        index = folder / "index.txt"
-        lines = index.read_bytes().split(b"\n") if index.exists() else []
-        for line in lines:
-            check, _, text = line.partition(b" ")
-            if check == _check(text):
-                entry = json.loads(text)
-                if entry["checks"] == self._checks(entry["chunk"]):
-                    self.errors[entry["chunk"]] = {int(i): e for i, e in entry["errors"].items()}
+        self.folder, self.mark, self.specs = folder, mark, specs
+        self.errors = self._finished()
+        self.computed: dict[int, bool] = {}  # of each chunk that was put, which may be given up
 
     def missing(self) -> list[int]:
         """Numbers of the chunks that are not there, or not whole."""
@@ -115,26 +112,28 @@ class Folder(_Chunks):
 
     def put(self, number: int, part: Part) -> None:
         """Write a chunk; one that was not computed is missing when the folder is opened again."""
-        self.errors[number] = errors = self.by_case(number, part)
+        errors = self.by_case(number, part)
         try:
+            self._must_be_ours()
             checks = {}
             for name, values in part.results.items():
                 data = np.ascontiguousarray(values, self.specs[name].dtype).tobytes()
                 checks[name] = zlib.crc32(data)
                 self._write(name, number, data)
-            if not part.computed:
-                return
-            text = json.dumps({"chunk": number, "checks": checks, "errors": errors}).encode()
-            with open(self.folder / "index.txt", "ab+") as file:
-                # A line that a dying process left half done must not swallow this one.
-                torn = file.tell() and (file.seek(-1, os.SEEK_END), file.read())[1] != b"\n"
-                file.write(b"\n" * bool(torn) + _check(text) + b" " + text + b"\n")
+            if part.computed:
+                self._finish(number, checks, errors)
+        except (FileNotFoundError, NotADirectoryError):  # a moment after the mark was looked at
+            raise _taken(self.folder) from None
         except OSError as error:
-            del self.errors[number]
             raise _told(error, self.folder) from error
+        self.errors[number], self.computed[number] = errors, part.computed
 
     def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
         """Results, mapped from their files as they are looked at, and messages of all cases."""
+        if self.computed:  # while others may have been here
+            self._must_be_ours()
+            given_up = [k for k, computed in self.computed.items() if not computed]
+            self.errors = {**self._finished(), **{k: self.errors[k] for k in given_up}}
         missing = self.missing()
         if missing:
             raise ValueError(
@@ -150,6 +149,37 @@ class Folder(_Chunks):
                 start = len(self._header(name))
                 results[name] = np.memmap(self._file(name), spec.dtype, "r", start, shape)
         return results, {i: e for part in self.errors.values() for i, e in part.items()}
+
+    def _finished(self) -> dict[int, dict[int, str]]:
+        """Messages of the chunks that are there and whole, by their number."""
+        index = self.folder / "index.txt"
+        lines = index.read_bytes().split(b"\n") if index.exists() else []
+        finished = {}
+        for line in lines:
+            check, _, text = line.partition(b" ")
+            if check == _check(text):
+                entry = json.loads(text)
+                number = entry["chunk"]
+                if entry.get("sweep") == self.mark and entry["checks"] == self._checks(number):
+                    finished[number] = {int(i): e for i, e in entry["errors"].items()}
+        return finished
+
+    def _finish(self, number: int, checks: dict[str, int], errors: dict[int, str]) -> None:
+        """The line in the index of a chunk that is written."""
+        entry = {"sweep": self.mark, "chunk": number, "checks": checks, "errors": errors}
+        text = json.dumps(entry).encode()
+        with open(self.folder / "index.txt", "ab+") as file:
+            # A line that a dying process left half done must not swallow this one.
+            torn = file.tell() and (file.seek(-1, os.SEEK_END), file.read())[1] != b"\n"
+            file.write(b"\n" * bool(torn) + _check(text) + b" " + text + b"\n")
+
+    def _must_be_ours(self) -> None:
+        try:
+            ours = _digest(_identity(self.folder)) == self.mark
+        except ValueError:  # not a folder of any sweep
+            ours = False
+        if not ours:
+            raise _taken(self.folder)
 
     def _file(self, name: str) -> Path:
         return self.folder / f"{urllib.parse.quote(name, safe=' ')}.npy"
@@ -207,17 +237,19 @@ def opened(
         raise ValueError(f"names of results must differ in more than case, got {list(results)}")
     described = {"format": _FORMAT, **identity, "results": results}
     try:
-        there = os.listdir(folder) if folder.exists() else []
-        if "sweep.json" in there:
-            _refuse_another(folder, _identity(folder), described)
-        elif any(not name.startswith(_NEW) for name in there):
+        files = os.listdir(folder) if folder.exists() else []
+        if "sweep.json" in files:
+            there = _identity(folder)
+            _refuse_another(folder, there, described)
+            described = there  # its lines of the index are marked with this
+        elif any(not name.startswith(_NEW) for name in files):
             raise ValueError(
                 f"{folder} holds files that are not of a sweep: name a folder that is new or empty"
             )
         else:
             folder.mkdir(parents=True, exist_ok=True)
-            described["check"] = _digest(described)
-            _replace(folder / "sweep.json", json.dumps(described, indent=2).encode())
+            text = json.dumps({**described, "check": _digest(described)}, indent=2)
+            _replace(folder / "sweep.json", text.encode())
         if not _whole(_cases(folder), identity):
             file = io.BytesIO()
             arrays: dict[str, Any] = {f"axis:{n}": a for n, a in cases.axes.items()}
@@ -226,7 +258,7 @@ def opened(
             _replace(folder / "cases.npz", file.getvalue())
     except OSError as error:
         raise _told(error, folder) from error
-    return Folder(folder, specs, len(cases), identity["chunk"])
+    return Folder(folder, _digest(described), specs, len(cases), identity["chunk"])
 
 
 def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
@@ -237,7 +269,8 @@ def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
     if cases is None or not _whole(cases, identity):
         raise ValueError(f"{folder}: cases.npz is missing or damaged; run the same sweep again")
     specs = {n: Spec(np.dtype(d), tuple(s)) for n, (d, s) in identity["results"].items()}
-    return Folder(folder, specs, len(cases), identity["chunk"]), identity, cases
+    store = Folder(folder, _digest(identity), specs, len(cases), identity["chunk"])
+    return store, identity, cases
 
 
 def _identity(folder: Path) -> dict[str, Any]:
@@ -292,7 +325,7 @@ def _whole(cases: Cases | None, identity: dict[str, Any]) -> bool:
 
 def _replace(path: Path, data: bytes) -> None:
     """Write a file at once or not at all."""
-    new = path.with_name(f"{_NEW}{path.name}.{os.getpid()}")
+    new = path.with_name(f"{_NEW}{path.name}.{os.urandom(8).hex()}")  # others may write it, too
     with open(new, "wb") as file:
         file.write(data)
         file.flush()
@@ -310,3 +343,10 @@ def _told(error: OSError, folder: Path) -> OSError:
         "once this is mended, the same sweep goes on from there"
     )
     return OSError(error.errno, text)
+
+
+def _taken(folder: Path) -> RuntimeError:
+    return RuntimeError(
+        f"{folder} was removed, or taken over by another sweep, while this one wrote to it, so "
+        "that its results are lost: run it again, into a folder that is left alone until it ends"
+    )

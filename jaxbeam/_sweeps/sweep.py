@@ -70,7 +70,9 @@ def sweep(
     when it is run again, on any number of devices or workers; a finished one is read. The folder of
     another sweep (of a function that compiles to another program, other parameters, chunks,
     precision, kind of device, or versions of packages) is refused; what callbacks to Python do is
-    not seen. `Table.load(folder)` reads it without the function.
+    not seen. A sweep whose folder is removed while it runs, or taken over by another one, raises
+    `RuntimeError`, and never mixes its results with others. `Table.load(folder)` reads it without
+    the function.
 
     `dims` names further dimensions of a result and their coordinates, as in
     `dims={"frequency": {"mode": ["1", "2"]}}`. `progress` shows a line on stderr as chunks end;

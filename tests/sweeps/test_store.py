@@ -1,9 +1,11 @@
 """Sweeps into a folder: nothing is lost, nothing is misread."""
 
+import contextlib
 import errno
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -209,6 +211,93 @@ def test_bound_arrays_and_what_is_read_tell_sweeps_apart(tmp_path):
     assert "hub_radius=0.25" in told["reads"]["rotor"]
     assert told["precision"] == "float64"
     assert told["versions"]["jax"] == jax.__version__
+
+
+def before_chunk(monkeypatch, number, happens):
+    """Has something happen once, while a sweep is under way."""
+    original, left = sweep._Job.columns, [happens]
+
+    def columns(job, now):
+        if now == number and left:
+            left.pop()()
+        return original(job, now)
+
+    monkeypatch.setattr(sweep._Job, "columns", columns)
+
+
+GONE = "kept was removed, or taken over .* run it again"
+
+
+@pytest.mark.parametrize("how", ["folder", "renamed", "contents", "sweep.json"])
+def test_a_folder_removed_under_its_sweep(how, tmp_path, monkeypatch):
+    folder = tmp_path / "kept"
+
+    def happens():
+        if how == "renamed":
+            folder.rename(tmp_path / "elsewhere")
+        elif how == "folder":
+            shutil.rmtree(folder)
+        else:
+            for path in folder.glob("*" if how == "contents" else how):
+                path.unlink()
+
+    before_chunk(monkeypatch, 4, happens)
+    with pytest.raises(RuntimeError, match=GONE):
+        run(folder)
+    if how == "renamed":  # it goes on there
+        assert_same(run(tmp_path / "elsewhere"), run(None))
+
+
+def interrupted(*_):
+    raise InterruptedError
+
+
+@pytest.mark.parametrize("so_far", [0, 2, 8])
+@pytest.mark.parametrize("second", [other_function, function])
+def test_a_folder_taken_over(second, so_far, tmp_path, monkeypatch):
+    """By a sweep that began when it had been removed under the first one: each gets its own."""
+    folder, original = tmp_path / "kept", sweep._Job.columns
+
+    def happens():
+        shutil.rmtree(folder)
+        before_chunk(monkeypatch, so_far, interrupted)
+        with contextlib.suppress(InterruptedError):
+            run(folder, second)
+        monkeypatch.setattr(sweep._Job, "columns", original)
+
+    before_chunk(monkeypatch, 4, happens)
+    if second is function and so_far == 8:  # these are its own
+        assert_same(run(folder), run(None))
+    else:
+        said = "are missing or damaged; run the same sweep again" if second is function else GONE
+        with pytest.raises((RuntimeError, ValueError), match=said):
+            run(folder)
+    assert_same(run(folder, second), run(None, second))
+
+
+@pytest.mark.parametrize("what", ["a chunk of another sweep", "a missing file", "a flipped bit"])
+def test_what_others_did_while_it_ran_is_found(what, tmp_path, monkeypatch, computed):
+    """In the moment between a look at the folder and writing to it, too."""
+    folder = tmp_path / "kept"
+    run(folder, other_function)
+    late = store.reopened(folder)[0]
+    part = store.Part({name: spec.blank(4) for name, spec in late.specs.items()}, {})
+    shutil.rmtree(folder)
+
+    def happens():
+        if what == "a missing file":
+            (folder / "sum.npy").unlink()
+        elif what == "a flipped bit":
+            flip(folder / "sum.npy", 128 + 3 * 8)
+        else:
+            monkeypatch.setattr(store.Folder, "_must_be_ours", lambda _: None)
+            late.put(0, part)
+
+    before_chunk(monkeypatch, 4, happens)
+    with pytest.raises(ValueError, match="chunks are missing or damaged; run the same sweep again"):
+        run(folder)
+    monkeypatch.undo()
+    assert_same(run(folder), run(None))
 
 
 def test_other_folders_are_refused(tmp_path):
