@@ -129,7 +129,7 @@ def _spin_up(
 def _which(
     in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any
 ) -> tuple[jb.models.Label, ...]:
-    counts = {"in_plane": in_plane, "flap": flap, "axial": axial}
+    counts = {"in_plane": in_plane, "flap": flap, "axial": axial}  # columns carry their names
     for family, count in counts.items():
         count_functions(family, count)
     if not any(counts.values()):

@@ -20,7 +20,7 @@ from common import BLUE, GREEN, VERMILION
 import jaxbeam as jb
 
 MODEL = jb.Hybrid(1, 4, 6)
-WHICH = (*jb.labels(flap=2), *jb.labels(in_plane=1))
+WHICH = jb.labels(flap=2, in_plane=1)
 NAMES = ("flap 1", "flap 2", "in plane 1")
 HARMONICS = (1, 2, 3, 4, 5, 6)
 MARGIN = 0.05

@@ -28,7 +28,7 @@ import jaxbeam as jb
 
 WORKING = (11.0, blade.RATED)  # rpm
 HARMONICS = (1, 2, 3, 4, 5, 6)
-WHICH = (*jb.labels(flap=2), *jb.labels(in_plane=1))
+WHICH = jb.labels(flap=2, in_plane=1)
 NAMES = ("flap 1", "flap 2", "edge 1")
 # The harmonics between which each mode is to lie: those below and above it, none above flap 2.
 BETWEEN = ((3, 4), (6, None), (5, 6))

@@ -209,6 +209,7 @@ def test_what_is_no_model_is_named(call, wrong):
         (lambda: jb.modes(MODEL, ROTOR, 1.0, np.array([1, 2])), "which must be an int or labels"),
         (lambda: jb.modes(MODEL, ROTOR, 1.0, jnp.float32(2.0)), "which must be an int or labels"),
         (lambda: jb.labels(in_plane="2"), "in_plane must be an int, got str"),
+        (lambda: jb.labels(edge=1), "labels are of in_plane, flap, axial, torsion, not of 'edge'"),
         (lambda: jb.labels(flap=-1), "flap must be >= 0, got -1"),
         (lambda: jb.labels(axial=True), "axial must be an int, got bool"),
         (lambda: jb.ladder.ModalFrequencies(1.0, 3), "which must be labels"),

@@ -1,7 +1,7 @@
 """Which way things move, what modes are called, and which of them are coupled."""
 
 import enum
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -32,15 +32,28 @@ class Label(NamedTuple):
         return f"{self.family.title} {self.order}"
 
 
-def labels(
-    *, in_plane: int = 0, flap: int = 0, axial: int = 0, torsion: int = 0
-) -> tuple[Label, ...]:
-    """Labels of the first modes of each family: `labels(in_plane=2, flap=1)` is three labels."""
-    named = {"in_plane": in_plane, "flap": flap, "axial": axial, "torsion": torsion}
-    for name, count in named.items():
-        count_functions(name, int(count) if isinstance(count, np.integer) else count)
-    counts = zip(Family, named.values(), strict=True)
-    return tuple(Label(f, k + 1) for f, count in counts for k in range(count))
+class Counts(TypedDict, total=False):
+    """How many modes of each family."""
+
+    in_plane: int
+    flap: int
+    axial: int
+    torsion: int
+
+
+def labels(**counts: Unpack[Counts]) -> tuple[Label, ...]:
+    """Labels of the first modes of each family, `in_plane`, `flap`, `axial` and `torsion`, in the
+    order in which they are asked for: `labels(flap=1, in_plane=2)` is `flap bending 1`, `in-plane
+    bending 1`, `in-plane bending 2`."""
+    named = dict(zip(Counts.__annotations__, Family, strict=True))
+    found = []
+    for name, count in counts.items():
+        if name not in named:
+            raise TypeError(f"labels are of {', '.join(named)}, not of {name!r}")
+        number: Any = int(count) if isinstance(count, np.integer) else count
+        count_functions(name, number)
+        found += [Label(named[name], k + 1) for k in range(number)]
+    return tuple(found)
 
 
 # Families that move in phase, and those that move in quadrature to them; where both are the same

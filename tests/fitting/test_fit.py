@@ -121,6 +121,19 @@ def test_unlabelled_frequencies_with_gaps_in_any_order(frequencies):
     assert relative(found, truth) < 1e-8
 
 
+def test_columns_are_in_the_order_of_the_labels():
+    seen = 3.516 * np.sqrt([[4000.0, 1000.0]])  # flap, and then in plane
+
+    def measured(in_plane, flap):
+        rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, in_plane, flap))
+        which = jb.labels(flap=1, in_plane=1)
+        return jb.FrequencyData(jb.Hybrid(0, 2, 2), rotor, [0.0], seen, 0.01, which)
+
+    guesses = {"in_plane": jb.FreeParameter(2000.0), "flap": jb.FreeParameter(2500.0)}
+    found = jb.fit(measured, guesses).parameters
+    np.testing.assert_allclose([found["in_plane"], found["flap"]], [1000.0, 4000.0], rtol=0.01)
+
+
 OMEGA, TIMES = 1.5, np.linspace(0.0, 4.0, 101)
 HISTORY_TRUTH = {
     "in_plane": 2.0, "mass": 1.1, "hub": 0.3, "tip": 0.4, "decay": 0.3, "viscosity": 2e-3,

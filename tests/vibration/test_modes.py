@@ -1,5 +1,6 @@
 """Frequencies, growth rates, shapes, labels, derivatives."""
 
+import itertools
 from functools import partial
 from pathlib import Path
 
@@ -341,6 +342,21 @@ def test_shapes(model):
 
 
 # --- labels --------------------------------------------------------------------------------------
+
+
+def test_labels_are_in_the_order_in_which_they_are_asked_for():
+    """So that columns measured in that order are theirs."""
+    kinds = ("in_plane", "flap", "axial", "torsion")
+    for order in itertools.permutations(kinds):
+        wanted = tuple(
+            jb.models.Label(jb.models.Family[kind.upper()], k) for kind in order for k in (1, 2)
+        )
+        assert jb.labels(**dict.fromkeys(order, np.int64(2))) == wanted
+    assert jb.labels(flap=0, in_plane=1) == jb.labels(in_plane=1)
+    assert jb.labels() == ()
+    stiff_flap = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, 1000.0, 4000.0))
+    found = jb.modes(jb.Hybrid(0, 2, 2), stiff_flap, 0.0, jb.labels(flap=1, in_plane=1))
+    np.testing.assert_allclose(found.frequency[0], 2 * found.frequency[1], rtol=1e-9)
 
 
 @pytest.mark.slow
