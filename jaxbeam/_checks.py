@@ -79,17 +79,18 @@ def _real(name: str, value: Any) -> Any:
     return array
 
 
-def is_valid(value: Any, zero: bool | None) -> Any:
-    """Whether numbers are finite and positive, or `zero`; with None they may have any sign."""
-    finite = jnp.isfinite(value)
-    return finite if zero is None else finite & ((value >= 0) if zero else (value > 0))
+def is_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
+    """Whether numbers are finite and positive, or `zero`; with None they may have any sign. With
+    `most` their magnitudes are no larger."""
+    fine = jnp.isfinite(value) if most is None else jnp.abs(value) <= most  # NaN is not
+    return fine if zero is None else fine & ((value >= 0) if zero else (value > 0))
 
 
-def is_known_valid(value: Any, zero: bool | None) -> Any:
+def is_known_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
     """The same for what is known, in NumPy: under `jit` jax would trace even constants."""
     number = np.asarray(value)
-    finite = np.isfinite(number)
-    return finite if zero is None else finite & ((number >= 0) if zero else (number > 0))
+    fine = np.isfinite(number) if most is None else np.abs(number) <= most
+    return fine if zero is None else fine & ((number >= 0) if zero else (number > 0))
 
 
 def require(status: Status, ok: bool, value: Any) -> None:

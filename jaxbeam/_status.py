@@ -21,6 +21,7 @@ Result = TypeVar("Result")
 
 
 INPUT = True  # is to blame
+_RADIANS = ", in rad (4 degrees are np.deg2rad(4.0))"
 
 
 class Status(enum.IntEnum):
@@ -153,15 +154,15 @@ class Status(enum.IntEnum):
         "when (jumps=[...] of HubVelocity and HubPose, jump_times of a motion of your own), "
         "so that the beam gets the impulse, or let the motion rise smoothly",
     )
-    INVALID_TWIST = 34, "twist must be finite", INPUT
-    INVALID_PITCH = 35, "pitch must be finite", INPUT
+    INVALID_TWIST = 34, f"twist must be finite and within a turn either way{_RADIANS}", INPUT
+    INVALID_PITCH = 35, f"pitch must be finite and within a quarter turn{_RADIANS}", INPUT
     INVALID_ROOT_SPRINGS = 36, "springs at the root must be finite and > 0", INPUT
     INVALID_TIP_BODY = (
         37,
         "offset of the tip body must be finite, its inertia finite and >= 0",
         INPUT,
     )
-    INVALID_PRECONE = 38, "precone must be finite", INPUT
+    INVALID_PRECONE = 38, f"precone must be finite and within a quarter turn{_RADIANS}", INPUT
     INVALID_TORSIONAL_STIFFNESS = 39, "torsional_stiffness must be finite and > 0", INPUT
     INVALID_POLAR_INERTIA = 40, "polar_inertia must be finite and > 0", INPUT
     OUT_OF_RANGE = (

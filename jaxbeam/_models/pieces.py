@@ -169,6 +169,7 @@ class MomentPolynomials(Basis):
                     jnp.zeros(()) if beam.twist is None else beam.twist,
                 )
             )  # fmt: skip
+        Rotor(beam, pitch=pitch)  # which says what is wrong with a pitch
         angle = angle if pitch is None else angle + float(pitch)
         c2 = np.cos(angle) ** 2
         each = (c2 / zz + (1 - c2) / yy, c2 / yy + (1 - c2) / zz)

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, known, positive
 from jaxbeam._rotor.ends import RootSprings, TipBody
-from jaxbeam._rotor.parameters import Parameters, along_span, optional, parameter
+from jaxbeam._rotor.parameters import TURN, Parameters, along_span, angle, optional, parameter
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
     Property,
@@ -46,10 +46,10 @@ class Beam(Parameters):
 
     "In plane" is bending within the plane of rotation (lag), "flap" bending out of it. Each is a
     number, for a uniform beam, or varies along the span: `Spanwise` or `SpanwiseFunction`, all but
-    the length. `twist`, if there is one, is the angle in rad by which the axes of the section are
-    turned about the beam, its first axis (of the in-plane stiffness) towards the third of the hub;
-    the same for all sections it is a pitch. Every number is a leaf, so any of them can be swept,
-    fitted or differentiated.
+    the length. `twist`, if there is one, is the angle in rad, a turn at most, by which the axes of
+    the section are turned about the beam, its first axis (of the in-plane stiffness) towards the
+    third of the hub; the same for all sections it is a pitch. Every number is a leaf, so any of
+    them can be swept, fitted or differentiated.
 
     Models in space want to know how it twists: `torsional_stiffness` GJ in N m^2, > 0, and
     `polar_inertia`, the moment of inertia about the beam per length, in kg m, > 0; without the
@@ -61,7 +61,7 @@ class Beam(Parameters):
     axial_stiffness: Property = along_span(Status.INVALID_AXIAL_STIFFNESS)
     in_plane_bending_stiffness: Property = along_span(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
     flap_bending_stiffness: Property = along_span(Status.INVALID_FLAP_BENDING_STIFFNESS)
-    twist: Property | None = optional(Status.INVALID_TWIST, zero=None, varies=True)
+    twist: Property | None = angle(Status.INVALID_TWIST, TURN, varies=True)
     torsional_stiffness: Property | None = optional(Status.INVALID_TORSIONAL_STIFFNESS, varies=True)
     polar_inertia: Property | None = optional(Status.INVALID_POLAR_INERTIA, varies=True)
 
@@ -184,15 +184,15 @@ class Beam(Parameters):
 class Rotor(Parameters):
     """A beam that points radially from a rigid hub, with a mass at its tip.
 
-    | field      | symbol | unit | allowed |
-    |------------|--------|------|---------|
-    | beam       |        |      |         |
-    | hub_radius | R      | m    | >= 0    |
-    | tip_mass   | m_t    | kg   | >= 0    |
-    | pitch      | theta  | rad  | any     |
-    | root       |        |      |         |
-    | tip        |        |      |         |
-    | precone    | beta   | rad  | any     |
+    | field      | symbol | unit | allowed           |
+    |------------|--------|------|-------------------|
+    | beam       |        |      |                   |
+    | hub_radius | R      | m    | >= 0              |
+    | tip_mass   | m_t    | kg   | >= 0              |
+    | pitch      | theta  | rad  | -pi / 2 to pi / 2 |
+    | root       |        |      |                   |
+    | tip        |        |      |                   |
+    | precone    | beta   | rad  | -pi / 2 to pi / 2 |
 
     The hub radius is the distance from the axis of rotation to the root of the beam. The root is
     clamped unless `root` has springs, the tip mass is a point unless `tip` makes it a body, and
@@ -204,10 +204,10 @@ class Rotor(Parameters):
     beam: Beam
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     tip_mass: Scalar = parameter(Status.INVALID_TIP_MASS, zero=True)
-    pitch: Scalar | None = optional(Status.INVALID_PITCH, zero=None)
+    pitch: Scalar | None = angle(Status.INVALID_PITCH, TURN / 4)
     root: RootSprings | None = None
     tip: TipBody | None = None
-    precone: Scalar | None = optional(Status.INVALID_PRECONE, zero=None)
+    precone: Scalar | None = angle(Status.INVALID_PRECONE, TURN / 4)
 
     def __init__(
         self,

@@ -6,11 +6,14 @@ from typing import Any, Self
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from jaxbeam._checks import is_valid
 from jaxbeam._rotor.spanwise import check, samples, taken
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_known
+
+TURN = 2 * np.pi * (1 + 1e-6)  # in rad, also where it was rounded to a shorter float
 
 
 def parameter(status: Status, *, zero: bool | None = False) -> Any:
@@ -29,10 +32,17 @@ def optional(status: Status, *, zero: bool | None = False, varies: bool = False)
 
     With `zero=None` it may have any sign.
     """
-    return eqx.field(
-        default=None,
-        metadata={"status": status, "zero": zero, "varies": varies, "optional": True},
-    )
+    return _optional(status=status, zero=zero, varies=varies)
+
+
+def angle(status: Status, most: float, *, varies: bool = False) -> Any:
+    """Field of an angle in rad that need not be there, of no more than that either way: larger
+    ones are most often degrees."""
+    return _optional(status=status, zero=None, varies=varies, most=most)
+
+
+def _optional(**rule: Any) -> Any:
+    return eqx.field(default=None, metadata={**rule, "optional": True})
 
 
 class Parameters(eqx.Module):
@@ -54,13 +64,13 @@ class Parameters(eqx.Module):
         for field in dataclasses.fields(self):
             value, rule = getattr(self, field.name), field.metadata
             if rule and value is not None and is_known(value):
-                check(rule["status"], value, rule["zero"])
+                check(rule["status"], value, rule["zero"], rule.get("most"))
 
     def status(self, angular_speed: Scalar) -> Code:
         """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
         code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
         for value, rule in reversed([*self._rules()]):
-            fine = is_valid(samples(value), rule["zero"])
+            fine = is_valid(samples(value), rule["zero"], rule.get("most"))
             code = jnp.where(jnp.all(fine) if fine.ndim else fine, code, rule["status"])
         return code
 

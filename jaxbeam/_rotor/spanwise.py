@@ -241,14 +241,14 @@ def samples(value: Property) -> Any:
     return value.samples() if isinstance(value, AbstractSpanwise) else value
 
 
-def check(status: Status, value: Property, zero: bool | None) -> None:
+def check(status: Status, value: Property, zero: bool | None, most: float | None = None) -> None:
     """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
     with jax.ensure_compile_time_eval():  # under `jit` even functions without unknowns are traced
         numbers = samples(value)
     if not is_known(numbers):  # a closure over what is not known
         return
     numbers = np.asarray(numbers)
-    fine = is_known_valid(numbers, zero)
+    fine = is_known_valid(numbers, zero, most)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))
         place = f"{numbers[i]} at station {i + 1}, x / L = {value.stations[i]:g}"

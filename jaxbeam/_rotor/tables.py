@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxbeam._rotor.beam import Beam
+from jaxbeam._rotor.parameters import TURN
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise
 from jaxbeam._types import Real
 
@@ -224,6 +225,8 @@ def _numbers(
         for name, (title, i, factor) in columns.items():
             signed = name in (PLACE, TWIST)
             number = number_in(path, line, title, cells[i], None if signed else False)
+            if name == TWIST and abs(number * factor) > TURN:
+                raise mistake(path, line, title, f"must be within a turn, got {cells[i]}")
             values[name].append(number * factor or 0.0)  # no negative zero
         if wrong := _misplaced(values[PLACE]):
             raise mistake(path, line, place, wrong)

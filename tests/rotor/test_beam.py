@@ -1,5 +1,6 @@
 """Parameters: meaning, checks, errors that name the argument."""
 
+import re
 import subprocess
 import sys
 
@@ -86,6 +87,55 @@ def test_bad_value_inside_jit_names_the_argument(name):
 
     with pytest.raises(RuntimeError, match=f"{name} must be finite"):
         traced(jnp.asarray(-1.0))
+
+
+BEAM, QUARTER, TURN = jb.Beam.from_slenderness(70.0), np.pi / 2, 2 * np.pi
+# What is allowed to the last, and what is as of someone who means degrees.
+ANGLES = {
+    "precone": (lambda x: jb.Rotor(BEAM, precone=x), QUARTER, 4.0),
+    "pitch": (lambda x: jb.Rotor(BEAM, pitch=x), QUARTER, -4.0),
+    "twist": (lambda x: jb.Rotor(_twisted(x)), TURN, 13.3),
+    "twist at stations": (lambda x: jb.Rotor(_twisted(jb.Spanwise([0, 1], [x, 0]))), TURN, -13.3),
+    "twist by a function": (lambda x: jb.Rotor(_twisted(_linear(x))), TURN, 13.3),
+}
+
+
+def _twisted(twist):
+    return jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0, twist)
+
+
+def _linear(x):
+    return SpanwiseFunction(jax.tree_util.Partial(lambda a, xi: a * (1 - xi), x))
+
+
+@pytest.mark.parametrize("name", ANGLES)
+def test_degrees_for_radians(name):
+    make, most, wrong = ANGLES[name]
+    code = jb.Status[f"INVALID_{name.split()[0].upper()}"]
+    assert code.blames_input
+    assert "in rad (4 degrees are np.deg2rad(4.0))" in code.message
+    with pytest.raises(ValueError, match=re.escape(f"{code.message}, got")):
+        make(wrong)
+    for x in (most, -most, np.float32(most), np.deg2rad(wrong)):
+        make(x)
+    cases = jnp.array([most, -most, np.deg2rad(wrong), wrong, -wrong, jnp.nan])
+    found = jax.jit(jax.vmap(lambda x: make(x).status(jnp.zeros(()))))(cases)
+    np.testing.assert_array_equal(found, [0, 0, 0, code, code, code])
+
+
+def test_degrees_in_an_argument_of_a_program():
+    """A case of a batch fails alone; what gets in without its constructor meets the checks, too."""
+    model, level = jb.Hybrid(0, 1, 1), jb.Rotor(BEAM, pitch=0.0)
+
+    def case(pitch):
+        rotor = eqx.tree_at(lambda rotor: rotor.pitch, level, pitch)
+        return jb.modes(model, rotor, 1.0, 1, throw=False)
+
+    found = jax.jit(jax.vmap(case))(jnp.array([0.1, 4.0]))
+    np.testing.assert_array_equal(found.status, [0, jb.Status.INVALID_PITCH])
+    np.testing.assert_array_equal(np.isfinite(found.frequency), [[True], [False]])
+    with pytest.raises(ValueError, match="pitch must be finite and within a quarter turn"):
+        case(jnp.asarray(4.0))
 
 
 def test_bad_sections_name_the_argument():

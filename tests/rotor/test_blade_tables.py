@@ -294,6 +294,10 @@ BAD_CSV = {
         "line 3, column edge_stiffness_N_m2: must be finite and > 0, got -4",
     ),
     "the first of several": (csv_with("0,1,2,3,4", "0.5,x,2,3,4", "0.4,1,0,3,4"), "line 4, column"),
+    "degrees for radians": (
+        csv_with("0,13.3,2,3,4", GOOD[1], titles=CSV_TITLES.replace("twist_deg", "twist_rad")),
+        "line 3, column structural_twist_rad: must be within a turn, got 13.3",
+    ),
     "decreasing": (
         csv_with("0,1,2,3,4", "0.5,1,2,3,4", "0.4,1,2,3,4", GOOD[1]),
         "line 5, column x_over_L: stations must not decrease, got 0.4 after 0.5",
@@ -412,6 +416,7 @@ BAD_OTHERS = {
     "tower": (main_with(beam_type=2), "line 6, column beam_type: must be 1, a blade, got 2"),
     "hinged": (main_with(hub_conn=4), "line 13, column hub_conn: must be 1, a clamped root, got 4"),
     "radius": (main_with(hub_rad=70), "line 9, column radius: must be greater than hub_rad, 70"),
+    "pitch": (main_with(bl_thp=95), "line 12, column bl_thp: must be within 90 degrees, got 95"),
     "no radius": (main_with(radius=""), ": no line has radius behind its value"),
     "length twice": (
         lambda folder: blades.read_bmodes(main_file(folder / "a.bmi"), length=61.5),
