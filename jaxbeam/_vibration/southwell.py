@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Label
 from jaxbeam._numerics.program import Program
-from jaxbeam._results import harmless, where_known
+from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar
@@ -67,9 +67,20 @@ def _southwell(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wan
 
     # At rest the quotient is 0 / 0. It is even in speed, so that this near rest it is right to
     # 1e-11 of the difference that speeds make, and so are its derivatives.
-    moving = jnp.sqrt(speed**2 + (_CLOSE * rotor.frequency_scale) ** 2)
+    moving, moves = _near(speed, _CLOSE * without_derivatives(rotor).frequency_scale)
     _, slope, status = jax.jvp(square, (moving,), (jnp.ones_like(speed),), has_aux=True)
     # NaN would end up in gradients by parameters that cases of a batch share.
-    result = jnp.where(status == Status.OK, slope, 0.0) / (2 * moving)
+    result = jnp.where(status == Status.OK, slope, 0.0) / (2 * jnp.where(moves, moving, 1.0))
+    finite = moves & jnp.all(jnp.isfinite(result))
+    status = jnp.where((status == Status.OK) & ~finite, Status.NOT_FINITE, status)
     status = jnp.where(fine, status, given)
     return Southwell(where_known(status == Status.OK, result), status)
+
+
+def _near(speed: Scalar, close: Scalar) -> tuple[Scalar, Bool[Array, ""]]:
+    """The speed (speed^2 + close^2)^1/2, and whether there is one: else `close`, which comes from
+    numbers that need not fit together, is beyond the floats, and the speed itself is returned."""
+    larger = without_derivatives(jnp.maximum(jnp.abs(speed), close))  # its square may be infinite
+    exists = jnp.isfinite(larger) & (larger > 0)
+    unit, x, y = (jnp.where(exists, a, 1.0) for a in (larger, speed, close))
+    return jnp.where(exists, unit * jnp.sqrt((x / unit) ** 2 + (y / unit) ** 2), speed), exists

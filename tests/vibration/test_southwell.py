@@ -172,6 +172,34 @@ def test_rest_and_speed_in_one_batch():
     np.testing.assert_allclose(batch, np.stack([phi(s) for s in speeds]), rtol=1e-12)
 
 
+# Length, mass per length, bending stiffness, speed; then hub radius, tip mass and all else are one.
+OVERFLOWING = [
+    (1.0, 1.0, 1.0, 1e300), (1.0, 1.0, 1.0, 1e160), (1e-300, 1.0, 1.0, 1.0),
+    (1e-300, 1.0, 1.0, 0.0), (1e-81, 1.0, 1.0, 0.0), (1e80, 1.0, 1.0, 0.0),
+    (1.0, 1e300, 1.0, 0.0), (1.0, 1.0, 1e-300, 0.0), (1e300, 1e-300, 1.0, 0.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "model", [jb.Hybrid(0, 1, 0), pytest.param(jb.GreenANCF(1), marks=pytest.mark.slow)], ids=name
+)
+def test_what_overflows_is_not_blamed_on_the_speed(model):
+    """Nor is a coefficient that is not a number called ok; in a batch others are as they were."""
+
+    def found(case):
+        length, mass, bending, speed = case
+        rotor = jb.Rotor(jb.Beam(length, mass, 100.0, bending, 1.0), 1.0, 1.0)
+        return jb.southwell(model, rotor, speed, 1, throw=False)
+
+    fine = (1.0, 1.0, 1.0, 0.0), (1.0, 1.0, 1.0, -0.5), (1.0, 1.0, 1.0, np.nan)
+    many = jax.jit(jax.vmap(found))(np.array([*OVERFLOWING, *fine]))
+    codes = [jb.Status(int(code)) for code in many.status]
+    assert not any(code.blames_input for code in codes[:-1])
+    assert codes[-3:] == [jb.Status.OK, jb.Status.OK, jb.Status.INVALID_ANGULAR_SPEED]
+    known = np.isfinite(many.coefficient).all(1)
+    np.testing.assert_array_equal(known, many.status == jb.Status.OK)
+
+
 # --- crossings -----------------------------------------------------------------------------------
 
 
