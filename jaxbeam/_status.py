@@ -155,7 +155,7 @@ class Status(enum.IntEnum):
         "so that the beam gets the impulse, or let the motion rise smoothly",
     )
     INVALID_TWIST = 34, f"twist must be finite and within a turn either way{_RADIANS}", INPUT
-    INVALID_PITCH = 35, f"pitch must be finite and within a quarter turn{_RADIANS}", INPUT
+    INVALID_PITCH = 35, f"pitch must be finite and within a turn either way{_RADIANS}", INPUT
     INVALID_ROOT_SPRINGS = 36, "springs at the root must be finite and > 0", INPUT
     INVALID_TIP_BODY = (
         37,

@@ -189,7 +189,7 @@ class Rotor(Parameters):
     | beam       |        |      |                   |
     | hub_radius | R      | m    | >= 0              |
     | tip_mass   | m_t    | kg   | >= 0              |
-    | pitch      | theta  | rad  | -pi / 2 to pi / 2 |
+    | pitch      | theta  | rad  | -2 pi to 2 pi     |
     | root       |        |      |                   |
     | tip        |        |      |                   |
     | precone    | beta   | rad  | -pi / 2 to pi / 2 |
@@ -204,7 +204,7 @@ class Rotor(Parameters):
     beam: Beam
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     tip_mass: Scalar = parameter(Status.INVALID_TIP_MASS, zero=True)
-    pitch: Scalar | None = angle(Status.INVALID_PITCH, TURN / 4)
+    pitch: Scalar | None = angle(Status.INVALID_PITCH, TURN)
     root: RootSprings | None = None
     tip: TipBody | None = None
     precone: Scalar | None = angle(Status.INVALID_PRECONE, TURN / 4)

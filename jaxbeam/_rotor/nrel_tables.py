@@ -144,7 +144,7 @@ def read_bmodes(
         ("beam_type", beam_type != 1 and "must be 1, a blade"),
         ("hub_conn", hub_conn != 1 and "must be 1, a clamped root"),
         ("radius", radius <= hub and f"must be greater than hub_rad, {hub:g}"),
-        ("bl_thp", abs(pitch) > 90 and "must be within 90 degrees"),
+        ("bl_thp", abs(pitch) > 360 and "must be within 360 degrees"),
     ):
         if wrong:
             line, _, text = _at(said, name)

@@ -454,7 +454,7 @@ def test_a_function_is_as_its_table():
         (lambda: jb.Hybrid(3, 3, 3, PiecewisePolynomials((0, 1), 4)).tables, "Hybrid.on"),
         (lambda: jb.Hybrid.on(Polynomials()), "say how many"),
         (lambda: MomentPolynomials.of(3), "must be a Beam"),
-        (lambda: MomentPolynomials.of(BEAM, 4.0), "pitch must be .* within a quarter turn"),
+        (lambda: MomentPolynomials.of(BEAM, 20.0), "pitch must be .* within a turn"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(make, message):

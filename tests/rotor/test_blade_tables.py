@@ -416,7 +416,9 @@ BAD_OTHERS = {
     "tower": (main_with(beam_type=2), "line 6, column beam_type: must be 1, a blade, got 2"),
     "hinged": (main_with(hub_conn=4), "line 13, column hub_conn: must be 1, a clamped root, got 4"),
     "radius": (main_with(hub_rad=70), "line 9, column radius: must be greater than hub_rad, 70"),
-    "pitch": (main_with(bl_thp=95), "line 12, column bl_thp: must be within 90 degrees, got 95"),
+    "pitch": (
+        main_with(bl_thp=365), "line 12, column bl_thp: must be within 360 degrees, got 365"
+    ),
     "no radius": (main_with(radius=""), ": no line has radius behind its value"),
     "length twice": (
         lambda folder: blades.read_bmodes(main_file(folder / "a.bmi"), length=61.5),
