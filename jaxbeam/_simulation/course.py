@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._results import without_derivatives
-from jaxbeam._rotor.motion import Hub, Times
+from jaxbeam._rotor.motion import Hub
+from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._simulation.scene import Inputs, Scene
 from jaxbeam._types import Scalar
 
@@ -41,9 +42,7 @@ class Course(eqx.Module):
     start: Scalar
     spacing: Scalar  # of the samples, s
     reach: Float[Array, "64 3"]  # see `_reach`, s
-    stops: Times  # where steps end: the times declared
-    jumps: Times  # those of them at which velocities may jump
-    gap: Scalar  # by which steps keep away from stops on either side, s
+    pauses: Pauses  # which steps keep out of
     twist: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
     speed: Scalar  # the largest velocity, m/s
 
@@ -59,7 +58,7 @@ class Course(eqx.Module):
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
         self.reach = self.spacing * _reach(_signals(hub, force), sudden)
-        self.stops, self.jumps, self.gap = scene.stops, scene.jumps, scene.gap
+        self.pauses = scene.pauses
         self.twist = scene.twist_of(scene.hub(scene.after(times[0])))
 
     @property
@@ -72,13 +71,12 @@ class Course(eqx.Module):
         place = ((t - self.start) / (16 * self.spacing)).astype(int)
         within, cell_end, beyond = self.reach[place]
         end = jnp.minimum(end, jnp.minimum(t + within, self.start + cell_end + beyond))
-        if not self.stops.size:
+        if not self.pauses.opens.size:
             return end
-        ahead = jnp.where(self.stops - self.gap > t, self.stops - self.gap, jnp.inf)
-        left = jnp.min(ahead) - t
-        h = end - t
+        stop = self.pauses.ahead(t)
+        left, h = stop - t, end - t
         # Two steps of one length rather than a long one and a splinter.
-        return jnp.where(h >= left, t + left, jnp.where(h > 0.501 * left, t + left / 2, end))
+        return jnp.where(h >= left, stop, jnp.where(h > 0.501 * left, t + left / 2, end))
 
 
 def _signals(hub: Hub, force: Any) -> Float[Array, "c k"]:

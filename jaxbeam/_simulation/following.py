@@ -70,7 +70,7 @@ class _Following(diffrax.AbstractStepSizeController):
         t0, t1 = without_derivatives((t0, t1))
         if not isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController):
             # It knows the steps that it wants alone, and not those into which they are divided.
-            whole = t1 + 4 * course.gap >= state.wanted  # it may be a stop, before which steps end
+            whole = course.pauses.passed(t1) >= state.wanted  # which may be within a pause
             start = jnp.where(whole, start, t1)
             wanted = jnp.where(whole, wanted, state.wanted)
             inner = _chosen(whole, inner, state.inner)
@@ -80,13 +80,12 @@ class _Following(diffrax.AbstractStepSizeController):
         twist = jax.vmap(args.twist_of)(hub)
         rate = jax.vmap(args.twist_rate_of)(hub)
         before = state.twist
-        if course.jumps.size:
-            struck = jnp.any(jnp.abs(t0 - course.gap - course.jumps) < course.gap / 2)
-            before = jnp.where(struck, twist[0], before)
+        if args.jumps.size:
+            before = jnp.where(args.jumped(t0), twist[0], before)
         mismatch = twist[-1] - before - h * (WEIGHTS @ rate[1:-1])
         speed = jnp.maximum(state.speed, jnp.max(jnp.abs(twist)))
         off, rounding = jnp.max(jnp.abs(mismatch)), float(jnp.finfo(h.dtype).eps)
-        shortest = h <= jnp.maximum(_SHORTEST * course.duration, 16 * course.gap)
+        shortest = h <= jnp.maximum(_SHORTEST * course.duration, 16 * course.pauses.margin)
         seen = shortest | (off <= (_MISMATCH + 32 * rounding) * speed)
         missed = state.missed + mismatch
 
@@ -97,10 +96,13 @@ class _Following(diffrax.AbstractStepSizeController):
         jump = shortest & (off > (_JUMP + 1e2 * rounding) * speed)
         lost = kept & (jump | (jnp.max(jnp.abs(missed)) > (_MISSED + 1e3 * rounding) * speed))
         result = diffrax.RESULTS.where(lost, LOST, result)
-        if course.stops.size:
-            stopped = kept & jnp.any(jnp.abs(start + course.gap - course.stops) < course.gap / 2)
+        if course.pauses.opens.size:
+            resumed = course.pauses.passed(start)
+            stopped = kept & (resumed > start)
             jumped = jumped | stopped
-            start = jnp.where(stopped, start + 2 * course.gap, start)
+            start = jnp.where(stopped, resumed, start)
+            # A controller that knows of the same times may want a step that ends within the pause.
+            wanted = jnp.where(stopped & (wanted <= start), start + h, wanted)
         end = jnp.where(
             again, t0 + h / 10, course.limit(*without_derivatives((start, jnp.asarray(wanted))))
         )
@@ -183,5 +185,7 @@ class Struck(diffrax.AbstractWrappedSolver):
     ) -> Any:  # fmt: skip
         """One step, after the impulse if there is one."""
         if made_jump is not False:
-            y0 = jax.lax.cond(made_jump, lambda: args.struck(t0, y0), lambda: y0)
+            # Steps also resume after what begins or ends smoothly, and where a controller says so.
+            struck = made_jump & args.jumped(t0)
+            y0 = jax.lax.cond(struck, lambda: args.struck(t0, y0), lambda: y0)
         return self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)

@@ -39,7 +39,7 @@ def integrate(
     task = Task(
         second_order_term(solver), solver, controller, dt0, event,
         is_far if event is None else None, max_steps,
-        bool(scene.stops.size) or not isinstance(inner, _NEVER_JUMP),
+        bool(scene.pauses.opens.size) or not isinstance(inner, _NEVER_JUMP),
     )  # fmt: skip
     # Outputs may miss where energies are large.
     watch = jnp.maximum(without_derivatives(during(times)), start)

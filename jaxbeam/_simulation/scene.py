@@ -16,6 +16,7 @@ from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
+from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
@@ -39,8 +40,8 @@ class Scene(SecondOrderSystem):
     motion: Motion
     loads: Loads
     damping: Damping
-    gap: Scalar  # by which steps keep away from declared times on either side, s
-    end: Scalar  # of the run, s
+    pauses: Pauses  # which steps keep out of
+    last: Scalar  # moment of motion and loads that is part of the run, s
 
     def __init__(
         self, model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
@@ -52,9 +53,17 @@ class Scene(SecondOrderSystem):
         self.motion, self.loads, self.damping = motion, loads, damping
         size = self.equations.size
         latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
-        self.gap = 4 * jnp.finfo(size.dtype).eps * jax.lax.stop_gradient(latest)
-        last = jnp.full_like(size, jnp.inf) if times is None else times[-1]
-        self.end = jax.lax.stop_gradient(last)
+        unit = jnp.finfo(size.dtype).eps
+        changes = jnp.concatenate([motion.change_times(), loads.change_times()])
+        self.pauses = Pauses(changes, self.jumps, 4 * unit * latest)
+        self.last = jnp.full_like(size, jnp.inf)
+        if times is not None and self.jumps.size:
+            # What jumps at the end is no part of the run, nor what jumps so shortly before it that
+            # the last step passes over it (see `solvers.run`).
+            pauses, end = self.pauses, jax.lax.stop_gradient(times[-1])
+            ends = pauses.jumps & (pauses.opens <= end)
+            ends &= pauses.closes >= end - 128 * unit * jnp.abs(end)
+            self.last = jnp.min(jnp.where(ends, pauses.opens, jnp.inf))
 
     @property  # type: ignore[misc]
     def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[override]
@@ -66,7 +75,7 @@ class Scene(SecondOrderSystem):
             return None
         without: Scene = eqx.tree_at(
             lambda s: (
-                s.inverse_mass, s.motion, s.gap, s.end,
+                s.inverse_mass, s.motion, s.pauses, s.last,
                 s.loads.tip_force, s.loads.tip_moment, s.loads.changes, s.loads.jumps,
             ),
             self, (None,) * 8, is_leaf=lambda leaf: leaf is None,
@@ -110,31 +119,27 @@ class Scene(SecondOrderSystem):
 
     def _within(self, t: Scalar) -> Scalar:
         """t, or a moment earlier at the end of a run that ends where something jumps."""
-        jumps = self.jumps
-        if not jumps.size:
-            return t
-        at_end = jnp.any(jnp.abs(self.end - jumps) <= self.gap)
-        return jnp.where(at_end, jnp.minimum(t, self.end - 2 * self.gap), t)
+        return jnp.minimum(t, self.last) if self.jumps.size else t
 
     @property
     def jumps(self) -> Times:
         """Times at which the hub's velocity, its rate or a load may jump, as declared."""
         return jnp.concatenate([self.motion.jump_times(), self.loads.jump_times()])
 
-    @property
-    def stops(self) -> Times:
-        """All times that motion and loads declare."""
-        smooth = [self.motion.change_times(), self.loads.change_times()]
-        return jnp.concatenate([*smooth, self.jumps])
-
     def after(self, t: Scalar) -> Scalar:
         """t, or a moment later where something jumps at t; at the end of the run, which no jump
         is part of, a moment earlier."""
-        jumps = self.jumps
-        if not jumps.size:
+        if not self.jumps.size:
             return t
-        aside = jnp.where(t < self.end - self.gap, 2 * self.gap, -2 * self.gap)
-        return jnp.where(jnp.any(jnp.abs(t - jumps) <= self.gap), t + aside, t)
+        pauses = self.pauses
+        within = pauses.jumps & (pauses.opens < t) & (t < pauses.closes)
+        late = jnp.max(jnp.where(within, pauses.closes - t, 0.0))
+        return self._within(t + jax.lax.stop_gradient(late))
+
+    def jumped(self, t: Scalar) -> Array:
+        """Whether something jumped in a pause that closes at t, where a step begins."""
+        pauses = self.pauses
+        return jnp.any(pauses.jumps & (jnp.abs(pauses.closes - t) < pauses.margin / 2))
 
     def twist_of(self, hub: Hub) -> Float[Array, " 6"]:
         """Velocity of the hub and what its rotation makes of it at the tip, in m/s."""
@@ -145,18 +150,17 @@ class Scene(SecondOrderSystem):
         return jnp.concatenate([hub.velocity_rate, self.equations.end * hub.angular_velocity_rate])
 
     def struck(self, t: Scalar, y: State) -> State:
-        """y after what jumped at the declared time just before t.
+        """y after what `jumped` in the pause that closes at t.
 
         A jump of the hub's velocities is a rate without end: the generalised momentum that it
         leaves behind is that of the inertia forces, M dq' = -(inertia forces of the jump), q stays,
         and the work is exact since velocities rise together. By the time of the jump the state
         has derivatives: y goes on to it with the rates before, and back with those after.
         """
-        jumps = self.jumps
-        at = jumps[jnp.argmin(jnp.abs(jumps - t))]
+        jumps, after = self.jumps, jax.lax.stop_gradient(t)
+        before = self.pauses.opens[jnp.argmin(jnp.abs(self.pauses.closes - after))]
+        at = jumps[jnp.argmax((before < jumps) & (jumps < after))]
         late = at - jax.lax.stop_gradient(at)
-        t = jax.lax.stop_gradient(t)
-        before, after = jax.lax.stop_gradient(at) - self.gap, t
         y = _moved(y, self.rate(before, y), late)
         old, new = self.hub(before + late), self.hub(after + late)
         zero = jnp.zeros_like(old.velocity)

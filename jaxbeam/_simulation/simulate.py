@@ -212,9 +212,9 @@ def _integrated(
     if not backsolved:
         controller = following(controller, Course(now, times, seen))
     if now.jumps.size:
-        solver, start_time = Struck(solver), times[0] + 2 * now.gap
-        at_once = jnp.any(jnp.abs(now.jumps - times[0]) <= now.gap)
-        y0 = jax.lax.cond(at_once, lambda: now.struck(start_time, y0), lambda: y0)
+        late = without_derivatives(now.after(times[0]) - times[0])
+        solver, start_time = Struck(solver), times[0] + late
+        y0 = jax.lax.cond(late > 0, lambda: now.struck(start_time, y0), lambda: y0)
     how = (now, y0, start_time, times, solver, controller, dt0, event, max_steps, adjoint)
     if ours and saveat is None and progress_meter is None:
         solution, watch = integrate(*how)
