@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.motion import Times
@@ -22,7 +22,7 @@ class Pauses(eqx.Module):
     jumps: Bool[Array, " k"]  # whether something jumps within
     margin: Scalar  # s
 
-    def __init__(self, changes: Times, jumps: Times, margin: Scalar) -> None:
+    def __init__(self, changes: Times, jumps: Float[Array, " j"], margin: Scalar) -> None:
         changes, jumps, self.margin = without_derivatives((changes, jumps, margin))
         times = jnp.sort(jnp.concatenate([changes, jumps]))
         if not times.size:

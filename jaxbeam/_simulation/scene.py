@@ -155,14 +155,16 @@ class Scene(SecondOrderSystem):
         A jump of the hub's velocities is a rate without end: the generalised momentum that it
         leaves behind is that of the inertia forces, M dq' = -(inertia forces of the jump), q stays,
         and the work is exact since velocities rise together. By the time of the jump the state
-        has derivatives: y goes on to it with the rates before, and back with those after.
+        has derivatives: y goes on to it with the rates before, and back with those after. A load
+        may jump at the same time by another parameter: between the two the load alone is new.
         """
-        jumps, after = self.jumps, jax.lax.stop_gradient(t)
+        after = jax.lax.stop_gradient(t)
         before = self.pauses.opens[jnp.argmin(jnp.abs(self.pauses.closes - after))]
-        at = jumps[jnp.argmax((before < jumps) & (jumps < after))]
-        late = at - jax.lax.stop_gradient(at)
-        y = _moved(y, self.rate(before, y), late)
-        old, new = self.hub(before + late), self.hub(after + late)
+        late = _late(self.motion.jump_times(), before, after)
+        load_late = _late(self.loads.jump_times(), before, after)
+        (old, old_load), (new, new_load) = self.inputs(before + late), self.inputs(after + late)
+        y = self._moved(y, (old, old_load), load_late)
+        y = self._moved(y, (old, new_load), late - load_late)
         zero = jnp.zeros_like(old.velocity)
         still = Hub(zero, zero, zero, zero, zero)
         jump = still._replace(
@@ -178,7 +180,11 @@ class Scene(SecondOrderSystem):
         )
         work = self._moved_by(*without_derivatives((halfway, y.q, (y.v + v) / 2))) / self.work_unit
         y = State(y.q, v, y.work - jax.lax.stop_gradient(work))
-        return _moved(y, self.rate(after, y), -late)
+        return self._moved(y, (new, new_load), -late)
+
+    def _moved(self, y: State, x: Inputs, h: Scalar) -> State:
+        """y a moment h later under these inputs, to first order."""
+        return State(y.q + h * y.v, y.v + h * self._over_mass(self.force(x, y.q, y.v)), y.work)
 
     def inputs(self, t: Scalar) -> Inputs:
         """Motion of the hub, and force at the tip."""
@@ -310,8 +316,12 @@ class _Traced(Motion):
         return self.jumps
 
 
-def _moved(y: State, rate: State, h: Scalar) -> State:
-    return State(y.q + h * rate.q, y.v + h * rate.v, y.work)
+def _late(jumps: Times, before: Scalar, after: Scalar) -> Scalar:
+    """Zero, with the derivative of the time between these at which something jumps, if it does: of
+    several, which only what happens between them could tell apart, the mean."""
+    within = (before < jumps) & (jumps < after)
+    late = jnp.where(within, jumps - jax.lax.stop_gradient(jumps), 0.0)
+    return jnp.sum(late) / jnp.maximum(jnp.sum(within), 1)
 
 
 def _converted(part: Any, t: Scalar) -> Any:

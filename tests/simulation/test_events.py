@@ -125,7 +125,7 @@ def pushed(starts, widths, sizes):
 @pytest.mark.exhaustive
 def test_pulses_of_force_are_seen_wherever_they_are():
     """Short, repeated, small beside large ones: at places that no step would look at."""
-    chance = np.random.default_rng()
+    chance = np.random.default_rng(5)
     places = np.append(chance.uniform(0.3, 17.0, 8), [5.0, 10.0, 12.5])
     widths = np.tile([2.0, 0.3, 0.1, 0.03], 11)
     cases = [(np.full(3, s), np.full(3, w), np.array([0.5, 0, 0]))
@@ -287,6 +287,100 @@ def test_jumps_of_all_kinds_at_any_time(solver):
         found, expected = both(jnp.asarray(at))
         assert_same(found, expected, 1e-4)
         assert jnp.max(jnp.abs(found.imbalance)) < 1e-5
+
+
+BEAT = np.linspace(0.0, 1.3, 27)
+
+
+def rising(t, at, width):
+    """From zero to one at each time: in so short a time, smoothly, or at once where it is zero."""
+    share = jnp.clip((t - at) / jnp.where(width > 0, width, 1.0), 0.0, 1.0)
+    smooth = share - jnp.sin(2 * jnp.pi * share) / (2 * jnp.pi)
+    return jnp.where(width > 0, smooth, jnp.where(t > at, 1.0, 0.0))
+
+
+@jax.jit
+@jax.vmap
+def leaping(p):
+    """Status, motion of the tip and imbalance under jumps of the hub's speeds and of the force,
+    with a spin-up and other times declared around them; jumps beyond the end are none."""
+    up, width = jb.SmoothSpinUp(p["spin"], p["changes"][1] - p["changes"][0]), p["width"]
+
+    def angular_velocity(t):
+        jumps = p["turn"] @ rising(t, p["hub_at"], width)
+        return (up.angular_speed(t - p["changes"][0]) + jumps) * A3
+
+    motion = jb.motions.HubVelocity(
+        lambda t: p["side"] @ rising(t, p["hub_at"], width) * jnp.array([0.0, 1.0, 0.0]),
+        angular_velocity,
+        changes=jnp.concatenate([p["changes"], p["hub_at"] + width]),
+        jumps=jnp.where(p["declared"], p["hub_at"], 9.0),
+    )
+    loads = push(
+        lambda t: p["push"] @ rising(t, p["push_at"], width),
+        changes=jnp.concatenate([p["changes"], p["push_at"] + width]),
+        jumps=jnp.where(p["declared"], p["push_at"], 9.0),
+    )
+    found = run(ONE, ROTOR, motion, BEAT, loads=loads, stepsize_controller=TIGHT)
+    return found.status, found.tip[:, 1], jnp.max(jnp.abs(found.imbalance))
+
+
+ONE = jb.Hybrid(0, 1, 0)
+
+
+def struck_twice(chance, jumps, **more):
+    """Two jumps of each kind named at random times, with changes before, between and after."""
+    t = np.sort(chance.uniform(0.02, 1.25, 7))
+    p = {"declared": True, "width": 0.0, "spin": 0.0, "changes": t[[0, 3, 6]]}
+    p |= {"hub_at": t[[1, 4]], "push_at": t[[2, 5]]}
+    for kind in ("turn", "side", "push"):
+        sizes = chance.uniform(0.1, 0.3, 2) * chance.choice([-1.0, 1.0], 2)
+        p[kind] = sizes if kind in jumps else np.zeros(2)
+    return p | more
+
+
+def rung(p):
+    """The closed form for one coordinate in a hub that does not turn."""
+    equations, zero = ONE.equations(ROTOR), jnp.zeros(1)
+    none = jnp.zeros(3)
+    across = jnp.array([0.0, 1.0, 0.0])
+    still = jb.motions.Hub(none, none, none, none, none)
+    stiffness = -jax.grad(lambda q: equations.force(still, q, zero, None)[0])(zero)[0]
+    mass = equations.mass[0, 0]
+    by_hub = equations.force(still._replace(velocity_rate=across), zero, zero, None)[0]
+    by_push = equations.force(still, zero, zero, across)[0]
+    w = np.sqrt(stiffness / mass)
+    since = {key: np.maximum(BEAT[:, None] - p[key], 0.0) for key in ("hub_at", "push_at")}
+    q = by_hub / (mass * w) * np.sin(w * since["hub_at"]) @ p["side"]
+    q += by_push / stiffness * (1 - np.cos(w * since["push_at"])) @ p["push"]
+    return q * jax.jvp(equations.tip, (zero,), (jnp.ones(1),))[1][1]
+
+
+def test_jumps_strike_once_among_changes():
+    """Of loads, of the hub and of both: by the closed form, as short rises do, and not at all where
+    what is declared does not jump."""
+    chance = np.random.default_rng(5)
+    straight = [struck_twice(chance, kinds) for kinds in (["push"], ["side"], ["side", "push"])]
+    together = struck_twice(chance, ["side", "push"])
+    straight.append(together | {"push_at": together["hub_at"]})
+    spun = [struck_twice(chance, kinds, spin=0.5) for kinds in (["push"], ["turn", "side", "push"])]
+    # Exactly where the spin-up ends.
+    spun.append(struck_twice(chance, ["turn", "push"], spin=0.5))
+    spun[-1]["hub_at"] = spun[-1]["changes"][[1, 2]]
+    rises = [p | {"declared": False, "width": 1e-5} for p in spun]
+    nothing = struck_twice(chance, [], spin=0.5)
+    cases = [*straight, *spun, *rises, nothing, nothing | {"declared": False}]
+    status, tip, imbalance = leaping(jax.tree.map(lambda *a: jnp.stack(a), *cases))
+    np.testing.assert_array_equal(status, jb.Status.OK)
+    assert jnp.max(imbalance) < 1e-6
+    expected = [*map(rung, straight), *tip[7:10], tip[11]]
+    found = [*tip[:7], tip[10]]
+    for p, one, other, near in zip(
+        [*straight, *spun, nothing], found, expected, [1e-7] * 4 + [3e-4] * 3 + [1e-7], strict=True
+    ):
+        size = np.max(np.abs(other))
+        assert size > 1e-3
+        np.testing.assert_allclose(one, other, rtol=0, atol=near * size, err_msg=str(p))
 
 
 @pytest.mark.exhaustive
