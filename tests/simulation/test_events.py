@@ -356,6 +356,7 @@ def rung(p):
     return q * jax.jvp(equations.tip, (zero,), (jnp.ones(1),))[1][1]
 
 
+@pytest.mark.slow
 def test_jumps_strike_once_among_changes():
     """Of loads, of the hub and of both: by the closed form, as short rises do, and not at all where
     what is declared does not jump."""
