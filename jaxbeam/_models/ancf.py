@@ -20,9 +20,9 @@ from jaxbeam._models.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.cartesian import (
     CartesianEquations,
     CartesianModel,
-    LinearElasticity,
     linear_system,
 )
+from jaxbeam._models.elasticity import LinearElasticity
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.families import Family
 from jaxbeam._models.laws import Chord, Element, Engineering, Green, ModelA, Tangent

@@ -112,6 +112,11 @@ class Equations(eqx.Module):
         """Generalised elastic forces; zero at q = 0, the undeformed beam."""
 
     @abc.abstractmethod
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        """B^T D B q', B = d strain/dq and D the stiffness of strains: what stresses do that are the
+        stiffness times the rates of strain. See `strained.py`."""
+
+    @abc.abstractmethod
     def strain_energy(self, q: Vector) -> Number:
         """U, in J; zero at q = 0."""
 
@@ -170,10 +175,15 @@ class Equations(eqx.Module):
         """d elastic_force / dq, of the kind of `mass`."""
         return jax.jacfwd(self.elastic_force)(q)
 
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Any, Any]:
+        """Derivatives of `viscous_force` by q and q', of the kind of `mass`."""
+        by: tuple[Any, Any] = jax.jacfwd(self.viscous_force, (0, 1))(q, v)
+        return by
+
     def damping(
         self, q: Vector, v: Vector, mass: Number | None, stiffness: Number | None
     ) -> Vector:
-        """mass dT/dq' + stiffness d/dt elastic_force(q), T seen from the hub; see `Damping`."""
+        """mass dT/dq' + stiffness viscous_force(q, q'), T seen from the hub; see `Damping`."""
         out = jnp.zeros_like(q)
         if mass is not None:
             still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
@@ -183,7 +193,7 @@ class Equations(eqx.Module):
 
             out = out + mass * jax.grad(kinetic)(v)
         if stiffness is not None:
-            out = out + stiffness * jax.jvp(self.elastic_force, (q,), (v,))[1]
+            out = out + stiffness * self.viscous_force(q, v)
         return out
 
     def damping_tangents(
@@ -196,8 +206,8 @@ class Equations(eqx.Module):
         if mass is not None:
             c = c + mass * own
         if stiffness is not None:
-            tangent, rate = jax.jvp(self.elastic_tangent, (q,), (v,))
-            k, c = k + stiffness * rate, c + stiffness * tangent
+            by_q, by_v = self.viscous_tangents(q, v)
+            k, c = k + stiffness * by_q, c + stiffness * by_v
         return k, c
 
 

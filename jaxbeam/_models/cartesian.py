@@ -20,13 +20,13 @@ from collections.abc import Callable
 from typing import Any, Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel, Equations, LinearSystem
 from jaxbeam._models.basis import Basis, Functions
+from jaxbeam._models.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.families import Family, planes_of
 from jaxbeam._models.tables import (
     FAMILIES,
@@ -44,48 +44,6 @@ from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.motion import Hub, skew, spinning
 from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
-
-
-class Elasticity(eqx.Module):
-    """Elastic forces as a function of the coordinates."""
-
-    @abc.abstractmethod
-    def energy(self, q: Vector) -> Scalar:
-        """Strain energy, J."""
-
-    def force(self, q: Vector) -> Vector:
-        """Left-hand side of the equations; the gradient of the energy unless a theory differs."""
-        return jax.grad(self.energy)(q)
-
-    def nonconservative_force(self, q: Vector) -> Vector:
-        """force minus the gradient of energy."""
-        return jnp.zeros_like(q)
-
-    def tangent(self, q: Vector) -> Matrix:
-        """d force / dq."""
-        return jax.jacfwd(self.force)(q)
-
-    @abc.abstractmethod
-    def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
-        """Axial strain from the displacement gradient du/dx."""
-
-
-class LinearElasticity(Elasticity):
-    """U = q.K q / 2, axial strain u1' (or s')."""
-
-    stiffness: Matrix
-
-    def energy(self, q: Vector) -> Scalar:
-        return q @ self.stiffness @ q / 2
-
-    def force(self, q: Vector) -> Vector:
-        return self.stiffness @ q
-
-    def tangent(self, q: Vector) -> Matrix:
-        return self.stiffness
-
-    def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
-        return gradient[:, 0]
 
 
 class CartesianModel(AbstractModel[Rotor]):
@@ -291,6 +249,12 @@ class CartesianEquations(Equations):
 
     def elastic_tangent(self, q: Vector) -> Matrix:
         return self.elasticity.tangent(q)
+
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        return self.elasticity.viscous(q, v)
+
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
+        return self.elasticity.viscous_tangents(q, v)
 
     def strain_energy(self, q: Vector) -> Scalar:
         return self.elasticity.energy(q)

@@ -26,6 +26,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel, Equations
 from jaxbeam._models.families import Family
+from jaxbeam._models.strained import viscous
 from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
@@ -49,6 +50,9 @@ class _Discrete(AbstractModel[SpringRotor]):
     def equations(self, rotor: SpringRotor) -> "_Particle": ...
 
 
+Strains = Callable[[SpringRotor, Vector], tuple[Scalar, Scalar]]  # stretch and angle of the springs
+
+
 class _Particle(Equations):
     """The particle at (X, y) in the frame of the hub, X = d + L + x."""
 
@@ -58,11 +62,11 @@ class _Particle(Equations):
     end: Scalar
     energy_scale: Scalar
     rotor: SpringRotor
-    energy: Callable[[SpringRotor, Vector], Scalar] = eqx.field(static=True)
+    strains: Strains = eqx.field(static=True)
 
     @property
     def is_linear(self) -> bool:
-        return self.energy is _quadratic
+        return self.strains is _quadratic
 
     def tip(self, q: Vector) -> Triple:
         return jnp.concatenate([self.place(q), jnp.zeros(1)])
@@ -71,7 +75,21 @@ class _Particle(Equations):
         return jax.grad(self.strain_energy)(q)
 
     def strain_energy(self, q: Vector) -> Scalar:
-        return self.energy(self.rotor, q)
+        stretch, angle = self.strains(self.rotor, q)
+        return (self._springs[0] * stretch**2 + self._springs[1] * angle**2) / 2
+
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        def strains(q: Vector) -> tuple[Scalar, Scalar]:
+            return self.strains(self.rotor, q)
+
+        def stresses(rates: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+            return self._springs[0] * rates[0], self._springs[1] * rates[1]
+
+        return viscous(strains, stresses, q, v)
+
+    @property
+    def _springs(self) -> tuple[Scalar, Scalar]:
+        return self.rotor.translational_spring, self.rotor.torsional_spring
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
         return jnp.broadcast_to(self.tip(q), (np.asarray(xi).size, 3))
@@ -215,9 +233,7 @@ class _LinearPolar(_Polar):
         return m * (rigid @ whole + more @ more / 2)
 
 
-def _particle(
-    kind: type[_Particle], rotor: SpringRotor, energy: Callable[[SpringRotor, Vector], Scalar]
-) -> _Particle:
+def _particle(kind: type[_Particle], rotor: SpringRotor, strains: Strains) -> _Particle:
     one, end = jnp.ones_like(rotor.length), rotor.hub_radius + rotor.length
     arm = rotor.length if issubclass(kind, _Polar) else one  # metres across per unit of q_2
     return kind(
@@ -227,31 +243,27 @@ def _particle(
         end=end,
         energy_scale=rotor.torsional_spring,
         rotor=rotor,
-        energy=energy,
+        strains=strains,
     )
 
 
-def _exact(rotor: SpringRotor, q: Vector) -> Scalar:
+def _exact(rotor: SpringRotor, q: Vector) -> tuple[Scalar, Scalar]:
     length = rotor.length
     excess = (2 * q[0] * length + q @ q) / length**2
     stretch = length * excess / (1 + jnp.sqrt(1 + excess))
-    angle = jnp.arctan2(q[1], length + q[0])
-    return (rotor.translational_spring * stretch**2 + rotor.torsional_spring * angle**2) / 2
+    return stretch, jnp.arctan2(q[1], length + q[0])
 
 
-def _quadratic(rotor: SpringRotor, q: Vector) -> Scalar:
-    bend = rotor.torsional_spring * (q[1] / rotor.length) ** 2
-    return (rotor.translational_spring * q[0] ** 2 + bend) / 2
+def _quadratic(rotor: SpringRotor, q: Vector) -> tuple[Scalar, Scalar]:
+    return q[0], q[1] / rotor.length
 
 
-def _second_degree(rotor: SpringRotor, q: Vector) -> Scalar:
-    stretch = q[0] + q[1] ** 2 / (2 * rotor.length)
-    bend = rotor.torsional_spring * (q[1] / rotor.length) ** 2
-    return (rotor.translational_spring * stretch**2 + bend) / 2
+def _second_degree(rotor: SpringRotor, q: Vector) -> tuple[Scalar, Scalar]:
+    return q[0] + q[1] ** 2 / (2 * rotor.length), q[1] / rotor.length
 
 
-def _polar(rotor: SpringRotor, q: Vector) -> Scalar:
-    return (rotor.translational_spring * q[0] ** 2 + rotor.torsional_spring * q[1] ** 2) / 2
+def _polar(rotor: SpringRotor, q: Vector) -> tuple[Scalar, Scalar]:
+    return q[0], q[1]
 
 
 class DiscreteNC(_Discrete):

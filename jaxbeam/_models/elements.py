@@ -19,7 +19,7 @@ Technical Report MBS99-5-UIC, 1999.
 
 import dataclasses
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -35,19 +35,18 @@ from jaxbeam._models.laws import (
     WEIGHTS,
     Element,
     Local,
-    Parts,
-    gradient_of,
     rule,
     tabled,
 )
+from jaxbeam._models.nodes import Nodes, assembled, constant, of_elements, on_ends, turned
 from jaxbeam._models.sections import Cuts, Ends, Sections, body_mass, cuts, each_element, rules
+from jaxbeam._models.strained import Parts, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Number, Triple, Vector
 
-Nodes = Float[Array, "k 2 2 *lanes"]  # in m: value and L times slope
 Law = Element | Parts
 
 
@@ -107,11 +106,11 @@ class ElementEquations(Equations):
         lanes = self.tip_mass.ndim
         if self.cuts is None:
             local = np.einsum("cd,ij->cidj", turn, self._gram)[None]
-            own = _assembled(jnp.repeat(local, self.element.n_elements, 0))
+            own = assembled(jnp.repeat(local, self.element.n_elements, 0))
             rows = self.element_mass * beside(own, lanes)
         else:
             turns = beside(turn[None, :, None, :, None], lanes)
-            rows = _assembled(turns * self.element_mass[:, None, :, None])
+            rows = assembled(turns * self.element_mass[:, None, :, None])
         if self.tip_body is None:
             at_tip = np.zeros((len(self.straight), 4, 12))
             at_tip[-1, ::2, 4:8:2] = turn
@@ -124,17 +123,17 @@ class ElementEquations(Equations):
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
         spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
         place = self.straight + self._nodes(q)
-        field = _turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
-        field = field + _constant(hub.acceleration)
+        field = turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
+        field = field + constant(hub.acceleration)
         own = self._by_element(
             lambda law, mass, local, field: self._elastic(law, local) + self._weighed(mass, field),
-            _local(self._nodes(q)), _local(field),
+            of_elements(self._nodes(q)), of_elements(field),
         )  # fmt: skip
         at_tip = self._borne(field[-1])
         if tip_force is not None:
-            at_tip = at_tip - _constant(tip_force)[0]
+            at_tip = at_tip - constant(tip_force)[0]
         at_tip = at_tip[:, 0] if self.tip_body is None else at_tip
-        return -self._gathered(own, at_tip, q)
+        return -self._gathered(own, at_tip, self._at_ends(self.ends.force, q))
 
     def tangents(
         self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
@@ -144,33 +143,50 @@ class ElementEquations(Equations):
         return k, 2 * spin * self.turned_mass
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
-        n, scale = self.element.n_elements, self.axial_stiffness / self.size
-
         def one(law: Law, _: Array, local: Array) -> Array:
-            tangent = scale * law.tangent(self._gradients(local))
-            rows = _on_ends(n, tangent).reshape(8, *tangent.shape[2:])
-            both = jax.vmap(lambda row: _on_ends(n, row))(rows)
-            return both.reshape(2, 4, *both.shape[1:])
+            return self._by_local(law.tangent(self._gradients(local)))
 
-        rows = _assembled(self._by_element(one, _local(self._nodes(q))))
-        if not self.ends.are_plain:
-            slopes = self.ends.tangent(self._at_ends(q)) / self.size**2
-            none = ((0, 0),) * (q.ndim - 1)
-            for i in (0, -1):
-                block = jnp.pad(slopes[i][:, None, :, None], (*((0, 0), (1, 0)) * 2, *none))
-                rows = rows + self._at_node(i, block)
-        return self._matrix(rows)
+        own = self._by_element(one, of_elements(self._nodes(q)))
+        return self._gathered_tangent(own, self._at_ends(self.ends.tangent, q))
 
     def elastic_force(self, q: Vector) -> Vector:
         own = self._by_element(
-            lambda law, _, local: self._elastic(law, local), _local(self._nodes(q))
+            lambda law, _, local: self._elastic(law, local), of_elements(self._nodes(q))
         )
-        return self._gathered(own, jnp.zeros_like(own[-1, :, 0]), q)
+        none = jnp.zeros_like(own[-1, :, 0])
+        return self._gathered(own, none, self._at_ends(self.ends.force, q))
+
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        def one(law: Law, _: Array, local: Array, rate: Array) -> Array:
+            force = law.viscous(self._gradients(local), self._gradients(rate))
+            return on_ends(self.element.n_elements, self.axial_stiffness * force)
+
+        own = self._by_element(one, of_elements(self._nodes(q)), of_elements(self._nodes(v)))
+        none = jnp.zeros_like(own[-1, :, 0])
+        return self._gathered(own, none, self._at_ends(self.ends.viscous, q, v))
+
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[BlockTridiagonal, BlockTridiagonal]:
+        def one(law: Law, _: Array, local: Array, rate: Array) -> Array:
+            both = law.viscous_tangents(self._gradients(local), self._gradients(rate))
+            return jnp.stack([self._by_local(tangent) for tangent in both])
+
+        own = self._by_element(one, of_elements(self._nodes(q)), of_elements(self._nodes(v)))
+        ends = self._at_ends(self.ends.viscous_tangents, q, v) or (None, None)
+        by_q, by_v = (self._gathered_tangent(own[:, i], ends[i]) for i in (0, 1))
+        return by_q, by_v
+
+    def _by_local(self, tangent: Float[Array, "2 3 2 3 *lanes"]) -> Array:
+        """From the tangent of a law to that by the coordinates of an element (2, 4, 2, 4)."""
+        n = self.element.n_elements
+        tangent = self.axial_stiffness / self.size * tangent
+        rows = on_ends(n, tangent).reshape(8, *tangent.shape[2:])
+        both = jax.vmap(lambda row: on_ends(n, row))(rows)
+        return both.reshape(2, 4, *both.shape[1:])
 
     def _elastic(self, law: Law, local: Float[Array, "2 4 *lanes"]) -> Array:
         """Of an element, (2, 4, *lanes)."""
         force = self.axial_stiffness * law.force(self._gradients(local))
-        return _on_ends(self.element.n_elements, force)
+        return on_ends(self.element.n_elements, force)
 
     def _weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
         """int N N^T dm of an element times a field, (2, 4, *lanes)."""
@@ -185,14 +201,14 @@ class ElementEquations(Equations):
         return contract(self.tip_body[None], field[:, None], 2, field.ndim - 2)
 
     def strain_energy(self, q: Vector) -> Number:
-        local = _local(self._nodes(q))
+        local = of_elements(self._nodes(q))
         if self.cuts is None:
             each = jax.vmap(lambda e: self.element.energy(self._gradients(e)))(local)
         else:
             each = jax.vmap(lambda law, e: law.energy(self._gradients(e)))(self._laws, local)
         energy = total(each)
         energy = self.axial_stiffness * self.size * energy
-        return energy if self.ends.are_plain else energy + self.ends.energy(self._at_ends(q))
+        return energy if self.ends.are_plain else energy + self._at_ends(self.ends.energy, q)
 
     def nonconservative_force(self, q: Vector) -> Vector:
         if self.element.is_conservative:
@@ -201,14 +217,14 @@ class ElementEquations(Equations):
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u'."""
-        own = self._nodes(v) + spin[2] * _turned(self._nodes(q))
-        carried = spin[2] * _turned(self.straight) + _constant(velocity)
+        own = self._nodes(v) + spin[2] * turned(self._nodes(q))
+        carried = spin[2] * turned(self.straight) + constant(velocity)
         return self._product(own, own / 2 + carried)
 
     def first_moment(self, q: Vector) -> Triple:
         nodes, axes = self._nodes(q), jnp.eye(3, dtype=q.dtype)
         along, across = (
-            self._product(jnp.broadcast_to(_constant(beside(axis, q.ndim - 1)), nodes.shape), nodes)
+            self._product(jnp.broadcast_to(constant(beside(axis, q.ndim - 1)), nodes.shape), nodes)
             for axis in axes[:2]
         )
         return jnp.stack([along, across, jnp.zeros_like(along)])
@@ -216,9 +232,9 @@ class ElementEquations(Equations):
     def _product(self, a: Nodes, b: Nodes) -> Number:
         """int a . b dm of two fields."""
         if self.cuts is None:
-            own = _local(a) * jax.vmap(lambda x: tabled(self._gram, x))(_local(b))
+            own = of_elements(a) * jax.vmap(lambda x: tabled(self._gram, x))(of_elements(b))
         else:
-            own = _local(a) * jax.vmap(self._weighed)(self.element_mass, _local(b))
+            own = of_elements(a) * jax.vmap(self._weighed)(self.element_mass, of_elements(b))
         own = total(own.reshape(-1, *own.shape[3:]))
         if self.cuts is None:
             own = self.element_mass * own
@@ -263,7 +279,7 @@ class ElementEquations(Equations):
         xi, n = np.asarray(xi, float), self.element.n_elements
         index = np.clip((xi * n).astype(int), 0, n - 1)
         shapes = Functions(*(a[None] for a in hermite(xi * n - index, 1 / n)))
-        return shapes, _local(self._nodes(q))[index].swapaxes(0, 1)
+        return shapes, of_elements(self._nodes(q))[index].swapaxes(0, 1)
 
     def _gradients(self, local: Float[Array, "2 4 *lanes"]) -> Local:
         """Displacement gradient of an element at its first end, on average, at its last end."""
@@ -275,10 +291,12 @@ class ElementEquations(Equations):
         nodes = padded(q, self._absent, 0).reshape(-1, 2, 2, *q.shape[1:])
         return self._reordered(nodes)
 
-    def _at_ends(self, q: Vector) -> Float[Array, "2 2 *lanes"]:
-        """Displacement gradient at root and tip."""
-        nodes = self._nodes(q)
-        return jnp.stack([nodes[0, :, 1], nodes[-1, :, 1]]) / self.size
+    def _at_ends(self, function: Callable[..., Any], *q: Vector) -> Any:
+        """A function of the displacement gradients at root and tip; None where nothing is there."""
+        if self.ends.are_plain:
+            return None
+        nodes = map(self._nodes, q)
+        return function(*(jnp.stack([n[0, :, 1], n[-1, :, 1]]) / self.size for n in nodes))
 
     @property
     def _absent(self) -> int:
@@ -310,15 +328,30 @@ class ElementEquations(Equations):
         row = jnp.pad(block.reshape(4, 4, *lanes), sides)[None]
         return padded(row, -i * more, (1 + i) * more)
 
-    def _gathered(self, local: Float[Array, "E 2 4 *lanes"], at_tip: Array, q: Vector) -> Vector:
+    def _gathered_tangent(
+        self, local: Float[Array, "E 2 4 2 4 *lanes"], ends: Float[Array, "2 2 2 *lanes"] | None
+    ) -> BlockTridiagonal:
+        """Sum of the tangents of elements and of what is at the ends."""
+        rows = assembled(local)
+        if ends is not None:
+            none = ((0, 0),) * (ends.ndim - 3)
+            for i, slopes in zip((0, -1), ends / self.size**2, strict=True):
+                block = jnp.pad(slopes[:, None, :, None], (*((0, 0), (1, 0)) * 2, *none))
+                rows = rows + self._at_node(i, block)
+        return self._matrix(rows)
+
+    def _gathered(
+        self, local: Float[Array, "E 2 4 *lanes"], at_tip: Array,
+        ends: Float[Array, "2 2 *lanes"] | None,
+    ) -> Vector:  # fmt: skip
         """Sum of what elements do at nodes, of a force at the tip (2, *lanes), with the one on the
         slope (2, 2, *lanes), and of what is at the ends."""
         own = padded(local[:, :, :2], 0, 1) + padded(local[:, :, 2:], 1, 0)
         if at_tip.ndim == local.ndim - 2:
             at_tip = jnp.stack([at_tip, jnp.zeros_like(at_tip)], 1)
         own = own + padded(at_tip[None], len(local), 0)
-        if not self.ends.are_plain:
-            slopes = self.ends.force(self._at_ends(q)) / self.size
+        if ends is not None:
+            slopes = ends / self.size
             slopes = jnp.stack([jnp.zeros_like(slopes), slopes], 2)
             own = own + padded(slopes[:1], 0, len(local)) + padded(slopes[1:], len(local), 0)
         return self._reordered(own).reshape(-1, *local.shape[3:])[self._absent :]
@@ -337,39 +370,3 @@ class ElementEquations(Equations):
             law, mass = self.element, self.element_mass
             return each_element(lambda *local: function(law, mass, *local), local, 3)
         return each_element(function, (self._laws, self.element_mass, *local), 3)
-
-
-def _on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest"]:
-    """From what belongs to gradients, see `Element`, to what belongs to values and slopes of both
-    ends: the transpose of `_gradients`, but for the length."""
-    chord = n * force[:, 1:2]
-    return jnp.concatenate([-chord, force[:, :1], chord, force[:, 2:]], 1)
-
-
-def _local(nodes: Nodes) -> Float[Array, "E 2 4 *lanes"]:
-    """Of every element."""
-    return jnp.concatenate([nodes[:-1], nodes[1:]], 2)
-
-
-def _constant(vector: Triple) -> Float[Array, "1 2 2 *lanes"]:
-    """Nodal values of a constant field."""
-    value = jnp.stack([vector[1], vector[0]])
-    return jnp.stack([value, jnp.zeros_like(value)], 1)[None]
-
-
-def _turned(nodes: Nodes) -> Nodes:
-    """A field turned by a quarter: `TURN` applied at every node."""
-    return jnp.concatenate([nodes[:, 1:], -nodes[:, :1]], 1)
-
-
-def _assembled(local: Float[Array, "E 2 4 2 4 *lanes"]) -> Float[Array, "k 4 12 *lanes"]:
-    """Rows of blocks, see `BlockTridiagonal`."""
-    n, lanes = len(local), local.shape[5:]
-    # Rows by end, component, value and slope; columns the same.
-    ends = local.reshape(n, 2, 2, 2, 2, 2, 2, *lanes)
-    order = (2, 0, 1, 3, 5, 4, 6)
-    first, last = ends.transpose(*order, *range(7, ends.ndim)).reshape(2, n, 4, 8, *lanes)
-    beyond = jnp.zeros_like(first[:, :, :4])
-    first = padded(jnp.concatenate([beyond, first], 2), 0, 1)
-    last = padded(jnp.concatenate([last, beyond], 2), 1, 0)
-    return first + last

@@ -11,6 +11,8 @@ axial strain:
     Engineering    |r'| - 1, forces from int [EA eps^2 + EI phi'^2] dx / 2, phi the tangent's angle
     Model 0        t.r' - 1 and curvature n.r'' in a frame that moves with the element
 
+Viscous forces follow from the rates of the same strains and curvatures: see `strained.py`.
+
 Where EA and EI vary along an element, they have a number each at every point of integration, and
 `Parts` integrates from kink to kink.
 
@@ -23,7 +25,6 @@ Technical Report MBS99-5-UIC, 1999.
 
 import abc
 import functools
-from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -32,10 +33,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._models.strained import Strained, gradient_of
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._types import Number
 
 Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, mean, at the last end
+Strains = tuple[Array, ...]  # axial strain and curvatures at the Gauss points, (g, *lanes) each
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
 POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # by a right angle: a1 becomes a2, a2 becomes -a1
@@ -71,11 +74,6 @@ def elongation(d: Float[Array, "2 *lanes"]) -> Number:
     return excess / (1 + jnp.sqrt(1 + excess))
 
 
-def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]:
-    """Gradient of a function whose value is one scalar, or one for each lane."""
-    return jax.grad(lambda x: jnp.sum(function(x)))
-
-
 class Rule(NamedTuple):
     """How an element, or a part of it, is integrated over x / L."""
 
@@ -90,13 +88,14 @@ def rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> Rule:
     return Rule(size / n_elements, along_element(s), n_elements * along_element(s, 1))
 
 
-class Element(eqx.Module):
-    """Elastic energy, force and tangent of an element, over EA L.
+class Element(Strained):
+    """Elastic energy, force and tangent of an element, over EA L, and viscous forces.
 
     Where properties vary EA is any one value of it: `bending` and `stretching`, EA at the points
     over that value, are then numbers at the Gauss points, (g, *lanes).
     """
 
+    axes: ClassVar[int] = 2
     is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
     tears: ClassVar[bool] = False  # whether steady states end where the rod tears
     bending: Number  # EI / (EA L^2)
@@ -105,8 +104,23 @@ class Element(eqx.Module):
     part: Rule | None = None  # of a part of the element; None: of the whole
 
     @abc.abstractmethod
+    def strains(self, e: Local) -> Strains:
+        """Axial strain and curvature at the Gauss points, not changed by any rigid motion."""
+
+    def stresses(self, strains: Strains) -> Strains:
+        """Weights times EA strain and EI curvature."""
+        strain, *bends = strains
+        weights = beside(self.weights, strain.ndim - 1)
+        moments = (weights * (self.bending * bend) for bend in bends)
+        return weights * self.pulled(strain), *moments
+
     def energy(self, e: Local) -> Number:
         """Strain energy of one element."""
+        strain, *bends = self.strains(e)
+        density = self.pulled(strain**2)
+        for bend in bends:
+            density = density + self.bending * bend**2
+        return _integral(self.weights, density) / 2
 
     def force(self, e: Local) -> Local:
         """Elastic force of one element."""
@@ -114,13 +128,7 @@ class Element(eqx.Module):
 
     def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         """d force / de."""
-
-        def column(unit: Array) -> Array:
-            along = jnp.broadcast_to(beside(unit, e.ndim - 2), e.shape)
-            return jax.jvp(self.force, (e,), (along,))[1]
-
-        columns = jax.vmap(column, out_axes=2)(jnp.eye(6, dtype=e.dtype).reshape(6, 2, 3))
-        return columns.reshape(*e.shape[:2], *e.shape)
+        return self.by(self.force, e)
 
     def strain(self, d: Float[Array, "2 p *lanes"]) -> Float[Array, "p *lanes"]:
         """Axial strain where the displacement gradient is this."""
@@ -147,27 +155,12 @@ class Element(eqx.Module):
         return x if self.stretching is None else self.stretching * x
 
 
-class Parts(eqx.Module):
-    """An element, in the plane or in space, whose properties have kinks inside: the sum of its
-    parts, each a rule that takes the coordinates of the whole element."""
-
-    each: Any  # an element, whose arrays have a first axis, of parts
-
-    def energy(self, e: Array) -> Number:
-        return total(jax.vmap(lambda part: part.energy(e))(self.each))
-
-    def force(self, e: Array) -> Array:
-        return total(jax.vmap(lambda part: part.force(e))(self.each))
-
-    def tangent(self, e: Array) -> Array:
-        return total(jax.vmap(lambda part: part.tangent(e))(self.each))
-
-
 class Continuum(Element):
     """U = int EA eps^2 + EI r''.r'' dx / 2 and forces int EA eps S'^T r' + EI S''^T r'' dx.
 
     The strain is interpolated from `stations`, where it depends on the displacement gradient. The
-    forces are the gradient of U where eps is the Green strain, d eps = S'^T r' . de.
+    forces are the gradient of U where eps is the Green strain, d eps = S'^T r' . de. What is
+    viscous has the rates of eps and of the two components of r'' in axes that turn with r'.
     """
 
     @property
@@ -184,6 +177,12 @@ class Continuum(Element):
         self, d: Float[Array, "2 k *lanes"]
     ) -> tuple[Float[Array, "k *lanes"], Float[Array, "2 k *lanes"]]:
         """Strain at the stations, and its derivative by d."""
+
+    def strains(self, e: Local) -> Strains:
+        along, curved = _stretched(tabled(self.slopes, e)), tabled(self.curvatures, e)
+        size = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
+        stretching = (along[0] * curved[0] + along[1] * curved[1]) / size
+        return self._strain(e), (along[1] * curved[0] - along[0] * curved[1]) / size, stretching
 
     def _strain(self, e: Local) -> Float[Array, "g *lanes"]:
         return self.interpolated(self.measure(tabled(self.stations, e))[0][None])[0]
@@ -292,10 +291,9 @@ class Engineering(Element):
     # then two coarse meshes agree by chance, and the ladder takes that for convergence.
     tears = True
 
-    def energy(self, e: Local) -> Number:
+    def strains(self, e: Local) -> Strains:
         at = self._at(e)
-        energy = self.pulled(at.strain**2) + self.bending * at.turning**2
-        return _integral(self.weights, energy) / 2
+        return at.strain, at.turning
 
     def force(self, e: Local) -> Local:
         at = self._at(e)
@@ -366,7 +364,7 @@ class ModelZero(Element):
     def along(self, e: Local) -> Float[Array, "2 *lanes"]:
         """Tangent of the frame, less a1, before it is made a unit vector."""
 
-    def energy(self, e: Local) -> Number:
+    def strains(self, e: Local) -> Strains:
         axis = self.along(e)
         size = 1 + elongation(axis)
         # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
@@ -374,8 +372,7 @@ class ModelZero(Element):
         d, tangent = tabled(self.slopes, e), _stretched(lean)
         stretched, curved = _stretched(d), tabled(self.curvatures, e)
         strain = lean[0] * stretched[0] + lean[1] * stretched[1] + d[1]
-        bend = tangent[1] * curved[0] - tangent[0] * curved[1]
-        return _integral(self.weights, self.pulled(strain**2) + self.bending * bend**2) / 2
+        return strain, tangent[1] * curved[0] - tangent[0] * curved[1]
 
 
 class Chord(ModelZero):

@@ -30,12 +30,12 @@ from jaxbeam._models.basis import Basis, Polynomials
 from jaxbeam._models.cartesian import (
     CartesianEquations,
     CartesianModel,
-    Elasticity,
-    LinearElasticity,
     linear_system,
 )
 from jaxbeam._models.coned import coned_system
+from jaxbeam._models.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.pieces import suited
+from jaxbeam._models.strained import viscous
 from jaxbeam._models.tables import all_functions, check_root
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.spanwise import along
@@ -237,6 +237,13 @@ class _VonKarman(Elasticity):
         geometric = self.slope.T @ ((weight * self.strain(gradient))[:, None] * self.slope)
         bends = self.direction[:, 1:] @ self.direction[:, 1:].T
         return rows.T @ (weight[:, None] * rows) + geometric * bends + self.bending
+
+    def viscous(self, q: Vector, v: Vector) -> Vector:
+        def strain(q: Vector) -> Array:
+            return self.strain(self._gradient(q))
+
+        stiffness = self.axial_stiffness * self.length * self.weight
+        return viscous(strain, lambda rate: stiffness * rate, q, v) + self.bending @ v
 
     def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
         return gradient[:, 0] + jnp.sum(gradient[:, 1:] ** 2, 1) / 2

@@ -19,10 +19,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.basis import hermite
-from jaxbeam._models.laws import POINTS, WEIGHTS, Element, Parts, Rule, elongation, gradient_of
+from jaxbeam._models.laws import POINTS, WEIGHTS, Element, Rule, elongation
 from jaxbeam._models.space import GAUSS, SIMPSON, SpatialElement, SpatialRule, spatial_rule
+from jaxbeam._models.strained import EndSprings, Parts
 from jaxbeam._models.tables import section_angle
-from jaxbeam._numerics.lanes import beside, contract
+from jaxbeam._numerics.lanes import contract
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import Property, along
 from jaxbeam._types import Number
@@ -228,8 +229,9 @@ def body_mass(rotor: Rotor) -> Float[Array, "2 2"] | None:
     return jnp.stack([mass, arm, arm, own]).reshape(2, 2)
 
 
-class Ends(eqx.Module):
-    """Elastic energy of what is at the ends, by the displacement gradient d = r' - a1 there.
+class Ends(EndSprings):
+    """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there, with
+    components in the order a2, a1.
 
     A spring at the root has k phi^2 / 2, phi the angle of the tangent. Where a body is at the tip,
     10 EA L eps^2 / 2 keeps r' of the end a unit vector: else the pull of the body, which acts on
@@ -249,27 +251,14 @@ class Ends(eqx.Module):
             self.hold = 10 * axial_stiffness * rotor.beam.length
 
     @property
-    def are_plain(self) -> bool:
-        return self.spring is None and self.hold is None
+    def stiffness(self) -> list[Number]:
+        return [k for k in (self.spring, self.hold) if k is not None]
 
-    def energy(self, d: Float[Array, "2 2 *lanes"]) -> Number:
-        """Of the gradients at root and tip, with components in the order a2, a1."""
-        root, tip = d
-        energy = jnp.zeros_like(root[0])
-        if self.spring is not None:
-            energy = energy + self.spring * jnp.arctan2(root[0], 1 + root[1]) ** 2 / 2
-        if self.hold is not None:
-            energy = energy + self.hold * elongation(tip) ** 2 / 2
-        return energy
-
-    def force(self, d: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 *lanes"]:
-        return gradient_of(self.energy)(d)
-
-    def tangent(self, d: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 2 *lanes"]:
-        """d force / dd of each end."""
-        units: Any = np.eye(2)
-        along = [jnp.broadcast_to(beside(unit[None], d.ndim - 2), d.shape) for unit in units]
-        return jnp.stack([jax.jvp(self.force, (d,), (unit,))[1] for unit in along], 2)
+    def strains(self, e: Float[Array, "2 2 *lanes"]) -> list[Number]:
+        """The angle at the root and the elongation at the tip."""
+        root, tip = e
+        angle = [] if self.spring is None else [jnp.arctan2(root[0], 1 + root[1])]
+        return angle if self.hold is None else [*angle, elongation(tip)]
 
 
 def _inertia(beam: Beam, parts: Cuts, n_elements: int) -> list[Float[Array, "E 4 4"]]:

@@ -28,7 +28,7 @@ element formulation for geometrically exact curved Kirchhoff rods, Comput. Metho
 278, 2014, with the first node's frame as the reference.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -48,6 +48,7 @@ from jaxbeam._models.space_frames import (
     pulled_back_tangent,
     stretched,
 )
+from jaxbeam._models.strained import Strained
 from jaxbeam._numerics.lanes import beside, total
 from jaxbeam._types import Number
 
@@ -104,8 +105,8 @@ def section_angles(e: Float[Array, "p 13"], s: np.ndarray, n_elements: int) -> F
     return jax.vmap(one)(e, *map(jnp.asarray, shapes))
 
 
-class SpatialElement(eqx.Module):
-    """Elastic energy, force and tangent of an element, over EA L:
+class SpatialElement(Strained):
+    """Elastic energy, force and tangent of an element, over EA L, and viscous forces:
 
     int EA (|r'| - 1)^2 + GJ k_1^2 + EI_vv k_v^2 + 2 EI_vw k_v k_w + EI_ww k_w^2 dx / 2,
 
@@ -115,6 +116,7 @@ class SpatialElement(eqx.Module):
     points of stretch, over what would if EA were constant.
     """
 
+    axes: ClassVar[int] = 1
     bending: tuple[Number, Number | None, Number]  # vv, vw (None: zero) and ww over EA L^2
     torsion: Number  # GJ / (EA L^2)
     n_elements: int = eqx.field(static=True)
@@ -124,6 +126,18 @@ class SpatialElement(eqx.Module):
     @property
     def rule(self) -> SpatialRule:
         return spatial_rule(self.n_elements) if self.part is None else self.part
+
+    def strains(self, e: Local) -> tuple[Array, Array]:
+        """eps at the points of stretch, and (k_1, k_v, k_w) at the Gauss points, (3, g)."""
+        strain = elongation(tabled(self.rule.strained, gradients(e)))
+        return strain, self._moments(self._at(deformation(e, self.n_elements)))[0]
+
+    def stresses(self, strains: tuple[Array, Array]) -> tuple[Array, Array]:
+        strain, (twist, v, w) = strains
+        rule, lanes = self.rule, strain.ndim - 1
+        moments = jnp.stack([self.torsion * twist, *self._bends(v, w)])
+        pull = beside(rule.pulls, lanes) * _pulled(self.stretching, strain)
+        return pull, beside(rule.weights[None], lanes) * moments
 
     def energy(self, e: Local) -> Number:
         """Strain energy of one element."""

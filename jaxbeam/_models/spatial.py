@@ -19,25 +19,23 @@ angle, L^2 times a twist. Any array may have further axes, of lanes, behind thos
 (see `kernel`).
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import Equations, Undeformed
+from jaxbeam._models.base import Undeformed
 from jaxbeam._models.basis import Functions, hermite
 from jaxbeam._models.sections import SpatialSections, body_mass
 from jaxbeam._models.space import elongation, section_angles
-from jaxbeam._models.space_frames import A1, axes, deformation
+from jaxbeam._models.space_frames import A1, axes
+from jaxbeam._models.spatial_elasticity import SpatialElasticity
 from jaxbeam._models.spatial_ends import Ends, acting, push, push_tangent
 from jaxbeam._models.spatial_nodes import (
     Nodes,
-    Ways,
     applied,
-    assembled,
     components,
     cross_matrix,
     mass_rows,
@@ -53,11 +51,10 @@ from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Number, Triple, Vector
 
 
-class SpatialEquations(Equations):
+class SpatialEquations(SpatialElasticity):
     """Elements in space on a moving hub, with a mass at the tip.
 
-    Components of a node are in the order `ways`, and the first `absent` numbers of the first node
-    are not coordinates: its values, and the slopes that the root does not let be.
+    Inertia and loads; what is elastic is in `spatial_elasticity.py`.
     """
 
     mass: BlockTridiagonal
@@ -67,13 +64,9 @@ class SpatialEquations(Equations):
     energy_scale: Number
     straight: Nodes  # of X a1
     gram: Float[Array, "k 2 3 2 *#lanes"]  # mass matrix of each component of displacement, by rows
-    sections: SpatialSections
     tip_mass: Float[Array, "2 2 *#lanes"]
     tip_polar: Number
-    ends: Ends
     axes: Float[Array, "3 3 *#lanes"] | None  # rows: of the beam in those of the hub
-    ways: Ways = eqx.field(static=True)
-    absent: int = eqx.field(static=True)
 
     takes_lanes: ClassVar[bool] = True
     takes_moments: ClassVar[bool] = True
@@ -136,7 +129,7 @@ class SpatialEquations(Equations):
         at_tip = self._borne(field[-1])
         if tip_force is not None:
             at_tip = at_tip - self._pushed(tip_force, q)
-        return -self._gathered(own, at_tip, q)
+        return -self._gathered(own, at_tip, self._at_ends(self.ends.force, q))
 
     def tangents(
         self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | TipLoad | None
@@ -148,46 +141,6 @@ class SpatialEquations(Equations):
         if isinstance(tip_force, TipLoad):
             k = k + self._matrix(-self._pushed_tangent(tip_force, q))
         return k, c
-
-    def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
-        scale = self.sections.axial_stiffness / self.size
-
-        def one(part: Any, local: Array) -> Array:
-            tangent = scale * part.law.tangent(self._strains(local))
-            half = jax.vmap(self._on_nodes)(tangent)
-            both = jax.vmap(self._on_nodes)(half.reshape(13, 16, *half.shape[4:]).swapaxes(0, 1))
-            return both.reshape(16, 16, *both.shape[4:])
-
-        rows = assembled(self.sections.by_element(one, of_elements(self._nodes(q))))
-        if not self.ends.are_plain:
-            tangents = self.ends.tangents(*self._at_ends(q))
-            for i, tangent in zip((0, -1), tangents, strict=True):
-                rows = rows + self._at_node(i, tangent / self.size**2)
-        return self._matrix(rows)
-
-    def elastic_force(self, q: Vector) -> Vector:
-        own = self.sections.by_element(self._elastic, of_elements(self._nodes(q)))
-        return self._gathered(own, jnp.zeros_like(own[-1, -1]), q)
-
-    def strain_energy(self, q: Vector) -> Number:
-        each = self.sections.by_element(
-            lambda part, local: part.law.energy(self._strains(local)), of_elements(self._nodes(q))
-        )
-        energy = self.sections.axial_stiffness * self.size * total(each)
-        return energy if self.ends.are_plain else energy + self.ends.energy(*self._at_ends(q))
-
-    def is_in_range(self, q: Vector) -> Array:
-        """Whether no element turns or twists by a right angle, or is stretched by a half at one of
-        its nodes."""
-
-        def one(part: Any, local: Array) -> Array:
-            natural = deformation(self._strains(local), self.sections.n_elements)
-            end = jnp.linalg.norm(natural[4:7])
-            stretch = jnp.maximum(jnp.abs(natural[0] - 1), jnp.abs(end - 1))
-            turns = (natural[4] > 0) & (jnp.abs(natural[8]) < np.pi / 2)
-            return turns & (stretch < 0.5)
-
-        return jnp.all(self.sections.by_element(one, of_elements(self._nodes(q))))
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u', and for the
@@ -297,30 +250,6 @@ class SpatialEquations(Equations):
         shapes = Functions(*(a[None] for a in hermite(s, 1 / self.sections.n_elements)))
         return shapes, of_elements(self._nodes(q))[index].reshape(-1, 4, 4)
 
-    def _elastic(self, part: Any, local: Float[Array, "2 2 4 *#lanes"]) -> Array:
-        """Of an element, (2, 2, 4, *lanes)."""
-        return self.sections.axial_stiffness * self._on_nodes(part.law.force(self._strains(local)))
-
-    def _strains(self, local: Float[Array, "2 2 4 *#lanes"]) -> Float[Array, "13 *#lanes"]:
-        """The local coordinates of `space.py`."""
-        first, last = local
-        chord = self.sections.n_elements * (last[0] - first[0])
-        gradient = jnp.stack([self._seen(d) for d in (first[1], chord, last[1])], 1)
-        twist = jnp.stack([first[0, 3], first[1, 3], last[0, 3], last[1, 3]])
-        return jnp.concatenate([gradient.reshape(9, *twist.shape[1:]), twist]) / self.size
-
-    def _on_nodes(self, e: Float[Array, "13 *#lanes"]) -> Float[Array, "2 2 4 *#lanes"]:
-        """From what belongs to these to what belongs to nodes: the transpose of `_strains`, but for
-        the length."""
-        by = e[:9].reshape(3, 3, *e.shape[1:])
-        first, chord, last = (self._ordered(by[:, j], e[9] * 0) for j in range(3))
-        chord = self.sections.n_elements * chord
-        parts = [
-            jnp.concatenate([force[:3], twist[None]])
-            for force, twist in zip((-chord, first, chord, last), e[9:], strict=True)
-        ]
-        return jnp.stack(parts).reshape(2, 2, 4, *e.shape[1:])
-
     def _borne(self, field: Float[Array, "2 4 *#lanes"]) -> Float[Array, "2 4 *#lanes"]:
         """Mass matrix at the tip times a field there."""
         moved = contract(self.tip_mass[:, :, None], field[None], 1, field.ndim - 2)
@@ -339,14 +268,6 @@ class SpatialEquations(Equations):
         """In axes of the hub what is in axes of the beam."""
         return vector if self.axes is None else applied(self.axes.swapaxes(0, 1), vector)
 
-    def _seen(self, node: Float[Array, "4 *#lanes"]) -> Triple:
-        """The components of a displacement in the order a1, a2, a3."""
-        return jnp.stack([node[self.ways.index(c)] for c in range(3)])
-
-    def _ordered(self, vector: Triple, twist: Number) -> Float[Array, "4 *#lanes"]:
-        """In the order of a node."""
-        return jnp.stack([*(vector[c] for c in self.ways[:3]), twist])
-
     def _nodal(self, vectors: Float[Array, "k 2 3"]) -> Nodes:
         """Of vectors in the order a1, a2, a3, without twist."""
         ordered = [vectors[:, :, c] for c in self.ways[:3]]
@@ -357,41 +278,6 @@ class SpatialEquations(Equations):
         value = self._ordered(field[:3], field[3])
         return jnp.stack([value, jnp.zeros_like(value)])[None]
 
-    def _four(self, matrix: Float[Array, "3 3 *#lanes"]) -> Float[Array, "4 4 *#lanes"]:
-        """A matrix of displacements in the order of a node, zero for the twist."""
-        none = jnp.zeros_like(matrix[0, 0])
-        rows = [[matrix[c, d] for d in self.ways[:3]] + [none] for c in self.ways[:3]]
-        return jnp.stack([jnp.stack(row) for row in [*rows, [none] * 4]])
-
     def _by(self, matrix: Float[Array, "3 3 *#lanes"], nodes: Nodes) -> Nodes:
         """A matrix times the displacements of all nodes."""
         return contract(self._four(matrix)[None, None], nodes[:, :, None], 3, nodes.ndim - 3)
-
-    def _nodes(self, q: Vector) -> Nodes:
-        """Coordinates node by node, those of the clamped node included."""
-        return padded(q, self.absent, 0).reshape(-1, 2, 4, *q.shape[1:])
-
-    def _at_ends(self, q: Vector) -> tuple[Triple, Triple]:
-        """Displacement gradient at root and tip."""
-        nodes = self._nodes(q)
-        return self._seen(nodes[0, 1]) / self.size, self._seen(nodes[-1, 1]) / self.size
-
-    def _matrix(self, rows: Float[Array, "k 8 24 *#lanes"]) -> BlockTridiagonal:
-        return BlockTridiagonal(rows, absent=self.absent)
-
-    def _at_node(self, i: int, block: Float[Array, "3 3 *#lanes"]) -> Array:
-        """Rows in which this is on the slopes of the first (0) or the last (-1) node."""
-        lanes, more = block.shape[2:], len(self.straight) - 1
-        row = jnp.pad(self._four(block), ((4, 0), (12, 8), *((0, 0),) * len(lanes)))[None]
-        return padded(row, -i * more, (1 + i) * more)
-
-    def _gathered(self, local: Float[Array, "E 2 2 4 *#lanes"], at_tip: Array, q: Vector) -> Vector:
-        """Sum of what elements do at nodes, of a force at the tip, and of what is at the ends."""
-        own = padded(local[:, 0], 0, 1) + padded(local[:, 1], 1, 0)
-        own = own + padded(at_tip[None], len(local), 0)
-        if not self.ends.are_plain:
-            for i, force in zip((0, -1), self.ends.forces(*self._at_ends(q)), strict=True):
-                slope = self._ordered(force / self.size, jnp.zeros_like(force[0]))
-                node = jnp.stack([jnp.zeros_like(slope), slope])[None]
-                own = own + padded(node, -i * len(local), (1 + i) * len(local))
-        return own.reshape(-1, *local.shape[4:])[self.absent :]

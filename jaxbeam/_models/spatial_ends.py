@@ -2,15 +2,14 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.laws import gradient_of
 from jaxbeam._models.space import elongation
 from jaxbeam._models.space_frames import A1, axes, carried
+from jaxbeam._models.strained import EndSprings
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import TipLoad
@@ -18,7 +17,7 @@ from jaxbeam._rotor.motion import cross
 from jaxbeam._types import Number, Triple
 
 
-class Ends(eqx.Module):
+class Ends(EndSprings):
     """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there; see
     the one of elements in the plane. A spring at the root has k phi^2 / 2, phi the component about
     its axis of the least rotation from a1 to the tangent."""
@@ -33,31 +32,15 @@ class Ends(eqx.Module):
             self.hold = 10 * axial_stiffness * rotor.beam.length
 
     @property
-    def are_plain(self) -> bool:
-        return self.springs == (None, None) and self.hold is None
+    def stiffness(self) -> list[Number]:
+        return [k for k in (*self.springs, self.hold) if k is not None]
 
-    def energy(self, root: Triple, tip: Triple) -> Number:
-        energy = jnp.zeros_like(root[0])
-        for spring, angle in zip(self.springs, _angles(root), strict=True):
-            if spring is not None:
-                energy = energy + spring * angle**2 / 2
-        if self.hold is not None:
-            energy = energy + self.hold * elongation(tip) ** 2 / 2
-        return energy
-
-    def forces(self, root: Triple, tip: Triple) -> tuple[Triple, Triple]:
-        """By both gradients."""
-        return (
-            gradient_of(lambda d: self.energy(d, tip))(root),
-            gradient_of(lambda d: self.energy(root, d))(tip),
-        )
-
-    def tangents(self, root: Triple, tip: Triple) -> list[Float[Array, "3 3 *#lanes"]]:
-        """Derivative of each force by its own gradient; there is none by the other."""
-        units: Any = np.eye(3)
-        along = [jnp.broadcast_to(beside(unit, root.ndim - 1), root.shape) for unit in units]
-        columns = [jax.jvp(self.forces, (root, tip), (unit, unit))[1] for unit in along]
-        return [jnp.stack([column[i] for column in columns], 1) for i in (0, 1)]
+    def strains(self, e: Float[Array, "2 3 *lanes"]) -> list[Number]:
+        """Angles at the root and the elongation at the tip."""
+        root, tip = e
+        angles = zip(self.springs, _angles(root), strict=True)
+        strains = [angle for spring, angle in angles if spring is not None]
+        return strains if self.hold is None else [*strains, elongation(tip)]
 
 
 def _angles(d: Triple) -> tuple[Number, Number]:

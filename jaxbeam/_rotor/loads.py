@@ -109,12 +109,17 @@ class Loads(eqx.Module):
 
 
 class Damping(eqx.Module):
-    """Proportional damping: forces -(mass dT/dq' + stiffness d/dt elastic_force(q)).
+    """Proportional damping: forces -(mass dT/dq' + stiffness B^T D B q').
 
     `mass` in 1/s, `stiffness` in s, both >= 0: a mode of frequency w at rest has the damping ratio
-    (mass / w + stiffness w) / 2. T is the kinetic energy seen from the hub. Stiffness damping is of
-    the coordinates of a model: `DiscreteNC` and `DiscreteNP` agree in it to first order only. None
-    leaves a term out.
+    (mass / w + stiffness w) / 2. T is the kinetic energy seen from the hub. B is d strain/dq and D
+    the stiffness of the strains: `stiffness` is the damping of a material (Kelvin and Voigt), with
+    stresses EA eps', EI kappa' and GJ k_1' beside those of elasticity, and takes twice the energy
+    of the rates of strain. So rigid motion is not damped, nor is stress that only turns with the
+    beam, however large: with phi^T M phi = 1 a mode decays at the rate stiffness phi^T K phi / 2,
+    K the stiffness without what tension adds to it. In theories that are linear B^T D B is K. The
+    springs of a root, and of the discrete models, are such a material, too: a rod that swings on
+    one is damped by the moment stiffness k phi'. None leaves a term out.
     """
 
     mass: Scalar | None

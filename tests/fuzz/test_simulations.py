@@ -204,7 +204,7 @@ def books(scene, t, y):
     lost = equations.nonconservative_force(y.q)
     if (damping := scene.damping).mass is not None:
         lost += damping.mass * jax.grad(equations.kinetic_energy, 1)(y.q, y.v, none, none)
-        lost += damping.stiffness * jax.jvp(equations.elastic_force, (y.q,), (y.v,))[1]
+        lost += damping.stiffness * equations.viscous_force(y.q, y.v)
 
     def energies(t, y):
         rigid = carried_by(scene.hub(t))[0]

@@ -1,0 +1,232 @@
+"""Damping by the rates of strain: its power, what it leaves alone, and rates of decay at speed."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam._numerics.linalg import dense
+from tests.helpers import AS_BUILT, DISCRETE, ELEMENTS, YIELDING, finite_difference, name
+from tests.models.test_equations import random_state
+
+BEAM = jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0, torsional_stiffness=400.0)
+LONG = jb.Rotor(BEAM, 0.5)
+SHORT = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, torsional_stiffness=6.0), 0.4)
+SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
+# As `AS_BUILT`, without what elements in the plane have not.
+STEPPED = jb.Rotor(
+    jb.Beam(2.0, 1.3, jb.Spanwise([0, 0.3, 0.3, 1], [4e3, 4e3, 3e3, 2e3]), 11.0, 7.0), 0.4, 0.3,
+    root=jb.RootSprings(in_plane=40.0), tip=jb.TipBody(offset=0.1, inertia=0.02),
+)  # fmt: skip
+C, SPEEDS = jnp.array(2e-3), np.array([0.0, 10.0, 20.0])
+KINDS = [jb.EngineeringANCF, jb.GreenANCF, jb.ANCF, jb.models.ChordANCF, jb.models.TangentANCF]
+
+
+def slow(*values):
+    return [pytest.param(*each, marks=pytest.mark.slow) for each in values]
+
+
+def decay(model, rotor, damping):
+    """Rates of decay of the first in-plane mode at all speeds: eigenvalues of the derivatives of
+    the forces about steady rotation."""
+    zero = jnp.zeros(())
+
+    @jax.jit
+    @jax.vmap
+    def linearised(speed):
+        scene = jb.results.Scene(model, rotor, jb.ConstantSpeed(speed), jb.Loads(), damping)
+        q = jnp.zeros(len(model.families))
+        if not scene.is_linear:
+            q, _ = model.steady(rotor, speed)
+        k, c = jax.jacfwd(scene.force, (1, 2))(scene.inputs(zero), q, jnp.zeros_like(q))
+        return dense(scene.mass), k, c
+
+    families = [f in (jb.models.Family.AXIAL, jb.models.Family.IN_PLANE) for f in model.families]
+    own = np.ix_(np.flatnonzero(families), np.flatnonzero(families))
+    found = []
+    for m, k, c in zip(*map(np.asarray, linearised(SPEEDS)), strict=True):
+        light = np.linalg.solve(m[own], np.hstack([k[own], c[own]]))
+        n = len(light)
+        each = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), light]))
+        each = each[each.imag > 1e-6]
+        found.append(-each[np.argmin(each.imag)].real)
+    return np.array(found)
+
+
+def expected():
+    """c phi^T K phi / 2 of the beam without stretch, K its elastic stiffness, phi^T M phi = 1."""
+    model = jb.Hybrid(0, 10, 0)
+    elastic = np.asarray(model.linearise(LONG, 0.0).stiffness)
+    found = []
+    for speed in SPEEDS:
+        system = model.linearise(LONG, speed)
+        root = np.linalg.inv(np.linalg.cholesky(system.mass))
+        phi = root.T @ np.linalg.eigh(root @ system.stiffness @ root.T)[1][:, 0]
+        found.append(C * phi @ elastic @ phi / 2)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("model", "within"),
+    [
+        (jb.Hybrid(4, 10, 0), 6e-3),
+        (jb.EngineeringANCF(8), 3e-2),
+        *slow(
+            (jb.GreenANCF(16), 5e-3),
+            (jb.ANCF(16), 5e-3),
+            (jb.models.SmallStrainANCF(16), 5e-3),
+            (jb.models.ChordANCF(40), 2e-2),
+            (jb.VonKarman(20, 10, 0), 5e-3),
+            (jb.SpatialANCF(16), 5e-3),
+        ),
+    ],
+    ids=name,
+)
+def test_rates_of_decay_at_speed(model, within):
+    """Tension stiffens, but does not damp."""
+    found = decay(model, LONG, jb.Damping(stiffness=C))
+    np.testing.assert_allclose(found, expected(), rtol=within)
+
+
+@pytest.mark.parametrize("kind", [KINDS[0], *slow(*((k,) for k in KINDS[1:]))])
+def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
+    """Of a rod bent and stretched as it may be: moment c k omega, and nothing on any other
+    coordinate."""
+    n, spring, spin = 3, 40.0, 0.7
+    rotor = jb.Rotor(SHORT.beam, 0.4, root=jb.RootSprings(in_plane=spring))
+    model = kind(n, root_yields=True)
+    _, q, _ = random_state(model, 3, True)
+    # L w' and L u' of the root, then w, L w', u, L u' of the other nodes, about the root.
+    along = np.append([2.0], np.stack([2.0 * np.arange(1, n + 1) / n, np.full(n, 2.0)], 1))
+    across, lengthwise = np.r_[0, 2:4, 6:8, 10:12], np.r_[1, 4:6, 8:10, 12:14]
+    v = jnp.zeros_like(q).at[across].set(spin * (along + q[lengthwise]))
+    v = v.at[lengthwise].set(-spin * q[across])
+    force = jax.jit(lambda q, v: model.equations(rotor).damping(q, v, None, C))(q, v)
+    np.testing.assert_allclose(force @ v, C * spring * spin**2, rtol=1e-10)
+    np.testing.assert_allclose(force[2:], 0.0, atol=1e-13)
+    strained = jax.jit(lambda q, v: model.equations(rotor).damping(q, v, None, C))(q, 1.1 * v + q)
+    assert np.abs(strained[2:]).max() > 0.1  # what is not rigid is damped
+
+
+@pytest.mark.slow
+def test_rigid_motions_in_space_are_not_damped():
+    """Of a rod bent both ways and twisted, on springs of no strength: it can turn two ways about
+    its root, which does not twist, and the third is the sum of turns of its sections."""
+    model = jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True)
+    rotor = jb.Rotor(SHORT.beam, 0.4, root=jb.RootSprings(in_plane=1e-9, flap=1e-9))
+    _, q, v = random_state(model, 3, False)
+
+    @jax.jit
+    def matrix(q):
+        return dense(model.equations(rotor).viscous_tangents(q, v)[1])
+
+    c = np.asarray(matrix(q))
+    np.testing.assert_allclose(c, c.T, atol=1e-10 * np.abs(c).max())
+    least = np.linalg.eigvalsh(c)
+    assert np.abs(least[:2]).max() < 1e-7
+    assert least[2] > 1e-2
+
+
+@pytest.mark.parametrize(
+    ("model", "rotor"),
+    [(jb.EngineeringANCF(2), SHORT), *slow((jb.VonKarman(5, 3, 2), SHORT))],
+    ids=name,
+)
+def test_power_is_twice_the_energy_of_the_rates_of_strain(model, rotor):
+    """c int EA eps'^2 + EI kappa'^2 dx, by strain and curvature as results give them."""
+    _, q, v = random_state(model, 1, jb.models.Family.FLAP not in model.families)
+    x, w = np.polynomial.legendre.leggauss(5)
+    xi = np.ravel((np.arange(2)[:, None] + (1 + x) / 2) / 2)
+    dx = np.tile(w, 2) * rotor.beam.length / 4
+
+    @jax.jit
+    def both(q, v):
+        equations = model.equations(rotor)
+        strain = jax.jvp(lambda q: equations.strain(q, xi), (q,), (v,))[1]
+        bend = jax.jvp(lambda q: equations.curvature(q, xi), (q,), (v,))[1]
+        stiffness = jnp.stack([
+            rotor.beam.in_plane_bending_stiffness, rotor.beam.flap_bending_stiffness
+        ])  # fmt: skip
+        power = rotor.beam.axial_stiffness * strain**2 + bend**2 @ stiffness
+        return equations.damping(q, v, None, C) @ v, C * dx @ power
+
+    given, found = both(q, v)
+    np.testing.assert_allclose(given, found, rtol=1e-9)
+
+
+EVERY = [(model, SHORT) for model in [jb.VonKarman(5, 3, 2), *ELEMENTS[1:], jb.SpatialANCF(2)]]
+EVERY += [(kind(2, root_yields=True), STEPPED) for kind in KINDS] + [(m, SPRINGS) for m in DISCRETE]
+EVERY += [(m, AS_BUILT) for m in YIELDING]
+
+
+@pytest.mark.parametrize(
+    ("model", "rotor"), [(jb.GreenANCF(2), SHORT), (DISCRETE[0], SPRINGS), *slow(*EVERY)], ids=name
+)
+def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
+    """About the undeformed beam it is the stiffness, of any theory; anywhere the matrix of damping
+    is symmetric and not negative, and its tangents are derivatives."""
+    _, q, v = random_state(model, 2, jb.models.Family.FLAP not in model.families)
+
+    @jax.jit
+    def found(q, v):
+        equations = model.equations(rotor)
+        rest = jnp.zeros_like(q)
+        at_rest = equations.viscous_force(rest, v), jax.jvp(
+            equations.elastic_force, (rest,), (v,)
+        )[1]  # fmt: skip
+        given = equations.damping_tangents(q, v, None, C)
+        exact = jax.jacfwd(
+            lambda q, v: equations.as_force(q, equations.damping(q, v, None, C)), (0, 1)
+        )(q, v)
+        matrix = jax.jacfwd(equations.viscous_force, 1)(q, v)
+        return at_rest, [dense(a) for a in given], exact, matrix
+
+    at_rest, given, exact, matrix = found(q, v)
+    np.testing.assert_allclose(*at_rest, rtol=1e-9, atol=1e-10 * np.abs(at_rest[1]).max())
+    for a, b in zip(given, exact, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-11 * np.abs(b).max())
+    np.testing.assert_allclose(matrix, matrix.T, rtol=1e-10, atol=1e-11 * np.abs(matrix).max())
+    assert np.linalg.eigvalsh(matrix)[0] > -1e-10 * np.abs(matrix).max()
+
+
+def test_discrete_coordinates_do_not_matter():
+    """Exact springs have one power, by x and y as by s and theta."""
+    polar = jb.models.DiscreteNP().equations(SPRINGS)
+    s, rate = jnp.array([0.1, 0.7]), jnp.array([-0.4, 1.3])
+    q, v = jax.jvp(polar.place, (s,), (rate,))
+    power = jb.models.DiscreteNC().equations(SPRINGS).viscous_force(q, v) @ v
+    np.testing.assert_allclose(power, 600.0 * 0.4**2 + 30.0 * 1.3**2, rtol=1e-12)
+    np.testing.assert_allclose(polar.viscous_force(s, rate) @ rate, power, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_floquet_of_damped_elements_at_a_constant_speed():
+    """Multipliers decay as the linearised forces say."""
+    model, period = jb.EngineeringANCF(2), 0.3
+    found = jb.floquet(
+        model, LONG, jb.ConstantSpeed(20.0), period=period, damping=jb.Damping(stiffness=C),
+        steps=512,
+    )  # fmt: skip
+    slowest = np.log(np.abs(found.multipliers)).max() / period
+    rate = decay(model, LONG, jb.Damping(stiffness=C))[-1]
+    np.testing.assert_allclose(-slowest, rate, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_gradient_and_batch_by_the_coefficient():
+    """Of a spin-up of elements, against differences, and each of a batch as it is alone."""
+    times = jnp.linspace(0.0, 0.8, 9)
+
+    def end(c):
+        return jb.simulate(
+            jb.EngineeringANCF(2), SHORT, jb.SmoothSpinUp(3.0, 0.5), times,
+            damping=jb.Damping(stiffness=c), throw=False, dt0=0.01, max_steps=128,
+            stepsize_controller=diffrax.ConstantStepSize(),
+        ).tip[-1, 1]  # fmt: skip
+
+    each = jnp.array([1e-3, 5e-3])
+    value, slope = jax.jit(jax.vmap(jax.value_and_grad(end)))(each)
+    np.testing.assert_allclose(value, [jax.jit(end)(c) for c in each], rtol=1e-12)
+    np.testing.assert_allclose(slope[1], finite_difference(jax.jit(end), 5e-3, 1e-6), rtol=1e-6)
