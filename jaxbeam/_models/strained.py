@@ -16,7 +16,6 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.lanes import beside, contract, total
@@ -157,6 +156,6 @@ class EndSprings(Strained):
 
     def by(self, function: Callable[[Array], Array], e: Array) -> Float[Array, "2 c c *lanes"]:
         """Of each force by its own gradient; there is none by the other."""
-        units: Any = np.eye(e.shape[1])
-        along = [jnp.broadcast_to(beside(unit[None], e.ndim - 2), e.shape) for unit in units]
-        return jnp.stack([jax.jvp(function, (e,), (unit,))[1] for unit in along], 2)
+        push, units = jax.linearize(function, e)[1], jnp.eye(e.shape[1], dtype=e.dtype)[:, None]
+        along = jnp.broadcast_to(beside(units, e.ndim - 2), (e.shape[1], *e.shape))
+        return jax.vmap(push, out_axes=2)(along)

@@ -50,7 +50,7 @@ def decay(model, rotor, damping):
         light = np.linalg.solve(m[own], np.hstack([k[own], c[own]]))
         n = len(light)
         each = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), light]))
-        each = each[each.imag > 1e-6]
+        each = each[each.imag > np.abs(each.real)]  # not overdamped
         found.append(-each[np.argmin(each.imag)].real)
     return np.array(found)
 
@@ -77,7 +77,7 @@ def expected():
             (jb.GreenANCF(16), 5e-3),
             (jb.ANCF(16), 5e-3),
             (jb.models.SmallStrainANCF(16), 5e-3),
-            (jb.models.ChordANCF(40), 2e-2),
+            (jb.models.ChordANCF(8), 8e-2),
             (jb.VonKarman(20, 10, 0), 5e-3),
             (jb.SpatialANCF(16), 5e-3),
         ),
@@ -130,14 +130,13 @@ def test_rigid_motions_in_space_are_not_damped():
 
 
 @pytest.mark.parametrize(
-    ("model", "rotor"),
-    [(jb.EngineeringANCF(2), SHORT), *slow((jb.VonKarman(5, 3, 2), SHORT))],
-    ids=name,
+    ("model", "points"), [(jb.EngineeringANCF(2), 5), *slow((jb.VonKarman(5, 3, 2), 12))], ids=name
 )
-def test_power_is_twice_the_energy_of_the_rates_of_strain(model, rotor):
+def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
     """c int EA eps'^2 + EI kappa'^2 dx, by strain and curvature as results give them."""
+    rotor = SHORT
     _, q, v = random_state(model, 1, jb.models.Family.FLAP not in model.families)
-    x, w = np.polynomial.legendre.leggauss(5)
+    x, w = np.polynomial.legendre.leggauss(points)
     xi = np.ravel((np.arange(2)[:, None] + (1 + x) / 2) / 2)
     dx = np.tile(w, 2) * rotor.beam.length / 4
 
@@ -228,5 +227,8 @@ def test_gradient_and_batch_by_the_coefficient():
 
     each = jnp.array([1e-3, 5e-3])
     value, slope = jax.jit(jax.vmap(jax.value_and_grad(end)))(each)
-    np.testing.assert_allclose(value, [jax.jit(end)(c) for c in each], rtol=1e-12)
-    np.testing.assert_allclose(slope[1], finite_difference(jax.jit(end), 5e-3, 1e-6), rtol=1e-6)
+    one = jax.jit(end)
+    np.testing.assert_allclose(value, [one(c) for c in each], rtol=1e-12)
+    np.testing.assert_allclose(
+        slope[1], finite_difference(lambda c: one(c[0]), each[1:])[0], rtol=1e-6
+    )
