@@ -10,6 +10,7 @@ import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
 from tests.helpers import AS_BUILT, DISCRETE, ELEMENTS, YIELDING, finite_difference, name
 from tests.models.test_equations import random_state
+from tests.tiers import exhaustive, slow
 
 BEAM = jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0, torsional_stiffness=400.0)
 LONG = jb.Rotor(BEAM, 0.5)
@@ -24,8 +25,8 @@ C, SPEEDS = jnp.array(2e-3), np.array([0.0, 10.0, 20.0])
 KINDS = [jb.EngineeringANCF, jb.GreenANCF, jb.ANCF, jb.models.ChordANCF, jb.models.TangentANCF]
 
 
-def slow(*values):
-    return [pytest.param(*each, marks=pytest.mark.slow) for each in values]
+def rest(*cases):
+    return [exhaustive(*case) for case in cases]
 
 
 def decay(model, rotor, damping):
@@ -72,13 +73,13 @@ def expected():
     ("model", "within"),
     [
         (jb.Hybrid(4, 10, 0), 6e-3),
-        (jb.EngineeringANCF(8), 3e-2),
-        *slow(
+        slow(jb.EngineeringANCF(8), 3e-2),
+        slow(jb.VonKarman(20, 10, 0), 5e-3),
+        *rest(
             (jb.GreenANCF(16), 5e-3),
             (jb.ANCF(16), 5e-3),
             (jb.models.SmallStrainANCF(16), 5e-3),
             (jb.models.ChordANCF(8), 8e-2),
-            (jb.VonKarman(20, 10, 0), 5e-3),
             (jb.SpatialANCF(16), 5e-3),
         ),
     ],
@@ -90,7 +91,7 @@ def test_rates_of_decay_at_speed(model, within):
     np.testing.assert_allclose(found, expected(), rtol=within)
 
 
-@pytest.mark.parametrize("kind", [KINDS[0], *slow(*((k,) for k in KINDS[1:]))])
+@pytest.mark.parametrize("kind", [KINDS[0], *rest(*((k,) for k in KINDS[1:]))])
 def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
     """Of a rod bent and stretched as it may be: moment c k omega, and nothing on any other
     coordinate."""
@@ -110,7 +111,7 @@ def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
     assert np.abs(strained[2:]).max() > 0.1  # what is not rigid is damped
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_rigid_motions_in_space_are_not_damped():
     """Of a rod bent both ways and twisted, on springs of no strength: it can turn two ways about
     its root, which does not twist, and the third is the sum of turns of its sections."""
@@ -130,7 +131,7 @@ def test_rigid_motions_in_space_are_not_damped():
 
 
 @pytest.mark.parametrize(
-    ("model", "points"), [(jb.EngineeringANCF(2), 5), *slow((jb.VonKarman(5, 3, 2), 12))], ids=name
+    ("model", "points"), [(jb.EngineeringANCF(2), 5), *rest((jb.VonKarman(5, 3, 2), 12))], ids=name
 )
 def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
     """c int EA eps'^2 + EI kappa'^2 dx, by strain and curvature as results give them."""
@@ -161,7 +162,7 @@ EVERY += [(m, AS_BUILT) for m in YIELDING]
 
 
 @pytest.mark.parametrize(
-    ("model", "rotor"), [(jb.GreenANCF(2), SHORT), (DISCRETE[0], SPRINGS), *slow(*EVERY)], ids=name
+    ("model", "rotor"), [(jb.GreenANCF(2), SHORT), (DISCRETE[0], SPRINGS), *rest(*EVERY)], ids=name
 )
 def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
     """About the undeformed beam it is the stiffness, of any theory; anywhere the matrix of damping
@@ -200,7 +201,7 @@ def test_discrete_coordinates_do_not_matter():
     np.testing.assert_allclose(polar.viscous_force(s, rate) @ rate, power, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_floquet_of_damped_elements_at_a_constant_speed():
     """Multipliers decay as the linearised forces say."""
     model, period = jb.EngineeringANCF(2), 0.3
@@ -213,7 +214,7 @@ def test_floquet_of_damped_elements_at_a_constant_speed():
     np.testing.assert_allclose(-slowest, rate, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_gradient_and_batch_by_the_coefficient():
     """Of a spin-up of elements, against differences, and each of a batch as it is alone."""
     times = jnp.linspace(0.0, 0.8, 9)
