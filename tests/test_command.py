@@ -139,7 +139,7 @@ def test_southwell_at_one_speed(command, tmp_path):
     np.testing.assert_allclose(coefficient, expected.coefficient, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_histories_of_a_spin_up(command, tmp_path):
     code, said, _ = command(SPIN_UP)
     assert code == 0

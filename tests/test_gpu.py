@@ -12,7 +12,6 @@ from jaxbeam._numerics import platforms
 from jaxbeam._numerics.batches import CPU_LANES
 from jaxbeam._vibration.banded import bands_of
 from jaxbeam._vibration.wanted import choose
-from tests.tiers import slow
 
 SIZE = 301
 BEAM = jb.Beam.from_slenderness(300.0)
@@ -44,7 +43,7 @@ def as_with_a_gpu(monkeypatch):
 @pytest.mark.usefixtures("as_with_a_gpu")
 @pytest.mark.parametrize(
     "case",
-    [slow(lowest(jb.Hybrid(4, 8, 8))), lowest(jb.EngineeringANCF(4)), spun_up],
+    [lowest(jb.Hybrid(4, 8, 8)), lowest(jb.EngineeringANCF(4)), spun_up],
     ids=["modes", "modes of elements", "spin-ups"],
 )
 def test_all_lanes_at_once_and_no_calls_of_libraries(case):

@@ -87,7 +87,7 @@ INVALID = jb.Status.INVALID_TIP_MASS
         exhaustive(hybrid, {"speed": 100.0}, jb.Status.MAX_STEPS),
         exhaustive(classical, {"speed": 40.0}, jb.Status.DIVERGED),
         exhaustive(elements, NAN, INVALID),
-        slow(modes_in_space, NAN, INVALID),
+        exhaustive(modes_in_space, NAN, INVALID),
         exhaustive(in_space, NAN, INVALID),
     ],
 )

@@ -97,7 +97,7 @@ def test_frequencies_without_noise_give_the_parameters_back(frequencies):
         assert relative(found) < 1e-8
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_unlabelled_frequencies_with_gaps_in_any_order(frequencies):
     """Columns shuffled, the lowest mode missed at one speed, no labels."""
     rng = np.random.default_rng(5)
@@ -121,6 +121,7 @@ def test_unlabelled_frequencies_with_gaps_in_any_order(frequencies):
     assert relative(found, truth) < 1e-8
 
 
+@pytest.mark.slow
 def test_columns_are_in_the_order_of_the_labels():
     seen = 3.516 * np.sqrt([[4000.0, 1000.0]])  # flap, and then in plane
 
@@ -280,6 +281,7 @@ def line(x, y, noise=1.0):
     return lambda a, b: Line(a, b, jnp.asarray(y), noise * jnp.ones(len(y)))
 
 
+@pytest.mark.slow
 def test_a_search_that_cannot_get_lower_has_arrived():
     """At the minimum the sum of squares is all rounding, and no step is seen to be one downhill."""
     x = np.linspace(-1.0, 2.0, 12)
@@ -344,6 +346,7 @@ def test_residuals_larger_than_the_noise_are_reported():
     assert "residuals are larger than the noise explains" in str(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", [0.0, -0.01])
 def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
     """An intercept at or below its bound: the data tell it as well as anywhere else."""
@@ -365,6 +368,7 @@ def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
     assert 1.95 * wanted < high < 2.06 * wanted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("guess", [0.0, 1e-3, 1e3])
 def test_whether_data_tell_a_parameter_does_not_depend_on_units(guess):
     x = np.linspace(-1.0, 1.0, 20)

@@ -58,7 +58,7 @@ CASES = [
     Case(jb.Hybrid(0, 1, 0), "modulated", "loads", diffrax.Tsit5(), "adaptive"),
     Case(jb.Classical(1, 2, 0), "constant", "start"),
     Case(jb.VonKarman(3, 2, 0), "quintic", "damping"),
-    slow(Case(jb.GreenANCF(4), "up and down", "loads damping")),
+    Case(jb.GreenANCF(4), "up and down", "loads damping"),
     Case(jb.GreenANCF(2), "quintic", "", jb.solvers.ChordKvaerno5(), "fixed"),
     Case(jb.ANCF(2), "quintic", "loads"),
     Case(jb.models.ChordANCF(2), "smooth", "damping"),

@@ -107,11 +107,11 @@ def in_table(twist=None):
 @pytest.mark.parametrize(
     ("build", "basis", "close"),
     [
-        (stepped, PiecewisePolynomials((0, 0.5, 1), 12), 1e-9),
+        slow(stepped, PiecewisePolynomials((0, 0.5, 1), 12), 1e-9),
         (in_table, PiecewisePolynomials(QUARTERS, 12), 1e-8),
-        (stepped, MomentPolynomials.of(stepped()[0]), 1e-5),
+        slow(stepped, MomentPolynomials.of(stepped()[0]), 1e-5),
         (in_table, MomentPolynomials.of(in_table()[0]), 1e-7),
-        (in_table, Polynomials(), 1e-4),
+        slow(in_table, Polynomials(), 1e-4),
     ],
     ids=["step, pieces", "table, pieces", "step, moments", "table, moments", "table, global"],
 )  # fmt: skip

@@ -158,7 +158,7 @@ def test_one_case_that_leaves_the_range_does_not_spoil_its_neighbours():
         np.testing.assert_allclose(batch.tip[k], alone.tip, rtol=0, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_films_show_where_the_beam_is(tmp_path):
     """Faces of ribbons are those of displacement, in axes of the hub and in space."""
     times = jnp.linspace(0.0, 0.2, 3)

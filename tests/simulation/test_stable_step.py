@@ -275,7 +275,7 @@ def largest_stable(run, low, high):
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        slow(diffrax.Euler(), jb.models.DiscreteLP()),
+        (diffrax.Euler(), jb.models.DiscreteLP()),
         (diffrax.Tsit5(), jb.Hybrid(1, 2, 0)),
         (diffrax.Tsit5(), jb.GreenANCF(1)),
     ],

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 import jaxbeam as jb
-from tests.tiers import slow
+from tests.tiers import exhaustive, slow
 
 
 class Forced(jb.solvers.SecondOrderSystem):
@@ -89,13 +89,13 @@ def is_linear(solver):
     ("solver", "stiff", "order"),
     [
         (jb.solvers.Rodas4P(), 0.0, 4),
-        (jb.solvers.Rodas4P(), 1e4, 4),
+        slow(jb.solvers.Rodas4P(), 1e4, 4),
         (jb.solvers.Rodas5P(), 0.0, 5),
-        (jb.solvers.Rodas5P(), 1e4, 4),  # stiff components cost at most one (Steinebach 2023)
+        slow(jb.solvers.Rodas5P(), 1e4, 4),  # stiff components cost at most one (Steinebach 2023)
         (jb.solvers.ChordKvaerno5(), 0.0, 5),
-        (jb.solvers.ChordKvaerno5(), 1e4, 4),
+        slow(jb.solvers.ChordKvaerno5(), 1e4, 4),
         (jb.solvers.Magnus(), 0.0, 4),
-        (jb.solvers.Magnus(), 1e4, 2),  # steps and vibration beat; errors are small
+        slow(jb.solvers.Magnus(), 1e4, 2),  # steps and vibration beat; errors are small
     ],
     ids=lambda v: type(v).__name__ if isinstance(v, diffrax.AbstractSolver) else None,
 )
@@ -120,7 +120,7 @@ def test_order(solver, stiff, order):
         slow(jb.solvers.Rodas5P(), 4),
         slow(jb.solvers.Rodas4P(), 3),
         slow(jb.solvers.ChordKvaerno5(), 4),
-        slow(jb.solvers.Magnus(), 3),
+        exhaustive(jb.solvers.Magnus(), 3),
     ],
     ids=lambda v: type(v).__name__ if isinstance(v, diffrax.AbstractSolver) else None,
 )

@@ -82,7 +82,7 @@ def test_berzeri1999(tmp_path):
     assert rows["7", "Model A, 2 elements"]["status"] == "OK"
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_spin_up_film(tmp_path):
     study("spin_up_film", tmp_path)
     assert any(path.suffix == ".gif" for path in tmp_path.iterdir())
@@ -106,7 +106,7 @@ def test_space(tmp_path):
     assert abs(float(rows_of(tmp_path / "buckling.csv")[0]["critical_load"]) / 4.0126 - 1) < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_validation(tmp_path):
     """Theory agrees as printed; a misprint and measured blades are shown as what they are."""
     printed = study("validation", tmp_path)

@@ -213,7 +213,7 @@ def test_what_is_not_wanted_any_more_is_cancelled(tmp_path, monkeypatch):
     assert [future.cancelled() for future in sent] == [False, *5 * [True]]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_processes_of_the_standard_library(tmp_path):
     one = jb.sweep(found_modes, CASES, chunk=4)
     assert_same(one, jb.sweep(found_modes, CASES, chunk=4, executor=processes))

@@ -127,7 +127,7 @@ TRUTH = {"stiff": 5.0, "soft": 2.0, "spring": 12.0, "tip_mass": 0.15}
 FITTED = jb.Hybrid(0, 0, 10, basis=Hinged())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_fit_of_stations_a_spring_and_a_tip_mass():
     """Frequencies without noise give all of them back, from 20 % off."""
     speeds, labels = np.array([0.0, 4.0, 8.0]), jb.labels(flap=3)

@@ -27,7 +27,7 @@ REF_21 = jb.Rotor(
 FAILING = [
     (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.models.Family.IN_PLANE),
     (jb.models.DiscreteLC(), SPRINGS, jb.models.Family.IN_PLANE),
-    slow(jb.models.ChordANCF(1), REF_21, jb.models.Family.IN_PLANE),
+    exhaustive(jb.models.ChordANCF(1), REF_21, jb.models.Family.IN_PLANE),
     exhaustive(jb.models.TangentANCF(2), REF_21, jb.models.Family.IN_PLANE),
 ]
 TEARING = [
