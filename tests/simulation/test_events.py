@@ -384,6 +384,33 @@ def test_jumps_strike_once_among_changes():
         np.testing.assert_allclose(one, other, rtol=0, atol=near * size, err_msg=str(p))
 
 
+@pytest.mark.slow
+def test_jumps_closer_than_a_step_and_just_before_the_end():
+    """They strike as one, or are no part of the run; as many cases as above, and so one program."""
+    unit = np.finfo(float).eps
+    p = struck_twice(np.random.default_rng(6), ["turn", "side", "push"], spin=0.5)
+    close = [p | {"hub_at": 0.7 + unit * np.array([0, k])} for k in (0, 3, 7, 13, 20, 40)]
+    gone = p | {kind: p[kind] * np.array([1.0, 0.0]) for kind in ("turn", "side")}
+    late = [p | {"hub_at": np.array([0.7, 1.3 - k * unit])} for k in (0, 7, 20, 60, 200)]
+    cases = [*close, gone | {"hub_at": np.array([0.7, 1.3])}, *late]
+    status, tip, _ = leaping(jax.tree.map(lambda *a: jnp.stack(a), *cases))
+    np.testing.assert_array_equal(status, jb.Status.OK)
+    for same in (tip[:6], tip[6:]):
+        size = jnp.max(jnp.abs(same[0]))
+        np.testing.assert_allclose(same, same[:1].repeat(6, 0), rtol=0, atol=1e-7 * size)
+
+
+@pytest.mark.exhaustive
+def test_a_controller_may_know_of_the_same_jumps():
+    """Steps that it wants within the pause about a jump would lead back before it."""
+    motion, times = step(jumps=[1.0]), jnp.linspace(0.0, 2.0, 41)
+    told = diffrax.ClipStepSizeController(TIGHT, jump_ts=[0.6, 1.0])
+    found, expected = (
+        run(ONE, ROTOR, motion, times, stepsize_controller=how) for how in (told, TIGHT)
+    )
+    assert_same(found, expected, 1e-7)
+
+
 @pytest.mark.exhaustive
 def test_jumps_at_both_ends_of_a_run():
     """Struck at the start; what jumps at the end is no part of the run."""
