@@ -141,6 +141,7 @@ def test_twist_and_pitch(ratio, pitch, speed):
     assert len(labels) == 6
 
 
+@pytest.mark.slow
 def test_labels_of_turned_sections():
     """A quarter turn exchanges the names of the directions, no turn leaves them; what is between
     goes from one to the other."""
@@ -394,6 +395,7 @@ def test_gradients_by_every_number():
     np.testing.assert_allclose(many[3], frequency(ends[3]), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_bad_number_fails_alone():
     def case(values):
         return jb.modes(jb.Hybrid(3, 6, 6, basis=Hinged()), built_from(values), 3.0, 4, throw=False)

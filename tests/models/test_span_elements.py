@@ -183,6 +183,7 @@ def errors(blade, n, speed, body=False, spring=None):
     return np.abs(found / np.asarray(blade_reference.in_plane(reference, speed, 2)) - 1)
 
 
+@pytest.mark.slow
 def test_frequencies_of_a_table_with_a_body_at_the_tip():
     assert np.all(errors("table", 8, 6.0, body=True) < [2e-5, 6e-4])
 

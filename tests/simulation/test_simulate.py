@@ -652,7 +652,8 @@ def test_lanes_that_end_badly_leave_others_alone():
 
 @pytest.mark.parametrize(
     ("model", "rotor"),
-    [(m, ROTOR) for m in (jb.Hybrid(2, 2, 2), jb.Classical(2, 2, 2), jb.VonKarman(3, 2, 2))]
+    [(jb.Hybrid(2, 2, 2), ROTOR)]
+    + [slow(m, ROTOR) for m in (jb.Classical(2, 2, 2), jb.VonKarman(3, 2, 2))]
     + [slow(*BUILT[0]), *(exhaustive(*case) for case in BUILT[1:])]
     + [slow(m, ROTOR) if m in OFTEN else exhaustive(m, ROTOR) for m in ELEMENTS]
     + [slow(m, SPRINGS) if m in OFTEN else exhaustive(m, SPRINGS) for m in DISCRETE],

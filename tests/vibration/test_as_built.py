@@ -170,6 +170,7 @@ def test_choice_of_a_model():
     assert (table["status"] == jb.Status.OK).all()
 
 
+@pytest.mark.slow
 def test_a_large_batch_is_single_cases():
     """Three hundred blades at once: no fast way, and the same numbers."""
 

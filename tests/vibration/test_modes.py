@@ -312,7 +312,7 @@ def test_classical_with_stretch_against_scipy():
     "model",
     [
         jb.Hybrid(12, 16, 16),
-        jb.models.SmallStrainANCF(8),
+        exhaustive(jb.models.SmallStrainANCF(8)),
         exhaustive(jb.ANCF(8)),
     ],
     ids=repr,
