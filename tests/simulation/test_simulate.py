@@ -206,7 +206,7 @@ def test_tip_force_along_the_beam_buckles_it():
         assert (np.linalg.eigvalsh(k)[0] > 0) == (share < 1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_damping_ratio():
     """(mass / w + stiffness w) / 2 of the first mode, by logarithmic decrement."""
     rotor, model = jb.Rotor(BLADE), jb.GreenANCF(3)
@@ -692,7 +692,7 @@ def test_force_and_torque_of_the_hub_balance_power(model, rotor):
     np.testing.assert_allclose(*both(jnp.asarray(0.7)), rtol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_hub_carries_the_weight():
     """At rest under gravity: F = -M g, C = -S x g."""
     down = jb.Loads([0.0, -9.81, 0.0])

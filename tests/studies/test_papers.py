@@ -82,7 +82,7 @@ def test_berzeri1999(tmp_path):
     assert rows["7", "Model A, 2 elements"]["status"] == "OK"
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_spin_up_film(tmp_path):
     study("spin_up_film", tmp_path)
     assert any(path.suffix == ".gif" for path in tmp_path.iterdir())
@@ -128,7 +128,7 @@ def test_validation(tmp_path):
 @pytest.mark.parametrize(
     ("name", "made", "told"),
     [
-        ("campbell", ["campbell.png"], "in-plane bending 1 meets 1 per turn at 3.0427"),
+        slow("campbell", ["campbell.png"], "in-plane bending 1 meets 1 per turn at 3.0427"),
         ("sweep", ["frequencies.csv"], "39 of 195 cases failed; the first says: tip_mass must be"),
         ("spin_ups", [], "  4.0   -0.6759"),
         ("fit", [], "misfit"),
