@@ -58,7 +58,7 @@ def assert_same(one: jb.Table, other: jb.Table) -> None:
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("function", [slow(found_modes), raising, lowest, spun_up])
+@pytest.mark.parametrize("function", [found_modes, raising, lowest, spun_up])
 def test_eight_devices(function):
     devices = jax.devices()
     assert len(devices) == 8

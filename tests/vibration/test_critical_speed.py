@@ -153,7 +153,7 @@ def test_model_0_as_b_says():
     np.testing.assert_allclose(tangent[0], np.sqrt(rest.min()), rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_batch_finds_what_single_cases_find():
     """Along hub radii, where the boundary of Model 0 rises steeply before it falls."""
 

@@ -40,7 +40,7 @@ def test_bending_of_a_straight_beam_is_that_of_the_planar_element_and_of_the_mod
         np.testing.assert_allclose(found[1][:2], planar, rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_torsion_is_that_of_a_bar_with_a_body_at_its_end():
     """cot(l) = l I / (j L): polar inertia j per length, I at the tip, w = l (GJ / j)^1/2 / L."""
     tip = jb.TipBody(offset=0.0, inertia=0.0, axial_inertia=0.06)
