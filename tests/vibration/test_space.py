@@ -170,7 +170,7 @@ def test_a_heavy_column_buckles_under_its_weight():
     np.testing.assert_allclose(found.factor, 7.8373474, rtol=3e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_narrow_cantilever_buckles_sideways():
     """4.0126 (EI GJ)^1/2 / L^2 (Prandtl, Michell) in the narrow limit; more where the beam bends
     before it buckles."""
