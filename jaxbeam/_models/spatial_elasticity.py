@@ -145,7 +145,7 @@ class SpatialElasticity(Equations):
         tangent = self.sections.axial_stiffness / self.size * tangent
         half = jax.vmap(self._on_nodes)(tangent)
         both = jax.vmap(self._on_nodes)(half.reshape(13, 16, *half.shape[4:]).swapaxes(0, 1))
-        return both.reshape(16, 16, *both.shape[4:])
+        return both.reshape(16, 16, *both.shape[4:]).swapaxes(0, 1)
 
     def _gathered_tangent(
         self, local: Float[Array, "E 16 16 *#lanes"], ends: Float[Array, "2 3 3 *#lanes"] | None
