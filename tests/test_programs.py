@@ -59,7 +59,7 @@ def fitted(measured):
             lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3100, id="floquet"
         ),
         exhaustive(fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300, id="fit"),
-        slow(spun_up, ROTOR, 4900, id="spin-up"),
+        slow(spun_up, ROTOR, 5000, id="spin-up"),
         slow(jax.grad(spun_up), ROTOR, 9400, id="gradient of a spin-up"),
     ],
 )  # fmt: skip
