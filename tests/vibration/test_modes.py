@@ -414,7 +414,7 @@ def test_labels_survive_veering_and_crossing(steps):
 
 PLAIN = jnp.array([1.3, 0.8, 4.9e3, 1.1, 1.7, 0.3, 0.25, 5.0])
 DIFFERENTIABLE = [
-    (jb.Hybrid(4, 6, 6), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
+    (jb.Hybrid(4, 8, 8), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
     slow(jb.ANCF(3), PLAIN, jb.labels(in_plane=3, axial=1)),
     exhaustive(jb.Hybrid(8, 12, 12), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
     exhaustive(
