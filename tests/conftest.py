@@ -32,8 +32,9 @@ def pytest_configure(config: pytest.Config) -> None:
 # Files that take long begin first: who comes to one at the end would be left alone with it.
 LONG = (
     "studies/test_methods.py", "studies/test_papers.py", "simulation/test_simulate.py",
+    "models/test_space.py", "vibration/test_space.py", "vibration/test_modes.py",
     "ladder/test_space.py", "vibration/test_many_modes.py", "simulation/test_manoeuvres.py",
-    "simulation/test_events.py",
+    "simulation/test_events.py", "test_results.py",
 )  # fmt: skip
 
 
