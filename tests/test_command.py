@@ -1,6 +1,8 @@
 """`python -m jaxbeam`: the numbers are those of the package, mistakes are named in one line."""
 
 import csv
+import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -118,6 +120,7 @@ def test_frequencies_resumed_and_refused(command, tmp_path):
     def written():
         return {file: file.stat().st_mtime_ns for file in (tmp_path / "out/chunks").iterdir()}
 
+    assert json.loads((tmp_path / "out/chunks/sweep.json").read_text())["chunk"] == 4
     before = written()
     assert command(FREQUENCIES, "--out", "out", "--chunk", "4")[0] == 0
     assert written() == before  # read, not computed again
@@ -374,3 +377,14 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
     wanted = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=2)).frequency
     found = jb.Table.load(tmp_path / "found" / "frequencies.npz")["frequency"].ravel()
     np.testing.assert_allclose(found, wanted, rtol=1e-10)
+
+
+def test_units_at_axes_are_those_of_the_parameters():
+    """As the tables of the docstrings have them; of motions, whose angles are in rad."""
+    units = dict.fromkeys(("angular_speed", "mean", "frequency"), "rad/s")
+    for kind in (jb.Beam, jb.Rotor, jb.models.SpringRotor):
+        for row in re.findall(r"^ *\| (\w+) +\|[^|]*\| (\S[^|]*?) *\|", kind.__doc__, re.MULTILINE):
+            units[row[0]] = row[1].replace("^2", "²")
+    del units["field"]
+    assert units.items() <= plot.UNITS.items() | {("mass", "kg")}
+    assert len(units) > 12
