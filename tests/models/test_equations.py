@@ -25,16 +25,18 @@ BEAM_MODELS = [
 ]
 EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SPRINGS) for m in DISCRETE]
 EVERY += [(m, AS_BUILT) for m in YIELDING]
-# One of each kind is quick; what is in space takes longest.
 KINDS = jb.Hybrid, jb.VonKarman, jb.EngineeringANCF, jb.ANCF, jb.models.DiscreteNP
-CASES = [
-    exhaustive(m, rotor)
-    if isinstance(m, jb.SpatialANCF) and rotor is AS_BUILT
-    else (m, rotor)
-    if isinstance(m, KINDS) and not (rotor is AS_BUILT and isinstance(m, jb.VonKarman))
-    else slow(m, rotor)
-    for m, rotor in EVERY
-]
+
+
+def tiered(model, rotor):
+    """One of each kind is quick; what is in space takes longest."""
+    if isinstance(model, jb.SpatialANCF):
+        return exhaustive(model, rotor) if rotor is AS_BUILT else slow(model, rotor)
+    is_quick = isinstance(model, jb.Hybrid if rotor is AS_BUILT else KINDS)
+    return (model, rotor) if is_quick else slow(model, rotor)
+
+
+CASES = [tiered(*case) for case in EVERY]
 
 
 def random_state(model, seed, planar):

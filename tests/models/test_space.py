@@ -15,7 +15,7 @@ from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub, spinning
 from tests.models import rod_reference
 from tests.models.rod_reference import Rod
-from tests.tiers import exhaustive, slow
+from tests.tiers import slow
 
 STILL = jb.ConstantSpeed(0.0)
 N = 4  # elements of the beam of which the one below is part
@@ -43,7 +43,8 @@ def turned(e, rotation):
     return jnp.asarray(out)
 
 
-@pytest.mark.parametrize("is_turned", [exhaustive(True), exhaustive(False)])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("is_turned", [True, False])
 def test_force_and_tangent_are_derivatives_of_the_energy(is_turned):
     law = element(is_turned)
 
