@@ -1,38 +1,37 @@
-"""Beams from the blade files of OpenFAST's ElastoDyn and of BModes."""
+"""What blade files of OpenFAST's ElastoDyn and of BModes share."""
 
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._rotor.tables import (
-    AXIAL,
-    DEGREES,
-    FLAP,
-    IN_PLANE,
-    MASS,
     PLACE,
-    TWIST,
+    POLARS,
+    TORSION,
+    UNITS,
     BladeTable,
     Column,
-    FilePath,
     Row,
     blade,
+    factor_of,
     ignoring,
-    is_number,
-    mistake,
-    number_in,
-    read_lines,
+    unit_in,
 )
+from jaxbeam._rotor.texts import as_number, entries, is_number, mistake, number_in
 from jaxbeam._types import Real
 
-_REASONS = {
+REASONS = {
     name: reason
     for reason, names in {
         "it belongs to the aerodynamics": "aerocent pitchaxis",
-        "sections are not turned by torsion": "gjstff tor_stff alpha",
-        "sections have no rotary inertia": "flpiner edginer flp_iner edge_iner tw_iner",
+        "a Beam takes it if it is > 0 at all stations": "gjstff tor_stff",
+        "bending and torsion are coupled by no stiffness": "alpha",
+        "sections have no rotary inertia in bending, and about the beam where both are > 0": (
+            "flpiner edginer flp_iner edge_iner"
+        ),
+        "the axes of inertia are those of the stiffness": "tw_iner",
         "the beam is straight": "precrvref preswpref",
         "the centre of mass is on the axis of the beam": "flpcgof edgcgof cg_offst",
         "the centre of tension is on the axis of the beam": "flpeaof edgeaof tc_offst",
@@ -40,206 +39,163 @@ _REASONS = {
         "damping is an argument of a simulation": "bldfldmp bldeddmp",
         "frequencies follow from stiffness and mass": "flsttunr",
         "shapes of modes are computed": "bldfl1sh bldfl2sh bldedgsh",
-        "give it to a Rotor as precone": "precone",
         "the tip mass is on the axis of the beam": "cm_loc",
-        "give it to a Rotor in a TipBody, as offset": "cm_axial",
-        "give it to a Rotor in a TipBody, as inertia": (
-            "ixx_tip iyy_tip izz_tip ixy_tip izx_tip iyz_tip"
-        ),
+        "axes of the tip body are those of the last section": "ixy_tip izx_tip iyz_tip",
     }.items()
     for name in names.split()
 }
-# Columns of a section file of BModes.
-_SECTION = ["sec_loc", "str_tw", "tw_iner", "mass_den", "flp_iner", "edge_iner", "flp_stff"]
-_SECTION += ["edge_stff", "tor_stff", "axial_stff", "cg_offst", "sc_offst", "tc_offst"]
-_Known = Mapping[str, tuple[str, float]]  # by title: the property, its factor to SI units
-_Said = dict[str, tuple[int, str]]  # by name: number of the line, the value as text
+Known = Mapping[str, tuple[str, float]]  # by title in small letters: the property, its factor
+_VALUE = re.compile(
+    r"\s*('[^']*'|\"[^\"]*\"|[^\s,]+)(?:\s*[,/!]|\s)[\s:-]*([A-Za-z]\w*(?:\(\d+\))?)"
+)
 
 
-def read_elastodyn(
-    path: FilePath,
-    *,
-    length: Real,
-    axial_stiffness: Real | AbstractSpanwise | None = None,
-) -> BladeTable:
-    """A beam from a blade file of ElastoDyn (OpenFAST, FAST 8), or of FAST 7, which looks the same.
+class Value(NamedTuple):
+    """What a line says: a value, and behind it what it is called."""
 
-    `length`, in m, is TipRad - HubRad of the main file. Used are NBlInpSt, the columns BlFract,
-    StrcTwst (deg), BMassDen (kg/m), FlpStff and EdgStff (N m^2; edgewise is in plane without twist)
-    and, if there, EAStff (N), and the factors AdjBlMs, AdjFlSt, AdjEdSt. All else is named in
-    `ignored`: damping, tuners and shapes of modes, further columns of older files.
-    `axial_stiffness`, in N, takes the place of EAStff and is needed without it; in ElastoDyn itself
-    blades do not stretch.
-
-    Values are linear from one station to the next. The sense of the twist is that of `read_csv`:
-    positive in the file (about minus the axis from root to tip) is negative in the beam.
-
-    Sources: OpenFAST documentation, ElastoDyn; J. Jonkman, M. Buhl, FAST User's Guide,
-    NREL/EL-500-38230, 2005; for the NREL 5-MW blade Jonkman et al., NREL/TP-500-38060, 2009.
-
-    Raises `ValueError`, which names file, line and column of the first mistake.
-    """
-    path = Path(path)
-    lines = read_lines(path)
-    head = next((i for i, line in enumerate(lines) if line.split()[:1] == ["BlFract"]), None)
-    if head is None:
-        raise ValueError(f"{path}: no line begins with BlFract, so there is no table of stations")
-    said = _named(lines, 2, head)  # after two lines of titles
-    used = ("NBlInpSt", "AdjBlMs", "AdjFlSt", "AdjEdSt")
-    _require(path, said, used)
-    count, mass, flap, edge = (number_in(path, *_at(said, name), False) for name in used)
-    known = {
-        "BlFract": (PLACE, 1.0), "BMassDen": (MASS, mass), "FlpStff": (FLAP, flap),
-        "EdgStff": (IN_PLANE, edge), "StrcTwst": (TWIST, DEGREES), "EAStff": (AXIAL, 1.0),
-    }  # fmt: skip
-    rows = _rows(path, lines, head + 2, count, "NBlInpSt")  # after the line of units
-    table = _blade(path, head + 1, lines[head].split(), known, rows, length, axial_stiffness)
-    others = said | _named(lines, rows[-1][0], len(lines))
-    return _ignoring_too(table, {n: text for n, (_, text) in others.items() if n not in used})
+    line: int
+    name: str
+    text: str
 
 
-def read_bmodes(
-    path: FilePath,
-    *,
-    length: Real | None = None,
-    axial_stiffness: Real | AbstractSpanwise | None = None,
-) -> BladeTable:
-    """A beam from a section file of BModes, or from a main file (`.bmi`), which names one.
-
-    A section file has a title, n_secs, a line of titles, a line of units and n_secs rows of the
-    thirteen columns sec_loc (x / L), str_tw, tw_iner (deg), mass_den (kg/m), flp_iner, edge_iner
-    (kg m), flp_stff, edge_stff, tor_stff (N m^2), axial_stff (N), cg_offst, sc_offst, tc_offst (m),
-    known by their order, as in BModes. What follows are notes. It needs `length`, in m.
-    `axial_stiffness`, in N, takes the place of axial_stff.
-
-    In a main file values are found by the names behind them. Its length is radius - hub_rad; its
-    factors of mass, flap, edge and axial stiffness are applied; hub radius, tip mass, pitch
-    (bl_thp) and speed (rot_rpm times rpm_mult) are fields of the result. beam_type must be 1, a
-    blade, and hub_conn 1, clamped. The section file is looked for beside it.
-
-    Values are linear from one station to the next. (BModes has constant ones in each of its
-    elements; where these are few, its frequencies differ by per cents.) The sense of twist and
-    pitch is that of `read_csv`: positive in the file is negative in the beam and the result.
-
-    Source: G. Bir, User's Guide to BModes, NREL/TP-500-39133, 2005.
-
-    Raises `ValueError`, which names file, line and column of the first mistake.
-    """
-    path = Path(path)
-    if path.suffix.lower() != ".bmi":
-        return _sections(path, length, axial_stiffness, (1.0, 1.0, 1.0, 1.0))
-    if length is not None:
-        raise ValueError(f"{path}: a main file says the length, so none must be given")
-    said = _named(read_lines(path), 0, None)
-    factors = ("sec_mass_mult", "flp_stff_mult", "edge_stff_mult", "axial_stff_mult")
-    others = ("beam_type", "hub_conn", "hub_rad", "tip_mass", "rot_rpm", "rpm_mult", "bl_thp")
-    _require(path, said, ("radius", *others, *factors, "sec_props_file"))
-    scales = [number_in(path, *_at(said, name), False) for name in factors]
-    beam_type, hub_conn, hub, tip_mass = (
-        number_in(path, *_at(said, name), True) for name in others[:4]
-    )
-    rpm, multiple, pitch = (number_in(path, *_at(said, name)) for name in others[4:])
-    radius = number_in(path, *_at(said, "radius"), False)
-    for name, wrong in (
-        ("beam_type", beam_type != 1 and "must be 1, a blade"),
-        ("hub_conn", hub_conn != 1 and "must be 1, a clamped root"),
-        ("radius", radius <= hub and f"must be greater than hub_rad, {hub:g}"),
-        ("bl_thp", abs(pitch) > 360 and "must be within 360 degrees"),
-    ):
-        if wrong:
-            line, _, text = _at(said, name)
-            raise mistake(path, line, name, f"{wrong}, got {text}")
-    sections = path.parent / said["sec_props_file"][1].strip("'\"").replace("\\", "/")
-    table = _sections(sections, radius - hub, axial_stiffness, scales)
-    left = {name: text for name, (_, text) in said.items() if name in _REASONS}
-    return _ignoring_too(table, left)._replace(
-        hub_radius=hub,
-        tip_mass=tip_mass,
-        pitch=pitch * DEGREES if pitch else None,
-        angular_speed=rpm * multiple * math.pi / 30,
-    )
+Said = dict[str, list[Value]]  # by name in small letters
 
 
-def _sections(
-    path: Path,
-    length: Real | None,
-    axial_stiffness: Real | AbstractSpanwise | None,
-    factors: Sequence[float],
-) -> BladeTable:
-    """From a section file of BModes; factors of mass, flap, edge and axial stiffness."""
-    lines = read_lines(path)
-    filled = [i for i, line in enumerate(lines) if i and line.strip()]  # after the title
-    if len(filled) < 3:
-        raise ValueError(f"{path}: no n_secs, titles and units after the first line")
-    first, head, units = filled[:3]
-    count = number_in(path, first + 1, "n_secs", lines[first].split()[0], False)
-    mass, flap, edge, stretch = factors
-    known = {
-        "sec_loc": (PLACE, 1.0), "mass_den": (MASS, mass), "flp_stff": (FLAP, flap),
-        "edge_stff": (IN_PLANE, edge), "str_tw": (TWIST, DEGREES), "axial_stff": (AXIAL, stretch),
-    }  # fmt: skip
-    rows = _rows(path, lines, units + 1, count, "n_secs")
-    return _blade(path, head + 1, _SECTION, known, rows, length, axial_stiffness)
+class Head(NamedTuple):
+    """Titles of columns, and their units, which may be empty, with the numbers of their lines."""
+
+    line: int
+    titles: Sequence[str]
+    units: str
+    units_line: int
 
 
-def _blade(
-    path: Path,
-    line: int,
-    titles: Sequence[str],
-    known: _Known,
-    rows: Sequence[Row],
-    length: Real | None,
-    axial_stiffness: Real | AbstractSpanwise | None,
-) -> BladeTable:
-    columns = {}
-    for i, title in enumerate(titles):
-        if title in known:
-            name, factor = known[title]
-            columns[name] = Column(title, i, factor)
-    named = {name: title for title, (name, _) in known.items()}
-    return blade(
-        path, line, titles, columns, rows, length, axial_stiffness, named, reasons=_REASONS
-    )
+def value_in(line: str) -> str:
+    """The first entry of a line, a text without its quotes."""
+    found = _VALUE.match(f"{line} end")
+    text = found[1] if found else ""
+    return (entries(text) or [""])[0]
 
 
-def _rows(path: Path, lines: Sequence[str], start: int, count: float, name: str) -> list[Row]:
-    """Entries of as many lines as a number says; comments begin with !."""
-    filled = [(i + 1, lines[i].split("!")[0].split()) for i in range(start, len(lines))]
-    rows = [(line, cells) for line, cells in filled if cells][: int(count)]
-    ends = next((i for i, (_, cells) in enumerate(rows) if cells[0].startswith("--")), len(rows))
-    if ends < count:
-        last = rows[ends][0] if ends < len(rows) else len(lines)
-        raise mistake(path, last, None, f"{name} is {count:g}, but the table ends after {ends}")
-    return rows
-
-
-def _named(lines: Sequence[str], start: int, stop: int | None) -> _Said:
+def named(lines: Sequence[str], start: int, stop: int | None) -> Said:
     """What lines of a value and then its name say."""
-    said: _Said = {}
+    said: Said = {}
     for i, line in enumerate(lines[start:stop], start + 1):
-        found = re.match(r"\s*('[^']*'|\"[^\"]*\"|\S+)\s+([A-Za-z]\w*(\(\d+\))?)", line)
+        found = _VALUE.match(line)
         if found and not line.lstrip().startswith("--"):
-            said.setdefault(found[2], (i, found[1]))
+            value = Value(i, found[2], value_in(line))
+            said.setdefault(found[2].lower(), []).append(value)
     return said
 
 
-def _require(path: Path, said: _Said, names: Sequence[str]) -> None:
-    missing = [name for name in names if name not in said]
+def require(path: Path, said: Said, names: Sequence[str]) -> None:
+    """Each of these names must be there, once."""
+    missing = [name for name in names if name.lower() not in said]
     if missing:
         raise ValueError(f"{path}: no line has {', '.join(missing)} behind its value")
+    for name in names:
+        first, *others = said[name.lower()]
+        if others:
+            raise mistake(path, others[0].line, name, f"is said again, after line {first.line}")
 
 
-def _at(said: _Said, name: str) -> tuple[int, str, str]:
-    line, text = said[name]
-    return line, name, text
+def number(path: Path, said: Said, name: str, zero: bool | None = None) -> float:
+    """The number of a name, positive or `zero`; with None it may have any sign."""
+    value = said[name.lower()][0]
+    return number_in(path, value.line, value.name, value.text, zero)
 
 
-def _ignoring_too(table: BladeTable, others: Mapping[str, str]) -> BladeTable:
+def count_of(path: Path, line: int, name: str, text: str) -> int:
+    """How many rows there are."""
+    count = number_in(path, line, name, text, False)
+    if count != int(count):
+        raise mistake(path, line, name, f"must be a whole number, got {text}")
+    return int(count)
+
+
+def table_rows(
+    path: Path, lines: Sequence[str], start: int, count: int, name: str, width: int
+) -> list[Row]:
+    """As many rows as a number says, as Fortran reads them: a row may go on in the next line, and
+    what is behind its last entry is not read, unless it is a number."""
+    rows: list[Row] = []
+    at = start
+    while len(rows) < count:
+        line, cells = at + 1, entries(lines[at]) if at < len(lines) else ["--"]
+        at += 1
+        if not cells:
+            continue
+        if not re.match(r"[+-]?[.\d]", cells[0]):  # a title, or notes
+            what = f"{name} is {count:g}, but the table ends after {len(rows)}"
+            raise mistake(path, min(line, len(lines)), None, what)
+        whole, until = cells, at
+        while len(whole) < width and until < len(lines):
+            more = entries(lines[until])
+            if not all(map(is_number, more)):
+                break
+            whole, until = [*whole, *more], until + 1
+        if len(whole) == width:
+            cells, at = whole, until
+        # What is behind may be the rest of a number, like the E9 of 4.,E9.
+        left = any(is_number(start + text) for text in cells[width:][:1] for start in ("", "1"))
+        if len(cells) < width or left:
+            raise mistake(path, line, None, f"{len(cells)} entries for {width} columns")
+        rows.append((line, cells[:width]))
+    return rows
+
+
+def blade_of(
+    path: Path,
+    head: Head,
+    known: Known,
+    rows: Sequence[Row],
+    length: Real | None,
+    axial_stiffness: Real | AbstractSpanwise | None,
+    needed: Iterable[str],
+) -> BladeTable:
+    """The blade of a table; titles that are known are so in any order and any case."""
+    units = re.findall(r"\([^)]*\)|\[[^\]]*\]|[^\s,]+", head.units)
+    if units and len(units) != len(head.titles):
+        what = f"{len(units)} units for {len(head.titles)} columns: each in brackets, or (-)"
+        raise mistake(path, head.units_line, None, what)
+    columns: dict[str, Column] = {}
+    for i, title in enumerate(head.titles):
+        if title.lower() not in known:
+            continue
+        name, factor = known[title.lower()]
+        allowed = UNITS[name]
+        # (-) is that of the format; x / L has none whatever is said, since it goes from 0 to 1.
+        own = unit_in(units[i]) if units and name != PLACE else ""
+        own = own or next(iter(allowed))
+        if name in columns:
+            what = f"is {name} again, after column {columns[name].title}"
+            raise mistake(path, head.line, title, what)
+        factor *= factor_of(path, head.units_line, title, own, allowed)
+        columns[name] = Column(title, i, factor)
+    for together in ((TORSION,), POLARS):  # which many files leave at zero
+        there = [columns[name] for name in together if name in columns]
+        if len(there) < len(together) or not all(_positive(row, c) for row in rows for c in there):
+            for name in together:
+                columns.pop(name, None)
+    titles = {known[title.lower()][0]: title for title in needed}
+    return blade(
+        path, head.line, head.titles, columns, rows, length, axial_stiffness, titles,
+        reasons=REASONS,
+    )  # fmt: skip
+
+
+def _positive(row: Row, column: Column) -> bool:
+    text = row[1][column.number]
+    return not is_number(text) or not as_number(text) <= 0  # what is no number is said later
+
+
+def ignoring_too(table: BladeTable, others: Iterable[Value]) -> BladeTable:
     """With the sentences on named values, but those that change nothing; one for each array."""
-    left = []
-    for name, text in others.items():
+    left: dict[str, list[str]] = {}
+    for _, name, text in others:
         array = re.sub(r"\(?\d+\)?$", "", name)
-        array = array if array.lower() in _REASONS else name
-        if array not in left and not is_number(text, 1 if array == "FlStTunr" else 0):
-            left.append(array)
-    return table._replace(ignored=table.ignored + tuple(ignoring(n, _REASONS) for n in left))
+        array = array if array.lower() in REASONS else name
+        if not is_number(text, 1 if array == "FlStTunr" else 0):
+            left.setdefault(array, [] if array != name else [text])
+    sentences = tuple(ignoring(name, values, REASONS) for name, values in left.items())
+    return table._replace(ignored=table.ignored + sentences)

@@ -2,6 +2,8 @@
 
 import re
 
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 
@@ -141,7 +143,7 @@ def test_properties_are_where_they_belong():
     np.testing.assert_allclose(beam.flap_bending_stiffness.values, ROWS[:, 3])
     np.testing.assert_allclose(beam.in_plane_bending_stiffness.values, ROWS[:, 4])
     assert float(beam.axial_stiffness) == EA
-    assert nrel()[1:] == ((), None, None, None, None)
+    assert nrel()[1:] == ((), *6 * [None])
 
 
 def test_all_formats_give_the_same_beam(tmp_path):
@@ -217,7 +219,7 @@ def test_what_is_ignored_in_csv(tmp_path):
     table = blades.read_csv(file, length=61.5, axial_stiffness=EA)
     same(table.beam, nrel().beam)
     assert table.ignored == (  # not the column of zeros
-        "x_cg_m is ignored: a Beam has nothing of this name.",
+        "x_cg_m is ignored: a Beam has nothing of this name (in the file up to 50).",
         "foil is ignored: a Beam has nothing of this name.",
     )
 
@@ -232,10 +234,10 @@ def test_what_is_ignored_in_elastodyn(tmp_path):
     table = blades.read_elastodyn(file, length=61.5)
     np.testing.assert_array_equal(table.beam.axial_stiffness.values, EA)
     np.testing.assert_allclose(table.beam.in_plane_bending_stiffness.values, 2 * ROWS[:, 4])
+    np.testing.assert_array_equal(table.beam.torsional_stiffness.values, 1e9)
     names = [sentence.split(" is ignored: ")[0] for sentence in table.ignored]
     assert names == [
         "AeroCent",
-        "GJStff",
         "Unheard",
         "BldFlDmp",
         "BldEdDmp",
@@ -249,13 +251,14 @@ def test_what_is_ignored_in_elastodyn(tmp_path):
 
 
 def test_main_file_of_bmodes(tmp_path):
-    rows = bmodes_rows(tw_iner=1.0, cg_offst=0.1)
+    rows = bmodes_rows(tw_iner=1.0, cg_offst=0.1, tor_stff=7e7, flp_iner=3.0, edge_iner=40.0)
     sections(tmp_path / "my blade.dat", rows)
     changed = {"tip_mass": 40.0, "bl_thp": 3.0, "rpm_mult": 2.0, "precone": -2.5, "cm_axial": 0.2}
     factors = {"sec_mass_mult": 2.0, "flp_stff_mult": 3.0, "edge_stff_mult": 4.0}
+    changed |= {"tor_stff_mult": 6.0, "flp_iner_mult": 7.0, "lag_iner_mult": 8.0}
     file = main_file(tmp_path / "blade.bmi", axial_stff_mult=5.0, **changed, **factors)
     table = blades.read_bmodes(file)
-    assert table.hub_radius == 1.5
+    assert table.hub_radius == pytest.approx(1.5 * np.cos(np.radians(2.5)))
     assert table.tip_mass == 40.0
     assert table.pitch == pytest.approx(-np.radians(3.0))  # in the sense of the twist
     assert table.angular_speed == pytest.approx(2 * 12.1 * np.pi / 30)
@@ -264,9 +267,26 @@ def test_main_file_of_bmodes(tmp_path):
     np.testing.assert_allclose(table.beam.flap_bending_stiffness.values, 3 * ROWS[:, 3])
     np.testing.assert_allclose(table.beam.in_plane_bending_stiffness.values, 4 * ROWS[:, 4])
     np.testing.assert_allclose(table.beam.axial_stiffness.values, 5 * EA)
+    np.testing.assert_allclose(table.beam.torsional_stiffness.values, 6 * 7e7)
+    np.testing.assert_allclose(table.beam.polar_inertia.values, 7 * 3.0 + 8 * 40.0)
     names = [sentence.split(" is ignored: ")[0] for sentence in table.ignored]
-    assert names == ["tw_iner", "cg_offst", "precone", "cm_axial"]
-    jb.Rotor(table.beam, table.hub_radius, table.tip_mass, table.pitch)
+    assert names == ["tw_iner", "cg_offst"]
+    assert "on the axis of the beam (in the file up to 0.1)" in table.ignored[1]
+    assert table.precone == pytest.approx(-np.radians(2.5))
+    rotor = table.rotor(tip_mass=3.0)
+    assert isinstance(rotor, jb.Rotor)
+    assert (rotor.tip_mass, rotor.pitch, rotor.precone) == (3.0, table.pitch, table.precone)
+    assert [float(leaf) for leaf in jax.tree.leaves(rotor.tip)] == [0.2, 0.0, 0.0]
+    whole = {"cm_loc": 0.05, "ixx_tip": 10.0, "iyy_tip": 1.75, "izz_tip": 2.5, "ixy_tip": 1.0}
+    table = blades.read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
+    assert table.ignored[2:] == (
+        "cm_loc is ignored: the tip mass is on the axis of the beam (in the file 0.05).",
+        "ixy_tip is ignored: axes of the tip body are those of the last section (in the file 1).",
+    )
+    assert eqx.tree_equal(table.rotor().tip, jb.TipBody(0.0, 10.0, 2.5, 1.75))
+    whole["iyy_tip"] = 10.0
+    table = blades.read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
+    assert table.rotor().tip.flap_inertia is None
 
 
 def csv_with(*lines, titles=CSV_TITLES):
@@ -370,7 +390,7 @@ def main_with(**changed):
 BAD_OTHERS = {
     "no table": (
         lambda folder: blades.read_elastodyn(write(folder / "a.dat", "BMassDen"), length=1.0),
-        ": no line begins with BlFract",
+        ": no line has BlFract among titles",
     ),
     "no factor": (elastodyn_with(AdjBlMs="", NBlInpSt=""), ": no line has NBlInpSt, AdjBlMs"),
     "factor": (
@@ -414,8 +434,10 @@ BAD_OTHERS = {
     ),
     "no length": (lambda f: blades.read_bmodes(sections(f / "a.dat")), ": length must be given"),
     "tower": (main_with(beam_type=2), "line 6, column beam_type: must be 1, a blade, got 2"),
+    "inertia": (main_with(ixx_tip=-1), "column ixx_tip: must be finite and >= 0, got -1"),
     "hinged": (main_with(hub_conn=4), "line 13, column hub_conn: must be 1, a clamped root, got 4"),
     "radius": (main_with(hub_rad=70), "line 9, column radius: must be greater than hub_rad, 70"),
+    "precone": (main_with(precone=95), "line 11, column precone: must be within 90 degrees, got"),
     "pitch": (
         main_with(bl_thp=365), "line 12, column bl_thp: must be within 360 degrees, got 365"
     ),
@@ -447,7 +469,9 @@ def test_a_file_that_is_not_there(read, tmp_path):
 
 
 def test_a_section_file_that_is_not_there(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"my blade\.dat"):
+    """The mistake is in the main file: its line is named."""
+    said = r"a\.bmi, line 18, column sec_props_file: .*my blade\.dat cannot be read: No such file"
+    with pytest.raises(ValueError, match=said):
         blades.read_bmodes(main_file(tmp_path / "a.bmi"))
 
 

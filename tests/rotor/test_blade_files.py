@@ -1,0 +1,325 @@
+"""Files of blades as they come: titles are free, columns have any order, spreadsheets any comma."""
+
+import re
+
+import numpy as np
+import pytest
+
+from jaxbeam import blades
+
+DECK = """\
+main file
+{title}
+1 beam_type
+12.1 rot_rpm:
+1.0 rpm_mult:
+51.5 radius:
+1.5 hub_rad:
+0. precone:
+0. bl_thp:
+1 hub_conn:
+100. tip_mass
+'sec.dat' sec_props_file
+1.0 sec_mass_mult:
+1.0 flp_stff_mult:
+1.0 edge_stff_mult:
+1.0 axial_stff_mult:
+"""
+SECTIONS = """\
+sections
+3 n_secs
+loc tw twi m fi ei fs es ts as cg sc tc
+- - - - - - - - - - - - -
+0.0 10 10 300 1 1 2e9 4e9 1e8 1e10 0 0 0
+0.5  5  5 100 1 1 5e8 1e9 1e8 1e9  0 0 0
+1.0  0  0  10 1 1 1e7 5e7 1e8 1e8  0 0 0
+"""
+ELASTODYN = """\
+header
+{title}
+---
+3 NBlInpSt
+1 AdjBlMs
+1 AdjFlSt
+1 AdjEdSt
+---
+BlFract StrcTwst BMassDen FlpStff EdgStff
+(-) (deg) (kg/m) (Nm^2) (Nm^2)
+0.0 10.0 300.0 2.0E9 4.0E9
+0.5 5.0 100.0 5.0E8 1.0E9
+1.0 0.0 10.0 1.0E7 5.0E7
+"""
+CSV = """\
+x_over_L,mass_per_length_kg_per_m,in_plane_stiffness_N_m2,flap_stiffness_N_m2
+0,300,4e9,2e9
+0.5,100,1e9,5e8
+1,10,5e7,1e7
+"""
+# A main file with all lines, of version 3.00 (with cm_axial) and of 1.03 (without it).
+WHOLE = """\
+======================   BModes v{version} Main Input File  ==================
+{title}
+
+{general}
+true      Echo        Echo input file contents to *.echo file if true.
+1         beam_type   1: blade, 2: tower (-)
+12.1      {speed}:    rotor speed (rpm), automatically set to zero for tower modal analysis
+1.0       {speed_mult}:  rotor speed multiplicative factor (-)
+51.5      radius:     rotor tip radius measured along coned blade axis OR tower height (m)
+1.5       hub_rad:    hub radius measured along coned blade axis OR tower rigid-base height (m)
+0.        precone:    built-in precone angle (deg), automatically set to zero for a tower
+0.        bl_thp:     blade pitch setting (deg), automatically set to zero for a tower
+1         hub_conn:   hub-to-blade connection [1: cantilevered]
+20        modepr:     number of modes to be printed (-)
+t         TabDelim    (true: tab-delimited output tables; false: space-delimited tables)
+f         mid_node_tw  (true: output twist at mid-node of elements; false: no mid-node outputs)
+
+{tip}
+100.      tip_mass    blade-tip or tower-top mass (kg)
+0.        cm_loc      tip-mass c.m. offset along the tip section y reference axis (m)
+{axial}0.        ixx_tip     blade lag mass moment of inertia (kg-m^2)
+0.        iyy_tip     blade flap mass moment of inertia (kg-m^2)
+0.        izz_tip     torsion mass moment of inertia (kg-m^2)
+0.        ixy_tip     cross product of inertia about x and y reference axes (kg-m^2)
+0.        izx_tip     cross product of inertia about z and x reference axes (kg-m^2)
+0.        iyz_tip     cross product of inertia about y and z reference axes (kg-m^2)
+
+--------- Distributed-property identifiers --------------------------------------------------------
+1         id_mat:     material_type [1: isotropic]
+'sec.dat' sec_props_file   name of beam section properties file (-)
+
+Property scaling factors..............................
+1.0       sec_mass_mult:   mass density multiplier (-)
+1.0       flp_iner_mult:   blade flap or tower f-a inertia multiplier (-)
+1.0       lag_iner_mult:   blade lag or tower s-s inertia multiplier (-)
+1.0       flp_stff_mult:   blade flap or tower f-a bending stiffness multiplier (-)
+1.0       edge_stff_mult:  blade lag or tower s-s bending stiffness multiplier (-)
+1.0       tor_stff_mult:   torsion stiffness multiplier (-)
+1.0       axial_stff_mult: axial stiffness multiplier (-)
+1.0       cg_offst_mult:   cg offset multiplier (-)
+1.0       sc_offst_mult:   shear center multiplier (-)
+1.0       tc_offst_mult:   tension center multiplier (-)
+
+--------- Finite element discretization --------------------------------------------------
+12        nselt:     no of blade or tower elements (-)
+Distance of element boundary nodes from blade or flexible-tower root, el_loc()
+0.  0.08  0.16  0.24  0.32  0.40  0.48  0.56  0.64  0.72  0.80  0.90   1.0
+"""
+
+
+def whole(version="3.00", speed="rot_rpm", speed_mult="rpm_mult", title="a blade", general="-----",
+          tip="-----"):  # fmt: skip
+    axial = "0.        cm_axial    tip-mass c.m. offset along the z axis (m)\n"
+    return WHOLE.format(
+        version=version, speed=speed, speed_mult=speed_mult, title=title, general=general, tip=tip,
+        axial=axial if version == "3.00" else "",
+    )  # fmt: skip
+
+
+def reading(folder, text, name="blade.txt", sections=SECTIONS, **given):
+    (folder / "sec.dat").write_text(sections)
+    data = text if isinstance(text, bytes) else text.encode()
+    (folder / name).write_bytes(data)
+    return blades.read_blade(folder / name, **given)
+
+
+def is_the_blade(table, twist=True):
+    """The one that all files above say."""
+    beam = table.beam
+    assert float(beam.length) == 50.0
+    assert beam.mass_per_length.stations == (0.0, 0.5, 1.0)
+    np.testing.assert_allclose(beam.mass_per_length.values, [300, 100, 10], rtol=1e-14)
+    np.testing.assert_allclose(beam.flap_bending_stiffness.values, [2e9, 5e8, 1e7], rtol=1e-14)
+    np.testing.assert_allclose(beam.in_plane_bending_stiffness.values, [4e9, 1e9, 5e7], rtol=1e-14)
+    if twist:
+        np.testing.assert_allclose(beam.twist.values, -np.radians([10, 5, 0]), rtol=1e-14)
+    else:
+        assert beam.twist is None
+
+
+def is_the_deck(table):
+    is_the_blade(table)
+    assert (table.hub_radius, table.tip_mass) == (1.5, 100.0)
+    assert table.angular_speed == pytest.approx(12.1 * np.pi / 30)
+
+
+@pytest.mark.parametrize(
+    "deck",
+    [
+        DECK.format(title="a blade"),
+        DECK.format(title="61.5 radius blade"),
+        DECK.format(title="2 tip_mass options"),
+        DECK.format(title="a blade").replace("rot_rpm", "romg").replace("rpm_mult", "romg_mult"),
+        DECK.format(title="a blade").replace("12.1 rot_rpm", "1.21D+01 / Rot_RPM"),
+        whole(),
+        whole("1.03", "romg", "romg_mult"),
+        whole(speed="romg", speed_mult="romg_mult"),
+        whole(title="61.5 radius", general="61.5 radius of another", tip="2 tip_mass options"),
+        whole("1.03", title="2 hub_rad", general="", tip="2 tip_mass options"),
+        whole(speed="speed", speed_mult="times").replace("hub_rad", "r").replace("radius:", "R"),
+        whole().replace("51.5      radius", "\n\n  51.5 , radius"),
+    ],
+)
+def test_main_files_whose_titles_are_free(deck, tmp_path):
+    """What stands in lines of free text is no value, and names are but notes if all lines are
+    there."""
+    is_the_deck(reading(tmp_path, deck))
+    is_the_deck(reading(tmp_path, deck.replace("\n", "\r\n"), "blade.bmi"))
+
+
+def test_names_that_are_said_twice_are_not_guessed(tmp_path):
+    deck = DECK.format(title="a blade").replace("0. precone", "2 tip_mass options\n0. precone")
+    with pytest.raises(ValueError, match=r"line 12, column tip_mass: is said again, after line 8"):
+        reading(tmp_path, deck)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("", ""),
+        ("BlFract StrcTwst BMassDen FlpStff EdgStff", "blfract strctwst bmassden flpstff edgstff"),
+        ("{title}", "12 NBlInpSt, said by nobody"),
+        ("header\n{title}", "------\n------ FAST INDIVIDUAL BLADE FILE\n12 NBlInpSt blades"),
+        ("3 NBlInpSt", "3, NBlInpSt, ! number of stations"),
+        ("(deg)", "(-)"),
+        ("(-) (deg) (kg/m) (Nm^2) (Nm^2)", ""),
+        ("(-) (deg) (kg/m) (Nm^2) (Nm^2)", "- deg kg/m N-m^2 N·m²"),
+        ("(kg/m) (Nm^2) (Nm^2)", "(t/m) (kN m^2) [GN m^2]"),
+        ("0.5 5.0 100.0 5.0E8 1.0E9", "0.5,5.0,100.0,5.0D8,1.0D+9 station 2 of 3"),
+        ("0.5 5.0 100.0 5.0E8 1.0E9", "0.5 5.0\n\n  100.0 .5+9 1.E9 / 7 8"),
+    ],
+)
+def test_columns_and_units_of_elastodyn(old, new, tmp_path):
+    text = ELASTODYN.replace(old, new).replace("{title}", "a blade")
+    if "(t/m)" in new:
+        text = text.replace(" 300.0 2.0E9 4.0E9", " 0.3 2.0E6 4.0").replace("10.0 1.0E7 5.0E7", (
+            "1D-2 1.0E4 0.05")).replace("100.0 5.0E8 1.0E9", "0.1 5.0E5 1.0")  # fmt: skip
+    is_the_blade(reading(tmp_path, text, length=50.0, axial_stiffness=1e10))
+
+
+def test_columns_of_elastodyn_in_another_order(tmp_path):
+    """Units stay where they were in some such files: x / L has none, whatever is said."""
+    head, rows = ELASTODYN.split("BlFract")[0], np.array(
+        [[10, 0, 300, 2e9, 4e9], [5, 0.5, 100, 5e8, 1e9], [0, 1, 10, 1e7, 5e7]]
+    )  # fmt: skip
+    lines = "\n".join(" ".join(map(str, row)) for row in rows)
+    text = f"{head}StrcTwst BlFract BMassDen FlpStff EdgStff\n(-) (deg) (kg/m) (Nm^2) (Nm^2)\n"
+    is_the_blade(reading(tmp_path, text + lines, length=50.0, axial_stiffness=1e10))
+    turned = rows[:, [4, 3, 2, 1, 0]] / [1e3, 1, 1, 1, 180 / np.pi]
+    lines = "\n".join(" ".join(map(repr, row.tolist())) for row in turned)
+    text = f"{head}EdgStff FlpStff BMassDen BlFract StrcTwst\n(kNm^2) - (kg/m) - (rad)\n{lines}\n"
+    is_the_blade(reading(tmp_path, text, length=50.0, axial_stiffness=1e10))
+
+
+def test_sections_as_fortran_reads_them(tmp_path):
+    """Repeated entries, commas, slashes, notes behind the last, other units."""
+    given = {"length": 50.0}
+    is_the_blade(reading(tmp_path, SECTIONS, **given))
+    other = SECTIONS.replace("1e10 0 0 0", "1e10 3*0.0 ! root").replace("1e9  0 0 0", "1e9,2*0,0/")
+    other = other.replace("0.0 10 10 300 1 1", "0.0, 10, 10 300\n  2*1")
+    is_the_blade(reading(tmp_path, other, **given))
+    units = "(-) (rad) (deg) (g/m) (kg-m) (kg-m) (MNm^2) (Nm^2) (kNm^2) (kN) (m) (m) (m)"
+    other = SECTIONS.replace("- - - - - - - - - - - - -", units)
+    for old, new in (
+        ("10 10 300 1 1 2e9 4e9 1e8 1e10", f"{np.radians(10):.17g} 10 3e5 1 1 2e3 4e9 1e5 1e7"),
+        ("5  5 100 1 1 5e8 1e9 1e8 1e9", f"{np.radians(5):.17g} 5 1e5 1 1 5e2 1e9 1e5 1e6"),
+        ("10 1 1 1e7 5e7 1e8 1e8", "1e4 1 1 1e1 5e7 1e5 1e5"),
+    ):
+        other = other.replace(old, new)
+    table = reading(tmp_path, other, **given)
+    is_the_blade(table)
+    np.testing.assert_allclose(table.beam.axial_stiffness.values, [1e10, 1e9, 1e8])
+    np.testing.assert_allclose(table.beam.torsional_stiffness.values, 1e8)
+    np.testing.assert_allclose(table.beam.polar_inertia.values, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "also"),
+    [
+        (lambda text: text, ""),
+        (lambda text: text.replace(",", ";"), ""),
+        (lambda text: text.replace(",", "\t"), ""),
+        (lambda text: text.replace(",", ";").replace("0.5", "0,5"), ""),
+        (lambda text: "sep=;\n" + text.replace(",", ";").replace("0.5", '"0,5"'), ""),
+        (lambda text: text.replace("\n", "\r\n").encode("utf-8-sig"), ""),
+        (lambda text: text.replace(",", "\t").replace("\n", "\r\n").encode("utf-16"), ""),
+        (lambda text: text.replace("\n", ",,\n") + ",,,,,\n\n ,,\n", ""),
+        (lambda text: text.replace("x_over_L", "x/L").replace("\n", "\r"), ""),
+        (lambda text: text.replace("x_over_L", '"x / L"'), ""),
+        (
+            lambda text: text.replace(
+                "flap_stiffness_N_m2", '"Flap stiffness\n[N\u00a0m²]"'
+            ).encode("cp1252"),
+            "",
+        ),
+        (
+            lambda text: text.replace("mass_per_length_kg_per_m", "mass per\u00a0length [g/m]")
+            .replace(",300,", ",300\u202f000,").replace(",100,", ",100\u00a0000,")
+            .replace(",10,", ",10000,"),
+            "",
+        ),
+    ],
+)  # fmt: skip
+def test_tables_as_spreadsheets_write_them(change, also, tmp_path):
+    is_the_blade(reading(tmp_path, change(CSV), length=50.0, axial_stiffness=1e10), twist=False)
+
+
+def test_a_table_of_words_is_no_section_file(tmp_path):
+    head, *rows = CSV.split()
+    words = [line.replace(",", f",{word},", 1) for line, word in zip(rows, "abc", strict=True)]
+    text = "\n".join([head.replace(",", ",section,", 1), *words])
+    is_the_blade(reading(tmp_path, text, length=50.0, axial_stiffness=1e10), twist=False)
+
+
+SAID = {
+    "a point and a comma": (
+        CSV.replace(",", ";").replace("0.5;100", "0.5;1,5"),
+        "line 3, column mass_per_length_kg_per_m: 1,5 has a comma, but numbers in line 3 have",
+    ),
+    "thousands": (CSV.replace("300", '"3,000,00"').replace("0.5", '"0,5"'), "not a number, '3.000"),
+    "a day": (CSV.replace(",300,", ",10-12,"), "not a number, '10-12'"),
+    "a unit of elastodyn": (
+        ELASTODYN.replace("(kg/m)", "(slug/ft)"),
+        "line 10, column BMassDen: its unit must be kg/m, g/m, t/m, got 'slug/ft'",
+    ),
+    "too few units": (ELASTODYN.replace("(deg) ", ""), "line 10: 4 units for 5 columns"),
+    "a title twice": (ELASTODYN.replace("FlpStff", "EdgStff"), "line 9, column EdgStff: is in_pl"),
+    "a decimal comma": (
+        ELASTODYN.replace("0.5 5.0 100.0", "0,5 5,0 100,0"),
+        "line 12: 8 entries for 5 columns",
+    ),
+    "a quote": (ELASTODYN.replace(" 100.0 ", " '100.0 "), 'BMassDen: not a number, "\'100.0"'),
+    "a fraction": (ELASTODYN.replace(" 100.0 ", " 100/2 "), "BMassDen: not a number, '100/2'"),
+    "a comma for a point": (ELASTODYN.replace("4.0E9", "4,E9"), "line 11: 6 entries for 5 columns"),
+    "no twist": (ELASTODYN.replace("StrcTwst", "Twist"), "line 9: no column StrcTwst"),
+    "half a station": (ELASTODYN.replace("3 NBl", "2.5 NBl"), "line 4, column NBlInpSt: must be a"),
+    "an empty entry": (ELASTODYN.replace(" 100.0 ", ",,"), "column BMassDen: not a number, ''"),
+    "a count twice": (
+        ELASTODYN.replace("3 NBlInpSt", "3 NBlInpSt\n3 nblinpst"),
+        "line 5, column NBlInpSt: is said again, after line 4",
+    ),
+    "a unit of sections": (
+        SECTIONS.replace("- - - - - -", "- - - lbm/in - -", 1),
+        "line 4, column mass_den: its unit must be kg/m, g/m, t/m, got 'lbm/in'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), SAID.values(), ids=SAID)
+def test_what_is_not_known_is_said(text, said, tmp_path):
+    with pytest.raises(ValueError, match=re.escape(said)) as caught:
+        reading(tmp_path, text, length=50.0, axial_stiffness=1e10)
+    assert str(caught.value).startswith(str(tmp_path))
+
+
+def test_a_main_file_that_names_no_section_file(tmp_path):
+    deck = DECK.format(title="TITLE").replace("'sec.dat' sec_props_file\n", "")
+    with pytest.raises(ValueError, match="no line has sec_props_file behind its value"):
+        reading(tmp_path, deck)
+
+
+def test_what_a_main_file_says_of_a_missing_file(tmp_path):
+    deck = DECK.format(title="TITLE").replace("sec.dat", "no_such.dat")
+    said = r"blade\.txt, line 12, column sec_props_file: the section file .*no_such\.dat cannot be"
+    with pytest.raises(ValueError, match=said):
+        reading(tmp_path, deck)
