@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.lanes import contract
+from jaxbeam._numerics.platforms import loops_are_dear
 
 Blocks = Float[Array, "k b b *lanes"]
 _Vector = Float[Array, "n *lanes"]
@@ -48,7 +49,8 @@ class BlockTridiagonal(eqx.Module):
         b = self.rows.shape[1]
         beside = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:])
         window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
-        if x.ndim > 1:  # in pieces that stay in the cache, and that a compiler does not mix up
+        if x.ndim > 1 and not loops_are_dear():
+            # In pieces that stay in the cache, and that a compiler does not mix up.
             return self.flat(jax.lax.map(lambda row: _apply(*row), (self.rows, window)))
         return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
 
@@ -109,7 +111,9 @@ class BlockInverse(eqx.Module):
             return pivot, pivot
 
         above = jnp.concatenate([jnp.zeros_like(up[:1]), up[:-1]])
-        self.pivots = jax.lax.scan(eliminate, jnp.zeros_like(up[0]), (low, diagonal, above))[1]
+        unroll = _written_out(k)
+        none = jnp.zeros_like(up[0])
+        self.pivots = jax.lax.scan(eliminate, none, (low, diagonal, above), unroll=unroll)[1]
         each = jax.vmap(_times)
         self.fore, self.back = each(self.pivots, low), each(self.pivots, up)
 
@@ -123,6 +127,11 @@ class BlockInverse(eqx.Module):
             transpose_solve=lambda _, b: a.flat(_solve_transposed(*parts, a.blocked(b))),
         )
         return x
+
+
+def _written_out(turns: int) -> int:
+    """How many turns of a loop over blocks are written out: programs grow with them."""
+    return min(turns, 16) if loops_are_dear() else 1
 
 
 def padded(x: Array, before: int, after: int) -> Array:
@@ -139,7 +148,8 @@ def _sweep(
         y = row[0] - _apply(row[1], y)
         return y, y
 
-    return jax.lax.scan(one, jnp.zeros_like(b[0]), (b, steps), reverse=reverse)[1]
+    unroll = _written_out(len(b))
+    return jax.lax.scan(one, jnp.zeros_like(b[0]), (b, steps), reverse=reverse, unroll=unroll)[1]
 
 
 def _solve(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lanes"]) -> Array:
@@ -171,7 +181,7 @@ def _small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
         a = jnp.where(across, 0.0, a) - jnp.where(down, 0.0, column) * row
         return jnp.where(down, row, a)
 
-    return jax.lax.fori_loop(0, len(a), body, a)
+    return jax.lax.fori_loop(0, len(a), body, a, unroll=_written_out(len(a)))
 
 
 def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Array:

@@ -14,9 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import sequential_vmap
-from jaxtyping import Array, Bool, Float, Inexact, Int
+from jaxtyping import Array, Float, Inexact, Int
 
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
+from jaxbeam._numerics.gauss_jordan import gauss_jordan
+from jaxbeam._numerics.loose import cholesky, lower_solve, reduced, settled, shift, unshifted
 
 
 @sequential_vmap
@@ -35,29 +37,20 @@ def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, "
     )
 
 
+def quotient(a: Inexact[Array, ""], b: Inexact[Array, ""]) -> Inexact[Array, ""]:
+    """a / b, linear in a: where b is zero not a number, unless a is, which gives zero; in reverse
+    mode too, so that a derivative that does not exist spoils none but those that ask for it."""
+    fixed = jax.lax.stop_gradient(b)
+
+    def divide(_: object, y: Array) -> Array:
+        return jnp.where(y == 0, y, y / fixed)
+
+    return jax.lax.custom_linear_solve(lambda x: b * x, a, divide, divide)
+
+
 @sequential_vmap
 def _lapack_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jnp.linalg.inv(a)
-
-
-def _gauss_jordan(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Inverse in place, with row pivoting."""
-    n = a.shape[0]
-    places = jnp.arange(n)
-
-    def body(k: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
-        a, order = state
-        p = jnp.argmax(jnp.where(places >= k, jnp.abs(a[:, k]), -1.0))
-        row, pivot, chosen = a[p], a[p, k], order[p]
-        a, order = a.at[p].set(a[k]), order.at[p].set(order[k]).at[k].set(chosen)
-        here = places == k
-        column = jnp.where(here, 0.0, a[:, k])
-        row = jnp.where(here, 1.0, row) / pivot
-        a = jnp.where(here[None], 0.0, a) - column[:, None] * row[None]
-        return jnp.where(here[:, None], row[None], a), order
-
-    a, order = jax.lax.fori_loop(0, n, body, (a, places))
-    return a[:, jnp.argsort(order)]
 
 
 def dense(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"]:
@@ -79,7 +72,7 @@ def _dense_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """Up to n = 100 without LAPACK, about as fast: its threads, which on a busy machine can wait
     for each other a hundred times as long as they work, stay out of the loop over time steps.
     """
-    return _gauss_jordan(a) if a.shape[0] <= 100 else _lapack_inverse(a)
+    return gauss_jordan(a) if a.shape[0] <= 100 else _lapack_inverse(a)
 
 
 @_dense_inverse.defjvp
@@ -119,77 +112,6 @@ def exponential(a: Float[Array, "n n"], squarings: int = 26) -> Float[Array, "n 
     return e + eye
 
 
-def value_and_jacobian(
-    function: Callable[[Float[Array, " n"]], Float[Array, " m"]], x: Float[Array, " n"]
-) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
-    """A function and its derivatives, from one evaluation."""
-    slope, value = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)(x)
-    return value, slope
-
-
-def find_root(
-    residual: Callable[..., Float[Array, " n"]],
-    start: Float[Array, " n"],
-    acceptable: Callable[[Float[Array, " n"]], Bool[Array, ""]] = lambda _: jnp.asarray(True),
-) -> tuple[Float[Array, " n"], Float[Array, ""]]:
-    """x with residual(x) = 0, and the share of the load that was reached (1: all of it).
-
-    Newton's method on residual(x, fraction), with the fraction raised from zero to one in adaptive
-    steps where one step will not do. Unknowns should be of order one. `acceptable` bars roots that
-    mean nothing. Differentiable to any order by the implicit function theorem.
-    """
-
-    def newton(x: Array, fraction: Array) -> tuple[Array, Array]:
-        def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            x, _, k = state
-            value, slope = value_and_jacobian(lambda x: residual(x, fraction), x)
-            dx = solve(slope, value)
-            return x - dx, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
-
-        def go_on(state: tuple[Array, Array, Array]) -> Array:
-            return (state[1] > 1e-13) & (state[2] < 20)  # NaN ends it too
-
-        x, change, _ = jax.lax.while_loop(go_on, body, (x, jnp.asarray(jnp.inf), jnp.asarray(0)))
-        # At round-off the step stalls slightly above the tolerance: accept that.
-        return x, (change < 1e-10) & acceptable(x)
-
-    def continuation(_: object, start: Array) -> tuple[Array, Array]:
-        def body(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-            x, done, step, k = state
-            target = jnp.minimum(done + step, 1.0)
-            new, ok = newton(x, target)
-            return (
-                jnp.where(ok, new, x),
-                jnp.where(ok, target, done),
-                jnp.where(ok, 2 * step, step / 4),
-                k + 1,
-            )
-
-        def go_on(state: tuple[Array, Array, Array, Array]) -> Array:
-            return (state[1] < 1) & (state[2] > 1e-9) & (state[3] < 100)
-
-        one = jnp.ones((), start.dtype)
-        x, done, _, _ = jax.lax.while_loop(go_on, body, (start, 0 * one, one, jnp.asarray(0)))
-        return x, done
-
-    return jax.lax.custom_root(
-        residual,
-        start,
-        continuation,
-        lambda g, y: solve(jax.jacfwd(g)(jnp.zeros_like(y)), y),
-        has_aux=True,
-    )
-
-
-def _cholesky(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    return jax.lax.linalg.cholesky(a, symmetrize_input=False)
-
-
-def _lower_solve(a: Array, b: Array, transpose: bool = False) -> Array:
-    """Returns x with a x = b, a lower triangular, or a^T x = b."""
-    return jax.lax.linalg.triangular_solve(a, b, left_side=True, lower=True, transpose_a=transpose)
-
-
 class BlockPairs(NamedTuple):
     """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
 
@@ -203,6 +125,7 @@ def planar_eigenpairs(
     gyroscopic: Float[Array, "n n"],
     stiffness: Float[Array, "n n"],
     n_transverse: int,
+    free: bool = False,
 ) -> BlockPairs:
     """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda >= 0, lowest first.
 
@@ -227,10 +150,13 @@ def planar_eigenpairs(
 
     K not positive in u: there is no steady state to vibrate about; `positive` is 0, results NaN.
 
+    K_w singular, or nearly, as it may be where hinges are `free`: as if it were definite, see
+    `_numerics/loose.py`.
+
     Eigenvectors are scaled to x^T S M x = 1 with S = diag(1 on w, -1 on u). For stable modes that
     is unit modal mass: w is real, u imaginary.
     """
-    return BlockPairs(*_eigensolver(n_transverse)(mass, gyroscopic, stiffness))
+    return BlockPairs(*_eigensolver(n_transverse, free)(mass, gyroscopic, stiffness))
 
 
 class _Planar(NamedTuple):
@@ -247,17 +173,33 @@ class _Planar(NamedTuple):
         """Returns stable modes, by the Cholesky factors of K_w and K_u."""
         m, g, _, nt, transverse = self
         na = len(m) - nt
-        fw = _lower_solve(lw, _cholesky(m[:nt, :nt]))
-        fu = _lower_solve(lu, _cholesky(m[nt:, nt:]))
-        coupling = _lower_solve(lu, _lower_solve(lw, g).T).T
+        fw = lower_solve(lw, cholesky(m[:nt, :nt]))
+        fu = lower_solve(lu, cholesky(m[nt:, nt:]))
+        coupling = lower_solve(lu, lower_solve(lw, g).T).T
         b = jnp.block([[-coupling, fw], [fu.T, jnp.zeros((na, nt), m.dtype)]])
         u, sigma, vt = jax.lax.linalg.svd(b, full_matrices=False)
-        w = _lower_solve(lw, u[:nt], transpose=True)
-        a = _lower_solve(lu, vt.T[:na], transpose=True)
+        w = lower_solve(lw, u[:nt], transpose=True)
+        a = lower_solve(lu, vt.T[:na], transpose=True)
         x = jnp.concatenate([w, a])
         x = x / jnp.sqrt(jnp.sum(x * (m @ x), axis=0))[None]
         x = jax.lax.complex(jnp.where(transverse, x, 0.0), jnp.where(transverse, 0.0, -x))
         return jax.lax.complex(0 * sigma, 1 / sigma), x
+
+    def shifted(self, more: Array, lu: Array) -> tuple[Array, Array]:
+        """Returns the modes where K_w + `more` M_w is positive definite, NaN where it is not."""
+        m, g, k, nt, transverse = self
+        inertia = m[:nt, :nt]
+        lw = cholesky(k[:nt, :nt] + more * inertia)
+        fine = jnp.isfinite(lw[0, 0])
+        lam, x = self.definite(jnp.where(fine, lw, jnp.eye(nt, dtype=m.dtype)), lu)
+        lam = jnp.where(fine, lam, jnp.nan)
+        w, v = x[:nt].real, x[nt:].imag
+        # As d lambda^2 = -2 lambda y^T dK x / y^T (2 lambda M + G) x, of unit modal mass.
+        moving = 1 + jnp.sum(w * (g @ v), 0) / lam.imag
+        new = unshifted(lam, more * jnp.sum(w * (inertia @ w), 0) / moving, k, x)
+        x = jnp.where(transverse, x, x * jnp.where(more == 0, 1.0, new / lam)[None])
+        norm = jnp.sum(jnp.where(transverse, x, -x) * (m @ x), axis=0)
+        return new, x / jnp.where(more == 0, 1.0, jnp.sqrt(norm))[None]
 
     def indefinite(self) -> tuple[Array, Array]:
         """Returns the modes where K_w is not positive definite."""
@@ -284,13 +226,13 @@ class _Planar(NamedTuple):
         return lam, v.T + 0j
 
 
-def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
+def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[Array, ...]]:
     @sequential_vmap
     def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
         n = m.shape[0]
         plane = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(n) < nt)[:, None])
-        lu = _cholesky(k[nt:, nt:])
-        lw = _cholesky(k[:nt, :nt])
+        lu = cholesky(k[nt:, nt:])
+        lw = cholesky(k[:nt, :nt])
         # Where there is no factor all of its entries are NaN, so that the first one tells.
         axial_ok, stable = (jnp.all(jnp.isfinite(factor[:1, :1])) for factor in (lu, lw))
         finite = jnp.all(jnp.isfinite(m + gyro + k))
@@ -301,22 +243,32 @@ def _eigensolver(nt: int) -> Callable[[Array, Array, Array], tuple[Array, Array,
         def indefinite(_: None) -> tuple[Array, Array]:
             return plane.indefinite() if nt < n else plane.transverse_alone()
 
+        def loose(_: None) -> tuple[Array, Array]:
+            lam, x = settled(
+                lambda more: plane.shifted(more, lu), lambda: shift(m[:nt, :nt], k[:nt, :nt])
+            )
+            return jax.lax.cond(jnp.isfinite(lam[0]), lambda: (lam, x), lambda: indefinite(None))
+
         def nothing(_: None) -> tuple[Array, Array]:
             nan = jnp.full((n, n), jnp.nan, m.dtype) + 0j
             return nan[0], nan
 
-        case = jnp.where(finite & axial_ok, jnp.where(stable, 0, 1), 2)
-        lam, x = jax.lax.switch(case, [definite, indefinite, nothing], None)
+        cases = [loose, nothing] if free else [definite, indefinite, nothing]
+        case = 0 if free else jnp.where(stable, 0, 1)
+        case = jnp.where(finite & axial_ok, case, len(cases) - 1)
+        lam, x = jax.lax.switch(case, cases, None)
         return lam, x.T, axial_ok.astype(int)
 
     return solver
 
 
 def gyroscopic_eigenpairs(
-    mass: Float[Array, "n n"], gyroscopic: Float[Array, "n n"], stiffness: Float[Array, "n n"]
-) -> BlockPairs:
+    mass: Float[Array, "n n"], gyroscopic: Float[Array, "n n"], stiffness: Float[Array, "n n"],
+    free: bool = False,
+) -> BlockPairs:  # fmt: skip
     """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda > 0, lowest first, for
-    any skew G and K positive definite; else `positive` is 0 and results are NaN.
+    any skew G and K positive definite, or singular where hinges are `free`; else `positive` is 0
+    and results are NaN.
 
     With K = L L^T, M = F F^T the skew matrix
 
@@ -325,41 +277,51 @@ def gyroscopic_eigenpairs(
     has the eigenvalues 1 / lambda, the lowest frequencies for the largest. Eigenvectors have unit
     modal mass, x^H M x = 1, and any phase.
     """
-    return BlockPairs(*_gyroscopic(mass, gyroscopic, stiffness))
+    solver = _gyroscopic_free if free else _gyroscopic
+    return BlockPairs(*solver(mass, gyroscopic, stiffness))
 
 
 @sequential_vmap
 def _gyroscopic(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
-    n, lower = m.shape[0], _cholesky(k)
-    stable = jnp.all(jnp.isfinite(lower)) & jnp.all(jnp.isfinite(m + gyro))
-    lower = jnp.where(stable, lower, jnp.eye(n, dtype=m.dtype))
-    turned = _lower_solve(lower, _lower_solve(lower, gyro).T).T
-    mixed = _lower_solve(lower, _cholesky(m))
-    skew = jnp.block([[-turned, -mixed], [mixed.T, jnp.zeros_like(m)]])
-    y, nu = jax.lax.linalg.eigh(1j * (skew - skew.T) / 2, symmetrize_input=False)
-    x = _lower_solve(lower + 0j, y[:n, ::-1][:, :n], transpose=True)
-    x = x / jnp.sqrt(jnp.sum((x.conj() * (m @ x)).real, axis=0))[None]
-    lam = 1j / nu[::-1][:n]
-    fine = jnp.where(stable, 1.0, jnp.nan)
-    return fine * lam, fine * x.T, stable.astype(int)
+    lam, x, stable = _by_skew(m, gyro, k)
+    return lam, x.T, stable.astype(int)
 
 
 @sequential_vmap
+def _gyroscopic_free(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+    def found(more: Array) -> tuple[Array, Array, Array]:
+        lam, x, stable = _by_skew(m, gyro, k + more * m)
+        moving = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
+        return unshifted(lam, more / moving.real, k, x), x, stable
+
+    lam, x, stable = settled(found, lambda: shift(m, k))
+    return lam, x.T, stable.astype(int)
+
+
+def _by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+    """What `gyroscopic_eigenpairs` finds, with modes as columns."""
+    n, lower = m.shape[0], cholesky(k)
+    stable = jnp.all(jnp.isfinite(lower)) & jnp.all(jnp.isfinite(m + gyro))
+    lower = jnp.where(stable, lower, jnp.eye(n, dtype=m.dtype))
+    turned = lower_solve(lower, lower_solve(lower, gyro).T).T
+    mixed = lower_solve(lower, cholesky(m))
+    skew = jnp.block([[-turned, -mixed], [mixed.T, jnp.zeros_like(m)]])
+    y, nu = jax.lax.linalg.eigh(1j * (skew - skew.T) / 2, symmetrize_input=False)
+    x = lower_solve(lower + 0j, y[:n, ::-1][:, :n], transpose=True)
+    x = x / jnp.sqrt(jnp.sum((x.conj() * (m @ x)).real, axis=0))[None]
+    fine = jnp.where(stable, 1.0, jnp.nan)
+    return fine * 1j / nu[::-1][:n], fine * x, stable
+
+
 def symmetric_modes(
-    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"]
+    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: bool = False
 ) -> Float[Array, "n n"]:
-    """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite.
+    """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite, and
+    singular where hinges are `free`.
 
     From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
     """
-    return _symmetric_modes(mass, stiffness)[0]
-
-
-def _reduced(a: Array, b: Array) -> tuple[Array, Array]:
-    """F with b = F F^T, and F^-1 a F^-T."""
-    f = _cholesky(b)
-    inner = _lower_solve(f, _lower_solve(f, a).T)
-    return f, (inner + inner.T) / 2
+    return sequential_vmap(_settled_modes if free else _symmetric_modes)(mass, stiffness)[0]
 
 
 @sequential_vmap
@@ -367,9 +329,9 @@ def lowest_eigenpair(
     a: Float[Array, "n n"], b: Float[Array, "n n"]
 ) -> tuple[Float[Array, ""], Float[Array, " n"]]:
     """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
-    f, inner = _reduced(a, b)
+    f, inner = reduced(a, b)
     y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # in order
-    return mu[0], _lower_solve(f, y[:, :1], transpose=True)[:, 0]
+    return mu[0], lower_solve(f, y[:, :1], transpose=True)[:, 0]
 
 
 @sequential_vmap
@@ -381,11 +343,24 @@ def eigensystem(
     return mu, right, left
 
 
-def _symmetric_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
-    f = _cholesky(mass)
-    flexible = jnp.linalg.solve(stiffness, f)
+def _symmetric_modes(
+    mass: Array, stiffness: Array, more: Array | None = None
+) -> tuple[Array, Array]:
+    f = cholesky(mass)
+    flexible = jnp.linalg.solve(stiffness if more is None else stiffness + more * mass, f)
     a = f.T @ flexible
     y, nu = jax.lax.linalg.eigh((a + a.T) / 2, symmetrize_input=False)
     order = jnp.argsort(1 / nu)
     v = (flexible @ y)[:, order].T
-    return v / jnp.sqrt(jnp.sum(v * (v @ mass), axis=1))[:, None], 1 / nu[order]
+    return v / jnp.sqrt(jnp.sum(v * (v @ mass), axis=1))[:, None], 1 / nu[order] - (
+        0.0 if more is None else more
+    )
+
+
+def _settled_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
+    def found(more: Array) -> tuple[Array, Array]:
+        v, mu = _symmetric_modes(mass, stiffness, more)
+        return jnp.sqrt(jnp.abs(mu)), v
+
+    omega, v = settled(found, lambda: shift(mass, stiffness))
+    return v, omega

@@ -17,7 +17,9 @@ from jaxbeam._numerics.anywhere import anywhere
 from jaxbeam._numerics.batches import CPU_LANES, batchable
 from jaxbeam._numerics.platforms import by_platform
 
-_MANY = 8192  # cases that other devices than a CPU work on together
+# Cases that other devices than a CPU work on together: one that makes place for the next costs
+# them more than some steps that nobody needs.
+_MANY = 1 << 17
 
 GoesOn = Callable[[Any, Any], Any]
 Step = Callable[[Any, Any], Any]
@@ -28,7 +30,7 @@ def loop(goes_on: GoesOn, step: Step, fixed: Any, state: Any) -> Any:
 
     `fixed` and `state` are pytrees that hold all arrays that the two functions see; `step` must
     leave a state as it is that is done. In a batch, by `jax.vmap` once or several times, 32 cases
-    on a CPU (8192 elsewhere) are worked on at a time; one that is done makes place for the next.
+    on a CPU (131,072 elsewhere) are worked on at a time; one that is done makes place for the next.
     Each gets the steps that it would get alone, in the order given.
 
     Differentiable in forward mode, to any order: rates are then a part of the state.

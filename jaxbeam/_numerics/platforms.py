@@ -6,13 +6,38 @@ from typing import Any
 import jax
 from jax.extend import backend
 
+# For what a function is traced: "cpu", "others", or, outside of `by_platform`, None. JAX's caches
+# see a context of this kind, so that what is traced for one is not taken for the other.
+_TRACED_FOR = jax.make_user_context(None)
+
 
 def by_platform(*args: Any, cpu: Callable[..., Any], default: Callable[..., Any]) -> Any:
     """`jax.lax.platform_dependent`; but where there are only CPUs, what is for others is not even
-    traced, which takes as long as what is used."""
-    if _only_cpus():
+    traced, which takes as long as what is used. Nor is, within one, what is for the other."""
+    if loops_are_dear():
+        return default(*args)
+    if _only_cpus() or _TRACED_FOR.value == "cpu":
         return cpu(*args)
-    return jax.lax.platform_dependent(*args, cpu=cpu, default=default)
+    return jax.lax.platform_dependent(
+        *args, cpu=traced_for("cpu", cpu), default=traced_for("others", default)
+    )
+
+
+def loops_are_dear() -> bool:
+    """Whether what is traced here is for a device, such as a GPU, that starts some kernels of its
+    own in each turn of a loop, which takes longer than a short turn does. A short loop is better
+    written out there; on a CPU it keeps in the cache what it works on, and programs small."""
+    return bool(_TRACED_FOR.value == "others")
+
+
+def traced_for(which: str | None, function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, which takes itself to be for "cpu" or for "others"."""
+
+    def traced(*args: Any) -> Any:
+        with _TRACED_FOR(which):
+            return function(*args)
+
+    return traced
 
 
 def _only_cpus() -> bool:
