@@ -70,8 +70,9 @@ _EPILOG = f"""\
 Frequencies over speed, for three tip masses (--example prints it, and the others):
 
 {EXAMPLES["frequencies"]}
-A [beam] may have file = "blade.csv", a table of sectional properties beside it (blades.read_csv),
-[root] springs (jaxbeam.RootSprings) and [tip] what makes a body of the tip mass (jaxbeam.TipBody).
+A [beam] may have file = "blade.csv", any file of blades.read_blade beside it, of which what it says
+of the rotor holds unless [rotor] says otherwise, [root] springs (jaxbeam.RootSprings) and [tip]
+what makes a body of the tip mass (jaxbeam.TipBody).
 A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
 
 {EXAMPLES["spin_up"]}
@@ -82,13 +83,16 @@ on when the same command runs again; after a change in the file remove FOLDER/ch
 another FOLDER. Exit status: 0 if a case is ok, 1 if none is, 2 for a mistake in the file.
 """
 Dims = dict[str, dict[str, list[Any]]]
+Labels = tuple[jb.models.Label, ...]
 TABLES = ("model", "beam", "rotor", "root", "tip", "motion", "loads", "damping")
+BASES = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}
+PARTS: dict[str, list[Any]] = {"root": [jb.RootSprings], "tip": [jb.TipBody], "loads": [jb.Loads]}
 
 
-def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> jb.Beam:
-    table = jb.blades.read_csv(file, length=length, axial_stiffness=axial_stiffness)
+def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> Any:
+    table = jb.blades.read_blade(file, length=length, axial_stiffness=axial_stiffness)
     _note("\n".join(f"{file}: {ignored}" for ignored in table.ignored))
-    return table.beam
+    return table
 
 
 _note = functools.cache(lambda text: text and print(text, file=sys.stderr))  # once, not every time
@@ -126,9 +130,7 @@ def _spin_up(
     return {**found, "status": run.status}
 
 
-def _which(
-    in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any
-) -> tuple[jb.models.Label, ...]:
+def _which(in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any) -> Labels:
     counts = {"in_plane": in_plane, "flap": flap, "axial": axial}  # columns carry their names
     for family, count in counts.items():
         count_functions(family, count)
@@ -186,17 +188,15 @@ def read(tables: Mapping[str, Any]) -> Job:
     (question,) = asked
     ask, over, _ = QUESTIONS[question]
     axes = {name: _values(name, given) for name, given in tables.get("sweep", {}).items()}
-    bases = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}
-    makers: dict[str, list[Any]] = {"loads": [jb.Loads], "damping": [jb.Damping], question: [ask]}
-    makers |= {"root": [jb.RootSprings], "tip": [jb.TipBody]}
-    makers["beam"] = [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness, _beam_in]
+    beams = [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness, _beam_in]
+    makers = {**PARTS, "damping": [jb.Damping], "beam": beams, question: [ask]}
     takes: dict[str, dict[str, inspect.Parameter]] = {}
     made: dict[str, Callable[[Mapping[str, Any]], Any]] = {}  # from the swept numbers
 
     def gather(table: str) -> None:
         given = dict(tables.get(table, {}))
-        if table in bases:
-            makers[table] = [_class(table, given.pop("name", None), bases[table])]
+        if table in BASES:
+            makers[table] = [_class(table, given.pop("name", None), BASES[table])]
         if table == "model":
             makers["rotor"] = [makers["model"][0].rotor_type]
         maker = _fitting(table, makers[table], given, axes)
@@ -207,11 +207,11 @@ def read(tables: Mapping[str, Any]) -> Job:
             gather(needed)
 
         def make(numbers: Mapping[str, Any]) -> Any:
-            swept = {name: n for name, n in numbers.items() if name in takes[table]}
+            swept = {name: n for name, n in numbers.items() if _is_real(takes[table].get(name))}
             parts = {needed: made[needed](numbers) for needed in needs}
-            if "model" in parts and "rotor" in parts:
-                parts["model"] = _suited(parts["model"], made["rotor"], axes)
             with _blamed(table):
+                if isinstance(parts.get("beam"), jb.blades.BladeTable):
+                    return parts.pop("beam").rotor(**parts, **{**given, **swept})
                 return maker(**parts, **{**given, **swept})
 
         made[table] = make
@@ -234,13 +234,6 @@ def read(tables: Mapping[str, Any]) -> Job:
     with _blamed(question):
         case = functools.partial(_answer, made[question], tables)
         return Job(question, case, axes, over(**tables[question]))
-
-
-def _suited(model: Any, rotor: Callable[..., Any], axes: dict[str, list[float]]) -> Any:
-    """For the first case, whose numbers are known also where those of others are compiled."""
-    with contextlib.suppress(ValueError), jax.ensure_compile_time_eval():
-        return model.suited(rotor({name: values[0] for name, values in axes.items()}))
-    return model
 
 
 def _answer(make: Callable[[Mapping[str, Any]], Any], _: Any, **numbers: Any) -> Any:
@@ -269,8 +262,8 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and not huge
 
 
-def _is_real(parameter: inspect.Parameter) -> bool:
-    return float in typing.get_args(parameter.annotation)  # see Real
+def _is_real(parameter: inspect.Parameter | None) -> bool:
+    return parameter is not None and float in typing.get_args(parameter.annotation)  # see Real
 
 
 def _keys(maker: Callable[..., Any]) -> dict[str, inspect.Parameter]:
@@ -363,10 +356,8 @@ def run(scene: Job, out: Path, cores: int, chunk: int) -> bool:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command and return its exit status."""
-    form = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
-        "python -m jaxbeam", description=__doc__, epilog=_EPILOG, formatter_class=form
-    )
+    parser = argparse.ArgumentParser("python -m jaxbeam", description=__doc__, epilog=_EPILOG)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("scene", nargs="?", type=Path, metavar="SCENE.toml")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: the name of the file")
     parser.add_argument("--cores", type=int, default=1, metavar="N", help="chunks at once (1)")
@@ -381,7 +372,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error("name a SCENE.toml, and one core and one case at least")
     jax.config.update("jax_enable_x64", True)
     try:
-        tables = tomllib.loads(given.scene.read_text("utf-8"))
+        tables = tomllib.loads(given.scene.read_text("utf-8-sig"))
         if isinstance(beam := tables.get("beam"), dict) and isinstance(beam.get("file"), str):
             beam["file"] = str(given.scene.parent / beam["file"])  # it lies beside the scene
         out = given.out or Path(given.scene.stem)

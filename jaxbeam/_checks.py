@@ -1,7 +1,10 @@
 """Arguments of public functions: numbers as arrays of real floats, or errors that name them."""
 
+import contextlib
+from collections.abc import Iterator
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -77,6 +80,24 @@ def _real(name: str, value: Any) -> Any:
     if not (jnp.issubdtype(array.dtype, np.floating) or jnp.issubdtype(array.dtype, np.integer)):
         raise TypeError(f"{name} must be real numbers, got {value!r}")
     return array
+
+
+def is_there(given: Any) -> bool:
+    """Whether a list of numbers, which may be traced, is not empty."""
+    return len(given) > 0 if isinstance(given, list | tuple) else np.size(given) > 0
+
+
+@contextlib.contextmanager
+def traceable(name: str) -> Iterator[None]:
+    """Around a call of somebody's function: says that it must be of JAX, where it is not."""
+    try:
+        yield
+    except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
+        raise TypeError(
+            f"{name} makes a plain number of one that JAX traces: in it take functions of "
+            "jax.numpy in the place of those of numpy and math (jnp.sin for np.sin), jnp.where for "
+            "if, and no float()"
+        ) from error
 
 
 def is_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:

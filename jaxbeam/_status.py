@@ -105,8 +105,9 @@ class Status(enum.IntEnum):
     )
     MAX_STEPS = (
         24,
-        "the solver used up max_steps before the last time: raise max_steps, loosen the "
-        "tolerance, or look whether the model is unstable here",
+        "the solver used up max_steps before the last time: raise max_steps, loosen the tolerance "
+        "(stepsize_controller), give linear models at constant speed to jaxbeam.solvers.Magnus in "
+        "long fixed steps, or look whether the model is unstable here",
     )
     STEP_FAILED = (
         25,
@@ -156,7 +157,7 @@ class Status(enum.IntEnum):
     )
     INVALID_TWIST = 34, f"twist must be finite and within a turn either way{_RADIANS}", INPUT
     INVALID_PITCH = 35, f"pitch must be finite and within a turn either way{_RADIANS}", INPUT
-    INVALID_ROOT_SPRINGS = 36, "springs at the root must be finite and > 0", INPUT
+    INVALID_ROOT_SPRINGS = 36, "springs at the root must be finite and >= 0", INPUT
     INVALID_TIP_BODY = (
         37,
         "offset of the tip body must be finite, its inertia finite and >= 0",
@@ -169,6 +170,17 @@ class Status(enum.IntEnum):
         41,
         "an element in space turns or twists by more than a right angle, or is stretched by more "
         "than a half: take more elements, or look whether the loads are meant",
+    )
+    TOO_FEW_FUNCTIONS = (
+        42,
+        "functions, or points of integration, leave out more than 1e-3 of a frequency (see "
+        "frequency_error): take more functions or ask for fewer modes; where a property varies "
+        "faster than a table with stations of its own would say, give it stations or kinks",
+    )
+    NOT_HELD = (
+        43,
+        "nothing holds the beam at this angular_speed, since a hinge is free (RootSprings of "
+        "zero): give it a stiffness, or a speed at which it is held",
     )
 
 
@@ -196,12 +208,14 @@ def raise_unless_ok(result: Result, status: Any) -> Result:
     is logged before it (`said` finds it again). Of a batch the largest status counts.
     """
     if is_known(status):
-        _raise_unless_ok(status)
+        _raise_unless_ok(status, short=_short_floats())
         return result
     if os.environ.get("EQX_ON_ERROR", "raise") != "raise":  # NaN instead, say
-        sentences = [status.message for status in sorted(Status)]
+        sentences = [_explained(status, _short_floats()) for status in sorted(Status)]
         return eqx.branched_error_if(result, status != Status.OK, status, sentences)
-    passed = _passed.bind(status) >= 0  # always true, but the compiler does not know
+    passed = (
+        _passed.bind(status, short=_short_floats()) >= 0
+    )  # always true, but the compiler does not know
     return jax.tree.map(
         lambda leaf: jnp.where(passed, leaf, jnp.zeros_like(leaf)) if eqx.is_array(leaf) else leaf,
         result,
@@ -246,12 +260,27 @@ logging.getLogger("jax._src.callback").addFilter(
 )
 
 
-def _raise_unless_ok(status: Any) -> None:
+def _short_floats() -> bool:
+    return bool(jnp.result_type(float) == jnp.float32)
+
+
+def _explained(status: Status, short: bool) -> str:
+    """The sentence of a status; in 32-bit floats, which JAX has by default, with what they do to a
+    search or a run that failed."""
+    if not short or status == Status.OK or status.blames_input:
+        return status.message
+    return (
+        f"{status.message}. jax runs in 32-bit floats, in which tolerances may be out of reach: "
+        "call jax.config.update('jax_enable_x64', True) before anything else"
+    )
+
+
+def _raise_unless_ok(status: Any, *, short: bool) -> None:
     ended = Status(int(status))
     if ended.blames_input:
         raise ValueError(ended.message)
     if ended != Status.OK:
-        raise RuntimeError(ended.message)
+        raise RuntimeError(_explained(ended, short))
 
 
 # The status itself, if it is OK. Where values are known (in `vmap` and `grad` without `jit`) it
@@ -260,24 +289,24 @@ _passed = Primitive("passed")
 
 
 @_passed.def_impl
-def _passed_known(status: Any) -> Any:
-    _raise_unless_ok(status)
+def _passed_known(status: Any, *, short: bool) -> Any:
+    _raise_unless_ok(status, short=short)
     return status
 
 
 @_passed.def_abstract_eval
-def _passed_shape(status: Any) -> Any:
+def _passed_shape(status: Any, **_: Any) -> Any:
     return status
 
 
-def _passed_batch(given: Any, axes: Any) -> Any:
+def _passed_batch(given: Any, axes: Any, **how: Any) -> Any:
     (batch,) = given
-    return jnp.broadcast_to(_passed.bind(jnp.max(batch)), batch.shape), *axes
+    return jnp.broadcast_to(_passed.bind(jnp.max(batch), **how), batch.shape), *axes
 
 
-def _passed_compiled(status: Any) -> Any:
+def _passed_compiled(status: Any, *, short: bool) -> Any:
     def fail(code: Any) -> Any:
-        message = Status(int(code)).message
+        message = _explained(Status(int(code)), short)
         _LOG.error(message)
         raise CaseError(message)
 

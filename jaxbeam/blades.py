@@ -1,11 +1,13 @@
 """Beams from files of sectional properties, as blades of turbines are handed on.
 
-`read_csv(path, length=61.5, axial_stiffness=1e10).beam` is a `jaxbeam.Beam` whose properties are
+`read_blade(path, length=61.5, axial_stiffness=1e10).beam` is a `jaxbeam.Beam` whose properties are
 `jaxbeam.Spanwise`; what else a reader returns is a `BladeTable`, also what in the file is ignored.
 """
 
-from jaxbeam._rotor.nrel_tables import read_bmodes as read_bmodes
-from jaxbeam._rotor.nrel_tables import read_elastodyn as read_elastodyn
+from jaxbeam._rotor.blade_files import read_blade as read_blade
+from jaxbeam._rotor.bmodes import read_bmodes as read_bmodes
+from jaxbeam._rotor.csv_tables import read_csv as read_csv
+from jaxbeam._rotor.elastodyn import read_elastodyn as read_elastodyn
+from jaxbeam._rotor.elastodyn_files import write_elastodyn as write_elastodyn
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
 from jaxbeam._rotor.tables import BladeTable as BladeTable
-from jaxbeam._rotor.tables import read_csv as read_csv

@@ -18,7 +18,4 @@ from jaxbeam._models.discrete import DiscreteNP as DiscreteNP
 from jaxbeam._models.discrete import DiscreteNS as DiscreteNS
 from jaxbeam._models.families import Family as Family
 from jaxbeam._models.families import Label as Label
-from jaxbeam._models.pieces import Hinged as Hinged
-from jaxbeam._models.pieces import MomentPolynomials as MomentPolynomials
-from jaxbeam._models.pieces import PiecewisePolynomials as PiecewisePolynomials
 from jaxbeam._rotor.spring_rotor import SpringRotor as SpringRotor

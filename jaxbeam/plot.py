@@ -19,8 +19,9 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from jaxbeam._fitting.result import Fit
 from jaxbeam._models.base import AbstractModel
 from jaxbeam._models.families import Family, Label
+from jaxbeam._models.shapes import section_angle
 from jaxbeam._models.space_frames import axes as section_axes
-from jaxbeam._models.tables import section_angle
+from jaxbeam._rotor import spanwise
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._simulation.result import Simulation
 from jaxbeam._status import Status
@@ -34,8 +35,8 @@ COLOURS = {
 }  # fmt: skip
 UNITS = {
     "length": "m", "pitch": "rad", "precone": "rad", "offset": "m", "inertia": "kg m²",
-    "axial_inertia": "kg m²", "hub_radius": "m", "area": "m²", "time": "s", "duration": "s",
-    "down_at": "s",
+    "axial_inertia": "kg m²", "flap_inertia": "kg m²", "hub_radius": "m", "area": "m²",
+    "time": "s", "duration": "s", "down_at": "s",
     "in_plane_second_moment": "m⁴", "flap_second_moment": "m⁴", "tip_mass": "kg",
     "density": "kg/m³", "mass_per_length": "kg/m", "youngs_modulus": "Pa", "axial_stiffness": "N",
     "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
@@ -82,12 +83,13 @@ def campbell(
 
 
 def mode_shape(
-    model: AbstractModel, found: Modes, mode: Label, ax: Axes, points: int = 201, **style: object
-) -> None:
+    model: AbstractModel, rotor: Rotor, found: Modes, mode: Label, ax: Axes, points: int = 201,
+    **style: object,
+) -> None:  # fmt: skip
     """Displacement of one mode in the direction that names it over x / L, largest value one."""
     row, turn = {Family.AXIAL: (0, 1j), Family.IN_PLANE: (1, 1), Family.FLAP: (2, 1)}[mode.family]
     xi = np.linspace(0, 1, points)
-    table = np.asarray(model.displacement(xi))[row]
+    table = np.asarray(model.displacement(xi, rotor))[row]
     # Stable axial parts are -i times a real shape, see `Modes`.
     shape = (turn * (table @ np.asarray(found.shape[found.labels.index(mode)]))).real
     ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]
@@ -249,7 +251,7 @@ def _ribbons(rotor: Rotor, run: Simulation, points: int = 41) -> tuple[np.ndarra
     t = np.gradient(along, xi, axis=1) @ axes.T
     t = t / np.linalg.norm(t, axis=2, keepdims=True)
     turn = np.asarray(run.twist(xi))[there]
-    if (angle := section_angle(rotor, xi)) is not None:
+    if (angle := section_angle(rotor, lambda turn: spanwise.along(turn, xi))) is not None:
         turn = turn + np.asarray(angle)
     across = section_axes(jnp.asarray(np.moveaxis(t, 2, 0)), jnp.asarray(turn))[1]
     wide = 0.04 * length * np.moveaxis(np.asarray(across), 0, 2) @ axes

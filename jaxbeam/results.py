@@ -13,5 +13,6 @@ from jaxbeam._vibration.critical_speed import CriticalSpeed as CriticalSpeed
 from jaxbeam._vibration.crossing import Crossing as Crossing
 from jaxbeam._vibration.floquet import Floquet as Floquet
 from jaxbeam._vibration.result import Modes as Modes
+from jaxbeam._vibration.shapes import ShapePolynomials as ShapePolynomials
 from jaxbeam._vibration.southwell import Southwell as Southwell
 from jaxbeam._vibration.tongues import Tongue as Tongue

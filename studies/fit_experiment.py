@@ -37,7 +37,6 @@ DENSITY = 1.44e-4 * POUND / INCH**4  # lb s^2 / in^4
 AREA = WIDTH * HEIGHT
 NOMINAL = MODULUS * WIDTH * HEIGHT**3 / 12
 MODEL = jb.Hybrid(1, 1, 12)
-HINGED = jb.Hybrid(1, 1, 12, basis=jb.models.Hinged(in_plane=False))
 WHICH = jb.labels(flap=4)
 NOISE = 0.01  # relative; only that it is the same for all is believed
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
@@ -72,7 +71,7 @@ class Seen(eqx.Module):
     def __call__(self, stiffness: Any, clamp: Any = 0.0, spring: Any = None) -> jb.FrequencyData:
         noise = NOISE * jnp.where(jnp.isfinite(self.frequencies), self.frequencies, 1.0)
         spring = self.held if spring is None else spring
-        rotor, model = blade(stiffness, clamp, spring), MODEL if spring is None else HINGED
+        rotor, model = blade(stiffness, clamp, spring), MODEL
         return jb.FrequencyData(model, rotor, self.speeds, self.frequencies, noise, WHICH)
 
 

@@ -128,7 +128,7 @@ def linear(rotor: jb.Rotor, speed: Any) -> tuple[jb.models.LinearSystem, Any]:
 def plants(rotors: jb.Rotor, speed: float) -> Plant:
     """Of each rotor. Without stretch nothing couples by Coriolis forces: modes are real."""
     system, force = jax.tree.map(np.asarray, linear(rotors, speed))
-    tip, found = np.asarray(MODEL.displacement(np.ones(1))[1, 0]), []
+    tip, found = np.asarray(MODEL.displacement(np.ones(1), rotors)[1, 0]), []
     for mass, stiffness, pull in zip(system.mass, system.stiffness, force, strict=True):
         square, shape = scipy.linalg.eigh(stiffness, mass)
         unit = np.sqrt(tip @ np.linalg.solve(stiffness, tip)) / LENGTH

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import pytest
 import jaxbeam as jb
 from jaxbeam import plot
 from jaxbeam.__main__ import EXAMPLES, main, read
+from tests.rotor.test_blade_files import DECK, SECTIONS
 
 BEAM = """
 [beam]
@@ -373,10 +375,73 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
         columns[1], 1e9, columns[2], columns[3],
     )))  # fmt: skip
     rotor = jb.Rotor(beam, 1.0, 5.0, root=jb.RootSprings(flap=4e6), tip=jb.TipBody(0.1))
-    model = jb.Hybrid(0).suited(rotor)
+    model = jb.Hybrid(0)
     wanted = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=2)).frequency
     found = jb.Table.load(tmp_path / "found" / "frequencies.npz")["frequency"].ravel()
     np.testing.assert_allclose(found, wanted, rtol=1e-10)
+
+
+def test_a_main_file_of_bmodes_says_what_the_rotor_is(tmp_path, capsys, monkeypatch):
+    """By what is in it, whatever it is called, and unless the scene says otherwise; the scene has a
+    byte-order mark, as editors of Windows write."""
+    (tmp_path / "sec.dat").write_text(SECTIONS)
+    (tmp_path / "blade.txt").write_text(DECK.format(title="2 tip_mass options"))
+    scene = """
+        [model]
+        name = "Hybrid"
+        n_stretch = 0
+        [beam]
+        file = "blade.txt"
+        [rotor]
+        tip_mass = 20.0
+        [frequencies]
+        angular_speed = 1.0
+        flap = 1
+        """
+    (tmp_path / "scene.toml").write_bytes(scene.encode("utf-8-sig"))
+    monkeypatch.chdir(tmp_path)
+    seen = []
+
+    def modes(model, rotor, *_, **__):
+        seen.append(rotor)
+        raise ValueError("this is all that is asked")
+
+    monkeypatch.setattr(jb, "modes", modes)
+    main(["scene.toml"])
+    assert "tw_iner is ignored" in capsys.readouterr().err
+    wanted = jb.blades.read_bmodes("blade.txt").rotor(tip_mass=20.0)
+    assert (float(wanted.hub_radius), float(wanted.tip_mass)) == (1.5, 20.0)
+    assert eqx.tree_equal(seen[0], wanted)
+
+
+@pytest.mark.slow
+def test_springs_are_swept_also_under_the_name_of_a_count(tmp_path):
+    """`flap` is a spring of the root, and how many modes a question asks for."""
+    (tmp_path / "scene.toml").write_text(
+        """
+        [model]
+        name = "Hybrid"
+        n_stretch = 0
+        n_in_plane = 3
+        n_flap = 3
+        [beam]
+        length = 8.0
+        mass_per_length = 0.2
+        axial_stiffness = 5e6
+        in_plane_bending_stiffness = 566.0
+        flap_bending_stiffness = 400.0
+        [root]
+        [frequencies]
+        angular_speed = 5.0
+        flap = 1
+        [sweep]
+        flap = [0.0, 100.0]
+        """
+    )
+    assert main([str(tmp_path / "scene.toml"), "--out", str(tmp_path / "found")]) == 0
+    found = jb.Table.load(tmp_path / "found" / "frequencies.npz")["frequency"].ravel()
+    np.testing.assert_allclose(found[0], 5.0, rtol=1e-9)  # a free hinge in the axis
+    assert found[1] > 5.1
 
 
 def test_units_at_axes_are_those_of_the_parameters():

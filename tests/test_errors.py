@@ -15,6 +15,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._status import raise_unless_ok, said
+from tests.helpers import run_optimised
 
 SENTENCE = "hub_radius must be finite and >= 0"
 
@@ -351,3 +352,79 @@ def test_results_are_printed_copied_and_compared():
         for same in (copy.deepcopy(result), pickle.loads(pickle.dumps(result))):
             assert str(same) == str(result)
     assert table != copy.deepcopy(table)  # by identity: arrays have no single answer
+
+
+SHORT = """
+import warnings
+import jax, jax.numpy as jnp
+import jaxbeam as jb
+
+warnings.simplefilter("ignore")  # which says so, too
+
+def run(speed):
+    motion, rotor = jb.SmoothSpinUp(speed, 15.0), jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0))
+    times = jnp.array([0.0, 20.0])
+    return jb.simulate(jb.Hybrid(0, 1, 0), rotor, motion, times, max_steps=3).tip
+
+for call in (run, jax.jit(run)):
+    try:
+        jax.block_until_ready(call(jnp.asarray(4.0)))
+    except (RuntimeError, ValueError) as error:
+        print(str(error).replace(chr(10), " "))
+"""
+
+
+@pytest.mark.slow
+def test_in_short_floats_a_run_that_ends_early_says_what_to_call():
+    """In 32 bits, which JAX has by default, a tolerance may be out of reach."""
+    said = run_optimised("-c", SHORT, level=0).splitlines()
+    assert len(said) == 2
+    for line in said:
+        assert "used up max_steps" in line
+        assert "32-bit floats" in line
+        assert "jax.config.update('jax_enable_x64', True)" in line
+    assert "Magnus" in jb.Status.MAX_STEPS.message
+
+
+def test_times_of_jumps_may_be_traced_one_by_one():
+    """In a list, which NumPy cannot make an array of."""
+
+    @jax.jit
+    def times(t):
+        step = jb.motions.HubVelocity(
+            lambda _: jnp.zeros(3), lambda s: jnp.where(s < t, 0.0, jnp.ones(3)), jumps=[t]
+        )
+        loads = jb.Loads(tip_force=jnp.ones(3), jumps=[t, 2 * t], changes=(t,))
+        none = jb.Loads(jumps=[]), jb.Loads(jumps=np.zeros(0))
+        assert not any(load.jump_times().size for load in none)
+        return step.jump_times(), loads.jump_times(), loads.change_times()
+
+    assert [list(each) for each in times(0.5)] == [[0.5], [0.5, 1.0], [0.5]]
+    with pytest.raises(TypeError, match="jumps must be real numbers"):
+        jb.Loads(jumps=[None])
+    with pytest.raises(ValueError, match="jumps must be a list"):
+        jb.Loads(jumps=[[0.5]])
+
+
+def test_functions_of_numpy_are_told_to_be_of_jax():
+    """Of x alone they may be of NumPy, also in a program that is being compiled."""
+
+    def mean(width):
+        plain = jb.blades.SpanwiseFunction(lambda xi: 2.0 + np.sin(xi))
+        return jb.Beam(1.0, plain, width, 1.0, 1.0).mean.mass_per_length
+
+    np.testing.assert_allclose(jax.jit(mean)(3.0), 3 - np.cos(1.0), rtol=1e-12)
+
+    def sampled(function, a):
+        return jb.blades.SpanwiseFunction(lambda xi: function(a) + xi).samples()
+
+    told = r"function .*\(jnp\.sin for np\.sin\)"
+    for bad in (np.sin, float):
+        with pytest.raises(TypeError, match=told):
+            jax.jit(functools.partial(sampled, bad))(1.0)
+    with pytest.raises(TypeError, match=r"tip_force .*jnp\.sin for np"):
+        jb.Loads(tip_force=lambda t: np.array([0.0, 0.0, 1.0]) * np.sin(t))
+    with pytest.raises(TypeError, match=r"angular_velocity .*jnp\.where for if"):
+        jb.motions.HubVelocity(
+            lambda _: jnp.zeros(3), lambda t: jnp.ones(3) if t > 1 else jnp.zeros(3)
+        )

@@ -79,6 +79,11 @@ RESULTS = {
 QUICK, SLOW = ("LinearSystem",), ("Modes", "Southwell")
 
 
+def _asks_nothing(method):
+    _, *others = inspect.signature(method).parameters.values()
+    return all(other.default is not other.empty for other in others)
+
+
 def asked(result):
     """Every array that a result answers with: fields, properties, methods without arguments."""
     found = {"fields": result}
@@ -87,7 +92,7 @@ def asked(result):
             continue
         if isinstance(member, property):
             found[name] = getattr(result, name)
-        elif callable(member) and name != "predict":
+        elif callable(member) and name != "predict" and _asks_nothing(member):
             found[name] = getattr(result, name)()
     if isinstance(result, jb.results.Fit):
         found["predict"] = result.predict(lambda a, b: a * jnp.arange(3.0) + b)

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import checked_speed, count_functions, known_array, real_array, real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case, checked_model, equilibrium
+from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
 from jaxbeam._models.families import Family, Label
-from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spins import ConstantSpeed
@@ -73,7 +73,8 @@ class FrequencyData(Experiment):
         self, model: AbstractModel, rotor: Rotor, angular_speed: Any, measured: Any, noise: Any,
         which: Sequence[Label] | int | None = None, *, among: int | None = None,
     ) -> None:  # fmt: skip
-        self.model, self.rotor = checked_model(model), checked_rotor(Rotor, rotor)
+        self.model, self.rotor, _ = checked_case(model, rotor)
+        model = self.model
         self.angular_speed = _increasing("angular_speed", angular_speed)
         self.measured, self.noise = _data(measured, noise, (self.angular_speed.size, None))
         _all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
@@ -172,7 +173,7 @@ class HistoryData(Experiment):
         noise: Any, of: Callable[[Simulation], Array] = _tip, *, loads: Loads = NO_LOADS,
         damping: Damping = NO_DAMPING, **options: Any,
     ) -> None:  # fmt: skip
-        self.model, (self.rotor, _) = model, checked_case(model, rotor)
+        self.model, self.rotor, _ = checked_case(model, rotor)
         self.motion = motion
         self.times = checked_times(times)
         self.measured, self.noise = _data(measured, noise, (self.times.size, ...))
@@ -215,7 +216,7 @@ class StaticData(Experiment):
         self, model: AbstractModel, rotor: Rotor, loads: Loads, measured: Any, noise: Any,
         xi: Any = 1.0, component: int = 1, *, angular_speed: Any = 0.0,
     ) -> None:  # fmt: skip
-        self.model, (self.rotor, _), self.loads = model, checked_case(model, rotor), loads
+        (self.model, self.rotor, _), self.loads = checked_case(model, rotor), loads
         points = np.atleast_1d(known_array("xi", xi)).tolist()
         self.component, _ = checked_point(component, 1.0)
         self.xi = tuple(checked_point(component, point)[1] for point in points)
@@ -264,7 +265,8 @@ class Clearance(Experiment):
         self, model: AbstractModel, rotor: Rotor, angular_speed: Any, which: Sequence[Label],
         harmonics: Sequence[int], margin: Any = 0.05, slack: Any = 1e-3,
     ) -> None:  # fmt: skip
-        self.model, self.rotor = checked_model(model), checked_rotor(Rotor, rotor)
+        self.model, self.rotor, _ = checked_case(model, rotor)
+        model = self.model
         self.angular_speed = _increasing("angular_speed", angular_speed)
         _all("angular_speed must be > 0", self.angular_speed, lambda x: x > 0)
         self.which = (which,) if isinstance(which, Label) else tuple(_list_of("which", which))

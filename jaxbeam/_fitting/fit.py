@@ -22,7 +22,7 @@ from jaxbeam._fitting.result import (
     excess_of,
     spread,
 )
-from jaxbeam._numerics.linalg import value_and_jacobian
+from jaxbeam._numerics.newton import value_and_jacobian
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._status import Status, raise_unless_ok

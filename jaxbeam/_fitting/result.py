@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import known
 from jaxbeam._fitting.experiments import Experiment, residuals_of
 from jaxbeam._fitting.free import FreeParameter, values_of
-from jaxbeam._numerics.linalg import value_and_jacobian
+from jaxbeam._numerics.newton import value_and_jacobian
 from jaxbeam._results import per_case, where_known
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_known

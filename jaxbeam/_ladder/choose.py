@@ -35,7 +35,7 @@ from jaxbeam._ladder.rungs import (
     rungs_of,
     scout_of,
 )
-from jaxbeam._models.base import AbstractModel, checked_model
+from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.modal import Classical, Hybrid
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
@@ -65,10 +65,12 @@ def ask(
     `RuntimeError` where the model has no answer; with `throw=False` failures of a model are left in
     `Answer.status`, and the numbers are then NaN.
     """
+    question = checked_question(question)
+    model, rotor, _ = checked_case(model, rotor)
     result = _answer(
-        checked_question(question),
-        checked_rotor(Rotor, rotor),
-        checked_model(model),
+        question,
+        rotor,
+        model,
         positive("accuracy", accuracy),
         positive("size", size),
     )

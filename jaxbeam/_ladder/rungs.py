@@ -18,10 +18,8 @@ from jaxtyping import Array
 from jaxbeam._ladder.questions import ModalFrequencies, Question, checked_question
 from jaxbeam._models.ancf import EngineeringANCF
 from jaxbeam._models.base import AbstractModel
-from jaxbeam._models.basis import CantileverModes, Polynomials
-from jaxbeam._models.families import Family
+from jaxbeam._models.basis import CantileverModes, Polynomials, Yielding
 from jaxbeam._models.modal import Classical, Hybrid, VonKarman
-from jaxbeam._models.pieces import Hinged, suited
 from jaxbeam._models.spatial_ancf import SpatialANCF
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
@@ -51,7 +49,7 @@ def describe(model: AbstractModel) -> str:
         return f"{model.n_elements} element{'s' * (model.n_elements > 1)}{where}"
     assert isinstance(model, Classical | Hybrid | VonKarman)
     n, flap = model.n_in_plane, model.n_flap
-    basis = model.basis.basis if isinstance(model.basis, Hinged) else model.basis
+    basis = model.basis.basis if isinstance(model.basis, Yielding) else model.basis
     kind = "mode" if isinstance(basis, CantileverModes) else "function"
     count = f"{n} and {flap} {kind}s" if flap else f"{n} {kind}{'s' * (n > 1)}"
     stretch = f", stretch {model.n_stretch}" if model.n_stretch else ""
@@ -76,15 +74,17 @@ def check_answerable(question: Question, rotor: Rotor) -> None:
     That does not depend on numbers.
     """
     needed = space_alone(question, rotor) or ("precone" if rotor.precone is not None else "")
-    if needed and not _twists(rotor):
+    if needed and not _in_space(rotor):
         raise ValueError(
             f"{needed}: of this SpatialANCF alone is the judge, which twists: give "
-            "torsional_stiffness=..., GJ in N m^2, to the Beam"
+            "torsional_stiffness=..., GJ in N m^2, to the Beam, and no flap_inertia to a TipBody"
         )
 
 
-def _twists(rotor: Rotor) -> bool:
-    return rotor.beam.torsional_stiffness is not None
+def _in_space(rotor: Rotor) -> bool:
+    """Whether elements in space know all that the rotor has."""
+    uneven = rotor.tip is not None and rotor.tip.flap_inertia is not None
+    return rotor.beam.torsional_stiffness is not None and not uneven
 
 
 def chains(
@@ -95,7 +95,7 @@ def chains(
     """
     counts = () if space_alone(question, rotor) else question.functions
     linear: list[AbstractModel] = [_modal(Hybrid, n, rotor, planar) for n in counts]
-    if planar or _twists(rotor):
+    if planar or _in_space(rotor):
         sizes = [n for n in sizes_for(rotor) if 2 * n >= question.functions[0]]
         theory = EngineeringANCF if planar else SpatialANCF
         return linear, [theory(n).suited(rotor) for n in sizes]
@@ -124,9 +124,9 @@ def _modal(theory: type[Any], n: int, rotor: Rotor, planar: bool, stretch: int =
     # that vary they are not the modes.
     stretch = 2 * n + 1 if theory is VonKarman else stretch
     few = n <= 2 and theory is not VonKarman and rotor.beam.is_uniform
-    basis = suited(CantileverModes() if few else Polynomials(), rotor)
-    in_plane, flap = (n + basis.towards(way).yields for way in (Family.IN_PLANE, Family.FLAP))
-    return theory(stretch, in_plane, 0 if planar else flap, basis=basis)
+    basis = CantileverModes() if few else Polynomials()
+    in_plane, flap = (n + (spring is not None) for spring in rotor.springs)
+    return theory(stretch, in_plane, 0 if planar else flap, basis=basis).suited(rotor)
 
 
 def rungs(rotor: Rotor, question: Question) -> list[Rung]:

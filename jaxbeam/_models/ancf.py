@@ -15,18 +15,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions
-from jaxbeam._models.base import LinearSystem, NodeByNode, checked_case, steady_strain
+from jaxbeam._models.bands import NodeByNode
+from jaxbeam._models.base import LinearSystem, checked_case, steady_strain
 from jaxbeam._models.basis import HermiteElements, stretch_integrals
-from jaxbeam._models.cartesian import (
-    CartesianEquations,
-    CartesianModel,
-    linear_system,
-)
+from jaxbeam._models.cartesian import CartesianEquations
+from jaxbeam._models.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.elasticity import LinearElasticity
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.families import Family
 from jaxbeam._models.laws import Chord, Element, Engineering, Green, ModelA, Tangent
-from jaxbeam._numerics.linalg import dense, find_root
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._numerics.newton import find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import spinning
@@ -102,7 +101,7 @@ class _Nodal(_ANCF):
         """The order of the coordinates, whatever the equations are."""
         return None if self.root_yields else NodeByNode(self.n_elements)
 
-    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
+    def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
         n = self.n_elements
         # Functions that are zero at the root: the slope there, then value and slope of each node.
@@ -120,8 +119,9 @@ class _Nodal(_ANCF):
         node. Differentiable to any order by the implicit function theorem. Raises if the search
         fails.
         """
-        q = raise_unless_ok(*_jitted_steady(self, *checked_case(self, rotor, angular_speed)))
-        return q[self._axial]
+        model, rotor, speed = checked_case(self, rotor, angular_speed)
+        assert isinstance(model, _Nodal)
+        return raise_unless_ok(*_jitted_steady(model, rotor, speed))[model._axial]
 
     def steady(self, rotor: Rotor, speed: Scalar) -> tuple[Vector, Code]:
         """The straight beam, which these linear equations keep at any speed."""
@@ -235,10 +235,12 @@ class SmallStrainANCF(_ANCF):
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """Linear, with the tension P(x) of the rigid motion."""
-        elastic = LinearElasticity(self.linear_stiffness(rotor) + axial_bending(self, rotor))
+        shapes = self.shapes(rotor)
+        stiffness = self.linear_stiffness(rotor, shapes) + axial_bending(self, rotor)
         return CartesianEquations.build(
-            self, rotor, elastic, lambda tables: tables.tension + 2 * tables.axial_tension
-        )
+            self, rotor, LinearElasticity(stiffness), shapes,
+            lambda tables: tables.tension + 2 * tables.axial_tension,
+        )  # fmt: skip
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """Mass, gyroscopic and stiffness matrices (B eqs. 53-54)."""

@@ -10,10 +10,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed, kind_of
+from jaxbeam._models.bands import BandTables, NodeByNode
 from jaxbeam._models.families import APART, Family, Plane, planes_of
+from jaxbeam._models.shapes import Shapes
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.lanes import total
-from jaxbeam._numerics.linalg import dense, find_root
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._numerics.newton import find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
@@ -33,7 +36,7 @@ class LinearSystem(eqx.Module):
     of the first kind are coupled with those of the second by `gyroscopic` alone, which couples
     nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
     straight beam that turns in its plane are such, with flap alone. `families` names the direction
-    of each coordinate.
+    of each coordinate, `shapes` are the functions on a beam that varies.
     `steady_strain` is the largest axial strain of the steady state, without unit: of a uniform beam
     that at the root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the
     span, the estimate P / EA from the tension on the undeformed beam. Unless `status` is OK all
@@ -47,6 +50,7 @@ class LinearSystem(eqx.Module):
     status: Code
     families: tuple[Family, ...] = eqx.field(static=True)
     planes: tuple[Plane, ...] = eqx.field(static=True, default=APART)
+    shapes: Shapes | None = None
 
     def where(self, *families: Family) -> np.ndarray:
         """Indices of the coordinates of these families, in the order of the families given."""
@@ -90,6 +94,11 @@ class Equations(eqx.Module):
     def is_linear(self) -> bool:
         """Whether `force` is linear in q and v."""
         return False
+
+    @property
+    def functions(self) -> Shapes | None:
+        """Those on a beam that varies, where they are its own."""
+        return None
 
     @property
     def undeformed(self) -> Undeformed:
@@ -211,40 +220,6 @@ class Equations(eqx.Module):
         return k, c
 
 
-class BandTables(NamedTuple):
-    """Matrices of motion as sums over tables, each in a narrow band.
-
-    With the speed g, hub radius R, tip mass m_t and softness EI_zz / (EA L^2) in units of the beam,
-    and coefficients c of its `tension` (`_rotor/beam.py`), seven tables make up the stiffness, two
-    the mass and two the coupling by Coriolis forces, in this order:
-
-        K = T0 + T1 / softness + c0 T2 + c1 T3 + c2 T4 - g^2 (T5 + m_t T6)
-        M = T5 + m_t T6,   C = 2 g (T7 + m_t T8)
-
-    Out of the plane six tables make up
-
-        K = T0 EI_yy / EI_zz + c0 T1 + c1 T2 + c2 T3,   M = T4 + m_t T5.
-
-    Coordinates in the plane, then those out of it, are those of the model in the order `order`;
-    `places` are those of the bending functions, by degree, in the plane.
-    """
-
-    in_plane: list[np.ndarray]
-    flap: list[np.ndarray]
-    order: np.ndarray
-    places: np.ndarray
-
-
-class NodeByNode(NamedTuple):
-    """Coordinates in the order of nodes: L u' of the first, then w, L w', u, L u' of each.
-
-    Then `Equations.tangents` are block-tridiagonal, and a band of planar motion about the straight
-    steady state.
-    """
-
-    n_elements: int
-
-
 class AbstractModel(eqx.Module, Generic[TheRotor]):
     """A theory with its discretisation. It holds no parameters of the beam, only static choices.
 
@@ -263,8 +238,9 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         """Equations of motion of a rotor whose parameters are in range."""
 
     @abc.abstractmethod
-    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
-        """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
+    def displacement(self, xi: Float[np.ndarray, " p"], rotor: TheRotor) -> Float[Array, "3 p n"]:
+        """Axial, in-plane and flap displacement of a rotor's beam at x = xi L per unit of each
+        coordinate."""
 
     def twist(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
         """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
@@ -277,7 +253,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
         `throw=False` leaves failures in `LinearSystem.status` instead of raising.
         """
-        system = _linearised(self, *checked_case(self, rotor, angular_speed))
+        system = _linearised(*checked_case(self, rotor, angular_speed))
         return raise_unless_ok(system, system.status) if throw else system
 
     def matrices(self, rotor: TheRotor, speed: Scalar) -> LinearSystem:
@@ -298,6 +274,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
             status=status,
             families=self.families,
             planes=planes_of(rotor),
+            shapes=equations.functions,
         )
 
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
@@ -305,9 +282,18 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         return equilibrium(self.equations(rotor), spinning(speed))
 
     def suited(self, rotor: TheRotor) -> Self:
-        """A model of the same theory and size for what the rotor is: with a root that yields where
-        that of the rotor does, and functions that follow its kinks."""
+        """A model of the same theory and size with a root that yields where that of the rotor does.
+
+        Functions that take a model and a rotor begin with that.
+        """
         return self
+
+    def frequency_error(
+        self, system: LinearSystem, rotor: TheRotor, speed: Scalar, eigenvalue: Array, shape: Array
+    ) -> Float[Array, " k"] | None:
+        """What functions and quadrature leave out of frequencies, relative: see `Modes`. None where
+        that is not estimated."""
+        return None
 
     def bands(self) -> BandTables | NodeByNode | None:
         """How matrices of small motion are bands, which makes `modes` fast; None: they are not.
@@ -324,10 +310,12 @@ def checked_model(model: Any) -> AbstractModel:
     return model
 
 
-def checked_case(model: Any, rotor: Any, angular_speed: Any = 0.0) -> tuple[Any, Scalar]:
-    """The rotor that a model takes and the angular speed, both checked."""
-    kind = checked_model(model).rotor_type
-    return checked_rotor(kind, rotor), checked_speed(angular_speed)
+def checked_case(
+    model: Any, rotor: Any, angular_speed: Any = 0.0
+) -> tuple[AbstractModel[Any], Any, Scalar]:
+    """A model as it suits a rotor, the rotor that it takes, and the angular speed, all checked."""
+    rotor = checked_rotor(checked_model(model).rotor_type, rotor)
+    return model.suited(rotor), rotor, checked_speed(angular_speed)
 
 
 def equilibrium(equations: Equations, hub: Hub, tip_force: Any = None) -> tuple[Vector, Code]:

@@ -10,24 +10,25 @@ Technical Report MBS99-5-UIC, 1999.
 import abc
 import dataclasses
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Chebyshev, legendre
 
 from jaxbeam._models.families import Family
-from jaxbeam._rotor.spanwise import points_within, tails
+from jaxbeam._rotor.span import Span
 
 _Array = np.ndarray
 
 
 class Functions(NamedTuple):
-    """n functions f_i on [0, 1] and their derivatives, tabulated at p points."""
+    """n functions f_i on [0, 1] and their derivatives, tabulated at p points, (p, n); those of a
+    basis in NumPy."""
 
-    value: Float[_Array, "p n"]
-    slope: Float[_Array, "p n"]
-    curvature: Float[_Array, "p n"]
+    value: Any
+    slope: Any
+    curvature: Any
 
 
 class Integrals(NamedTuple):
@@ -63,7 +64,7 @@ class Basis(abc.ABC):
         """Points and weights on [0, 1], exact to rounding for products of n functions."""
 
     @abc.abstractmethod
-    def rule(self, n: int, edges: tuple[float, ...]) -> "Rule":
+    def rule(self, n: int, edges: tuple[float, ...]) -> Span:
         """The same for products with what is smooth between `edges`."""
 
     def up_to(self, n: int, end: float) -> tuple[Float[_Array, " p"], Float[_Array, " p"]]:
@@ -75,33 +76,11 @@ class Basis(abc.ABC):
         """The basis of the bending functions in one direction."""
         return self
 
-    @property
-    def yields(self) -> bool:
-        """Whether bending functions may have a slope at the root."""
-        return False
-
-    @property
-    def sizes(self) -> tuple[int, int, int] | None:
-        """How many functions there must be for stretch, bending in plane and flap, if these are not
-        free."""
-        return None
-
-
-class Rule(NamedTuple):
-    """Quadrature on [0, 1] that stops at edges: int f = weight.f(xi), int_xi^1 f = tail f(xi)."""
-
-    xi: Float[_Array, " p"]
-    weight: Float[_Array, " p"]
-    tail: Float[_Array, "p p"]
-
 
 @functools.lru_cache(maxsize=64)
-def segments(edges: tuple[float, ...], points: int, grading: int = 1) -> Rule:
-    """So many Gauss points between any two edges, in t = xi^(1/grading)."""
-    within = tuple((np.asarray(edges) ** (1 / grading)).tolist())
-    t, weight = points_within(within, points)
-    rate = grading * t ** (grading - 1)
-    return Rule(t**grading, weight * rate, tails(within, points) * rate)
+def segments(edges: tuple[float, ...], points: int, grading: int = 1) -> Span:
+    """So many Gauss points between any two edges, in xi^(1/grading)."""
+    return Span.graded(edges, points, grading)
 
 
 # What varies along the span multiplies products of functions; between its edges it is smooth.
@@ -153,15 +132,15 @@ class Polynomials(Basis):
         t, w = _gauss(m * (n + 4))
         return t**m, w * m * t ** (m - 1)
 
-    def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+    def rule(self, n: int, edges: tuple[float, ...]) -> Span:
         return segments(edges, self.points(n, edges), self.grading)
 
-    def points(self, n: int, edges: tuple[float, ...]) -> int:
-        """How many points of each segment products of n functions need."""
+    def points(self, n: int, edges: tuple[float, ...], more: int = _MORE) -> int:
+        """How many points of each segment products of n functions need, and some more."""
         # Polynomials of degree k have k zeros that are even in arccos(1 - 2 t).
         angles = np.arccos(1 - 2 * np.asarray(edges) ** (1 / self.grading))
         waves = self.grading * (n + 2) * np.max(np.diff(angles)) / np.pi
-        return int(np.ceil(waves)) + _MORE
+        return int(np.ceil(waves)) + more
 
     def _highest(self, n: int) -> list[Chebyshev]:
         """Orthonormal polynomials in t, by the three-term recurrence in Chebyshev form."""
@@ -228,9 +207,42 @@ class CantileverModes(Basis):
         # A product of two functions has about n half waves: four points each, and a margin.
         return _gauss(4 * n + 30)
 
-    def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+    def rule(self, n: int, edges: tuple[float, ...]) -> Span:
         waves = 2 * n * float(np.max(np.diff(edges)))
         return segments(edges, int(np.ceil(2 * waves)) + 2 * _MORE)
+
+
+@dataclasses.dataclass(frozen=True)
+class Yielding(Basis):
+    """The functions of `basis`, and before them x / L in the directions in which a root yields.
+
+    It counts as one of the functions.
+    """
+
+    basis: Basis
+    in_plane: bool = True
+    flap: bool = True
+
+    def towards(self, family: Family) -> Basis:
+        yields = self.in_plane if family == Family.IN_PLANE else self.flap
+        return Yielding(self.basis, True, True) if yields else self.basis
+
+    def bending(self, n: int, xi: _Array) -> Functions:
+        xi = np.asarray(xi, float)
+        own = Functions(xi[:, None], np.ones((xi.size, 1)), np.zeros((xi.size, 1)))
+        if n == 1:
+            return own
+        parts = zip(own, self.basis.bending(n - 1, xi), strict=True)
+        return Functions(*(np.concatenate(same, 1) for same in parts))
+
+    def stretch(self, n: int, xi: _Array) -> Functions:
+        return self.basis.stretch(n, xi)
+
+    def quadrature(self, n: int) -> tuple[_Array, _Array]:
+        return self.basis.quadrature(n)
+
+    def rule(self, n: int, edges: tuple[float, ...]) -> Span:
+        return self.basis.rule(n, edges)
 
 
 def clamped_free_roots(n: int) -> Float[_Array, " n"]:
@@ -265,7 +277,7 @@ class HermiteElements(Basis):
         e = self.elements
         return ((np.arange(e)[:, None] + x) / e).ravel(), np.tile(w / e, e)
 
-    def rule(self, n: int, edges: tuple[float, ...]) -> Rule:
+    def rule(self, n: int, edges: tuple[float, ...]) -> Span:
         # Rounded, so that ends of elements which are edges are not there twice.
         ends = np.round(np.arange(self.elements + 1) / self.elements, 12)
         return segments(tuple(np.unique(np.append(ends, np.round(edges, 12))).tolist()), _MORE)

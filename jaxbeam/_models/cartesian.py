@@ -15,7 +15,6 @@ B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifuga
 Technical Report MBS99-5-UIC, 1999.
 """
 
-import abc
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -24,85 +23,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, Equations, LinearSystem
-from jaxbeam._models.basis import Basis, Functions
+from jaxbeam._models.base import Equations, Undeformed
+from jaxbeam._models.basis import Functions
+from jaxbeam._models.cartesian_model import CartesianModel
 from jaxbeam._models.elasticity import Elasticity, LinearElasticity
-from jaxbeam._models.families import Family, planes_of
+from jaxbeam._models.shapes import Shapes, shortening
 from jaxbeam._models.tables import (
-    FAMILIES,
     Tables,
-    all_functions,
-    check_root,
-    foreshortening,
-    linear_stiffness,
-    tables,
     weighted,
 )
-from jaxbeam._numerics.linalg import dense
+from jaxbeam._models.tip_bodies import TurningBody
 from jaxbeam._rotor.beam import Rotor, tension
 from jaxbeam._rotor.ends import TipBody
-from jaxbeam._rotor.motion import Hub, skew, spinning
-from jaxbeam._status import Status
+from jaxbeam._rotor.motion import Hub, skew
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
-
-
-class CartesianModel(AbstractModel[Rotor]):
-    """A model with `counts` functions of one basis for axial, in-plane and flap displacement."""
-
-    @property
-    @abc.abstractmethod
-    def functions_from(self) -> Basis:
-        """The basis that all functions of the model come from."""
-
-    @property
-    @abc.abstractmethod
-    def counts(self) -> tuple[int, int, int]:
-        """Number of axial, in-plane and flap coordinates; they come in this order."""
-
-    @property
-    def families(self) -> tuple[Family, ...]:
-        """Families of the coordinates: axial first, then in plane, then flap."""
-        each = zip(FAMILIES, self.counts, strict=True)
-        return tuple(family for family, count in each for _ in range(count))
-
-    @property
-    def foreshortens(self) -> bool:
-        """Whether axial coordinates are arc-length stretch, so that deflection shortens u1."""
-        return False
-
-    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
-        """To first order: foreshortening is of second order."""
-        table = all_functions(self.functions_from, self.counts, np.asarray(xi, float)).value
-        return jnp.asarray(np.einsum("pn,nc->cpn", table, self.tables.direction))
-
-    @property
-    def tables(self) -> Tables:
-        """Integrals of the functions over a uniform beam, computed once."""
-        return tables(self.functions_from, self.counts)
-
-    def weighted(self, rotor: Rotor) -> Tables:
-        """Integrals of the functions over the beam of a rotor."""
-        check_root(type(self).__name__, self.functions_from, self.counts, rotor)
-        return weighted(self.functions_from, self.counts, rotor.beam)
-
-    def linear_stiffness(self, rotor: Rotor) -> Matrix:
-        """EA int f' f' dx axially, EI int f'' f'' dx in bending, and springs at the root."""
-        return linear_stiffness(self.functions_from, self.counts, rotor)
-
-
-def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    """Matrices of a model whose equations are linear: their coefficients, whatever the state."""
-    equations, zero = model.equations(rotor), jnp.zeros(len(model.families), speed.dtype)
-    k, c = equations.tangents(spinning(speed), zero, zero, None)
-    return LinearSystem(
-        mass=dense(equations.mass),
-        gyroscopic=c,
-        stiffness=k,
-        steady_strain=rotor.steady_strain(speed),
-        status=jnp.asarray(Status.OK),
-        families=model.families,
-        planes=planes_of(rotor),
-    )
 
 
 class CartesianEquations(Equations):
@@ -116,10 +50,11 @@ class CartesianEquations(Equations):
     A rigid body at the tip turns with the unit vector e along the beam's end, a1 + f'(L) q / L to
     first order and shorter along a1 by half the square of the slope. Its kinetic energy is
 
-        M |r' + omega x r|^2 / 2 + J |e' + omega x e|^2 / 2 + J_x (omega . e)^2 / 2
+        M |r' + omega x r|^2 / 2 + J |e' + omega x e|^2 / 2
 
-    with its centre at r = r_L + c e: the second term is that of a particle at e which only the
-    rotation of the hub carries along. What the hub feels leaves out J_x.
+    with its centre at r = r_L + c e, the second term that of a particle at e which only the
+    rotation of the hub carries along, and what `turning` adds by its axial inertia J_x and by
+    another inertia in flap. What the rigid beam has by J_x is left out.
     """
 
     mass: Matrix
@@ -134,8 +69,11 @@ class CartesianEquations(Equations):
     hub_radius: Number
     reach: Number
     body: TipBody | None
+    turning: TurningBody | None
     elasticity: Elasticity
     stiffening: Float[Array, "k n n"] | None
+    shapes: Shapes | None
+    own: Tables | None  # of a beam that varies
     model: CartesianModel = eqx.field(static=True)
 
     @classmethod
@@ -144,10 +82,15 @@ class CartesianEquations(Equations):
         model: CartesianModel,
         rotor: Rotor,
         elasticity: Elasticity,
+        shapes: Shapes | None,
         stiffened: Callable[[Tables], Array | np.ndarray] | None = None,
     ) -> Self:
         """Scale the tables of `model` to a rotor; `stiffened` says which are `stiffening`."""
-        beam, t, body = rotor.beam, model.weighted(rotor), rotor.tip
+        model.check(rotor)
+        own = None
+        if shapes is not None and not rotor.beam.is_uniform:
+            own = weighted(shapes, rotor)
+        beam, t, body = rotor.beam, model.tables if own is None else own, rotor.tip
         radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass
         end, tip = radius + length, t.centre(rotor)
         stiffening = None if stiffened is None else stiffened(t)
@@ -159,8 +102,13 @@ class CartesianEquations(Equations):
             if stiffening is not None:
                 alike = _outer(t.turn) * (t.direction @ t.direction.T)
                 stiffening = jnp.concatenate([stiffening, alike[None]])
+        order = stiffening is not None
+        turning = None
+        if body is not None:
+            turning = TurningBody.of(rotor, model.sampled(rotor, shapes), to_second_order=order)
+        inertia = gram * (t.direction @ t.direction.T)
         return cls(
-            mass=gram * (t.direction @ t.direction.T),
+            mass=inertia if turning is None else inertia + turning.mass,
             gram=gram,
             moment=mass * t.moment + tip_mass * tip,
             first=first,
@@ -172,10 +120,30 @@ class CartesianEquations(Equations):
             hub_radius=radius,
             reach=rotor.reach,
             body=body,
+            turning=turning,
             elasticity=elasticity,
             stiffening=None if stiffening is None else jnp.asarray(stiffening),
+            shapes=shapes,
+            own=own,
             model=model,
         )
+
+    @property
+    def functions(self) -> Shapes | None:
+        return self.shapes
+
+    @property
+    def tables(self) -> Tables:
+        """Integrals of the functions, and their values at the ends."""
+        return self.model.tables if self.own is None else self.own
+
+    @property
+    def undeformed(self) -> Undeformed:
+        """With a body whose inertia in flap is another than in plane."""
+        out = super().undeformed
+        if self.turning is None:
+            return out
+        return out._replace(inertia=out.inertia + self.turning.inertia)
 
     def motion_stiffness(self, axial: Scalar, spin2: Scalar, tip_force: Triple | None) -> Matrix:
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
@@ -197,7 +165,7 @@ class CartesianEquations(Equations):
         return isinstance(self.elasticity, LinearElasticity)
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
-        direction, w = self.model.tables.direction, _turning(hub)
+        direction, w = self.model.direction, _turning(hub)
         turn = 2 * skew(hub.angular_velocity)
         carried = (
             hub.acceleration[None] * self.moment[:, None] + w[:, 0][None] * self.first[:, None]
@@ -206,12 +174,11 @@ class CartesianEquations(Equations):
         inertial = moving[:, :3] @ w.T + moving[:, 3:] @ turn.T + carried
         out = -jnp.sum(inertial * direction, 1) - self.elasticity.force(q)
         if tip_force is not None:
-            out = out + self.model.tables.tip * (direction @ tip_force)
+            out = out + self.tables.tip * (direction @ tip_force)
         if self.stiffening is not None:
             out = out - self._tension(hub, w, tip_force) @ q
-        if self.body is not None:
-            rise, second = self._axial_spin(hub.angular_velocity)
-            out = out + rise + second @ q
+        if self.turning is not None:
+            out = out + self.turning.force(hub, q, v)
         return out
 
     def tangents(
@@ -221,28 +188,19 @@ class CartesianEquations(Equations):
         k = self.inertial(w) + self.elasticity.tangent(q)
         if self.stiffening is not None:
             k = k + self._tension(hub, w, tip_force)
-        if self.body is not None:
-            k = k - self._axial_spin(hub.angular_velocity)[1]
-        return k, self.inertial(2 * skew(hub.angular_velocity))
+        c = self.inertial(2 * skew(hub.angular_velocity))
+        if self.turning is not None:
+            more = self.turning.tangents(hub)
+            k, c = k + more[0], c + more[1]
+        return k, c
 
     def inertial(self, b: Float[Array, "3 3"]) -> Matrix:
         """[B] G of the module's docstring."""
-        direction = self.model.tables.direction
+        direction = self.model.direction
         return (direction @ b @ direction.T) * self.gram
 
     def _tension(self, hub: Hub, w: Float[Array, "3 3"], tip_force: Triple | None) -> Matrix:
         return self.motion_stiffness(hub.acceleration[0], -w[0, 0], tip_force)
-
-    def _axial_spin(self, spin: Triple) -> tuple[Vector, Matrix]:
-        """First and second derivatives by q of J_x (omega . e)^2 / 2 of the body."""
-        assert self.body is not None
-        t = self.model.tables
-        turn, alike = t.turn / self.size, t.direction @ t.direction.T
-        along = turn * (t.direction @ spin)
-        second = _outer(along)
-        if self.stiffening is not None:
-            second = second - spin[0] ** 2 * _outer(turn) * alike
-        return self.body.axial_inertia * spin[0] * along, self.body.axial_inertia * second
 
     def elastic_force(self, q: Vector) -> Vector:
         return self.elasticity.force(q)
@@ -264,7 +222,7 @@ class CartesianEquations(Equations):
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
         """T = int |v + omega x (X a1 + u) + u'|^2 dm / 2 by moments of u and u'."""
-        direction = self.model.tables.direction
+        direction = self.model.direction
         at, moving = direction * q[:, None], direction * v[:, None]
         g_moving = self.gram @ moving
         moment, rate = self.moment @ at, self.moment @ moving
@@ -284,9 +242,8 @@ class CartesianEquations(Equations):
         # |omega x r|^2 = tr(w~ r r^T w~^T)
         turning = skew(spin) @ second
         own: Any = 0.0
-        if self.body is not None:
-            rise, square = self._axial_spin(spin)
-            own = rise @ q + q @ square @ q / 2
+        if self.turning is not None:
+            own = self.turning.energy(q, v, spin)
         return (
             own
             + velocity @ (skew(spin) @ moment)
@@ -297,7 +254,7 @@ class CartesianEquations(Equations):
         )
 
     def first_moment(self, q: Vector) -> Triple:
-        out = self.moment @ (self.model.tables.direction * q[:, None])
+        out = self.moment @ (self.model.direction * q[:, None])
         if self.stiffening is not None:
             one = jnp.ones_like(self.size)
             out = out.at[0].add(-q @ self.motion_stiffness(-one, 0 * one, None) @ q / 2)
@@ -305,7 +262,7 @@ class CartesianEquations(Equations):
 
     def tip(self, q: Vector) -> Triple:
         """To second order where there is `stiffening`, as the kinetic energy has it."""
-        out = self.model.tables.tip @ (self.model.tables.direction * q[:, None])
+        out = self.tables.tip @ (self.model.direction * q[:, None])
         if self.stiffening is not None:
             zero = jnp.zeros_like(self.size)
             pull = self.motion_stiffness(zero, zero, jnp.ones(3, q.dtype))
@@ -314,26 +271,30 @@ class CartesianEquations(Equations):
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
         """For arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
-        out = jnp.tensordot(self.model.displacement(xi), q, 1).T
-        if self.model.foreshortens:
-            key = tuple(np.asarray(xi, float).tolist())
-            table = foreshortening(self.model.functions_from, self.model.counts, key)
-            out = out.at[:, 0].add(-jnp.einsum("a,pab,b->p", q, table, q) / (2 * self.size))
-        return out
+        out = self._at(xi).value @ (self.model.direction * q[:, None])
+        if not self.model.foreshortens:
+            return out
+        places = np.asarray(xi, float)
+        if self.shapes is None:
+            key = self.model.functions_from, self.model.counts, tuple(places.tolist())
+            table: Any = shortening(*key)
+        else:
+            table = self.shapes.shortening(places)
+        return out.at[:, 0].add(-jnp.einsum("a,pab,b->p", q, table, q) / (2 * self.size))
 
     def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         slope = self._at(xi).slope
-        gradient = slope @ (self.model.tables.direction * q[:, None]) / self.size
+        gradient = slope @ (self.model.direction * q[:, None]) / self.size
         return self.elasticity.strain(gradient)
 
     def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
-        bends = self.model.tables.direction[:, 1:]
+        bends = self.model.direction[:, 1:]
         # Axial functions may have no curvature at the clamp: nobody asks for it.
-        table = np.where(bends.any(1), self._at(xi).curvature, 0.0)
+        table = jnp.where(bends.any(1), self._at(xi).curvature, 0.0)
         return table @ (bends * q[:, None]) / self.size**2
 
     def _at(self, xi: np.ndarray) -> Functions:
-        return all_functions(self.model.functions_from, self.model.counts, np.asarray(xi, float))
+        return self.model.functions(self.shapes, np.asarray(xi, float))
 
 
 def _outer(x: Vector | np.ndarray) -> Any:

@@ -26,15 +26,15 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.base import LinearSystem
-from jaxbeam._models.basis import Basis, Functions
+from jaxbeam._models.basis import Functions
 from jaxbeam._models.families import Family, planes_of
-from jaxbeam._numerics.linalg import find_root
+from jaxbeam._models.shapes import Shapes
+from jaxbeam._numerics.newton import find_root
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.spanwise import along
+from jaxbeam._rotor.span import Span, on
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vector
 
@@ -43,9 +43,7 @@ class _Cone(NamedTuple):
     """A rotor at the points of a rule; masses are those of the points, in kg."""
 
     rotor: Rotor
-    weight: np.ndarray
-    head: np.ndarray  # int_0^x by x / L
-    tail: np.ndarray  # and int_x^L
+    span: Span
     mass: Float[Array, " p"]
     lag: Float[Array, " p"]
     flap: Float[Array, " p"]
@@ -53,19 +51,15 @@ class _Cone(NamedTuple):
     ends: tuple[Vector, Vector]  # slopes of these at the root
 
     @classmethod
-    def of(cls, rotor: Rotor, basis: Basis, counts: tuple[int, int]) -> "_Cone":
+    def of(cls, rotor: Rotor, shapes: Shapes) -> "_Cone":
         """All that does not depend on the speed."""
-        beam, length = rotor.beam, rotor.beam.length
-        rule = basis.rule(max(counts), beam.edges)
-        ways = [basis.towards(family) for family in (Family.IN_PLANE, Family.FLAP)]
-        first, second = (w.bending(n, rule.xi) for w, n in zip(ways, counts, strict=True))
-        ends = [w.bending(n, np.zeros(1)).slope[0] for w, n in zip(ways, counts, strict=True)]
+        beam, span, (_, n, _) = rotor.beam, shapes.span, shapes.counts
+        ways = slice(None, n), slice(n, None)
+        first, second = (Functions(*(a[:, way] for a in shapes.at)) for way in ways)
         return cls(
-            rotor, rule.weight, rule.weight[None] - rule.tail, rule.tail,
-            length * rule.weight * along(beam.mass_per_length, rule.xi),
-            along(beam.in_plane_bending_stiffness, rule.xi),
-            along(beam.flap_bending_stiffness, rule.xi), (first, second),
-            (jnp.asarray(ends[0]), jnp.asarray(ends[1])),
+            rotor, span, beam.length * span.weight * on(beam.mass_per_length, span),
+            on(beam.in_plane_bending_stiffness, span), on(beam.flap_bending_stiffness, span),
+            (first, second), (shapes.ends.root[:n], shapes.ends.root[n:]),
         )  # fmt: skip
 
     def springs(self) -> tuple[Any, Any]:
@@ -78,8 +72,8 @@ class _Cone(NamedTuple):
         flap, length = self.bends[1], self.rotor.beam.length
         elevation = self.rotor.precone + flap.slope @ turn
         cos = jnp.cos(elevation)
-        at = self.rotor.hub_radius + length * (self.head @ cos)
-        tip = self.rotor.hub_radius + length * (self.weight @ cos)
+        at = self.rotor.hub_radius + length * self.span.up_to(cos)
+        tip = self.rotor.hub_radius + length * self.span.total(cos)
         return elevation, flap.curvature @ turn / length, at, tip
 
     def steady(self, speed: Scalar) -> tuple[Vector, Code]:
@@ -91,7 +85,7 @@ class _Cone(NamedTuple):
         def gradient(turn: Vector, fraction: Any = 1.0) -> Vector:
             def energy(turn: Vector) -> Scalar:
                 _, bent, at, tip = self.shape(turn)
-                elastic = length * self.weight @ (self.flap * bent**2)
+                elastic = length * self.span.total(self.flap * bent**2)
                 elastic = elastic + spring * (self.ends[1] @ turn) ** 2
                 carried = self.mass @ at**2 + self.rotor.tip_mass * tip**2
                 return (elastic - fraction * speed**2 * carried) / (2 * scale)
@@ -103,11 +97,11 @@ class _Cone(NamedTuple):
 
 
 def coned_system(
-    rotor: Rotor, speed: Scalar, basis: Basis, counts: tuple[int, int],
-    families: tuple[Family, ...],
-) -> LinearSystem:  # fmt: skip
+    rotor: Rotor, speed: Scalar, shapes: Shapes, families: tuple[Family, ...]
+) -> LinearSystem:
     """Matrices of small motion for bending functions alone: p = f' q / L in plane, e in flap."""
-    cone = _Cone.of(rotor, basis, counts)
+    cone = _Cone.of(rotor, shapes)
+    span = cone.span
     turn, status = cone.steady(speed)
     elevation, bent, at, tip = cone.shape(turn)
     length, tip_mass, dm = rotor.beam.length, rotor.tip_mass, cone.mass
@@ -117,11 +111,11 @@ def coned_system(
     azimuth, turning = first.slope / length, first.curvature / length**2
     rise, bending = second.slope / length, second.curvature / length**2
     ways = [length * a for a in (azimuth * cos, -rise * sin, rise * cos)]
-    y, x, z = (cone.head @ a for a in ways)
-    y_tip, x_tip, z_tip = (cone.weight @ a for a in ways)
-    twist = -length * (cone.head @ (turning * sin))
+    y, x, z = (span.up_to(a) for a in ways)
+    y_tip, x_tip, z_tip = (span.total(a) for a in ways)
+    twist = -length * span.up_to(turning * sin)
     # The radial force: of what is beyond a point, and of the tip mass.
-    outward = cone.tail @ (dm / cone.weight * at)
+    outward = span.beyond(dm / span.weight * at)
     force = speed**2 * (outward + tip_mass * tip) * cos[:, 0]
 
     def over(weight: Any, a: Any, b: Any) -> Any:
@@ -130,7 +124,7 @@ def coned_system(
     def inertia(a: Any, b: Any, a_tip: Any, b_tip: Any) -> Any:
         return over(dm, a, b) + tip_mass * a_tip[:, None] * b_tip[None]
 
-    dx = length * cone.weight
+    dx = length * span.weight
     excess = cone.lag - cone.flap
     mixed = over(dx * excess * bent, turning * cos, twist)
     springs = [k * (e / length)[:, None] * (e / length)[None]

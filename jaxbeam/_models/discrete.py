@@ -40,7 +40,9 @@ class _Discrete(AbstractModel[SpringRotor]):
         """Families of the two coordinates: along the tube first, then across."""
         return Family.AXIAL, Family.IN_PLANE
 
-    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
+    def displacement(
+        self, xi: Float[np.ndarray, " p"], rotor: SpringRotor
+    ) -> Float[Array, "3 p n"]:
         """Of the particle, whatever xi is, to first order; theta counts as metres of y / L."""
         one = jnp.ones(np.asarray(xi).size)
         zero = jnp.zeros((*one.shape, 2))

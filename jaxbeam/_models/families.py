@@ -79,3 +79,9 @@ def planes_of(rotor: AnyRotor) -> tuple[Plane, ...]:
     if rotor.couples_bending:
         return (((Family.IN_PLANE, Family.FLAP), (Family.AXIAL,)), _TORSION)
     return APART
+
+
+def is_hinged(rotor: AnyRotor) -> bool:
+    """Whether the root yields, so that, with a spring of zero, there may be motions that nothing
+    holds."""
+    return isinstance(rotor, Rotor) and rotor.root is not None

@@ -17,7 +17,7 @@ Journal of Sound and Vibration, 1995.
 
 import abc
 import dataclasses
-from typing import Self
+from typing import Any, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,20 +25,29 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, kind_of
-from jaxbeam._models.base import BandTables, LinearSystem
-from jaxbeam._models.basis import Basis, Polynomials
-from jaxbeam._models.cartesian import (
-    CartesianEquations,
-    CartesianModel,
-    linear_system,
-)
+from jaxbeam._models.bands import BandTables
+from jaxbeam._models.base import LinearSystem
+from jaxbeam._models.basis import Basis, Polynomials, Yielding
+from jaxbeam._models.cartesian import CartesianEquations
+from jaxbeam._models.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.coned import coned_system
 from jaxbeam._models.elasticity import Elasticity, LinearElasticity
-from jaxbeam._models.pieces import suited
+from jaxbeam._models.families import Family
+from jaxbeam._models.shapes import (
+    Counts,
+    Kind,
+    Profile,
+    Shapes,
+    all_functions,
+    finer,
+    follows,
+    of_basis,
+    shapes_on,
+)
 from jaxbeam._models.strained import viscous
-from jaxbeam._models.tables import all_functions, check_root
+from jaxbeam._models.truncation import frequency_error, tension
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.spanwise import along
+from jaxbeam._rotor.span import on, shortened
 from jaxbeam._types import Matrix, Number, Scalar, Vector
 
 
@@ -61,27 +70,59 @@ class _Modal(CartesianModel):
         if not isinstance(self.basis, Basis):
             raise TypeError(f"basis must be a Basis, got {kind_of(self.basis)}")
 
-    @classmethod
-    def on(cls, basis: Basis) -> Self:
-        """With all functions of a basis that has so many and no others, `PiecewisePolynomials`."""
-        if not isinstance(basis, Basis):
-            raise TypeError(f"basis must be a Basis, got {kind_of(basis)}")
-        if basis.sizes is None:
-            raise ValueError(f"basis has functions without end: say how many, as {cls.__name__}()")
-        return cls(*basis.sizes, basis=basis)
-
     @property
     def functions_from(self) -> Basis:
         return self.basis
 
     def suited(self, rotor: Rotor) -> Self:
-        """As many functions of a basis for what the rotor is: `MomentPolynomials` in the place of
-        `Polynomials` for a beam that varies along the span and whose numbers are known, `Hinged`
-        where the root yields."""
-        return dataclasses.replace(self, basis=suited(self.basis, rotor))
+        """With a root that yields where that of the rotor does; every function of the package that
+        takes a model begins with that."""
+        own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
+        if rotor.root is not None and not follows(own, rotor):
+            own = Yielding(own, *(spring is not None for spring in rotor.springs))
+        return dataclasses.replace(self, basis=own)
+
+    def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array | None:
+        """What pulls at sections in steady rotation, in N; None in a theory that does not know."""
+        return tension(profile, rotor, speed)
+
+    def frequency_error(
+        self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
+    ) -> Float[Array, " k"] | None:
+        """Of beams that vary along the span, by the differential equation: see `truncation.py`."""
+        if rotor.beam.is_uniform or rotor.precone is not None:
+            return None
+        places = np.split(np.arange(sum(self.counts)), np.cumsum(self.counts)[:-1])
+        parts = [shape.T[place] for place in places]
+        if system.shapes is not None and system.shapes.mixes is not None:
+            profile, found = finer(self._kind, rotor, system.shapes.mixes, parts)
+        else:
+            span = self.basis.rule(2 * self.products, shortened(rotor.beam.edges))
+            profile = Profile.of(rotor, span)
+            found = of_basis(self.basis, self.counts, span, parts)
+        pull = self.tension(rotor, profile, speed)
+        return frequency_error(found, profile, rotor, speed, eigenvalue, self.counts, pull)
 
     @property
-    def counts(self) -> tuple[int, int, int]:
+    def stretch_follows(self) -> bool:
+        """Whether stretch has the steps of 1 / EA on a beam that varies."""
+        return True
+
+    @property
+    def _kind(self) -> Kind:
+        assert isinstance(self.basis, Polynomials)
+        return Kind(self.counts, self.basis.grading, self.products, self.stretch_follows)
+
+    def shapes(self, rotor: Rotor) -> Shapes | None:
+        if follows(self.basis, rotor):
+            return shapes_on(self._kind, rotor)
+        return super().shapes(rotor)
+
+    def yields_where(self, rotor: Rotor, family: Family) -> bool:
+        return follows(self.basis, rotor) or super().yields_where(rotor, family)
+
+    @property
+    def counts(self) -> Counts:
         return self.n_stretch, self.n_in_plane, self.n_flap
 
     @abc.abstractmethod
@@ -109,15 +150,15 @@ class Hybrid(_Linear):
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
-        elastic = LinearElasticity(self.linear_stiffness(rotor))
-        return CartesianEquations.build(self, rotor, elastic, lambda tables: tables.tension)
+        shapes = self.shapes(rotor)
+        elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
+        return CartesianEquations.build(self, rotor, elastic, shapes, lambda t: t.tension)
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion; about the deflected steady state of a coned
         beam (`coned.py`)."""
         if rotor.precone is None:
             return super().matrices(rotor, speed)
-        check_root("Hybrid", self.basis, self.counts, rotor, coned=True)
         if self.n_stretch or not self.n_in_plane or not self.n_flap:
             raise ValueError(
                 "precone: take Hybrid(n_stretch=0), with functions in plane and in flap, for the "
@@ -128,7 +169,7 @@ class Hybrid(_Linear):
                 "precone: here it goes neither with pitch and twist nor with a body at the tip; "
                 "take SpatialANCF"
             )
-        return coned_system(rotor, speed, self.basis, self.counts[1:], self.families)
+        return coned_system(rotor, speed, self.sampled(rotor, self.shapes(rotor)), self.families)
 
     def bands(self) -> BandTables | None:
         """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""
@@ -167,10 +208,14 @@ class Classical(_Linear):
     where the tension is small against the bending stiffness.
     """
 
+    def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> None:
+        return None
+
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """Without P: what this theory leaves out."""
-        elastic = LinearElasticity(self.linear_stiffness(rotor))
-        return CartesianEquations.build(self, rotor, elastic)
+        shapes = self.shapes(rotor)
+        elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
+        return CartesianEquations.build(self, rotor, elastic, shapes)
 
 
 class VonKarman(_Modal):
@@ -185,29 +230,39 @@ class VonKarman(_Modal):
     n_in_plane: int = eqx.field(static=True, default=8)
     n_flap: int = eqx.field(static=True, default=8)
 
+    @property
+    def products(self) -> int:
+        return 2 * max(self.counts)
+
+    @property
+    def stretch_follows(self) -> bool:
+        return False  # u1 follows u2'^2
+
+    def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array:
+        return tension(profile, rotor, speed, rounds=6)
+
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """U = int EA (u1' + (u2'^2 + u3'^2) / 2)^2 + EI_zz u2''^2 + EI_yy u3''^2 dx / 2."""
-        beam, tables = rotor.beam, self.tables
-        if beam.is_uniform:
-            xi, weight = self.basis.quadrature(2 * max(self.counts))
+        beam, shapes = rotor.beam, self.shapes(rotor)
+        if shapes is None or beam.is_uniform:
+            xi, weight = self.basis.quadrature(self.products)
             stiffness, along_it = beam.axial_stiffness, jnp.asarray(weight)
+            slope: Any = all_functions(self.basis, self.counts, xi).slope
         else:
-            rule = self.basis.rule(2 * max(self.counts), beam.edges)
-            xi, stiffness = rule.xi, beam.mean.axial_stiffness
-            along_it = rule.weight * along(beam.axial_stiffness, xi) / stiffness
-        slope = all_functions(self.basis, self.counts, xi).slope
-        bends = tables.direction[:, 1:].sum(1)
+            slope, stiffness = shapes.at.slope, beam.mean.axial_stiffness
+            along_it = shapes.span.weight * on(beam.axial_stiffness, shapes.span) / stiffness
+        bends = self.direction[:, 1:].sum(1)
         elastic = _VonKarman(
-            bending=self.linear_stiffness(rotor) * np.outer(bends, bends),
+            bending=self.linear_stiffness(rotor, shapes) * np.outer(bends, bends),
             axial_stiffness=stiffness,
             length=beam.length,
             slope=jnp.asarray(slope),
             weight=along_it,
-            direction=jnp.asarray(tables.direction),
+            direction=jnp.asarray(self.direction),
         )
         # The centre of a body at the tip comes nearer when the end of the beam turns.
-        short = None if rotor.tip is None else lambda tables: np.zeros_like(tables.elastic)
-        return CartesianEquations.build(self, rotor, elastic, short)
+        short = None if rotor.tip is None else lambda t: jnp.zeros_like(t.tension)
+        return CartesianEquations.build(self, rotor, elastic, shapes, short)
 
 
 class _VonKarman(Elasticity):

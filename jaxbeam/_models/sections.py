@@ -20,10 +20,11 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.basis import hermite
 from jaxbeam._models.laws import POINTS, WEIGHTS, Element, Rule, elongation
+from jaxbeam._models.shapes import section_angle
 from jaxbeam._models.space import GAUSS, SIMPSON, SpatialElement, SpatialRule, spatial_rule
 from jaxbeam._models.strained import EndSprings, Parts
-from jaxbeam._models.tables import section_angle
 from jaxbeam._numerics.lanes import contract
+from jaxbeam._numerics.platforms import loops_are_dear
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import Property, along
 from jaxbeam._types import Number
@@ -70,8 +71,8 @@ def _stacked(some: list[ARule]) -> ARule:
 def each_element(function: Callable[..., Array], of: tuple[Any, ...], axes: int) -> Array:
     """Of every element: where the last of these has more than so many axes, those of lanes, one
     after the other, so that what is needed on the way stays in the cache, and loops over lanes are
-    not mixed up with what becomes of the results."""
-    if of[-1].ndim > axes:
+    not mixed up with what becomes of the results; but all at once where loops are dear."""
+    if of[-1].ndim > axes and not loops_are_dear():
         return jax.lax.map(lambda of: function(*of), of)
     return jax.vmap(function)(*of)
 
@@ -160,7 +161,7 @@ class SpatialSections(eqx.Module):
         self.axial_stiffness = jnp.sum(axial)
         self.bending_stiffness = jnp.sum(weight * lag)
         over = self.axial_stiffness * beam.length**2
-        angle = section_angle(rotor, xi.ravel())
+        angle = section_angle(rotor, lambda turn: along(turn, xi.ravel()))
         bending: Any = (lag / over, None, flap / over)
         if angle is not None:
             cos, sin = (f(angle).reshape(xi.shape) for f in (jnp.cos, jnp.sin))

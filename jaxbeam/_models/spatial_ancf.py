@@ -27,12 +27,13 @@ class SpatialANCF(AbstractModel[Rotor]):
     engineering strain, k_1 the twist per length and (k_2, k_3) the curvatures of the frame that the
     section keeps, all by the unstretched length. In a plane it converges to what `EngineeringANCF`
     does, which integrates stretch with more points. Rotations may be of any size, within an element
-    less than a right angle between its ends. It takes moments and
-    loads that follow the tip (`Loads`), pitch, twist, pre-cone, springs of the root and bodies at
-    the tip; the beam needs its `torsional_stiffness`. Left out: shear, rotary inertia of bending,
-    the moment that turns flat sections into the plane of rotation (propeller moment), and what
-    tension does to torsion: it untwists twisted sections, and stiffens torsion by T i^2 / GJ, i the
-    polar radius of gyration. So frequencies of torsion are those at rest, nearly, at any speed.
+    less than a right angle between its ends. It takes moments and loads that follow the tip
+    (`Loads`), pitch, twist, pre-cone, springs of the root and bodies at the tip of one inertia
+    across the beam; the beam needs its `torsional_stiffness`. Left out: shear, rotary inertia of
+    bending, what the axial inertia of a body does but for torsion, the moment that turns flat
+    sections into the plane of rotation (propeller moment), and what tension does to torsion: it
+    untwists twisted sections, and stiffens torsion by T i^2 / GJ, i the polar radius of gyration.
+    So frequencies of torsion are those at rest, nearly, at any speed.
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
     number, errors with the fourth power of an element's length. Roots that yield have more: take
@@ -69,6 +70,11 @@ class SpatialANCF(AbstractModel[Rotor]):
             raise ValueError(
                 "SpatialANCF twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
             )
+        if rotor.tip is not None and rotor.tip.flap_inertia is not None:
+            raise ValueError(
+                "flap_inertia: to SpatialANCF a body at the tip has one inertia across the beam: "
+                "leave flap_inertia out, or take a model like Hybrid"
+            )
         wanted = self.suited(rotor)
         if wanted != self:
             raise ValueError(
@@ -79,7 +85,7 @@ class SpatialANCF(AbstractModel[Rotor]):
         in_plane, flap = (spring is not None for spring in rotor.springs)
         return dataclasses.replace(self, in_plane_yields=in_plane, flap_yields=flap)
 
-    def displacement(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "3 p n"]:
+    def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
         return self._shapes(xi)[:3]
 

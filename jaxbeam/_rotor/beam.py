@@ -18,19 +18,20 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import kind_of, known, positive
 from jaxbeam._rotor.ends import RootSprings, TipBody
 from jaxbeam._rotor.parameters import TURN, Parameters, along_span, angle, optional, parameter
+from jaxbeam._rotor.span import Span, on, outboard
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
     Property,
     along,
-    beside_kinks,
-    beyond,
-    beyond_edges,
+    at_ends,
     mean,
     points_within,
 )
 from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple
+
+_POINTS = 8  # of a segment, for the tension
 
 
 class Beam(Parameters):
@@ -296,13 +297,13 @@ class Rotor(Parameters):
         beam = self.beam
         if beam.is_uniform:
             return (c0 + c1 + c2 / 2) / beam.axial_stiffness
-        edges = beam.edges
-        inside = along(beam.axial_stiffness, points_within(edges)[0])
-        outside, moment = beyond(beam.mass_per_length, edges)
-        strain = (c0 + c1 * outside + c2 * moment) / inside
+        span = Span.between(beam.edges, _POINTS)
+        share, outside, moment = outboard(beam.mass_per_length, span)
+        strain = (c0 + c1 * outside + c2 * moment) / on(beam.axial_stiffness, span)
         # Beside every kink, where the stiffness may have a step.
-        first, last = (along(beam.axial_stiffness, xi) for xi in beside_kinks(edges))
-        outside, moment = beyond_edges(beam.mass_per_length, edges)
+        first, last = at_ends(beam.axial_stiffness, beam.edges)
+        before = span.at_edges(jnp.stack([share, span.xi * share], 1))
+        outside, moment = (before[-1:] - before).T
         force = c0 + c1 * outside + c2 * moment
         return jnp.max(jnp.concatenate([strain, force[:-1] / first, force[1:] / last]))
 

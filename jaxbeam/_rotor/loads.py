@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, real_array, real_scalar, require
+from jaxbeam._checks import is_there, kind_of, real_array, real_scalar, require
 from jaxbeam._rotor.motion import (
     Times,
     check_function_of_time,
@@ -72,8 +72,8 @@ class Loads(eqx.Module):
         *, tip_moment: Any = None, follows: bool = False,
     ) -> None:  # fmt: skip
         # No arrays where there are none, so that `NO_LOADS` starts no backend of JAX.
-        self.changes = time_list("changes", changes) if np.size(changes) else None
-        self.jumps = time_list("jumps", jumps) if np.size(jumps) else None
+        self.changes = time_list("changes", changes) if is_there(changes) else None
+        self.jumps = time_list("jumps", jumps) if is_there(jumps) else None
         self.gravity = None if gravity is None else _triple("gravity", gravity)
         self.tip_force = _at_any_time("tip_force", tip_force)
         self.tip_moment = _at_any_time("tip_moment", tip_moment)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, real_array
+from jaxbeam._checks import is_there, kind_of, real_array, traceable
 from jaxbeam._types import Number, Scalar, Triple, is_known
 
 Rotation = Float[Array, "3 3"]
@@ -145,7 +145,7 @@ def no_times() -> Times:
 
 def time_list(name: str, given: Any) -> Times:
     """`given` as a list of finite real numbers, or the error that says which argument is wrong."""
-    values = real_array(name, given) if np.size(given) else no_times()
+    values = real_array(name, given) if is_there(given) else no_times()
     if values.ndim != 1:
         raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
     if is_known(values) and not np.isfinite(np.asarray(values)).all():
@@ -258,7 +258,8 @@ def check_function_of_time(name: str, function: Any, shape: tuple[int, ...]) -> 
         raise TypeError(f"{name} must be a function of time, got {kind_of(function)}")
 
     def array(t: Scalar) -> Array:
-        given = function(t)
+        with traceable(name):
+            given = function(t)
         try:
             return jnp.asarray(given)
         except (TypeError, ValueError) as error:

@@ -19,6 +19,7 @@ from jaxbeam._checks import (
     real_array,
     real_scalar,
     require,
+    traceable,
 )
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_known
@@ -35,6 +36,19 @@ class AbstractSpanwise(eqx.Module):
     @abc.abstractmethod
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
         """Values at points, none of which is a kink."""
+
+    def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:
+        """Values at places s, from 0 to 1, in each segment between edges, which are all kinks and
+        may be more."""
+        places = np.asarray(edges)
+        return self.at((places[:-1, None] + np.diff(places)[:, None] * s).reshape(-1)).reshape(
+            s.shape
+        )
+
+    def ends(self, edges: tuple[float, ...]) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
+        """Values just behind the beginning, and just before the end, of every segment."""
+        first, last = (self.at(xi) for xi in beside_kinks(edges))
+        return first, last
 
     @abc.abstractmethod
     def samples(self) -> Float[Array, " k"]:
@@ -88,8 +102,21 @@ class Spanwise(AbstractSpanwise):
         self.steps = tuple(places[1:][np.diff(places) == 0].tolist())
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
-        table = interpolation(self.stations, tuple(np.asarray(xi, float).tolist()))
-        return jnp.asarray(table) @ self.values
+        left, share = _between(self.stations, np.asarray(xi, float))
+        return self.values[left] * (1 - share) + self.values[left + 1] * share
+
+    def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:
+        start, end = self.ends(edges)
+        return start[:, None] + (end - start)[:, None] * s
+
+    def ends(self, edges: tuple[float, ...]) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
+        places, stations = np.asarray(edges), np.asarray(self.stations)
+        left, _ = _between(self.stations, (places[1:] + places[:-1]) / 2)
+        gap = stations[left + 1] - stations[left]
+        first, second = self.values[left], self.values[left + 1]
+        both = ((at - stations[left]) / gap for at in (places[:-1], places[1:]))
+        start, end = (first * (1 - share) + second * share for share in both)
+        return start, end
 
     def samples(self) -> Float[Array, " k"]:
         return self.values
@@ -120,7 +147,10 @@ class SpanwiseFunction(AbstractSpanwise):
         self.steps = self.kinks  # for all that is known of it
 
     def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
-        values = self.function(jnp.asarray(xi))
+        with jax.ensure_compile_time_eval():  # what is of x alone may then be of NumPy, too
+            points = jnp.asarray(xi)
+        with traceable("function"):
+            values = self.function(points)
         if jnp.shape(values) != np.shape(xi):
             raise ValueError(
                 f"function must return a value for each of {len(xi)} points, got shape "
@@ -164,57 +194,21 @@ def points_within(edges: tuple[float, ...], points: int = _POINTS) -> tuple[np.n
     return (start + length * (1 + x) / 2).ravel(), (length * w / 2).ravel()
 
 
-@functools.lru_cache(maxsize=256)
-def interpolation(stations: tuple[float, ...], xi: tuple[float, ...]) -> Float[np.ndarray, "p k"]:
-    """Values at points from those at stations, linear between them."""
-    places, x = np.asarray(stations), np.asarray(xi)
-    left = np.clip(np.searchsorted(places, x, side="right") - 1, 0, places.size - 2)
-    share = (x - places[left]) / (places[left + 1] - places[left])
-    table = np.zeros((x.size, places.size))
-    table[np.arange(x.size), left] = 1 - share
-    table[np.arange(x.size), left + 1] = share
-    return table
+def _between(stations: tuple[float, ...], xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The station before each place, and how far the place is on the way to the next one."""
+    places = np.asarray(stations)
+    left = np.clip(np.searchsorted(places, xi, side="right") - 1, 0, places.size - 2)
+    return left, (xi - places[left]) / (places[left + 1] - places[left])
 
 
-@functools.lru_cache(maxsize=64)
-def tails(edges: tuple[float, ...], points: int = _POINTS) -> Float[np.ndarray, "p p"]:
-    """int_xi^1 f at `points_within` edges from the values of f there; exact where f is a polynomial
-    of less than this degree in each segment, by spectral integration."""
-    x, weight = legendre.leggauss(points)
-    # Of the polynomial through values at the points, from each point to the end of the segment.
-    coefficients = np.linalg.inv(legendre.legvander(x, points - 1))
-    integrals = legendre.legint(coefficients, lbnd=1, axis=0)
-    own = -legendre.legval(x, integrals).T / 2
-    lengths = np.diff(edges)
-    whole = np.zeros((lengths.size * points,) * 2)
-    for i, length in enumerate(lengths):
-        rows = slice(i * points, (i + 1) * points)
-        whole[rows, rows] = length * own
-        whole[: i * points, rows] = length * weight / 2
-    return whole
-
-
-def beyond(
-    mass: Property, edges: tuple[float, ...], points: int = _POINTS
-) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
-    """int_x^L dm over the mass, and int_x^L x dm over the mass and the length, at `points_within`:
-    what 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""
-    xi, weight = points_within(edges, points)
-    value = along(mass, xi)
-    share, tail = value / (weight @ value), jnp.asarray(tails(edges, points))
-    return tail @ share, tail @ (xi * share)
-
-
-def beyond_edges(
-    mass: Property, edges: tuple[float, ...]
+def at_ends(
+    value: Property, edges: tuple[float, ...]
 ) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
-    """`beyond` at the edges themselves."""
-    xi, weight = points_within(edges)
-    own = weight * along(mass, xi)
-    parts = jnp.stack([own, own * xi]).reshape(2, len(edges) - 1, -1) / jnp.sum(own)
-    before = jnp.cumsum(jnp.pad(jnp.sum(parts, 2), ((0, 0), (1, 0))), 1)
-    outside, moment = before[:, -1:] - before
-    return outside, moment
+    """A property at the beginning and at the end of every segment between edges."""
+    if isinstance(value, AbstractSpanwise):
+        return value.ends(edges)
+    both = jnp.broadcast_to(value, (len(edges) - 1,))
+    return both, both
 
 
 def beside_kinks(edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:

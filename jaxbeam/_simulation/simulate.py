@@ -90,7 +90,7 @@ def simulate(
       largest energy (`UNBALANCED`): a loose tolerance with an explicit solver can return a success
       that is nonsense.
     """
-    rotor, _ = checked_case(model, rotor)
+    model, rotor, _ = checked_case(model, rotor)
     times = checked_times(times)
     check_scene(motion, loads, damping, times[0])
     if start is not None:
@@ -356,7 +356,7 @@ def steady_start(
     no such state is found; with `throw=False` its coordinates are then NaN, which `simulate`
     reports. An equilibrium need not be stable: ask `modes`.
     """
-    rotor, _ = checked_case(model, rotor)
+    model, rotor, _ = checked_case(model, rotor)
     t = real_scalar("t", t)
     check_scene(motion, loads, NO_DAMPING, t)
     state, status = _steady(model, rotor, motion, t, loads)

@@ -132,9 +132,8 @@ def stable_step(
     growth = real_scalar("growth", growth)
     if is_known(growth) and not 1 < growth < np.inf:
         raise ValueError(f"growth must be finite and > 1, got {growth}")
-    found = find(
-        model, *checked_case(model, rotor, angular_speed), lowest(model, len(model.families))
-    )
+    model, rotor, speed = checked_case(model, rotor, angular_speed)
+    found = find(model, rotor, speed, lowest(model, len(model.families)), judged=False)
     frequency = jnp.max(found.frequency)
     grows = jnp.max(found.growth_rate) > 1e-8 * frequency
     status = jnp.where(grows & (found.status == Status.OK), Status.NO_EQUILIBRIUM, found.status)

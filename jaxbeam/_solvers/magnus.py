@@ -80,6 +80,7 @@ class Magnus(SecondOrderSolver):
     step, however fast the system itself is: fixed steps are what it is for. Its error estimate, the
     part of the commutator, is that of the method of order 2, and asks for shorter steps than
     needed. Steps that beat against a vibration, 2 pi / h near its angular frequency, lose accuracy.
+    Where nothing holds a free hinge there is no equilibrium to measure from: the result is NaN.
 
     S. Blanes, F. Casas, J. A. Oteo, J. Ros, The Magnus expansion and some of its applications,
     Physics Reports 470 (2009), section 5.

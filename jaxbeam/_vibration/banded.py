@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jaxbeam._models.base import AbstractModel, BandTables, Equations, NodeByNode
+from jaxbeam._models.bands import BandTables, NodeByNode
+from jaxbeam._models.base import AbstractModel, Equations
 from jaxbeam._models.basis import Functions, Polynomials
 from jaxbeam._models.families import Family
 from jaxbeam._numerics.band import Band, Pencil, band, width_of

@@ -74,7 +74,7 @@ def campbell(
     if not isinstance(which, Sequence):
         raise TypeError(f"which must be labels, got {which!r}")
     which = tuple(which)
-    rotor, _ = checked_case(model, rotor)
+    model, rotor, _ = checked_case(model, rotor)
     table = sweep(
         # the rotor as an argument: diagrams of other rotors reuse the compiled code
         jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which)),

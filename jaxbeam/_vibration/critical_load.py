@@ -17,7 +17,7 @@ from jaxtyping import Array
 from jaxbeam._checks import kind_of
 from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
 from jaxbeam._models.families import Family
-from jaxbeam._numerics.linalg import dense
+from jaxbeam._numerics.linalg import dense, lowest_eigenpair
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
@@ -27,6 +27,7 @@ from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
 from jaxbeam._vibration.singular import AbstractPlace, Groups, Scan, answer
 
+_HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
 # Loads that are looked at, over the softest stiffness of the tip times the length: up to twenty,
 # from where a section that hardly resists torsion buckles. That of Euler's column is 0.82.
 _LEAST, _LARGEST, _SCANNED = 1 / 60, 20.0, 48
@@ -72,7 +73,7 @@ def critical_load(
     first: `ValueError`, as for loads that change in time. `throw=False` returns failures in
     `CriticalLoad.status`, and NaN.
     """
-    rotor, speed = checked_case(model, rotor, angular_speed)
+    model, rotor, speed = checked_case(model, rotor, angular_speed)
     if not isinstance(loads, Loads):
         raise TypeError(f"loads must be of class Loads, got {kind_of(loads)}")
     if not loads.is_plain:
@@ -153,4 +154,9 @@ def _search(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Vector, 
     energy = end.x * (k0 @ end.x)
     shares = [jnp.sum(energy, where=np.equal(model.families, family)) for family in Family]
     factor = jnp.where(end.found, end.value, jnp.inf)
-    return factor, jnp.argmax(jnp.stack(shares)), end.x, scan.status(end)
+    # A beam on a free hinge at rest buckles at once or never, as the load would have it.
+    size = jnp.sqrt(jnp.abs(jnp.diag(k0)))
+    size = jnp.where(size > 0, size, 1.0)
+    least, _ = lowest_eigenpair(k0 / (size[None] * size[:, None]), jnp.eye(len(k0), dtype=k0.dtype))
+    status = jnp.where(least > _HELD, scan.status(end), Status.NOT_HELD)
+    return factor, jnp.argmax(jnp.stack(shares)), end.x, status

@@ -30,7 +30,7 @@ from jaxbeam._models.families import Family
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, without_derivatives
-from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
@@ -44,6 +44,7 @@ from jaxbeam._vibration.singular import (
     is_affine,
 )
 
+_HAIR = 1e-10  # EI / L, of a spring beside which a hinge is free
 _SCANNED = 64  # speeds at which a model that is not affine is looked at
 
 
@@ -85,10 +86,14 @@ def critical_speed(model: AbstractModel, rotor: AnyRotor, *, throw: bool = True)
     An interval of instability narrower than a step of the scan (64 up to there, in ratio) that ends
     again would be missed. Beyond divergence `modes` says how fast what grows (`growth_rate`).
 
+    What nothing holds at rest, a blade on a free hinge, is stable if it stiffens as it turns; else
+    the speed is zero, and has no derivatives. A hinge for lag in the axis of rotation, which no
+    speed holds nor drives out, does not count.
+
     `throw=False` returns failures in `CriticalSpeed.status`, and NaN (derivatives: as in `modes`;
     those of an infinite speed are zero). Errors as in `modes`.
     """
-    rotor, zero = checked_case(model, rotor)
+    model, rotor, zero = checked_case(model, rotor)
     result = _critical(model, rotor, zero)
     return raise_unless_ok(result, result.status) if throw else result
 
@@ -138,9 +143,12 @@ def _search(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar
 ) -> tuple[Scalar, Code, Vector, Code]:
     """Critical speed, family and direction, and a status."""
-    groups = groups_of(model, rotor)
+    groups, free = groups_of(model, rotor), rotor
+    rotor = _held(rotor)
     k0, speed, shape = _alone(model, rotor, zero, groups)
     if is_affine(model, rotor):
+        if rotor is not free:
+            speed = _freed(speed, shape, k0, _undeformed(model, free, zero), rotor)
         first = jnp.argmin(speed)
         return speed[first], groups.codes[first], shape[first], jnp.asarray(Status.OK)
 
@@ -164,6 +172,30 @@ def _search(
         jnp.where(end.found, end.x, shape[tears]),
         scan.status(end),
     )
+
+
+def _held(rotor: AnyRotor) -> AnyRotor:
+    """The same rotor with hairs of springs where hinges are free, so that K at rest is definite."""
+    if not isinstance(rotor, Rotor) or rotor.root is None:
+        return rotor
+    beam = rotor.beam.mean
+    hair = _HAIR * beam.in_plane_bending_stiffness / beam.length
+    held = jax.tree.map(lambda k: jnp.maximum(k, hair), rotor.root)
+    return eqx.tree_at(lambda r: r.root, rotor, held)
+
+
+def _freed(
+    speed: Float[Array, " f"], shape: Float[Array, "f n"], k0: Matrix, free: Matrix, rotor: AnyRotor
+) -> Float[Array, " f"]:
+    """The speeds without hairs: what swings on nothing else gives way at once, or, where that takes
+    far more than a hair would bear, is neither held nor driven out at any speed."""
+
+    def energy(k: Matrix) -> Float[Array, " f"]:
+        return jnp.sum(shape * (shape @ k), 1)
+
+    swings = energy(free) < energy(k0) / 2
+    at_once = speed**2 < 1e4 * _HAIR * rotor.frequency_scale**2
+    return jnp.where(swings, jnp.where(at_once, 0.0, jnp.inf), speed)
 
 
 def _alone(

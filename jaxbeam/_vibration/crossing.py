@@ -58,7 +58,7 @@ def crossing(
             raise ValueError(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )
-    rotor, _ = checked_case(model, rotor)
+    model, rotor, _ = checked_case(model, rotor)
     speed, status = _crossing(model, rotor, choose(model, (label,)), ratio, *ends)
     result = Crossing(label, ratio, speed, status)
     return raise_unless_ok(result, result.status) if throw else result

@@ -28,7 +28,7 @@ from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import count_functions, kind_of, known, positive
 from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.families import Family, planes_of
+from jaxbeam._models.families import Family, is_hinged, planes_of
 from jaxbeam._numerics.linalg import (
     dense,
     eigensystem,
@@ -93,7 +93,7 @@ def floquet(
     `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`). Otherwise failures are
     raised, with malformed arguments, as by `modes`.
     """
-    rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
+    model, rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
     count_functions("steps", steps, least=1)
     result = _floquet(model, rotor, motion, period, damping, steps)
     return raise_unless_ok(result, result.status) if throw else result
@@ -101,8 +101,8 @@ def floquet(
 
 def _checked(
     model: AbstractModel, rotor: AnyRotor, motion: Any, period: Any, damping: Any
-) -> tuple[Any, Spin, Scalar, Damping]:
-    rotor, _ = checked_case(model, rotor)
+) -> tuple[AbstractModel, Any, Spin, Scalar, Damping]:
+    model, rotor, _ = checked_case(model, rotor)
     refuse_cone(rotor)
     if not isinstance(motion, Spin):
         raise TypeError(f"motion must turn about a fixed axis, got {kind_of(motion)}")
@@ -110,7 +110,7 @@ def _checked(
         if not isinstance(motion, ModulatedSpeed):
             raise TypeError("period must be given, but for a ModulatedSpeed")
         period = 2 * np.pi / known(motion.frequency)
-    return rotor, motion, positive("period", period), checked_damping(damping)
+    return model, rotor, motion, positive("period", period), checked_damping(damping)
 
 
 def refuse_cone(rotor: AnyRotor) -> None:
@@ -233,7 +233,7 @@ class Plane(NamedTuple):
     def coordinates(self) -> tuple[Matrix, Vector]:
         """The coordinates of the reduced problem: modes Phi and scales w^(1/2)."""
         m, _, k, _, _ = without_derivatives(self.matrices(self.mean_speed))
-        phi = symmetric_modes(m, k).T
+        phi = symmetric_modes(m, k, is_hinged(self.rotor)).T
         w2 = jnp.abs(jnp.sum(phi * (k @ phi), 0))
         slow = (2 * jnp.pi / without_derivatives(self.period)) ** 2 / 100
         return phi, jnp.maximum(w2, slow) ** 0.25

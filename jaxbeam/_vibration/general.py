@@ -23,10 +23,10 @@ from jaxbeam._vibration.wanted import Wanted
 TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
 
-def general(system: LinearSystem, wanted: Wanted) -> Modes:
+def general(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
-    any."""
-    eigenvalue, shape, family, order, positive = _selected(system, wanted)
+    any; with `free` also where hinges leave motions that nothing holds."""
+    eigenvalue, shape, family, order, positive = _selected(system, wanted, free)
     matrices = (system.mass, system.gyroscopic, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
     tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
@@ -48,11 +48,11 @@ def energy_share(
     return share / jnp.sum(share, -1, keepdims=True)
 
 
-def _selected(system: LinearSystem, wanted: Wanted) -> tuple[Array, ...]:
+def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, ...]:
     """Eigenvalues, shapes, families and orders of the modes wanted, and whether the axial stiffness
     is positive definite."""
     planes = [
-        _plane(system, transverse, axial)
+        _plane(system, transverse, axial, free)
         for transverse, axial in system.planes
         if system.where(*dict.fromkeys(transverse + axial)).size
     ]
@@ -97,7 +97,7 @@ def _labels(families: tuple[Family, ...], rows: np.ndarray) -> tuple[Array, Arra
 
 
 def _plane(
-    system: LinearSystem, transverse: tuple[Family, ...], axial: tuple[Family, ...]
+    system: LinearSystem, transverse: tuple[Family, ...], axial: tuple[Family, ...], free: bool
 ) -> _Plane:
     """All modes of families that are coupled, or of one alone."""
     families = tuple(dict.fromkeys(transverse + axial))
@@ -105,23 +105,25 @@ def _plane(
     n = rows.size
     m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.gyroscopic, system.stiffness))
     if transverse == axial:
-        pairs = gyroscopic_eigenpairs(m, g, k)
+        pairs = gyroscopic_eigenpairs(m, g, k, free)
     else:
-        pairs = planar_eigenpairs(m, g, k, system.where(*transverse).size)
+        pairs = planar_eigenpairs(m, g, k, system.where(*transverse).size, free)
     sizes = [size for family in families if (size := system.where(family).size)]
     label = jnp.arange(n)
     if len(sizes) > 1:  # in one family alone the rank is the order
-        label = _assign(_participation(m, k, pairs.right, sizes))
+        label = _assign(_participation(m, k, pairs.right, sizes, free))
     return _Plane(rows, pairs.eigenvalue, pairs.right, label, pairs.positive == 1)
 
 
-def _participation(m: Array, k: Array, x: Array, sizes: list[int]) -> Float[Array, "n n"]:
+def _participation(
+    m: Array, k: Array, x: Array, sizes: list[int], free: bool
+) -> Float[Array, "n n"]:
     """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j; `sizes` are
     those of the families, one behind the other."""
     parts, ends = [], np.cumsum([0, *sizes])
     for start, end in itertools.pairwise(ends):
         part = slice(start, end)
-        v = symmetric_modes(m[part, part], k[part, part])
+        v = symmetric_modes(m[part, part], k[part, part], free)
         parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
     share = jnp.concatenate(parts, axis=1)
     return share / jnp.sum(share, axis=1, keepdims=True)

@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Inexact
 
 from jaxbeam._models.base import AbstractModel, LinearSystem, checked_case, guarded
-from jaxbeam._models.families import Family, Label, Plane
+from jaxbeam._models.families import Family, Label, Plane, is_hinged
 from jaxbeam._numerics.batches import batchable
-from jaxbeam._numerics.linalg import solve
+from jaxbeam._numerics.linalg import quotient, solve
+from jaxbeam._numerics.platforms import by_platform
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
@@ -20,10 +21,11 @@ from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Real, Scalar, Vectors
 from jaxbeam._vibration.banded import Bands, Lowest, bands_of
 from jaxbeam._vibration.general import TOLERANCE, energy_share, general
-from jaxbeam._vibration.result import Modes
+from jaxbeam._vibration.result import Modes, own_tip
 from jaxbeam._vibration.wanted import Wanted, choose
 
-MANY = 256  # cases from which it pays to compile what is fast
+RESOLVED = 1e-3  # the largest error of a frequency, relative, that is not a failure
+MANY = 256  # cases from which it pays to compile what is fast for a CPU
 
 
 def modes(
@@ -40,7 +42,7 @@ def modes(
     wanted, in that order (see `labels`). Real symmetric computations while the stiffness is
     positive definite, the general eigenproblem with growth rates where it is not. In a batch of 256
     cases or more, by one `jax.vmap` or several, models that have `bands` are some ten times faster
-    a case, and compile for longer.
+    a case, and compile for longer; on a GPU, which is slow with dense ones, in any batch.
 
     Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
     both modes and to any order, wherever the eigenvalue is simple within its plane; crossings of
@@ -57,19 +59,28 @@ def modes(
     a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where no steady state
     exists or is found.
     """
-    result = find(model, *checked_case(model, rotor, angular_speed), choose(model, which))
+    model, rotor, speed = checked_case(model, rotor, angular_speed)
+    result = find(model, rotor, speed, choose(model, which))
     return raise_unless_ok(result, result.status) if throw else result
 
 
 @Program
-def find(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted) -> Modes:
-    """What `modes` does once its arguments are checked."""
+def find(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool = True
+) -> Modes:
+    """What `modes` does once its arguments are checked; unless `judged`, modes are those of the
+    model, however many of its functions they would need."""
     given, rotor, speed = guarded(rotor, speed)
     bands = bands_of(model, wanted.most, wanted.count) if rotor.is_plain else None
     system = model.matrices(rotor, speed)
     known = without_derivatives((system, (rotor, speed, wanted)))
-    found = general(known[0], wanted) if bands is None else _search(model, bands, *known)
+    free = is_hinged(rotor)
+    found = general(known[0], wanted, free) if bands is None else _search(model, bands, *known)
     status = jnp.where(given == Status.OK, found.status, given)
+    error = _error(model, *known, found) if judged else None
+    if error is not None:
+        unresolved = (status == Status.OK) & ~(jnp.max(error) <= RESOLVED)
+        status = jnp.where(unresolved, Status.TOO_FEW_FUNCTIONS, status)
     ok = status == Status.OK
     eigenvalue, shape = _differentiable(system, ok, found)
     if bands is not None and bands.has_forms:
@@ -77,14 +88,23 @@ def find(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted) -
     share = _valued(found.energy_share, energy_share(system.mass, shape, system.families))
     return Modes(
         eigenvalue=where_known(ok, eigenvalue),
-        shape=where_known(ok, shape * _sign(model, system, shape, found.family)[:, None]),
+        shape=where_known(ok, shape * _sign(model, rotor, system, shape, found.family)[:, None]),
         family=found.family,
         order=found.order,
         energy_share=where_known(ok, share),
         residual=found.residual,
         status=status,
         steady_strain=where_known(ok, _valued(found.steady_strain, system.steady_strain)),
+        frequency_error=error,
+        model=model,
     )
+
+
+def _error(
+    model: AbstractModel, system: LinearSystem, case: tuple[AnyRotor, Scalar, Wanted], found: Modes
+) -> Array | None:
+    rotor, speed, _ = case
+    return model.frequency_error(system, rotor, speed, found.eigenvalue, found.shape)
 
 
 def _search(
@@ -106,20 +126,25 @@ def _search(
 
     def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Modes:
         axes = [0 if varies else None for varies in own]
-        if size < MANY:
-            return jax.vmap(dense, (axes,))(leaves)
-        found, certain = jax.vmap(quick, (axes,))(leaves)
-        doubtful, rest = jnp.argsort(certain), jnp.sum(~certain)
 
-        def mend(i: Array, found: Any) -> Any:
-            which = doubtful[i]
-            here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
-            _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
-            # Not the matrices that are there: they need not be made of all cases then.
-            mended = general(model.matrices(rotor, speed), wanted)
-            return jax.tree.map(lambda all, one: all.at[which].set(one), found, mended)
+        def by_bands(leaves: list[Array]) -> Modes:
+            found, certain = jax.vmap(quick, (axes,))(leaves)
+            doubtful, rest = jnp.argsort(certain), jnp.sum(~certain)
 
-        return jax.lax.fori_loop(0, rest, mend, found)
+            def mend(i: Array, found: Any) -> Any:
+                which = doubtful[i]
+                here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
+                _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
+                # Not the matrices that are there: they need not be made of all cases then.
+                mended = general(model.matrices(rotor, speed), wanted)
+                return jax.tree.map(lambda all, one: all.at[which].set(one), found, mended)
+
+            return jax.lax.fori_loop(0, rest, mend, found)
+
+        if size >= MANY:
+            return by_bands(leaves)
+        # Elsewhere libraries take one case at a time for much longer than bands take all.
+        return by_platform(leaves, cpu=jax.vmap(dense, (axes,)), default=by_bands)
 
     return batchable(dense, many)(leaves)
 
@@ -241,13 +266,14 @@ def _eigenpairs_jvp(
         y = jnp.where(signature == 0, x.conj(), signature * x)
         force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
         slope = 2 * lam * (m @ x) + g @ x
-        dlam = -(y @ force) / (y @ slope)
+        dlam = -quotient(y @ force, y @ slope)
         # [Q, Q'x; (S M x)^T, 0] [dx; dlam] = [-dQ x; -x^T S dM x / 2], Q = lam^2 M + lam G + K,
         # regular for a simple eigenvalue. Rows of the other plane are replaced by dx = 0, since
         # there Q may be singular: flap and in-plane frequencies of a square section coincide.
         inside = plane[:, None] * plane[None]
         q = jnp.where(inside > 0, lam**2 * m + lam * g + k, jnp.diag(1 - plane))
-        bordered = jnp.block([[q, slope[:, None]], [(y @ m)[None], jnp.zeros((1, 1))]])
+        border = jnp.where(lam == 0, m @ x + 0j, slope)  # of lambda^2, where d lambda is infinite
+        bordered = jnp.block([[q, border[:, None]], [(y @ m)[None], jnp.zeros((1, 1))]])
         right = jnp.concatenate([-force * plane, -0.5 * (y @ (dm @ x))[None]])
         return dlam, solve(bordered, right)[:-1]
 
@@ -267,13 +293,10 @@ def _mixed(planes: tuple[Plane, ...]) -> Bool[np.ndarray, " f"]:
 
 
 def _sign(
-    model: AbstractModel, system: LinearSystem, shape: Vectors, family: Array
+    model: AbstractModel, rotor: AnyRotor, system: LinearSystem, shape: Vectors, family: Array
 ) -> Inexact[Array, " k"]:
     """Sign that makes the tip move the positive way in the direction that names the mode."""
-    # Displacement is ordered axial, in plane, flap.
-    end = np.ones(1)
-    tip = jnp.concatenate([model.displacement(end)[np.array([1, 2, 0]), 0], model.twist(end)])
-    own = whole = jnp.sum(tip[family] * shape, -1)
+    own = whole = own_tip(model, rotor, shape, family, system.shapes)
     # Stable parts in quadrature are imaginary: x = (w, -i u).
     own = jnp.where(jnp.asarray(_in_quadrature(system.planes))[family], -own.imag, own.real)
     sign = jnp.where(own < 0, -1.0, 1.0)

@@ -3,11 +3,20 @@
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Complex, Float, Inexact, Int
 
+from jaxbeam._checks import known_array
+from jaxbeam._models.base import AbstractModel
 from jaxbeam._models.families import Family, Label
+from jaxbeam._models.shapes import Shapes
+from jaxbeam._results import per_case, where_known
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vectors
+from jaxbeam._vibration.shapes import ShapePolynomials, fit
 
 
 class Modes(eqx.Module):
@@ -25,6 +34,10 @@ class Modes(eqx.Module):
     |              |        |       | + abs(lambda) norm(G) + norm(K)) norm(x))                  |
     | status       | ()     |       | `Status`; unless OK the numbers are NaN, but for residual  |
     | steady_strain| ()     |       | see `LinearSystem`                                         |
+    | frequency_   | (k,)   |       | estimate of what functions and quadrature leave out of     |
+    | error        |        |       | lambda, relative, on beams that vary along the span; None  |
+    |              |        |       | of uniform ones, of elements and of coned beams            |
+    | model        |        |       | whose modes they are; no array, and part of no table       |
 
     (*) kg^-1/2 for coordinates in metres.
 
@@ -45,6 +58,8 @@ class Modes(eqx.Module):
     residual: Float[Array, " k"]
     status: Code
     steady_strain: Scalar
+    frequency_error: Float[Array, " k"] | None = None
+    model: AbstractModel | None = eqx.field(static=True, default=None)
 
     @property
     def frequency(self) -> Float[Array, "... k"]:
@@ -61,6 +76,98 @@ class Modes(eqx.Module):
         """Labels of the modes, once their values are known (not under `jit`); of a batch a tuple
         of these for each case."""
         return _named(np.asarray(self.family), np.asarray(self.order))
+
+    def displacement(
+        self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
+    ) -> Complex[Array, "... k p 3"]:
+        """Amplitudes at x = xi L (a number, or as many as p) of the rotor whose modes they are:
+        axial, in plane and flap, to first order; the motion is the real part of these times
+        e^(lambda t).
+
+        Of unit modal mass, in kg^-1/2; with `tip` such that the displacement of the tip in the
+        mode's own direction is one, of modes of torsion L times the twist there. Differentiable,
+        under `jit`, and of a batch of one rotor with its axes in front; where rotors differ from
+        case to case, `jax.vmap` it over both. Raises `ValueError` for xi out of range.
+        """
+        points = np.atleast_1d(known_array("xi", xi))
+        if points.ndim > 1 or not np.all((points >= 0) & (points <= 1)):
+            raise ValueError(f"xi must be x / L from 0 to 1, one or several in a row, got {xi}")
+        return _displacement(self, rotor, points, tip)
+
+    def twist(
+        self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
+    ) -> Complex[Array, "... k p"]:
+        """L times the angle of twist, as in `displacement`: zero but in `SpatialANCF`."""
+        return _twist(self, rotor, np.atleast_1d(known_array("xi", xi)), tip)
+
+    def polynomials(self, rotor: AnyRotor) -> ShapePolynomials:
+        """The shapes of bending modes as ElastoDyn (OpenFAST) takes them: c_2 xi^2 + ... + c_6 xi^6
+        by least squares over the span, scaled to c_2 + ... + c_6 = 1.
+
+        They are fitted to the deflection in the mode's own direction, in plane or flap. Of sections
+        that are turned ElastoDyn takes a shape p as a curvature p'' about their axes, and adds up
+        what it does in both directions: with twist or pitch, p is the one for which that comes next
+        to the deflection both ways. Value and slope at the root are zero, so that shapes of a root
+        that yields do not fit: look at `misfit`, which for clamped blades is 1e-3 or so.
+        `jaxbeam.blades.write_elastodyn` writes them into a file. Batches are as in `displacement`.
+        """
+        return _polynomials(self, rotor)
+
+
+@per_case
+def _displacement(
+    modes: Modes, rotor: AnyRotor, xi: np.ndarray, tip: bool
+) -> Complex[Array, "k p 3"]:
+    table = _model_of(modes).displacement(xi, rotor)
+    return jnp.einsum("cpn,kn->kpc", table, _scaled(modes, rotor, tip))
+
+
+@per_case
+def _twist(modes: Modes, rotor: AnyRotor, xi: np.ndarray, tip: bool) -> Complex[Array, "k p"]:
+    return _scaled(modes, rotor, tip) @ _model_of(modes).twist(xi).T
+
+
+@per_case
+def _polynomials(modes: Modes, rotor: AnyRotor) -> ShapePolynomials:
+    family = modes.family
+    bends = (family == Family.IN_PLANE) | (family == Family.FLAP)
+    bent = jnp.where(bends[:, None], _scaled(modes, rotor, True), 1.0).real
+    into = fit(rotor)
+    table = _model_of(modes).displacement(into.xi, rotor)
+    in_plane, flap = (bent @ table[axis].T for axis in (1, 2))
+    is_flap = (family == Family.FLAP)[:, None]
+    # The first axis of a section turns towards flap, the second away from in plane.
+    own, across = jnp.where(is_flap, flap, in_plane), jnp.where(is_flap, -in_plane, flap)
+    found = jax.vmap(into.of)(own, across)
+    return ShapePolynomials(*where_known(bends & (modes.status == Status.OK), found))
+
+
+def _model_of(modes: Modes) -> AbstractModel:
+    if modes.model is None:
+        raise ValueError("these modes do not say of which model they are: take those of modes()")
+    return modes.model
+
+
+def _scaled(modes: Modes, rotor: AnyRotor, tip: bool) -> Vectors:
+    """Shapes as they are, or divided by what the tip does in the direction of each."""
+    if not tip:
+        return modes.shape
+    return modes.shape / own_tip(_model_of(modes), rotor, modes.shape, modes.family)[:, None]
+
+
+def own_tip(
+    model: AbstractModel, rotor: AnyRotor, shape: Vectors, family: Array,
+    shapes: Shapes | None = None,
+) -> Inexact[Array, " k"]:  # fmt: skip
+    """What the tip does in the direction that names each mode, of torsion L times the twist;
+    `shapes` are the functions on a beam that varies, where they are known."""
+    if shapes is not None:
+        same = np.array(model.families)[None] == family[:, None]
+        return jnp.sum(jnp.where(same, shapes.ends.tip[None], 0.0) * shape, -1)
+    end = np.ones(1)
+    # Displacement is ordered axial, in plane, flap.
+    table = model.displacement(end, rotor)[np.array([1, 2, 0]), 0]
+    return jnp.sum(jnp.concatenate([table, model.twist(end)])[family] * shape, -1)
 
 
 def _named(family: np.ndarray, order: np.ndarray) -> tuple[Any, ...]:

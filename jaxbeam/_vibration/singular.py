@@ -45,7 +45,8 @@ class AbstractPlace(eqx.Module):
         """The function f."""
         x = self.x
         # Coordinates in which K has ones on its diagonal at first, so that the border fits.
-        scale = jnp.diag(jax.lax.stop_gradient(self.rest(given))) ** -0.5
+        own = jnp.diag(jax.lax.stop_gradient(self.rest(given)))
+        scale = jnp.where(own > 0, own, 1.0) ** -0.5  # a free hinge has none
         border = x / scale / jnp.linalg.norm(x / scale)
         # In a case without such a place any regular problem will do.
         k = scale[:, None] * self.stiffness(given, value) * scale[None]

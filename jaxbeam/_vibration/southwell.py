@@ -12,13 +12,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.families import Label
+from jaxbeam._models.families import Label, is_hinged
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Real, Scalar
+from jaxbeam._types import Code, Matrix, Real, Scalar
 from jaxbeam._vibration.modes import find
+from jaxbeam._vibration.result import Modes
 from jaxbeam._vibration.wanted import Wanted, choose
 
 _CLOSE = 3e-6  # to rest, over the frequency scale: rounding of axial motion grows towards it
@@ -50,8 +51,8 @@ def southwell(
     Raises as `modes` does; `throw=False` gives NaN and a status where a case fails (derivatives:
     as in `modes`).
     """
-    wanted = choose(model, which)
-    result = _southwell(model, *checked_case(model, rotor, angular_speed), wanted)
+    model, rotor, speed = checked_case(model, rotor, angular_speed)
+    result = _southwell(model, rotor, speed, choose(model, which))
     return raise_unless_ok(result, result.status) if throw else result
 
 
@@ -61,20 +62,36 @@ def _southwell(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wan
     fine = given == Status.OK
     rotor, speed = harmless(fine, (rotor, speed))
 
-    def square(omega: Scalar) -> tuple[Float[Array, " k"], Code]:
+    def square(omega: Scalar) -> tuple[Float[Array, " k"], Modes]:
         found = find(model, rotor, omega, wanted)
-        return -(found.eigenvalue**2).real, found.status
+        return -(found.eigenvalue**2).real, found
 
     # At rest the quotient is 0 / 0. It is even in speed, so that this near rest it is right to
     # 1e-11 of the difference that speeds make, and so are its derivatives.
     moving, moves = _near(speed, _CLOSE * without_derivatives(rotor).frequency_scale)
-    _, slope, status = jax.jvp(square, (moving,), (jnp.ones_like(speed),), has_aux=True)
+    _, slope, found = jax.jvp(square, (moving,), (jnp.ones_like(speed),), has_aux=True)
+    status = found.status
+    if is_hinged(rotor):
+        slope = jnp.where(found.eigenvalue == 0, _swinging(model, rotor, moving, found), slope)
     # NaN would end up in gradients by parameters that cases of a batch share.
     result = jnp.where(status == Status.OK, slope, 0.0) / (2 * jnp.where(moves, moving, 1.0))
     finite = moves & jnp.all(jnp.isfinite(result))
     status = jnp.where((status == Status.OK) & ~finite, Status.NOT_FINITE, status)
     status = jnp.where(fine, status, given)
     return Southwell(where_known(status == Status.OK, result), status)
+
+
+def _swinging(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, found: Modes
+) -> Float[Array, " k"]:
+    """d(omega^2) / d Omega of modes whose frequency is zero to within rounding: free hinges at
+    rest, where there are no Coriolis forces, and for lag in the axis, which do not stiffen."""
+
+    def stiffness(omega: Scalar) -> Matrix:
+        return model.matrices(rotor, omega).stiffness
+
+    _, rate = jax.jvp(stiffness, (speed,), (jnp.ones_like(speed),))
+    return jnp.sum(found.shape.conj() * (found.shape @ rate.T), 1).real  # of unit modal mass
 
 
 def _near(speed: Scalar, close: Scalar) -> tuple[Scalar, Bool[Array, ""]]:

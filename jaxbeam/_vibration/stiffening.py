@@ -7,15 +7,14 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
 from jaxbeam._models.base import guarded
-from jaxbeam._models.basis import Polynomials
+from jaxbeam._models.families import is_hinged
 from jaxbeam._models.modal import Hybrid
-from jaxbeam._models.pieces import suited
-from jaxbeam._models.tables import sampled, turned
+from jaxbeam._models.tables import turned
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor, checked_rotor
-from jaxbeam._rotor.spanwise import along
+from jaxbeam._rotor.span import on
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import find
@@ -26,7 +25,7 @@ _SHEAR = 3.1  # E / (kappa G)
 
 def _bending(rotor: Rotor) -> Hybrid:
     """Bending in the plane alone."""
-    return Hybrid(0, 14, 0, suited(Polynomials(), rotor))
+    return Hybrid(0, 14, 0).suited(rotor)
 
 
 def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
@@ -71,13 +70,13 @@ def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
     derivatives, and a program a fifth as large."""
     square, shape = _at_rest(_bending(rotor), rotor)
-    return jnp.sqrt(square), shape
+    return jnp.sqrt(jnp.maximum(square, 0.0)), shape
 
 
 def _at_rest(model: Hybrid, rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     """Squares of frequencies, and modes."""
     system = model.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
-    shape = symmetric_modes(system.mass, system.stiffness)
+    shape = symmetric_modes(system.mass, system.stiffness, is_hinged(rotor))
     return jnp.sum((shape @ system.stiffness) * shape, axis=1), shape
 
 
@@ -92,7 +91,7 @@ def stoutness(rotor: Rotor) -> Float[Array, "2 6"]:
     (S. P. Timoshenko, Philosophical Magazine 41, 1921). For a solid section of metal, EA / (kappa G
     A) = 3.1; thin webs, or composite ones, yield more.
     """
-    full = Hybrid(0, 14, 14, suited(Polynomials(), rotor))
+    full = Hybrid(0, 14, 14).suited(rotor)
     if rotor.couples_bending:
         return jnp.stack(2 * [_stoutness(full, rotor)])
     alone = (dataclasses.replace(full, n_flap=0), dataclasses.replace(full, n_in_plane=0))
@@ -100,26 +99,28 @@ def stoutness(rotor: Rotor) -> Float[Array, "2 6"]:
 
 
 def _stoutness(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
-    beam, tables = rotor.beam, model.tables
+    beam, shapes, direction = rotor.beam, model.sampled(rotor, model.shapes(rotor)), model.direction
     square, shape = (a[:6] for a in _at_rest(model, rotor))
-    rule, at = sampled(model.basis, model.counts, beam.edges)
+    span, at, ends = shapes.span, shapes.at, shapes.ends
     zz, yy, axial, mass = (
-        along(each, rule.xi)
+        on(each, span)
         for each in (
             beam.in_plane_bending_stiffness, beam.flap_bending_stiffness, beam.axial_stiffness,
             beam.mass_per_length,
         )
     )  # fmt: skip
-    ways = [shape * tables.direction[None, :, k] for k in (1, 2)]
+    ways = [shape * direction[None, :, k] for k in (1, 2)]
     slopes = [way @ at.slope.T / beam.length for way in ways]
-    first, second = turned(rotor, rule.xi, *slopes)
-    dm = rule.weight * beam.length * mass
+    first, second = turned(rotor, span, *slopes)
+    dm = span.weight * beam.length * mass
     turning = first**2 @ (dm * zz / axial) + second**2 @ (dm * yy / axial)
-    tip = tables.centre(rotor)
+    tip = ends.tip
+    if rotor.tip is not None:
+        tip = tip + rotor.tip.offset / beam.length * ends.turn
     force = [
-        (way @ at.value.T) * mass[None] @ rule.tail.T * beam.length
+        span.beyond(mass[:, None] * (at.value @ way.T)).T * beam.length
         + rotor.tip_mass * (way @ tip)[:, None]
         for way in ways
     ]
-    sheared = (force[0] ** 2 + force[1] ** 2) @ (rule.weight * beam.length / axial)
+    sheared = (force[0] ** 2 + force[1] ** 2) @ (span.weight * beam.length / axial)
     return (turning + _SHEAR * square * sheared) / 2

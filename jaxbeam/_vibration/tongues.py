@@ -81,8 +81,8 @@ def tongue(
     """
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise ValueError(f"pair must be two labels, got {pair!r}")
+    model, rotor, _ = checked_case(model, rotor)
     wanted = choose(model, tuple(pair))
-    rotor, _ = checked_case(model, rotor)
     refuse_cone(rotor)
     every = [transverse + axial for transverse, axial in planes_of(rotor)]
     planes = [families for families in every if all(label.family in families for label in pair)]

@@ -64,8 +64,8 @@ def test_mass_is_the_kinetic_energy(model):
     system = model.linearise(ROTOR, 0.9)
     v = np.random.default_rng(1).normal(size=len(system.families))
     x, w = np.polynomial.legendre.leggauss(300)
-    table = np.asarray(model.displacement((x + 1) / 2))
-    at_end = np.asarray(model.displacement(np.ones(1)))[:, 0]
+    table = np.asarray(model.displacement((x + 1) / 2, ROTOR))
+    at_end = np.asarray(model.displacement(np.ones(1), ROTOR))[:, 0]
     field, end = table @ v, at_end @ v
     expected = 0.7 * np.sum(w * field**2) + 0.3 * np.sum(end**2)  # L / 2 = 1
     np.testing.assert_allclose(v @ system.mass @ v, expected, rtol=1e-6)

@@ -326,8 +326,6 @@ def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
             "ANCF is planar and takes no pitch: take SpatialANCF, or Hybrid",
         ),
         ({"root": jb.RootSprings(flap=3.0)}, jb.GreenANCF(2), "no flap spring at the root: take"),
-        ({"root": SPRING}, jb.EngineeringANCF(2), r"take EngineeringANCF\(root_yields=True\)"),
-        ({}, jb.EngineeringANCF(2, root_yields=True), r"has no spring .*\(root_yields=False\)"),
     ],
 )
 def test_what_planar_elements_do_not_take_is_refused(more, model, message):

@@ -21,7 +21,7 @@ class _Hinged(Polynomials):
 class String(jb.Hybrid):
     """Tension alone, no bending stiffness."""
 
-    def linear_stiffness(self, rotor):
+    def linear_stiffness(self, rotor, shapes):
         rigidity = rotor.beam.axial_stiffness / rotor.beam.length
         return jnp.asarray(rigidity * self.tables.elastic[0])
 

@@ -8,7 +8,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
-from tests.helpers import AS_BUILT, DISCRETE, ELEMENTS, YIELDING, finite_difference, name
+from tests.helpers import BUILT, DISCRETE, ELEMENTS, finite_difference, name
 from tests.models.test_equations import random_state
 from tests.tiers import exhaustive, slow
 
@@ -158,7 +158,7 @@ def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
 
 EVERY = [(model, SHORT) for model in [jb.VonKarman(5, 3, 2), *ELEMENTS[1:], jb.SpatialANCF(2)]]
 EVERY += [(kind(2, root_yields=True), STEPPED) for kind in KINDS] + [(m, SPRINGS) for m in DISCRETE]
-EVERY += [(m, AS_BUILT) for m in YIELDING]
+EVERY += BUILT
 
 
 @pytest.mark.parametrize(

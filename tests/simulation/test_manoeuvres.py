@@ -134,7 +134,7 @@ def test_spatial_spin_up():
         late = times > 2
         middle = tip[late].mean(0)
         steady = jb.steady_start(model, SPATIAL, motion, 2.0)
-        rest = jnp.tensordot(model.displacement(np.ones(1)), steady.q, 1)[:, 0]
+        rest = jnp.tensordot(model.displacement(np.ones(1), SPATIAL), steady.q, 1)[:, 0]
         assert middle[1] < -0.1 or middle[1] > 0.1
         np.testing.assert_allclose(middle[1], rest[1], rtol=0.1)
         assert abs(middle[2]) < 0.1 * np.abs(tip[late, 2]).max()

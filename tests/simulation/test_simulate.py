@@ -168,13 +168,15 @@ def test_steady_stretch_of_a_rod():
     speed, length = 6.0, 10.0
     b = speed * length * np.sqrt(1.2 / 2.8e7)
     start = jb.steady_start(jb.Hybrid(4, 1, 0), jb.Rotor(beam), jb.ConstantSpeed(speed))
-    tip = jb.Hybrid(4, 1, 0).displacement(np.ones(1))[0, 0] @ start.q
+    tip = jb.Hybrid(4, 1, 0).displacement(np.ones(1), jb.Rotor(beam))[0, 0] @ start.q
     np.testing.assert_allclose(tip, length * (np.tan(b) / b - 1), rtol=1e-8)
     np.testing.assert_allclose(tip, 1.2 * speed**2 * length**3 / (3 * 2.8e7), rtol=2e-4)
     # the strain of von Karman is the linear one while nothing bends
     start = jb.steady_start(jb.VonKarman(6, 1, 0), jb.Rotor(beam), jb.ConstantSpeed(speed))
     assert np.isclose(
-        jb.VonKarman(6, 1, 0).displacement(np.ones(1))[0, 0] @ start.q, tip, rtol=1e-8
+        jb.VonKarman(6, 1, 0).displacement(np.ones(1), jb.Rotor(beam))[0, 0] @ start.q,
+        tip,
+        rtol=1e-8,
     )
 
 
@@ -189,7 +191,7 @@ def test_static_deflections():
         (jb.Loads(gravity=[0.0, 0.0, -0.1]), [0.0, 0.0, -0.1 * 1.3 * 16 / (8 * 7.0)]),
     ):
         start = jb.steady_start(model, rotor, still, loads=load)
-        tip = jnp.tensordot(model.displacement(np.ones(1)), start.q, 1)[:, 0]
+        tip = jnp.tensordot(model.displacement(np.ones(1), rotor), start.q, 1)[:, 0]
         np.testing.assert_allclose(tip, expected, rtol=1e-9, atol=1e-12)
 
 
@@ -239,7 +241,7 @@ def test_outputs():
     u2 = run.displacement(x)[-1, :, 1]
     slope = np.gradient(u2, x * 2.0, edge_order=2)
     short = np.trapezoid(slope**2, x * 2.0) / 2
-    stretch = jnp.tensordot(model.displacement(np.ones(1)), run.state.q[-1], 1)[0, 0]
+    stretch = jnp.tensordot(model.displacement(np.ones(1), ROTOR), run.state.q[-1], 1)[0, 0]
     np.testing.assert_allclose(run.tip[-1, 0], stretch - short, rtol=1e-4)
     # tension at the root over EA, and the moment that the hub carries at the end of the spin-up
     centrifugal = 9.0 * (1.3 * 2.0 * (0.4 + 1.0) + 0.3 * 2.4)

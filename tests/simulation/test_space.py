@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import jaxbeam as jb
 from jaxbeam import plot
-from tests.helpers import AS_BUILT, finite_difference, optimised
+from tests.helpers import AS_BUILT_IN_SPACE, finite_difference, optimised
 
 TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
 MODEL = jb.SpatialANCF(2)
@@ -39,7 +39,7 @@ def test_power_is_the_change_of_energy():
     """Hub torque, gravity, force and moment at the tip, and damping, of a beam as built, in a cone,
     about an inclined axis."""
     model, loads = SOFT, DEAD
-    rotor = dataclasses.replace(AS_BUILT, precone=jnp.asarray(0.3))
+    rotor = dataclasses.replace(AS_BUILT_IN_SPACE, precone=jnp.asarray(0.3))
     times = jnp.linspace(0.0, 0.5, 401)
     damping = jb.Damping(mass=0.3, stiffness=1e-3)
     motion = jb.SmoothSpinUp(1.5, 0.5, AXIS)

@@ -69,7 +69,7 @@ def by_bands(model, which, cases):
     named = wanted.named and tuple(a.astype(float) for a in wanted.named)
 
     def one(v):
-        return is_certain(bands.lowest(*checked_case(model, *rotor(v)), named))
+        return is_certain(bands.lowest(*checked_case(model, *rotor(v))[1:], named))
 
     return np.asarray(jax.jit(jax.vmap(one))(cases))
 

@@ -335,7 +335,7 @@ def test_shapes(model):
     energy = x.conj() @ k @ x.T + np.outer(lam.conj(), lam) * (x.conj() @ m @ x.T)
     scale = np.sqrt(np.outer(np.diag(energy).real, np.diag(energy).real))
     assert np.abs(energy / scale - np.eye(8)).max() < 1e-9
-    tip = np.asarray(model.displacement(np.ones(1)))[:, 0] @ x.T
+    tip = np.asarray(model.displacement(np.ones(1), rotor))[:, 0] @ x.T
     row = {IN_PLANE: 1, FLAP: 2, AXIAL: 0}
     for i, label in enumerate(found.labels):
         value = tip[row[label.family], i]
@@ -500,7 +500,7 @@ def test_second_derivatives_and_shapes():
 
     def tips(p):
         shape = jb.modes(model, *build(p), which).shape
-        out = jnp.einsum("cn,kn->kc", model.displacement(np.ones(1))[:, 0], shape)
+        out = jnp.einsum("cn,kn->kc", model.displacement(np.ones(1), build(p)[0])[:, 0], shape)
         return jnp.concatenate([out.real.ravel(), out.imag.ravel()])
 
     first = jax.jit(jax.jacrev(frequency))

@@ -143,7 +143,7 @@ def test_stoutness_of_a_body_at_the_tip():
     mode = jb.modes(model, rotor, 0.0, 1)
     x, w = np.polynomial.legendre.leggauss(200)
     x, w = (1 + x) / 2, w / 2
-    shapes = np.asarray(model.displacement(np.append(x, [1.0 - 1e-5, 1.0])))[1]
+    shapes = np.asarray(model.displacement(np.append(x, [1.0 - 1e-5, 1.0]), rotor))[1]
     phi = shapes @ np.asarray(mode.shape[0].real)
     rise = (phi[-1] - phi[-2]) / 1e-5
     carried = np.array([np.sum((w * phi[:-2])[x > at]) for at in x]) + 0.5 * (phi[-1] + 0.5 * rise)

@@ -1,0 +1,210 @@
+"""What functions and quadrature leave out of a frequency, by the differential equation itself.
+
+A cantilever is statically determinate: from the inertia, the tension and the body at the tip in a
+mode x follow its bending moments and its axial force by integration, whatever its functions are.
+Where C is the compliance of sections, m that moment and k the curvature of the mode, d'' = C m - k
+is what the functions leave out (but for what d itself would add). In the space of x and d the
+frequency is a better one: with Q(l) = l^2 M + l G + K, x^H Q d is minus the strain energy e of d,
+twice, and
+
+    |l - l_better| = e^2 / (d^H Q d |x^H (2 l M + G) x|).
+
+(That two moments, of which one is in equilibrium and the other compatible, bound the error of each:
+W. Prager, J. L. Synge, Quarterly of Applied Mathematics 5, 1947.) All of it is found at twice as
+many points of integration. Where x^H Q(l) x is not zero there, quadrature has missed something.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.shapes import Counts, Profile, Shape, section_angle
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.span import Span, outboard
+from jaxbeam._rotor.spanwise import along
+from jaxbeam._types import Number, Scalar
+
+_MISSED = 2.0  # what quadrature misses at most, over what twice as many points see of that
+
+
+class _Case(NamedTuple):
+    """A rotor at points of integration, and what acts on it."""
+
+    profile: Profile
+    rotor: Rotor
+    speed: Scalar
+    counts: Counts
+    pull: Array  # N
+    tensioned: bool
+
+    @property
+    def span(self) -> Span:
+        return self.profile.span
+
+    def total(self, weight: Any, x: Any, y: Any) -> Array:
+        """int weight x^H y by x / L."""
+        return self.span.total(weight.reshape(-1, *(1,) * (x.ndim - 1)) * x.conj() * y)
+
+    def tip(self, x: Shape) -> Array:
+        """Displacements (3, k) of the centre of the mass at the tip."""
+        body = self.rotor.tip
+        return x.tip if body is None else x.tip + body.offset / self.rotor.beam.length * x.turn
+
+
+class _Body(NamedTuple):
+    """Inertia and stiffness of the body at the tip by its slopes by x / L, in plane and in flap (2,
+    2), over L^2, and its stiffness by `_winding`, None for zero: see `TurningBody`."""
+
+    inertia: Array
+    stiffness: Array
+    wound: Number | None
+
+    @classmethod
+    def of(cls, case: _Case) -> "_Body | None":
+        rotor, tip = case.rotor, case.rotor.tip
+        if tip is None:
+            return None
+        square, spin2 = rotor.beam.length**2, case.speed**2
+        held = jnp.eye(2) * rotor.tip_mass * tip.offset * rotor.reach * case.tensioned
+        held = held.at[0, 0].add(tip.inertia * (case.tensioned - 1))
+        held = held.at[1, 1].add(tip.inertia * case.tensioned - tip.axial_inertia)
+        inertia, wound = jnp.eye(2) * tip.inertia, None
+        if tip.flap_inertia is not None:
+            excess = tip.flap_inertia - tip.inertia
+            angle = section_angle(rotor, lambda turn: along(turn, np.ones(1)))
+            angle = jnp.zeros(()) if angle is None else angle[0]
+            c, s = jnp.cos(angle), jnp.sin(angle)
+            g, h = jnp.stack([-s, c]), jnp.stack([c, s])
+            inertia = inertia + excess * g[:, None] * g[None]
+            if case.tensioned:
+                crossed = c * s * g[:, None] * h[None]
+                held = held + excess * ((crossed + crossed.T) / 2 + s**2 * h[:, None] * h[None])
+                wound = -excess * spin2 * c * s / square
+        return cls(inertia / square, spin2 * held / square, wound)
+
+
+def frequency_error(
+    x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, eigenvalue: Array, counts: Counts,
+    pull: Array | None,
+) -> Float[Array, " k"]:  # fmt: skip
+    """Of each eigenvalue, of which x are the shapes, relative; zero of those that are zero. `pull`
+    is the tension of steady rotation, in N, None in a theory that does not know it."""
+    none = jnp.zeros_like(profile.mass)
+    known = pull is not None
+    case = _Case(profile, rotor, speed, counts, none if pull is None else pull, known)
+    body, k = _Body.of(case), eigenvalue.size
+    d = _left_out(case, body, x, eigenvalue)
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], -1), x, d)
+    m, g, stiffness, energy = _forms(case, body, both)
+    value = eigenvalue**2 * m[:k] + eigenvalue * g[:k] + stiffness[:k]
+    other = (eigenvalue**2 * m[k:] + eigenvalue * g[k:] + stiffness[k:]).real
+    energy = energy[k:]
+    safe = jnp.where(energy > 0, jnp.maximum(other, energy / 4), 1.0)
+    error = energy**2 / safe + _MISSED * jnp.abs(value)
+    scale = jnp.abs(2 * eigenvalue * m[:k] + g[:k]) * jnp.abs(eigenvalue)
+    return jnp.where(scale > 0, error / jnp.where(scale > 0, scale, 1.0), 0.0)
+
+
+def tension(profile: Profile, rotor: Rotor, speed: Scalar, rounds: int = 0) -> Array:
+    """Of steady rotation, in N, on the undeformed beam; with some rounds as it is of one that has
+    stretched, to that power of the strain."""
+    span, beam = profile.span, rotor.beam
+    c0, c1, c2 = rotor.tension(speed)
+    share, outside, moment = outboard(beam.mass_per_length, span)
+    rigid = pull = c0 + c1 * outside + c2 * moment
+    for _ in range(rounds):
+        strain = beam.length * pull / profile.axial
+        more = beam.mass * span.beyond(share * span.up_to(strain))
+        pull = rigid + speed**2 * (more + rotor.tip_mass * span.total(strain))
+    return pull
+
+
+def _winding(case: _Case, x: Shape) -> Array:
+    """int (v' w'' - w' v'') by x / L, of k shapes."""
+    v, w = x.slope[:, 1].conj(), x.slope[:, 2].conj()
+    wound: Array = case.span.total(v * x.curvature[:, 2] - w * x.curvature[:, 1]).real
+    return wound
+
+
+def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array, Array, Array]:
+    """x^H M x, x^H G x and x^H K x of k shapes, and of this the strain energy without springs."""
+    profile, length, mass, at_tip = (
+        case.profile, case.rotor.beam.length, case.rotor.tip_mass, case.tip(x)
+    )  # fmt: skip
+    carried = case.total(profile.mass, x.value, x.value) + mass * jnp.abs(at_tip) ** 2
+    swept = case.total(profile.mass, x.value[:, 1], x.value[:, 0])
+    swept = swept + mass * at_tip[1].conj() * at_tip[0]
+    strain = x.slope[:, 0]
+    first, second = profile.turned(x.curvature[:, 1], x.curvature[:, 2])
+    energy = (
+        case.total(profile.axial / length, strain, strain)
+        + case.total(profile.in_plane / length**3, first, first)
+        + case.total(profile.flap / length**3, second, second)
+    ).real
+    bends = x.slope[:, 1:]
+    geometric = case.total(case.pull / length, bends, bends).sum(0)
+    m, k = carried.sum(0), energy - case.speed**2 * carried[:2].sum(0) + geometric
+    if body is not None:
+        turn = x.turn[1:]
+        m = m + jnp.einsum("ik,ij,jk->k", turn.conj(), body.inertia, turn)
+        k = k + jnp.einsum("ik,ij,jk->k", turn.conj(), body.stiffness, turn)
+        if body.wound is not None:
+            k = k + body.wound * _winding(case, x)
+    for root, spring in zip(x.root[1:], case.rotor.springs, strict=True):
+        if spring is not None:
+            k = k + spring / length**2 * jnp.abs(root) ** 2
+    return m, 2 * case.speed * (swept - swept.conj()), k, energy
+
+
+def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> Shape:
+    """d of the module's docstring."""
+    profile, span, length = case.profile, case.span, case.rotor.beam.length
+    square, spin = eigenvalue**2, case.speed
+    swings, drags = square - spin**2, 2 * spin * eigenvalue
+
+    def inertia(moved: Array) -> Array:
+        """Forces over the mass, of displacements (..., 3, k)."""
+        zero = jnp.zeros_like(drags)
+        rows = [[-swings, drags, zero], [-drags, -swings, zero], [zero, zero, -square]]
+        return jnp.einsum("ijk,...jk->...ik", jnp.stack([jnp.stack(row) for row in rows]), moved)
+
+    at_tip = case.rotor.tip_mass * inertia(case.tip(x))
+    force = span.beyond(profile.mass[:, None, None] * inertia(x.value))
+    arm: Any = 0.0 if case.rotor.tip is None else case.rotor.tip.offset / length
+    bends = x.slope[:, 1:]
+    moment = (
+        length * span.beyond(force[:, 1:])
+        + length * at_tip[None, 1:] * (1 - span.xi + arm)[:, None, None]
+        - span.beyond(case.pull[:, None, None] * bends)
+    )
+    if body is not None:
+        turn = x.turn[1:]
+        held = body.inertia @ (square[None] * turn) + body.stiffness @ turn
+        moment = moment - length * held[None]
+        if body.wound is not None:
+            winding = (bends - turn[None] / 2)[:, ::-1] * np.array([[[1.0], [-1.0]]])
+            moment = moment + length * body.wound * winding
+    bent = length**2 * _curvatures(case, moment) - x.curvature[:, 1:]
+    bent = bent * np.sign(case.counts[1:])[None, :, None]
+    strain = length / profile.axial[:, None] * (force[:, 0] + at_tip[None, 0]) - x.slope[:, 0]
+    strain = strain * np.sign(case.counts[0])
+    turned = span.up_to(bent)
+    slope = jnp.concatenate([strain[:, None], turned], 1)
+    none = jnp.zeros_like(x.tip)
+    turn = none.at[1:].set(span.total(bent))
+    curvature = jnp.concatenate([jnp.zeros_like(bent[:, :1]), bent], 1)
+    return Shape(span.up_to(slope), slope, curvature, span.total(slope), turn, none)
+
+
+def _curvatures(case: _Case, moment: Array) -> Array:
+    """By moments in plane and in flap (p, 2, k); where only one of the two may bend, by that."""
+    own, across = case.profile.compliances
+    if across is not None and not all(case.counts[1:]):
+        # c^2 EI_zz + s^2 EI_yy is EI_zz EI_yy times the compliance across the other axis.
+        stiff = case.profile.in_plane * case.profile.flap
+        own, across = [1 / (stiff * c) for c in own[::-1]], None
+    bent = jnp.stack(own, 1)[:, :, None] * moment
+    return bent if across is None else bent + across[:, None, None] * moment[:, ::-1]

@@ -1,0 +1,142 @@
+"""Blade files of OpenFAST's ElastoDyn, written."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxbeam._checks import kind_of, known_array
+from jaxbeam._rotor.beam import Beam
+from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise
+from jaxbeam._rotor.tables import DEGREES
+from jaxbeam._rotor.texts import FilePath
+from jaxbeam._types import is_known
+
+_STEP = 1e-9  # of x / L, between two stations that are equal in the beam: theirs must increase
+_MORE = np.linspace(0.0, 1.0, 51)  # stations of what is not linear between its own
+_TUNING = [("FlStTunr(1)", 1), ("FlStTunr(2)", 1), ("AdjBlMs", 1), ("AdjFlSt", 1), ("AdjEdSt", 1)]
+_PITCH_AXIS = 0.25  # which concerns the aerodynamics alone
+
+
+def write_elastodyn(
+    path: FilePath,
+    beam: Beam,
+    *,
+    flap: Sequence[Any],
+    edge: Any,
+    damping: Sequence[float] = (0.0, 0.0, 0.0),
+    title: str = "written by jaxbeam",
+) -> None:
+    """Write a blade file of ElastoDyn (OpenFAST) with a beam and the shapes of its modes.
+
+    `flap` are two rows, of the first two flap modes, and `edge` is one, of the first in plane, of
+    coefficients of xi^2 to xi^6 that sum to one: `Modes.polynomials` of the blade at its speed.
+    `damping` are ratios of these three modes, over the critical one, without unit.
+
+    Stations are those of all properties together, where one is a function of x / L with 51
+    equidistant ones; a step is written as two stations 1e-9 apart, since ElastoDyn wants them to
+    increase. Twist goes into the file in the sense of `read_csv`. ElastoDyn's blades do not stretch
+    or twist: `axial_stiffness`, `torsional_stiffness` and `polar_inertia` are not in the file.
+
+    `read_elastodyn` reads it back. Raises `TypeError` unless all numbers are known, and
+    `ValueError` where coefficients do not sum to one within 0.0015, which ElastoDyn refuses.
+    """
+    if not isinstance(beam, Beam):
+        raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
+    if not is_known(beam):
+        raise TypeError("beam must be known: write the file outside of jax.jit, vmap and grad")
+    shapes = {
+        name: _coefficients(name, row)
+        for name, row in zip(("BldFl1Sh", "BldFl2Sh"), _two(flap), strict=True)
+    } | {"BldEdgSh": _coefficients("BldEdgSh", edge)}
+    ratios = known_array("damping", damping)
+    if ratios.shape != (3,) or not np.all((ratios >= 0) & (ratios < 1)):
+        raise ValueError(f"damping must be three ratios from 0 to below 1, got {damping}")
+    places, rows = _rows(beam)
+    named = [("BldFlDmp(1)", ratios[0] * 100), ("BldFlDmp(2)", ratios[1] * 100)]
+    named += [("BldEdDmp(1)", ratios[2] * 100)]
+    lines = [
+        "------- ELASTODYN V1.00.* INDIVIDUAL BLADE INPUT FILE --------------------------",
+        title.splitlines()[0] if title else "",
+        "---------------------- BLADE PARAMETERS ----------------------------------------",
+        _line(len(places), "NBlInpSt"),
+        *(_line(value, name) for name, value in named),
+        "---------------------- BLADE ADJUSTMENT FACTORS --------------------------------",
+        *(_line(value, name) for name, value in _TUNING),
+        "---------------------- DISTRIBUTED BLADE PROPERTIES ----------------------------",
+        "BlFract PitchAxis StrcTwst BMassDen FlpStff EdgStff",
+        "(-) (-) (deg) (kg/m) (Nm^2) (Nm^2)",
+        *(" ".join(f"{value:.12g}" for value in row) for row in rows),
+        "---------------------- BLADE MODE SHAPES ---------------------------------------",
+        *(
+            _line(value, f"{name}({power})")
+            for name, row in shapes.items()
+            for power, value in enumerate(row, 2)
+        ),
+    ]
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _line(value: float, name: str) -> str:
+    return f"{value:>20.12g}   {name}"
+
+
+def _two(flap: Any) -> list[Any]:
+    rows = list(flap)
+    if len(rows) != 2:
+        raise ValueError(f"flap must be the coefficients of two modes, got {len(rows)}")
+    return rows
+
+
+def _coefficients(name: str, row: Any) -> np.ndarray:
+    values = known_array(name, row)
+    if values.shape != (5,):
+        raise ValueError(
+            f"{name} must be five coefficients, of xi^2 to xi^6, got shape {values.shape}"
+        )
+    if not abs(values.sum() - 1) <= 0.0015:  # NaN is not
+        raise ValueError(f"{name} must sum to one, got {values.sum():g}")
+    return values
+
+
+def _rows(beam: Beam) -> tuple[np.ndarray, np.ndarray]:
+    """Stations, and the columns of the table."""
+    twist = 0.0 if beam.twist is None else beam.twist
+    given = (
+        twist,
+        beam.mass_per_length,
+        beam.flap_bending_stiffness,
+        beam.in_plane_bending_stiffness,
+    )
+    steps = sorted({step for p in given if isinstance(p, AbstractSpanwise) for step in p.steps})
+    places = {0.0, 1.0, *(float(x) for p in given for x in _stations(p))}
+    # On both sides of a step, within the pieces that end there.
+    sides = [(x, -1) for x in places] + [(x, 1) for x in steps]
+    sides.sort()
+    at = np.array([x for x, _ in sides])
+    columns = [_values(p, at, [side for _, side in sides]) for p in given]
+    at = np.array([x if side < 0 else x + _STEP for x, side in sides])
+    columns[0] = columns[0] / DEGREES
+    return at, np.stack([at, np.full(at.size, _PITCH_AXIS), *columns], -1)
+
+
+def _stations(value: Any) -> Any:
+    if isinstance(value, Spanwise):
+        return value.stations
+    return (*_MORE, *value.kinks) if isinstance(value, AbstractSpanwise) else ()
+
+
+def _values(value: Any, at: np.ndarray, sides: Sequence[int]) -> np.ndarray:
+    if isinstance(value, Spanwise):
+        places, values = np.asarray(value.stations), np.asarray(value.values)
+        first = np.searchsorted(places, at, side="left")
+        last = np.searchsorted(places, at, side="right") - 1
+        own = np.where(np.asarray(sides) < 0, first, last)
+        there = first <= last
+        between = np.interp(at, places, values)
+        return np.where(there, values[np.clip(own, 0, places.size - 1)], between)
+    if isinstance(value, AbstractSpanwise):
+        beside = np.clip(at + 1e-12 * np.asarray(sides), 0.0, 1.0)  # at a kink it has no value
+        return np.asarray(value.at(beside))
+    return np.full(at.size, float(value))

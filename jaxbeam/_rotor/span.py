@@ -1,0 +1,216 @@
+"""Points of integration along a beam, and integrals from them, segment by segment.
+
+All costs grow with the number of points, not with its square.
+"""
+
+import functools
+import itertools
+from collections.abc import Sequence
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from numpy.polynomial import chebyshev, legendre
+
+from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, at_ends
+
+_LONGEST = 1 / 8  # of a segment, so that what is not smooth there is seen at least
+_STEEPEST = 8.0  # logarithm of the ratio of stiffnesses at the ends of a segment that is followed
+
+
+class Span(eqx.Module):
+    """Gauss points in each segment between `edges`, in a coordinate t that goes from 0 to 1 there.
+
+    x / L is that of the start of the segment and its length times s(t), and s may crowd to where
+    a stiffness is small: with s = (e^(r t) - 1) / (e^r - 1) a stiffness that is linear in the
+    segment and grows by e^r is an exponential of t, so that its reciprocal, which is nearly
+    singular where the beam is soft, is as smooth as it is. Arrays at points are (p, ...), segment
+    by segment, p of them in all.
+    """
+
+    s: Any  # (p,) place in the segment, from 0 to 1
+    xi: Any  # (p,) x / L
+    weight: Any  # (p,) int_0^1 f = weight.f
+    rate: Any  # (p,) d xi / dt
+    steepness: Any  # (e,) r
+    edges: tuple[float, ...] = eqx.field(static=True)
+    points: int = eqx.field(static=True)  # of each segment
+
+    @classmethod
+    def between(cls, edges: tuple[float, ...], points: int, steepness: Any = None) -> Self:
+        """So many points in each segment; without `steepness` known ones, in NumPy."""
+        t, _ = _gauss(points)
+        start, length = np.asarray(edges[:-1])[:, None], np.diff(edges)[:, None]
+        if steepness is None:
+            known = np.zeros(length.size)
+            return cls._of(t + 0 * length, start + length * t, length + 0 * t, known, edges, points)
+        s, pace = _crowded(steepness[:, None], t[None])
+        return cls._of(s, start + length * s, length * pace, steepness, edges, points)
+
+    @classmethod
+    def graded(cls, edges: tuple[float, ...], points: int, grading: int) -> Self:
+        """Points that are Gauss points in xi^(1/grading), in NumPy."""
+        t, _ = _gauss(points)
+        places = np.asarray(edges) ** (1 / grading)
+        root = places[:-1, None] + np.diff(places)[:, None] * t
+        xi, rate = root**grading, np.diff(places)[:, None] * grading * root ** (grading - 1)
+        s = (xi - np.asarray(edges[:-1])[:, None]) / np.diff(edges)[:, None]
+        return cls._of(s, xi, rate, np.zeros(len(edges) - 1), edges, points)
+
+    @classmethod
+    def _of(cls, s: Any, xi: Any, rate: Any, steepness: Any, edges: Any, points: int) -> Self:
+        s, xi, weight, rate = (a.reshape(-1) for a in (s, xi, rate * _gauss(points)[1][None], rate))
+        return cls(s, xi, weight, rate, steepness, edges, points)
+
+    @classmethod
+    def following(
+        cls, stiffnesses: Sequence[Property], edges: tuple[float, ...], points: int
+    ) -> Self:
+        """Points that crowd where, of these stiffnesses, that which varies most is small."""
+        cut = shortened(edges)
+        ratios = jnp.stack([_steepness(stiffness, cut) for stiffness in stiffnesses])
+        most = jnp.argmax(jnp.abs(ratios), 0)
+        # Where points are does not change what an integral is.
+        ratio = jax.lax.stop_gradient(jnp.take_along_axis(ratios, most[None], 0)[0])
+        return cls.between(cut, points, ratio)
+
+    def up_to(self, f: Any) -> Array:
+        """int_0^xi f at the points, from values of f there."""
+        return self._integrated(f, _inside(self.points), forward=True)
+
+    def beyond(self, f: Any) -> Array:
+        """int_xi^1 f at the points. Not the difference of the whole and of what is before: towards
+        the tip that would be rounding alone."""
+        return self._integrated(f, _inside(self.points)[::-1, ::-1], forward=False)
+
+    def total(self, f: Any) -> Array:
+        """int_0^1 f."""
+        return jnp.tensordot(jnp.asarray(self.weight), f, 1)
+
+    def at_edges(self, f: Any) -> Array:
+        """int_0^xi f at the edges, (e + 1, ...)."""
+        parts = self._by_segment(f)[1]
+        return _before(jnp.concatenate([parts, 0 * parts[:1]]), True)
+
+    def interpolated(self, f: Array, xi: np.ndarray) -> Array:
+        """Values at any places of what is smooth within segments, from those at the points."""
+        edges = np.asarray(self.edges)
+        where = np.clip(np.searchsorted(edges, xi, side="right") - 1, 0, edges.size - 2)
+        s = (xi - edges[where]) / np.diff(edges)[where]
+        r = jnp.asarray(self.steepness)[where]
+        safe = jnp.where(jnp.abs(r) < _FLAT, 1.0, r)
+        t = jnp.where(jnp.abs(r) < _FLAT, s, jnp.log1p(s * jnp.expm1(safe)) / safe)
+        rows = polynomials(t, self.points) @ _chebyshev_coefficients(self.points)
+        f = f.reshape(len(self.edges) - 1, self.points, *f.shape[1:])
+        return jnp.einsum("qp,qp...->q...", rows, f[where])
+
+    def _by_segment(self, f: Array) -> tuple[Array, Array]:
+        """f times the rate (e, points, ...), and integrals over segments (e, ...)."""
+        beside = (1,) * (f.ndim - 1)
+        paced = f * jnp.asarray(self.rate).reshape(self.rate.size, *beside)
+        paced = paced.reshape(len(self.edges) - 1, self.points, *f.shape[1:])
+        return paced, jnp.tensordot(paced, _gauss(self.points)[1], (1, 0))
+
+    def _integrated(self, f: Array, own: np.ndarray, forward: bool) -> Array:
+        paced, parts = self._by_segment(f)
+        within = jnp.einsum("ij,ej...->ei...", own, paced)
+        return (within + _before(parts, forward)[:, None]).reshape(f.shape)
+
+
+def _before(parts: Array, forward: bool) -> Array:
+    """Sums of all parts before each, or behind it."""
+    e = len(parts)
+    if e <= _SMALL:  # a small matrix compiles much faster than a running sum
+        rows = np.tri(e, k=-1)
+        return jnp.tensordot(rows if forward else rows.T, parts, 1)
+    sums = jnp.cumsum(parts if forward else parts[::-1], 0)
+    before = jnp.concatenate([0 * sums[:1], sums[:-1]])
+    return before if forward else before[::-1]
+
+
+_SMALL = 256
+_FLAT = 1e-2  # ratios whose logarithm is below need no crowding
+
+
+def on(value: Property, span: Span) -> Array:
+    """A property at the points of a span, whose edges are all its kinks and may be more."""
+    if not isinstance(value, AbstractSpanwise):
+        return jnp.broadcast_to(value, span.xi.shape)
+    return value.within(span.edges, span.s.reshape(-1, span.points)).reshape(-1)
+
+
+def outboard(mass: Property, span: Span) -> tuple[Array, Array, Array]:
+    """Of a mass per length its share at points, int_x^L dm over the mass, and int_x^L x dm over the
+    mass and the length: what 1, 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""
+    value = on(mass, span)
+    share = value / span.total(value)
+    return share, span.beyond(share), span.beyond(span.xi * share)
+
+
+def _steepness(stiffness: Property, edges: tuple[float, ...]) -> Array:
+    """Logarithm of the ratio, over each segment, of what is linear there and of which the stiffness
+    is a power; zero where it ends in a point, which needs no crowding."""
+    start, end = (jnp.log(a) for a in at_ends(stiffness, edges))
+    middle = jnp.full((len(edges) - 1, 1), 0.5)
+    if isinstance(stiffness, AbstractSpanwise):
+        half = jnp.log(stiffness.within(edges, middle))[:, 0]
+    else:
+        half = start
+    powers = np.arange(1.0, 5.0)[:, None]
+    rise, bend = (end - start)[None] / powers, (half - start)[None] / powers
+    off = jnp.abs(2 * jnp.exp(bend) - 1 - jnp.exp(rise)) / (1 + jnp.exp(rise))
+    ratio = jnp.take_along_axis(rise, jnp.argmin(off, 0)[None], 0)[0]
+    return jnp.where(jnp.abs(ratio) <= _STEEPEST, ratio, 0.0)
+
+
+def _crowded(r: Array, t: np.ndarray) -> tuple[Array, Array]:
+    """s(t) and ds/dt."""
+    flat = jnp.abs(r) < _FLAT
+    safe = jnp.where(flat, 1.0, r)
+    whole = jnp.expm1(safe)
+    s = jnp.where(flat, t, jnp.expm1(safe * t) / whole)
+    return s, jnp.where(flat, 1.0, safe * jnp.exp(safe * t) / whole)
+
+
+@functools.lru_cache(maxsize=64)
+def shortened(edges: tuple[float, ...]) -> tuple[float, ...]:
+    """Edges with others between them, so that no segment is too long, and two stiffnesses of which
+    one falls where the other rises are followed, each in its half."""
+    out = [0.0]
+    for start, end in itertools.pairwise(edges):
+        parts = 2 * max(int(np.ceil((end - start) / _LONGEST - 1e-9)), 1)
+        out += [*np.linspace(start, end, parts + 1)[1:-1].tolist(), end]
+    return tuple(out)
+
+
+@functools.lru_cache(maxsize=64)
+def _gauss(points: int) -> tuple[np.ndarray, np.ndarray]:
+    x, w = legendre.leggauss(points)
+    return (1 + x) / 2, w / 2
+
+
+@functools.lru_cache(maxsize=64)
+def _coefficients(points: int) -> np.ndarray:
+    """Legendre coefficients of the polynomial through values at the points."""
+    return np.linalg.inv(legendre.legvander(2 * _gauss(points)[0] - 1, points - 1))
+
+
+@functools.lru_cache(maxsize=64)
+def _chebyshev_coefficients(points: int) -> np.ndarray:
+    return np.linalg.inv(chebyshev.chebvander(2 * _gauss(points)[0] - 1, points - 1))
+
+
+@functools.lru_cache(maxsize=64)
+def _inside(points: int) -> np.ndarray:
+    """Integrals from the start of a segment to its points, of the polynomial through values."""
+    integrals = legendre.legint(_coefficients(points), lbnd=-1, axis=0) / 2
+    return legendre.legval(2 * _gauss(points)[0] - 1, integrals).T
+
+
+def polynomials(t: Any, count: int) -> Array:
+    """Chebyshev polynomials of 2 t - 1, (..., count): one operation, whatever their number is."""
+    angle = jnp.arccos(jnp.clip(2 * jnp.asarray(t) - 1, -1.0, 1.0))
+    return jnp.cos(angle[..., None] * np.arange(count).reshape(*(1,) * angle.ndim, -1))

@@ -1,0 +1,161 @@
+"""Functions that suit a beam, on the blade of the NREL 5-MW turbine."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from tests.tiers import slow
+from tests.vibration import blade_reference
+
+BLADE = jb.blades.read_csv(blade_reference.NREL, length=61.5, axial_stiffness=1e10).beam
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("rpm", [0.0, slow(12.1)])
+def test_of_a_twisted_blade(rpm):
+    """Some functions are for what a moment bends across; what is left is known."""
+    speed = rpm * np.pi / 30
+    exact = np.array(blade_reference.frequencies(blade_reference.nrel5mw(), speed, 5))
+    for count, tolerances in ((12, (4e-7, 4e-7, 2e-5, 2e-5, 2e-4)), (16, 4 * (3e-6,) + (2e-5,))):
+        found = jb.modes(jb.Hybrid(0, count, count), jb.Rotor(BLADE, 1.5), speed, 5)
+        error = np.abs(np.asarray(found.frequency) / exact - 1)
+        assert (error < tolerances).all()
+        np.testing.assert_allclose(found.frequency_error, error, rtol=0.05, atol=1e-10)
+
+
+def test_of_a_beam_turned_as_a_whole():
+    """What bends across is no other function then."""
+    beam = jb.Beam(1.0, 1.0, 1e6, 16.0, 1.0, twist=0.3)
+    found = jb.modes(jb.Hybrid(0, 12, 12), jb.Rotor(beam), 0.0, 4).frequency
+    first, second, third = 3.5160152685, 22.0344915647, 61.6972144135
+    assert np.allclose(found, [first, 4 * first, second, third], rtol=1e-8)
+
+
+def cone(**more):
+    """A blade that tapers in both directions to a tenth: 1 / EI grows ten thousandfold."""
+    mass, stiffness = (
+        jb.blades.SpanwiseFunction(lambda x, n=n: (1 - 0.9 * x) ** n, **more) for n in (2, 4)
+    )
+    return jb.Beam(1.0, mass, 1e9, stiffness, stiffness)
+
+
+def test_of_what_is_soft_at_its_tip():
+    """A truncated cone; the same where the stiffness of a table is traced; two stations that are
+    next to each other, as steps are written. References are of tests/vibration/blade_reference.py.
+    """
+    model = jb.Hybrid(0, 12, 0)
+    found = jb.modes(model, jb.Rotor(cone()), 0.0, 2)
+    wanted = blade_reference.Blade(
+        mass=lambda x: (1 - 0.9 * x) ** 2, flap=lambda x: (1 - 0.9 * x) ** 4
+    )
+    exact = np.array(blade_reference.flap(wanted, 0.0, 2))
+    np.testing.assert_allclose(found.frequency, exact, rtol=1e-7)
+    assert np.max(found.frequency_error) < 1e-7
+
+
+def stations(soft, gap=1e-6):
+    stiffness = jb.Spanwise([0, 0.3, 0.3 + gap, 1], jnp.array([1.0, 1.0, 0.5, 1.0]) * soft)
+    return jb.Rotor(jb.Beam(1.0, 1.0, 1e9, stiffness, 1.0))
+
+
+@pytest.mark.slow
+def test_traced_values_and_stations_side_by_side():
+    """Values may be traced; a step that is written as two near stations is one."""
+    soft = np.array([1.0, 1.0, 1.0, 0.01])
+
+    def frequency(soft, gap=1e-6):
+        return jb.modes(jb.Hybrid(0, 12, 0), stations(soft, gap), 1.0, 2).frequency
+
+    values = np.array([1.0, 1.0, 0.5, 1.0]) * soft
+    near = blade_reference.Blade(flap=((0, 0.3, 0.3, 1), tuple(values)), lag=1.0)
+    flap = np.array(blade_reference.flap(near, 1.0, 2))
+    exact = np.sqrt(flap**2 - 1)
+    np.testing.assert_allclose(jax.jit(frequency)(soft), exact, rtol=5e-6)
+    np.testing.assert_allclose(frequency(jnp.asarray(soft), 1e-12), exact, rtol=1e-6)
+    slope = jax.jit(jax.jacrev(frequency))(soft)
+    ends = [jax.jit(frequency)(soft * (1 + step)) for step in (1e-5, -1e-5)]
+    np.testing.assert_allclose(slope @ soft, (ends[0] - ends[1]) / 2e-5, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_what_nobody_declared_is_estimated():
+    """A step that no kink names, a property that varies faster than points of integration, and too
+    few functions: the error is known, and beyond 1e-3 there is a status."""
+
+    def step(x):
+        return jnp.where(x < 0.43, 1.0, 0.25)
+
+    def of(function, n=16, kinks=()):
+        beam = jb.Beam(1.0, 1.0, 1e9, jb.blades.SpanwiseFunction(function, kinks), 1.0)
+        return jb.modes(jb.Hybrid(0, n, 0), jb.Rotor(beam), 0.0, 3, throw=False)
+
+    exact = np.asarray(of(step, 24, (0.43,)).frequency)
+    found = of(step)
+    if found.status == jb.Status.OK:
+        error = np.abs(np.asarray(found.frequency) / exact - 1)
+        assert (found.frequency_error > error / 3).all()
+    else:
+        assert found.status == jb.Status.TOO_FEW_FUNCTIONS
+    assert np.max(found.frequency_error) > 1e-4
+    waves = of(lambda x: 1.2 + jnp.sin(900 * x))
+    assert waves.status == jb.Status.TOO_FEW_FUNCTIONS
+    assert np.isnan(waves.frequency).all()
+    few = of(step, 3, (0.43,))
+    assert few.status == jb.Status.TOO_FEW_FUNCTIONS
+    assert np.max(few.frequency_error) > 1e-3
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seed", range(12))
+def test_random_blades(seed):
+    """Tables of up to three decades, near stations, springs, a tip mass, twist: the lowest six to
+    1e-5 without twist and 1e-3 with it, and estimates right to a third and thirty times."""
+    rng = np.random.default_rng(seed)
+    places = np.array([0, *np.sort(rng.uniform(0.02, 0.98, rng.integers(1, 9))), 1])
+    if seed % 3 == 0:
+        places = np.sort(np.append(places, places[1] + 10 ** rng.uniform(-8, -4)))
+    decades = rng.uniform(0, 3)
+
+    def table(decades):
+        return tuple(10 ** rng.uniform(-decades, 0, places.size))
+
+    flap, mass = table(decades), table(decades / 2)
+    lag = tuple(10 * np.array(table(decades)))
+    twist = tuple(np.sort(rng.uniform(-0.4, 0.4, places.size))) if seed % 2 else None
+    springs = [float(10 ** rng.uniform(-1, 2)) if rng.uniform() < 0.4 else None for _ in range(2)]
+    hub, tip = rng.uniform(0, 1), rng.uniform(0, 0.5)
+    turn = None if twist is None else jb.Spanwise(places, twist)
+    beam = jb.Beam(1.0, *(jb.Spanwise(places, v) if v else 1e6 for v in (mass, 0, lag, flap)), turn)
+    root = jb.RootSprings(*springs) if any(springs) else None
+    theirs = blade_reference.Blade(
+        mass=(places, mass), lag=(places, lag), flap=(places, flap), hub=hub,
+        twist=0.0 if twist is None else (places, twist), tip=blade_reference.Body(tip),
+        lag_spring=springs[0], flap_spring=springs[1],
+    )  # fmt: skip
+    for share in (0.0, 1.5):
+        speed = share * blade_reference.frequencies(theirs, 0.0, 1)[0]
+        exact = np.array(blade_reference.frequencies(theirs, speed, 6))
+        found = jb.modes(jb.Hybrid(0, 16, 16), jb.Rotor(beam, hub, tip, root=root), speed)
+        order = np.argsort(found.frequency)
+        error = np.abs(np.asarray(found.frequency)[order] / exact - 1)
+        estimate = np.asarray(found.frequency_error)[order]
+        assert error.max() < (1e-5 if twist is None else 1e-3)
+        seen = error > 1e-10
+        assert (estimate[seen] > error[seen] / 3).all()
+        assert (estimate < 30 * error + 1e-8).all()
+
+
+@pytest.mark.exhaustive
+def test_memory_grows_with_the_number_of_stations():
+    """Of six hundred some tens of MB."""
+    places, rng = np.linspace(0, 1, 600), np.random.default_rng(0)
+    values = [rng.uniform(0.5, 1.0, places.size) for _ in range(3)]
+
+    def frequency(values):
+        mass, lag, flap = (jb.Spanwise(places, v) for v in values)
+        return jb.modes(jb.Hybrid(0, 16, 16), jb.Rotor(jb.Beam(1.0, mass, 1e6, lag, flap)), 1.0)
+
+    program = jax.jit(frequency).lower(values).compile()
+    assert program.memory_analysis().temp_size_in_bytes < 2e8

@@ -1,0 +1,222 @@
+"""Blades on free hinges: root springs of zero."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from tests.tiers import exhaustive, slow
+
+LENGTH = 8.0
+FREE = jb.RootSprings(0.0, 0.0)
+WHICH = jb.labels(in_plane=2, flap=3)
+LAG, FLAP = 0, slice(2, 5)  # among these
+
+
+def hinged(hub_radius=0.0, flap_stiffness=400.0, root=FREE, tip_mass=0.0, **more):
+    beam = jb.Beam(LENGTH, 0.2, 5e6, 566.0, flap_stiffness, torsional_stiffness=300.0)
+    return jb.Rotor(beam, hub_radius, tip_mass, root=root, **more)
+
+
+MODEL = jb.Hybrid(0, 4, 8)
+
+
+@jax.jit
+def of(hub_radius, speed, spring=0.0, flap_stiffness=400.0, tip_mass=0.0):
+    root = jb.RootSprings(spring, spring)
+    rotor = hinged(hub_radius, flap_stiffness, root, tip_mass)
+    return jb.modes(MODEL, rotor, speed, WHICH, throw=False)
+
+
+def of_rigid(offset):
+    """Frequencies in lag and flap of a rigid uniform blade, over the speed."""
+    lag = 1.5 * offset / LENGTH
+    return np.sqrt([lag, 1 + lag])
+
+
+def test_a_rigid_blade_swings_at_the_speed_in_flap_and_by_its_offset_in_lag():
+    """At low speeds, where the blade hardly bends; in flap about the axis of rotation, for which
+    a turned plane of rotation is a steady state, at any speed and with anything at the tip."""
+    for offset in (0.0, 0.5, 8.0):
+        found = of(offset, 0.05).frequency / 0.05
+        np.testing.assert_allclose(found[np.array([0, 2])], of_rigid(offset), rtol=1e-5, atol=1e-6)
+    for speed, tip_mass in ((40.0, 0.0), (3.0, 2.0)):
+        found = of(0.0, speed, tip_mass=tip_mass)
+        assert found.status == jb.Status.OK
+        np.testing.assert_allclose(found.frequency[FLAP][0], speed, rtol=1e-11)
+        assert abs(found.eigenvalue[LAG]) < 1e-6 * speed
+
+
+def test_a_cable_has_its_frequencies():
+    """EI = 0: omega^2 = n (2 n - 1) Omega^2, Legendre polynomials of odd degree."""
+    found = of(0.0, 3.0, flap_stiffness=1e-9).frequency[FLAP] / 3.0
+    np.testing.assert_allclose(found, np.sqrt([1.0, 6.0, 15.0]), rtol=1e-9)
+
+
+def test_at_rest_hinges_swing_freely_and_all_else_is_as_exact_as_ever():
+    """A beam hinged at one end and free at the other: tan x = tanh x."""
+    found = of(0.5, 0.0)
+    assert found.status == jb.Status.OK
+    assert found.labels == WHICH
+    assert found.eigenvalue[LAG] == found.eigenvalue[FLAP][0] == 0.0
+    assert not np.any(found.growth_rate)
+    x = np.array([3.926602312047919, 7.068582745628732])
+    flap = x**2 * np.sqrt(400.0 / 0.2) / LENGTH**2
+    np.testing.assert_allclose(found.frequency[FLAP][1:], flap, rtol=1e-3)
+    np.testing.assert_allclose(found.frequency[FLAP][1], flap[0], rtol=1e-7)
+
+
+@pytest.mark.slow
+def test_springs_may_be_zero_in_some_cases_of_a_batch():
+    springs, speeds = jnp.array([0.0, 0.0, 50.0, 50.0]), jnp.array([0.0, 4.0, 0.0, 4.0])
+    found = jax.jit(jax.vmap(lambda k, w: of(0.5, w, k)))(springs, speeds)
+    for i in range(4):
+        alone = of(0.5, speeds[i], springs[i])
+        np.testing.assert_allclose(found.eigenvalue[i], alone.eigenvalue, rtol=1e-11)
+        assert found.status[i] == jb.Status.OK
+    # A spring so soft that the blade hardly bends: k / (rho L^3 / 3).
+    soft = of(0.5, 0.0, 1e-4).frequency
+    np.testing.assert_allclose(soft[LAG], np.sqrt(1e-4 / (0.2 * LENGTH**3 / 3)), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_derivatives_of_a_frequency_of_zero_are_none_and_spoil_no_others():
+    def frequency(spring, speed):
+        return of(0.5, speed, spring).frequency
+
+    by = jax.jit(jax.jacrev(frequency))
+    forward = jax.jit(lambda k, w: jax.jvp(lambda k: frequency(k, w), (k,), (jnp.ones_like(k),))[1])
+    for speed, known in ((0.0, np.array([1, 3, 4])), (3.0, np.arange(5))):
+        step = 0.05  # one-sided: there are no springs below zero
+        f0, f1, f2 = (frequency(k, speed) for k in (0.0, step, 2 * step))
+        wanted = (4 * f1 - 3 * f0 - f2) / (2 * step)
+        for found in (by(0.0, speed), forward(0.0, speed)):
+            assert np.isnan(found).sum() == 5 - known.size
+            np.testing.assert_allclose(found[known], wanted[known], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        slow(jb.EngineeringANCF(3), id="elements"),
+        exhaustive(jb.VonKarman(6, 4, 4), id="von_karman"),
+        exhaustive(jb.SpatialANCF(2), id="space"),
+        exhaustive(jb.GreenANCF(3), id="green"),
+        exhaustive(jb.ANCF(3), id="ancf"),
+        exhaustive(jb.Hybrid(3, 5, 5), id="hybrid"),
+    ],
+)
+def test_every_theory_lets_a_hinge_turn(model):
+    """At rest, in the axis and with an offset, where the blade's bending takes off little."""
+    planar = "ANCF" in type(model).__name__ and not isinstance(model, jb.SpatialANCF)
+    root = jb.RootSprings(0.0) if planar else FREE
+    which = jb.labels(in_plane=1) if planar else jb.labels(in_plane=1, flap=1)
+    model = model
+
+    @jax.jit
+    def first(hub_radius, speed):
+        return jb.modes(model, hinged(hub_radius, root=root), speed, which, throw=False)
+
+    still, axis, offset = first(0.5, 0.0), first(0.0, 4.0), first(0.5, 4.0)
+    for case in (still, axis, offset):
+        assert case.status == jb.Status.OK
+        assert case.labels == which
+    assert not np.any(still.eigenvalue)
+    assert abs(axis.eigenvalue[0]) < 0.02 * 4.0  # von Karman's tension is not exact
+    np.testing.assert_allclose(offset.frequency / 4, of_rigid(0.5)[: len(which)], rtol=1e-2)
+    if not planar:
+        np.testing.assert_allclose(axis.frequency[1], 4.0, rtol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stretch", [0, exhaustive(1)])
+def test_two_hinges_in_one_plane(stretch):
+    """Where sections are turned, lag and flap are coupled, and both free."""
+    model = jb.Hybrid(stretch, 3, 3)
+    which = jb.labels(in_plane=1, flap=1)
+
+    @jax.jit
+    def first(speed):
+        return jb.modes(model, hinged(0.5, pitch=0.3), speed, which, throw=False)
+
+    still, turning = first(0.0), first(0.05)
+    assert still.status == turning.status == jb.Status.OK
+    assert not np.any(still.eigenvalue)
+    np.testing.assert_allclose(turning.frequency / 0.05, of_rigid(0.5), rtol=1e-4)
+
+
+@pytest.mark.exhaustive
+def test_southwell_coefficients_of_what_swings():
+    """At rest 1 + 3 R / (2 L) in flap, 3 R / (2 L) in lag."""
+    both = jb.labels(in_plane=1, flap=1)
+    phi = jax.jit(lambda r: jb.southwell(MODEL, hinged(r), 0.0, both).coefficient)
+    for offset in (0.0, 0.01, 0.5):
+        np.testing.assert_allclose(phi(offset), of_rigid(offset) ** 2, atol=1e-9)
+    elements = jb.EngineeringANCF(2)
+    found = jb.southwell(elements, hinged(0.5, root=jb.RootSprings(0.0)), 0.0, 1).coefficient
+    np.testing.assert_allclose(found, of_rigid(0.5)[0] ** 2, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_hinge_gives_way_at_once_or_never():
+    """The classical theory has nothing that holds a hinge; the hybrid one does at any speed."""
+    rotor, axis = (hinged(r, root=jb.RootSprings(0.0)) for r in (0.5, 0.0))
+    classical, hybrid = (theory(0, 4, 0) for theory in (jb.Classical, jb.Hybrid))
+    assert jb.critical_speed(classical, rotor).angular_speed == 0.0
+    assert jb.critical_speed(hybrid, rotor).angular_speed == np.inf
+    assert jb.critical_speed(hybrid, axis).angular_speed == np.inf
+
+
+@pytest.mark.exhaustive
+def test_a_column_on_a_free_hinge_is_held_by_nothing_but_its_speed():
+    """Turned by phi the rod's load along the axis has the moment P L phi about its root, what
+    carries it on its circle one of Omega^2 R (rho L^2 / 2) phi the other way."""
+    rotor = jb.Rotor(jb.Beam(LENGTH, 0.2, 1e9, 1e7, 1e7), 0.5, root=jb.RootSprings(0.0))
+    model, push = jb.EngineeringANCF(2), jb.Loads(tip_force=jnp.array([-1.0, 0, 0]))
+    still = jb.critical_load(model, rotor, push, 0.0, throw=False)
+    assert still.status == jb.Status.NOT_HELD
+    assert np.isnan(still.factor)
+    held = jb.critical_load(model, rotor, push, 2.0)
+    np.testing.assert_allclose(held.factor, 2.0**2 * 0.5 * 0.2 * LENGTH / 2, rtol=1e-4)
+
+
+@pytest.mark.exhaustive
+def test_a_free_blade_falls_and_swings():
+    """A rigid blade at speed under gravity along the axis: phi = -3 g / (2 L Omega^2)
+    (1 - cos Omega t); at rest it falls with phi'' = -3 g / (2 L)."""
+    model = jb.Hybrid(0, 1, 1)
+    t, fall = jnp.linspace(0.0, 2.0, 21), jb.Loads(gravity=jnp.array([0.0, 0.0, -9.81]))
+
+    @jax.jit
+    def tip(speed):
+        return jb.simulate(model, hinged(), jb.ConstantSpeed(speed), t, loads=fall).tip[:, 2]
+
+    drop = 1.5 * 9.81
+    np.testing.assert_allclose(tip(3.0), -drop / 9 * (1 - np.cos(3 * t)), atol=1e-5)
+    np.testing.assert_allclose(tip(0.0), -drop * t**2 / 2, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.exhaustive
+def test_a_pendulum_of_elements_has_its_large_swing():
+    """In the plane, let go level: half a turn in 2 K(1/2) (2 L / (3 g))^1/2, K = 1.8540746773."""
+    rotor = jb.Rotor(jb.Beam(LENGTH, 0.2, 1e8, 1e5, 1e5), root=jb.RootSprings(0.0))
+    model = jb.EngineeringANCF(2)
+    half = 2 * 1.8540746773013719 * np.sqrt(2 * LENGTH / (3 * 9.81))
+    run = jb.simulate(
+        model, rotor, jb.ConstantSpeed(0.0), jnp.array([0.0, half / 2, half]),
+        loads=jb.Loads(gravity=jnp.array([0.0, -9.81, 0.0])),
+    )  # fmt: skip
+    np.testing.assert_allclose(run.tip[1:, :2], [[-8.0, -8.0], [-16.0, 0.0]], atol=0.05)
+
+
+@pytest.mark.exhaustive
+def test_multipliers_and_the_ladder_take_free_hinges():
+    rotor = hinged(0.5, root=jb.RootSprings(0.0))
+    motion = jb.motions.ModulatedSpeed(5.0, 0.0, 20.0)
+    found = jb.floquet(jb.Hybrid(0, 2, 0), rotor, motion)
+    angle = 5 * of_rigid(0.5)[0] * 2 * np.pi / 20
+    assert np.min(np.abs(np.angle(found.multipliers) - angle)) < 1e-3
+    np.testing.assert_allclose(np.abs(found.multipliers), 1.0, atol=1e-9)
+    question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(1.0, 10.0), np.linspace(0.0, 12.0, 40))
+    assert jb.choose_model(rotor, question, tolerance=0.05).model is not None

@@ -1,0 +1,168 @@
+"""Shapes of modes: displacements, polynomials, and files of blades with them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam.blades import SpanwiseFunction, read_elastodyn, write_elastodyn
+
+UNIFORM = jb.Rotor(jb.Beam(2.0, 3.0, 1e7, 50.0, 20.0))
+MODEL = jb.Hybrid(0, 8, 8)
+WHICH = jb.labels(flap=2, in_plane=1)
+ROOTS = np.array([1.8751040687119611, 4.694091132974174])
+XI = np.linspace(0.0, 1.0, 21)
+
+
+def cantilever(root, xi):
+    """The function of a clamped and free beam, one at its tip."""
+    c = (np.cosh(root) + np.cos(root)) / (np.sinh(root) + np.sin(root))
+    x = root * xi
+    value = np.cosh(x) - np.cos(x) - c * (np.sinh(x) - np.sin(x))
+    return value / (np.cosh(root) - np.cos(root) - c * (np.sinh(root) - np.sin(root)))
+
+
+@jax.jit
+def of(speed, rotor=UNIFORM):
+    return jb.modes(MODEL, rotor, speed, WHICH, throw=False)
+
+
+def test_displacements_are_those_of_a_cantilever():
+    found = of(0.0)
+    u = found.displacement(UNIFORM, XI, tip=True)
+    exact = np.stack([cantilever(root, XI) for root in (*ROOTS, ROOTS[0])])
+    np.testing.assert_allclose(u[:2, :, 2], exact[:2], atol=1e-4)
+    np.testing.assert_allclose(u[0, :, 2], exact[0], atol=1e-8)
+    np.testing.assert_allclose(u[2, :, 1], exact[2], atol=1e-9)
+    assert not np.any(u[:2, :, :2])
+    # Of unit modal mass: the mean of phi^2 is a quarter of its square at the tip.
+    np.testing.assert_allclose(
+        np.abs(found.displacement(UNIFORM)[2, 0, 1]), 2 / np.sqrt(6.0), rtol=1e-9
+    )
+    assert not np.any(found.twist(UNIFORM, XI))
+
+
+def test_polynomials_are_the_least_squares_fit_and_say_how_far_they_are_off():
+    fits = of(0.0).polynomials(UNIFORM)
+    x = (1 - np.cos(np.linspace(0, np.pi, 4001))) / 2
+    weight = np.gradient(x)
+    for row, misfit, root in zip(*fits, (*ROOTS, ROOTS[0]), strict=True):
+        rows, exact = x[:, None] ** np.arange(2, 7), cantilever(root, x)
+        own, *_ = np.linalg.lstsq(np.sqrt(weight)[:, None] * rows, np.sqrt(weight) * exact)
+        np.testing.assert_allclose(row, own / own.sum(), rtol=4e-3)
+        np.testing.assert_allclose(row.sum(), 1.0, rtol=1e-12)
+        off = np.abs(rows @ own - exact).max()
+        assert 0.5 * off < misfit < 1.1 * off
+    assert fits.misfit[0] < 1e-4 < fits.misfit[1] < 1e-2
+
+
+@pytest.mark.slow
+def test_shapes_of_a_batch_and_under_jit():
+    speeds = jnp.array([0.0, 3.0])
+    many = jax.jit(jax.vmap(of))(speeds)
+    for found, alone in (
+        (many.polynomials(UNIFORM).coefficients, lambda m: m.polynomials(UNIFORM).coefficients),
+        (many.displacement(UNIFORM, XI, tip=True), lambda m: m.displacement(UNIFORM, XI, tip=True)),
+    ):
+        one = jax.jit(lambda w: alone(of(w)))(3.0)  # noqa: B023
+        np.testing.assert_allclose(found[1], one, atol=1e-9)
+
+
+def test_polynomials_are_differentiable_and_a_case_that_failed_has_none():
+    """The more a blade turns the more its first mode is a straight line."""
+
+    def last(speed):
+        return of(speed).polynomials(UNIFORM).coefficients[0, 0]
+
+    rate, step = jax.jit(jax.grad(last))(3.0), 1e-4
+    np.testing.assert_allclose(rate, (last(3 + step) - last(3 - step)) / (2 * step), rtol=1e-5)
+    failed = of(jnp.nan)
+    assert np.all(np.isnan(failed.polynomials(UNIFORM).misfit))
+    assert np.all(np.isnan(failed.displacement(UNIFORM, XI, tip=True)))
+
+
+TWIST = jb.Spanwise([0.0, 0.4, 1.0], [0.6, 0.2, 0.0])
+BLADE = jb.Beam(
+    2.0, jb.Spanwise([0, 0.3, 0.3, 1], [3.0, 3.0, 2.0, 0.5]), 1e7,
+    SpanwiseFunction(lambda xi: 900.0 - 700.0 * xi), jb.Spanwise([0, 1], [20.0, 4.0]), twist=TWIST,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_with_twist_the_deflection_is_what_the_shape_does_to_turned_sections():
+    """int int p'' (cos, -sin)(twist), as ElastoDyn adds it up, by the trapezoidal rule."""
+    rotor = jb.Rotor(BLADE, 0.3)
+    found = jb.modes(jb.Hybrid(0, 10, 10), rotor, 1.0, WHICH)
+    rows, misfit = found.polynomials(rotor)
+    x = np.linspace(0.0, 1.0, 4001)
+    angle = np.interp(x, TWIST.stations, TWIST.values)
+    u = found.displacement(rotor, x).real
+
+    def twice(curvature):
+        for _ in range(2):
+            parts = (curvature[1:] + curvature[:-1]) / 2 * np.diff(x)
+            curvature = np.append(0.0, np.cumsum(parts))
+        return curvature
+
+    for i, (own, across, sign) in enumerate(((2, 1, -1.0), (2, 1, -1.0), (1, 2, 1.0))):
+        curvature = sum(k * (k - 1) * c * x ** (k - 2) for k, c in enumerate(rows[i], 2))
+        wanted = np.concatenate([u[i, :, own], u[i, :, across]])
+        there = np.concatenate(
+            [twice(curvature * np.cos(angle)), sign * twice(curvature * np.sin(angle))]
+        )
+        scale = there @ wanted / (there @ there)
+        off = np.abs(scale * there - wanted).max() / np.abs(wanted).max()
+        np.testing.assert_allclose(misfit[i], off, rtol=0.3, atol=1e-4)
+    # The first mode hardly bends sections about their stiff axis, so that one shape does for both.
+    assert misfit[0] < 0.02
+
+
+def test_a_file_that_is_written_reads_as_the_same_beam(tmp_path):
+    rows = np.array([[0.5, 0.7, -0.2, 0.1, -0.1], [-0.6, -1.2, 4.0, -2.0, 0.8]])
+    edge = np.array([0.9, 0.3, -0.3, 0.2, -0.1])
+    path = tmp_path / "blade.dat"
+    write_elastodyn(path, BLADE, flap=rows, edge=edge, damping=(0.005, 0.006, 0.007))
+    read = read_elastodyn(path, length=2.0, axial_stiffness=1e7)
+    xi = np.array([0.0, 0.1, 0.299999, 0.300001, 0.44, 0.9, 1.0])
+    for name in (
+        "mass_per_length",
+        "in_plane_bending_stiffness",
+        "flap_bending_stiffness",
+        "twist",
+    ):
+        values = (getattr(beam, name).at(xi) for beam in (read.beam, BLADE))
+        np.testing.assert_allclose(*values, rtol=1e-8, atol=1e-12)
+    said = dict(reversed(line.split()[:2]) for line in path.read_text().splitlines()[3:] if line)
+    for name, row in (("BldFl1Sh", rows[0]), ("BldFl2Sh", rows[1]), ("BldEdgSh", edge)):
+        there = [float(said[f"{name}({k})"]) for k in range(2, 7)]
+        np.testing.assert_allclose(there, row, rtol=1e-11)
+    assert [said[f"Bld{n}"] for n in ("FlDmp(1)", "FlDmp(2)", "EdDmp(1)")] == ["0.5", "0.6", "0.7"]
+    assert said["NBlInpSt"] == str(len(read.beam.mass_per_length.stations))
+    assert np.all(np.diff(read.beam.twist.stations) > 0)
+
+
+def test_what_cannot_be_written_is_said(tmp_path):
+    good = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+    path, beam = tmp_path / "blade.dat", UNIFORM.beam
+
+    def write(beam=beam, flap=(good, good), edge=good, **more):
+        write_elastodyn(path, beam, flap=flap, edge=edge, **more)
+
+    for error, text, call in (
+        (ValueError, "BldEdgSh must sum to one, got 2", lambda: write(edge=2 * good)),
+        (ValueError, "BldFl2Sh must be five", lambda: write(flap=(good, good[:4]))),
+        (ValueError, "must sum to one, got nan", lambda: write(edge=np.nan * good)),
+        (ValueError, "two modes, got 1", lambda: write(flap=[good])),
+        (ValueError, "damping must be three", lambda: write(damping=(1.0,))),
+        (TypeError, "beam must be a Beam", lambda: write(beam=UNIFORM)),
+        (TypeError, "beam must be known", lambda: jax.jit(lambda b: write(beam=b))(beam)),
+        (ValueError, "xi must be x / L", lambda: of(0.0).displacement(UNIFORM, 1.5)),
+    ):
+        with pytest.raises(error, match=text):
+            call()
+    assert not path.exists()
+    write()
+    np.testing.assert_allclose(
+        read_elastodyn(path, length=2.0, axial_stiffness=1e7).beam.mass_per_length.at(XI), 3.0
+    )
