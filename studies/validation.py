@@ -51,6 +51,7 @@ import jaxbeam as jb
 
 DATA = Path(__file__).parent / "data"
 FLAP = jb.Hybrid(0, 0, 16)
+SHARP = jb.Hybrid(0, 0, 40)  # for what ends in a point
 # Verdict: largest relative difference, colour and marker; the first two go by digits.
 VERDICTS = {
     "as printed": (0.0, GREEN, "o"),
@@ -178,7 +179,8 @@ def closed_forms() -> Iterator[Line]:
 
         rotor = tapered(1.0, n - 1.0)
         exact = tuple(f"{z**2 / 4:.8f}" for z in roots(equation, np.linspace(2, 18, 400), 4))
-        yield from single(f"{name}, to a point", "closed form", exact, one_rotor(rotor, 4))
+        found = one_rotor(rotor, 4, model=SHARP)
+        yield from single(f"{name}, to a point", "closed form", exact, found)
     spring = jb.RootSprings(flap=0.5)
     body = jb.TipBody(0.1, 0.05)
     for case, values, rotor, model in (

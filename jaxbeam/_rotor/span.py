@@ -162,8 +162,11 @@ def _steepness(stiffness: Property, edges: tuple[float, ...]) -> Array:
     powers = np.arange(1.0, 5.0)[:, None]
     rise, bend = (end - start)[None] / powers, (half - start)[None] / powers
     off = jnp.abs(2 * jnp.exp(bend) - 1 - jnp.exp(rise)) / (1 + jnp.exp(rise))
-    ratio = jnp.take_along_axis(rise, jnp.argmin(off, 0)[None], 0)[0]
-    return jnp.where(jnp.abs(ratio) <= _STEEPEST, ratio, 0.0)
+    power = jnp.argmin(off, 0)
+    ratio = jnp.take_along_axis(rise, power[None], 0)[0]
+    # What tapers like a power loses its mass, too, and moments fall faster than it does.
+    most = jnp.where(power == 0, _STEEPEST, _STEEPEST / 2)
+    return jnp.where(jnp.abs(ratio) <= most, ratio, 0.0)
 
 
 def _crowded(r: Array, t: np.ndarray) -> tuple[Array, Array]:
