@@ -40,7 +40,7 @@ Counts = tuple[int, int, int]  # of axial, in-plane and flap functions
 # The family of each of these, and where its direction is among the axes.
 FAMILIES = (Family.AXIAL, Family.IN_PLANE, Family.FLAP)
 _FALLS = 6.0  # the share of a load with the power of its number
-_MORE = 5  # points of a segment, besides those that polynomials need
+_MORE = 6  # points of a segment, besides those that polynomials need
 
 
 class Ends(NamedTuple):
@@ -132,21 +132,12 @@ class Kind:
     points: int  # products of so many functions are integrated
     arc_length: bool  # stretch has N / EA for strain; else polynomials, which follow bending, too
 
-    def edges(self, rotor: Rotor) -> tuple[float, ...]:
-        """Where points of integration have to stop."""
-        return shortened(rotor.beam.edges)
-
-
-def points_of(kind: Kind, edges: tuple[float, ...]) -> int:
-    """Points of each segment."""
-    return Polynomials(kind.grading).points(kind.points, edges, _MORE)
-
 
 def span_of(kind: Kind, rotor: Rotor, finer: int = 1) -> Span:
     """Points of integration; `finer` cuts segments into so many."""
     beam = rotor.beam
-    cut = kind.edges(rotor)
-    points = points_of(kind, cut)
+    cut = shortened(beam.edges)
+    points = Polynomials(kind.grading).points(kind.points, cut, _MORE)
     if finer > 1:
         inner = np.linspace(cut[:-1], cut[1:], finer, endpoint=False).T.ravel()
         cut = (*inner.tolist(), 1.0)
@@ -356,6 +347,4 @@ def of_basis(basis: Basis, counts: Counts, span: Span, parts: Sequence[Array]) -
 
 def follows(basis: Basis, rotor: Rotor) -> bool:
     """Whether functions are those that suit the beam: polynomials, where it varies."""
-    return (
-        isinstance(basis, Polynomials) and type(basis) is Polynomials and not rotor.beam.is_uniform
-    )
+    return type(basis) is Polynomials and not rotor.beam.is_uniform

@@ -16,13 +16,13 @@ from jaxbeam._models.basis import Basis, bending_integrals, stretch_integrals
 from jaxbeam._models.shapes import (
     FAMILIES,
     Counts,
+    Profile,
     Shapes,
     all_functions,
     ends_of,
-    section_angle,
 )
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.span import Span, on, outboard
+from jaxbeam._rotor.span import outboard
 from jaxbeam._types import Matrix
 
 
@@ -132,26 +132,13 @@ def varying_stiffness(shapes: Shapes, rotor: Rotor) -> Matrix:
     EI_vv = EI_zz c^2 + EI_yy s^2 and EI_ww = EI_yy c^2 + EI_zz s^2, c = cos(theta) and so on, and
     EI_vw = (EI_zz - EI_yy) s c between the two directions.
     """
-    beam, length, span, f = rotor.beam, rotor.beam.length, shapes.span, shapes.at
+    length, span, f = rotor.beam.length, shapes.span, shapes.at
     direction = directions(shapes.counts)
-    in_plane = span.weight * on(beam.in_plane_bending_stiffness, span)
-    flap = span.weight * on(beam.flap_bending_stiffness, span)
-    axial = span.weight * on(beam.axial_stiffness, span)
-    stretch = _gram(f.slope * direction[None, :, 0], axial)
-    rows = [f.curvature * direction[None, :, k] for k in (1, 2)]
-    first, second = (a.T for a in turned(rotor, span, rows[0].T, rows[1].T))
-    bending = _gram(first, in_plane) + _gram(second, flap)
+    profile, weight = Profile.of(rotor, span), span.weight
+    stretch = _gram(f.slope * direction[None, :, 0], weight * profile.axial)
+    first, second = profile.turned(*(f.curvature * direction[None, :, k] for k in (1, 2)))
+    bending = _gram(first, weight * profile.in_plane) + _gram(second, weight * profile.flap)
     return stretch / length + bending / length**3 + springs(shapes.ends.root, direction, rotor)
-
-
-def turned(rotor: Rotor, span: Span, in_plane: Any, flap: Any) -> tuple[Any, Any]:
-    """Curvatures or slopes (..., p) in the axes of sections, which twist and pitch turn: about that
-    of the stiffness in plane, and across."""
-    angle = section_angle(rotor, functools.partial(on, span=span))
-    if angle is None:
-        return in_plane, flap
-    cos, sin = jnp.cos(angle)[None], jnp.sin(angle)[None]
-    return in_plane * cos + flap * sin, flap * cos - in_plane * sin
 
 
 def springs(root: Any, direction: np.ndarray, rotor: Rotor) -> Any:

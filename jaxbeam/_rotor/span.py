@@ -17,7 +17,7 @@ from numpy.polynomial import chebyshev, legendre
 
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, at_ends
 
-_LONGEST = 1 / 8  # of a segment, so that what is not smooth there is seen at least
+_LONGEST = 1 / 32  # of a segment, so that what is not smooth there is seen at least
 _STEEPEST = 8.0  # logarithm of the ratio of stiffnesses at the ends of a segment that is followed
 
 
@@ -70,12 +70,11 @@ class Span(eqx.Module):
         cls, stiffnesses: Sequence[Property], edges: tuple[float, ...], points: int
     ) -> Self:
         """Points that crowd where, of these stiffnesses, that which varies most is small."""
-        cut = shortened(edges)
-        ratios = jnp.stack([_steepness(stiffness, cut) for stiffness in stiffnesses])
+        ratios = jnp.stack([_steepness(stiffness, edges) for stiffness in stiffnesses])
         most = jnp.argmax(jnp.abs(ratios), 0)
         # Where points are does not change what an integral is.
         ratio = jax.lax.stop_gradient(jnp.take_along_axis(ratios, most[None], 0)[0])
-        return cls.between(cut, points, ratio)
+        return cls.between(edges, points, ratio)
 
     def up_to(self, f: Any) -> Array:
         """int_0^xi f at the points, from values of f there."""
@@ -180,11 +179,11 @@ def _crowded(r: Array, t: np.ndarray) -> tuple[Array, Array]:
 
 @functools.lru_cache(maxsize=64)
 def shortened(edges: tuple[float, ...]) -> tuple[float, ...]:
-    """Edges with others between them, so that no segment is too long, and two stiffnesses of which
-    one falls where the other rises are followed, each in its half."""
+    """Edges with others between them, four parts at least: so that no segment is too long, and two
+    stiffnesses of which one falls where the other rises are followed, each near its end."""
     out = [0.0]
     for start, end in itertools.pairwise(edges):
-        parts = 2 * max(int(np.ceil((end - start) / _LONGEST - 1e-9)), 1)
+        parts = 4 * max(int(np.ceil((end - start) / (4 * _LONGEST) - 1e-9)), 1)
         out += [*np.linspace(start, end, parts + 1)[1:-1].tolist(), end]
     return tuple(out)
 

@@ -9,12 +9,11 @@ from jaxbeam._checks import checked_speed
 from jaxbeam._models.base import guarded
 from jaxbeam._models.families import is_hinged
 from jaxbeam._models.modal import Hybrid
-from jaxbeam._models.tables import turned
+from jaxbeam._models.shapes import Profile
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor, checked_rotor
-from jaxbeam._rotor.span import on
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
 from jaxbeam._vibration.modes import find
@@ -102,25 +101,18 @@ def _stoutness(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
     beam, shapes, direction = rotor.beam, model.sampled(rotor, model.shapes(rotor)), model.direction
     square, shape = (a[:6] for a in _at_rest(model, rotor))
     span, at, ends = shapes.span, shapes.at, shapes.ends
-    zz, yy, axial, mass = (
-        on(each, span)
-        for each in (
-            beam.in_plane_bending_stiffness, beam.flap_bending_stiffness, beam.axial_stiffness,
-            beam.mass_per_length,
-        )
-    )  # fmt: skip
+    profile = Profile.of(rotor, span)
     ways = [shape * direction[None, :, k] for k in (1, 2)]
-    slopes = [way @ at.slope.T / beam.length for way in ways]
-    first, second = turned(rotor, span, *slopes)
-    dm = span.weight * beam.length * mass
-    turning = first**2 @ (dm * zz / axial) + second**2 @ (dm * yy / axial)
+    first, second = profile.turned(*(at.slope @ way.T / beam.length for way in ways))
+    dm = span.weight * profile.mass / profile.axial
+    turning = (dm * profile.in_plane) @ first**2 + (dm * profile.flap) @ second**2
     tip = ends.tip
     if rotor.tip is not None:
         tip = tip + rotor.tip.offset / beam.length * ends.turn
     force = [
-        span.beyond(mass[:, None] * (at.value @ way.T)).T * beam.length
+        span.beyond(profile.mass[:, None] * (at.value @ way.T)).T
         + rotor.tip_mass * (way @ tip)[:, None]
         for way in ways
     ]
-    sheared = (force[0] ** 2 + force[1] ** 2) @ (span.weight * beam.length / axial)
+    sheared = (force[0] ** 2 + force[1] ** 2) @ (span.weight * beam.length / profile.axial)
     return (turning + _SHEAR * square * sheared) / 2
