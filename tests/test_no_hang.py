@@ -5,9 +5,80 @@ jaxbeam._numerics.linalg). Each program below runs in a process of its own that 
 most.
 """
 
+import dataclasses
+
+import jax
+import jax.numpy as jnp
 import pytest
 
+import jaxbeam as jb
 from tests.helpers import run_optimised
+from tests.tiers import exhaustive, slow
+
+BLADE = jb.Beam(
+    1.0, jb.Spanwise([0.0, 0.3, 1.0], [1.0, 0.5, 0.4]), 1e6, jb.Spanwise([0.0, 1.0], [9.0, 2.0]),
+    4.0, torsional_stiffness=3.0, polar_inertia=0.01,
+)  # fmt: skip
+LAPACK = {
+    "cholesky", "eig", "eigh", "geqp3", "geqrf", "hessenberg", "householder_product", "lu",
+    "qr", "schur", "svd", "triangular_solve", "tridiagonal_solve",
+}  # fmt: skip
+
+
+def calls(program):
+    """All equations of a program that call LAPACK."""
+    for eqn in program.eqns:
+        if eqn.primitive.name in LAPACK:
+            yield eqn
+        for value in jax.tree.leaves(eqn.params, is_leaf=lambda x: hasattr(x, "eqns")):
+            if hasattr(value, "eqns"):
+                yield from calls(value)
+
+
+def modes(model):
+    return lambda rotor: jb.modes(model, rotor, 3.0, 4, throw=False).frequency
+
+
+def rest(model):
+    return lambda rotor: jb.steady_start(model, rotor, jb.ConstantSpeed(1.0), throw=False).q
+
+
+def buckling(rotor):
+    loads = jb.Loads(tip_force=[-1.0, 0.0, 0.0])
+    return jb.critical_load(jb.EngineeringANCF(4), rotor, loads=loads, throw=False).factor
+
+
+def polynomials(rotor):
+    return jb.modes(jb.Hybrid(0, 8, 8), rotor, 3.0, 4, throw=False).polynomials(rotor).coefficients
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        modes(jb.Hybrid(4, 6, 6)),
+        buckling,
+        slow(polynomials),
+        slow(rest(jb.EngineeringANCF(3))),
+        exhaustive(modes(jb.VonKarman(3, 6, 6))),
+        exhaustive(modes(jb.SpatialANCF(2))),
+        exhaustive(rest(jb.Hybrid(4, 6, 6))),
+        exhaustive(rest(jb.ANCF(3))),
+    ],
+)
+def test_lapack_meets_one_matrix_at_a_time(answer):
+    """So do the programs of derivatives, in both modes."""
+
+    def case(values):
+        stiffness = jb.Spanwise([0.0, 1.0], values)
+        return answer(jb.Rotor(dataclasses.replace(BLADE, in_plane_bending_stiffness=stiffness)))
+
+    batch = jnp.asarray([[9.0, 2.0], [8.0, 3.0]])
+    for derivative in (lambda f: f, jax.jacfwd, jax.jacrev):
+        program = jax.make_jaxpr(jax.vmap(derivative(case)))(batch)
+        shapes = [eqn.invars[0].aval.shape for eqn in calls(program)]
+        assert shapes
+        assert max(map(len, shapes)) == 2
+
 
 PROLOGUE = """
 import os
@@ -29,6 +100,17 @@ def case(angular_speed, hub_radius, tip_mass):
 columns = dict(zip(("angular_speed", "hub_radius", "tip_mass"), cases.T))
 table = jb.sweep(case, jb.points(**columns), chunk=100)
 assert table["status"].shape == (1000,)
+"""
+
+BLADES = """
+def frequency(values):
+    stiffness = jb.Spanwise([0.0, 0.4, 1.0], values)
+    blade = jb.Beam(1.0, 1.0, 1e6, stiffness, jb.Spanwise([0.0, 1.0], [3.0, 1.0]))
+    return jb.modes(jb.Hybrid(4, 8, 8), jb.Rotor(blade), 3.0, 3, throw=False).frequency
+many = np.random.default_rng(0).uniform(1.0, 9.0, (200, 3))
+both = jax.jit(jax.vmap(lambda v: (frequency(v), jax.jacrev(frequency)(v))))
+for _ in range(4):
+    jax.block_until_ready(both(many))
 """
 
 # Several models, gradients and second derivatives side by side in one program.
@@ -56,9 +138,10 @@ for _ in range(8):
         SWEEP.replace("MODEL", "jb.Hybrid(8, 12, 12)"),
         SWEEP.replace("MODEL", "jb.ANCF(10)"),
         SWEEP.replace("MODEL", "jb.Classical(6, 8, 0)"),
+        BLADES,
         MIXED,
     ],
-    ids=["hybrid", "ancf", "classical", "mixed"],
+    ids=["hybrid", "ancf", "classical", "blades", "mixed"],
 )
 def test_ends(body):
     run_optimised("-c", PROLOGUE + body, timeout=900)

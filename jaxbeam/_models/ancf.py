@@ -24,7 +24,7 @@ from jaxbeam._models.elasticity import LinearElasticity
 from jaxbeam._models.elements import ElementEquations
 from jaxbeam._models.families import Family
 from jaxbeam._models.laws import Chord, Element, Engineering, Green, ModelA, Tangent
-from jaxbeam._numerics.linalg import dense
+from jaxbeam._numerics.linalg import dense, positive_definite
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._rotor.beam import Rotor
@@ -148,7 +148,7 @@ class _Nodal(_ANCF):
                 torn = rotor.tears(speed)
             else:
                 k, _ = equations.tangents(hub, q, zero, None)
-                torn = ~jnp.all(jnp.isfinite(jnp.linalg.cholesky(dense(k)[axial][:, axial])))
+                torn = positive_definite(dense(k)[axial][:, axial]) == 0
             status = jnp.where(torn, Status.NO_EQUILIBRIUM, status)
         return q, status
 

@@ -32,6 +32,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.basis import Basis, Functions, Polynomials
 from jaxbeam._models.families import Family
+from jaxbeam._numerics.linalg import principal_rows
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
@@ -118,8 +119,9 @@ def ends_of(basis: Basis, counts: Counts) -> Ends:
     return Ends(tip.value[0], np.where(bends, tip.slope[0], 0.0), np.where(bends, root, 0.0))
 
 
-# Of each direction, how functions are made of what loads do; without derivatives, since what they
-# span depends on the beam, but which combinations they are is a matter of rounding alone.
+# Of each direction, how functions are made of what loads do; without derivatives. What loads do to
+# the beam has them; that the choice of combinations moves as well changes a derivative by no more
+# than the functions that are left out do.
 Mixes = tuple[Array, Array, Array]
 
 
@@ -132,11 +134,16 @@ class Kind:
     points: int  # products of so many functions are integrated
     arc_length: bool  # stretch has N / EA for strain; else polynomials, which follow bending, too
 
+    def bent(self, rotor: Rotor) -> list[int]:
+        """How many functions bend, in plane and in flap: where the root yields, one turns there."""
+        counts = zip(self.counts[1:], rotor.springs, strict=True)
+        return [max(n - (spring is not None), 0) for n, spring in counts]
+
 
 def span_of(kind: Kind, rotor: Rotor, finer: int = 1) -> Span:
     """Points of integration; `finer` cuts segments into so many."""
     beam = rotor.beam
-    cut = shortened(beam.edges)
+    cut = shortened(beam.edges, kind.grading > 1)
     points = Polynomials(kind.grading).points(kind.points, cut, _MORE)
     if finer > 1:
         inner = np.linspace(cut[:-1], cut[1:], finer, endpoint=False).T.ravel()
@@ -212,7 +219,7 @@ class Loaded(eqx.Module):
         scales = mean.in_plane_bending_stiffness, mean.flap_bending_stiffness
         own = [c * scale for c, scale in zip(own, scales, strict=True)]
         held = [spring is not None for spring in rotor.springs]
-        sizes = [n - yields for n, yields in zip(kind.counts[1:], held, strict=True)]
+        sizes = kind.bent(rotor)
         bent = span.up_to(jnp.concatenate([c[:, None] * shapes for c in own], 1))
         slopes = [
             jnp.concatenate([jnp.ones_like(part[:, :1]), part], 1) if yields else part
@@ -238,8 +245,7 @@ class Loaded(eqx.Module):
     def mixes(self, kind: Kind, rotor: Rotor) -> Mixes:
         """Combinations that are orthonormal in their strain energy."""
         in_plane, flap = (
-            _mix(self, way, n - (spring is not None))
-            for way, n, spring in zip((1, 2), kind.counts[1:], rotor.springs, strict=True)
+            _mix(self, way, n) for way, n in zip((1, 2), kind.bent(rotor), strict=True)
         )
         return _mix(self, 0, kind.counts[0]), in_plane, flap
 
@@ -267,9 +273,7 @@ def _mix(loaded: Loaded, way: int, n: int) -> Array:
     size = jnp.concatenate([size[: n + pulled], size[: columns.shape[1] - n - pulled]])
     rank = np.concatenate([np.arange(k) for k in (n, pulled, columns.shape[1] - n - pulled)])
     share: Any = (1.0 + rank) ** -_FALLS / size
-    _, value, rows = jnp.linalg.svd(
-        jnp.linalg.qr(columns * share[None], mode="r"), full_matrices=False
-    )
+    value, rows = principal_rows(columns * share[None])
     value = jnp.maximum(value, jnp.finfo(value.dtype).eps * value[0])
     return share[:, None] * (rows[:n] / value[:n, None]).T
 

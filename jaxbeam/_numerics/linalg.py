@@ -8,7 +8,7 @@ the time goes), and gives each lane its own branches and its own number of itera
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
@@ -341,6 +341,27 @@ def eigensystem(
     """Eigenvalues, right eigenvectors and left ones (y^H a = mu y^H), as columns."""
     mu, left, right = jax.lax.linalg.eig(a)
     return mu, right, left
+
+
+@sequential_vmap
+def positive_definite(a: Float[Array, "n n"]) -> Int[Array, ""]:
+    """1 where a symmetric matrix is positive definite, else 0."""
+    return jnp.all(jnp.isfinite(cholesky(a))).astype(int)
+
+
+@jax.custom_jvp
+@sequential_vmap
+def principal_rows(a: Float[Array, "m n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+    """Singular values of a tall matrix, the largest first, and its right singular vectors as rows;
+    taken to be constant where derivatives are asked for."""
+    _, value, rows = jnp.linalg.svd(jnp.linalg.qr(a, mode="r"), full_matrices=False)
+    return value, rows
+
+
+@principal_rows.defjvp
+def _principal_rows_jvp(primals: tuple[Array], _: tuple[Array]) -> tuple[Any, Any]:
+    found = principal_rows(*primals)
+    return found, jax.tree.map(jnp.zeros_like, found)
 
 
 def _symmetric_modes(

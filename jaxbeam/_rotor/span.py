@@ -130,6 +130,7 @@ def _before(parts: Array, forward: bool) -> Array:
     return before if forward else before[::-1]
 
 
+_NEARER, _TURNS = 4.0, 10  # towards the root, where there are powers that are not whole
 _SMALL = 256
 _FLAT = 1e-2  # ratios whose logarithm is below need no crowding
 
@@ -178,14 +179,17 @@ def _crowded(r: Array, t: np.ndarray) -> tuple[Array, Array]:
 
 
 @functools.lru_cache(maxsize=64)
-def shortened(edges: tuple[float, ...]) -> tuple[float, ...]:
+def shortened(edges: tuple[float, ...], root: bool = False) -> tuple[float, ...]:
     """Edges with others between them, four parts at least: so that no segment is too long, and two
-    stiffnesses of which one falls where the other rises are followed, each near its end."""
+    stiffnesses of which one falls where the other rises are followed, each near its end. With
+    `root` they go on towards the root as a geometric series does, for powers of x that are not
+    whole."""
     out = [0.0]
     for start, end in itertools.pairwise(edges):
         parts = 4 * max(int(np.ceil((end - start) / (4 * _LONGEST) - 1e-9)), 1)
         out += [*np.linspace(start, end, parts + 1)[1:-1].tolist(), end]
-    return tuple(out)
+    near = (out[1] * _NEARER ** np.arange(-_TURNS, 0.0)).tolist() if root else []
+    return (0.0, *near, *out[1:])
 
 
 @functools.lru_cache(maxsize=64)

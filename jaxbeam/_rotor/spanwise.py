@@ -34,7 +34,7 @@ class AbstractSpanwise(eqx.Module):
     steps: eqx.AbstractVar[tuple[float, ...]]  # those at which it may jump
 
     @abc.abstractmethod
-    def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+    def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         """Values at points, none of which is a kink."""
 
     def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:
@@ -101,7 +101,7 @@ class Spanwise(AbstractSpanwise):
         self.kinks = tuple(sorted(set(self.stations[1:-1])))
         self.steps = tuple(places[1:][np.diff(places) == 0].tolist())
 
-    def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+    def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         left, share = _between(self.stations, np.asarray(xi, float))
         return self.values[left] * (1 - share) + self.values[left + 1] * share
 
@@ -146,7 +146,7 @@ class SpanwiseFunction(AbstractSpanwise):
         self.function, self.kinks = function, tuple(places.tolist())
         self.steps = self.kinks  # for all that is known of it
 
-    def at(self, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+    def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         with jax.ensure_compile_time_eval():  # what is of x alone may then be of NumPy, too
             points = jnp.asarray(xi)
         with traceable("function"):
@@ -166,7 +166,7 @@ class SpanwiseFunction(AbstractSpanwise):
 Property = Any  # Scalar | AbstractSpanwise: whoever gave numbers gets numbers back
 
 
-def along(value: Property, xi: Float[np.ndarray, " p"]) -> Float[Array, " p"]:
+def along(value: Property, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
     """A property at points, none of which is a kink."""
     if isinstance(value, AbstractSpanwise):
         return value.at(xi)

@@ -6,6 +6,7 @@ that K becomes singular: with the load along the beam its bending gives way (Eul
 across in its stiff direction bending the other way and twist do together (lateral buckling).
 """
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -17,7 +18,7 @@ from jaxtyping import Array
 from jaxbeam._checks import kind_of
 from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
 from jaxbeam._models.families import Family
-from jaxbeam._numerics.linalg import dense, lowest_eigenpair
+from jaxbeam._numerics.linalg import dense, lowest_eigenpair, solve
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
@@ -142,7 +143,8 @@ def _search(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Vector, 
     k0, _ = _loaded(model, given, jnp.zeros_like(speed))
     equations = model.equations(rotor)
     ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k0), speed.dtype))
-    softness = jnp.linalg.eigvalsh(ways @ jnp.linalg.solve(k0, ways.T))[-1]
+    soft = ways @ jax.vmap(functools.partial(solve, k0), out_axes=1)(ways)
+    softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
     weight = jnp.linalg.norm(force) + equations.rigid[0] * jnp.linalg.norm(gravity)
     unit = equations.size / (softness * jnp.where(weight > 0, weight, 1.0))
     groups = Groups((min(model.families),), (np.arange(len(k0)),))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.shapes import section_angle
+from jaxbeam._numerics.linalg import solve
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.span import Span, on
 
@@ -43,7 +44,7 @@ class Fit(NamedTuple):
             rows = jnp.concatenate([self.own, self.across])
             wanted, weight = jnp.concatenate([own, across]), np.tile(weight, 2)
         scaled = weight[:, None] * rows
-        found = jnp.linalg.solve(rows.T @ scaled, scaled.T @ wanted)
+        found = solve(rows.T @ scaled, scaled.T @ wanted)
         largest = jnp.max(jnp.abs(wanted))
         return found / jnp.sum(found), jnp.max(jnp.abs(rows @ found - wanted)) / largest
 

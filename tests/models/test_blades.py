@@ -387,7 +387,7 @@ def test_constant_tables_are_the_uniform_beam(model):
         slow(jb.Hybrid(6, 12, 12)),
         exhaustive(jb.Classical(6, 12, 12)),
         exhaustive(jb.VonKarman(24, 12, 12)),
-        exhaustive(jb.Hybrid(6, 14, 14, Polynomials(grading=2))),
+        exhaustive(jb.Hybrid(10, 14, 14, Polynomials(grading=2))),
     ],
     ids=name,
 )
@@ -436,11 +436,11 @@ VALUES = np.array([*OF_BEAM, 0.2, 0.3, 0.1, 50.0, 20.0, 0.05, 0.02, 0.01, 0.03])
 @pytest.mark.exhaustive
 def test_gradients_by_every_number():
     """By every value at a station and all the rest, against differences, in both modes; and a batch
-    is as single cases."""
-    model = jb.Hybrid(3, 6, 6)
+    is as single cases. Functions enough that what moves their choice does not count."""
+    model = jb.Hybrid(3, 14, 14)
 
     def frequency(values):
-        return jb.modes(model, built_from(values), 3.0, 4, throw=False).frequency
+        return jb.modes(model, built_from(values), 3.0, 3, throw=False).frequency
 
     exact = jax.jit(jax.jacfwd(frequency))(VALUES)
     step = 1e-5 * np.abs(VALUES)

@@ -210,9 +210,9 @@ def test_choices_for_a_step_within_elements():
 
 @pytest.mark.exhaustive
 def test_the_largest_steady_strain_is_beside_a_step():
-    """P / EA where EA falls to a tenth, in every theory; P(L / 2) = Omega^2 (1 - 1/4) / 2."""
-    steps = jb.Spanwise([0, 0.5, 0.5, 1], [1e4, 1e4, 1e3, 1e3])
+    """P / EA where EA falls to 0.7 of itself, in every theory; P(L / 2) = Omega^2 (1 - 1/4) / 2."""
+    steps = jb.Spanwise([0, 0.5, 0.5, 1], [1e4, 1e4, 7e3, 7e3])
     rotor = jb.Rotor(jb.Beam(1.0, 1.0, steps, 1.0, 1.0))
-    for model in (jb.Hybrid(2, 3, 0), jb.VonKarman(4, 2, 0), jb.EngineeringANCF(2)):
+    for model in (jb.Hybrid(2, 6, 0), jb.VonKarman(4, 6, 0), jb.EngineeringANCF(2)):
         strain = jb.modes(model, rotor, 8.0, 1).steady_strain
-        np.testing.assert_allclose(strain, 64 * 0.375 / 1e3, rtol=1e-6)
+        np.testing.assert_allclose(strain, 64 * 0.375 / 7e3, rtol=1e-6)

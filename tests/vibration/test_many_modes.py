@@ -260,8 +260,8 @@ class _SoftHybrid(jb.Hybrid):
 
 
 class _StiffHybrid(jb.Hybrid):
-    def linear_stiffness(self, rotor):
-        return 4 * super().linear_stiffness(rotor)
+    def linear_stiffness(self, rotor, shapes):
+        return 4 * super().linear_stiffness(rotor, shapes)
 
 
 class _SoftElements(jb.GreenANCF):
