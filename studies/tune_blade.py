@@ -94,11 +94,15 @@ def tune(margins: Any, limits: Any, rounds: int) -> Any:
     def cleared(kg: Any) -> Any:
         """At both ends of the range: between them harmonics change more than frequencies."""
         frequency = jax.vmap(lambda rpm: hertz(model, *share_of(kg), rpm))(speeds)
-        return clearance(frequency, speeds).min(0)
+        # The least of two, since that of an array has NaN for a derivative where a compiler finds
+        # the same number twice, once with more digits.
+        return jnp.minimum(*clearance(frequency, speeds))
 
     def one(margin: Any, limit: Any) -> tuple[Any, Any, Any]:
-        def again(state: Any, _: Any) -> tuple[Any, Any]:
-            kg, start = state
+        count = sum(2 - (above is None) for _, above in BETWEEN)
+        start = jnp.full(count, -1.0)
+
+        def again(kg: Any, _: Any) -> tuple[Any, Any]:
             now, slope = cleared(kg), jax.jacrev(cleared)(kg)
             lacking = margin - now + slope @ kg
 
@@ -115,11 +119,9 @@ def tune(margins: Any, limits: Any, rounds: int) -> Any:
             y = optx.minimise(cost, solver, start, max_steps=500, throw=False).value
             multiplier, gain = worth(y)
             least = multiplier @ lacking - jnp.sum(limit * jnp.maximum(gain, 0.0))
-            return (limit * jax.nn.sigmoid(gain / SOFTNESS), y), least
+            return limit * jax.nn.sigmoid(gain / SOFTNESS), least
 
-        count = sum(2 - (above is None) for _, above in BETWEEN)
-        start = jnp.zeros(limit.size), jnp.full(count, -1.0)
-        (kg, _), least = jax.lax.scan(again, start, None, rounds)
+        kg, least = jax.lax.scan(again, jnp.zeros(limit.size), None, rounds)
         return kg, cleared(kg).min(), least[-1]
 
     return jax.jit(jax.vmap(one))(margins, limits)

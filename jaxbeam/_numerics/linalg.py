@@ -53,6 +53,12 @@ def _lapack_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jnp.linalg.inv(a)
 
 
+def largest(a: Float[Array, "..."]) -> Float[Array, ""]:
+    """The largest of numbers, with the derivative of the one that it is. That of `jnp.max` divides
+    by how many are equal to it: none, where a compiler makes them twice, once with more digits."""
+    return a.reshape(-1)[jnp.argmax(a)]
+
+
 def dense(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"]:
     """The matrix as an array."""
     return a.dense() if isinstance(a, BlockTridiagonal) else a

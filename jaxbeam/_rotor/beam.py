@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, known, positive
+from jaxbeam._numerics.linalg import largest
 from jaxbeam._rotor.ends import RootSprings, TipBody
 from jaxbeam._rotor.parameters import TURN, Parameters, along_span, angle, optional, parameter
 from jaxbeam._rotor.span import Span, on, outboard
@@ -305,7 +306,7 @@ class Rotor(Parameters):
         before = span.at_edges(jnp.stack([share, span.xi * share], 1))
         outside, moment = (before[-1:] - before).T
         force = c0 + c1 * outside + c2 * moment
-        return jnp.max(jnp.concatenate([strain, force[:-1] / first, force[1:] / last]))
+        return largest(jnp.concatenate([strain, force[:-1] / first, force[1:] / last]))
 
     def tears(self, angular_speed: Number) -> Any:
         """Whether a uniform rod of constant axial stiffness has no steady state at this speed.

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.shapes import section_angle
-from jaxbeam._numerics.linalg import solve
+from jaxbeam._numerics.linalg import largest, solve
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.span import Span, on
 
@@ -45,8 +45,8 @@ class Fit(NamedTuple):
             wanted, weight = jnp.concatenate([own, across]), np.tile(weight, 2)
         scaled = weight[:, None] * rows
         found = solve(rows.T @ scaled, scaled.T @ wanted)
-        largest = jnp.max(jnp.abs(wanted))
-        return found / jnp.sum(found), jnp.max(jnp.abs(rows @ found - wanted)) / largest
+        misfit = largest(jnp.abs(rows @ found - wanted)) / largest(jnp.abs(wanted))
+        return found / jnp.sum(found), misfit
 
 
 def fit(rotor: AnyRotor) -> Fit:

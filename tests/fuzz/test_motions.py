@@ -188,7 +188,17 @@ def jumping(draw):
     p |= chosen(draw, units) | {"at": draw(places(3)), "base": units["angular_speed"]}
     p["share"] = np.array([draw(signed(sizes(-4, 0))) for _ in range(3)])
     p["base"] *= draw(st.sampled_from([0.0, 1.0]))
+    # Corners of the speed, before, between and after what jumps, and at one time in four with it.
+    p["corner"] = units["angular_speed"] * draw(st.sampled_from([0.0, 1.0, 3.0]))
+    p["change"] = draw(places(3))
+    p["change"][0] = draw(st.sampled_from([p["at"][0], *3 * [p["change"][0]]]))
     return p
+
+
+def steady_part(p, s, xp):
+    """Of the speed, at places of the run: all but its jumps."""
+    corners = xp.abs(s[..., None] - p["change"]).sum(-1) / 3
+    return p["base"] * xp.sin(3 * s) + p["corner"] * corners
 
 
 @functools.cache
@@ -202,14 +212,15 @@ def jumps(how):
                 steps = SHAPES["rise"](s)
             else:
                 steps = jnp.where(t > p["at"] * p["end"], 1.0, 0.0)
-            base = p["base"] * jnp.sin(3 * t / p["end"]) * (key == "angular_speed")
+            base = steady_part(p, t / p["end"], jnp) * (key == "angular_speed")
             return base + p[key] * jnp.sum(p["share"] * steps)
 
-        declared = {}
+        declared = {"changes": p["change"] * p["end"]}
         if how == "declared":
-            declared = {"jumps": p["at"] * p["end"]}
+            declared["jumps"] = p["at"] * p["end"]
         if how == "smooth":
-            declared = {"changes": jnp.concatenate([p["at"], p["at"] + RISE]) * p["end"]}
+            places = jnp.concatenate([p["change"], p["at"], p["at"] + RISE])
+            declared = {"changes": places * p["end"]}
         return run(MODEL, p, *scene(p, value, **declared), tight=how == "smooth")
 
     return jax.jit(one)
@@ -219,7 +230,8 @@ def jumps(how):
 @examples(20)
 @given(data=st.data())
 def test_jumps(data, watched):
-    """Declared they are the limit of short rises; not declared, those of velocity end the run."""
+    """Declared they are the limit of short rises, whatever changes are declared beside them; not
+    declared, those of velocity end the run."""
     p = data.draw(jumping(), "scene")
     apart = np.abs(np.subtract.outer(p["at"], p["at"]))[np.triu_indices(3, 1)]
     assume(((apart == 0) | (apart > SHORTEST)).all())
@@ -233,7 +245,7 @@ def test_jumps(data, watched):
         # The largest jump, over the largest velocity.
         inside = (p["at"] > 0) & (p["at"] < 1)
         t = np.linspace(0.0, 1.0, 4001)[:, None]
-        speed = p["base"] * np.sin(3 * t[:, 0])
+        speed = steady_part(p, t[:, 0], np)
         speed += p["angular_speed"] * ((t > p["at"]) @ p["share"])
         speed, lift = np.abs(speed).max(), np.abs(p["velocity"] * ((t > p["at"]) @ p["share"]))
         most = max(speed * (p["hub_radius"] + p["length"]), lift.max())

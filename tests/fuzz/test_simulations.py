@@ -151,7 +151,7 @@ def simulation(case):
             throw=False, **controls(p),
         )  # fmt: skip
         asked = jb.solvers.State(jnp.zeros(n), jnp.zeros(n)) if start is None else start
-        energies, rates, power = jax.vmap(functools.partial(books, found.scene))(
+        energies, rates, power, damped = jax.vmap(functools.partial(books, found.scene))(
             found.times, found.state
         )
         equations, rest = found.scene.equations, jnp.zeros(n)
@@ -172,6 +172,7 @@ def simulation(case):
             "steps": found.solution.stats["num_steps"],
             "parts": energies,
             "power": power,
+            "damped": damped,
             "matrices": (dense(stiffness), dense(equations.mass)),
             "rates": rates,
         }
@@ -181,7 +182,7 @@ def simulation(case):
 
 def books(scene, t, y):
     """Energies seen from the hub, and energy in the inertial frame beyond that of the rigid beam;
-    their rates, the last by the power of hub, loads and damping."""
+    their rates, the last by the power of hub, loads and damping; this; and what damping takes."""
     hub, equations = scene.hub(t), scene.equations
     spin, none = hub.angular_velocity, jnp.zeros(3)
     _, first, second = equations.rigid
@@ -202,9 +203,11 @@ def books(scene, t, y):
     if (force := scene.loads.at_tip(t)) is not None:
         power += of(force, equations.tip, equations.end)
     lost = equations.nonconservative_force(y.q)
+    damped = jnp.zeros_like(lost)
     if (damping := scene.damping).mass is not None:
-        lost += damping.mass * jax.grad(equations.kinetic_energy, 1)(y.q, y.v, none, none)
-        lost += damping.stiffness * equations.viscous_force(y.q, y.v)
+        damped += damping.mass * jax.grad(equations.kinetic_energy, 1)(y.q, y.v, none, none)
+        damped += damping.stiffness * equations.viscous_force(y.q, y.v)
+        lost += damped
 
     def energies(t, y):
         rigid = carried_by(scene.hub(t))[0]
@@ -212,7 +215,7 @@ def books(scene, t, y):
 
     moving = jb.solvers.State(y.v, scene.acceleration(t, y.q, y.v))
     values, rates = jax.jvp(energies, (t, y), (jnp.ones_like(t), moving))
-    return values, jnp.append(rates, power - lost @ y.v), torque @ spin
+    return values, jnp.append(rates, power - lost @ y.v), torque @ spin, damped @ y.v
 
 
 def integrals(rates, width):
@@ -253,6 +256,7 @@ def check_simulation(case, p):
     size = (np.abs(rates).sum(1) + np.abs(found["power"])).max()
     size = max(size, 1e-200)  # products of numbers as small as that are rounded to the least number
     assert np.abs(rates[:, 3] - rates[:, 4]).max() <= 1e-10 * size
+    assert (found["damped"] >= -1e-12 * size).all()
     # Integrated it is the change of energy, if output times resolve all that goes on. Where a beam
     # is bent far, nothing is known of how fast that is.
     width = p["end"] / (OUTPUTS - 1)
