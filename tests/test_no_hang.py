@@ -36,7 +36,7 @@ def calls(program):
 
 
 def modes(model):
-    return lambda rotor: jb.modes(model, rotor, 3.0, 4, throw=False).frequency
+    return lambda rotor: jb.modes(model, rotor, 3.0, 2, throw=False).frequency
 
 
 def rest(model):
@@ -55,10 +55,11 @@ def polynomials(rotor):
 @pytest.mark.parametrize(
     "answer",
     [
-        modes(jb.Hybrid(4, 6, 6)),
-        buckling,
-        slow(polynomials),
-        slow(rest(jb.EngineeringANCF(3))),
+        modes(jb.Hybrid(0, 4, 0)),
+        slow(buckling),
+        exhaustive(modes(jb.Hybrid(4, 6, 6))),
+        exhaustive(polynomials),
+        exhaustive(rest(jb.EngineeringANCF(3))),
         exhaustive(modes(jb.VonKarman(3, 6, 6))),
         exhaustive(modes(jb.SpatialANCF(2))),
         exhaustive(rest(jb.Hybrid(4, 6, 6))),
@@ -66,14 +67,14 @@ def polynomials(rotor):
     ],
 )
 def test_lapack_meets_one_matrix_at_a_time(answer):
-    """So do the programs of derivatives, in both modes."""
+    """In programs of derivatives, in both modes, where values are made as well."""
 
     def case(values):
         stiffness = jb.Spanwise([0.0, 1.0], values)
         return answer(jb.Rotor(dataclasses.replace(BLADE, in_plane_bending_stiffness=stiffness)))
 
     batch = jnp.asarray([[9.0, 2.0], [8.0, 3.0]])
-    for derivative in (lambda f: f, jax.jacfwd, jax.jacrev):
+    for derivative in (jax.jacfwd, jax.jacrev):
         program = jax.make_jaxpr(jax.vmap(derivative(case)))(batch)
         shapes = [eqn.invars[0].aval.shape for eqn in calls(program)]
         assert shapes
