@@ -21,7 +21,7 @@ def lowest(model):
     """The search of `modes` in batches; what it cannot vouch for is mended one by one."""
     wanted = choose(model, 3)
     bands = bands_of(model, wanted.most, wanted.count)
-    return lambda speed: bands.lowest(*checked_case(model, jb.Rotor(BEAM), speed), None)
+    return lambda speed: bands.lowest(*checked_case(model, jb.Rotor(BEAM), speed)[1:], None)
 
 
 def spun_up(speed):
