@@ -148,7 +148,7 @@ class _Nodal(_ANCF):
                 torn = rotor.tears(speed)
             else:
                 k, _ = equations.tangents(hub, q, zero, None)
-                torn = positive_definite(dense(k)[axial][:, axial]) == 0
+                torn = ~positive_definite(dense(k)[axial][:, axial])
             status = jnp.where(torn, Status.NO_EQUILIBRIUM, status)
         return q, status
 

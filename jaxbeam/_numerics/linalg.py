@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import sequential_vmap
-from jaxtyping import Array, Float, Inexact, Int
+from jaxtyping import Array, Bool, Float, Inexact, Int
 
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.gauss_jordan import gauss_jordan
@@ -349,10 +349,14 @@ def eigensystem(
     return mu, right, left
 
 
+def positive_definite(a: Float[Array, "n n"]) -> Bool[Array, ""]:
+    """Whether a symmetric matrix has a Cholesky factor."""
+    return _factor(jax.lax.stop_gradient(a)) > 0
+
+
 @sequential_vmap
-def positive_definite(a: Float[Array, "n n"]) -> Int[Array, ""]:
-    """1 where a symmetric matrix is positive definite, else 0."""
-    return jnp.all(jnp.isfinite(cholesky(a))).astype(int)
+def _factor(a: Float[Array, "n n"]) -> Float[Array, ""]:
+    return jnp.all(jnp.isfinite(cholesky(a))).astype(a.dtype)
 
 
 @jax.custom_jvp
