@@ -33,6 +33,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.basis import Basis, Functions, Polynomials
 from jaxbeam._models.families import Family
 from jaxbeam._numerics.linalg import principal_rows
+from jaxbeam._numerics.platforms import once
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
@@ -41,7 +42,7 @@ Counts = tuple[int, int, int]  # of axial, in-plane and flap functions
 # The family of each of these, and where its direction is among the axes.
 FAMILIES = (Family.AXIAL, Family.IN_PLANE, Family.FLAP)
 _FALLS = 6.0  # the share of a load with the power of its number
-_MORE = 6  # points of a segment, besides those that polynomials need
+_MORE = 4  # points of a segment, besides those that polynomials need
 
 
 class Ends(NamedTuple):
@@ -144,7 +145,8 @@ def span_of(kind: Kind, rotor: Rotor, finer: int = 1) -> Span:
     """Points of integration; `finer` cuts segments into so many."""
     beam = rotor.beam
     cut = shortened(beam.edges, kind.grading > 1)
-    points = Polynomials(kind.grading).points(kind.points, cut, _MORE)
+    more = _MORE if kind.grading == 1 else 2 * _MORE  # towards the root powers are not whole
+    points = Polynomials(kind.grading).points(kind.points, cut, more)
     if finer > 1:
         inner = np.linspace(cut[:-1], cut[1:], finer, endpoint=False).T.ravel()
         cut = (*inner.tolist(), 1.0)
@@ -174,7 +176,10 @@ class Profile(eqx.Module):
             )
         )  # fmt: skip
         angle = section_angle(rotor, functools.partial(on, span=span))
-        turn = None if angle is None else (jnp.cos(angle), jnp.sin(angle))
+        turn = None
+        if angle is not None:
+            cos, sin = once(jnp.stack([jnp.cos(angle), jnp.sin(angle)]))
+            turn = cos, sin
         return cls(span, beam.length * mass, axial, in_plane, flap, turn)
 
     @property
@@ -209,7 +214,7 @@ class Loaded(eqx.Module):
         mean = beam.mean
         share, outside, moment = outboard(beam.mass_per_length, span)
         most = max(*kind.counts, 1)
-        shapes = polynomials(span.xi ** (1 / kind.grading), most)
+        shapes = once(polynomials(span.xi ** (1 / kind.grading), most).T).T
         force = span.beyond(share[:, None] * shapes)
         moments = _ordered(span.beyond(force), 1 - span.xi, rotor.tip is not None)
         beside = rotor.tip_mass / beam.mass * rotor.reach / length
@@ -336,7 +341,14 @@ class Shape(NamedTuple):
 def finer(kind: Kind, rotor: Rotor, mixes: Mixes, parts: Sequence[Array]) -> tuple[Profile, Shape]:
     """At twice as many points what coordinates, by direction, are."""
     loaded = Loaded.on(kind, rotor, span_of(kind, rotor, finer=2))
-    return loaded.profile, Shape.of(*integrated(loaded, mixes, rotor, parts))
+    both = [jnp.concatenate([q.real, q.imag], 1) for q in parts]
+    at, ends = integrated(loaded, mixes, rotor, both)
+
+    def joined(a: Array) -> Array:
+        sides = a.reshape(*a.shape[:-1], 3, 2, -1)
+        return jax.lax.complex(sides[..., 0, :], sides[..., 1, :])
+
+    return loaded.profile, Shape(*map(joined, (*at, *ends)))
 
 
 def of_basis(basis: Basis, counts: Counts, span: Span, parts: Sequence[Array]) -> Shape:

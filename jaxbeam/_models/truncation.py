@@ -167,16 +167,20 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> S
 
     def inertia(moved: Array) -> Array:
         """Forces over the mass, of displacements (..., 3, k)."""
-        zero = jnp.zeros_like(drags)
-        rows = [[-swings, drags, zero], [-drags, -swings, zero], [zero, zero, -square]]
-        return jnp.einsum("ijk,...jk->...ik", jnp.stack([jnp.stack(row) for row in rows]), moved)
+        along, in_plane, flap = (moved[..., way, :] for way in range(3))
+        swing, drag, own = (
+            a.reshape(*(1,) * (along.ndim - 1), -1) for a in (swings, drags, square)
+        )
+        rows = [drag * in_plane - swing * along, -drag * along - swing * in_plane]
+        return jnp.stack([*rows, -own * flap], -2)
 
     at_tip = case.rotor.tip_mass * inertia(case.tip(x))
-    force = span.beyond(profile.mass[:, None, None] * inertia(x.value))
+    carried = profile.mass[:, None, None] * inertia(x.value)
+    force = span.beyond(carried[:, 1:])
     arm: Any = 0.0 if case.rotor.tip is None else case.rotor.tip.offset / length
     bends = x.slope[:, 1:]
     moment = (
-        length * span.beyond(force[:, 1:])
+        length * span.beyond(force)
         + length * at_tip[None, 1:] * (1 - span.xi + arm)[:, None, None]
         - span.beyond(case.pull[:, None, None] * bends)
     )
@@ -189,14 +193,18 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> S
             moment = moment + length * body.wound * winding
     bent = length**2 * _curvatures(case, moment) - x.curvature[:, 1:]
     bent = bent * np.sign(case.counts[1:])[None, :, None]
-    strain = length / profile.axial[:, None] * (force[:, 0] + at_tip[None, 0]) - x.slope[:, 0]
-    strain = strain * np.sign(case.counts[0])
+    strain = moved = jnp.zeros_like(bent[:, :1])
+    if case.counts[0]:
+        pulled = span.beyond(carried[:, :1]) + at_tip[None, :1]
+        strain = length / profile.axial[:, None, None] * pulled - x.slope[:, :1]
+        moved = span.up_to(strain)
     turned = span.up_to(bent)
-    slope = jnp.concatenate([strain[:, None], turned], 1)
+    slope = jnp.concatenate([strain, turned], 1)
     none = jnp.zeros_like(x.tip)
     turn = none.at[1:].set(span.total(bent))
-    curvature = jnp.concatenate([jnp.zeros_like(bent[:, :1]), bent], 1)
-    return Shape(span.up_to(slope), slope, curvature, span.total(slope), turn, none)
+    curvature = jnp.concatenate([0 * strain, bent], 1)
+    value = jnp.concatenate([moved, span.up_to(turned)], 1)
+    return Shape(value, slope, curvature, span.total(slope), turn, none)
 
 
 def _curvatures(case: _Case, moment: Array) -> Array:

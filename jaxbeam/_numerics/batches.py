@@ -86,6 +86,58 @@ def _batch(
     return function
 
 
+def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None) -> Any:
+    """`one` of arrays; a CPU takes a batch case by case, what is `quick` elsewhere all at once.
+
+    For calls of libraries, which take batches on a GPU and would start many kernels for each case
+    there. `quick` finds the same, and whether it did; where it did not, `one` does, case by case.
+    Without it `one` itself takes the batch.
+    """
+    function = custom_vmap(one)
+
+    @function.def_vmap
+    def rule(size: int, batched: Any, *given: Array) -> tuple[Any, Any]:
+        axes = [0 if own else None for own in batched]
+
+        def on_cpu(*given: Array) -> Any:
+            def each(own: list[Array]) -> Any:
+                moving = iter(own)
+                here = [
+                    a if axis is None else next(moving) for a, axis in zip(given, axes, strict=True)
+                ]
+                return function(*here)
+
+            return jax.lax.map(each, [a for a, axis in zip(given, axes, strict=True) if axis == 0])
+
+        def elsewhere(*given: Array) -> Any:
+            if quick is None:
+                return jax.vmap(one, axes)(*given)
+            found, certain = jax.vmap(quick, axes)(*given)
+
+            def again(which: Array) -> Any:
+                return one(
+                    *(a if axis is None else a[which] for a, axis in zip(given, axes, strict=True))
+                )
+
+            return mended(found, certain, again)
+
+        out = by_platform(*given, cpu=on_cpu, default=elsewhere)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return function
+
+
+def mended(found: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
+    """What was found of a batch; what is not certain is found `again`, case by case."""
+    doubtful = jnp.argsort(certain)
+
+    def mend(i: Array, found: Any) -> Any:
+        which = doubtful[i]
+        return jax.tree.map(lambda all, one: all.at[which].set(one), found, again(which))
+
+    return jax.lax.fori_loop(0, jnp.sum(~certain), mend, found)
+
+
 def _flat(more: int, size: int, a: Array, own: bool, varies: bool) -> Array:
     """A leaf of a batch of batches as one of a batch."""
     if not own:

@@ -2,9 +2,10 @@
 
 Two independent *batched* LAPACK calls in one XLA program can wait for each other for ever on a
 machine with two cores: each is split into tasks for the thread pool whose workers they block.
-Everything below therefore meets LAPACK one matrix at a time. `sequential_vmap` turns `vmap` into a
-loop over single calls, which leaves LAPACK to one core but costs little besides (it is where
-the time goes), and gives each lane its own branches and its own number of iterations.
+Everything below therefore meets LAPACK one matrix at a time. `one_by_one` turns `vmap` into a loop
+over single calls, which leaves LAPACK to one core but costs little besides (it is where the time
+goes), and gives each lane its own branches and its own number of iterations. On a GPU, whose
+libraries take batches, all lanes go at once.
 """
 
 from collections.abc import Callable
@@ -13,15 +14,15 @@ from typing import Any, NamedTuple, overload
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Inexact, Int
 
+from jaxbeam._numerics.batches import one_by_one
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.gauss_jordan import gauss_jordan
 from jaxbeam._numerics.loose import cholesky, lower_solve, reduced, settled, shift, unshifted
 
 
-@sequential_vmap
+@one_by_one
 def _lapack_solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, " n"]:
     return jnp.linalg.solve(a, b)
 
@@ -48,7 +49,7 @@ def quotient(a: Inexact[Array, ""], b: Inexact[Array, ""]) -> Inexact[Array, ""]
     return jax.lax.custom_linear_solve(lambda x: b * x, a, divide, divide)
 
 
-@sequential_vmap
+@one_by_one
 def _lapack_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jnp.linalg.inv(a)
 
@@ -233,14 +234,23 @@ class _Planar(NamedTuple):
 
 
 def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[Array, ...]]:
-    @sequential_vmap
-    def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
-        n = m.shape[0]
-        plane = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(n) < nt)[:, None])
-        lu = cholesky(k[nt:, nt:])
-        lw = cholesky(k[:nt, :nt])
+    def factors(m: Array, gyro: Array, k: Array) -> tuple[_Planar, Array, Array, Array, Array]:
+        """The system, the factors of K, and whether there is the axial one, and the other."""
+        plane = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(len(m)) < nt)[:, None])
+        lu, lw = cholesky(k[nt:, nt:]), cholesky(k[:nt, :nt])
         # Where there is no factor all of its entries are NaN, so that the first one tells.
         axial_ok, stable = (jnp.all(jnp.isfinite(factor[:1, :1])) for factor in (lu, lw))
+        return plane, lu, lw, axial_ok, stable
+
+    def stable(m: Array, gyro: Array, k: Array) -> tuple[tuple[Array, Array, Array], Array]:
+        plane, lu, lw, axial_ok, fine = factors(m, gyro, k)
+        lam, x = plane.definite(lw, lu)
+        fine &= axial_ok & jnp.all(jnp.isfinite(lam)) & jnp.all(jnp.isfinite(x))
+        return (lam, x.T, axial_ok.astype(int)), fine
+
+    def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+        n = m.shape[0]
+        plane, lu, lw, axial_ok, stable = factors(m, gyro, k)
         finite = jnp.all(jnp.isfinite(m + gyro + k))
 
         def definite(_: None) -> tuple[Array, Array]:
@@ -265,7 +275,7 @@ def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[A
         lam, x = jax.lax.switch(case, cases, None)
         return lam, x.T, axial_ok.astype(int)
 
-    return solver
+    return one_by_one(solver, None if free else stable)
 
 
 def gyroscopic_eigenpairs(
@@ -287,13 +297,13 @@ def gyroscopic_eigenpairs(
     return BlockPairs(*solver(mass, gyroscopic, stiffness))
 
 
-@sequential_vmap
+@one_by_one
 def _gyroscopic(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     lam, x, stable = _by_skew(m, gyro, k)
     return lam, x.T, stable.astype(int)
 
 
-@sequential_vmap
+@one_by_one
 def _gyroscopic_free(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     def found(more: Array) -> tuple[Array, Array, Array]:
         lam, x, stable = _by_skew(m, gyro, k + more * m)
@@ -327,10 +337,10 @@ def symmetric_modes(
 
     From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
     """
-    return sequential_vmap(_settled_modes if free else _symmetric_modes)(mass, stiffness)[0]
+    return one_by_one(_settled_modes if free else _symmetric_modes)(mass, stiffness)[0]
 
 
-@sequential_vmap
+@one_by_one
 def lowest_eigenpair(
     a: Float[Array, "n n"], b: Float[Array, "n n"]
 ) -> tuple[Float[Array, ""], Float[Array, " n"]]:
@@ -340,7 +350,7 @@ def lowest_eigenpair(
     return mu[0], lower_solve(f, y[:, :1], transpose=True)[:, 0]
 
 
-@sequential_vmap
+@one_by_one
 def eigensystem(
     a: Float[Array, "n n"],
 ) -> tuple[Inexact[Array, " n"], Inexact[Array, "n n"], Inexact[Array, "n n"]]:
@@ -354,13 +364,13 @@ def positive_definite(a: Float[Array, "n n"]) -> Bool[Array, ""]:
     return _factor(jax.lax.stop_gradient(a)) > 0
 
 
-@sequential_vmap
+@one_by_one
 def _factor(a: Float[Array, "n n"]) -> Float[Array, ""]:
     return jnp.all(jnp.isfinite(cholesky(a))).astype(a.dtype)
 
 
 @jax.custom_jvp
-@sequential_vmap
+@one_by_one
 def principal_rows(a: Float[Array, "m n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """Singular values of a tall matrix, the largest first, and its right singular vectors as rows;
     taken to be constant where derivatives are asked for."""

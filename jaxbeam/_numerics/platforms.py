@@ -4,11 +4,20 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax.extend import backend
+from jaxtyping import Array
 
 # For what a function is traced: "cpu", "others", or, outside of `by_platform`, None. JAX's caches
 # see a context of this kind, so that what is traced for one is not taken for the other.
 _TRACED_FOR = jax.make_user_context(None)
+
+
+def once(rows: Array) -> Array:
+    """Rows of numbers (k, p), which are computed once: compilers for CPUs would rather make what is
+    dear, a cosine say, anew for each of the many numbers that it is a factor of. What they do not
+    put off is a product of matrices, if only with the unit matrix."""
+    return jnp.eye(len(rows), dtype=rows.dtype) @ rows
 
 
 def by_platform(*args: Any, cpu: Callable[..., Any], default: Callable[..., Any]) -> Any:

@@ -5,7 +5,7 @@ All costs grow with the number of points, not with its square.
 
 import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import equinox as eqx
@@ -15,9 +15,12 @@ import numpy as np
 from jaxtyping import Array
 from numpy.polynomial import chebyshev, legendre
 
+from jaxbeam._numerics.platforms import once
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, at_ends
 
-_LONGEST = 1 / 32  # of a segment, so that what is not smooth there is seen at least
+# Segments of a beam at least, so that what is not smooth is seen; where a table has fewer intervals
+# several are in each, which follow stiffnesses that fall to both ends of it by decades.
+_FEWEST = 48
 _STEEPEST = 8.0  # logarithm of the ratio of stiffnesses at the ends of a segment that is followed
 
 
@@ -28,14 +31,17 @@ class Span(eqx.Module):
     a stiffness is small: with s = (e^(r t) - 1) / (e^r - 1) a stiffness that is linear in the
     segment and grows by e^r is an exponential of t, so that its reciprocal, which is nearly
     singular where the beam is soft, is as smooth as it is. Arrays at points are (p, ...), segment
-    by segment, p of them in all.
+    by segment, p of them in all. Of two stiffnesses one may be small at the start and one at the
+    end, r_0 and r_1: then points crowd to both, ds / dt goes with the product of the two, and
+
+        s = (e^(r t) - 1) / (e^(r_0) - 1 + e^(r t) (1 - e^(-r_1))),   r = r_0 + r_1.
     """
 
     s: Any  # (p,) place in the segment, from 0 to 1
     xi: Any  # (p,) x / L
     weight: Any  # (p,) int_0^1 f = weight.f
     rate: Any  # (p,) d xi / dt
-    steepness: Any  # (e,) r
+    steepness: Any  # (2, e) r_0 and r_1
     edges: tuple[float, ...] = eqx.field(static=True)
     points: int = eqx.field(static=True)  # of each segment
 
@@ -45,9 +51,10 @@ class Span(eqx.Module):
         t, _ = _gauss(points)
         start, length = np.asarray(edges[:-1])[:, None], np.diff(edges)[:, None]
         if steepness is None:
-            known = np.zeros(length.size)
+            known = np.zeros((2, length.size))
             return cls._of(t + 0 * length, start + length * t, length + 0 * t, known, edges, points)
-        s, pace = _crowded(steepness[:, None], t[None])
+        both = jnp.stack(_crowded(steepness[..., None], t[None]))
+        s, pace = once(both.reshape(2, -1)).reshape(both.shape)
         return cls._of(s, start + length * s, length * pace, steepness, edges, points)
 
     @classmethod
@@ -58,7 +65,7 @@ class Span(eqx.Module):
         root = places[:-1, None] + np.diff(places)[:, None] * t
         xi, rate = root**grading, np.diff(places)[:, None] * grading * root ** (grading - 1)
         s = (xi - np.asarray(edges[:-1])[:, None]) / np.diff(edges)[:, None]
-        return cls._of(s, xi, rate, np.zeros(len(edges) - 1), edges, points)
+        return cls._of(s, xi, rate, np.zeros((2, len(edges) - 1)), edges, points)
 
     @classmethod
     def _of(cls, s: Any, xi: Any, rate: Any, steepness: Any, edges: Any, points: int) -> Self:
@@ -69,25 +76,25 @@ class Span(eqx.Module):
     def following(
         cls, stiffnesses: Sequence[Property], edges: tuple[float, ...], points: int
     ) -> Self:
-        """Points that crowd where, of these stiffnesses, that which varies most is small."""
+        """Points that crowd where one of these stiffnesses is small."""
         ratios = jnp.stack([_steepness(stiffness, edges) for stiffness in stiffnesses])
-        most = jnp.argmax(jnp.abs(ratios), 0)
+        both = jnp.stack([jnp.max(jnp.maximum(sign * ratios, 0.0), 0) for sign in (1.0, -1.0)])
         # Where points are does not change what an integral is.
-        ratio = jax.lax.stop_gradient(jnp.take_along_axis(ratios, most[None], 0)[0])
-        return cls.between(edges, points, ratio)
+        return cls.between(edges, points, jax.lax.stop_gradient(both))
 
     def up_to(self, f: Any) -> Array:
         """int_0^xi f at the points, from values of f there."""
-        return self._integrated(f, _inside(self.points), forward=True)
+        return _by_parts(lambda f: self._integrated(f, _inside(self.points), forward=True), f)
 
     def beyond(self, f: Any) -> Array:
         """int_xi^1 f at the points. Not the difference of the whole and of what is before: towards
         the tip that would be rounding alone."""
-        return self._integrated(f, _inside(self.points)[::-1, ::-1], forward=False)
+        back = _inside(self.points)[::-1, ::-1]
+        return _by_parts(lambda f: self._integrated(f, back, forward=False), f)
 
     def total(self, f: Any) -> Array:
         """int_0^1 f."""
-        return jnp.tensordot(jnp.asarray(self.weight), f, 1)
+        return _by_parts(lambda f: jnp.tensordot(jnp.asarray(self.weight), f, 1), f)
 
     def at_edges(self, f: Any) -> Array:
         """int_0^xi f at the edges, (e + 1, ...)."""
@@ -99,9 +106,11 @@ class Span(eqx.Module):
         edges = np.asarray(self.edges)
         where = np.clip(np.searchsorted(edges, xi, side="right") - 1, 0, edges.size - 2)
         s = (xi - edges[where]) / np.diff(edges)[where]
-        r = jnp.asarray(self.steepness)[where]
-        safe = jnp.where(jnp.abs(r) < _FLAT, 1.0, r)
-        t = jnp.where(jnp.abs(r) < _FLAT, s, jnp.log1p(s * jnp.expm1(safe)) / safe)
+        first, last = jnp.asarray(self.steepness)[:, where]
+        flat = first + last < _FLAT
+        first, last = jnp.where(flat, 1.0, first), jnp.where(flat, 0.0, last)
+        t = jnp.log1p(s * jnp.expm1(first)) - jnp.log1p(s * jnp.expm1(-last))
+        t = jnp.where(flat, s, t / (first + last))
         rows = polynomials(t, self.points) @ _chebyshev_coefficients(self.points)
         f = f.reshape(len(self.edges) - 1, self.points, *f.shape[1:])
         return jnp.einsum("qp,qp...->q...", rows, f[where])
@@ -119,19 +128,31 @@ class Span(eqx.Module):
         return (within + _before(parts, forward)[:, None]).reshape(f.shape)
 
 
+def _by_parts(function: Callable[[Array], Array], f: Any) -> Array:
+    """A linear function with real coefficients, which of complex numbers takes several times as
+    long as of their parts."""
+    if not jnp.iscomplexobj(f):
+        return function(f)
+    both = function(jnp.concatenate([f.real, f.imag], -1))
+    return jax.lax.complex(*jnp.split(both, 2, -1))
+
+
 def _before(parts: Array, forward: bool) -> Array:
-    """Sums of all parts before each, or behind it."""
-    e = len(parts)
-    if e <= _SMALL:  # a small matrix compiles much faster than a running sum
-        rows = np.tri(e, k=-1)
-        return jnp.tensordot(rows if forward else rows.T, parts, 1)
-    sums = jnp.cumsum(parts if forward else parts[::-1], 0)
-    before = jnp.concatenate([0 * sums[:1], sums[:-1]])
-    return before if forward else before[::-1]
+    """Sums of all parts before each, or behind it: in groups, and over groups, which compiles as
+    two small matrices do, much faster than a running sum."""
+    size = int(np.ceil(np.sqrt(len(parts))))
+    groups = -(-len(parts) // size)
+    beyond = ((0, groups * size - len(parts)), *((0, 0),) * (parts.ndim - 1))
+    grouped = jnp.pad(parts, beyond).reshape(groups, size, *parts.shape[1:])
+    inside, outside = (
+        rows if forward else rows.T for rows in (np.tri(size, k=-1), np.tri(groups, k=-1))
+    )
+    before = jnp.einsum("ij,gj...->gi...", inside, grouped)
+    before = before + jnp.tensordot(outside, jnp.sum(grouped, 1), 1)[:, None]
+    return before.reshape(-1, *parts.shape[1:])[: len(parts)]
 
 
 _NEARER, _TURNS = 4.0, 10  # towards the root, where there are powers that are not whole
-_SMALL = 256
 _FLAT = 1e-2  # ratios whose logarithm is below need no crowding
 
 
@@ -171,22 +192,23 @@ def _steepness(stiffness: Property, edges: tuple[float, ...]) -> Array:
 
 def _crowded(r: Array, t: np.ndarray) -> tuple[Array, Array]:
     """s(t) and ds/dt."""
-    flat = jnp.abs(r) < _FLAT
-    safe = jnp.where(flat, 1.0, r)
-    whole = jnp.expm1(safe)
-    s = jnp.where(flat, t, jnp.expm1(safe * t) / whole)
-    return s, jnp.where(flat, 1.0, safe * jnp.exp(safe * t) / whole)
+    flat = r[0] + r[1] < _FLAT
+    first, last = jnp.where(flat, 1.0, r[0]), jnp.where(flat, 0.0, r[1])
+    soft, end = jnp.expm1(first), -jnp.expm1(-last)
+    rise = jnp.expm1((first + last) * t)
+    below = soft + (1 + rise) * end
+    pace = (first + last) * (1 + rise) * (soft + end) / below**2
+    return jnp.where(flat, t, rise / below), jnp.where(flat, 1.0, pace)
 
 
 @functools.lru_cache(maxsize=64)
 def shortened(edges: tuple[float, ...], root: bool = False) -> tuple[float, ...]:
-    """Edges with others between them, four parts at least: so that no segment is too long, and two
-    stiffnesses of which one falls where the other rises are followed, each near its end. With
-    `root` they go on towards the root as a geometric series does, for powers of x that are not
-    whole."""
-    out = [0.0]
+    """Edges with others between them, so that no segment is too long and none of few has to follow
+    too much. With `root` they go on towards the root as a geometric series does, for powers of x
+    that are not whole."""
+    out, each = [0.0], -(-_FEWEST // (len(edges) - 1))
     for start, end in itertools.pairwise(edges):
-        parts = 4 * max(int(np.ceil((end - start) / (4 * _LONGEST) - 1e-9)), 1)
+        parts = max(int(np.ceil((end - start) * _FEWEST / 2 - 1e-9)), each)
         out += [*np.linspace(start, end, parts + 1)[1:-1].tolist(), end]
     near = (out[1] * _NEARER ** np.arange(-_TURNS, 0.0)).tolist() if root else []
     return (0.0, *near, *out[1:])

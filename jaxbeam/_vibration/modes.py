@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Inexact
 
 from jaxbeam._models.base import AbstractModel, LinearSystem, checked_case, guarded
 from jaxbeam._models.families import Family, Label, Plane, is_hinged
-from jaxbeam._numerics.batches import batchable
+from jaxbeam._numerics.batches import batchable, mended
 from jaxbeam._numerics.linalg import quotient, solve
 from jaxbeam._numerics.platforms import by_platform
 from jaxbeam._numerics.program import Program
@@ -128,18 +128,13 @@ def _search(
         axes = [0 if varies else None for varies in own]
 
         def by_bands(leaves: list[Array]) -> Modes:
-            found, certain = jax.vmap(quick, (axes,))(leaves)
-            doubtful, rest = jnp.argsort(certain), jnp.sum(~certain)
-
-            def mend(i: Array, found: Any) -> Any:
-                which = doubtful[i]
+            def again(which: Array) -> Modes:
                 here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
                 _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
                 # Not the matrices that are there: they need not be made of all cases then.
-                mended = general(model.matrices(rotor, speed), wanted)
-                return jax.tree.map(lambda all, one: all.at[which].set(one), found, mended)
+                return general(model.matrices(rotor, speed), wanted)
 
-            return jax.lax.fori_loop(0, rest, mend, found)
+            return mended(*jax.vmap(quick, (axes,))(leaves), again)
 
         if size >= MANY:
             return by_bands(leaves)
