@@ -42,7 +42,7 @@ Counts = tuple[int, int, int]  # of axial, in-plane and flap functions
 # The family of each of these, and where its direction is among the axes.
 FAMILIES = (Family.AXIAL, Family.IN_PLANE, Family.FLAP)
 _FALLS = 6.0  # the share of a load with the power of its number
-_MORE = 4  # points of a segment, besides those that polynomials need
+_MORE = 5  # points of a segment, besides those that polynomials need
 
 
 class Ends(NamedTuple):
@@ -145,7 +145,7 @@ def span_of(kind: Kind, rotor: Rotor, finer: int = 1) -> Span:
     """Points of integration; `finer` cuts segments into so many."""
     beam = rotor.beam
     cut = shortened(beam.edges, kind.grading > 1)
-    more = _MORE if kind.grading == 1 else 2 * _MORE  # towards the root powers are not whole
+    more = _MORE + 3 * (kind.grading > 1)  # towards the root powers are not whole
     points = Polynomials(kind.grading).points(kind.points, cut, more)
     if finer > 1:
         inner = np.linspace(cut[:-1], cut[1:], finer, endpoint=False).T.ravel()
