@@ -44,9 +44,12 @@ class _Case(NamedTuple):
     def span(self) -> Span:
         return self.profile.span
 
-    def total(self, weight: Any, x: Any, y: Any) -> Array:
-        """int weight x^H y by x / L."""
-        return self.span.total(weight.reshape(-1, *(1,) * (x.ndim - 1)) * x.conj() * y)
+    def total(self, weight: Any, x: Array, y: Array | None = None) -> Array:
+        """int weight x^H y by x / L; without y x^H x, which is real."""
+        weight = weight.reshape(-1, *(1,) * (x.ndim - 1))
+        if y is None:
+            return self.span.total(weight * (x.real**2 + x.imag**2))
+        return self.span.total(_times(weight, x.conj() * y))
 
     def tip(self, x: Shape) -> Array:
         """Displacements (3, k) of the centre of the mass at the tip."""
@@ -122,6 +125,11 @@ def tension(profile: Profile, rotor: Rotor, speed: Scalar, rounds: int = 0) -> A
     return pull
 
 
+def _times(real: Array, x: Array) -> Array:
+    """The product, for which compilers would make the real factor complex."""
+    return jax.lax.complex(real * x.real, real * x.imag)
+
+
 def _winding(case: _Case, x: Shape) -> Array:
     """int (v' w'' - w' v'') by x / L, of k shapes."""
     v, w = x.slope[:, 1].conj(), x.slope[:, 2].conj()
@@ -134,18 +142,17 @@ def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array, Arr
     profile, length, mass, at_tip = (
         case.profile, case.rotor.beam.length, case.rotor.tip_mass, case.tip(x)
     )  # fmt: skip
-    carried = case.total(profile.mass, x.value, x.value) + mass * jnp.abs(at_tip) ** 2
+    carried = case.total(profile.mass, x.value) + mass * jnp.abs(at_tip) ** 2
     swept = case.total(profile.mass, x.value[:, 1], x.value[:, 0])
     swept = swept + mass * at_tip[1].conj() * at_tip[0]
     strain = x.slope[:, 0]
     first, second = profile.turned(x.curvature[:, 1], x.curvature[:, 2])
     energy = (
-        case.total(profile.axial / length, strain, strain)
-        + case.total(profile.in_plane / length**3, first, first)
-        + case.total(profile.flap / length**3, second, second)
-    ).real
-    bends = x.slope[:, 1:]
-    geometric = case.total(case.pull / length, bends, bends).sum(0)
+        case.total(profile.axial / length, strain)
+        + case.total(profile.in_plane / length**3, first)
+        + case.total(profile.flap / length**3, second)
+    )
+    geometric = case.total(case.pull / length, x.slope[:, 1:]).sum(0)
     m, k = carried.sum(0), energy - case.speed**2 * carried[:2].sum(0) + geometric
     if body is not None:
         turn = x.turn[1:]
@@ -175,14 +182,14 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> S
         return jnp.stack([*rows, -own * flap], -2)
 
     at_tip = case.rotor.tip_mass * inertia(case.tip(x))
-    carried = profile.mass[:, None, None] * inertia(x.value)
-    force = span.beyond(carried[:, 1:])
+    # Of displacements times the mass, of which forces are the sums over what is farther out.
+    carried = span.beyond(_times(profile.mass[:, None, None], x.value))
     arm: Any = 0.0 if case.rotor.tip is None else case.rotor.tip.offset / length
     bends = x.slope[:, 1:]
     moment = (
-        length * span.beyond(force)
+        length * inertia(span.beyond(carried))[:, 1:]
         + length * at_tip[None, 1:] * (1 - span.xi + arm)[:, None, None]
-        - span.beyond(case.pull[:, None, None] * bends)
+        - span.beyond(_times(case.pull[:, None, None], bends))
     )
     if body is not None:
         turn = x.turn[1:]
@@ -195,7 +202,7 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> S
     bent = bent * np.sign(case.counts[1:])[None, :, None]
     strain = moved = jnp.zeros_like(bent[:, :1])
     if case.counts[0]:
-        pulled = span.beyond(carried[:, :1]) + at_tip[None, :1]
+        pulled = inertia(carried)[:, :1] + at_tip[None, :1]
         strain = length / profile.axial[:, None, None] * pulled - x.slope[:, :1]
         moved = span.up_to(strain)
     turned = span.up_to(bent)
