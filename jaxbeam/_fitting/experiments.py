@@ -200,8 +200,12 @@ class HistoryData(Experiment):
 
 
 class StaticData(Experiment):
-    """Displacement in m of the points xi = x / L, shape (p,), at rest under constant `loads` or in
-    steady rotation; `component` 0, 1, 2 is axial, in plane, flap."""
+    """Displacement in m of the points xi = x / L, shape (p,), at rest or in steady rotation under
+    `loads` that are constant in the hub; `component` 0, 1, 2 is axial, in plane, flap.
+
+    Where the hub turns, only gravity along its axis is constant in it: `ValueError` for any other,
+    and NaN where it is traced. Forces and moments at the tip are numbers, no functions of time.
+    """
 
     model: AbstractModel
     rotor: Rotor
@@ -226,6 +230,23 @@ class StaticData(Experiment):
         self.angular_speed = checked_speed(angular_speed)
         zero = jnp.zeros_like(self.angular_speed)
         check_scene(ConstantSpeed(self.angular_speed), loads, NO_DAMPING, zero)
+        for name in ("tip_force", "tip_moment"):
+            if callable(getattr(loads, name)):
+                raise ValueError(
+                    f"loads.{name} must be constant, shape (3,), got a function of time"
+                )
+        _all(
+            "loads.gravity must be along the axis of rotation, (0, 0, g), where angular_speed is "
+            "not zero: across it, it turns in the hub, and nothing rests",
+            jnp.asarray(self._turning), lambda turning: turning == 0,
+        )  # fmt: skip
+
+    @property
+    def _turning(self) -> Array:
+        """What of gravity turns in the hub, in m/s^2."""
+        zero = jnp.zeros(2, self.angular_speed.dtype)
+        across = zero if self.loads.gravity is None else self.loads.gravity[:2]
+        return jnp.where(self.angular_speed == 0, zero, across)
 
     def predicted(self) -> Float[Array, " p"]:
         """Displacements at the equilibrium, NaN where none was found."""
@@ -239,7 +260,8 @@ class StaticData(Experiment):
             equations, motion.hub(zero, self.loads.gravity), self.loads.at_tip(zero)
         )
         value = equations.displacement(q, np.array(self.xi))[:, self.component]
-        return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
+        rests = (given == Status.OK) & (status == Status.OK) & jnp.all(self._turning == 0)
+        return jnp.where(rests, value, jnp.nan)
 
 
 class Clearance(Experiment):

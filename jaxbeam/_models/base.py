@@ -322,7 +322,9 @@ def equilibrium(equations: Equations, hub: Hub, tip_force: Any = None) -> tuple[
     """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
 
     Newton's method with the load raised from zero in adaptive steps where one step will not do;
-    differentiable by the implicit function theorem. `hub` is taken as it is at this moment.
+    where that ends in none that is stable, one is looked for that is (see `find_root`), as of a
+    blade that only the centrifugal load holds on its hinge. Differentiable by the implicit function
+    theorem. `hub` is taken as it is at this moment.
     """
     rest = jnp.zeros(equations.mass.shape[0], equations.size.dtype)
     stiffness, _ = equations.tangents(hub, rest, rest, tip_force)
@@ -337,7 +339,11 @@ def equilibrium(equations: Equations, hub: Hub, tip_force: Any = None) -> tuple[
         force = jax.tree.map(lambda part: fraction * part, tip_force)
         return -equations.force(part, equations.size * q, rest, force) / scale
 
-    q, done = find_root(residual, rest)
+    # Of the size of what loads do to a rigid beam, by the acceleration that they give its mass.
+    load = jnp.max(jnp.abs(residual(rest)))
+    inertia = dense(equations.mass) / equations.as_force(rest, jnp.ones_like(rest))[:, None]
+    support = jax.lax.stop_gradient(inertia * load / jnp.max(jnp.abs(inertia)))
+    q, done = find_root(residual, rest, support=support)
     q = equations.size * q
     status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
     return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)

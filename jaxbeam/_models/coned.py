@@ -19,7 +19,8 @@ elevation and p of the azimuth, with the twist c that keeps the curvature about 
     + H cos t (e^2 + p^2) - m W^2 (X_1^2 + Y_1^2)
 
 and m (X_1'^2 + Y_1'^2 + Z_1'^2) (rates there) over two, X_1 = -int e sin t, Y_1 = int p cos t,
-Z_1 = int e cos t and H the radial force W^2 int_x^L X dm. Lag and flap move in quadrature.
+Z_1 = int e cos t and H the radial force W^2 int_x^L X dm. Lag and flap move in quadrature. Springs
+of the root act about the axes of the cone, see `lag_of_root`.
 """
 
 from typing import Any, NamedTuple
@@ -92,8 +93,33 @@ class _Cone(NamedTuple):
 
             return jax.grad(energy)(turn)
 
-        turn, done = find_root(gradient, jnp.zeros(flap.slope.shape[1], speed.dtype))
+        still = jnp.zeros(flap.slope.shape[1], speed.dtype)
+        load = jax.lax.stop_gradient(jnp.max(jnp.abs(gradient(still))))
+        turn, done = find_root(gradient, still, support=load * jnp.eye(still.size))
         return turn, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
+
+
+def lag_of_root(lag: Any, moment: Any, cone: Any, turn: Scalar) -> Scalar:
+    """What the root does to a small azimuth p of the tangent there, in N m, at a steady turn a in
+    flap, by a spring against lag and the moment by which it holds the flap.
+
+    Its axes are those of the cone. Springs have k phi^2 / 2, phi the components about these of the
+    least rotation from the direction of the cone to the tangent. With t = cone + a, f = a / sin a
+
+        phi_lag = f p cos t,   phi_flap = a + (f' cos cone + f sin cone) cos t p^2 / 2,
+
+    so that a hinge for lag is across the blade as it stands, not about the axis of rotation: the
+    tangent sinks as it swings, and the moment in flap, that of its spring or of a clamp, does work.
+    """
+    small = jnp.abs(turn) < 1e-2
+    a = jnp.where(small, 1.0, turn)
+    ratio = jnp.where(small, 1 + turn**2 / 6 + 7 * turn**4 / 360, a / jnp.sin(a))
+    slope = (jnp.sin(a) - a * jnp.cos(a)) / jnp.sin(a) ** 2
+    slope = jnp.where(small, turn / 3 + 7 * turn**3 / 90, slope)
+    cos = jnp.cos(cone + turn)
+    bent = slope * jnp.cos(cone) + ratio * jnp.sin(cone)
+    held: Scalar = lag * (ratio * cos) ** 2 + moment * bent * cos
+    return held
 
 
 def coned_system(
@@ -127,8 +153,12 @@ def coned_system(
     dx = length * span.weight
     excess = cone.lag - cone.flap
     mixed = over(dx * excess * bent, turning * cos, twist)
+    lag, flap = cone.springs()
+    height, height_tip = length * span.up_to(sin[:, 0]), length * span.total(sin[:, 0])
+    moment = -(speed**2) * ((dm * at) @ height + tip_mass * tip * height_tip)
+    held = lag_of_root(lag, moment, rotor.precone, cone.ends[1] @ turn), flap
     springs = [k * (e / length)[:, None] * (e / length)[None]
-               for k, e in zip(cone.springs(), cone.ends, strict=True)]  # fmt: skip
+               for k, e in zip(held, cone.ends, strict=True)]  # fmt: skip
     m_lag, m_x = inertia(y, y, y_tip, y_tip), inertia(x, x, x_tip, x_tip)
     k_lag = (
         over(dx * cone.lag, turning * cos, turning * cos)

@@ -1,12 +1,13 @@
 """Roots of functions of few unknowns, found by Newton's method and differentiated exactly."""
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._numerics.linalg import solve
+from jaxbeam._numerics.linalg import positive_definite, solve
 
 
 def value_and_jacobian(
@@ -21,54 +22,108 @@ def find_root(
     residual: Callable[..., Float[Array, " n"]],
     start: Float[Array, " n"],
     acceptable: Callable[[Float[Array, " n"]], Bool[Array, ""]] = lambda _: jnp.asarray(True),
+    support: Float[Array, "n n"] | None = None,
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
     """x with residual(x) = 0, and the share of the load that was reached (1: all of it).
 
     Newton's method on residual(x, fraction), with the fraction raised from zero to one in adaptive
     steps where one step will not do. Unknowns should be of order one. `acceptable` bars roots that
     mean nothing. Differentiable to any order by the implicit function theorem.
+
+    With a `support`, the root of a gradient of an energy is looked for once more where none was
+    found, one at which the energy is no minimum, or one far away: Newton's method may have jumped
+    to it. Then short steps follow a minimum, (1 - fraction) `support` x added to the residual,
+    since what nothing but the load holds goes far at once under any share of it. If that ends in a
+    minimum it is the answer.
     """
+    search = _Search(residual, acceptable, support)
+    return jax.lax.custom_root(
+        residual,
+        start,
+        lambda _, start: search.run(start),
+        lambda g, y: _held(jax.jacfwd(g)(jnp.zeros_like(y)), y),
+        has_aux=True,
+    )
 
-    def newton(x: Array, fraction: Array) -> tuple[Array, Array]:
-        def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            x, _, k = state
-            value, slope = value_and_jacobian(lambda x: residual(x, fraction), x)
-            dx = _held(slope, value)
-            return x - dx, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
 
-        def go_on(state: tuple[Array, Array, Array]) -> Array:
-            return (state[1] > 1e-13) & (state[2] < 20)  # NaN ends it too
+_FAR = 0.5  # for unknowns to go at once
+_SHORT, _NEAR = 1 / 16, 0.2  # the first of short steps, and how far unknowns go in one
 
-        x, change, _ = jax.lax.while_loop(go_on, body, (x, jnp.asarray(jnp.inf), jnp.asarray(0)))
-        # At round-off the step stalls slightly above the tolerance: accept that.
-        return x, (change < 1e-10) & acceptable(x)
 
-    def continuation(_: object, start: Array) -> tuple[Array, Array]:
-        def body(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-            x, done, step, k = state
+class _Search(NamedTuple):
+    """What `find_root` looks for."""
+
+    residual: Callable[..., Array]
+    acceptable: Callable[[Array], Array]
+    support: Array | None
+
+    def run(self, start: Array) -> tuple[Array, Array]:
+        """The root, and how far the load was raised."""
+        zero = jnp.zeros((), start.dtype)
+        if self.support is None:
+            return self._followed(start, zero)[:2]
+
+        def again(state: tuple[Any, ...]) -> tuple[Any, ...]:
+            tries, *before = state
+            found = self._followed(start, jnp.where(tries > 0, 1.0, zero))
+            better = (tries == 0) | found[2]
+            kept = (jnp.where(better, a, b) for a, b in zip(found, before, strict=True))
+            return (tries + 1, *kept)
+
+        first = jnp.asarray(0), start, zero, jnp.asarray(False)
+        end = jax.lax.while_loop(lambda state: (state[0] < 2) & ~state[3], again, first)
+        return end[1], end[2]
+
+    def _followed(self, start: Array, held: Array) -> tuple[Array, Array, Array]:
+        """From no load to all of it, `held` by the support if that is one and not zero: x, how far
+        that went, and whether it ended in a minimum that is not too far away."""
+
+        def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
+            x, done, step, minimum, k = state
             target = jnp.minimum(done + step, 1.0)
-            new, ok = newton(x, target)
+            new, ok, least = self._newton(x, target, held)
+            ok &= (held == 0) | (least & (jnp.max(jnp.abs(new - x)) < _NEAR))
             return (
                 jnp.where(ok, new, x),
                 jnp.where(ok, target, done),
                 jnp.where(ok, 2 * step, step / 4),
+                jnp.where(ok, least, minimum),
                 k + 1,
             )
 
-        def go_on(state: tuple[Array, Array, Array, Array]) -> Array:
-            return (state[1] < 1) & (state[2] > 1e-9) & (state[3] < 100)
+        def go_on(state: tuple[Any, ...]) -> Array:
+            more: Array = (state[1] < 1) & (state[2] > 1e-9) & (state[4] < 100)
+            return more
 
         one = jnp.ones((), start.dtype)
-        x, done, _, _ = jax.lax.while_loop(go_on, body, (start, 0 * one, one, jnp.asarray(0)))
-        return x, done
+        first = start, 0 * one, jnp.where(held > 0, _SHORT, one), one > 0, jnp.asarray(0)
+        x, done, _, minimum, _ = jax.lax.while_loop(go_on, body, first)
+        far = (held == 0) & (jnp.max(jnp.abs(x - start)) > _FAR)
+        return x, done, minimum & (done == 1) & ~far
 
-    return jax.lax.custom_root(
-        residual,
-        start,
-        continuation,
-        lambda g, y: _held(jax.jacfwd(g)(jnp.zeros_like(y)), y),
-        has_aux=True,
-    )
+    def _newton(self, x: Array, fraction: Array, held: Array) -> tuple[Array, Array, Array]:
+        """The root at a share of the load, whether there is one, and whether it is a minimum."""
+        support = self.support
+
+        def residual(x: Array) -> Array:
+            out = self.residual(x, fraction)
+            return out if support is None else out + held * (1 - fraction) * (support @ x)
+
+        def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
+            x, _, _, k = state
+            value, slope = value_and_jacobian(residual, x)
+            dx = _held(slope, value)
+            return x - dx, slope, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
+
+        def go_on(state: tuple[Any, ...]) -> Array:
+            more: Array = (state[2] > 1e-13) & (state[3] < 20)  # NaN ends it too
+            return more
+
+        unit, far = jnp.eye(x.size, dtype=x.dtype), jnp.asarray(jnp.inf, x.dtype)
+        x, slope, change, _ = jax.lax.while_loop(go_on, body, (x, unit, far, jnp.asarray(0)))
+        minimum = jnp.asarray(True) if support is None else positive_definite(slope + slope.T)
+        # At round-off the step stalls slightly above the tolerance: accept that.
+        return x, (change < 1e-10) & self.acceptable(x), minimum
 
 
 def _held(slope: Float[Array, "n n"], value: Float[Array, " n"]) -> Float[Array, " n"]:

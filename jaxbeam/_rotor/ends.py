@@ -13,9 +13,10 @@ class RootSprings(Parameters):
     | in_plane | about the axis of rotation (lag)         | N m/rad | >= 0 or None |
     | flap     | about the axis across beam and rotation  | N m/rad | >= 0 or None |
 
-    Energy k phi(0)^2 / 2, phi(0) the slope at the root; None: rigid; zero: a free hinge, at the
-    root, which is at the `hub_radius`. What swings there at rest has the frequency zero, of which
-    the square alone has derivatives: those of the frequency are NaN, in both modes.
+    With `precone` both are tilted by it: the axis for lag is across the beam as it stands. Energy
+    k phi(0)^2 / 2, phi(0) the slope at the root; None: rigid; zero: a free hinge, at the root,
+    which is at the `hub_radius`. What swings there at rest has the frequency zero, of which the
+    square alone has derivatives: those of the frequency are NaN, in both modes.
     """
 
     in_plane: Scalar | None = optional(Status.INVALID_ROOT_SPRINGS, zero=True)

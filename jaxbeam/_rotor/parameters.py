@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._checks import is_valid
-from jaxbeam._rotor.spanwise import check, samples, taken
+from jaxbeam._rotor.spanwise import AbstractSpanwise, check, samples, taken
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_known
 
@@ -85,4 +85,5 @@ class Parameters(eqx.Module):
     def checked(self) -> Self:
         """Rebuilt, so that what comes from `eqx.tree_at` or `vmap` meets the checks as well."""
         values = [getattr(self, field.name) for field in dataclasses.fields(self)]
-        return type(self)(*(v.checked() if isinstance(v, Parameters) else v for v in values))
+        parts = Parameters | AbstractSpanwise
+        return type(self)(*(v.checked() if isinstance(v, parts) else v for v in values))

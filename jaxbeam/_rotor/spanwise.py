@@ -3,7 +3,7 @@
 import abc
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -53,6 +53,10 @@ class AbstractSpanwise(eqx.Module):
     @abc.abstractmethod
     def samples(self) -> Float[Array, " k"]:
         """Values by which to tell whether the property is in range."""
+
+    def checked(self) -> Self:
+        """Rebuilt, so that what comes from `eqx.tree_at` meets the checks as well."""
+        return self
 
 
 class Spanwise(AbstractSpanwise):
@@ -120,6 +124,9 @@ class Spanwise(AbstractSpanwise):
 
     def samples(self) -> Float[Array, " k"]:
         return self.values
+
+    def checked(self) -> Self:
+        return type(self)(self.stations, self.values)
 
 
 class SpanwiseFunction(AbstractSpanwise):

@@ -585,3 +585,21 @@ def test_one_bad_draw_spoils_no_other(frequencies):
     assert int(fits.status[0]) == 0
     assert int(fits.status[2]) == jb.Status.NOT_IDENTIFIABLE
     assert float(fits.misfit[1]) > 100
+
+
+def test_nothing_rests_under_what_turns_in_the_hub():
+    """Gravity across the axis of a hub that turns, and forces that are functions of time."""
+    model, rotor = jb.Hybrid(0, 3, 3), slender()
+
+    def data(gravity, speed, **more):
+        loads = jb.Loads(gravity=gravity, **more)
+        return jb.fitting.StaticData(model, rotor, loads, [0.0], 1.0, angular_speed=speed)
+
+    with pytest.raises(ValueError, match="gravity must be along the axis of rotation"):
+        data([0.0, -0.5, 0.0], 2.0)
+    with pytest.raises(ValueError, match="tip_force must be constant"):
+        data(None, 0.0, tip_force=lambda t: jnp.stack([0 * t, t, 0 * t]))
+    assert np.isfinite(data([0.0, -0.5, 0.0], 0.0).predicted()).all()
+    assert np.isfinite(data([0.0, 0.0, -9.8], 2.0).predicted()).all()
+    across = jax.jit(lambda speed: data([0.0, -0.5, 0.0], speed).predicted())(2.0)
+    assert np.isnan(across).all()

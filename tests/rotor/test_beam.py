@@ -232,3 +232,12 @@ def test_functions_along_the_span_under_jit():
     np.testing.assert_allclose(jax.jit(hidden)(1.0), 12.0, rtol=1e-12)
     with pytest.raises(ValueError, match="mass_per_length"):
         jax.jit(lambda: hidden(3.0))()
+
+
+@pytest.mark.parametrize("values", [[3.0, 2.0], [3.0, 2.0, 1.0, 0.5, 0.2], 3.0])
+def test_values_put_into_a_table_are_as_many_as_its_stations(values):
+    """JAX would take the last one again, or leave out what is too much, without a word."""
+    beam = jb.Beam(10.0, jb.Spanwise([0, 0.5, 1], [3.0, 2.0, 1.0]), 1e9, 1e6, 1e6)
+    other = eqx.tree_at(lambda beam: beam.mass_per_length.values, beam, jnp.array(values))
+    with pytest.raises(ValueError, match="values must be as many as stations, 3"):
+        jb.modes(jb.Hybrid(0, 4, 0), jb.Rotor(other), 0.0)
