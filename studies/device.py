@@ -2,10 +2,12 @@
 
 Batches of 2^8 to 2^17 random cases of the beam of B Ref. 21: the lowest three modes, the peak of a
 spin-up, and the derivatives of the peaks by speed, stiffness and tip mass of each case, for a modal
-model and for elements each. A CPU takes 32 cases at a time however many there are: it is measured
-at 2^8, by one batch and by one on each core at once. A curve ends where a run would take too long
-or memory ends, and its last row says so. All is compiled first, several programs at a time; rates
-are of a run after that. Answers are held against those of the CPU for the same cases.
+model and for elements each; and the lowest five modes of the blade of the NREL 5-MW turbine, its
+mass, its stiffness in flap and its speed varied. A CPU takes 32 cases at a time however many there
+are: it is measured at 2^8, by one batch and by one on each core at once. A curve ends where a run
+would take too long or memory ends, and its last row says so. All is compiled first, several
+programs at a time; rates are of a run after that. Answers are held against those of the CPU for the
+same cases.
 
     python studies/device.py [--quick] [--out FOLDER]
 """
@@ -24,6 +26,8 @@ import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
+from blade import BEAM as BLADE
+from blade import FASTEST, HUB, RPM, scaled
 from common import ALUMINIUM
 
 import jaxbeam as jb
@@ -78,6 +82,19 @@ def modes(model: Any) -> Callable[[Any], Answers]:
     return jax.vmap(one)
 
 
+def blade_modes(model: Any) -> Callable[[Any], Answers]:
+    """Frequencies of the lowest five of a blade whose tables are multiplied by two factors."""
+
+    def one(case: Any) -> Answers:
+        mass, softer, speed = case
+        factors = {"mass_per_length": mass, "flap_bending_stiffness": softer}
+        rotor = jb.Rotor(scaled(BLADE, factors), HUB)
+        found = jb.modes(model, rotor, FASTEST * RPM * speed, 5, throw=False)
+        return found.frequency, found.status
+
+    return jax.vmap(one)
+
+
 def spin_ups(model: Any, room: int = 100_000) -> Callable[[Any], Answers]:
     """Peaks of the deflection of the tip, as in `ensembles.py`."""
     times, control = np.linspace(0.0, 20.0, 21), diffrax.PIDController(rtol=1e-4, atol=1e-4)
@@ -115,6 +132,7 @@ def curves(quick: bool) -> list[Curve]:
     spans = ((1.0, 6.0), (0.8, 1.2), (0.0, 0.2))  # rad/s, -, kg
     turning = np.stack([draw.uniform(*span, most) for span in spans], 1)
     still = np.asarray(common.random_cases(most, seed=5))
+    factors = draw.uniform([0.8, 0.8, 0.3], [1.2, 1.2, 1.0], (most, 3))
     few, elements = jb.Hybrid(0, 6, 0), jb.EngineeringANCF(8)
     out = [
         Curve("modes", "8 polynomials", modes(jb.Hybrid(0, 8, 0)), still, sizes),
@@ -122,10 +140,12 @@ def curves(quick: bool) -> list[Curve]:
         Curve("spin-ups", "6 polynomials", spin_ups(few), turning, sizes),
         Curve("spin-ups", "8 elements", spin_ups(elements), turning, sizes),
         Curve("gradients", "6 polynomials", gradients(few), turning, sizes[1:]),
+        # A case takes 0.6 MiB.
+        Curve("modes", "blade, 12 + 12", blade_modes(jb.Hybrid(0, 12, 12)), factors, sizes[:3]),
         # It takes longest to compile and to run: one size, up to which all go at once.
         Curve("gradients", "8 elements", gradients(elements), turning, (2**13,)),
     ]
-    return out[::2] if quick else out
+    return out[:5:2] if quick else out
 
 
 def name_of(device: Any) -> str:
@@ -340,7 +360,9 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     panels = list(dict.fromkeys(row.what for row in rows))
     models = list(dict.fromkeys(row.model for row in rows))
     devices = list(dict.fromkeys(row.device for row in rows))
-    colours = dict(zip(models, (common.BLUE, common.VERMILION, common.GREEN), strict=False))
+    colours = dict(
+        zip(models, (common.BLUE, common.VERMILION, common.GREEN, common.ORANGE), strict=False)
+    )
     styles = {d: ("--" if "at once" in d else ":") if "CPU" in d else "o-" for d in devices}
     figure, axes = plt.subplots(
         1, len(panels), figsize=(4.2 * len(panels), 4.4), layout="constrained", squeeze=False
