@@ -142,6 +142,36 @@ def test_a_file_that_is_written_reads_as_the_same_beam(tmp_path):
     assert np.all(np.diff(read.beam.twist.stations) > 0)
 
 
+@pytest.mark.parametrize(
+    ("stations", "also", "written"),
+    [
+        ([0.0, 0.3, 0.3, 1.0], 0.1 + 0.2, "0 0.3 0.300000001 1"),
+        ([0.0, 0.3, 1.0], 0.1 + 0.2, "0 0.3 1"),
+        ([0.0, 0.3, 0.3, 0.3 + 5e-10, 1.0], 0.3, "0 0.3 0.300000001 1"),
+        ([0.0, 0.3, 1.0], 1 - 1e-10, "0 0.3 0.999999999 1"),
+        ([0.0, 0.3, 1.0], 1e-10, "0 1e-09 0.3 1"),
+    ],
+)
+def test_stations_that_differ_by_rounding_are_written_once(stations, also, written, tmp_path):
+    """And those at a step beside it: all of them increase, and the beam is the same."""
+    values = np.geomspace(300.0, 10.0, len(stations))
+    beam = jb.Beam(
+        50.0, jb.Spanwise(stations, values), 1e9, 1e9, 1e9,
+        twist=jb.Spanwise([0.0, also, 1.0], [0.2, 0.1, 0.0]),
+    )  # fmt: skip
+    path, row = tmp_path / "blade.dat", [1.0, 0.0, 0.0, 0.0, 0.0]
+    write_elastodyn(path, beam, flap=[row, row], edge=row)
+    lines = path.read_text().splitlines()
+    first = lines.index("(-) (-) (deg) (kg/m) (Nm^2) (Nm^2)") + 1
+    count = len(written.split())
+    assert " ".join(line.split()[0] for line in lines[first : first + count]) == written
+    read = read_elastodyn(path, length=50.0, axial_stiffness=1e9).beam
+    xi = np.array([0.0, 2e-8, 0.1, 0.29999999, 0.30000001, 0.9, 1.0 - 2e-8, 1.0])
+    for name in ("mass_per_length", "twist"):
+        there, wanted = (getattr(b, name).at(xi) for b in (read, beam))
+        np.testing.assert_allclose(there, wanted, rtol=1e-7, atol=1e-8)
+
+
 def test_what_cannot_be_written_is_said(tmp_path):
     good = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     path, beam = tmp_path / "blade.dat", UNIFORM.beam
