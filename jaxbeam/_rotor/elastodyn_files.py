@@ -84,6 +84,8 @@ def _line(value: float, name: str) -> str:
 
 
 def _two(flap: Any) -> list[Any]:
+    if not np.iterable(flap):
+        raise TypeError(f"flap must be the coefficients of two modes, got {flap!r}")
     rows = list(flap)
     if len(rows) != 2:
         raise ValueError(f"flap must be the coefficients of two modes, got {len(rows)}")

@@ -184,6 +184,11 @@ def test_what_cannot_be_written_is_said(tmp_path):
         (ValueError, "BldFl2Sh must be five", lambda: write(flap=(good, good[:4]))),
         (ValueError, "must sum to one, got nan", lambda: write(edge=np.nan * good)),
         (ValueError, "two modes, got 1", lambda: write(flap=[good])),
+        (
+            TypeError,
+            "flap must be the coefficients of two modes, got None",
+            lambda: write(flap=None),
+        ),
         (ValueError, "damping must be three", lambda: write(damping=(1.0,))),
         (TypeError, "beam must be a Beam", lambda: write(beam=UNIFORM)),
         (TypeError, "beam must be known", lambda: jax.jit(lambda b: write(beam=b))(beam)),
@@ -192,7 +197,7 @@ def test_what_cannot_be_written_is_said(tmp_path):
         with pytest.raises(error, match=text):
             call()
     assert not path.exists()
-    write()
+    write(title="BlFract BMassDen")  # as the titles of columns
     np.testing.assert_allclose(
         read_elastodyn(path, length=2.0, axial_stiffness=1e7).beam.mass_per_length.at(XI), 3.0
     )
