@@ -192,8 +192,12 @@ def test_what_cannot_be_written_is_said(tmp_path):
         (ValueError, "damping must be three", lambda: write(damping=(1.0,))),
         (TypeError, "beam must be a Beam", lambda: write(beam=UNIFORM)),
         (TypeError, "beam must be known", lambda: jax.jit(lambda b: write(beam=b))(beam)),
+        (
+            ValueError, "rotor.pitch must be None .* take the modes of the rotor without its pitch",
+            lambda: of(0.0).polynomials(jb.Rotor(beam, pitch=0.1)),
+        ),
         (ValueError, "xi must be x / L", lambda: of(0.0).displacement(UNIFORM, 1.5)),
-    ):
+    ):  # fmt: skip
         with pytest.raises(error, match=text):
             call()
     assert not path.exists()
