@@ -50,7 +50,7 @@ def campbell(
     diagram: Campbell,
     ax: Axes,
     *,
-    harmonics: Sequence[float] = (),
+    harmonics: Sequence[float] | np.ndarray = (),
     scale: float = 1.0,
     linestyle: str = "-",
 ) -> None:

@@ -2,6 +2,7 @@
 
 import warnings
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -18,10 +19,10 @@ XI = np.linspace(0.0, 1.0, 5)
 def modes_of(model, *shapes):
     """Modes of these families and shapes, each with the number 1."""
     k = len(shapes)
-    families, vectors = (np.array(part) for part in zip(*shapes, strict=True))
+    families, vectors = (jnp.asarray(part) for part in zip(*shapes, strict=True))
     return Modes(
-        np.ones(k, complex), vectors, families, np.ones(k, int), np.ones((k, 4)), np.zeros(k),
-        np.array(0), np.array(0.0), None, model,
+        jnp.ones(k, complex), vectors.astype(complex), families, jnp.ones(k, int), jnp.ones((k, 4)),
+        jnp.zeros(k), jnp.asarray(0), jnp.asarray(0.0), None, model,
     )  # fmt: skip
 
 
@@ -52,7 +53,7 @@ def test_a_mode_is_drawn_in_its_direction_whatever_its_phase(phase):
 def test_a_mode_that_is_not_there_is_named():
     model = jb.Hybrid(0, 2, 2)
     (flap,), (torsion,) = jb.labels(flap=1), jb.labels(torsion=1)
-    found = modes_of(model, (int(flap.family), np.ones(4, complex)))
+    found = modes_of(model, (int(flap.family), jnp.ones(4, complex)))
     with pytest.raises(ValueError, match=f"mode must be one of those found, {flap}, got {torsion}"):
         drawn(model, found, torsion)
 

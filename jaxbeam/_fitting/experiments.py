@@ -274,7 +274,7 @@ class Clearance(Experiment):
 
     def __init__(
         self, model: AbstractModel, rotor: Rotor, angular_speed: Any, which: Sequence[Label],
-        harmonics: Sequence[int], margin: Any = 0.05, slack: Any = 1e-3,
+        harmonics: Sequence[int] | np.ndarray, margin: Any = 0.05, slack: Any = 1e-3,
     ) -> None:  # fmt: skip
         self.model, self.rotor, _ = checked_case(model, rotor)
         model = self.model

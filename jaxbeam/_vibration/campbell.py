@@ -34,7 +34,9 @@ class Campbell(eqx.Module):
     labels: tuple[Label, ...] = eqx.field(static=True)
     table: Table = eqx.field(static=True)
 
-    def crossings(self, harmonics: Sequence[float] = (1, 2, 3, 4, 5, 6)) -> list[Crossing]:
+    def crossings(
+        self, harmonics: Sequence[float] | np.ndarray = (1, 2, 3, 4, 5, 6)
+    ) -> list[Crossing]:
         """All speeds in the range of the diagram where frequency = harmonic * speed.
 
         Sign changes between neighbouring speeds of the diagram, in whatever order they were given

@@ -298,8 +298,8 @@ def test_neither_order_nor_failed_cases_hide_or_double_a_crossing(monkeypatch):
     """Of the frequency 6 + speed, which is twice the speed between 4 and 7."""
 
     def middle(_, __, bracket, label, harmonic, throw):
-        at = (np.float64(number) for number in (harmonic, sum(bracket) / 2))
-        return jb.results.Crossing(label, *at, np.int64(jb.Status.OK))
+        at = (jnp.asarray(number) for number in (harmonic, sum(bracket) / 2))
+        return jb.results.Crossing(label, *at, jnp.asarray(int(jb.Status.OK)))
 
     monkeypatch.setattr("jaxbeam._vibration.campbell.crossing", middle)
     dims = ("angular_speed", "mode")
