@@ -299,7 +299,9 @@ def _fitting(
     those = "its keys are" if len(makers) == 1 else f"{maker.__qualname__} takes"
     for key, value in given.items():
         _unless_among(key, keys, f"[{table}] has no {key}", those)
-        if keys[key].annotation is str and isinstance(value, str):
+        if keys[key].annotation is str:
+            if not isinstance(value, str):
+                raise ValueError(f"[{table}] {key} must be a text in quotes, got {value!r}")
             continue
         several = isinstance(value, list) and keys[key].annotation is Any  # say an axis
         if not all(map(_is_number, value if several else [value])):

@@ -20,10 +20,12 @@ def _default_float() -> Any:
 def real_scalar(name: str, value: Any) -> Scalar:
     """`value` as a real floating-point scalar array, or an error that names the argument.
 
-    Python numbers are welcome. Arrays must be real, floating and without axes: an integer array
-    has no derivative, and a batch belongs outside, in `jax.vmap` or `jaxbeam.sweep`. Shorter
-    floats are promoted to the default float, so that one of them does not spoil a result.
+    Python numbers are welcome, and integers of NumPy. Arrays must be real, floating and without
+    axes: an integer array has no derivative, and a batch belongs outside, in `jax.vmap` or
+    `jaxbeam.sweep`. Shorter floats are promoted to the default float, so that one of them does not
+    spoil a result.
     """
+    value = plain(value)
     if isinstance(value, bool):
         raise TypeError(f"{name} must be a real number, got {value!r}")
     if isinstance(value, int | float):
@@ -40,6 +42,11 @@ def real_scalar(name: str, value: Any) -> Scalar:
             "batch from outside with jax.vmap or jaxbeam.sweep"
         )
     return jnp.asarray(known(value), _default_float())
+
+
+def plain(value: Any) -> Any:
+    """An integer of NumPy as one of Python, anything else as it is."""
+    return int(value) if isinstance(value, np.integer) else value
 
 
 def known(value: Any) -> Any:

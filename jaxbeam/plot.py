@@ -1,5 +1,6 @@
 """Figures that many studies want. Needs matplotlib; not imported by `import jaxbeam`."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import jax
@@ -49,7 +50,7 @@ def campbell(
     diagram: Campbell,
     ax: Axes,
     *,
-    harmonics: Sequence[float] = (),
+    harmonics: Sequence[float] | np.ndarray = (),
     scale: float = 1.0,
     linestyle: str = "-",
 ) -> None:
@@ -57,6 +58,8 @@ def campbell(
 
     One colour a family, named in the legend; growing modes are left out.
     """
+    crossings = diagram.crossings(harmonics)
+    factors = np.asarray(harmonics, float).tolist()
     speed = diagram.table.coords["angular_speed"] / scale
     named = set()
     for i, label in enumerate(diagram.labels):
@@ -66,15 +69,14 @@ def campbell(
         named.add(label.family)
         ax.plot(speed, frequency, linestyle, color=COLOURS[label.family], lw=1.3, label=title)
     top = np.nanmax(diagram.table["frequency"]) / scale * 1.05
-    for harmonic in harmonics:
+    for harmonic in factors:
         ax.plot(speed, harmonic * speed, color="0.75", lw=0.8, zorder=0)
         end = min(speed[-1], top / harmonic)
         ax.annotate(
             f"{harmonic:g}P", (end, harmonic * end), (2, -9), textcoords="offset points",
             color="0.5", fontsize=8,
         )  # fmt: skip
-    if harmonics:
-        crossings = diagram.crossings(harmonics)
+    if factors:
         found = [c.angular_speed / scale for c in crossings]
         ks = [c.harmonic for c in crossings]
         ax.plot(found, np.multiply(found, ks), "o", color="tab:red", ms=4, label="resonance")
@@ -86,12 +88,20 @@ def mode_shape(
     model: AbstractModel, rotor: Rotor, found: Modes, mode: Label, ax: Axes, points: int = 201,
     **style: object,
 ) -> None:  # fmt: skip
-    """Displacement of one mode in the direction that names it over x / L, largest value one."""
-    row, turn = {Family.AXIAL: (0, 1j), Family.IN_PLANE: (1, 1), Family.FLAP: (2, 1)}[mode.family]
+    """Displacement of one mode in the direction that names it over x / L, of torsion the twist;
+    the largest value is one."""
+    if mode not in found.labels:
+        there = ", ".join(map(str, found.labels))
+        raise ValueError(f"mode must be one of those found, {there}, got {mode}")
     xi = np.linspace(0, 1, points)
-    table = np.asarray(model.displacement(xi, rotor))[row]
-    # Stable axial parts are -i times a real shape, see `Modes`.
-    shape = (turn * (table @ np.asarray(found.shape[found.labels.index(mode)]))).real
+    found = dataclasses.replace(found, model=model)
+    if mode.family == Family.TORSION:
+        every = found.twist(rotor, xi, tip=True)
+    else:
+        row = {Family.AXIAL: 0, Family.IN_PLANE: 1, Family.FLAP: 2}[mode.family]
+        every = found.displacement(rotor, xi, tip=True)[..., row]
+    # Over what the tip does, so that the phase of the mode is gone.
+    shape = np.asarray(every[found.labels.index(mode)]).real
     ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]
 
 
@@ -120,7 +130,8 @@ def swept(table: Table, name: str, label: str) -> Figure:
     """
     lead = table.dims["status"]
     panels, titles = [table], [""]
-    for dim in table.dims[name][len(lead) :]:
+    for place in range(len(lead), table[name].ndim):
+        dim = table.dims[name][place]
         there = np.nan_to_num(table[name]).reshape(-1, len(table.coords[dim])).any(0)
         table = table.take(dim, np.flatnonzero(there | ~there.any()))
         panels, titles = [table], [""]

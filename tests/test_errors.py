@@ -177,6 +177,16 @@ def test_numbers_that_are_real_pass():
         np.testing.assert_array_equal(jb.ladder.PeakDeflection(MOTION, fine).times, [0.0, 1.0])
 
 
+def test_integers_of_numpy_and_one_label_are_taken_as_those_of_python():
+    two = np.int64(2)
+    assert float(jb.FreeParameter(two).guess) == float(jb.ConstantSpeed(two).speed) == 2.0
+    assert jb.sweep(lambda a: a, {"a": [1.0, 3.0, 5.0]}, chunk=two)["value"].shape == (3,)
+    assert data(which=two).which == 2
+    assert clearance(harmonics=np.array([1, 2])).harmonics == (1, 2)
+    assert clearance(harmonics=[two]).harmonics == (2,)
+    assert data(which=WHICH[0], measured=[[1.0]]).which == WHICH[:1]
+
+
 @pytest.mark.parametrize("wrong", [None, "Hybrid", jb.Hybrid, ROTOR], ids=repr)
 @pytest.mark.parametrize(
     "call",
@@ -234,6 +244,9 @@ def test_what_is_no_model_is_named(call, wrong):
         (lambda: jb.ladder.PeakDeflection(MOTION, TIMES, max_steps="9"), "max_steps must be an"),
         (lambda: history(of=3), "of must be a function of a Simulation, got 3"),
         (lambda: history(sovler=3), "sovler is no argument of HistoryData, nor of simulate"),
+        (lambda: history(adjoint=None), "adjoint must not be given: HistoryData has its own"),
+        (lambda: history(throw=True), "throw must not be given: HistoryData has its own"),
+        (lambda: clearance(harmonics=np.array([1.0])), "harmonics must be integers >= 1"),
         (lambda: moved(lambda t: "x"), r"velocity must return real numbers of shape \(3,\)"),
         (lambda: moved(lambda t: None), "velocity must return real numbers"),
         (lambda: moved(lambda t: 1j * jnp.ones(3)), "velocity must return real numbers"),

@@ -13,7 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._checks import checked_speed, count_functions, known_array, real_array, real_scalar
+from jaxbeam._checks import (
+    checked_speed,
+    count_functions,
+    known_array,
+    plain,
+    real_array,
+    real_scalar,
+)
 from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
 from jaxbeam._models.families import Family, Label
 from jaxbeam._rotor.beam import Rotor
@@ -79,6 +86,7 @@ class FrequencyData(Experiment):
         self.measured, self.noise = _data(measured, noise, (self.angular_speed.size, None))
         _all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
         k, total = self.measured.shape[1], len(model.families)
+        which = (which,) if isinstance(which, Label) else plain(which)
         self.which = tuple(which) if isinstance(which, Sequence) else which
         if isinstance(self.which, tuple):
             choose(model, self.which)
@@ -154,7 +162,8 @@ class HistoryData(Experiment):
     `of(run)` takes it from a `Simulation`, in the shape of `measured` (T, ...); the in-plane
     deflection of the tip if not given. `lambda run: run.strain(0.1)[:, 0]` and
     `lambda run: run.hub_torque[:, 2]` are others (name a function once: a new lambda compiles
-    anew). Other keywords are those of `simulate`; runs must be differentiable forwards.
+    anew). Other keywords are those of `simulate` but `adjoint` and `throw`; runs must be
+    differentiable forwards.
     """
 
     model: AbstractModel
@@ -182,6 +191,8 @@ class HistoryData(Experiment):
         for name in options:
             if name not in inspect.signature(simulate).parameters:
                 raise TypeError(f"{name} is no argument of HistoryData, nor of simulate")
+            if name in ("adjoint", "throw"):
+                raise TypeError(f"{name} must not be given: HistoryData has its own")
         self.of, self.options = of, options
         self.loads, self.damping = loads, damping
         check_scene(self.motion, self.loads, self.damping, self.times[0])
@@ -285,14 +296,15 @@ class Clearance(Experiment):
 
     def __init__(
         self, model: AbstractModel, rotor: Rotor, angular_speed: Any, which: Sequence[Label],
-        harmonics: Sequence[int], margin: Any = 0.05, slack: Any = 1e-3,
+        harmonics: Sequence[int] | np.ndarray, margin: Any = 0.05, slack: Any = 1e-3,
     ) -> None:  # fmt: skip
         self.model, self.rotor, _ = checked_case(model, rotor)
         model = self.model
         self.angular_speed = _increasing("angular_speed", angular_speed)
         _all("angular_speed must be > 0", self.angular_speed, lambda x: x > 0)
         self.which = (which,) if isinstance(which, Label) else tuple(_list_of("which", which))
-        self.harmonics = tuple(_list_of("harmonics", harmonics))
+        listed = harmonics.tolist() if isinstance(harmonics, np.ndarray) else harmonics
+        self.harmonics = tuple(map(plain, _list_of("harmonics", listed)))
         choose(model, self.which)
         if not self.harmonics or any(type(k) is not int or k < 1 for k in self.harmonics):
             raise ValueError(f"harmonics must be integers >= 1, got {harmonics}")

@@ -94,17 +94,24 @@ def read_csv(
     path = Path(path)
     (line, titles), *rows = _records(path)
     columns: dict[str, Column] = {}
+    unlike: dict[str, str] = {}  # columns whose names begin with x_, and what follows
     for i, title in enumerate(titles):
         name, unit = _parted(title)
         if name in _NAMES:
             meaning, units = _NAMES[name]
             if name == "x" and unit not in units and title[1:2] == "_":
-                continue  # another column whose name begins with x_
+                unlike[title] = unit
+                continue
             factor = factor_of(path, line, title, unit, units)
             if meaning in columns:
                 also = columns[meaning].title
                 raise mistake(path, line, title, f"is {meaning} again, after column {also}")
             columns[meaning] = Column(title, i, factor)
+    if unlike and PLACE not in columns:
+        title, unit = next(iter(unlike.items()))
+        known = ", ".join(LENGTHS)
+        what = f"is not known as x, whose unit must be {known}, got {unit!r}, and there is no other"
+        raise mistake(path, line, title, what)
     named = {
         PLACE: "x_over_L", MASS: "mass_per_length_kg_per_m", IN_PLANE: "in_plane_stiffness_N_m2",
         FLAP: "flap_stiffness_N_m2", AXIAL: "axial_stiffness_N",

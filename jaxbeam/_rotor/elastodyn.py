@@ -59,9 +59,7 @@ def read_elastodyn(
     if head is None:
         raise ValueError(f"{path}: no line has BlFract among titles, so there are no stations")
     titles = _titles(lines[head])
-    # Two lines of titles, three in FAST 7, of which the last is free.
-    free = 3 if lines[1:2] and lines[1].lstrip().startswith("--") else 2
-    said = named(lines, free, head)
+    said = named(lines, _free(lines), head)
     used = ("NBlInpSt", "AdjBlMs", "AdjFlSt", "AdjEdSt")
     require(path, said, used)
     size = said["nblinpst"][0]
@@ -82,18 +80,24 @@ def read_elastodyn(
     others = [
         value
         for part in (said, named(lines, rows[-1][0], len(lines)))
-        for values in part.values() for value in values if value.name not in used
+        for name, values in part.items() if name not in map(str.lower, used) for value in values
     ]  # fmt: skip
     return ignoring_too(table, others)
 
 
 def head_of_stations(lines: Sequence[str]) -> int | None:
     """Which line has the titles of the columns."""
-    for i, line in enumerate(lines):
+    start = _free(lines)
+    for i, line in enumerate(lines[start:], start):
         words = {title.lower() for title in _titles(line)}
         if "blfract" in words and words & {"bmassden", "flpstff", "edgstff", "strctwst"}:
             return i
     return None
+
+
+def _free(lines: Sequence[str]) -> int:
+    """Two lines are titles of the file, in FAST 7 three, of which the last may say anything."""
+    return 3 if lines[1:2] and lines[1].lstrip().startswith("--") else 2
 
 
 def _titles(line: str) -> list[str]:

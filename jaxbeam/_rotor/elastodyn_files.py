@@ -36,8 +36,9 @@ def write_elastodyn(
 
     Stations are those of all properties together, where one is a function of x / L with 51
     equidistant ones; a step is written as two stations 1e-9 apart, since ElastoDyn wants them to
-    increase. Twist goes into the file in the sense of `read_csv`. ElastoDyn's blades do not stretch
-    or twist: `axial_stiffness`, `torsional_stiffness` and `polar_inertia` are not in the file.
+    increase; places nearer than twice that become one. Twist goes into the file in the sense of
+    `read_csv`. ElastoDyn's blades do not stretch or twist: `axial_stiffness`,
+    `torsional_stiffness` and `polar_inertia` are not in the file.
 
     `read_elastodyn` reads it back. Raises `TypeError` unless all numbers are known, and
     `ValueError` where coefficients do not sum to one within 0.0015, which ElastoDyn refuses.
@@ -53,14 +54,14 @@ def write_elastodyn(
     ratios = known_array("damping", damping)
     if ratios.shape != (3,) or not np.all((ratios >= 0) & (ratios < 1)):
         raise ValueError(f"damping must be three ratios from 0 to below 1, got {damping}")
-    places, rows = _rows(beam)
+    rows = _rows(beam)
     named = [("BldFlDmp(1)", ratios[0] * 100), ("BldFlDmp(2)", ratios[1] * 100)]
     named += [("BldEdDmp(1)", ratios[2] * 100)]
     lines = [
         "------- ELASTODYN V1.00.* INDIVIDUAL BLADE INPUT FILE --------------------------",
         title.splitlines()[0] if title else "",
         "---------------------- BLADE PARAMETERS ----------------------------------------",
-        _line(len(places), "NBlInpSt"),
+        _line(len(rows), "NBlInpSt"),
         *(_line(value, name) for name, value in named),
         "---------------------- BLADE ADJUSTMENT FACTORS --------------------------------",
         *(_line(value, name) for name, value in _TUNING),
@@ -83,6 +84,8 @@ def _line(value: float, name: str) -> str:
 
 
 def _two(flap: Any) -> list[Any]:
+    if not np.iterable(flap):
+        raise TypeError(f"flap must be the coefficients of two modes, got {flap!r}")
     rows = list(flap)
     if len(rows) != 2:
         raise ValueError(f"flap must be the coefficients of two modes, got {len(rows)}")
@@ -100,8 +103,8 @@ def _coefficients(name: str, row: Any) -> np.ndarray:
     return values
 
 
-def _rows(beam: Beam) -> tuple[np.ndarray, np.ndarray]:
-    """Stations, and the columns of the table."""
+def _rows(beam: Beam) -> np.ndarray:
+    """The table, by stations that increase."""
     twist = 0.0 if beam.twist is None else beam.twist
     given = (
         twist,
@@ -109,16 +112,27 @@ def _rows(beam: Beam) -> tuple[np.ndarray, np.ndarray]:
         beam.flap_bending_stiffness,
         beam.in_plane_bending_stiffness,
     )
-    steps = sorted({step for p in given if isinstance(p, AbstractSpanwise) for step in p.steps})
-    places = {0.0, 1.0, *(float(x) for p in given for x in _stations(p))}
-    # On both sides of a step, within the pieces that end there.
-    sides = [(x, -1) for x in places] + [(x, 1) for x in steps]
-    sides.sort()
-    at = np.array([x for x, _ in sides])
-    columns = [_values(p, at, [side for _, side in sides]) for p in given]
-    at = np.array([x if side < 0 else x + _STEP for x, side in sides])
-    columns[0] = columns[0] / DEGREES
-    return at, np.stack([at, np.full(at.size, _PITCH_AXIS), *columns], -1)
+    places = sorted({0.0, 1.0, *(float(x) for p in given for x in _stations(p))})
+    first, last = _merged(places)
+    before, behind = (
+        np.stack([_values(p, at, side) for p in given], -1) for at, side in ((first, -1), (last, 1))
+    )
+    jumps = ~np.isclose(before, behind, rtol=_STEP, atol=0).all(1)
+    end = np.where(last == 1, 1.0, first + _STEP * jumps)  # a step up to the tip ends there
+    table = np.concatenate([np.c_[end - _STEP, before][jumps], np.c_[end, behind]])
+    at, twist, *others = table[np.argsort(table[:, 0])].T
+    return np.stack([at, np.full(at.size, _PITCH_AXIS), twist / DEGREES, *others], -1)
+
+
+def _merged(places: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """First and last of places so near to each other that no two stations fit between them."""
+    groups: list[list[float]] = []
+    for x in places:
+        if groups and x - groups[-1][0] <= 2 * _STEP:
+            groups[-1].append(x)
+        else:
+            groups.append([x])
+    return np.array([group[0] for group in groups]), np.array([group[-1] for group in groups])
 
 
 def _stations(value: Any) -> Any:
@@ -127,16 +141,16 @@ def _stations(value: Any) -> Any:
     return (*_MORE, *value.kinks) if isinstance(value, AbstractSpanwise) else ()
 
 
-def _values(value: Any, at: np.ndarray, sides: Sequence[int]) -> np.ndarray:
+def _values(value: Any, at: np.ndarray, side: int) -> np.ndarray:
+    """At places, or just before (-1) or behind (1) where it jumps there."""
     if isinstance(value, Spanwise):
         places, values = np.asarray(value.stations), np.asarray(value.values)
         first = np.searchsorted(places, at, side="left")
         last = np.searchsorted(places, at, side="right") - 1
-        own = np.where(np.asarray(sides) < 0, first, last)
-        there = first <= last
+        own = first if side < 0 else last
         between = np.interp(at, places, values)
-        return np.where(there, values[np.clip(own, 0, places.size - 1)], between)
+        return np.where(first <= last, values[np.clip(own, 0, places.size - 1)], between)
     if isinstance(value, AbstractSpanwise):
-        beside = np.clip(at + 1e-12 * np.asarray(sides), 0.0, 1.0)  # at a kink it has no value
+        beside = np.clip(at + 1e-12 * side, 0.0, 1.0)  # at a kink it has no value
         return np.asarray(value.at(beside))
     return np.full(at.size, float(value))

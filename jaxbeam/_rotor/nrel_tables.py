@@ -195,7 +195,7 @@ def ignoring_too(table: BladeTable, others: Iterable[Value]) -> BladeTable:
     for _, name, text in others:
         array = re.sub(r"\(?\d+\)?$", "", name)
         array = array if array.lower() in REASONS else name
-        if not is_number(text, 1 if array == "FlStTunr" else 0):
+        if not is_number(text, 1 if array.lower() == "flsttunr" else 0):
             left.setdefault(array, [] if array != name else [text])
     sentences = tuple(ignoring(name, values, REASONS) for name, values in left.items())
     return table._replace(ignored=table.ignored + sentences)

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxbeam._types import is_known
+
 
 @dataclasses.dataclass(frozen=True, eq=False)  # arrays are not compared
 class Cases:
@@ -94,7 +96,17 @@ def _some(named: dict[str, Any]) -> dict[str, Any]:
     return named
 
 
+def refuse_traced(given: Any) -> None:
+    """Raise if numbers of a sweep are traced."""
+    if not is_known(given):
+        raise TypeError(
+            "a sweep cannot be inside jax.grad, jax.jit or jax.vmap, since its results go to "
+            "NumPy: differentiate inside the swept function, or take jax.vmap in its place"
+        )
+
+
 def _column(name: str, values: Any) -> np.ndarray:
+    refuse_traced(values)
     try:
         column = np.asarray(values)
     except ValueError:  # lists of unequal lengths

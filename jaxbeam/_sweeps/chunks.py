@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxbeam._numerics.program import Program
 from jaxbeam._status import Status, said, unlogged
+from jaxbeam._sweeps.cases import refuse_traced
 from jaxbeam._sweeps.store import Part, Spec
 
 Columns = dict[str, np.ndarray]
@@ -43,7 +44,9 @@ class Work(NamedTuple):
             case = np.full(self.chunk, lanes[0])
             case[lanes] = lanes
             filled = jax.device_put({name: c[case] for name, c in columns.items()}, device)
-            found = named(jax.device_get(batched(function, filled)))
+            result = batched(function, filled)
+            refuse_traced(result)  # of what the function reads from outside
+            found = named(jax.device_get(result))
             return {name: np.asarray(leaf)[lanes] for name, leaf in found.items()}
 
         for lanes, found in _isolated(run, np.arange(n)):
@@ -78,10 +81,13 @@ def placed(function: Callable[..., Any], device: jax.Device | None) -> Callable[
 def named(result: Any) -> dict[str, Any]:
     """Leaves of a result by the path to them: "frequency", "a.b", or "value" for a lone array."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(result)
-    return {
-        jax.tree_util.keystr(path, simple=True, separator=".") or "value": leaf
-        for path, leaf in leaves
-    }
+    found: dict[str, Any] = {}
+    for path, leaf in leaves:
+        name = jax.tree_util.keystr(path, simple=True, separator=".") or "value"
+        if name in found:
+            raise ValueError(f"two results of the swept function have the name {name!r}")
+        found[name] = leaf
+    return found
 
 
 def _finite(results: Mapping[str, np.ndarray], n: int) -> np.ndarray:

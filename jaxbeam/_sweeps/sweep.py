@@ -16,7 +16,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxbeam._sweeps.cases import Cases, checked_cases
+from jaxbeam._checks import plain
+from jaxbeam._sweeps.cases import Cases, checked_cases, refuse_traced
 from jaxbeam._sweeps.chunks import Columns, Work, batched, made_with, named, placed
 from jaxbeam._sweeps.devices import checked_devices, on_devices
 from jaxbeam._sweeps.executors import on_executor
@@ -93,7 +94,8 @@ def _checked(
     """The arguments of `sweep`, or an error that says which is malformed."""
     if not callable(function):
         raise TypeError(f"function must take parameters by name, got {type(function).__name__}")
-    cases = checked_cases(cases)
+    refuse_traced(function)
+    cases, chunk = checked_cases(cases), plain(chunk)
     if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
         raise ValueError(f"chunk must be an int >= 1, got {chunk!r}")
     chunk = min(chunk, len(cases))

@@ -49,9 +49,9 @@ class Table:
     def sel(self, **at: Any) -> Self:
         """The part of the table at these coordinates, by value: `table.sel(tip_mass=0.5)`.
 
-        A number must be a coordinate to a relative 1e-9, a list of numbers keeps that dimension,
-        a slice takes all coordinates between its ends, both included. In an explicit list the
-        parameters select cases and keep the dimension "case".
+        A number must be a coordinate to a relative 1e-9, and takes the nearest one; a list of
+        numbers keeps that dimension, a slice takes all coordinates between its ends, both included.
+        In an explicit list the parameters select cases and keep the dimension "case".
         """
         table = self
         for name, wanted in at.items():
@@ -124,8 +124,10 @@ class Table:
         part = self.sel(**at)
         if part.values["status"].size != 1:
             raise ValueError("message: name one case by all its coordinates")
-        status = Status(int(part.values["status"].item()))
-        return part.errors.get(0, status.message)
+        code = int(part.values["status"].item())
+        if code not in list(Status):
+            raise ValueError(f"message: {code} is no status that this version knows")
+        return part.errors.get(0, Status(code).message)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of it to a NumPy archive (.npz), without pickling."""
@@ -220,13 +222,17 @@ def _find(name: str, column: np.ndarray, wanted: Any) -> np.ndarray:
         return found
     if not _real(wanted):
         raise TypeError(f"{name} must be selected by numbers, got {wanted!r}")
-    close = np.isclose(column, wanted, rtol=1e-9, atol=_slack(column), equal_nan=True)
-    found = np.flatnonzero(close)
-    if not found.size:
-        away = np.abs(column - wanted)
-        near = f", nearest {float(column[np.nanargmin(away)])}" if np.isfinite(away).any() else ""
-        raise KeyError(f"{name} has no coordinate {wanted!r}{near}")
-    return found
+    number = float(wanted)
+    exact = np.flatnonzero(np.isnan(column) if np.isnan(number) else column == number)
+    if exact.size:
+        return exact
+    away = np.abs(column - number)
+    if not np.isfinite(away).any():
+        raise KeyError(f"{name} has no coordinate {wanted!r}")
+    near = float(column[np.nanargmin(away)])
+    if not np.isclose(near, number, rtol=1e-9, atol=_slack(column)):
+        raise KeyError(f"{name} has no coordinate {wanted!r}, nearest {near}")
+    return np.flatnonzero(column == near)
 
 
 def _real(value: Any) -> bool:

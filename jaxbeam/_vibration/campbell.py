@@ -34,24 +34,29 @@ class Campbell(eqx.Module):
     labels: tuple[Label, ...] = eqx.field(static=True)
     table: Table = eqx.field(static=True)
 
-    def crossings(self, harmonics: Sequence[float] = (1, 2, 3, 4, 5, 6)) -> list[Crossing]:
+    def crossings(
+        self, harmonics: Sequence[float] | np.ndarray = (1, 2, 3, 4, 5, 6)
+    ) -> list[Crossing]:
         """All speeds in the range of the diagram where frequency = harmonic * speed.
 
-        Sign changes between neighbouring speeds of the diagram, refined by `crossing`; two
-        crossings between two neighbours are not seen. Where a label changes branch in a veering
-        and the line passes through the gap, there is no crossing. Ordered by speed; their numbers
-        are those of Python.
+        Sign changes between neighbouring speeds of the diagram, in whatever order they were given
+        and but for those that failed, refined by `crossing`; two crossings between two neighbours
+        are not seen. Where a label changes branch in a veering and the line passes through the gap,
+        there is no crossing. Ordered by speed; their numbers are those of Python.
         """
         factors = known_array("harmonics", harmonics)
         if factors.ndim != 1 or not (np.isfinite(factors) & (factors > 0)).all():
             raise ValueError(f"harmonics must be a list of numbers > 0, got {harmonics!r}")
-        speed = self.table.coords["angular_speed"]
         found = []
         for column, label in enumerate(self.labels):
-            for harmonic in harmonics:
-                gap = self.table["frequency"][:, column] - harmonic * np.abs(speed)
+            frequency = self.table["frequency"][:, column]
+            there = np.flatnonzero(np.isfinite(frequency))
+            speed, order = np.unique(self.table.coords["angular_speed"][there], return_index=True)
+            there = there[order]
+            growing = self.table["growth_rate"][there, column] > 0
+            for harmonic in factors.tolist():
                 # A gap that is zero at rest, in divergence, is no resonance.
-                gap = np.where(self.table["growth_rate"][:, column] > 0, np.nan, gap)
+                gap = np.where(growing, np.nan, frequency[there] - harmonic * np.abs(speed))
                 # A root on a sample counts once, for the interval that it begins.
                 change = (gap[:-1] * gap[1:] < 0) | (gap[:-1] == 0)
                 change[-1:] |= gap[-1:] == 0

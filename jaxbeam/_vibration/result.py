@@ -13,7 +13,7 @@ from jaxbeam._models.base import AbstractModel
 from jaxbeam._models.families import Family, Label
 from jaxbeam._models.shapes import Shapes
 from jaxbeam._results import per_case, where_known
-from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vectors
 from jaxbeam._vibration.shapes import ShapePolynomials, fit
@@ -106,11 +106,18 @@ class Modes(eqx.Module):
 
         They are fitted to the deflection in the mode's own direction, in plane or flap. Of sections
         that are turned ElastoDyn takes a shape p as a curvature p'' about their axes, and adds up
-        what it does in both directions: with twist or pitch, p is the one for which that comes next
-        to the deflection both ways. Value and slope at the root are zero, so that shapes of a root
-        that yields do not fit: look at `misfit`, which for clamped blades is 1e-3 or so.
-        `jaxbeam.blades.write_elastodyn` writes them into a file. Batches are as in `displacement`.
+        what it does in both directions: with twist, p is the one for which that comes next to the
+        deflection both ways. It turns the whole blade by its own pitch, so that shapes are those of
+        a rotor without one: `ValueError` otherwise. Value and slope at the root are zero, so that
+        shapes of a root that yields do not fit: look at `misfit`, which for clamped blades is 1e-3
+        or so. `jaxbeam.blades.write_elastodyn` writes them into a file. Batches are as in
+        `displacement`.
         """
+        if isinstance(rotor, Rotor) and rotor.pitch is not None:
+            raise ValueError(
+                "rotor.pitch must be None for shapes of modes, since ElastoDyn turns the blade by "
+                "a pitch of its own: take the modes of the rotor without its pitch"
+            )
         return _polynomials(self, rotor)
 
 

@@ -197,6 +197,15 @@ def test_columns_and_units_of_elastodyn(old, new, tmp_path):
     is_the_blade(reading(tmp_path, text, length=50.0, axial_stiffness=1e10))
 
 
+def test_names_in_small_letters_are_used_and_not_ignored(tmp_path):
+    small = ELASTODYN.replace("AdjFlSt", "adjflst\n1 flsttunr(1)")
+    text = small.replace("{title}", "BlFract BMassDen")
+    plain = reading(tmp_path, ELASTODYN, length=50.0, axial_stiffness=1e10)
+    small = reading(tmp_path, text, length=50.0, axial_stiffness=1e10)
+    is_the_blade(small)
+    assert small.ignored == plain.ignored
+
+
 def test_columns_of_elastodyn_in_another_order(tmp_path):
     """Units stay where they were in some such files: x / L has none, whatever is said."""
     head, rows = ELASTODYN.split("BlFract")[0], np.array(

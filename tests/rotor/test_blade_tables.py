@@ -343,6 +343,10 @@ BAD_CSV = {
         csv_with(*GOOD, titles=CSV_TITLES.replace("mass_per_length_kg_per_m", "mass_per_length")),
         "line 2, column mass_per_length: its unit must be kg/m, g/m, t/m, got none",
     ),
+    "a place in feet": (
+        csv_with(*GOOD, titles=CSV_TITLES.replace("x_over_L", "x_ft")),
+        "line 2, column x_ft: is not known as x, whose unit must be m, cm, mm, got 'ft', and",
+    ),
     "missing": (
         csv_with(*GOOD, titles="x_over_L,twist_deg,chord,flap_stiffness_N_m2,thickness"),
         "line 2: no column mass_per_length_kg_per_m, in_plane_stiffness_N_m2",

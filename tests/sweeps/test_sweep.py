@@ -3,6 +3,7 @@
 import builtins
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -52,6 +53,17 @@ def test_selection_has_tolerance():
             table.sel(a=bad)
     with pytest.raises(ValueError, match="without step"):
         table.sel(a=slice(0, 1, 2))
+
+
+def test_of_coordinates_that_are_close_the_nearest_is_selected():
+    near, far = 1e9, 1e9 + 1
+    table = jb.sweep(lambda a: a, jb.grid(a=[near, far, np.inf]))
+    assert table.sel(a=near)["value"] == table.sel(a=near + 0.1)["value"] == near
+    assert table.sel(a=far)["value"] == table.sel(a=far - 0.1)["value"] == far
+    assert table.sel(a=np.inf)["value"] == np.inf
+    assert table.sel(a=[far, near])["value"].tolist() == [far, near]
+    listed = jb.sweep(lambda a: a, jb.points(a=[far, near, far]))
+    assert listed.sel(a=far)["value"].tolist() == [far, far]
 
 
 def test_labels_as_coordinates(tmp_path):
@@ -178,6 +190,35 @@ def test_errors_of_the_function_itself_pass_through():
         jb.sweep(lambda a: a, jb.grid(a=[1], b=[2]))
     with pytest.raises(TypeError, match="at least one array"):
         jb.sweep(lambda a: None, jb.grid(a=[1]))
+
+
+def test_results_of_one_name_are_named():
+    with pytest.raises(ValueError, match=r"two results of the swept function .* name 'a\.b'"):
+        jb.sweep(lambda x: {"a": {"b": x}, "a.b": 2 * x}, {"x": [1.0]})
+
+
+def test_a_sweep_that_is_traced_says_what_to_do():
+    def total(function, x):
+        return jnp.sum(jb.sweep(function, {"x": x})["value"])
+
+    def product(a, x):
+        return a * x
+
+    for traced in (
+        lambda a: total(jax.tree_util.Partial(product, a), [1.0, 2.0]),
+        lambda a: total(lambda x: a * x, [1.0, 2.0]),
+        lambda a: total(lambda x: x, [a, 2 * a]),
+        lambda a: total(lambda x: x, a * jnp.ones(2)),
+    ):
+        for transformed in (jax.grad(traced), jax.jit(traced)):
+            with pytest.raises(TypeError, match=r"^a sweep cannot be inside jax.grad.*its place"):
+                transformed(2.0)
+
+
+def test_a_status_of_another_version_is_named():
+    table = jb.Table({"status": np.array(999)}, {"status": ()}, {})
+    with pytest.raises(ValueError, match="message: 999 is no status that this version knows"):
+        table.message()
 
 
 def test_bad_arguments():

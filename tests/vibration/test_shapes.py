@@ -142,6 +142,36 @@ def test_a_file_that_is_written_reads_as_the_same_beam(tmp_path):
     assert np.all(np.diff(read.beam.twist.stations) > 0)
 
 
+@pytest.mark.parametrize(
+    ("stations", "also", "written"),
+    [
+        ([0.0, 0.3, 0.3, 1.0], 0.1 + 0.2, "0 0.3 0.300000001 1"),
+        ([0.0, 0.3, 1.0], 0.1 + 0.2, "0 0.3 1"),
+        ([0.0, 0.3, 0.3, 0.3 + 5e-10, 1.0], 0.3, "0 0.3 0.300000001 1"),
+        ([0.0, 0.3, 1.0], 1 - 1e-10, "0 0.3 0.999999999 1"),
+        ([0.0, 0.3, 1.0], 1e-10, "0 1e-09 0.3 1"),
+    ],
+)
+def test_stations_that_differ_by_rounding_are_written_once(stations, also, written, tmp_path):
+    """And those at a step beside it: all of them increase, and the beam is the same."""
+    values = np.geomspace(300.0, 10.0, len(stations))
+    beam = jb.Beam(
+        50.0, jb.Spanwise(stations, values), 1e9, 1e9, 1e9,
+        twist=jb.Spanwise([0.0, also, 1.0], [0.2, 0.1, 0.0]),
+    )  # fmt: skip
+    path, row = tmp_path / "blade.dat", [1.0, 0.0, 0.0, 0.0, 0.0]
+    write_elastodyn(path, beam, flap=[row, row], edge=row)
+    lines = path.read_text().splitlines()
+    first = lines.index("(-) (-) (deg) (kg/m) (Nm^2) (Nm^2)") + 1
+    count = len(written.split())
+    assert " ".join(line.split()[0] for line in lines[first : first + count]) == written
+    read = read_elastodyn(path, length=50.0, axial_stiffness=1e9).beam
+    xi = np.array([0.0, 2e-8, 0.1, 0.29999999, 0.30000001, 0.9, 1.0 - 2e-8, 1.0])
+    for name in ("mass_per_length", "twist"):
+        there, wanted = (getattr(b, name).at(xi) for b in (read, beam))
+        np.testing.assert_allclose(there, wanted, rtol=1e-7, atol=1e-8)
+
+
 def test_what_cannot_be_written_is_said(tmp_path):
     good = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     path, beam = tmp_path / "blade.dat", UNIFORM.beam
@@ -154,15 +184,24 @@ def test_what_cannot_be_written_is_said(tmp_path):
         (ValueError, "BldFl2Sh must be five", lambda: write(flap=(good, good[:4]))),
         (ValueError, "must sum to one, got nan", lambda: write(edge=np.nan * good)),
         (ValueError, "two modes, got 1", lambda: write(flap=[good])),
+        (
+            TypeError,
+            "flap must be the coefficients of two modes, got None",
+            lambda: write(flap=None),
+        ),
         (ValueError, "damping must be three", lambda: write(damping=(1.0,))),
         (TypeError, "beam must be a Beam", lambda: write(beam=UNIFORM)),
         (TypeError, "beam must be known", lambda: jax.jit(lambda b: write(beam=b))(beam)),
+        (
+            ValueError, "rotor.pitch must be None .* take the modes of the rotor without its pitch",
+            lambda: of(0.0).polynomials(jb.Rotor(beam, pitch=0.1)),
+        ),
         (ValueError, "xi must be x / L", lambda: of(0.0).displacement(UNIFORM, 1.5)),
-    ):
+    ):  # fmt: skip
         with pytest.raises(error, match=text):
             call()
     assert not path.exists()
-    write()
+    write(title="BlFract BMassDen")  # as the titles of columns
     np.testing.assert_allclose(
         read_elastodyn(path, length=2.0, axial_stiffness=1e7).beam.mass_per_length.at(XI), 3.0
     )

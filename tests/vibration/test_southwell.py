@@ -294,6 +294,24 @@ def test_divergence_is_no_resonance():
     assert (diagram.table["frequency"][growing, 0] == 0).all()
 
 
+def test_neither_order_nor_failed_cases_hide_or_double_a_crossing(monkeypatch):
+    """Of the frequency 6 + speed, which is twice the speed between 4 and 7."""
+
+    def middle(_, __, bracket, label, harmonic, throw):
+        at = (jnp.asarray(number) for number in (harmonic, sum(bracket) / 2))
+        return jb.results.Crossing(label, *at, jnp.asarray(int(jb.Status.OK)))
+
+    monkeypatch.setattr("jaxbeam._vibration.campbell.crossing", middle)
+    dims = ("angular_speed", "mode")
+    for speeds in ([0.0, 1.0, 4.0, 7.0], [7.0, 0.0, 4.0], [0.0, 1.0, np.nan, 4.0, np.nan, 7.0]):
+        at = np.array(speeds)
+        values = {"frequency": (6 + at)[:, None], "growth_rate": 0 * at[:, None]}
+        table = jb.Table(values, dict.fromkeys(values, dims), {"angular_speed": at})
+        diagram = jb.results.Campbell(jb.Hybrid(0, 1, 1), slender(), jb.labels(flap=1), table)
+        found = diagram.crossings(np.array([2]))
+        assert [(c.harmonic, c.angular_speed) for c in found] == [(2, 5.5)]
+
+
 @pytest.mark.exhaustive
 def test_no_resonance_where_a_label_changes_branch():
     """The line passes through the gap of the veering of in-plane 3 with stretch 1 at 25.53."""
