@@ -8,5 +8,5 @@ from jaxbeam._fitting.experiments import Clearance as Clearance
 from jaxbeam._fitting.experiments import Experiment as Experiment
 from jaxbeam._fitting.experiments import HistoryData as HistoryData
 from jaxbeam._fitting.experiments import StaticData as StaticData
-from jaxbeam._fitting.experiments import match_modes as match_modes
 from jaxbeam._fitting.fit import Descent as Descent
+from jaxbeam._fitting.matching import match_modes as match_modes

@@ -67,7 +67,8 @@ def polynomials(rotor):
     ],
 )
 def test_lapack_meets_one_matrix_at_a_time(answer):
-    """In programs of derivatives, in both modes, where values are made as well."""
+    """No equation of a program that calls LAPACK has a batch: programs of derivatives of a batch,
+    in both modes, which make the values as well."""
 
     def case(values):
         stiffness = jb.Spanwise([0.0, 1.0], values)

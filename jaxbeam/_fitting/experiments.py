@@ -21,6 +21,7 @@ from jaxbeam._checks import (
     real_array,
     real_scalar,
 )
+from jaxbeam._fitting.matching import match_modes
 from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
 from jaxbeam._models.families import Family, Label
 from jaxbeam._rotor.beam import Rotor
@@ -114,42 +115,6 @@ class FrequencyData(Experiment):
             return found
         matched = jax.vmap(match_modes)(self.measured, found)
         return jnp.take_along_axis(found, matched, axis=1)
-
-
-def match_modes(measured: Any, computed: Any) -> Array:
-    """Which of the computed frequencies, shape (n,), each measured one, (k,), belongs to.
-
-    The assignment of k different modes with the least sum of squares of log(measured / computed),
-    by dynamic programming: on a line the best assignment crosses nothing. NaN among the measured
-    takes no mode, and its index means nothing; NaN among the computed is a mode that is not there.
-    No derivative.
-    """
-    measured, computed = real_array("measured", measured), real_array("computed", computed)
-    if measured.ndim != 1 or computed.ndim != 1 or not 0 < measured.size <= computed.size:
-        raise ValueError(
-            "measured and computed must be lists, not empty and the latter no shorter, got shapes "
-            f"{measured.shape} and {computed.shape}"
-        )
-    measured, computed = jax.lax.stop_gradient((jnp.log(measured), jnp.log(computed)))
-    rows, columns = jnp.argsort(measured), jnp.argsort(computed)  # NaN last
-    given = jnp.isfinite(measured[rows])
-    cost = (measured[rows][:, None] - computed[columns][None]) ** 2
-    cost = jnp.where(jnp.isfinite(cost), cost, 1e30)
-    n = computed.size
-    never = jnp.asarray([jnp.inf], cost.dtype)
-    least = jnp.zeros(n + 1, cost.dtype)  # of the rows so far with the first 0 .. n modes
-    ends = []
-    for i in range(measured.size):
-        end = least[:-1] + cost[i]  # at mode j: what went before used modes below j
-        ends.append(end)
-        best = jax.lax.cummin(jnp.concatenate([never, end]))
-        least = jnp.where(given[i], best, least)
-    found, below = [jnp.zeros((), int)] * measured.size, jnp.asarray(n)
-    for i in reversed(range(measured.size)):
-        at = jnp.argmin(jnp.where(jnp.arange(n) < below, ends[i], jnp.inf))
-        found[i], below = at, jnp.where(given[i], at, below)
-    matched = columns[jnp.stack(found)]
-    return jnp.zeros(measured.size, int).at[rows].set(matched)
 
 
 def _tip(run: Simulation) -> Array:

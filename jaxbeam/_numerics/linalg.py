@@ -9,7 +9,7 @@ libraries take batches, all lanes go at once.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, overload
+from typing import NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
@@ -86,37 +86,6 @@ def _dense_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
 def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     b = _dense_inverse(*primals)
     return b, -b @ tangents[0] @ b
-
-
-def exponential(a: Float[Array, "n n"], squarings: int = 26) -> Float[Array, "n n"]:
-    """exp(a), by Taylor's series of a / 2^k and k squarings; differentiable in both modes.
-
-    Without LAPACK, and for norms up to 2^24 (`jax.scipy.linalg.expm` stops at 2^16 by default).
-    Relative error about eps times the norm, as a skew matrix of that norm has anyhow. A batch pays
-    for all `squarings`: fewer are quicker, and NaN where they do not suffice.
-    """
-    n = a.shape[0]
-    norm = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(a), 0)))
-    # With the norm at most 1/4, the terms left out after degree 12 are below 1e-17.
-    k = jnp.maximum(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-300))) + 2, 0)
-    a = jnp.where(k <= squarings, a * jnp.exp2(-k), jnp.nan)
-    eye = jnp.eye(n, dtype=a.dtype)
-    a2 = a @ a
-    a3 = a2 @ a
-    # exp(a) - 1, which squares without losing what is small beside 1: (1 + e)^2 - 1 = 2 e + e^2
-    weights = 1.0 / np.cumprod(np.arange(1.0, 13.0))
-    groups = [
-        weights[3 * i] * a + weights[3 * i + 1] * a2 + weights[3 * i + 2] * a3 for i in range(4)
-    ]
-    e = groups[3]
-    for group in groups[2::-1]:
-        e = group + a3 @ e
-
-    def square(e: Array, i: Array) -> tuple[Array, None]:
-        return jax.lax.cond(i < k, lambda e: 2 * e + e @ e, lambda e: e, e), None
-
-    e, _ = jax.lax.scan(square, e, jnp.arange(float(squarings), dtype=a.dtype))
-    return e + eye
 
 
 class BlockPairs(NamedTuple):
@@ -369,19 +338,12 @@ def _factor(a: Float[Array, "n n"]) -> Float[Array, ""]:
     return jnp.all(jnp.isfinite(cholesky(a))).astype(a.dtype)
 
 
-@jax.custom_jvp
 @one_by_one
 def principal_rows(a: Float[Array, "m n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Singular values of a tall matrix, the largest first, and its right singular vectors as rows;
-    taken to be constant where derivatives are asked for."""
+    """Singular values of a tall matrix, the largest first, and its right singular vectors as rows.
+    Of a matrix without derivatives: those of vectors of values that are alike do not exist."""
     _, value, rows = jnp.linalg.svd(jnp.linalg.qr(a, mode="r"), full_matrices=False)
     return value, rows
-
-
-@principal_rows.defjvp
-def _principal_rows_jvp(primals: tuple[Array], _: tuple[Array]) -> tuple[Any, Any]:
-    found = principal_rows(*primals)
-    return found, jax.tree.map(jnp.zeros_like, found)
 
 
 def _symmetric_modes(

@@ -152,7 +152,7 @@ def _before(parts: Array, forward: bool) -> Array:
     return before.reshape(-1, *parts.shape[1:])[: len(parts)]
 
 
-_NEARER, _TURNS = 4.0, 10  # towards the root, where there are powers that are not whole
+_NEARER, _TURNS = 4.0, 10  # ratio of segments towards the ends, and how many towards the root
 _FLAT = 1e-2  # ratios whose logarithm is below need no crowding
 
 
@@ -204,14 +204,15 @@ def _crowded(r: Array, t: np.ndarray) -> tuple[Array, Array]:
 @functools.lru_cache(maxsize=64)
 def shortened(edges: tuple[float, ...], root: bool = False) -> tuple[float, ...]:
     """Edges with others between them, so that no segment is too long and none of few has to follow
-    too much. With `root` they go on towards the root as a geometric series does, for powers of x
-    that are not whole."""
+    too much; one more near the tip, for what tapers almost to a point there. With `root` they go on
+    towards the root as a geometric series does, for powers of x that are not whole."""
     out, each = [0.0], -(-_FEWEST // (len(edges) - 1))
     for start, end in itertools.pairwise(edges):
         parts = max(int(np.ceil((end - start) * _FEWEST / 2 - 1e-9)), each)
         out += [*np.linspace(start, end, parts + 1)[1:-1].tolist(), end]
     near = (out[1] * _NEARER ** np.arange(-_TURNS, 0.0)).tolist() if root else []
-    return (0.0, *near, *out[1:])
+    tip = 1 - (1 - out[-2]) / _NEARER
+    return (0.0, *near, *out[1:-1], tip, 1.0)
 
 
 @functools.lru_cache(maxsize=64)

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.linalg import dense, exponential, inverse
+from jaxbeam._numerics.exponential import exponential
+from jaxbeam._numerics.linalg import dense, inverse
 from jaxbeam._solvers.steps import Interpolation, SecondOrderSolver, length
 from jaxbeam._solvers.system import SecondOrderSystem, State, work_rate
 from jaxbeam._types import Matrix, Scalar, Vector

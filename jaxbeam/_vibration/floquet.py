@@ -29,10 +29,10 @@ from jaxtyping import Array, Complex, Float, Int
 from jaxbeam._checks import count_functions, kind_of, known, positive
 from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Family, is_hinged, planes_of
+from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import (
     dense,
     eigensystem,
-    exponential,
     inverse,
     lowest_eigenpair,
     symmetric_modes,

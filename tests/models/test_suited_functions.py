@@ -207,9 +207,9 @@ class Drawn:
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(28))
 def test_random_blades(seed):
-    """336 against independent references, numbers traced: the lowest six by 16 functions to 1e-6,
-    to 1e-4 with twist, and to 1e-3 of tapers almost to a point; estimates are no less than a fourth
-    of the error and no more than thirty times as much."""
+    """336 against independent references, numbers traced: the lowest six by 16 functions to 1e-4,
+    or to 1e-3 with twist and of tapers almost to a point; estimates are no less than a third of the
+    error and no more than thirty times as much."""
     kind = Drawn(seed)
 
     @jax.jit
@@ -228,9 +228,9 @@ def test_random_blades(seed):
         error = np.abs(np.asarray(frequency)[order] / exact - 1)
         estimate = np.asarray(estimate)[order]
         assert status == jb.Status.OK
-        assert error.max() < (1e-3 if kind.tapers else 1e-4 if kind.twists else 2e-6)
+        assert error.max() < (1e-3 if kind.tapers or kind.twists else 1e-4)
         seen = error > 1e-9
-        assert (estimate[seen] > error[seen] / 4).all()
+        assert (estimate[seen] > error[seen] / 3).all()
         assert (estimate < 30 * error + 1e-8).all()
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from jaxbeam._numerics.blocks import BlockTridiagonal
-from jaxbeam._numerics.linalg import exponential
+from jaxbeam._numerics.exponential import exponential
 from tests.tiers import slow
 
 
