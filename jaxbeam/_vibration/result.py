@@ -36,7 +36,8 @@ class Modes(eqx.Module):
     | steady_strain| ()     |       | see `LinearSystem`                                         |
     | frequency_   | (k,)   |       | estimate of what functions and quadrature leave out of     |
     | error        |        |       | lambda, relative, on beams that vary along the span; None  |
-    |              |        |       | of uniform ones, of elements and of coned beams            |
+    |              |        |       | of uniform ones (far beyond gamma = 50 take more functions |
+    |              |        |       | and compare), of elements and of coned beams               |
     | model        |        |       | whose modes they are; no array, and part of no table       |
 
     (*) kg^-1/2 for coordinates in metres.

@@ -15,14 +15,18 @@ BLADE = jb.blades.read_csv(blade_reference.NREL, length=61.5, axial_stiffness=1e
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("rpm", [0.0, slow(12.1)])
 def test_of_a_twisted_blade(rpm):
-    """Some functions are for what a moment bends across; what is left is known."""
+    """Some functions are for what a moment bends across; what is left is known, by per cents where
+    functions leave it and not quadrature, of which twice as much is said to be missed."""
     speed = rpm * np.pi / 30
     exact = np.array(blade_reference.frequencies(blade_reference.nrel5mw(), speed, 5))
     for count, tolerances in ((12, (4e-7, 4e-7, 2e-5, 2e-5, 2e-4)), (16, 4 * (3e-6,) + (2e-5,))):
         found = jb.modes(jb.Hybrid(0, count, count), jb.Rotor(BLADE, 1.5), speed, 5)
         error = np.abs(np.asarray(found.frequency) / exact - 1)
         assert (error < tolerances).all()
-        np.testing.assert_allclose(found.frequency_error, error, rtol=0.05, atol=1e-10)
+        estimate = np.asarray(found.frequency_error)
+        assert (estimate > error / 3).all()
+        assert (estimate < 30 * error).all()
+        np.testing.assert_allclose(estimate[error > 1e-7], error[error > 1e-7], rtol=0.05)
 
 
 def test_of_a_beam_turned_as_a_whole():
