@@ -182,6 +182,18 @@ class Status(enum.IntEnum):
         "nothing holds the beam at this angular_speed, since a hinge is free (RootSprings of "
         "zero): give it a stiffness, or a speed at which it is held",
     )
+    TURNING_GRAVITY = (
+        44,
+        "gravity must be along the axis of rotation, (0, 0, g), where angular_speed is not zero: "
+        "across it, it turns in the hub, and nothing rests there",
+        INPUT,
+    )
+    NO_POTENTIAL = (
+        45,
+        "loads that follow the tip, and moments at it, have no potential: where a beam that turns "
+        "loses its stability under them, modes with loads and damping tells by its growth rates",
+        INPUT,
+    )
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

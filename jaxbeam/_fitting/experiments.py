@@ -24,13 +24,13 @@ from jaxbeam._checks import (
 from jaxbeam._fitting.matching import match_modes
 from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
 from jaxbeam._models.families import Family, Label
+from jaxbeam._models.loaded import equations_under
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spins import ConstantSpeed
 from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import equations_under
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_known

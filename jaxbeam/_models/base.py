@@ -41,6 +41,10 @@ class LinearSystem(eqx.Module):
     that at the root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the
     span, the estimate P / EA from the tension on the undeformed beam. Unless `status` is OK all
     numbers are NaN.
+
+    About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
+    q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
+    none), and stiffness is symmetric where loads have a potential (`conservative`).
     """
 
     mass: Matrix
@@ -51,6 +55,14 @@ class LinearSystem(eqx.Module):
     families: tuple[Family, ...] = eqx.field(static=True)
     planes: tuple[Plane, ...] = eqx.field(static=True, default=APART)
     shapes: Shapes | None = None
+    damping: Matrix | None = None
+    general: bool = eqx.field(static=True, default=False)
+    conservative: bool = eqx.field(static=True, default=True)
+
+    @property
+    def by_rates(self) -> Matrix:
+        """All that goes with q'."""
+        return self.gyroscopic if self.damping is None else self.gyroscopic + self.damping
 
     def where(self, *families: Family) -> np.ndarray:
         """Indices of the coordinates of these families, in the order of the families given."""

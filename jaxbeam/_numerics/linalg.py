@@ -196,7 +196,7 @@ class _Planar(NamedTuple):
 
     def transverse_alone(self) -> tuple[Array, Array]:
         """Returns the same where there are no axial coordinates."""
-        v, mu = _symmetric_modes(self.m, self.k)
+        v, mu = modes_and_squares(self.m, self.k)
         root = jnp.sqrt(jnp.abs(mu))
         lam = jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root))
         return lam, v.T + 0j
@@ -268,14 +268,14 @@ def gyroscopic_eigenpairs(
 
 @one_by_one
 def _gyroscopic(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
-    lam, x, stable = _by_skew(m, gyro, k)
+    lam, x, stable = by_skew(m, gyro, k)
     return lam, x.T, stable.astype(int)
 
 
 @one_by_one
 def _gyroscopic_free(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     def found(more: Array) -> tuple[Array, Array, Array]:
-        lam, x, stable = _by_skew(m, gyro, k + more * m)
+        lam, x, stable = by_skew(m, gyro, k + more * m)
         moving = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
         return unshifted(lam, more / moving.real, k, x), x, stable
 
@@ -283,7 +283,7 @@ def _gyroscopic_free(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Arr
     return lam, x.T, stable.astype(int)
 
 
-def _by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     """What `gyroscopic_eigenpairs` finds, with modes as columns."""
     n, lower = m.shape[0], cholesky(k)
     stable = jnp.all(jnp.isfinite(lower)) & jnp.all(jnp.isfinite(m + gyro))
@@ -306,7 +306,7 @@ def symmetric_modes(
 
     From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
     """
-    return one_by_one(_settled_modes if free else _symmetric_modes)(mass, stiffness)[0]
+    return one_by_one(_settled_modes if free else modes_and_squares)(mass, stiffness)[0]
 
 
 @one_by_one
@@ -346,9 +346,10 @@ def principal_rows(a: Float[Array, "m n"]) -> tuple[Float[Array, " n"], Float[Ar
     return value, rows
 
 
-def _symmetric_modes(
+def modes_and_squares(
     mass: Array, stiffness: Array, more: Array | None = None
 ) -> tuple[Array, Array]:
+    """Of one problem K v = mu M v the modes as rows, and mu; with `more`, by way of K + more M."""
     f = cholesky(mass)
     flexible = jnp.linalg.solve(stiffness if more is None else stiffness + more * mass, f)
     a = f.T @ flexible
@@ -362,7 +363,7 @@ def _symmetric_modes(
 
 def _settled_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
     def found(more: Array) -> tuple[Array, Array]:
-        v, mu = _symmetric_modes(mass, stiffness, more)
+        v, mu = modes_and_squares(mass, stiffness, more)
         return jnp.sqrt(jnp.abs(mu)), v
 
     omega, v = settled(found, lambda: shift(mass, stiffness))

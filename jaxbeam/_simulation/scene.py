@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel, Equations
+from jaxbeam._models.loaded import equations_under
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import inverse
@@ -332,15 +333,3 @@ def _converted(part: Any, t: Scalar) -> Any:
         return jnp.asarray(part(t))
 
     return eqx.filter_closure_convert(at, t) if callable(part) else part
-
-
-def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equations:
-    """Equations of motion, if they can bear what is at the tip."""
-    equations = model.equations(rotor)
-    if loads.is_plain or equations.takes_moments:
-        return equations
-    name = "follows" if loads.tip_moment is None else "tip_moment"
-    raise ValueError(
-        f"loads.{name}: {type(model).__name__} takes a force in hub axes alone at its tip; "
-        "take jaxbeam.SpatialANCF, or leave it out"
-    )

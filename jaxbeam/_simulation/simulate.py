@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
+from jaxbeam._models.loaded import equations_under
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
@@ -28,7 +29,7 @@ from jaxbeam._simulation.course import SAMPLES, Course, during
 from jaxbeam._simulation.following import LOST, Struck, following
 from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import Inputs, Scene, equations_under
+from jaxbeam._simulation.scene import Inputs, Scene
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver, compute
 from jaxbeam._solvers.system import State

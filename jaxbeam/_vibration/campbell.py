@@ -11,7 +11,9 @@ from jaxtyping import Array
 from jaxbeam._checks import known_array
 from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Label
+from jaxbeam._models.loaded import Conditions, checked_conditions
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._status import Status
 from jaxbeam._sweeps.cases import grid
 from jaxbeam._sweeps.sweep import sweep
@@ -33,6 +35,8 @@ class Campbell(eqx.Module):
     rotor: Rotor
     labels: tuple[Label, ...] = eqx.field(static=True)
     table: Table = eqx.field(static=True)
+    loads: Loads = NO_LOADS
+    damping: Damping = NO_DAMPING
 
     def crossings(
         self, harmonics: Sequence[float] | np.ndarray = (1, 2, 3, 4, 5, 6)
@@ -62,7 +66,10 @@ class Campbell(eqx.Module):
                 change[-1:] |= gap[-1:] == 0
                 for i in np.flatnonzero(change):
                     bracket = (float(speed[i]), float(speed[i + 1]))
-                    at = crossing(self.model, self.rotor, bracket, label, harmonic, throw=False)
+                    at = crossing(
+                        self.model, self.rotor, bracket, label, harmonic,
+                        loads=self.loads, damping=self.damping, throw=False,
+                    )  # fmt: skip
                     if at.status == Status.OK:
                         found.append(jax.tree.map(lambda number: number.item(), at))
         return sorted(found, key=lambda crossing: crossing.angular_speed)
@@ -73,8 +80,12 @@ def campbell(
     rotor: Rotor,
     angular_speeds: Any,
     which: Sequence[Label],
+    *,
+    loads: Loads = NO_LOADS,
+    damping: Damping = NO_DAMPING,
 ) -> Campbell:
-    """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s)."""
+    """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s), about the
+    state that `loads` deform, with `damping` (see `modes`)."""
     which = (which,) if isinstance(which, Label) else which
     if not isinstance(which, Sequence):
         raise TypeError(f"which must be labels, got {which!r}")
@@ -82,19 +93,22 @@ def campbell(
     model, rotor, _ = checked_case(model, rotor)
     table = sweep(
         # the rotor as an argument: diagrams of other rotors reuse the compiled code
-        jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which)),
+        jax.tree_util.Partial(
+            _campbell_case, model, rotor, choose(model, which), checked_conditions(loads, damping)
+        ),
         grid(angular_speed=angular_speeds),
         dims={
             name: {"mode": [str(label) for label in which]} for name in ("frequency", "growth_rate")
         },
     )
-    return Campbell(model, rotor, which, table)
+    return Campbell(model, rotor, which, table, loads, damping)
 
 
 def _campbell_case(
-    model: AbstractModel, rotor: Rotor, wanted: Wanted, *, angular_speed: Scalar
-) -> dict[str, Array]:
-    found = find(model, rotor, angular_speed, wanted)
+    model: AbstractModel, rotor: Rotor, wanted: Wanted, conditions: Conditions | None,
+    *, angular_speed: Scalar,
+) -> dict[str, Array]:  # fmt: skip
+    found = find(model, rotor, angular_speed, wanted, conditions=conditions)
     return {
         "frequency": found.frequency,
         "growth_rate": found.growth_rate,

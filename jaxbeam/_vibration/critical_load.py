@@ -3,11 +3,12 @@
 At rest in the hub under loads that have a potential a beam is stable while its stiffness, about the
 deformed state, is positive definite; damping only helps. So what comes first as the loads grow is
 that K becomes singular: with the load along the beam its bending gives way (Euler), with a load
-across in its stiff direction bending the other way and twist do together (lateral buckling).
+across in its stiff direction bending the other way and twist do together (lateral buckling). Loads
+that follow the tip, and moments, have none, and the beam may flutter first: see `flutter.py`.
 """
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,23 +16,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._checks import kind_of
-from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
+from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Family
-from jaxbeam._numerics.linalg import dense, lowest_eigenpair, solve
+from jaxbeam._models.loaded import Conditions, checked_conditions, guarded_conditions
+from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.program import Program
-from jaxbeam._results import harmless, without_derivatives
+from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.loads import Loads
-from jaxbeam._rotor.motion import Hub, spinning
+from jaxbeam._rotor.loads import NO_DAMPING, Loads
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Scalar, Triple, Vector
+from jaxbeam._types import Code, Matrix, Scalar, Vector
+from jaxbeam._vibration.flutter import LostPlace, first_lost, polished
 from jaxbeam._vibration.singular import AbstractPlace, Groups, Scan, answer
 
 _HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
 # Loads that are looked at, over the softest stiffness of the tip times the length: up to twenty,
 # from where a section that hardly resists torsion buckles. That of Euler's column is 0.82.
 _LEAST, _LARGEST, _SCANNED = 1 / 60, 20.0, 48
+_RATIO = (_LARGEST / _LEAST) ** (1 / (_SCANNED - 1))
+_NEAR = 1e-6  # of what halving finds to what is exact, relative
 
 
 class CriticalLoad(eqx.Module):
@@ -39,17 +42,20 @@ class CriticalLoad(eqx.Module):
 
     | field  | shape | unit |                                                                     |
     |--------|-------|------|---------------------------------------------------------------------|
-    | factor | ()    |      | least factor of the loads at which the stiffness is singular;       |
+    | factor | ()    |      | least factor of the loads at which the beam loses its stability;    |
     |        |       |      | infinite where there is none                                        |
     | family | ()    |      | `Family` of the coordinates that take most of the elastic energy of |
     |        |       |      | what gives way; without meaning where there is no such factor       |
     | shape  | (n,)  |      | the direction that gives way, largest entry 1                       |
+    | freq-  | ()    |rad/s | of the flutter that begins there; zero where the beam buckles       |
+    | uency  |       |      | (divergence)                                                        |
     | status | ()    |      | `Status`                                                            |
     """
 
     factor: Scalar
     family: Code
     shape: Vector
+    frequency: Scalar
     status: Code
 
 
@@ -61,8 +67,9 @@ def critical_load(
     *,
     throw: bool = True,
 ) -> CriticalLoad:
-    """The least factor of gravity and force at the tip, both constant in the hub, with which the
-    beam buckles: K, at the equilibrium under the loads, is singular.
+    """The least factor of the loads, all constant, with which the beam loses its stability: where
+    they have a potential (gravity, a force in hub axes), K at the equilibrium under them is
+    singular, and the beam buckles.
 
     The lowest eigenvalue of K is looked at for 48 loads, each 16 % above the last, from 1 / 60
     up to 20 times the softest stiffness of the tip times the length (3 EI / L^2 of the softer
@@ -70,95 +77,143 @@ def critical_load(
     there. It is differentiable by rotor, loads and speed, in both modes and to any order, as
     `critical_speed` is.
 
-    Loads that follow the tip and moments at it have no potential, and may make a beam flutter
-    first: `ValueError`, as for loads that change in time. `throw=False` returns failures in
+    Loads that follow the tip, and moments at it, have no potential: at the least load two
+    frequencies meet, from where the beam flutters, or one is zero (M. Beck, Zeitschrift fuer
+    angewandte Mathematik und Physik 3, 1952). That is without damping, of which a little may well
+    make it flutter sooner (H. Ziegler, Ingenieur-Archiv 20, 1952): ask `modes` with `damping`. It
+    is found at rest alone, since with Coriolis forces the least of such loads makes some mode grow
+    slowly: `NO_POTENTIAL` at speed.
+
+    `ValueError` for loads that change in time. `throw=False` returns failures in
     `CriticalLoad.status`, and NaN.
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    if not isinstance(loads, Loads):
-        raise TypeError(f"loads must be of class Loads, got {kind_of(loads)}")
-    if not loads.is_plain:
-        raise ValueError(
-            "loads: a moment, or a force that follows the tip, has no potential; where such a beam "
-            "loses its stability, simulate says"
-        )
-    if callable(loads.tip_force):
-        raise ValueError("loads.tip_force must be constant, shape (3,), got a function of time")
-    if loads.tip_force is None and loads.gravity is None:
+    conditions = checked_conditions(loads, NO_DAMPING)
+    if conditions is None:
         raise ValueError("loads: there are none; give tip_force=... or gravity=...")
-    none = jnp.zeros(3, speed.dtype)
-    force, gravity = (none if a is None else a for a in (loads.tip_force, loads.gravity))
-    result = _critical(model, rotor, speed, force, gravity)
+    result = _critical(model, rotor, speed, conditions.loads)
     return raise_unless_ok(result, result.status) if throw else result
 
 
-_Given = tuple[AnyRotor, Scalar, Triple, Triple]
+_Given = tuple[AnyRotor, Scalar, Loads]
 
 
 @Program
-def _critical(
-    model: AbstractModel, rotor: AnyRotor, speed: Scalar, force: Triple, gravity: Triple
-) -> CriticalLoad:
-    status = rotor.status(speed)
-    finite = jnp.all(jnp.isfinite(force)) & jnp.all(jnp.isfinite(gravity))
-    status = jnp.where((status == Status.OK) & ~finite, Status.INVALID_LOAD, status)
-    fine = status == Status.OK
-    speed, force, gravity = (jnp.where(fine, a, 0.0) for a in (speed, force, gravity))
-    given = harmless(fine, rotor), speed, force, gravity
-    found, family, x, searched = _search(model, without_derivatives(given))
-    status = jnp.where(fine, searched, status).astype(int)
-    place = _Place(x=x, exists=jnp.isfinite(found) & (status == Status.OK), model=model)
+def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads) -> CriticalLoad:
+    status, rotor, speed, conditions = guarded_conditions(
+        model, rotor, speed, Conditions(loads, NO_DAMPING)
+    )
+    if not loads.is_plain:
+        moves = (status == Status.OK) & (speed != 0)
+        status = jnp.where(moves, Status.NO_POTENTIAL, status)
+    given = rotor, speed, conditions.loads
+    find = _buckling if loads.is_plain else _lost
+    found, family, place, searched = find(model, without_derivatives(given))
+    status = jnp.where(status == Status.OK, searched, status).astype(int)
+    exists = jnp.isfinite(found) & (status == Status.OK)
+    place = eqx.tree_at(lambda place: place.exists, place, exists)
     factor, shape = answer(place, given, found, status)
-    return CriticalLoad(factor=factor, family=family, shape=shape, status=status)
+    frequency = jnp.zeros_like(factor)
+    if isinstance(place, LostPlace):
+        square = place.flutters * place.square
+        frequency = where_known(exists, jnp.sqrt(jnp.where(square > 0, square, 0.0)))
+    return CriticalLoad(factor, family, shape, frequency, status)
 
 
 class _Place(AbstractPlace):
-    """A critical load."""
+    """A critical load of loads that have a potential."""
 
     x: Vector
     exists: Array
     model: AbstractModel
 
     def rest(self, given: _Given) -> Matrix:
-        return _loaded(self.model, given, jnp.zeros_like(self.x[0]))[0]
+        return _loaded(self.model, given, jnp.zeros_like(self.x[0]))[1]
 
     def stiffness(self, given: _Given, value: Scalar) -> Matrix:
-        return _loaded(self.model, given, jnp.where(self.exists, value, 0.0))[0]
+        return _loaded(self.model, given, jnp.where(self.exists, value, 0.0))[1]
 
 
-def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix, Code]:
-    """K about the equilibrium under so many times the loads, and the status of the search."""
-    rotor, speed, force, gravity = given
-    equations, still = model.equations(rotor), spinning(speed)
-    hub = Hub(*still[:4], factor * gravity)
-    q, status = equilibrium(equations, hub, factor * force)
-    k = dense(equations.tangents(hub, q, jnp.zeros_like(q), factor * force)[0])
-    k = k / equations.as_force(q, jnp.ones_like(q))[:, None]
-    return (k + k.T) / 2, status
+def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix, Matrix, Code]:
+    """M and K about the equilibrium under so many times the loads, and the status of the search."""
+    rotor, speed, loads = given
+    more = jax.tree.map(lambda part: factor * part, loads)
+    system = Conditions(more, NO_DAMPING).system(model, rotor, speed)
+    k = system.stiffness
+    return system.mass, (k + k.T) / 2 if loads.is_plain else k, system.status
 
 
-def _search(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Vector, Code]:
-    """Critical factor, family and direction, and a status."""
-    rotor, speed, force, gravity = given
-    k0, _ = _loaded(model, given, jnp.zeros_like(speed))
-    equations = model.equations(rotor)
-    ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k0), speed.dtype))
-    soft = ways @ jax.vmap(functools.partial(solve, k0), out_axes=1)(ways)
-    softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
-    weight = jnp.linalg.norm(force) + equations.rigid[0] * jnp.linalg.norm(gravity)
-    unit = equations.size / (softness * jnp.where(weight > 0, weight, 1.0))
+class _Unloaded(NamedTuple):
+    """The beam without its loads: K, and a unit of their factor."""
+
+    k: Matrix
+    unit: Scalar
+
+    @classmethod
+    def of(cls, model: AbstractModel, given: _Given) -> "_Unloaded":
+        rotor, speed, loads = given
+        _, k, _ = _loaded(model, given, jnp.zeros_like(speed))
+        k = (k + k.T) / 2
+        equations = model.equations(rotor)
+        ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
+        soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
+        softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
+        parts: Any = (
+            (loads.tip_force, 1.0),
+            (loads.gravity, equations.rigid[0]),
+            (loads.tip_moment, 1 / equations.size),
+        )
+        weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
+        return cls(k, equations.size / (softness * jnp.where(weight > 0, weight, 1.0)))
+
+    def family(self, model: AbstractModel, x: Vector) -> Code:
+        """That which takes most of the elastic energy."""
+        energy = x * (self.k @ x)
+        shares = [jnp.sum(energy, where=np.equal(model.families, family)) for family in Family]
+        return jnp.argmax(jnp.stack(shares))
+
+    def held(self, status: Code) -> Code:
+        """A beam on a free hinge at rest buckles at once or never, as the load would have it."""
+        size = jnp.sqrt(jnp.abs(jnp.diag(self.k)))
+        size = jnp.where(size > 0, size, 1.0)
+        scaled = self.k / (size[None] * size[:, None])
+        least, _ = lowest_eigenpair(scaled, jnp.eye(len(scaled), dtype=scaled.dtype))
+        return jnp.where(least > _HELD, status, Status.NOT_HELD)
+
+
+def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
+    """Critical factor, family and place where loads have a potential, and a status."""
+    bare = _Unloaded.of(model, given)
+    k0, unit = bare
     groups = Groups((min(model.families),), (np.arange(len(k0)),))
     scan = Scan(
-        lambda factor: _loaded(model, given, factor), groups, k0, _LARGEST * unit,
-        (_LARGEST / _LEAST) ** (1 / (_SCANNED - 1)) * jnp.ones_like(speed), _SCANNED,
+        lambda factor: _loaded(model, given, factor)[1:], groups, k0, _LARGEST * unit,
+        _RATIO * jnp.ones_like(unit), _SCANNED,
     )  # fmt: skip
     end = scan.run(_LEAST * unit, 0, jnp.ones_like(k0[0]))
-    energy = end.x * (k0 @ end.x)
-    shares = [jnp.sum(energy, where=np.equal(model.families, family)) for family in Family]
     factor = jnp.where(end.found, end.value, jnp.inf)
-    # A beam on a free hinge at rest buckles at once or never, as the load would have it.
-    size = jnp.sqrt(jnp.abs(jnp.diag(k0)))
-    size = jnp.where(size > 0, size, 1.0)
-    least, _ = lowest_eigenpair(k0 / (size[None] * size[:, None]), jnp.eye(len(k0), dtype=k0.dtype))
-    status = jnp.where(least > _HELD, scan.status(end), Status.NOT_HELD)
-    return factor, jnp.argmax(jnp.stack(shares)), end.x, status
+    place = _Place(x=end.x, exists=end.found, model=model)
+    return factor, bare.family(model, end.x), place, bare.held(scan.status(end))
+
+
+def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
+    """The same where they have none."""
+    bare = _Unloaded.of(model, given)
+    end = first_lost(
+        lambda factor: _loaded(model, given, factor), len(bare.k), _LEAST * bare.unit, _RATIO,
+        _SCANNED,
+    )  # fmt: skip
+    mode = end.mode
+
+    def matrices(given: _Given, value: Scalar) -> tuple[Matrix, Matrix]:
+        return _loaded(model, given, value)[:2]
+
+    place = LostPlace(
+        x=mode.right, exists=end.found, left=mode.left, square=mode.square,
+        flutters=mode.flutters, k0=bare.k, matrices=matrices,
+    )  # fmt: skip
+    exact = polished(place, given, end.lost)
+    near = jnp.abs(exact - end.lost) <= _NEAR * end.lost
+    status = jnp.where(end.found & ~near & (end.status == Status.OK), Status.INACCURATE, end.status)
+    factor = jnp.where(end.found, exact, jnp.inf)
+    return factor, bare.family(model, mode.right), place, bare.held(status)

@@ -9,9 +9,11 @@ from jaxtyping import Array
 from jaxbeam._checks import real_scalar
 from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Label
+from jaxbeam._models.loaded import Conditions, checked_conditions
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Real, Scalar, is_known
 from jaxbeam._vibration.modes import find
@@ -35,9 +37,12 @@ def crossing(
     label: Label,
     harmonic: Real,
     *,
+    loads: Loads = NO_LOADS,
+    damping: Damping = NO_DAMPING,
     throw: bool = True,
 ) -> Crossing:
-    """Speed in `bracket` (rad/s) at which the frequency of `label` is `harmonic` times the speed.
+    """Speed in `bracket` (rad/s) at which the frequency of `label` is `harmonic` times the speed,
+    about the state that `loads` deform, with `damping` (see `modes`).
 
     Newton's method with exact derivatives, kept inside the bracket by bisection, to rounding.
     Differentiable with respect to rotor and harmonic by the implicit function theorem, and works
@@ -59,7 +64,8 @@ def crossing(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )
     model, rotor, _ = checked_case(model, rotor)
-    speed, status = _crossing(model, rotor, choose(model, (label,)), ratio, *ends)
+    conditions = checked_conditions(loads, damping)
+    speed, status = _crossing(model, rotor, choose(model, (label,)), conditions, ratio, *ends)
     result = Crossing(label, ratio, speed, status)
     return raise_unless_ok(result, result.status) if throw else result
 
@@ -69,6 +75,7 @@ def _crossing(
     model: AbstractModel,
     rotor: Rotor,
     wanted: Wanted,
+    conditions: Conditions | None,
     harmonic: Scalar,
     low: Scalar,
     high: Scalar,
@@ -77,7 +84,7 @@ def _crossing(
     harmonic = jnp.where(sound, harmonic, 1.0)
 
     def gap_and_status(speed: Scalar) -> tuple[Scalar, Code]:
-        found = find(model, rotor, speed, wanted)
+        found = find(model, rotor, speed, wanted, conditions=conditions)
         return found.frequency[0] - harmonic * jnp.abs(speed), found.status
 
     def gap(speed: Scalar) -> Scalar:

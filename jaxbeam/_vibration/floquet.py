@@ -29,6 +29,7 @@ from jaxtyping import Array, Complex, Float, Int
 from jaxbeam._checks import count_functions, kind_of, known, positive
 from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Family, is_hinged, planes_of
+from jaxbeam._models.loaded import checked_damping
 from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import (
     dense,
@@ -117,13 +118,6 @@ def refuse_cone(rotor: AnyRotor) -> None:
     """Raise `ValueError` for a coned beam, which a speed that varies bends to and fro."""
     if isinstance(rotor, Rotor) and rotor.precone is not None:
         raise ValueError("precone: small motion about a modulated speed is of beams without a cone")
-
-
-def checked_damping(damping: Any) -> Damping:
-    """The argument, if it is a damping."""
-    if not isinstance(damping, Damping):
-        raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
-    return damping
 
 
 @Program

@@ -2,12 +2,13 @@
 
 import functools
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jaxbeam._models.base import LinearSystem
 from jaxbeam._models.families import Family
@@ -16,6 +17,7 @@ from jaxbeam._numerics.linalg import (
     planar_eigenpairs,
     symmetric_modes,
 )
+from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._status import Status
 from jaxbeam._vibration.result import Modes
 from jaxbeam._vibration.wanted import Wanted
@@ -27,7 +29,7 @@ def general(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
     any; with `free` also where hinges leave motions that nothing holds."""
     eigenvalue, shape, family, order, positive = _selected(system, wanted, free)
-    matrices = (system.mass, system.gyroscopic, system.stiffness)
+    matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
     tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
     status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
@@ -65,6 +67,8 @@ def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, 
     family, order = family_of[label], order_of[label]
     if wanted.named is None:
         square = -(eigenvalue**2).real
+        if system.general:  # they come in order
+            square = jnp.arange(square.size, dtype=square.dtype)
         if not wanted.most[Family.FLAP]:
             square = jnp.where(family == Family.FLAP, jnp.inf, square)
         pick = jnp.argsort(square)[: wanted.count]
@@ -103,16 +107,64 @@ def _plane(
     families = tuple(dict.fromkeys(transverse + axial))
     rows = system.where(*families)
     n = rows.size
-    m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.gyroscopic, system.stiffness))
-    if transverse == axial:
+    m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.by_rates, system.stiffness))
+    if system.general:
+        pairs = quadratic_eigenpairs(m, g, k, system.conservative)
+    elif transverse == axial:
         pairs = gyroscopic_eigenpairs(m, g, k, free)
     else:
         pairs = planar_eigenpairs(m, g, k, system.where(*transverse).size, free)
     sizes = [size for family in families if (size := system.where(family).size)]
     label = jnp.arange(n)
+    shape = pairs.right
     if len(sizes) > 1:  # in one family alone the rank is the order
-        label = _assign(_participation(m, k, pairs.right, sizes, free))
-    return _Plane(rows, pairs.eigenvalue, pairs.right, label, pairs.positive == 1)
+        own = (k + k.T) / 2 if system.general else k
+        label = _assign(_participation(m, own, shape, sizes, free))
+    if system.general:
+        shape = _apart(m, shape, coupled(m, g, k, sizes)[label])
+    return _Plane(rows, pairs.eigenvalue, shape, label, pairs.positive == 1)
+
+
+def same_plane(system: LinearSystem, family: Array) -> Bool[Array, "k n"]:
+    """Of modes of these families, the coordinates that are coupled with them."""
+    rows = system.where(*Family)
+    sizes = [size for f in Family if (size := system.where(f).size)]
+    own = np.ix_(rows, rows)
+    m, c, k = system.mass[own], system.by_rates[own], system.stiffness[own]
+    linked = coupled(m, c, k, sizes)[:, np.argsort(rows)]
+    first = [np.argmax(np.array(system.families)[rows] == f) for f in Family]
+    return linked[jnp.array(first)[family]]
+
+
+def coupled(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, "n n"]:
+    """Of each two coordinates whether their families, which are of these sizes and stand one behind
+    the other, are coupled, be it by way of others."""
+    eps = 1e4 * jnp.finfo(m.dtype).eps
+    ends = np.cumsum([0, *sizes])
+    parts = [slice(*each) for each in itertools.pairwise(ends)]
+
+    def largest(a: Array) -> Array:
+        return jnp.stack([jnp.stack([jnp.max(jnp.abs(a[i, j])) for j in parts]) for i in parts])
+
+    heavy, damped, stiff = largest(m), largest(c), largest(k)
+    own = [jnp.sqrt(jnp.diag(a)) for a in (heavy, stiff)]
+    unit_m, unit_k = (a[:, None] * a[None] for a in own)
+    linked = (
+        (heavy > eps * unit_m) | (stiff > eps * unit_k) | (damped**2 > eps**2 * unit_m * unit_k)
+    )
+    linked = linked | linked.T | jnp.eye(len(parts), dtype=bool)
+    for _ in range(2):  # by way of up to three others
+        linked = jnp.any(linked[:, :, None] & linked[None], 1)
+    family = np.repeat(np.arange(len(parts)), sizes)
+    return linked[np.ix_(family, family)]
+
+
+def _apart(m: Array, x: Array, inside: Array) -> Array:
+    """Modes without what is not coupled with them, of which they may have taken some where two have
+    the same eigenvalue."""
+    x = jnp.where(inside, x, 0.0)
+    mass = jnp.sum(x.conj() * (x @ m), 1).real
+    return x / jnp.sqrt(mass)[:, None]
 
 
 def _participation(

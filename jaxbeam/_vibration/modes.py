@@ -11,16 +11,18 @@ from jaxtyping import Array, Bool, Inexact
 
 from jaxbeam._models.base import AbstractModel, LinearSystem, checked_case, guarded
 from jaxbeam._models.families import Family, Label, Plane, is_hinged
+from jaxbeam._models.loaded import Conditions, checked_conditions, guarded_conditions, system_of
 from jaxbeam._numerics.batches import batchable, mended
 from jaxbeam._numerics.linalg import quotient, solve
 from jaxbeam._numerics.platforms import by_platform
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Real, Scalar, Vectors
 from jaxbeam._vibration.banded import Bands, Lowest, bands_of
-from jaxbeam._vibration.general import TOLERANCE, energy_share, general
+from jaxbeam._vibration.general import TOLERANCE, energy_share, general, same_plane
 from jaxbeam._vibration.result import Modes, own_tip
 from jaxbeam._vibration.wanted import Wanted, choose
 
@@ -34,9 +36,17 @@ def modes(
     angular_speed: Real,
     which: int | Sequence[Label] | None = None,
     *,
+    loads: Loads = NO_LOADS,
+    damping: Damping = NO_DAMPING,
     throw: bool = True,
 ) -> Modes:
     """Modes of small vibration about steady rotation at `angular_speed` (rad/s).
+
+    About the state that `loads` deform, if there are any: gravity, which has to be along the axis
+    where the beam turns, and force and moment at the tip, constant in the hub or following (see
+    `Loads`); with `damping`, of which `Modes.damping_ratio` tells. Anything may be coupled then,
+    growing modes are found whatever the cause, and there is no `frequency_error`. Models that are
+    linear know only the force along the beam.
 
     `which` is how many, lowest first (growing ones before all), six by default, or the labels
     wanted, in that order (see `labels`). Real symmetric computations while the stiffness is
@@ -60,24 +70,30 @@ def modes(
     exists or is found.
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    result = find(model, rotor, speed, choose(model, which))
+    conditions = checked_conditions(loads, damping)
+    result = find(model, rotor, speed, choose(model, which), conditions=conditions)
     return raise_unless_ok(result, result.status) if throw else result
 
 
 @Program
 def find(
-    model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool = True
-) -> Modes:
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool = True,
+    conditions: Conditions | None = None,
+) -> Modes:  # fmt: skip
     """What `modes` does once its arguments are checked; unless `judged`, modes are those of the
     model, however many of its functions they would need."""
-    given, rotor, speed = guarded(rotor, speed)
-    bands = bands_of(model, wanted.most, wanted.count) if rotor.is_plain else None
-    system = model.matrices(rotor, speed)
+    alone = conditions is None
+    if conditions is None:
+        given, rotor, speed = guarded(rotor, speed)
+    else:
+        given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
+    bands = bands_of(model, wanted.most, wanted.count) if alone and rotor.is_plain else None
+    system = system_of(model, rotor, speed, conditions)
     known = without_derivatives((system, (rotor, speed, wanted)))
     free = is_hinged(rotor)
     found = general(known[0], wanted, free) if bands is None else _search(model, bands, *known)
     status = jnp.where(given == Status.OK, found.status, given)
-    error = _error(model, *known, found) if judged else None
+    error = _error(model, *known, found) if judged and alone else None
     if error is not None:
         unresolved = (status == Status.OK) & ~(jnp.max(error) <= RESOLVED)
         status = jnp.where(unresolved, Status.TOO_FEW_FUNCTIONS, status)
@@ -173,22 +189,32 @@ def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Arra
     """Eigenvalues and shapes, with derivatives by all that the matrices depend on."""
     dtype = system.mass.dtype
     kinds = np.array(system.families)
+    if system.general:
+        inside = same_plane(system, found.family).astype(dtype)
+        return _pairs(system, ok, found, inside, None)
     signature = np.where(_in_quadrature(system.planes)[kinds], -1.0, 1.0)
     signature = np.where(_mixed(system.planes)[kinds], 0.0, signature)
     place = np.array([[f in first + second for f in Family] for first, second in system.planes])
     plane = np.argmax(place, 0)
-    same_plane = (plane[kinds][None] == jnp.asarray(plane)[found.family][:, None]).astype(dtype)
+    inside = (plane[kinds][None] == jnp.asarray(plane)[found.family][:, None]).astype(dtype)
+    return _pairs(system, ok, found, inside, jnp.asarray(signature, dtype))
+
+
+def _pairs(
+    system: LinearSystem, ok: Array, found: Modes, inside: Array, signature: Array | None
+) -> tuple[Array, Array]:
+    dtype = system.mass.dtype
     # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
     # later is the end of it: gradients of other cases by shared parameters stay finite.
     identity = jnp.eye(len(system.families), dtype=dtype)
-    matrices = (system.mass, system.gyroscopic, system.stiffness)
+    matrices = (system.mass, system.by_rates, system.stiffness)
     instead = (identity, 0 * identity, 2 * identity)
     return _eigenpairs(
         *(jnp.where(ok, a, b) for a, b in zip(matrices, instead, strict=True)),
         jnp.where(ok, found.eigenvalue, 1j),
-        jnp.where(ok, found.shape, identity[jnp.argmax(same_plane, axis=1)]),
-        same_plane,
-        jnp.asarray(signature, dtype),
+        jnp.where(ok, found.shape, identity[jnp.argmax(inside, axis=1)]),
+        inside,
+        signature,
     )
 
 
@@ -236,43 +262,48 @@ def _eigenpairs(
     stiffness: Array,
     eigenvalue: Array,
     shape: Array,
-    same_plane: Array,
-    signature: Array,
+    inside: Array,
+    signature: Array | None,
 ) -> tuple[Array, Array]:
     """Identity on (eigenvalue, shape) that knows their derivatives by the three matrices.
 
     Left eigenvectors are y = S x, S = diag(`signature`), because M and K are symmetric and G is
     skew and couples only coordinates of opposite signature; where it couples others too, where the
-    signature is zero, those of stable modes are the conjugates of x.
+    signature is zero, those of stable modes are the conjugates of x. Without a `signature` nothing
+    is known of them, and they are found from the transposed matrix.
     """
     return eigenvalue, shape
 
 
 @_eigenpairs.defjvp
 def _eigenpairs_jvp(
-    primals: tuple[Array, ...], tangents: tuple[Array, ...]
+    primals: tuple[Any, ...], tangents: tuple[Any, ...]
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    m, g, k, _, _, same_plane, signature = primals
+    m, g, k, _, _, inside, signature = primals
     dm, dg, dk = tangents[:3]
     # Through the function itself, not its arguments: then this rule can be differentiated again.
     eigenvalue, shape = _eigenpairs(*primals)
 
     def one(lam: Array, x: Array, plane: Array) -> tuple[Array, Array]:
-        y = jnp.where(signature == 0, x.conj(), signature * x)
         force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
         slope = 2 * lam * (m @ x) + g @ x
-        dlam = -quotient(y @ force, y @ slope)
         # [Q, Q'x; (S M x)^T, 0] [dx; dlam] = [-dQ x; -x^T S dM x / 2], Q = lam^2 M + lam G + K,
         # regular for a simple eigenvalue. Rows of the other plane are replaced by dx = 0, since
         # there Q may be singular: flap and in-plane frequencies of a square section coincide.
-        inside = plane[:, None] * plane[None]
-        q = jnp.where(inside > 0, lam**2 * m + lam * g + k, jnp.diag(1 - plane))
+        within = plane[:, None] * plane[None]
+        q = jnp.where(within > 0, lam**2 * m + lam * g + k, jnp.diag(1 - plane))
         border = jnp.where(lam == 0, m @ x + 0j, slope)  # of lambda^2, where d lambda is infinite
-        bordered = jnp.block([[q, border[:, None]], [(y @ m)[None], jnp.zeros((1, 1))]])
-        right = jnp.concatenate([-force * plane, -0.5 * (y @ (dm @ x))[None]])
-        return dlam, solve(bordered, right)[:-1]
+        like = x.conj() if signature is None else jnp.where(signature == 0, x.conj(), signature * x)
+        held = (like @ m)[None]
+        bordered = jnp.block([[q, border[:, None]], [held, jnp.zeros((1, 1))]])
+        left = like
+        if signature is None:
+            unit = jnp.zeros(len(x) + 1, x.dtype).at[-1].set(1.0)
+            left = solve(bordered.T, unit)[:-1]
+        right = jnp.concatenate([-force * plane, -0.5 * (like @ (dm @ x))[None]])
+        return -quotient(left @ force, left @ slope), solve(bordered, right)[:-1]
 
-    return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, same_plane)
+    return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, inside)
 
 
 def _in_quadrature(planes: tuple[Plane, ...]) -> Bool[np.ndarray, " f"]:

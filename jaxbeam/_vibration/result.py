@@ -73,6 +73,12 @@ class Modes(eqx.Module):
         return self.eigenvalue.real
 
     @property
+    def damping_ratio(self) -> Float[Array, "... k"]:
+        """-Re(lambda) / |lambda|, of critical damping; negative for a mode that grows, NaN for a
+        motion that nothing holds."""
+        return -self.eigenvalue.real / jnp.abs(self.eigenvalue)
+
+    @property
     def labels(self) -> tuple[Label, ...]:
         """Labels of the modes, once their values are known (not under `jit`); of a batch a tuple
         of these for each case."""

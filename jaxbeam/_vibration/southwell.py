@@ -13,9 +13,11 @@ from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Label, is_hinged
+from jaxbeam._models.loaded import Conditions, checked_conditions, system_of
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar
 from jaxbeam._vibration.modes import find
@@ -38,6 +40,7 @@ def southwell(
     angular_speed: Real = 0.0,
     which: int | Sequence[Label] | None = None,
     *,
+    loads: Loads = NO_LOADS,
     throw: bool = True,
 ) -> Southwell:
     """Southwell coefficients phi = d(omega^2) / d(Omega^2) of the modes `which` (see `modes`).
@@ -48,22 +51,35 @@ def southwell(
     second derivative of omega^2 at rest, where the former is 0 / 0. Itself differentiable with
     respect to rotor and speed. For a mode that diverges omega^2 is -growth_rate^2.
 
+    Under `loads` (see `modes`) it includes what the speed does to the state that they deform. They
+    must have a potential: with a force that follows the tip, or a moment, omega^2 need not be even
+    in the speed, and `ValueError` is raised.
+
     Raises as `modes` does; `throw=False` gives NaN and a status where a case fails (derivatives:
     as in `modes`).
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    result = _southwell(model, rotor, speed, choose(model, which))
+    conditions = checked_conditions(loads, NO_DAMPING)
+    if not loads.is_plain:
+        raise ValueError(
+            "loads: a moment, or a force that follows the tip, has no potential, so that omega^2 "
+            "need not be even in the speed: take modes at the speeds that matter"
+        )
+    result = _southwell(model, rotor, speed, choose(model, which), conditions)
     return raise_unless_ok(result, result.status) if throw else result
 
 
 @Program
-def _southwell(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted) -> Southwell:
+def _southwell(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted,
+    conditions: Conditions | None,
+) -> Southwell:  # fmt: skip
     given = rotor.status(speed)
     fine = given == Status.OK
     rotor, speed = harmless(fine, (rotor, speed))
 
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Modes]:
-        found = find(model, rotor, omega, wanted)
+        found = find(model, rotor, omega, wanted, conditions=conditions)
         return -(found.eigenvalue**2).real, found
 
     # At rest the quotient is 0 / 0. It is even in speed, so that this near rest it is right to
@@ -72,7 +88,9 @@ def _southwell(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wan
     _, slope, found = jax.jvp(square, (moving,), (jnp.ones_like(speed),), has_aux=True)
     status = found.status
     if is_hinged(rotor):
-        slope = jnp.where(found.eigenvalue == 0, _swinging(model, rotor, moving, found), slope)
+        slope = jnp.where(
+            found.eigenvalue == 0, _swinging(model, rotor, moving, found, conditions), slope
+        )
     # NaN would end up in gradients by parameters that cases of a batch share.
     result = jnp.where(status == Status.OK, slope, 0.0) / (2 * jnp.where(moves, moving, 1.0))
     finite = moves & jnp.all(jnp.isfinite(result))
@@ -82,13 +100,14 @@ def _southwell(model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wan
 
 
 def _swinging(
-    model: AbstractModel, rotor: AnyRotor, speed: Scalar, found: Modes
-) -> Float[Array, " k"]:
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, found: Modes,
+    conditions: Conditions | None,
+) -> Float[Array, " k"]:  # fmt: skip
     """d(omega^2) / d Omega of modes whose frequency is zero to within rounding: free hinges at
     rest, where there are no Coriolis forces, and for lag in the axis, which do not stiffen."""
 
     def stiffness(omega: Scalar) -> Matrix:
-        return model.matrices(rotor, omega).stiffness
+        return system_of(model, rotor, omega, conditions).stiffness
 
     _, rate = jax.jvp(stiffness, (speed,), (jnp.ones_like(speed),))
     return jnp.sum(found.shape.conj() * (found.shape @ rate.T), 1).real  # of unit modal mass

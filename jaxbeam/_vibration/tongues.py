@@ -11,6 +11,7 @@ from jaxtyping import Array, Complex, Float, Int
 from jaxbeam._checks import count_functions, positive, real_array
 from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._models.families import Family, Label, planes_of
+from jaxbeam._models.loaded import checked_damping
 from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known, without_derivatives
@@ -19,7 +20,7 @@ from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_known
-from jaxbeam._vibration.floquet import Plane, checked_damping, modulation_status, refuse_cone
+from jaxbeam._vibration.floquet import Plane, modulation_status, refuse_cone
 from jaxbeam._vibration.modes import find
 from jaxbeam._vibration.result import Modes
 from jaxbeam._vibration.wanted import Wanted, choose

@@ -1,0 +1,145 @@
+"""Small motion about the state that loads deform, with damping."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxbeam._checks import kind_of
+from jaxbeam._models.base import (
+    AbstractModel,
+    Equations,
+    LinearSystem,
+    equilibrium,
+    guarded,
+    steady_strain,
+)
+from jaxbeam._models.families import Family
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.loads import NO_LOADS, Damping, Loads
+from jaxbeam._rotor.motion import Hub, spinning
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar, Vector
+
+_ALL = ((tuple(Family), tuple(Family)),)
+
+
+class Conditions(eqx.Module):
+    """Loads that are constant in the hub, and damping: under what a beam turns steadily."""
+
+    loads: Loads
+    damping: Damping
+
+    def hub(self, speed: Scalar) -> Hub:
+        """The hub that turns steadily, in gravity."""
+        out = spinning(speed)
+        return out if self.loads.gravity is None else out._replace(gravity=self.loads.gravity)
+
+    def status(self, model: AbstractModel, speed: Scalar) -> Code:
+        """Whether these are in range, and nothing turns in the hub."""
+        zero = jnp.zeros(3, speed.dtype)
+        given: Any = (self.loads.gravity, self.loads.tip_force, self.loads.tip_moment)
+        gravity, force, moment = (zero if part is None else part for part in given)
+        rates = jnp.stack([zero[0], *jax.tree.leaves(self.damping)])
+        out = jnp.stack([gravity[2], force[2]])
+        planar = Family.FLAP in model.families or jnp.all(out == 0)
+        status = jnp.asarray(Status.OK)
+        for holds, code in (
+            (planar, Status.OUT_OF_PLANE),
+            ((speed == 0) | jnp.all(gravity[:2] == 0), Status.TURNING_GRAVITY),
+            (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+            (jnp.all(jnp.isfinite(jnp.stack([gravity, force, moment]))), Status.INVALID_LOAD),
+        ):
+            status = jnp.where(holds, status, code)
+        return status
+
+    def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
+        """Coordinates of the steady state, and the status of the search for it."""
+        tip = self.loads.at_tip(jnp.zeros_like(speed))
+        return equilibrium(equations_under(model, rotor, self.loads), self.hub(speed), tip)
+
+    def system(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> LinearSystem:
+        """Matrices of small motion about the steady state, for what is in range."""
+        equations, hub = equations_under(model, rotor, self.loads), self.hub(speed)
+        tip: Any = self.loads.at_tip(jnp.zeros_like(speed))
+        q, status = equilibrium(equations, hub, tip)
+        still = jnp.zeros_like(q)
+        k, c = equations.tangents(hub, q, still, tip)
+        scale = equations.as_force(q, jnp.ones_like(q))[:, None]
+        rates = self.damping.mass, self.damping.stiffness
+        damping = None
+        if rates != (None, None):
+            damping = dense(equations.damping_tangents(q, still, *rates)[1]) / scale
+        return LinearSystem(
+            mass=dense(equations.mass) / scale,
+            gyroscopic=dense(c) / scale,
+            stiffness=dense(k) / scale,
+            steady_strain=steady_strain(rotor, speed, equations, q),
+            status=status,
+            families=model.families,
+            planes=_ALL,
+            shapes=equations.functions,
+            damping=damping,
+            general=True,
+            conservative=self.loads.is_plain and damping is None,
+        )
+
+
+def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equations:
+    """Equations of motion, if they can bear what is at the tip."""
+    equations = model.equations(rotor)
+    if loads.is_plain or equations.takes_moments:
+        return equations
+    name = "follows" if loads.tip_moment is None else "tip_moment"
+    raise ValueError(
+        f"loads.{name}: {type(model).__name__} takes a force in hub axes alone at its tip; "
+        "take jaxbeam.SpatialANCF, or leave it out"
+    )
+
+
+def checked_damping(damping: Any) -> Damping:
+    """The argument, if it is a damping."""
+    if not isinstance(damping, Damping):
+        raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
+    return damping
+
+
+def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
+    """Loads and damping, if they are what a beam can turn steadily under; None where there are
+    none."""
+    if not isinstance(loads, Loads):
+        raise TypeError(f"loads must be of class Loads, got {kind_of(loads)}")
+    checked_damping(damping)
+    for name in ("tip_force", "tip_moment"):
+        if callable(getattr(loads, name)):
+            raise ValueError(
+                f"loads.{name} must be constant, shape (3,), for a steady state: got a function "
+                "of time"
+            )
+    if loads.tip_force is loads.tip_moment is loads.gravity is None:
+        loads = NO_LOADS
+    if loads is NO_LOADS and damping.mass is damping.stiffness is None:
+        return None
+    return Conditions(loads, damping)
+
+
+def system_of(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions | None
+) -> LinearSystem:
+    """Matrices of small motion under conditions, if there are any."""
+    if conditions is None:
+        return model.matrices(rotor, speed)
+    return conditions.system(model, rotor, speed)
+
+
+def guarded_conditions(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions
+) -> tuple[Code, AnyRotor, Scalar, Conditions]:
+    """Whether all is in range, and harmless numbers in the place of those that are not."""
+    given, rotor, speed = guarded(rotor, speed)
+    status = conditions.status(model, speed)
+    fine = status == Status.OK
+    held = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 0.0), conditions)
+    return jnp.where(given == Status.OK, status, given), rotor, speed, held
