@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from jaxbeam._rotor.spins import SmoothSpinUp as SmoothSpinUp
     from jaxbeam._simulation.simulate import deflection_limit as deflection_limit
     from jaxbeam._simulation.simulate import simulate as simulate
-    from jaxbeam._simulation.simulate import steady_start as steady_start
+    from jaxbeam._simulation.steady import steady_start as steady_start
     from jaxbeam._status import Status as Status
     from jaxbeam._sweeps.cases import grid as grid
     from jaxbeam._sweeps.cases import points as points

@@ -65,7 +65,7 @@ class Status(enum.IntEnum):
         "rotation proper orthogonal",
         INPUT,
     )
-    INVALID_LOAD = 13, "gravity, tip_force and tip_moment must be finite over the whole run", INPUT
+    INVALID_LOAD = 13, "gravity and all other loads must be finite over the whole run", INPUT
     INVALID_DAMPING = 14, "damping must be finite and >= 0", INPUT
     INVALID_TIMES = (
         15,

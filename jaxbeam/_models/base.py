@@ -13,6 +13,7 @@ from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.bands import BandTables, NodeByNode
 from jaxbeam._models.families import APART, Family, Plane, planes_of
 from jaxbeam._models.shapes import Shapes
+from jaxbeam._models.spread import AbstractSpread, SpanForce
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import dense
@@ -187,6 +188,13 @@ class Equations(eqx.Module):
         """Force and moment of a load at the tip, in hub axes, in N and N m."""
         return tip_force, jnp.zeros_like(tip_force)
 
+    def spread(self, kinks: tuple[float, ...]) -> AbstractSpread:
+        """What a force along the span, smooth but for these x / L, does on the coordinates."""
+        raise ValueError(
+            "loads.force_per_length: discrete models take no force along the span; take Hybrid, "
+            "elements, or leave it out"
+        )
+
     def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
         """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
@@ -330,7 +338,9 @@ def checked_case(
     return model.suited(rotor), rotor, checked_speed(angular_speed)
 
 
-def equilibrium(equations: Equations, hub: Hub, tip_force: Any = None) -> tuple[Vector, Code]:
+def equilibrium(
+    equations: Equations, hub: Hub, tip_force: Any = None, span: SpanForce | None = None
+) -> tuple[Vector, Code]:
     """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
 
     Newton's method with the load raised from zero in adaptive steps where one step will not do;
@@ -349,7 +359,11 @@ def equilibrium(equations: Equations, hub: Hub, tip_force: Any = None) -> tuple[
             fraction * hub.angular_velocity_rate, fraction * hub.gravity,
         )  # fmt: skip
         force = jax.tree.map(lambda part: fraction * part, tip_force)
-        return -equations.force(part, equations.size * q, rest, force) / scale
+        q = equations.size * q
+        out = equations.force(part, q, rest, force)
+        if span is not None:
+            out = out + fraction * span.on(q)
+        return -out / scale
 
     # Of the size of what loads do to a rigid beam, by the acceleration that they give its mass.
     load = jnp.max(jnp.abs(residual(rest)))

@@ -28,6 +28,7 @@ from jaxbeam._models.basis import Functions
 from jaxbeam._models.cartesian_model import CartesianModel
 from jaxbeam._models.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.shapes import Shapes, shortening
+from jaxbeam._models.spread import FunctionSpread
 from jaxbeam._models.tables import (
     Tables,
     weighted,
@@ -193,6 +194,11 @@ class CartesianEquations(Equations):
             more = self.turning.tangents(hub)
             k, c = k + more[0], c + more[1]
         return k, c
+
+    def spread(self, kinks: tuple[float, ...]) -> FunctionSpread:
+        model, edges = self.model, tuple(sorted({0.0, 0.25, 0.5, 0.75, 1.0, *kinks}))
+        at = self._at(model.functions_from.rule(model.products, edges).xi)
+        return FunctionSpread(at.value, at.slope, self.size, model, edges)
 
     def inertial(self, b: Float[Array, "3 3"]) -> Matrix:
         """[B] G of the module's docstring."""

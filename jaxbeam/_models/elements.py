@@ -40,6 +40,7 @@ from jaxbeam._models.laws import (
 )
 from jaxbeam._models.nodes import Nodes, assembled, constant, of_elements, on_ends, turned
 from jaxbeam._models.sections import Cuts, Ends, Sections, body_mass, cuts, each_element, rules
+from jaxbeam._models.spread import ElementSpread
 from jaxbeam._models.strained import Parts, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._numerics.lanes import beside, contract, total
@@ -141,6 +142,9 @@ class ElementEquations(Equations):
         spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
         k = -(spin**2) * self.mass + rate * self.turned_mass + self.elastic_tangent(q)
         return k, 2 * spin * self.turned_mass
+
+    def spread(self, kinks: tuple[float, ...]) -> ElementSpread:
+        return ElementSpread.of(self, self.element.n_elements, kinks)
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
         def one(law: Law, _: Array, local: Array) -> Array:

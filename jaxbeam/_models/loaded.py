@@ -16,6 +16,7 @@ from jaxbeam._models.base import (
     steady_strain,
 )
 from jaxbeam._models.families import Family
+from jaxbeam._models.spread import SpanForce
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_LOADS, Damping, Loads
@@ -43,30 +44,35 @@ class Conditions(eqx.Module):
         given: Any = (self.loads.gravity, self.loads.tip_force, self.loads.tip_moment)
         gravity, force, moment = (zero if part is None else part for part in given)
         rates = jnp.stack([zero[0], *jax.tree.leaves(self.damping)])
-        out = jnp.stack([gravity[2], force[2]])
-        planar = Family.FLAP in model.families or jnp.all(out == 0)
+        span = self.loads.span_moments(zero[0])
+        span = jnp.zeros((2, 3), speed.dtype) if span is None else span
+        loads = jnp.concatenate([jnp.stack([gravity, force, moment]), span])
+        planar = Family.FLAP in model.families or jnp.all(loads[:, 2] == 0)
         status = jnp.asarray(Status.OK)
         for holds, code in (
             (planar, Status.OUT_OF_PLANE),
             ((speed == 0) | jnp.all(gravity[:2] == 0), Status.TURNING_GRAVITY),
             (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
-            (jnp.all(jnp.isfinite(jnp.stack([gravity, force, moment]))), Status.INVALID_LOAD),
+            (jnp.all(jnp.isfinite(loads)), Status.INVALID_LOAD),
         ):
             status = jnp.where(holds, status, code)
         return status
 
     def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of the steady state, and the status of the search for it."""
-        tip = self.loads.at_tip(jnp.zeros_like(speed))
-        return equilibrium(equations_under(model, rotor, self.loads), self.hub(speed), tip)
+        equations = equations_under(model, rotor, self.loads)
+        tip, span = acting_on(equations, self.loads, jnp.zeros_like(speed))
+        return equilibrium(equations, self.hub(speed), tip, span)
 
     def system(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> LinearSystem:
         """Matrices of small motion about the steady state, for what is in range."""
         equations, hub = equations_under(model, rotor, self.loads), self.hub(speed)
-        tip: Any = self.loads.at_tip(jnp.zeros_like(speed))
-        q, status = equilibrium(equations, hub, tip)
+        tip, span = acting_on(equations, self.loads, jnp.zeros_like(speed))
+        q, status = equilibrium(equations, hub, tip, span)
         still = jnp.zeros_like(q)
         k, c = equations.tangents(hub, q, still, tip)
+        if span is not None and span.stiffness is not None:
+            k = k + span.stiffness
         scale = equations.as_force(q, jnp.ones_like(q))[:, None]
         rates = self.damping.mass, self.damping.stiffness
         damping = None
@@ -99,6 +105,15 @@ def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equa
     )
 
 
+def acting_on(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, SpanForce | None]:
+    """What acts at the tip, and along the span, at time t."""
+    if loads.force_per_length is None:
+        return loads.at_tip(t), None
+    spread = equations.spread(loads.kinks)
+    density: Any = loads.along_span(t, spread.points[0])
+    return loads.at_tip(t), spread.acting(density)
+
+
 def checked_damping(damping: Any) -> Damping:
     """The argument, if it is a damping."""
     if not isinstance(damping, Damping):
@@ -112,13 +127,12 @@ def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
     if not isinstance(loads, Loads):
         raise TypeError(f"loads must be of class Loads, got {kind_of(loads)}")
     checked_damping(damping)
-    for name in ("tip_force", "tip_moment"):
+    for name in ("tip_force", "tip_moment", "force_per_length"):
         if callable(getattr(loads, name)):
             raise ValueError(
-                f"loads.{name} must be constant, shape (3,), for a steady state: got a function "
-                "of time"
+                f"loads.{name} must be constant for a steady state: got a function of time"
             )
-    if loads.tip_force is loads.tip_moment is loads.gravity is None:
+    if loads.are_none:
         loads = NO_LOADS
     if loads is NO_LOADS and damping.mass is damping.stiffness is None:
         return None

@@ -43,6 +43,7 @@ from jaxbeam._models.spatial_nodes import (
     spread,
     turning,
 )
+from jaxbeam._models.spread import ElementSpread
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._numerics.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
@@ -141,6 +142,9 @@ class SpatialEquations(SpatialElasticity):
         if isinstance(tip_force, TipLoad):
             k = k + self._matrix(-self._pushed_tangent(tip_force, q))
         return k, c
+
+    def spread(self, kinks: tuple[float, ...]) -> ElementSpread:
+        return ElementSpread.of(self, self.sections.n_elements, kinks)
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u', and for the

@@ -1,14 +1,16 @@
-"""What acts on the beam beside its hub: gravity, a force and a moment at the tip, damping."""
+"""What acts on the beam beside its hub: gravity, force and moment at the tip, a force along the
+span, damping."""
 
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import is_there, kind_of, real_array, real_scalar, require
+from jaxbeam._checks import is_there, kind_of, real_array, real_scalar, require, traceable
 from jaxbeam._rotor.motion import (
     Times,
     check_function_of_time,
@@ -16,6 +18,7 @@ from jaxbeam._rotor.motion import (
     no_times,
     time_list,
 )
+from jaxbeam._rotor.spanwise import AbstractSpanwise, along, points_within, samples, taken
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Triple, is_known
 
@@ -51,7 +54,10 @@ class Loads(eqx.Module):
     | tip_moment | N m   | the same; of `SpatialANCF` alone                                      |
     | follows    |       | whether force and moment at the tip turn with the section there, as a |
     |            |       | thruster does: their axes are those of the section (see `TipLoad`)    |
-    | changes    | s     | times at which a load at the tip begins or ends something smoothly    |
+    | force_per_ | N/m   | along the span, by the unstretched length, in hub axes: three of      |
+    | length     |       | them, each a number, a `Spanwise` or a `SpanwiseFunction`; or a       |
+    |            |       | function of time to three such                                        |
+    | changes    | s     | times at which a load begins or ends something smoothly               |
     | jumps      | s     | times at which it jumps                                               |
 
     A force along the beam stiffens it in tension and softens it in compression in every model
@@ -63,13 +69,14 @@ class Loads(eqx.Module):
     gravity: Triple | None
     tip_force: TipPart
     tip_moment: TipPart
+    force_per_length: Any  # three numbers or `Spanwise`, a function of time to such, or None
     changes: Times | None
     jumps: Float[Array, " j"] | None
     follows: bool = eqx.field(static=True)
 
     def __init__(
         self, gravity: Any = None, tip_force: Any = None, changes: Any = (), jumps: Any = (),
-        *, tip_moment: Any = None, follows: bool = False,
+        *, tip_moment: Any = None, follows: bool = False, force_per_length: Any = None,
     ) -> None:  # fmt: skip
         # No arrays where there are none, so that `NO_LOADS` starts no backend of JAX.
         self.changes = time_list("changes", changes) if is_there(changes) else None
@@ -77,9 +84,16 @@ class Loads(eqx.Module):
         self.gravity = None if gravity is None else _triple("gravity", gravity)
         self.tip_force = _at_any_time("tip_force", tip_force)
         self.tip_moment = _at_any_time("tip_moment", tip_moment)
+        self.force_per_length = _along_span(force_per_length)
         if not isinstance(follows, bool):
             raise TypeError(f"follows must be True or False, got {kind_of(follows)}")
         self.follows = follows
+
+    @property
+    def are_none(self) -> bool:
+        """Whether nothing acts."""
+        parts = self.gravity, self.tip_force, self.tip_moment, self.force_per_length
+        return all(part is None for part in parts)
 
     @property
     def is_plain(self) -> bool:
@@ -98,6 +112,29 @@ class Loads(eqx.Module):
         return TipLoad(
             none if force is None else force, none if moment is None else moment, self.follows
         )
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """The x / L at which the force along the span is not smooth."""
+        parts = self.force_per_length
+        if callable(parts):
+            parts = eqx.filter_eval_shape(parts, jax.ShapeDtypeStruct((), jnp.result_type(float)))
+        varying = [part for part in parts or () if isinstance(part, AbstractSpanwise)]
+        return tuple(sorted({kink for part in varying for kink in part.kinks}))
+
+    def along_span(self, t: Scalar, xi: Float[np.ndarray, " p"]) -> Float[Array, "p 3"] | None:
+        """The force per length at time t and places x / L, none of which is a kink."""
+        parts = self.force_per_length
+        if parts is None:
+            return None
+        parts = parts(t) if callable(parts) else parts
+        return jnp.stack([along(part, xi) for part in parts], 1)
+
+    def span_moments(self, t: Scalar) -> Float[Array, "2 3"] | None:
+        """int f d xi and int xi f d xi of the force per length f, in N/m."""
+        xi, weight = points_within((0.0, *self.kinks, 1.0))
+        force = self.along_span(t, xi)
+        return None if force is None else jnp.stack([weight, weight * xi]) @ force
 
     def change_times(self) -> Times:
         """The times that were given as `changes`."""
@@ -145,6 +182,39 @@ def _at_any_time(name: str, value: Any) -> TipPart:
         check_function_of_time(name, value, (3,))
         return function_of_time(value)
     return None if value is None else _triple(name, value)
+
+
+def _along_span(value: Any) -> Any:
+    name = "force_per_length"
+    if value is None:
+        return None
+    if callable(value):
+        value = function_of_time(value)
+
+        def parts(t: Scalar) -> tuple[Any, ...]:
+            with traceable(name):
+                return _three(name, value(t))
+
+        eqx.filter_eval_shape(parts, jax.ShapeDtypeStruct((), jnp.result_type(float)))
+        return value
+    given = tuple(taken(name, part, True) for part in _three(name, value))
+    for part in given:
+        numbers = samples(part)
+        if is_known(numbers):
+            known = np.asarray(numbers)
+            require(Status.INVALID_LOAD, bool(np.isfinite(known).all()), known)
+    return given
+
+
+def _three(name: str, value: Any) -> tuple[Any, ...]:
+    """Three components, which may come as an array."""
+    given = tuple(value) if hasattr(value, "__len__") or hasattr(value, "__iter__") else (value,)
+    if len(given) != 3:
+        raise ValueError(
+            f"{name} must have three parts, along a1, a2 and a3, each a number, a Spanwise or a "
+            f"SpanwiseFunction, got {len(given)}"
+        )
+    return given
 
 
 def _triple(name: str, value: Any) -> Triple:

@@ -14,11 +14,13 @@ from jaxbeam._models.families import Family
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import Damping, Loads
-from jaxbeam._rotor.motion import Motion
-from jaxbeam._simulation.scene import Inputs
+from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_known
+
+# Of a hub, of what is at its tip, and of what is along the span (see `Loads.span_moments`).
+Seen = tuple[Hub, Any, Array | None]
 
 
 def scene_status(
@@ -29,17 +31,20 @@ def scene_status(
     motion, loads, damping and inputs at the latter, each harmless where it is not in range (each
     by itself: what the cases of a batch share stays one for all)."""
 
-    def seen(t: Scalar) -> Inputs:
-        return motion.hub(t, loads.gravity), loads.at_tip(t)
+    def seen(t: Scalar) -> Seen:
+        return motion.hub(t, loads.gravity), loads.at_tip(t), loads.span_moments(t)
 
-    def one(t: Scalar, x: Inputs) -> tuple[Array, Array, Array]:
-        hub, tip = x
-        loaded = jnp.all(jnp.isfinite(jnp.stack([hub.gravity, *jax.tree.leaves(tip)])))
+    def one(t: Scalar, x: Seen) -> tuple[Array, Array, Array]:
+        hub, tip, span = x
+        along = jnp.zeros((2, 3), t.dtype) if span is None else span
+        acting = jnp.concatenate([jnp.stack([hub.gravity, *jax.tree.leaves(tip)]), along])
+        loaded = jnp.all(jnp.isfinite(acting))
         # All else that may be at the tip is for models in space.
         force = tip if isinstance(tip, Array) else jnp.zeros(3, t.dtype)
         turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
-        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2]])
-        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], jnp.max(jnp.abs(push)), force[1]])
+        most = jnp.max(jnp.abs(push)), jnp.max(jnp.abs(along[:, 1]))
+        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2], *along[:, 2]])
+        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], most[0], force[1], *2 * most[1:]])
         planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
         moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
         return moves, loaded, planar

@@ -18,8 +18,9 @@ from jaxtyping import Array, Bool, Float
 
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.motion import Hub
+from jaxbeam._simulation.checks import Seen
 from jaxbeam._simulation.pauses import Pauses
-from jaxbeam._simulation.scene import Inputs, Scene
+from jaxbeam._simulation.scene import Scene
 from jaxbeam._types import Scalar
 
 SAMPLES = 1024  # of a run
@@ -46,9 +47,9 @@ class Course(eqx.Module):
     twist: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
     speed: Scalar  # the largest velocity, m/s
 
-    def __init__(self, scene: Scene, times: Array, seen: Inputs) -> None:
-        """`seen` are the inputs of the scene at `SAMPLES` + 1 times `during` the run."""
-        scene, times, (hub, force) = without_derivatives((scene, times, seen))
+    def __init__(self, scene: Scene, times: Array, seen: Seen) -> None:
+        """`seen` is what acts at `SAMPLES` + 1 times `during` the run."""
+        scene, times, (hub, force, span) = without_derivatives((scene, times, seen))
         self.start, self.spacing = times[0], (times[-1] - times[0]) / SAMPLES
         twists = jax.vmap(scene.twist_of)(hub)
         self.speed = jnp.max(jnp.abs(twists))
@@ -57,7 +58,7 @@ class Course(eqx.Module):
         rates = jnp.max(jnp.abs(jax.vmap(scene.twist_rate_of)(hub)), 1)
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
-        self.reach = self.spacing * _reach(_signals(hub, force), sudden)
+        self.reach = self.spacing * _reach(_signals(hub, force, span), sudden)
         self.pauses = scene.pauses
         self.twist = scene.twist_of(scene.hub(scene.after(times[0])))
 
@@ -79,10 +80,11 @@ class Course(eqx.Module):
         return jnp.where(h >= left, stop, jnp.where(h > 0.501 * left, t + left / 2, end))
 
 
-def _signals(hub: Hub, force: Any) -> Float[Array, "c k"]:
+def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:
     """What forces depend on, one number each, relative to its largest."""
     parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
     parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]  # which may be a `TipLoad`
+    parts += [] if span is None else [span[:, 0], span[:, 1]]
     signals = jnp.stack([_ASLANT @ part.T for part in parts])
     largest = jnp.max(jnp.abs(signals), 1, keepdims=True)
     return signals / jnp.where(largest > 0, largest, 1.0)

@@ -76,7 +76,7 @@ class _Following(diffrax.AbstractStepSizeController):
             inner = _chosen(whole, inner, state.inner)
 
         h = length(t0, t1)
-        hub, _ = inputs_along(args, t0, h)
+        hub, *_ = inputs_along(args, t0, h)
         twist = jax.vmap(args.twist_of)(hub)
         rate = jax.vmap(args.twist_rate_of)(hub)
         before = state.twist

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel, Equations
 from jaxbeam._models.loaded import equations_under
+from jaxbeam._models.spread import AbstractSpread, SpanForce
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import inverse
@@ -21,7 +22,8 @@ from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
-Inputs = tuple[Hub, Any]  # what is at the tip being a force, a `TipLoad` or None
+# What is at the tip being a force, a `TipLoad` or None.
+Inputs = tuple[Hub, Any, SpanForce | None]
 
 
 class Scene(SecondOrderSystem):
@@ -37,6 +39,7 @@ class Scene(SecondOrderSystem):
     """
 
     equations: Equations
+    spread: AbstractSpread | None  # where a force along the span acts
     inverse_mass: Matrix | BlockInverse | None  # for solvers that ask for accelerations
     motion: Motion
     loads: Loads
@@ -50,7 +53,9 @@ class Scene(SecondOrderSystem):
     ) -> None:  # fmt: skip
         """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
         self.equations = equations_under(model, rotor, loads)
-        self.inverse_mass = None
+        self.spread, self.inverse_mass = None, None
+        if loads.force_per_length is not None:
+            self.spread = self.equations.spread(loads.kinks)
         self.motion, self.loads, self.damping = motion, loads, damping
         size = self.equations.size
         latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
@@ -76,10 +81,10 @@ class Scene(SecondOrderSystem):
             return None
         without: Scene = eqx.tree_at(
             lambda s: (
-                s.inverse_mass, s.motion, s.pauses, s.last,
-                s.loads.tip_force, s.loads.tip_moment, s.loads.changes, s.loads.jumps,
+                s.spread, s.inverse_mass, s.motion, s.pauses, s.last, s.loads.tip_force,
+                s.loads.tip_moment, s.loads.force_per_length, s.loads.changes, s.loads.jumps,
             ),
-            self, (None,) * 8, is_leaf=lambda leaf: leaf is None,
+            self, (None,) * 10, is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 
@@ -102,10 +107,11 @@ class Scene(SecondOrderSystem):
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
         motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
-        force, moment = (_converted(part, t) for part in (loads.tip_force, loads.tip_moment))
+        own = loads.tip_force, loads.tip_moment, loads.force_per_length
+        parts = (_converted(part, t) for part in own)
         scene: Scene = eqx.tree_at(
-            lambda s: (s.motion, s.loads.tip_force, s.loads.tip_moment),
-            self, (motion, force, moment),
+            lambda s: (s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length),
+            self, (motion, *parts),
             is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return scene
@@ -163,9 +169,9 @@ class Scene(SecondOrderSystem):
         before = self.pauses.opens[jnp.argmin(jnp.abs(self.pauses.closes - after))]
         late = _late(self.motion.jump_times(), before, after)
         load_late = _late(self.loads.jump_times(), before, after)
-        (old, old_load), (new, new_load) = self.inputs(before + late), self.inputs(after + late)
-        y = self._moved(y, (old, old_load), load_late)
-        y = self._moved(y, (old, new_load), late - load_late)
+        (old, *old_loads), (new, *new_loads) = self.inputs(before + late), self.inputs(after + late)
+        y = self._moved(y, (old, *old_loads), load_late)
+        y = self._moved(y, (old, *new_loads), late - load_late)
         zero = jnp.zeros_like(old.velocity)
         still = Hub(zero, zero, zero, zero, zero)
         jump = still._replace(
@@ -181,19 +187,29 @@ class Scene(SecondOrderSystem):
         )
         work = self._moved_by(*without_derivatives((halfway, y.q, (y.v + v) / 2))) / self.work_unit
         y = State(y.q, v, y.work - jax.lax.stop_gradient(work))
-        return self._moved(y, (new, new_load), -late)
+        return self._moved(y, (new, *new_loads), -late)
 
     def _moved(self, y: State, x: Inputs, h: Scalar) -> State:
         """y a moment h later under these inputs, to first order."""
         return State(y.q + h * y.v, y.v + h * self._over_mass(self.force(x, y.q, y.v)), y.work)
 
     def inputs(self, t: Scalar) -> Inputs:
-        """Motion of the hub, and force at the tip."""
-        return self.hub(t), self.loads.at_tip(self._within(t))
+        """Motion of the hub, and what acts at the tip and along the span."""
+        within = self._within(t)
+        return self.hub(t), self.loads.at_tip(within), self._along_span(within)
+
+    def _along_span(self, t: Scalar) -> SpanForce | None:
+        if self.spread is None:
+            return None
+        density = self.loads.along_span(t, self.spread.points[0])
+        assert density is not None
+        return self.spread.acting(density)
 
     def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
-        hub, tip_force = x
+        hub, tip_force, span = x
         out = self.equations.force(hub, q, v, tip_force)
+        if span is not None:
+            out = out + span.on(q)
         return out - self.equations.as_force(q, self._damping(q, v))
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
@@ -201,8 +217,10 @@ class Scene(SecondOrderSystem):
         return self.equations.damping(q, v, self.damping.mass, self.damping.stiffness)
 
     def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
-        hub, tip_force = x
+        hub, tip_force, span = x
         k, c = self.equations.tangents(hub, q, v, tip_force)
+        if span is not None and span.stiffness is not None:
+            k = k + span.stiffness
         if self.damping.mass is not None or self.damping.stiffness is not None:
             dk, dc = self.equations.damping_tangents(
                 q, v, self.damping.mass, self.damping.stiffness
@@ -219,7 +237,7 @@ class Scene(SecondOrderSystem):
 
     def power(self, x: Inputs, q: Vector, v: Vector) -> Number:
         """Rate of the balance of energy, in `work_unit` per second."""
-        (hub, tip_force), equations = x, self.equations
+        (hub, tip_force, span), equations = x, self.equations
         out = -self._moved_by(hub, q, v) - total(
             (equations.nonconservative_force(q) + self._damping(q, v)) * v
         )
@@ -227,6 +245,8 @@ class Scene(SecondOrderSystem):
             out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (v,))[1])
         if tip_force is not None:
             out = out + equations.tip_power(q, v, tip_force)
+        if span is not None:
+            out = out + span.power(q, v)
         return out / self.work_unit
 
     def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Number:
@@ -293,7 +313,22 @@ class Scene(SecondOrderSystem):
             end = self.equations.tip(q) + end
             push, moment = self.equations.tip_action(q, tip)
             force, couple = force - push, couple - skew(end) @ push - moment
+        if self.spread is not None:
+            push, moment = self._span_action(t, q)
+            force, couple = force - push, couple - moment
         return force, couple
+
+    def _span_action(self, t: Scalar, q: Vector) -> tuple[Triple, Triple]:
+        """Force along the span in all, and its moment about the centre of the hub."""
+        assert self.spread is not None
+        equations, (xi, weight) = self.equations, self.spread.points
+        density = self.loads.along_span(t, xi)
+        assert density is not None
+        force = equations.size * weight[:, None] * density
+        tip = equations.undeformed.tip
+        root = (equations.end - equations.size) * jnp.eye(3, dtype=q.dtype)[0]
+        place = root[None] + xi[:, None] * (tip - root)[None] + equations.displacement(q, xi)
+        return jnp.sum(force, 0), jnp.sum(jnp.cross(place, force), 0)
 
 
 class _Traced(Motion):
@@ -329,7 +364,7 @@ def _converted(part: Any, t: Scalar) -> Any:
     """A function of time with all its numbers as leaves, those that it closes over too. (Not those
     of default arguments, which would be one for all cases.)"""
 
-    def at(t: Scalar) -> Array:
-        return jnp.asarray(part(t))
+    def at(t: Scalar) -> Any:
+        return jax.tree.map(jnp.asarray, part(t))
 
     return eqx.filter_closure_convert(at, t) if callable(part) else part

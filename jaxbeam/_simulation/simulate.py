@@ -11,14 +11,14 @@ import optimistix
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
-from jaxbeam._models.loaded import equations_under
+from jaxbeam._models.base import AbstractModel, checked_case
 from jaxbeam._numerics.program import Program
-from jaxbeam._results import where_known, without_derivatives
+from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._simulation.checks import (
+    Seen,
     check_scene,
     checked_start,
     checked_times,
@@ -29,7 +29,7 @@ from jaxbeam._simulation.course import SAMPLES, Course, during
 from jaxbeam._simulation.following import LOST, Struck, following
 from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
 from jaxbeam._simulation.result import Simulation, checked_point
-from jaxbeam._simulation.scene import Inputs, Scene
+from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver, compute
 from jaxbeam._solvers.system import State
@@ -202,7 +202,7 @@ def adaptive(rtol: Any, atol: Any, times: Array) -> diffrax.PIDController:
 
 
 def _integrated(
-    now: Scene, y0: State, times: Array, seen: Inputs, how: tuple[Any, ...],
+    now: Scene, y0: State, times: Array, seen: Seen, how: tuple[Any, ...],
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> _History:  # fmt: skip
     """By our own loop, or by diffrax where that is asked for more than ours can do."""
@@ -295,11 +295,11 @@ def _parts(_: None, scene: Scene, hub: Hub, y: State) -> Float[Array, "3 *lanes"
     return jnp.stack(scene.energies_in(hub, y))
 
 
-def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Inputs) -> tuple[Scalar, Scalar]:
+def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Seen) -> tuple[Scalar, Scalar]:
     """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
     loads `seen`, by that of a uniform load of the same moment about the root, or that at the start;
     at least 1e-6 and at most 0.1 lengths. And a time within which the first mode moves, in s."""
-    equations, (hub, force) = scene.equations, seen
+    equations, (hub, force, span) = scene.equations, seen
     (mass, first, second), radius = equations.rigid, equations.end - equations.size
     spin, rate = hub.angular_velocity, hub.angular_velocity_rate
     # Inertia of the undeformed beam across its axis, at the distance X from the centre of the hub:
@@ -309,6 +309,8 @@ def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Inputs) -> tuple[
     moment = across * (first - radius * mass) + jnp.stack(turn, 1) * (second - radius * first)
     if force is not None:
         moment = moment - jax.vmap(lambda load: bending(load, equations.size))(force)
+    if span is not None:
+        moment = moment - equations.size**2 * span[:, 1, 1:]
     static = moment * rotor.compliance[None]
     at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
     # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
@@ -339,45 +341,6 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
     ):
         status = jnp.where(result == code, meaning, status)
     return status
-
-
-def steady_start(
-    model: AbstractModel,
-    rotor: AnyRotor,
-    motion: Motion,
-    t: Any = 0.0,
-    *,
-    loads: Loads = NO_LOADS,
-    throw: bool = True,
-) -> State:
-    """The state in which the beam rests in the hub if the hub went on as it moves at time t.
-
-    Rates of the hub's velocities are left out. Displacements of a state are
-    `model.equations(rotor).displacement(state.q, xi)`, xi an array. Raises `RuntimeError` where
-    no such state is found; with `throw=False` its coordinates are then NaN, which `simulate`
-    reports. An equilibrium need not be stable: ask `modes`.
-    """
-    model, rotor, _ = checked_case(model, rotor)
-    t = real_scalar("t", t)
-    check_scene(motion, loads, NO_DAMPING, t)
-    state, status = _steady(model, rotor, motion, t, loads)
-    return raise_unless_ok(state, status) if throw else state
-
-
-@Program
-def _steady(
-    model: AbstractModel, rotor: AnyRotor, motion: Motion, t: Scalar, loads: Loads
-) -> tuple[State, Code]:
-    given, (rotor, motion, loads, *_) = scene_status(
-        model, rotor, motion, loads, NO_DAMPING, t[None], t[None]
-    )
-    hub = motion.hub(t, loads.gravity)
-    zero = jnp.zeros(3, t.dtype)
-    hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
-    q, status = equilibrium(equations_under(model, rotor, loads), hub, loads.at_tip(t))
-    status = jnp.where(given == Status.OK, status, given)
-    q = where_known(status == Status.OK, q)
-    return State(q, jnp.zeros_like(q)), status
 
 
 def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax.Event:

@@ -90,7 +90,9 @@ def critical_load(
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     conditions = checked_conditions(loads, NO_DAMPING)
     if conditions is None:
-        raise ValueError("loads: there are none; give tip_force=... or gravity=...")
+        raise ValueError(
+            "loads: there are none; give tip_force=..., gravity=... or force_per_length=..."
+        )
     result = _critical(model, rotor, speed, conditions.loads)
     return raise_unless_ok(result, result.status) if throw else result
 
@@ -162,6 +164,7 @@ class _Unloaded(NamedTuple):
             (loads.tip_force, 1.0),
             (loads.gravity, equations.rigid[0]),
             (loads.tip_moment, 1 / equations.size),
+            (loads.span_moments(jnp.zeros_like(speed)), equations.size),
         )
         weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
         return cls(k, equations.size / (softness * jnp.where(weight > 0, weight, 1.0)))
