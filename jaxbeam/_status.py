@@ -188,6 +188,11 @@ class Status(enum.IntEnum):
         "across it, it turns in the hub, and nothing rests there",
         INPUT,
     )
+    BUCKLED = (
+        46,
+        "the loads buckle the beam at rest, so that no speed is the first at which it loses its "
+        "stability: see critical_load; lower them",
+    )
     NO_POTENTIAL = (
         45,
         "loads that follow the tip, and moments at it, have no potential: where a beam that turns "

@@ -349,8 +349,7 @@ def equilibrium(
     theorem. `hub` is taken as it is at this moment.
     """
     rest = jnp.zeros(equations.mass.shape[0], equations.size.dtype)
-    stiffness, _ = equations.tangents(hub, rest, rest, tip_force)
-    scale = jnp.max(jnp.abs(dense(stiffness))) * equations.size
+    scale = equations.energy_scale / equations.size
 
     def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
         root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else

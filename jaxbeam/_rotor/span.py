@@ -149,7 +149,7 @@ def _before(parts: Array, forward: bool) -> Array:
     )
     before = jnp.einsum("ij,gj...->gi...", inside, grouped)
     before = before + jnp.tensordot(outside, jnp.sum(grouped, 1), 1)[:, None]
-    return before.reshape(-1, *parts.shape[1:])[: len(parts)]
+    return before.reshape(groups * size, *parts.shape[1:])[: len(parts)]  # there may be no columns
 
 
 _NEARER, _TURNS = 4.0, 10  # ratio of segments towards the ends, and how many towards the root

@@ -23,14 +23,17 @@ Technical Report MBS99-5-UIC, 1999.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.base import AbstractModel, LinearSystem, checked_case, guarded
 from jaxbeam._models.families import Family
+from jaxbeam._models.loaded import Conditions, checked_conditions, guarded_conditions, system_of
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.program import Program
-from jaxbeam._results import harmless, without_derivatives
+from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Scalar, Vector
@@ -42,9 +45,11 @@ from jaxbeam._vibration.singular import (
     gives_way,
     groups_of,
     is_affine,
+    softest,
 )
 
 _HAIR = 1e-10  # EI / L, of a spring beside which a hinge is free
+_HARD = 0.1  # of its stiffness at rest, that of a rod which does not tear
 _SCANNED = 64  # speeds at which a model that is not affine is looked at
 
 
@@ -68,7 +73,9 @@ class CriticalSpeed(eqx.Module):
     status: Code
 
 
-def critical_speed(model: AbstractModel, rotor: AnyRotor, *, throw: bool = True) -> CriticalSpeed:
+def critical_speed(
+    model: AbstractModel, rotor: AnyRotor, *, loads: Loads = NO_LOADS, throw: bool = True
+) -> CriticalSpeed:
     """Smallest speed at which steady rotation loses its stability (rad/s): K(Omega) is singular.
 
     Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`)
@@ -90,24 +97,46 @@ def critical_speed(model: AbstractModel, rotor: AnyRotor, *, throw: bool = True)
     the speed is zero, and has no derivatives. A hinge for lag in the axis of rotation, which no
     speed holds nor drives out, does not count.
 
+    Under `loads` (see `modes`), which must have a potential and are differentiated by as well, K is
+    that about the state that they deform, and all is coupled with all; `family` is that of the
+    coordinates that take most of the elastic energy. Where they buckle the beam at rest the status
+    is `BUCKLED`.
+
     `throw=False` returns failures in `CriticalSpeed.status`, and NaN (derivatives: as in `modes`;
     those of an infinite speed are zero). Errors as in `modes`.
     """
     model, rotor, zero = checked_case(model, rotor)
-    result = _critical(model, rotor, zero)
+    conditions = checked_conditions(loads, NO_DAMPING)
+    if not loads.is_plain:
+        raise ValueError(
+            "loads: a moment, or a force that follows the tip, has no potential: take modes at the "
+            "speeds that matter, whose growth rates tell"
+        )
+    result = _critical(model, rotor, zero, conditions)
     return raise_unless_ok(result, result.status) if throw else result
 
 
+_Given = tuple[AnyRotor, Conditions | None]
+
+
 @Program
-def _critical(model: AbstractModel, rotor: AnyRotor, zero: Scalar) -> CriticalSpeed:
-    given = rotor.status(zero)
-    fine = given == Status.OK
-    rotor = harmless(fine, rotor)
-    found, family, x, status = _search(model, *without_derivatives((rotor, zero)))
-    status = jnp.where(fine, status, given).astype(int)
+def _critical(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions | None
+) -> CriticalSpeed:
+    if conditions is None:
+        given, rotor, _ = guarded(rotor, zero)
+    else:
+        given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
+    known = without_derivatives((rotor, zero))
+    if conditions is None:
+        searched = _search(model, *known)
+    else:
+        searched = _search_under(model, *known, without_derivatives(conditions))
+    found, family, x, status = searched
+    status = jnp.where(given == Status.OK, status, given).astype(int)
     exists = jnp.isfinite(found) & (status == Status.OK)
     place = _Place(x=x, exists=exists, model=model, family=family)
-    speed, shape = answer(place, rotor, found, status)
+    speed, shape = answer(place, (rotor, conditions), found, status)
     return CriticalSpeed(angular_speed=speed, family=family, shape=shape, status=status)
 
 
@@ -119,16 +148,24 @@ class _Place(AbstractPlace):
     model: AbstractModel
     family: Code
 
-    def rest(self, given: AnyRotor) -> Matrix:
-        return _undeformed(self.model, given, jnp.zeros_like(self.x[0]))
+    def rest(self, given: _Given) -> Matrix:
+        return _undeformed(self.model, given[0], jnp.zeros_like(self.x[0]))
 
-    def stiffness(self, given: AnyRotor, value: Scalar) -> Matrix:
-        model, k = self.model, _undeformed(self.model, given, value)
-        if is_affine(model, given):
+    def stiffness(self, given: _Given, value: Scalar) -> Matrix:
+        model, (rotor, conditions) = self.model, given
+        if conditions is not None:
+            here = jnp.where(self.exists, value, 0.0)
+            return _symmetric(system_of(model, rotor, here, conditions))
+        k = _undeformed(self.model, rotor, value)
+        if is_affine(model, rotor):
             return k
         tears = self.family == Family.AXIAL  # where a rod tears there is no state to be at
-        moved = model.matrices(given, jnp.where(tears | ~self.exists, 0.0, value)).stiffness
+        moved = model.matrices(rotor, jnp.where(tears | ~self.exists, 0.0, value)).stiffness
         return jnp.where(tears, k, moved)
+
+
+def _symmetric(system: LinearSystem) -> Matrix:
+    return (system.stiffness + system.stiffness.T) / 2
 
 
 def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
@@ -164,7 +201,7 @@ def _search(
     end = scan.run(bottom, tears, shape[tears])
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
-    hardens = end.softest[tears] > 0.1
+    hardens = end.softest[tears] > _HARD
     torn = jnp.where(hardens, jnp.inf, speed[tears])
     return (
         jnp.where(end.found, end.value, torn),
@@ -172,6 +209,42 @@ def _search(
         jnp.where(end.found, end.x, shape[tears]),
         scan.status(end),
     )
+
+
+def _search_under(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions
+) -> tuple[Scalar, Code, Vector, Code]:
+    """The same under loads."""
+    groups = groups_of(model, rotor)
+    rest, speed, _ = _alone(model, _held(rotor), zero, groups)
+    every = Groups((min(model.families),), (np.arange(len(rest)),))
+
+    def at(speed: Scalar) -> tuple[Matrix, Code]:
+        system = conditions.system(model, rotor, speed)
+        return _symmetric(system), system.status
+
+    k0, status = at(zero)
+    least, x = softest(every.rows[0], k0, rest)
+    buckled = jnp.where(least > 0, Status.OK, Status.BUCKLED)
+    buckled = jnp.where(status == Status.OK, buckled, status)
+    if is_affine(model, rotor):
+        _, k1 = _with_speed(model, rotor, zero)
+        fine = jnp.where(buckled == Status.OK, k0, rest)
+        square, x = gives_way(every.rows[0], k1, fine)
+        found, status = jnp.sqrt(square), jnp.asarray(Status.OK)
+    else:
+        tears = groups.families.index(Family.AXIAL)
+        bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
+        ratio = (top / bottom) ** (1 / (_SCANNED - 1))
+        scan = Scan(at, every, rest, top, ratio, _SCANNED)
+        end = scan.run(bottom, 0, x)
+        torn = jnp.where(end.softest[0] > _HARD, jnp.inf, speed[tears])
+        found, x = jnp.where(end.found, end.value, torn), end.x
+        status = scan.status(end)
+    energy = x * (rest @ x)
+    shares = [jnp.sum(energy, where=np.equal(model.families, family)) for family in Family]
+    status = jnp.where(buckled == Status.OK, status, buckled)
+    return found, jnp.argmax(jnp.stack(shares)), x, status
 
 
 def _held(rotor: AnyRotor) -> AnyRotor:
@@ -203,12 +276,17 @@ def _alone(
 ) -> tuple[Matrix, Float[Array, " f"], Float[Array, "f n"]]:
     """K at rest, and the speed and the direction in which each group alone would give way, were the
     beam kept as it is at rest."""
+    k0, k1 = _with_speed(model, rotor, zero)
+    squares, shapes = zip(*(gives_way(rows, k1, k0) for rows in groups.rows), strict=True)
+    return k0, jnp.sqrt(jnp.stack(squares)), jnp.stack(shapes)
+
+
+def _with_speed(model: AbstractModel, rotor: AnyRotor, zero: Scalar) -> tuple[Matrix, Matrix]:
+    """K of the beam kept as it is at rest, K_0 + Omega^2 K_1."""
     one = jnp.ones_like(zero)
 
     def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:
         return jax.jvp(lambda speed: _undeformed(model, rotor, speed), (speed,), (one,))
 
     (k0, _), (_, curvature) = jax.jvp(with_rate, (zero,), (one,))
-    k1 = curvature / 2  # exactly, without the cancellation of differences
-    squares, shapes = zip(*(gives_way(rows, k1, k0) for rows in groups.rows), strict=True)
-    return k0, jnp.sqrt(jnp.stack(squares)), jnp.stack(shapes)
+    return k0, curvature / 2  # exactly, without the cancellation of differences

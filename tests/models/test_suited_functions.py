@@ -80,6 +80,13 @@ def stations(soft, gap=1e-6):
     return jb.Rotor(jb.Beam(1.0, 1.0, 1e9, stiffness, 1.0))
 
 
+def test_no_columns_have_integrals():
+    """Models with one function in each direction have none that tension makes."""
+    span = Span.between((0.0, 0.5, 1.0), 4)
+    for integral in (span.up_to, span.beyond):
+        assert integral(np.zeros((8, 0))).shape == (8, 0)
+
+
 @pytest.mark.slow
 def test_traced_values_and_stations_side_by_side():
     """Values may be traced; a step that is written as two near stations is one."""
