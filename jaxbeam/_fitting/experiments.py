@@ -22,9 +22,10 @@ from jaxbeam._checks import (
     real_scalar,
 )
 from jaxbeam._fitting.matching import match_modes
-from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.equilibrium import equilibrium
 from jaxbeam._models.families import Family, Label
-from jaxbeam._models.loaded import equations_under
+from jaxbeam._models.loaded import acting_on, equations_under
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
@@ -206,11 +207,9 @@ class StaticData(Experiment):
         self.angular_speed = checked_speed(angular_speed)
         zero = jnp.zeros_like(self.angular_speed)
         check_scene(ConstantSpeed(self.angular_speed), loads, NO_DAMPING, zero)
-        for name in ("tip_force", "tip_moment"):
+        for name in ("tip_force", "tip_moment", "force_per_length"):
             if callable(getattr(loads, name)):
-                raise ValueError(
-                    f"loads.{name} must be constant, shape (3,), got a function of time"
-                )
+                raise ValueError(f"loads.{name} must be constant, got a function of time")
         _all(
             "loads.gravity must be along the axis of rotation, (0, 0, g), where angular_speed is "
             "not zero: across it, it turns in the hub, and nothing rests",
@@ -232,9 +231,8 @@ class StaticData(Experiment):
             self.model, self.rotor, motion, self.loads, NO_DAMPING, moments, moments
         )
         equations = equations_under(self.model, self.rotor, self.loads)
-        q, status = equilibrium(
-            equations, motion.hub(zero, self.loads.gravity), self.loads.at_tip(zero)
-        )
+        hub = motion.hub(zero, self.loads.gravity)
+        q, status = equilibrium(equations, hub, *acting_on(equations, self.loads, zero))
         value = equations.displacement(q, np.array(self.xi))[:, self.component]
         rests = (given == Status.OK) & (status == Status.OK) & jnp.all(self._turning == 0)
         return jnp.where(rests, value, jnp.nan)

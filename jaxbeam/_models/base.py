@@ -11,13 +11,13 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.bands import BandTables, NodeByNode
+from jaxbeam._models.equilibrium import equilibrium
 from jaxbeam._models.families import APART, Family, Plane, planes_of
 from jaxbeam._models.shapes import Shapes
-from jaxbeam._models.spread import AbstractSpread, SpanForce
+from jaxbeam._models.spread import AbstractSpread
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import dense
-from jaxbeam._numerics.newton import find_root
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import harmless, where_known
 from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
@@ -336,42 +336,6 @@ def checked_case(
     """A model as it suits a rotor, the rotor that it takes, and the angular speed, all checked."""
     rotor = checked_rotor(checked_model(model).rotor_type, rotor)
     return model.suited(rotor), rotor, checked_speed(angular_speed)
-
-
-def equilibrium(
-    equations: Equations, hub: Hub, tip_force: Any = None, span: SpanForce | None = None
-) -> tuple[Vector, Code]:
-    """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
-
-    Newton's method with the load raised from zero in adaptive steps where one step will not do;
-    where that ends in none that is stable, one is looked for that is (see `find_root`), as of a
-    blade that only the centrifugal load holds on its hinge. Differentiable by the implicit function
-    theorem. `hub` is taken as it is at this moment.
-    """
-    rest = jnp.zeros(equations.mass.shape[0], equations.size.dtype)
-    scale = equations.energy_scale / equations.size
-
-    def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
-        root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else
-        part = Hub(
-            root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,
-            fraction * hub.angular_velocity_rate, fraction * hub.gravity,
-        )  # fmt: skip
-        force = jax.tree.map(lambda part: fraction * part, tip_force)
-        q = equations.size * q
-        out = equations.force(part, q, rest, force)
-        if span is not None:
-            out = out + fraction * span.on(q)
-        return -out / scale
-
-    # Of the size of what loads do to a rigid beam, by the acceleration that they give its mass.
-    load = jnp.max(jnp.abs(residual(rest)))
-    inertia = dense(equations.mass) / equations.as_force(rest, jnp.ones_like(rest))[:, None]
-    support = jax.lax.stop_gradient(inertia * load / jnp.max(jnp.abs(inertia)))
-    q, done = find_root(residual, rest, support=support)
-    q = equations.size * q
-    status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
-    return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)
 
 
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:

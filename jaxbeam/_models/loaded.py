@@ -7,14 +7,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxbeam._checks import kind_of
-from jaxbeam._models.base import (
-    AbstractModel,
-    Equations,
-    LinearSystem,
-    equilibrium,
-    guarded,
-    steady_strain,
-)
+from jaxbeam._models.base import AbstractModel, Equations, LinearSystem, guarded, steady_strain
+from jaxbeam._models.equilibrium import equilibrium
 from jaxbeam._models.families import Family
 from jaxbeam._models.spread import SpanForce
 from jaxbeam._numerics.linalg import dense

@@ -38,6 +38,12 @@ def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, "
     )
 
 
+@one_by_one
+def columns(a: Float[Array, "n n"], b: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    """x with a x = b, of which nobody asks for derivatives."""
+    return jnp.linalg.solve(a, b)
+
+
 def quotient(a: Inexact[Array, ""], b: Inexact[Array, ""]) -> Inexact[Array, ""]:
     """a / b, linear in a: where b is zero not a number, unless a is, which gives zero; in reverse
     mode too, so that a derivative that does not exist spoils none but those that ask for it."""

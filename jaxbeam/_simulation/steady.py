@@ -5,7 +5,8 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxbeam._checks import real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case, equilibrium
+from jaxbeam._models.base import AbstractModel, checked_case
+from jaxbeam._models.equilibrium import equilibrium
 from jaxbeam._models.loaded import acting_on, equations_under
 from jaxbeam._numerics.program import Program
 from jaxbeam._results import where_known

@@ -25,7 +25,8 @@ from jaxbeam._vibration.singular import AbstractPlace
 
 _MEETS = 1e-5  # imaginary part of 1 / mu, over its size, from which two have met
 _HALVINGS = 30
-_POLISHES = 4
+_POLISHES = 5  # of Newton's method, or of secants that begin so far apart, relative
+_APART = 1e-5
 
 # Mass and stiffness by what is given and the factor of the loads.
 Matrices = Callable[[Any, Scalar], tuple[Matrix, Matrix]]
@@ -163,10 +164,14 @@ def first_lost(
 
 
 def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
-    """The load to rounding, by Newton's method on h."""
+    """The load to rounding, by secants of h."""
 
-    def body(_: int, value: Scalar) -> Scalar:
-        h, rate = jax.jvp(lambda value: place.bordered(given, value), (value,), (1.0 + 0 * value,))
-        return value - h / rate
+    def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+        old, old_h, new = state
+        h = place.bordered(given, new)
+        change = jnp.where(h == old_h, 0.0, h * (new - old) / jnp.where(h == old_h, 1.0, h - old_h))
+        return new, h, new - change
 
-    return jax.lax.fori_loop(0, _POLISHES, body, value)
+    near = value * (1 - _APART)
+    start = near, place.bordered(given, near), value
+    return jax.lax.fori_loop(0, _POLISHES, body, start)[2]

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from jaxbeam._models.base import LinearSystem
 from jaxbeam._models.families import Family
 from jaxbeam._numerics.linalg import (
+    columns,
     gyroscopic_eigenpairs,
     planar_eigenpairs,
     symmetric_modes,
@@ -118,8 +119,11 @@ def _plane(
     label = jnp.arange(n)
     shape = pairs.right
     if len(sizes) > 1:  # in one family alone the rank is the order
-        own = (k + k.T) / 2 if system.general else k
-        label = _assign(_participation(m, own, shape, sizes, free))
+        own = _even(k) if system.general else k
+        here = [family for family in families if system.where(family).size]
+        # What moves in quadrature to bending alone does not follow it.
+        bent = system.general or transverse == axial or Family.FLAP in axial
+        label = _assign(_participation(m, own, shape, here, sizes, free, bent))
     if system.general:
         shape = _apart(m, shape, coupled(m, g, k, sizes)[label])
     return _Plane(rows, pairs.eigenvalue, shape, label, pairs.positive == 1)
@@ -168,17 +172,34 @@ def _apart(m: Array, x: Array, inside: Array) -> Array:
 
 
 def _participation(
-    m: Array, k: Array, x: Array, sizes: list[int], free: bool
-) -> Float[Array, "n n"]:
+    m: Array, k: Array, x: Array, families: Sequence[Family], sizes: Sequence[int], free: bool,
+    bent: bool,
+) -> Float[Array, "n n"]:  # fmt: skip
     """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j; `sizes` are
-    those of the families, one behind the other."""
+    those of the families, one behind the other. About states that are `bent` axial motion follows
+    bending: a beam that may only move across cannot but stretch."""
     parts, ends = [], np.cumsum([0, *sizes])
-    for start, end in itertools.pairwise(ends):
-        part = slice(start, end)
-        v = symmetric_modes(m[part, part], k[part, part], free)
-        parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
+    places = {f: slice(*each) for f, each in zip(families, itertools.pairwise(ends), strict=True)}
+    axial = places.get(Family.AXIAL)
+    for family, part in places.items():
+        follows = bent and axial is not None and family in (Family.IN_PLANE, Family.FLAP)
+        unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
+        if not follows:
+            v = symmetric_modes(m[part, part], k[part, part], free)
+            parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
+            continue
+        assert axial is not None
+        with_it = columns(k[axial, axial], k[axial, part])
+        moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
+        inertia, stiffness = (moved.T @ a @ moved for a in (m, k))
+        v = symmetric_modes(_even(inertia), _even(stiffness), free)
+        parts.append(jnp.abs(x @ m @ (moved @ v.T)) ** 2)
     share = jnp.concatenate(parts, axis=1)
     return share / jnp.sum(share, axis=1, keepdims=True)
+
+
+def _even(a: Array) -> Array:
+    return (a + a.T) / 2
 
 
 def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._rotor.span import Span
 from tests.tiers import slow
 from tests.vibration import blade_reference
 

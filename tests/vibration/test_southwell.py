@@ -297,7 +297,7 @@ def test_divergence_is_no_resonance():
 def test_neither_order_nor_failed_cases_hide_or_double_a_crossing(monkeypatch):
     """Of the frequency 6 + speed, which is twice the speed between 4 and 7."""
 
-    def middle(_, __, bracket, label, harmonic, throw):
+    def middle(_, __, bracket, label, harmonic, **_options):
         at = (jnp.asarray(number) for number in (harmonic, sum(bracket) / 2))
         return jb.results.Crossing(label, *at, jnp.asarray(int(jb.Status.OK)))
 

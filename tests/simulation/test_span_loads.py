@@ -1,0 +1,134 @@
+"""Motion under a force along the span."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._simulation.scene import Scene
+from jaxbeam._solvers.system import State
+from tests.helpers import AS_BUILT, finite_difference
+from tests.tiers import exhaustive
+
+MASS = jb.Spanwise([0, 0.3, 0.3, 1], [1.6, 1.2, 1.0, 0.7])
+BEAM = jb.Beam(2.0, MASS, 4e3, 14.0, 8.0, torsional_stiffness=6.0, polar_inertia=0.03)
+ROTOR = jb.Rotor(BEAM, hub_radius=0.4)
+SPEED, TILTED = 1.5, np.array([0.6, -0.8, 0.5])
+MOTION = jb.ConstantSpeed(SPEED)
+TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
+
+
+def weight(size):
+    """Of each length what gravity does on it, in the axes of the hub, which turns."""
+
+    def at(t):
+        cos, sin = jnp.cos(SPEED * t), jnp.sin(SPEED * t)
+        gravity = size * jnp.stack(
+            [
+                TILTED[0] * cos + TILTED[1] * sin,
+                TILTED[1] * cos - TILTED[0] * sin,
+                TILTED[2] + 0 * t,
+            ]
+        )
+        return tuple(jb.Spanwise(MASS.stations, g * MASS.values) for g in gravity)
+
+    return at
+
+
+MODELS = [jb.VonKarman(5, 3, 2), jb.EngineeringANCF(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
+
+
+def both(model):
+    """Gravity, and the same as a force along the span; in the plane for a model that is planar."""
+    share = np.array([1.0, 1.0, 0.0 if isinstance(model, jb.EngineeringANCF) else 1.0])
+
+    def own(t):
+        return tuple(
+            jb.Spanwise(part.stations, s * part.values)
+            for s, part in zip(share, weight(1.0)(t), strict=True)
+        )
+
+    return jb.Loads(gravity=share * TILTED), jb.Loads(force_per_length=own)
+
+
+@pytest.mark.parametrize("model", [MODELS[-1], *map(exhaustive, MODELS[:-1])])
+def test_weight_as_a_force_along_the_span(model):
+    """Forces, tangents, power and what the hub feels are those of gravity, in any state."""
+    scenes = [Scene(model, ROTOR, MOTION, loads, jb.Damping()) for loads in both(model)]
+    rng = np.random.default_rng(3)
+    n, t = len(model.families), jnp.asarray(0.7)
+    state = State(*(0.05 * jnp.asarray(a) for a in rng.normal(size=(2, n))), jnp.zeros(()))
+
+    @jax.jit
+    def seen(q, v):
+        found = []
+        for scene in scenes:
+            x = scene.inputs(t)
+            k = dense(scene.tangents(x, q, v)[0])
+            found.append((scene.force(x, q, v), k, scene.power(x, q, v), scene.reaction(t, state)))
+        return found
+
+    gravity, span = seen(state.q, state.v)
+    for a, b in zip(jax.tree.leaves(gravity), jax.tree.leaves(span), strict=True):
+        np.testing.assert_allclose(b, a, atol=1e-10 * np.abs(a).max(), rtol=0)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", MODELS)
+def test_motion_under_weight_as_a_force_along_the_span(model):
+    """It moves the beam, and pulls at the hub, as gravity does; and its work is balanced."""
+    times = np.linspace(0.0, 3.0, 7)
+    gravity, span = (
+        jb.simulate(model, ROTOR, MOTION, times, loads=loads, stepsize_controller=TIGHT)
+        for loads in both(model)
+    )
+    assert np.abs(gravity.tip).max() > 0.05
+    np.testing.assert_allclose(span.tip, gravity.tip, atol=1e-7)
+    np.testing.assert_allclose(span.hub_force, gravity.hub_force, atol=1e-5)
+    np.testing.assert_allclose(span.hub_torque, gravity.hub_torque, atol=1e-5)
+    assert np.abs(span.imbalance).max() < 1e-6
+    states = [
+        jb.steady_start(model, ROTOR, jb.ConstantSpeed(0.0), loads=loads).q for loads in both(model)
+    ]
+    np.testing.assert_allclose(states[1], states[0], atol=1e-9)
+
+
+@pytest.mark.exhaustive
+def test_gradients_and_jumps():
+    """By a value of the table; a force that is declared to jump is that of two runs."""
+    model, times = jb.Hybrid(1, 3, 2), np.linspace(0.0, 2.0, 3)
+
+    def tip(size):
+        loads = jb.Loads(
+            force_per_length=(0.0, jb.Spanwise([0, 1], jnp.stack([0 * size, size])), 0.0)
+        )
+        run = jb.simulate(model, AS_BUILT, MOTION, times, loads=loads, stepsize_controller=TIGHT)
+        return run.tip[-1]
+
+    slope = finite_difference(lambda x: tip(x[0]), jnp.array([0.7]))
+    np.testing.assert_allclose(jax.jacrev(tip)(0.7), slope[:, 0], rtol=1e-5)
+
+    def late(t):
+        return (0.0 * t, jnp.where(t > 1.0, 0.7, 0.0), 0.0 * t)
+
+    whole = jb.simulate(
+        model, AS_BUILT, MOTION, times, loads=jb.Loads(force_per_length=late, jumps=[1.0]),
+        stepsize_controller=TIGHT,
+    )  # fmt: skip
+    first = jb.simulate(model, AS_BUILT, MOTION, times[:2], stepsize_controller=TIGHT)
+    start = jax.tree.map(lambda a: a[-1], first.state)
+    second = jb.simulate(
+        model, AS_BUILT, MOTION, times[1:], loads=jb.Loads(force_per_length=(0.0, 0.7, 0.0)),
+        start=start, stepsize_controller=TIGHT,
+    )  # fmt: skip
+    np.testing.assert_allclose(whole.tip[-1], second.tip[-1], atol=1e-8)
+
+
+def test_discrete_models_take_none():
+    rotor = jb.models.SpringRotor(1.0, 1.0, 0.1, 100.0, 10.0)
+    loads = jb.Loads(force_per_length=(0.0, 1.0, 0.0))
+    with pytest.raises(ValueError, match="discrete models take no force along the span"):
+        jb.steady_start(jb.models.DiscreteLC(), rotor, MOTION, loads=loads)

@@ -1,0 +1,316 @@
+"""Small motion about states that loads deform, with damping, and where it is lost."""
+
+import functools
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam._numerics.quadratic import quadratic_eigenpairs
+from jaxbeam._status import Status
+from jaxbeam._vibration.flutter import LostPlace, first_lost, polished
+from tests.helpers import finite_difference
+
+BEAM = jb.Beam(2.0, 1.3, 4e5, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+ROTOR = jb.Rotor(BEAM, hub_radius=0.4, tip_mass=0.3)
+UNIT = jb.Beam(1.0, 1.0, 1e8, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-4)
+GREENHILL = 7.837347439  # weight per length of a column that buckles under it, over EI / L^3
+BECK = 20.0509536, 11.0155745  # force and frequency of flutter: EI / L^2, (EI / m)^1/2 / L^2
+
+
+def columns(a):
+    return np.asarray(a).T
+
+
+@pytest.mark.parametrize("kind", ["stable", "unstable", "damped", "circulatory"])
+def test_quadratic_eigenpairs(kind):
+    """Half of the eigenvalues of the companion matrix, of pairs the upper one, lowest first."""
+    rng = np.random.default_rng(7)
+    a, b, c = rng.normal(size=(3, 5, 5))
+    m, g, k = a @ a.T + np.eye(5), 3 * (b - b.T), c @ c.T + 2 * np.eye(5)
+    if kind == "unstable":
+        k = k - 9 * np.eye(5)
+    if kind == "damped":
+        g = g + 4 * c @ c.T  # of which some creep back
+    if kind == "circulatory":
+        k = k + 3 * (a - a.T)
+    conservative = kind in ("stable", "unstable")
+    found = quadratic_eigenpairs(*map(jnp.asarray, (m, g, k)), conservative)
+    lam, x = np.asarray(found.eigenvalue), columns(found.right)
+    residual = m @ x * lam**2 + g @ x * lam + k @ x
+    assert np.abs(residual).max() < 1e-10
+    np.testing.assert_allclose(np.sum(x.conj() * (m @ x), 0), 1.0, rtol=1e-12)
+    companion = np.block([[np.zeros((5, 5)), np.eye(5)], [-np.linalg.solve(m, np.hstack([k, g]))]])
+    whole = np.linalg.eigvals(companion)
+    real = np.sort(whole[np.abs(whole.imag) < 1e-9].real)[::-1]
+    right = np.concatenate([whole[whole.imag > 1e-9], real[: real.size // 2]])
+    assert np.abs(lam[:, None] - right[None]).min(0).max() < 1e-9
+    creeps = lam.imag == 0
+    assert (np.diff(np.abs(lam[~creeps])) > -1e-9).all()
+    assert creeps.sum() == real.size // 2
+    assert kind != "damped" or creeps.any()
+
+
+def test_a_double_pendulum_under_a_force_that_follows():
+    """With masses 2 m and m and springs c it flutters from (7/2 - 2^1/2) c / l on (H. Ziegler,
+    Ingenieur-Archiv 20, 1952); and so by the springs."""
+    m = jnp.array([[3.0, 1.0], [1.0, 1.0]])
+
+    def matrices(c, load):
+        return m, c * jnp.array([[2.0, -1.0], [-1.0, 1.0]]) + load * jnp.array(
+            [[-1.0, 1.0], [0, 0]]
+        )
+
+    c = jnp.asarray(1.7)
+
+    def lost(load):
+        return *matrices(c, load), jnp.asarray(int(Status.OK))
+
+    end = first_lost(lost, 2, jnp.asarray(0.1), 1.3, 30)
+    place = LostPlace(
+        x=end.mode.right, exists=end.found, left=end.mode.left, square=end.mode.square,
+        flutters=end.mode.flutters, k0=matrices(c, 0.0)[1], matrices=matrices,
+    )  # fmt: skip
+    load = polished(place, c, end.lost)
+    assert end.mode.flutters == 1
+    np.testing.assert_allclose(load, (3.5 - np.sqrt(2)) * 1.7, rtol=1e-13)
+    # The product of both squares of frequencies is det K / det M = c^2 / 2, whatever the load.
+    np.testing.assert_allclose(end.mode.square, 1.7 / np.sqrt(2), rtol=1e-6)
+    by_c, by_load = jax.grad(place.bordered, (0, 1))(c, load)
+    np.testing.assert_allclose(-by_c / by_load, 3.5 - np.sqrt(2), rtol=1e-9)
+
+
+def test_a_column_under_its_own_weight():
+    """Standing, it buckles at Greenhill's weight, about which its first mode stands still and
+    beyond which it grows; hanging, it stiffens. Weight is a force along the span or gravity."""
+    model, rotor = jb.Hybrid(0, 10, 0), jb.Rotor(UNIT)
+
+    @jax.jit
+    @jax.vmap
+    def first(weight):
+        loads = jb.Loads(force_per_length=(-weight, 0.0, 0.0))
+        return jb.modes(model, rotor, 0.0, 1, loads=loads, throw=False).eigenvalue[0]
+
+    found = np.asarray(first(GREENHILL * jnp.array([-1.0, 0.0, 0.9, 1 - 1e-9, 1 + 1e-9, 1.1])))
+    assert (found[:4].real == 0).all()
+    assert (np.diff(found[:4].imag) < 0).all()
+    np.testing.assert_allclose(found[1].imag, 3.516015269, rtol=1e-9)
+    assert found[3].imag < 2e-4
+    assert 0 < found[4].real < 2e-4
+    assert found[4].imag == 0
+    assert found[5].real > 0.1
+    loads = jb.Loads(force_per_length=(-2.0, 0.0, 0.0))
+    critical = jb.critical_load(model, rotor, loads)
+    np.testing.assert_allclose(critical.factor, GREENHILL / 2, rtol=1e-9)
+    assert critical.frequency == 0
+
+
+def test_damping_at_rest():
+    """lambda^2 + (a + c w^2) lambda + w^2 = 0 with the frequencies w without damping."""
+    model, mass, stiffness = jb.Hybrid(0, 6, 0), 0.4, 8e-3
+    w = np.asarray(jb.modes(model, ROTOR, 0.0, 6).frequency)
+    damping = jb.Damping(mass, stiffness)
+    found = jb.modes(model, ROTOR, 0.0, 6, damping=damping)
+    ratio = (mass / w + stiffness * w) / 2
+    assert (ratio < 1).any()
+    assert (ratio > 1).any()
+    swings = ratio < 1
+    right = np.where(
+        swings, w * (-ratio + 1j * np.sqrt(np.abs(1 - ratio**2))),
+        w * (-ratio + np.sqrt(np.abs(ratio**2 - 1))),
+    )  # fmt: skip
+    order = np.asarray(found.order) - 1
+    assert (order == np.arange(6)).all()  # those that creep back come where they swing undamped
+    np.testing.assert_allclose(found.eigenvalue, right[order], rtol=1e-8)
+    np.testing.assert_allclose(found.damping_ratio[swings], ratio[swings], rtol=1e-8)
+
+
+def test_what_loads_may_be():
+    model, plane = jb.Hybrid(0, 2, 2), jb.Hybrid(0, 2, 0)
+    for loads, said in (
+        (jb.Loads(tip_force=lambda t: jnp.array([0, 1.0, 0])), "tip_force must be constant"),
+        (jb.Loads(force_per_length=lambda t: (0.0, t, 0.0)), "force_per_length must be constant"),
+        (jb.Loads(tip_moment=[0, 0, 1.0]), "takes a force in hub axes alone"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            jb.modes(model, ROTOR, 1.0, 1, loads=loads)
+    with pytest.raises(TypeError, match="loads must be of class Loads"):
+        jb.modes(model, ROTOR, 1.0, 1, loads=3.0)
+    with pytest.raises(TypeError, match="damping must be of class Damping"):
+        jb.modes(model, ROTOR, 1.0, 1, damping=0.1)
+    for which, rotor, speed, gravity, status in (
+        (plane, ROTOR, 1.0, [0.0, 1.0, 0.0], Status.TURNING_GRAVITY),
+        (plane, ROTOR, 0.0, [0.0, 0.0, 1.0], Status.OUT_OF_PLANE),
+        (plane, ROTOR, 0.0, [0.0, 1.0, 0.0], Status.OK),
+    ):
+        loads = jb.Loads(gravity=gravity)
+        found = jb.modes(which, rotor, speed, 1, loads=loads, throw=False)
+        assert found.status == status
+        assert np.isfinite(found.frequency).all() == (status == Status.OK)
+    for function in (jb.southwell, functools.partial(jb.critical_speed)):
+        with pytest.raises(ValueError, match="no potential"):
+            function(model, ROTOR, loads=jb.Loads(tip_force=[1.0, 0, 0], follows=True))
+    for given, said in (
+        ((0.0, 1.0), "three parts"),
+        ((0.0, np.nan, 0.0), "must be finite"),
+        ((0.0, jb.Spanwise([0, 1], [0.0, np.inf]), 0.0), "must be finite"),
+        (lambda t: (0.0, t), "three parts"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            jb.Loads(force_per_length=given)
+
+
+@pytest.mark.exhaustive
+def test_a_column_under_a_force_that_follows_its_tip():
+    """Beck's: it flutters, with no divergence before, at 20.0509536 EI / L^2, found with the
+    fourth power of an element's length; its frequencies by `modes` meet there."""
+    rotor, loads = jb.Rotor(UNIT), jb.Loads(tip_force=[-1.0, 0.0, 0.0], follows=True)
+    found = [jb.critical_load(jb.SpatialANCF(n), rotor, loads) for n in (4, 8, 16)]
+    load, frequency = (
+        np.array([getattr(each, name) for each in found]) for name in ("factor", "frequency")
+    )
+    order = np.log2(np.diff(load)[0] / np.diff(load)[1])
+    assert 3.7 < order < 4.5
+    extrapolated = load[2] + (load[2] - load[1]) / 15
+    np.testing.assert_allclose(extrapolated, BECK[0], rtol=1e-6)
+    np.testing.assert_allclose(frequency[2], BECK[1], rtol=1e-4)
+
+    def eigenvalues(factor):
+        loads = jb.Loads(tip_force=jnp.stack([-factor, 0 * factor, 0 * factor]), follows=True)
+        return jb.modes(jb.SpatialANCF(8), rotor, 0.0, 3, loads=loads).eigenvalue
+
+    below, above = (np.asarray(eigenvalues(load[0] * share)) for share in (1 - 1e-4, 1 + 1e-4))
+    assert np.abs(below.real).max() < 1e-9
+    assert (above.real > 0.05).sum() == 1
+    assert np.abs(above[above.real > 0.05].imag - frequency[0]) < 0.1
+    damped = jb.modes(jb.SpatialANCF(8), rotor, 0.0, 3, loads=loads, damping=jb.Damping(0.1))
+    np.testing.assert_allclose(damped.eigenvalue.real, -0.05, rtol=1e-9)
+
+
+@pytest.mark.exhaustive
+def test_a_strip_loses_its_stiffness_sideways_at_prandtls_load():
+    """With a dead load in its stiff plane, 4.0126 (EI GJ)^1/2 / L^2 in the narrow limit."""
+    strip = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, 1e4, 1.0, torsional_stiffness=1.0, polar_inertia=1e-3))
+    model = jb.SpatialANCF(8)
+
+    def lowest(force):
+        loads = jb.Loads(tip_force=jnp.stack([0 * force, force, 0 * force]))
+        return jb.modes(model, strip, 0.0, 1, loads=loads, throw=False).eigenvalue[0]
+
+    critical = jb.critical_load(model, strip, jb.Loads(tip_force=[0.0, 1.0, 0.0])).factor
+    np.testing.assert_allclose(critical, 4.0126, rtol=1e-3)
+    below, above = (complex(lowest(critical * share)) for share in (1 - 1e-8, 1 + 1e-8))
+    assert below.real == 0
+    assert below.imag < 1e-3 * complex(lowest(0 * critical)).imag
+    assert above.imag == 0
+    assert above.real > 0
+
+
+def loaded(model, parameters, count=4, throw=True):
+    """Eigenvalues of a blade by a vector of parameters: all loads, damping, speed, EI, pre-cone."""
+    p = parameters
+    beam = jb.Beam(
+        1.0, 1.0, 1e4, p[8], jb.Spanwise([0, 1], [1.5, 1.0]), torsional_stiffness=0.7,
+        polar_inertia=1e-3,
+    )  # fmt: skip
+    in_space = isinstance(model, jb.SpatialANCF)
+    rotor = jb.Rotor(beam, 0.2, 0.1, precone=p[9] if in_space else None)
+    flap = p[3] if in_space else 0 * p[3]
+    loads = jb.Loads(
+        gravity=jnp.stack([0 * p[0], 0 * p[0], p[0] * in_space]),
+        tip_force=jnp.stack([p[1], p[2], flap]),
+        tip_moment=jnp.stack([0 * p[4], p[4], p[4]]) if in_space else None,
+        follows=in_space,
+        force_per_length=(p[5], jb.Spanwise([0, 0.4, 1], jnp.stack([0 * p[6], p[6], p[5]])), 0.0),
+    )
+    damping = jb.Damping(mass=p[7], stiffness=p[7] / 100)
+    found = jb.modes(model, rotor, p[10], count, loads=loads, damping=damping, throw=throw)
+    return jnp.concatenate([found.eigenvalue.real, found.eigenvalue.imag])
+
+
+PARAMETERS = jnp.array([0.3, 0.2, 0.3, -0.2, 0.1, 0.2, 0.3, 0.05, 2.0, 0.1, 3.0])
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [jb.EngineeringANCF(3), jb.SpatialANCF(2)])
+def test_gradients_through_the_state(model):
+    """By loads, damping, speed, stiffness and cone, both ways, against differences; and batches
+    are as single cases, of which one that fails leaves the others alone."""
+    function = jax.jit(functools.partial(loaded, model, throw=False))
+    forward = jax.jit(jax.jacfwd(functools.partial(loaded, model, throw=False)))(PARAMETERS)
+    reverse = jax.jit(jax.jacrev(functools.partial(loaded, model, throw=False)))(PARAMETERS)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)
+    rates = finite_difference(function, PARAMETERS)
+    np.testing.assert_allclose(forward, rates, rtol=1e-6, atol=1e-7)
+    many = jnp.stack([PARAMETERS, PARAMETERS.at[8].set(-1.0), 1.1 * PARAMETERS])
+    found = np.asarray(jax.vmap(function)(many))
+    assert np.isnan(found[1]).all()
+    for one, alone in zip(found[::2], many[::2], strict=True):
+        np.testing.assert_allclose(one, function(alone), rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [jb.Hybrid(3, 5, 3), jb.SpatialANCF(3)])
+def test_they_are_those_of_small_free_motion(model):
+    """By `simulate`, from the steady state with a little of a mode added, in the mode's own way:
+    after a time the amplitude has the factor e^(lambda t); with damping, and without."""
+    loads = jb.Loads(
+        tip_force=[0.5, 0.8, 0.4], force_per_length=(0.2, 0.3, jb.Spanwise([0, 1], [0.5, 0.1]))
+    )
+    speed, end = 3.0, 0.5
+    for damping in (jb.Damping(), jb.Damping(mass=0.3, stiffness=2e-3)):
+        found = jb.modes(model, ROTOR, speed, 2, loads=loads, damping=damping)
+        motion = jb.ConstantSpeed(speed)
+        state = jb.steady_start(model, ROTOR, motion, loads=loads)
+        for lam, x in zip(found.eigenvalue, found.shape, strict=True):
+            x = 1e-6 * x / jnp.abs(x).max()
+            start = type(state)(state.q + x.real, (lam * x).real, state.work)
+            run = jb.simulate(
+                model, ROTOR, motion, jnp.array([0.0, end]), loads=loads, damping=damping,
+                start=start, stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-12),
+            )  # fmt: skip
+            moved = np.asarray(run.state.q[-1] - state.q)
+            right = np.asarray((x * jnp.exp(lam * end)).real)
+            assert np.abs(moved - right).max() < 1e-4 * np.abs(right).max()
+
+
+@pytest.mark.exhaustive
+def test_decay_is_that_of_floquet_at_constant_speed():
+    damping, speed = jb.Damping(mass=0.3, stiffness=2e-3), 5.0
+    for model in (jb.Hybrid(2, 4, 4), jb.EngineeringANCF(2)):
+        found = jb.modes(model, ROTOR, speed, 3, damping=damping).eigenvalue
+        period = 2 * np.pi / speed
+        motion = jb.ConstantSpeed(speed)
+        mu = jb.floquet(model, ROTOR, motion, period, damping=damping, steps=2000).multipliers
+        for lam in np.asarray(found):
+            assert np.abs(np.asarray(mu) - np.exp(lam * period)).min() < 1e-8
+
+
+@pytest.mark.exhaustive
+def test_diagrams_and_coefficients_under_loads():
+    """Campbell diagrams and their crossings are those of `modes`; the coefficient of Southwell is
+    the slope of squares; a pull along the beam delays nothing but its buckling."""
+    model, pull = jb.EngineeringANCF(3), jb.Loads(tip_force=[6.0, 2.0, 0.0])
+    which = jb.labels(in_plane=2)
+    diagram = jb.campbell(model, ROTOR, np.linspace(0.5, 12.0, 6), which, loads=pull)
+    each = [jb.modes(model, ROTOR, w, which, loads=pull).frequency for w in (0.5, 12.0)]
+    np.testing.assert_allclose(diagram.table["frequency"][[0, -1]], each, rtol=1e-12)
+    for crossing in diagram.crossings([1, 2]):
+        at = jb.modes(model, ROTOR, crossing.angular_speed, [crossing.label], loads=pull)
+        gap = at.frequency[0] - crossing.harmonic * crossing.angular_speed
+        assert abs(gap) < 1e-8
+
+    def square(speed):
+        return jb.modes(model, ROTOR, speed, which, loads=pull).frequency ** 2
+
+    slope = (square(3.001) - square(2.999)) / (3.001**2 - 2.999**2)
+    found = jb.southwell(model, ROTOR, 3.0, which, loads=pull).coefficient
+    np.testing.assert_allclose(found, slope, rtol=1e-6)
+    assert jb.southwell(model, ROTOR, 0.0, which, loads=pull).status == Status.OK
+    push = jb.Loads(tip_force=[-20.0, 0.0, 0.0])
+    assert jb.critical_speed(model, ROTOR, loads=push, throw=False).status == Status.BUCKLED
+    tears = [jb.critical_speed(m, ROTOR, loads=pull).family for m in (model, jb.Hybrid(3, 4, 0))]
+    assert tears == [jb.models.Family.AXIAL] * 2
