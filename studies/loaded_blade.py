@@ -122,7 +122,7 @@ def draw(path: Path, thrusts: Any, states: Any, moved: Any, diagram: Any, slopes
     ax.set(xlabel="speed (rpm)", ylabel="frequency (Hz)")
     ax.set_ylim(0.0, 1.08 * np.nanmax(free))
     ax.set_title(f"No thrust (lines) and {THRUST / 1e3:.0f} kN (dashed)")
-    ax.legend(loc="center left", fontsize="small")
+    ax.legend(loc="center left", bbox_to_anchor=(0.0, 0.6), fontsize="small")
     ax = axes[1, 1]
     place, width = np.arange(len(FACTORS)), 0.16
     for k, (name, colour) in enumerate(zip(NAMES, COLOURS, strict=True)):
@@ -130,6 +130,7 @@ def draw(path: Path, thrusts: Any, states: Any, moved: Any, diagram: Any, slopes
     ax.axhline(0.0, color="0.3", lw=0.8)
     ax.set_xticks(place, [name.replace(" ", "\n") for name in FACTORS])
     ax.set_ylabel("d ln frequency / d ln number")
+    ax.legend(loc="lower left", fontsize="small")
     ax.set_title(f"What each depends on at {RATED} rpm and {THRUST / 1e3:.0f} kN")
     common.save_figure(figure, path, 110)
 

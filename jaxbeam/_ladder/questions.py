@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import checked_speed, count_functions, kind_of
 from jaxbeam._models.base import AbstractModel
 from jaxbeam._models.families import Family, Label
+from jaxbeam._models.loaded import checked_conditions
 from jaxbeam._models.modal import Hybrid
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import Rotor
@@ -247,14 +248,19 @@ class RootStrain(_InTime):
 
 class ModalFrequencies(Question):
     """Frequencies of bending and torsion in steady rotation at `angular_speed` (rad/s), in rad/s,
-    by label; errors over each of them."""
+    by label; errors over each of them. About a state that `loads` deform (see `modes`) only
+    elements in space are asked."""
 
     order: ClassVar[int] = 4
     angular_speed: Scalar
+    loads: Loads
     which: tuple[Label, ...] = eqx.field(static=True)
 
-    def __init__(self, angular_speed: Any, which: Sequence[Label]) -> None:
-        self.angular_speed = checked_speed(angular_speed)
+    def __init__(
+        self, angular_speed: Any, which: Sequence[Label], *, loads: Loads = NO_LOADS
+    ) -> None:
+        self.angular_speed, self.loads = checked_speed(angular_speed), loads
+        checked_conditions(loads, NO_DAMPING)
         listed = isinstance(which, Sequence) and not isinstance(which, Label)
         self.which = tuple(which) if listed else (which,)  # type: ignore[assignment]
         if not self.which or not all(isinstance(label, Label) for label in self.which):
@@ -265,8 +271,8 @@ class ModalFrequencies(Question):
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
         # Rungs are held against each other: what functions leave out is among their errors.
-        wanted = choose(model, self.which)
-        found = find(model, rotor, self.angular_speed, wanted, judged=False)
+        wanted, conditions = choose(model, self.which), checked_conditions(self.loads, NO_DAMPING)
+        found = find(model, rotor, self.angular_speed, wanted, False, conditions)
         value = found.frequency
         zero = where_known(found.status == Status.OK, jnp.zeros_like(self.angular_speed))
         # A mode that diverges where another theory has it vibrate must not pass as 0 of 0.
@@ -284,7 +290,7 @@ class ModalFrequencies(Question):
     @property
     def space_alone(self) -> str:
         torsion = [str(label) for label in self.which if label.family == Family.TORSION]
-        return ", ".join(torsion)
+        return ", ".join(torsion if self.loads.are_none else ["loads", *torsion])
 
     @property
     def functions(self) -> tuple[int, ...]:

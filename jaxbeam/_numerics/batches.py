@@ -59,7 +59,7 @@ def _batch(
         out = _batch(many, more * size, moves, apart, unless)(all_flat)
         return jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
 
-    def one_by_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
+    def in_turn(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
         def each(moving: list[Array]) -> Any:
             rest = iter(moving)
             here = [next(rest) if v else a for a, v in zip(leaves, varies, strict=True)]
@@ -78,7 +78,7 @@ def _batch(
             return found
         shares = any(v and not o for v, o in zip(varies, own, strict=True))
         if apart and shares and size >= _LARGE:
-            out = _batch(one_by_one, more, varies)(leaves)
+            out = _batch(in_turn, more, varies)(leaves)
         else:
             out = as_one(more, varies, leaves)
         return out, jax.tree.map(lambda _: True, out)

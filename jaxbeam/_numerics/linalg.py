@@ -217,7 +217,7 @@ def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[A
         axial_ok, stable = (jnp.all(jnp.isfinite(factor[:1, :1])) for factor in (lu, lw))
         return plane, lu, lw, axial_ok, stable
 
-    def stable(m: Array, gyro: Array, k: Array) -> tuple[tuple[Array, Array, Array], Array]:
+    def quick(m: Array, gyro: Array, k: Array) -> tuple[tuple[Array, Array, Array], Array]:
         plane, lu, lw, axial_ok, fine = factors(m, gyro, k)
         lam, x = plane.definite(lw, lu)
         fine &= axial_ok & jnp.all(jnp.isfinite(lam)) & jnp.all(jnp.isfinite(x))
@@ -250,7 +250,7 @@ def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[A
         lam, x = jax.lax.switch(case, cases, None)
         return lam, x.T, axial_ok.astype(int)
 
-    return one_by_one(solver, None if free else stable)
+    return one_by_one(solver, None if free else quick)
 
 
 def gyroscopic_eigenpairs(

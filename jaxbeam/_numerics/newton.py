@@ -9,6 +9,9 @@ from jaxtyping import Array, Bool, Float
 
 from jaxbeam._numerics.linalg import positive_definite, solve
 
+_FAR = 0.5  # for unknowns to go at once
+_SHORT, _NEAR = 1 / 16, 0.2  # the first of short steps, and how far unknowns go in one
+
 
 def value_and_jacobian(
     function: Callable[[Float[Array, " n"]], Float[Array, " m"]], x: Float[Array, " n"]
@@ -44,10 +47,6 @@ def find_root(
         lambda g, y: _held(jax.jacfwd(g)(jnp.zeros_like(y)), y),
         has_aux=True,
     )
-
-
-_FAR = 0.5  # for unknowns to go at once
-_SHORT, _NEAR = 1 / 16, 0.2  # the first of short steps, and how far unknowns go in one
 
 
 class _Search(NamedTuple):

@@ -220,3 +220,22 @@ def test_quiet_spin_up(tmp_path):
     assert len(least) == 3
     assert 0 < least["least, to first order about the optimum"] < robust
     assert 0 < least["least, stiffness as at full speed"] < least["least, stiffness as at rest"]
+
+
+@pytest.mark.exhaustive
+def test_loaded_blade(tmp_path):
+    """A thrust bends the blade as much as it would a cantilever of its flap stiffness, stiffens its
+    first modes, and adds to what twist couples."""
+    study("loaded_blade", tmp_path)
+    assert (tmp_path / "loaded_blade.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "thrust.csv")
+    tip = [float(row["tip flap (m)"]) for row in rows]
+    assert tip[0] < 0 < 7 < tip[-1] - tip[0] < 10
+    for name, sign in (("flap 1", 1), ("edge 1", 1), ("edge 2", -1)):
+        first, last = (float(row[f"{name} (Hz)"]) for row in (rows[0], rows[-1]))
+        assert 0.005 < sign * (last / first - 1) < 0.03
+    slopes = {row["mode"]: row for row in rows_of(tmp_path / "slopes.csv")}
+    for row in slopes.values():  # frequencies go with the root of stiffness over mass
+        given = {name: float(row[name]) for name in row if name != "mode"}
+        assert abs(given["mass"] + 0.5) < 0.06
+        assert abs(sum(given.values()) - given["speed"] - given["thrust"]) < 0.15

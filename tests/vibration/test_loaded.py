@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._models.loaded import Conditions, acting_on
+from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._status import Status
 from jaxbeam._vibration.flutter import LostPlace, first_lost, polished
@@ -314,3 +316,52 @@ def test_diagrams_and_coefficients_under_loads():
     assert jb.critical_speed(model, ROTOR, loads=push, throw=False).status == Status.BUCKLED
     tears = [jb.critical_speed(m, ROTOR, loads=pull).family for m in (model, jb.Hybrid(3, 4, 0))]
     assert tears == [jb.models.Family.AXIAL] * 2
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [jb.EngineeringANCF(4), jb.SpatialANCF(3)])
+def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in(model):
+    """200 random ones, from small to far beyond buckling: loads and squares of the speed rise in a
+    hundred steps from nothing, with Newton's method of the test's own in each of them."""
+    beam = jb.Beam(1.0, 1.0, 1e4, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-3)
+    rotor, flat = jb.Rotor(beam, 0.1, 0.1), isinstance(model, jb.EngineeringANCF)
+    equations = model.equations(rotor)
+
+    @jax.jit
+    def both(p):
+        force = p[:3] * jnp.array([1.0, 1.0, 0.0 if flat else 1.0])
+        loads = jb.Loads(tip_force=force, force_per_length=(p[3], p[4], 0.0 if flat else p[5]))
+        conditions = Conditions(loads, jb.Damping())
+        found, status = conditions.state(model, rotor, p[6])
+        tip, span = acting_on(equations, loads, p[6])
+
+        def rise(q, share):
+            hub = conditions.hub(jnp.sqrt(share) * p[6])
+
+            def newton(q, _):
+                out = equations.force(hub, q, 0 * q, share * tip) + share * span.on(q)
+                slope = dense(equations.tangents(hub, q, 0 * q, share * tip)[0])
+                return q + jnp.linalg.solve(slope, out), None
+
+            return jax.lax.scan(newton, q, None, length=8)[0], None
+
+        end, _ = jax.lax.scan(rise, 0 * found, jnp.linspace(0, 1, 101)[1:])
+        return found, status, end
+
+    rng = np.random.default_rng(0)
+    for size in rng.choice([0.1, 1.0, 2.0], 200):
+        p = rng.normal(size=7) * np.array([4, 4, 4, 4, 4, 4, 3.0]) * size
+        found, status, end = both(jnp.asarray(p))
+        assert status == Status.OK
+        np.testing.assert_allclose(found, end, atol=1e-8)
+
+
+@pytest.mark.exhaustive
+def test_the_ladder_answers_about_loaded_states():
+    loads = jb.Loads(tip_force=[0.0, 1.0, 2.0])
+    question = jb.ladder.ModalFrequencies(3.0, jb.labels(in_plane=1, flap=1), loads=loads)
+    choice = jb.choose_model(ROTOR, question, 1e-3)
+    assert choice.met
+    assert isinstance(choice.model, jb.SpatialANCF)
+    fine = jb.modes(jb.SpatialANCF(20), ROTOR, 3.0, question.which, loads=loads).frequency
+    assert np.abs(choice.answer / np.asarray(fine) - 1).max() < 1e-3
