@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxbeam._checks import kind_of
 from jaxbeam._models.base import AbstractModel, Equations, LinearSystem, guarded, steady_strain
 from jaxbeam._models.equilibrium import equilibrium
-from jaxbeam._models.families import Family
+from jaxbeam._models.families import Family, is_hinged
 from jaxbeam._models.spread import SpanForce
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.beam import AnyRotor
@@ -63,6 +63,10 @@ class Conditions(eqx.Module):
         equations, hub = equations_under(model, rotor, self.loads), self.hub(speed)
         tip, span = acting_on(equations, self.loads, jnp.zeros_like(speed))
         q, status = equilibrium(equations, hub, tip, span)
+        # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
+        far = ~(jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.size)
+        nowhere = Status.NOT_HELD if is_hinged(rotor) else Status.DIVERGED
+        status = jnp.where(far & (status == Status.OK), nowhere, status)
         still = jnp.zeros_like(q)
         k, c = equations.tangents(hub, q, still, tip)
         if span is not None and span.stiffness is not None:

@@ -118,7 +118,8 @@ class Loads(eqx.Module):
         """The x / L at which the force along the span is not smooth."""
         parts = self.force_per_length
         if callable(parts):
-            parts = eqx.filter_eval_shape(parts, jax.ShapeDtypeStruct((), jnp.result_type(float)))
+            now = jax.ShapeDtypeStruct((), jnp.result_type(float))
+            parts = eqx.filter_eval_shape(lambda t: tuple(self.force_per_length(t)), now)
         varying = [part for part in parts or () if isinstance(part, AbstractSpanwise)]
         return tuple(sorted({kink for part in varying for kink in part.kinks}))
 

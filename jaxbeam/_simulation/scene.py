@@ -40,6 +40,7 @@ class Scene(SecondOrderSystem):
 
     equations: Equations
     spread: AbstractSpread | None  # where a force along the span acts
+    density: Callable[[Scalar], Float[Array, "p 3"]] | None  # that force there, in N/m
     inverse_mass: Matrix | BlockInverse | None  # for solvers that ask for accelerations
     motion: Motion
     loads: Loads
@@ -53,9 +54,10 @@ class Scene(SecondOrderSystem):
     ) -> None:  # fmt: skip
         """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
         self.equations = equations_under(model, rotor, loads)
-        self.spread, self.inverse_mass = None, None
+        self.spread, self.density, self.inverse_mass = None, None, None
         if loads.force_per_length is not None:
             self.spread = self.equations.spread(loads.kinks)
+            self.density = _Density(loads, self.spread)
         self.motion, self.loads, self.damping = motion, loads, damping
         size = self.equations.size
         latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
@@ -81,10 +83,11 @@ class Scene(SecondOrderSystem):
             return None
         without: Scene = eqx.tree_at(
             lambda s: (
-                s.spread, s.inverse_mass, s.motion, s.pauses, s.last, s.loads.tip_force,
-                s.loads.tip_moment, s.loads.force_per_length, s.loads.changes, s.loads.jumps,
+                s.spread, s.density, s.inverse_mass, s.motion, s.pauses, s.last,
+                s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.loads.changes,
+                s.loads.jumps,
             ),
-            self, (None,) * 10, is_leaf=lambda leaf: leaf is None,
+            self, (None,) * 11, is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 
@@ -107,11 +110,14 @@ class Scene(SecondOrderSystem):
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
         motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
-        own = loads.tip_force, loads.tip_moment, loads.force_per_length
-        parts = (_converted(part, t) for part in own)
+        own = (_converted(part, t) for part in (loads.tip_force, loads.tip_moment))
+        density = self.density and eqx.filter_closure_convert(self.density, t)
         scene: Scene = eqx.tree_at(
-            lambda s: (s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length),
-            self, (motion, *parts),
+            lambda s: (
+                s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length,
+                s.density,
+            ),
+            self, (motion, *own, None, density),
             is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return scene
@@ -199,11 +205,9 @@ class Scene(SecondOrderSystem):
         return self.hub(t), self.loads.at_tip(within), self._along_span(within)
 
     def _along_span(self, t: Scalar) -> SpanForce | None:
-        if self.spread is None:
+        if self.spread is None or self.density is None:
             return None
-        density = self.loads.along_span(t, self.spread.points[0])
-        assert density is not None
-        return self.spread.acting(density)
+        return self.spread.acting(self.density(t))
 
     def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
         hub, tip_force, span = x
@@ -313,22 +317,32 @@ class Scene(SecondOrderSystem):
             end = self.equations.tip(q) + end
             push, moment = self.equations.tip_action(q, tip)
             force, couple = force - push, couple - skew(end) @ push - moment
-        if self.spread is not None:
-            push, moment = self._span_action(t, q)
+        if self.spread is not None and self.density is not None:
+            push, moment = self._span_action(self.spread, self.density(t), q)
             force, couple = force - push, couple - moment
         return force, couple
 
-    def _span_action(self, t: Scalar, q: Vector) -> tuple[Triple, Triple]:
+    def _span_action(
+        self, spread: AbstractSpread, density: Float[Array, "p 3"], q: Vector
+    ) -> tuple[Triple, Triple]:
         """Force along the span in all, and its moment about the centre of the hub."""
-        assert self.spread is not None
-        equations, (xi, weight) = self.equations, self.spread.points
-        density = self.loads.along_span(t, xi)
-        assert density is not None
+        equations, (xi, weight) = self.equations, spread.points
         force = equations.size * weight[:, None] * density
         tip = equations.undeformed.tip
         root = (equations.end - equations.size) * jnp.eye(3, dtype=q.dtype)[0]
         place = root[None] + xi[:, None] * (tip - root)[None] + equations.displacement(q, xi)
         return jnp.sum(force, 0), jnp.sum(jnp.cross(place, force), 0)
+
+
+class _Density(eqx.Module):
+    """The force along the span at the places where it is looked at."""
+
+    loads: Loads
+    spread: AbstractSpread
+
+    def __call__(self, t: Scalar) -> Float[Array, "p 3"]:
+        density: Any = self.loads.along_span(t, self.spread.points[0])
+        return density
 
 
 class _Traced(Motion):
@@ -364,7 +378,7 @@ def _converted(part: Any, t: Scalar) -> Any:
     """A function of time with all its numbers as leaves, those that it closes over too. (Not those
     of default arguments, which would be one for all cases.)"""
 
-    def at(t: Scalar) -> Any:
-        return jax.tree.map(jnp.asarray, part(t))
+    def at(t: Scalar) -> Array:
+        return jnp.asarray(part(t))
 
     return eqx.filter_closure_convert(at, t) if callable(part) else part

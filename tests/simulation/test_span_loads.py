@@ -127,6 +127,28 @@ def test_gradients_and_jumps():
     np.testing.assert_allclose(whole.tip[-1], second.tip[-1], atol=1e-8)
 
 
+@pytest.mark.exhaustive
+def test_a_wave_that_travels_along_the_span():
+    """A function of x that knows the time, as one of tables that do, at many stations."""
+    model, times, at = jb.Hybrid(0, 3, 0), np.linspace(0.0, 2.0, 5), np.linspace(0.0, 1.0, 401)
+
+    def wave(x, t):
+        return jnp.sin(3 * x - 2 * t)
+
+    tips = [
+        jb.simulate(
+            model, ROTOR, MOTION, times, loads=jb.Loads(force_per_length=force),
+            stepsize_controller=TIGHT,
+        ).tip
+        for force in (
+            lambda t: (0.0, jb.blades.SpanwiseFunction(lambda x: wave(x, t)), 0.0),
+            lambda t: (0.0, jb.Spanwise(at, wave(jnp.asarray(at), t)), 0.0),
+        )
+    ]  # fmt: skip
+    assert np.abs(tips[0]).max() > 0.05
+    np.testing.assert_allclose(tips[1], tips[0], atol=1e-5)
+
+
 def test_discrete_models_take_none():
     rotor = jb.models.SpringRotor(1.0, 1.0, 0.1, 100.0, 10.0)
     loads = jb.Loads(force_per_length=(0.0, 1.0, 0.0))

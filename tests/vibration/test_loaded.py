@@ -152,7 +152,14 @@ def test_what_loads_may_be():
         found = jb.modes(which, rotor, speed, 1, loads=loads, throw=False)
         assert found.status == status
         assert np.isfinite(found.frequency).all() == (status == Status.OK)
-    for function in (jb.southwell, functools.partial(jb.critical_speed)):
+    free = jb.Rotor(BEAM, root=jb.RootSprings(in_plane=0.0))
+    for rotor, force, status in (
+        (free, [0.0, 0.1, 0.0], Status.NOT_HELD),
+        (jb.Rotor(BEAM, 0.4), [0.0, 1e3, 0.0], Status.DIVERGED),
+    ):
+        found = jb.modes(plane, rotor, 2.0, 1, loads=jb.Loads(tip_force=force), throw=False)
+        assert found.status == status
+    for function in (jb.southwell, jb.critical_speed):
         with pytest.raises(ValueError, match="no potential"):
             function(model, ROTOR, loads=jb.Loads(tip_force=[1.0, 0, 0], follows=True))
     for given, said in (
@@ -184,10 +191,10 @@ def test_a_column_under_a_force_that_follows_its_tip():
         loads = jb.Loads(tip_force=jnp.stack([-factor, 0 * factor, 0 * factor]), follows=True)
         return jb.modes(jb.SpatialANCF(8), rotor, 0.0, 3, loads=loads).eigenvalue
 
-    below, above = (np.asarray(eigenvalues(load[0] * share)) for share in (1 - 1e-4, 1 + 1e-4))
+    below, above = (np.asarray(eigenvalues(load[1] * share)) for share in (1 - 1e-4, 1 + 1e-4))
     assert np.abs(below.real).max() < 1e-9
     assert (above.real > 0.05).sum() == 1
-    assert np.abs(above[above.real > 0.05].imag - frequency[0]) < 0.1
+    assert np.abs(above[above.real > 0.05].imag - frequency[1]) < 0.1
     damped = jb.modes(jb.SpatialANCF(8), rotor, 0.0, 3, loads=loads, damping=jb.Damping(0.1))
     np.testing.assert_allclose(damped.eigenvalue.real, -0.05, rtol=1e-9)
 
