@@ -176,8 +176,10 @@ AT_SPEED = replace(TAME, **LESS, gravity=(0.0, 0.0, -9.8))
 @pytest.mark.exhaustive
 def test_elements_tend_to_the_rod_with_the_fourth_power_of_their_length():
     """Coned, pitched and twisted blades, turning and at rest, bent far by dead loads, of which the
-    moment feeds some modes and damps others."""
-    for rod, tolerance in ((BLADE, 5e-8), (LOADED, 5e-7), (AT_REST, 1e-8), (AT_SPEED, 1e-8)):
+    moment feeds some modes and damps others. Extrapolated: 4e-9 and 1e-9 without loads, 5e-10 at
+    rest, 1e-8 at speed, and 5e-8 where 32 elements are few; with 64 that is 4e-10."""
+    cases = (BLADE, 5e-8), (TAME, 1.5e-8), (AT_REST, 1e-8), (AT_SPEED, 1e-7), (LOADED, 5e-7)
+    for rod, tolerance in cases:
         found = errors(rod)
         largest = np.abs(found).max(1)
         assert (largest[1:] < largest[:-1] / 12).all()
@@ -189,9 +191,9 @@ def test_elements_tend_to_the_rod_with_the_fourth_power_of_their_length():
 def test_inertia_of_twist_tends_to_that_of_the_rod_with_the_square():
     """Where it is large, and the blade bends both ways: in its place between nodes stands a cubic
     whose slopes are twists of the material, which are not those of the angle then."""
-    found = errors(replace(AT_SPEED, polar=0.03))
-    assert np.abs(found[2]).max() < np.abs(found[1]).max() / 3.5
-    assert extrapolated(found, (2, 4)) < 1e-6
+    found = errors(replace(LOADED, polar=0.03))
+    assert 3.5 < np.abs(found[1]).max() / np.abs(found[2]).max() < 5
+    assert extrapolated(found, (2, 4)) < 4e-6 < extrapolated(found)
 
 
 @pytest.mark.exhaustive
@@ -200,4 +202,4 @@ def test_elements_with_bodies_and_following_loads_tend_to_the_rod():
     for rod in (replace(BLADE, offset=0.15, inertia=0.02, follows=True), loaded):
         found = errors(rod, (8, 16))
         assert np.abs(found[1]).max() < np.abs(found[0]).max() / 12
-        assert extrapolated(found, (4,)) < 1e-4
+        assert extrapolated(found, (4,)) < 4e-5
