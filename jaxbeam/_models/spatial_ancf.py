@@ -36,7 +36,8 @@ class SpatialANCF(AbstractModel[Rotor]):
     So frequencies of torsion are those at rest, nearly, at any speed.
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
-    number, errors with the fourth power of an element's length. Roots that yield have more: take
+    number, errors with the fourth power of an element's length; those by the inertia of twist, in
+    beams that are bent both ways, with the square. Roots that yield have more: take
     `suited(rotor)`. Formulation and sources: the docstring of `_models/space.py`.
     """
 

@@ -1,0 +1,205 @@
+"""The rod of `loaded_reference.py` against closed forms, and `SpatialANCF` against it."""
+
+import dataclasses
+import functools
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import jv
+
+import jaxbeam as jb
+from tests.models.rod_reference import lateral_buckling
+from tests.vibration import blade_reference
+from tests.vibration.loaded_reference import Rod, eigenvalues, frequencies
+
+STIFF = dict(axial=1e12, torsion=1e9)
+
+# --- the reference by itself ---------------------------------------------------------------------
+
+
+def test_bars_and_cantilevers_at_rest():
+    """cos k cosh k = -1 of bending; cot z = z J / (j L) of torsion, j being its inertia."""
+    ks = np.array([brentq(lambda k: np.cos(k) + 1 / np.cosh(k), *at) for at in ((1, 2), (4, 5))])
+    z = np.array([brentq(lambda z: np.cos(z) - z * np.sin(z), *at) for at in ((0.5, 1), (3, 4))])
+    twists = z * np.sqrt(6.0 / 0.03) / 2
+    rod = Rod(2.0, 1.3, 4e9, 44.0, 11.0, 6.0, 0.03, tip_mass=0.3, axial_inertia=0.06)
+    found = eigenvalues(rod, 24)[:12].imag
+    assert np.abs(found[:, None] / twists - 1).min(0).max() < 1e-11
+    plain = frequencies(Rod(lag=4.0, **STIFF), 4, 20)
+    np.testing.assert_allclose(plain, np.outer(ks**2, [1, 2]).ravel(), rtol=1e-10)
+
+
+def test_rotating_blades_that_hardly_stretch_or_twist():
+    """A second method: flat with turned sections and a body, and coned, to 2e-10 with what stretch
+    is left; the cone of `test_coned_values` among them."""
+    shape, hub = dict(lag=16.0, speed=6.0, hub=0.2, tip_mass=0.3), 0.2
+    body = blade_reference.Body(0.3, 0.1, 0.02, 0.02)
+    blade = blade_reference.Blade(lag=16.0, hub=hub, twist=((0, 1), (0.5, -0.3)), pitch=0.2)
+    exact = blade_reference.frequencies(replace(blade, tip=body), 6.0, 4)
+    turned = Rod(
+        **shape, **STIFF, pitch=0.2, twist=lambda x: 0.5 - 0.8 * x, offset=0.1, inertia=0.02
+    )
+    np.testing.assert_allclose(frequencies(turned, 4, 20), exact, rtol=1e-9)
+    blade = blade_reference.Blade(lag=16.0, hub=hub, tip=blade_reference.Body(0.3))
+    exact = blade_reference.coned(blade, 6.0, 0.3, 4)
+    np.testing.assert_allclose(
+        frequencies(Rod(**shape, **STIFF, cone=0.3), 4, 20), exact, rtol=2e-9
+    )
+    printed = frequencies(Rod(lag=16.0, speed=8.0, cone=float(np.deg2rad(5)), **STIFF), 2, 20)
+    np.testing.assert_allclose(printed, (9.2527, 14.4935), rtol=0, atol=5.1e-5)
+
+
+def test_columns_and_narrow_beams_lose_their_stability_where_they_should():
+    """A heavy column under 9 z^2 / 4 EI / L^3 per length, J_-1/3(z) = 0 (Greenhill); a narrow beam
+    that is loaded across, under 2 z (EI GJ)^1/2 / L^2, J_-1/4(z) = 0 (Prandtl, Michell); a column
+    under a following force (Beck), 20.0509536 EI / L^2, by flutter."""
+    weight = 9 / 4 * brentq(lambda z: jv(-1 / 3, z), 1.5, 2.2, xtol=1e-15) ** 2
+    across = 2 * np.sqrt(0.3) * brentq(lambda z: jv(-1 / 4, z), 1.8, 2.2, xtol=1e-15)
+    for share, grows in ((1 - 1e-7, False), (1 + 1e-7, True)):
+        heavy = Rod(lag=2.5, axial=1e12, torsion=0.3, gravity=(-share * weight, 0, 0))
+        narrow = Rod(lag=1e9, axial=1e12, torsion=0.3, force=(0, share * across, 0))
+        pushed = Rod(lag=1e4, force=(-share * 20.05095361, 0, 0), follows=True, **STIFF)
+        for rod in (heavy, narrow, pushed):
+            assert (eigenvalues(rod, 16, 2)[:2].real.max() > 1e-5) == grows
+
+
+@pytest.mark.exhaustive
+def test_beams_bend_before_they_buckle_sideways():
+    load = lateral_buckling(2.5, 0.3)
+    for share, grows in ((1 - 1e-9, False), (1 + 1e-9, True)):
+        rod = Rod(lag=2.5, axial=1e12, torsion=0.3, force=(0, share * load, 0))
+        assert (eigenvalues(rod, 24)[0].real > 1e-7) == grows
+
+
+def test_what_turns_with_its_loads_vibrates_as_before():
+    """At rest, bodies and inertia of twist included; loads that follow turn by themselves."""
+    cone = 0.4
+    cos, sin = np.cos(cone), np.sin(cone)
+    turn = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+    rod = Rod(
+        axial=50.0, lag=3.0, torsion=0.8, polar=0.02, twist=lambda x: 0.5 - 0.8 * x, tip_mass=0.3,
+        offset=0.1, inertia=0.02, axial_inertia=0.01, **LOADS, gravity=(1.0, 2.0, -3.0),
+    )  # fmt: skip
+    for follows in (False, True):
+        rod = replace(rod, follows=follows)
+        names = ["gravity", "line"] if follows else ["gravity", "line", "force", "moment"]
+        turned = {name: tuple(turn @ getattr(rod, name)) for name in names}
+        first, second = (
+            eigenvalues(each, 16)[:6] for each in (rod, replace(rod, cone=cone, **turned))
+        )
+        np.testing.assert_allclose(second, first, rtol=1e-11)
+
+
+def test_a_few_points_are_enough():
+    first, second = (eigenvalues(LOADED, n)[:8] for n in (16, 28))
+    np.testing.assert_allclose(first, second, rtol=1e-7)
+    np.testing.assert_allclose(eigenvalues(LOADED, 24)[:8], second, rtol=1e-12)
+
+
+# --- the element against it ----------------------------------------------------------------------
+
+TWIST = 0.5, -0.1  # at root and tip
+LOADS = dict(force=(1.0, 2.0, 1.0), moment=(0.5, 1.0, -1.0), line=(0.2, -0.5, 0.8))
+BLADE = Rod(
+    length=2.0, mass=1.3, axial=4e5, lag=44.0, flap=7.0, torsion=6.0, polar=1e-9,
+    twist=lambda x: TWIST[0] + (TWIST[1] - TWIST[0]) * x, pitch=0.2, cone=0.12, hub=0.4, speed=6.0,
+    tip_mass=0.3,
+)  # fmt: skip
+LOADED = replace(BLADE, **LOADS, gravity=(0.0, 0.0, -9.8))
+COUNT = 5
+
+
+@functools.partial(jax.jit, static_argnames=("n", "body", "follows"))
+def _found(given, n, body, follows):
+    beam = jb.Beam(
+        *(given[name] for name in ("length", "mass", "axial", "lag", "flap")),
+        twist=jb.Spanwise([0, 1], given["twist"]),
+        torsional_stiffness=given["torsion"],
+        polar_inertia=given["polar"],
+    )
+    at_tip = (given[name] for name in ("offset", "inertia", "axial_inertia"))
+    rotor = jb.Rotor(
+        beam, given["hub"], given["tip_mass"], pitch=given["pitch"], precone=given["cone"],
+        tip=jb.TipBody(*at_tip) if body else None,
+    )  # fmt: skip
+    loads = jb.Loads(
+        given["gravity"], given["force"], tip_moment=given["moment"], follows=follows,
+        force_per_length=list(given["line"]),
+    )  # fmt: skip
+    found = jb.modes(jb.SpatialANCF(n), rotor, given["speed"], COUNT, loads=loads, throw=False)
+    return found.eigenvalue, found.status
+
+
+def by_elements(rod, n):
+    """The lowest eigenvalues; programs are compiled by `n`, `follows` and whether there is a body
+    at the tip alone."""
+    given = {
+        field.name: jnp.asarray(getattr(rod, field.name), float)
+        for field in dataclasses.fields(rod)
+        if field.name not in ("twist", "follows")
+    }
+    given["twist"] = jnp.array(TWIST)
+    body = rod.offset != 0 or rod.inertia != 0
+    eigenvalue, status = _found(given, n, body, rod.follows)
+    assert status == jb.Status.OK
+    return np.asarray(eigenvalue)
+
+
+def exactly(rod):
+    found = eigenvalues(rod, 28)
+    return found[found.imag > 0][:COUNT]
+
+
+def errors(rod, sizes=(8, 16, 32)):
+    """Relative errors of the eigenvalues (sizes, count)."""
+    exact = exactly(rod)
+    return np.stack([by_elements(rod, n) / exact - 1 for n in sizes])
+
+
+def extrapolated(values, orders=(4, 6)):
+    """From elements of half the length each time, whose errors begin with these powers of it."""
+    for order in orders:
+        values = (2**order * values[1:] - values[:-1]) / (2**order - 1)
+    return np.abs(values[-1]).max()
+
+
+TAME = replace(BLADE, torsion=30.0, speed=4.0)
+LESS = dict(force=(0.5, 1.0, 0.5), moment=(0.3, 0.5, -0.5), line=(0.1, -0.3, 0.4))
+AT_REST = replace(TAME, speed=0.0, **LESS, gravity=(1.0, 2.0, -3.0))
+AT_SPEED = replace(TAME, **LESS, gravity=(0.0, 0.0, -9.8))
+
+
+@pytest.mark.exhaustive
+def test_elements_tend_to_the_rod_with_the_fourth_power_of_their_length():
+    """Coned, pitched and twisted blades, turning and at rest, bent far by dead loads, of which the
+    moment feeds some modes and damps others. Extrapolated: 4e-9 and 1e-9 without loads, 5e-10 at
+    rest, 1e-8 at speed, and 5e-8 where 32 elements are few; with 64 that is 4e-10."""
+    cases = (BLADE, 5e-8), (TAME, 1.5e-8), (AT_REST, 1e-8), (AT_SPEED, 1e-7), (LOADED, 5e-7)
+    for rod, tolerance in cases:
+        found = errors(rod)
+        largest = np.abs(found).max(1)
+        assert (largest[1:] < largest[:-1] / 12).all()
+        assert (largest[1:] > largest[:-1] / 20).all()
+        assert extrapolated(found) < tolerance
+
+
+@pytest.mark.exhaustive
+def test_inertia_of_twist_tends_to_that_of_the_rod_with_the_square():
+    """Where it is large, and the blade bends both ways: in its place between nodes stands a cubic
+    whose slopes are twists of the material, which are not those of the angle then."""
+    found = errors(replace(LOADED, polar=0.03))
+    assert 3.5 < np.abs(found[1]).max() / np.abs(found[2]).max() < 5
+    assert extrapolated(found, (2, 4)) < 4e-6 < extrapolated(found)
+
+
+@pytest.mark.exhaustive
+def test_elements_with_bodies_and_following_loads_tend_to_the_rod():
+    loaded = replace(LOADED, offset=0.15, inertia=0.02, follows=True)
+    for rod in (replace(BLADE, offset=0.15, inertia=0.02, follows=True), loaded):
+        found = errors(rod, (8, 16))
+        assert np.abs(found[1]).max() < np.abs(found[0]).max() / 12
+        assert extrapolated(found, (4,)) < 4e-5
