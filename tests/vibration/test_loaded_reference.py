@@ -75,6 +75,7 @@ def test_beams_bend_before_they_buckle_sideways():
         assert (eigenvalues(rod, 24)[0].real > 1e-7) == grows
 
 
+@pytest.mark.exhaustive
 def test_what_turns_with_its_loads_vibrates_as_before():
     """At rest, bodies and inertia of twist included; loads that follow turn by themselves."""
     cone = 0.4
@@ -94,6 +95,7 @@ def test_what_turns_with_its_loads_vibrates_as_before():
         np.testing.assert_allclose(second, first, rtol=1e-11)
 
 
+@pytest.mark.exhaustive
 def test_a_few_points_are_enough():
     first, second = (eigenvalues(LOADED, n)[:8] for n in (16, 28))
     np.testing.assert_allclose(first, second, rtol=1e-7)
