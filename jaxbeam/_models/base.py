@@ -40,8 +40,8 @@ class LinearSystem(eqx.Module):
     of each coordinate, `shapes` are the functions on a beam that varies.
     `steady_strain` is the largest axial strain of the steady state, without unit: of a uniform beam
     that at the root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the
-    span, the estimate P / EA from the tension on the undeformed beam, without loads. Unless `status` is OK all
-    numbers are NaN.
+    span, the estimate P / EA from the tension on the undeformed beam, without loads. Unless
+    `status` is OK all numbers are NaN.
 
     About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
     q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is

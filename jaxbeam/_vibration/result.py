@@ -50,8 +50,8 @@ class Modes(eqx.Module):
     has most of its kinetic energy, each label given once. Through a crossing or a veering a label
     therefore stays with the kind of motion; inside a veering it changes branch where the two
     branches share the motion equally. About a state that is bent, the uncoupled modes of bending
-    take axial motion along, and directions are those of the hub. The position among the in-plane and axial modes in order of
-    frequency is the label that follows a branch instead.
+    take axial motion along, and directions are those of the hub. The position among the in-plane
+    and axial modes in order of frequency is the label that follows a branch instead.
     """
 
     eigenvalue: Complex[Array, " k"]
