@@ -88,8 +88,8 @@ class Status(enum.IntEnum):
     NOT_CONVERGED = (
         19,
         "the search did not converge at this angular_speed: where it was for the steady "
-        "rotation, lower angular_speed or loads, or use more elements; where it was for the boundary "
-        "of a tongue, another mode passes by",
+        "rotation, lower angular_speed or loads, or use more elements; where it was for the "
+        "boundary of a tongue, another mode passes by",
     )
     NO_CROSSING = (
         20,

@@ -44,9 +44,9 @@ def modes(
 
     About the state that `loads` deform, if there are any: gravity, which has to be along the axis
     where the beam turns, a force along the span, and force and moment at the tip, constant in the
-    hub or following (see `Loads`); with `damping`, of which `Modes.damping_ratio` tells. Anything may be coupled then,
-    growing modes are found whatever the cause, and there is no `frequency_error`. Models that are
-    linear know only the force along the beam.
+    hub or following (see `Loads`); with `damping`, of which `Modes.damping_ratio` tells. Anything
+    may be coupled then, growing modes are found whatever the cause, and there is no
+    `frequency_error`. Models that are linear know only the force along the beam.
 
     `which` is how many, lowest first (growing ones before all), six by default, or the labels
     wanted, in that order (see `labels`). Real symmetric computations while the stiffness is
