@@ -60,11 +60,12 @@ def campbell(
     """
     crossings = diagram.crossings(harmonics)
     factors = np.asarray(harmonics, float).tolist()
-    speed = diagram.table.coords["angular_speed"] / scale
+    order = np.argsort(diagram.table.coords["angular_speed"])
+    speed = diagram.table.coords["angular_speed"][order] / scale
     named = set()
     for i, label in enumerate(diagram.labels):
-        frequency = diagram.table["frequency"][:, i] / scale
-        frequency = np.where(diagram.table["growth_rate"][:, i] > 0, np.nan, frequency)
+        frequency = diagram.table["frequency"][order, i] / scale
+        frequency = np.where(diagram.table["growth_rate"][order, i] > 0, np.nan, frequency)
         title = None if label.family in named else label.family.title
         named.add(label.family)
         ax.plot(speed, frequency, linestyle, color=COLOURS[label.family], lw=1.3, label=title)

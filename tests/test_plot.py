@@ -59,7 +59,7 @@ def test_a_mode_that_is_not_there_is_named():
 
 
 def test_harmonics_and_names_are_checked_before_anything_is_drawn():
-    speeds = np.array([0.0, 6.0])
+    speeds = np.array([6.0, 0.0])
     dims = {name: ("angular_speed", "mode") for name in ("frequency", "growth_rate")}
     table = jb.Table(
         {"frequency": np.full((2, 1), 20.0), "growth_rate": np.zeros((2, 1)), "status": [0, 0]},
@@ -69,6 +69,7 @@ def test_harmonics_and_names_are_checked_before_anything_is_drawn():
     ax = Figure().subplots()
     plot.campbell(diagram, ax, harmonics=np.array([1.0, 2.0]))
     assert [text.get_text() for text in ax.texts] == ["1P", "2P"]
+    assert ax.lines[0].get_xdata().tolist() == [0.0, 6.0]  # in whatever order they came
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(ValueError, match="harmonics must be a list of numbers > 0"):
