@@ -186,6 +186,4 @@ def plain() -> jb.Rotor:
 
 
 if __name__ == "__main__":
-    common.run(
-        main, __doc__, "six elements, three thrusts and three speeds", "the figure and the tables"
-    )
+    common.run(main, __doc__, "six elements and fewer cases", "the figure and three tables")
