@@ -27,11 +27,6 @@ class Conditions(eqx.Module):
     loads: Loads
     damping: Damping
 
-    def hub(self, speed: Scalar) -> Hub:
-        """The hub that turns steadily, in gravity."""
-        out = spinning(speed)
-        return out if self.loads.gravity is None else out._replace(gravity=self.loads.gravity)
-
     def status(self, model: AbstractModel, speed: Scalar) -> Code:
         """Whether these are in range, and nothing turns in the hub."""
         zero = jnp.zeros(3, speed.dtype)
@@ -55,13 +50,26 @@ class Conditions(eqx.Module):
     def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of the steady state, and the status of the search for it."""
         equations = equations_under(model, rotor, self.loads)
-        tip, span = acting_on(equations, self.loads, jnp.zeros_like(speed))
-        return equilibrium(equations, self.hub(speed), tip, span)
+        return equilibrium(equations, *self.acting(equations, speed))
 
-    def system(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> LinearSystem:
-        """Matrices of small motion about the steady state, for what is in range."""
-        equations, hub = equations_under(model, rotor, self.loads), self.hub(speed)
-        tip, span = acting_on(equations, self.loads, jnp.zeros_like(speed))
+    def acting(
+        self, equations: Equations, speed: Scalar, factor: Scalar | None = None
+    ) -> tuple[Hub, Any, SpanForce | None]:
+        """The hub that turns steadily, in gravity, and what acts at the tip and along the span; all
+        loads so many times."""
+        hub, loads = spinning(speed), acting_on(equations, self.loads, jnp.zeros_like(speed))
+        gravity = hub.gravity if self.loads.gravity is None else self.loads.gravity
+        if factor is not None:
+            gravity, loads = jax.tree.map(lambda part: factor * part, (gravity, loads))
+        return hub._replace(gravity=gravity), *loads
+
+    def system(
+        self, model: AbstractModel, rotor: AnyRotor, speed: Scalar, factor: Scalar | None = None
+    ) -> LinearSystem:
+        """Matrices of small motion about the steady state, for what is in range, under so many
+        times the loads."""
+        equations = equations_under(model, rotor, self.loads)
+        hub, tip, span = self.acting(equations, speed, factor)
         q, status = equilibrium(equations, hub, tip, span)
         # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
         far = ~(jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.size)

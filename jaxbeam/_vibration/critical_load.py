@@ -139,8 +139,7 @@ class _Place(AbstractPlace):
 def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix, Matrix, Code]:
     """M and K about the equilibrium under so many times the loads, and the status of the search."""
     rotor, speed, loads = given
-    more = jax.tree.map(lambda part: factor * part, loads)
-    system = Conditions(more, NO_DAMPING).system(model, rotor, speed)
+    system = Conditions(loads, NO_DAMPING).system(model, rotor, speed, factor)
     k = system.stiffness
     return system.mass, (k + k.T) / 2 if loads.is_plain else k, system.status
 
