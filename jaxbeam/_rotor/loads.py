@@ -56,7 +56,8 @@ class Loads(eqx.Module):
     |            |       | thruster does: their axes are those of the section (see `TipLoad`)    |
     | force_per_ | N/m   | along the span, by the unstretched length, in hub axes: three of      |
     | length     |       | them, each a number, a `Spanwise` or a `SpanwiseFunction`; or a       |
-    |            |       | function of time to three such                                        |
+    |            |       | function of time to three such; integrated with six points of each    |
+    |            |       | element or as products of functions are, and between kinks            |
     | changes    | s     | times at which a load begins or ends something smoothly               |
     | jumps      | s     | times at which it jumps                                               |
 

@@ -48,7 +48,7 @@ class CriticalLoad(eqx.Module):
     |        |       |      | what gives way; without meaning where there is no such factor       |
     | shape  | (n,)  |      | the direction that gives way, largest entry 1                       |
     | freq-  | ()    |rad/s | of the flutter that begins there; zero where the beam buckles       |
-    | uency  |       |      | (divergence)                                                        |
+    | uency  |       |      | (divergence); without derivatives: those of it come out as zero     |
     | status | ()    |      | `Status`                                                            |
     """
 
