@@ -99,8 +99,7 @@ def mode_shape(
     if mode.family == Family.TORSION:
         every = found.twist(rotor, xi, tip=True)
     else:
-        row = {Family.AXIAL: 0, Family.IN_PLANE: 1, Family.FLAP: 2}[mode.family]
-        every = found.displacement(rotor, xi, tip=True)[..., row]
+        every = found.displacement(rotor, xi, tip=True)[..., mode.family]
     # Over what the tip does, so that the phase of the mode is gone.
     shape = np.asarray(every[found.labels.index(mode)]).real
     ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]

@@ -299,7 +299,7 @@ def shapes(out: Path) -> None:
     )  # fmt: skip
     print("\nShare of the kinetic energy in the plane at rated speed: " + ", ".join(
         f"{name} {float(share):.1%}"
-        for name, share in zip(NAMES, found.energy_share[:, 0], strict=True)
+        for name, share in zip(NAMES, found.energy_share[:, 1], strict=True)
     ) + ".")  # fmt: skip
 
 

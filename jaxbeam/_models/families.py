@@ -1,6 +1,7 @@
 """Which way things move, what modes are called, and which of them are coupled."""
 
 import enum
+from collections.abc import Iterable
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
@@ -10,16 +11,22 @@ from jaxbeam._rotor.beam import AnyRotor, Rotor
 
 
 class Family(enum.IntEnum):
-    """Which way a coordinate or a mode moves."""
+    """Which way a coordinate or a mode moves: along the beam, in the plane of rotation, along the
+    axis of rotation, or about the beam. The first three are also the components of displacements."""
 
-    IN_PLANE = 0
-    FLAP = 1
-    AXIAL = 2
+    AXIAL = 0
+    IN_PLANE = 1
+    FLAP = 2
     TORSION = 3
 
     @property
     def title(self) -> str:
-        return ("in-plane bending", "flap bending", "axial", "torsion")[self]
+        return ("axial", "in-plane bending", "flap bending", "torsion")[self]
+
+
+def naming(families: Iterable[Family]) -> Family:
+    """That after which coordinates which move together are named: bending before axial motion."""
+    return min(families, key=lambda family: (family == Family.AXIAL, family))
 
 
 class Label(NamedTuple):
@@ -45,7 +52,7 @@ def labels(**counts: Unpack[Counts]) -> tuple[Label, ...]:
     """Labels of the first modes of each family, `in_plane`, `flap`, `axial` and `torsion`, in the
     order in which they are asked for: `labels(flap=1, in_plane=2)` is `flap bending 1`, `in-plane
     bending 1`, `in-plane bending 2`."""
-    named = dict(zip(Counts.__annotations__, Family, strict=True))
+    named = {name: Family[name.upper()] for name in Counts.__annotations__}
     found = []
     for name, count in counts.items():
         if name not in named:

@@ -39,8 +39,7 @@ from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
 
 Counts = tuple[int, int, int]  # of axial, in-plane and flap functions
-# The family of each of these, and where its direction is among the axes.
-FAMILIES = (Family.AXIAL, Family.IN_PLANE, Family.FLAP)
+FAMILIES = (Family.AXIAL, Family.IN_PLANE, Family.FLAP)  # of displacements
 _FALLS = 6.0  # the share of a load with the power of its number
 _MORE = 5  # points of a segment, besides those that polynomials need
 

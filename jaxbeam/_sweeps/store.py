@@ -27,7 +27,7 @@ import numpy as np
 
 from jaxbeam._sweeps.cases import Cases
 
-_FORMAT = 2
+_FORMAT = 3
 _NEW = ".new-"  # begins the names of files that are not yet in place
 INFORMATION = ("function", "reads")  # for people: the program is what is compared
 

@@ -56,11 +56,12 @@ def bands_of(model: AbstractModel, most: Counts, count: int) -> Bands | None:
     """For up to `most` modes of each family, `count` in all; None where matrices are no bands, or
     too small for that many."""
     bands = model.bands()
-    if max(most[0], most[1], 2 * most[2]) > MOST or most[0] == 0:
+    axial, in_plane, flap, _ = most
+    if max(2 * axial, in_plane, flap) > MOST or in_plane == 0:
         return None
     if isinstance(bands, BandTables):
         return _Polynomials(bands, most, count)
-    if isinstance(bands, NodeByNode) and most[0] <= bands.n_elements:
+    if isinstance(bands, NodeByNode) and in_plane <= bands.n_elements:
         return _Elements(model, bands, most, count)
     return None
 
@@ -159,7 +160,7 @@ class _Polynomials(Bands):
     @functools.cached_property
     def few(self) -> ritz.Ritz:
         """Made for the first batch: a single case does without."""
-        return ritz.bending(max(self.most[:2]))
+        return ritz.bending(max(self.most[Family.IN_PLANE], self.most[Family.FLAP]))
 
     def _bends(self, guess: tuple[Array, Array], count: int, size: int) -> Guess:
         """So many of the modes that were guessed, in so many polynomials."""
@@ -188,7 +189,7 @@ class _Polynomials(Bands):
         return Lowest(found._replace(omega=omega, x=x), rotor.steady_strain(speed))
 
     def _search(self, numbers: _Numbers, named: Named) -> Entries:
-        g, (n_bends, n_flaps, n_pulls, _) = numbers.speed, self.most
+        g, (n_pulls, n_bends, n_flaps, _) = numbers.speed, self.most
         inside_guess, flap_guess = self._guess(numbers)
         k, m, c = _in_plane(numbers)
         parts = ((k, 0, 7), (m, 5, 7), (c, 7, 9))[: 3 if self.stretch else 2]
@@ -211,7 +212,7 @@ class _Polynomials(Bands):
         """Of bending in plane and, side by side with it, of flap."""
         softness = numbers.softness if self.stretch else 0.0
         inside = _numbers_of_bending(numbers, 1.0, numbers.speed**2, softness)
-        if not self.most[1]:
+        if not self.most[Family.FLAP]:
             return self.few.guess(*inside), None
         flap = _numbers_of_bending(numbers, numbers.flap, 0.0, 0.0)
         both = jax.tree.map(lambda *each: jnp.stack(each), inside, flap)
@@ -269,12 +270,12 @@ class _Elements(Bands):
         equations, numbers = self.model.equations(rotor), _numbers(rotor, speed)
         element: Any = equations.element  # type: ignore[attr-defined]
         q, steady = _steady(equations, speed)
-        few, scale = ritz.bending(self.most[0]), rotor.beam.frequency_scale
+        few, scale = ritz.bending(self.most[Family.IN_PLANE]), rotor.beam.frequency_scale
         omega, modes = few.guess(
             *_numbers_of_bending(numbers, 1.0, numbers.speed**2, numbers.softness)
         )
         bends = Guess(scale * omega, _guessed(modes, self.across @ few.functions))
-        pulls = _pulls(numbers, self.most[2], self.along)
+        pulls = _pulls(numbers, self.most[Family.AXIAL], self.along)
         pulls = pulls._replace(omega=scale * pulls.omega)
         pencil = self._pencil(equations, speed, q)
         found = coupled(pencil, self.by_family, bends, pulls, named, self.count)

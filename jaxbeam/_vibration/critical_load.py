@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.families import Family
+from jaxbeam._models.families import Family, naming
 from jaxbeam._models.loaded import Conditions, checked_conditions, guarded_conditions
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.program import Program
@@ -187,7 +187,7 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
     """Critical factor, family and place where loads have a potential, and a status."""
     bare = _Unloaded.of(model, given)
     k0, unit = bare
-    groups = Groups((min(model.families),), (np.arange(len(k0)),))
+    groups = Groups((naming(model.families),), (np.arange(len(k0)),))
     scan = Scan(
         lambda factor: _loaded(model, given, factor)[1:], groups, k0, _LARGEST * unit,
         _RATIO * jnp.ones_like(unit), _SCANNED,

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel, LinearSystem, checked_case, guarded
-from jaxbeam._models.families import Family
+from jaxbeam._models.families import Family, naming
 from jaxbeam._models.loaded import Conditions, checked_conditions, guarded_conditions, system_of
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.program import Program
@@ -217,7 +217,7 @@ def _search_under(
     """The same under loads."""
     groups = groups_of(model, rotor)
     rest, speed, _ = _alone(model, _held(rotor), zero, groups)
-    every = Groups((min(model.families),), (np.arange(len(rest)),))
+    every = Groups((naming(model.families),), (np.arange(len(rest)),))
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
         system = conditions.system(model, rotor, speed)

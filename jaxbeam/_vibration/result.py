@@ -182,8 +182,7 @@ def own_tip(
         same = np.array(model.families)[None] == family[:, None]
         return jnp.sum(jnp.where(same, shapes.ends.tip[None], 0.0) * shape, -1)
     end = np.ones(1)
-    # Displacement is ordered axial, in plane, flap.
-    table = model.displacement(end, rotor)[np.array([1, 2, 0]), 0]
+    table = model.displacement(end, rotor)[:, 0]
     return jnp.sum(jnp.concatenate([table, model.twist(end)])[family] * shape, -1)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.base import AbstractModel
-from jaxbeam._models.families import Family, planes_of
+from jaxbeam._models.families import Family, naming, planes_of
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._results import where_known
 from jaxbeam._rotor.beam import AnyRotor
@@ -193,7 +193,7 @@ def groups_of(model: AbstractModel, rotor: AnyRotor) -> Groups:
         for families in dict.fromkeys(plane):
             rows = np.flatnonzero([family in families for family in model.families])
             if rows.size:
-                found[min(model.families[row] for row in rows)] = rows
+                found[naming(model.families[row] for row in rows)] = rows
     found = dict(sorted(found.items()))
     axial = np.flatnonzero([family == Family.AXIAL for family in model.families])
     if axial.size and Family.AXIAL not in found:

@@ -30,30 +30,30 @@ class Wanted(eqx.Module):
 def lowest(model: AbstractModel, count: int) -> Wanted:
     """The lowest modes; growing ones come first."""
     # Axial frequencies grow with the number, those of bending with its square.
-    return Wanted(count, _at_most(model, (count, count, min(count, _FEW), count)), None)
+    return Wanted(count, _at_most(model, (min(count, _FEW), count, count, count)), None)
 
 
 def lowest_in_plane(model: AbstractModel, count: int) -> Wanted:
     """Those of bending in the plane of rotation and of axial motion."""
-    return Wanted(count, _at_most(model, (count, 0, min(count, _FEW), 0)), None)
+    return Wanted(count, _at_most(model, (min(count, _FEW), count, 0, 0)), None)
 
 
 def _at_most(model: AbstractModel, counts: _Counts) -> _Counts:
     """As many of each family as there are, at most."""
     here = [model.families.count(family) for family in Family]
-    in_plane, flap, axial, torsion = (min(*both) for both in zip(counts, here, strict=True))
-    return in_plane, flap, axial, torsion
+    axial, in_plane, flap, torsion = (min(*both) for both in zip(counts, here, strict=True))
+    return axial, in_plane, flap, torsion
 
 
 def _of_labels(model: AbstractModel, labels: Sequence[Label]) -> Wanted:
     named = np.array([(int(family), order) for family, order in labels])
     # What is in the plane is told apart by both families there.
     always = Family.IN_PLANE, Family.AXIAL
-    in_plane, flap, axial, torsion = (
+    axial, in_plane, flap, torsion = (
         -(-max([family in always, *(k for f, k in labels if f == family)]) // _FEW) * _FEW
         for family in Family
     )
-    most = _at_most(model, (in_plane, flap, axial, torsion))
+    most = _at_most(model, (axial, in_plane, flap, torsion))
     return Wanted(len(labels), most, (jnp.asarray(named[:, 0]), jnp.asarray(named[:, 1])))
 
 
