@@ -6,7 +6,7 @@ units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad
 What rotates        Beam, Rotor; Loads and Damping act on it
 As built            Spanwise: a property along the span; RootSprings, TipBody; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
-                    EngineeringANCF, GreenANCF, ANCF in finite elements in the plane,
+                    ExactRodANCF, GreenANCF, ANCF in finite elements in the plane,
                     SpatialANCF in space: it bends both ways and twists
 At a steady speed   modes; labels name the modes that are asked for
                     southwell, stiffening_ratio: how fast they stiffen
@@ -46,16 +46,17 @@ if TYPE_CHECKING:
     from jaxbeam._fitting.free import FreeParameter as FreeParameter
     from jaxbeam._ladder.choose import choose_model as choose_model
     from jaxbeam._ladder.sweep import ladder_sweep as ladder_sweep
-    from jaxbeam._models.ancf import ANCF as ANCF
-    from jaxbeam._models.ancf import EngineeringANCF as EngineeringANCF
-    from jaxbeam._models.ancf import GreenANCF as GreenANCF
-    from jaxbeam._models.families import labels as labels
-    from jaxbeam._models.modal import Classical as Classical
-    from jaxbeam._models.modal import Hybrid as Hybrid
-    from jaxbeam._models.modal import VonKarman as VonKarman
-    from jaxbeam._models.spatial_ancf import SpatialANCF as SpatialANCF
+    from jaxbeam._models.ancf.theories import ANCF as ANCF
+    from jaxbeam._models.ancf.theories import ExactRodANCF as ExactRodANCF
+    from jaxbeam._models.ancf.theories import GreenANCF as GreenANCF
+    from jaxbeam._models.modal.theories import Classical as Classical
+    from jaxbeam._models.modal.theories import Hybrid as Hybrid
+    from jaxbeam._models.modal.theories import VonKarman as VonKarman
+    from jaxbeam._models.space.theory import SpatialANCF as SpatialANCF
+    from jaxbeam._modes.modes import modes as modes
     from jaxbeam._rotor.beam import Beam as Beam
     from jaxbeam._rotor.beam import Rotor as Rotor
+    from jaxbeam._rotor.directions import labels as labels
     from jaxbeam._rotor.ends import RootSprings as RootSprings
     from jaxbeam._rotor.ends import TipBody as TipBody
     from jaxbeam._rotor.loads import Damping as Damping
@@ -66,20 +67,19 @@ if TYPE_CHECKING:
     from jaxbeam._simulation.simulate import deflection_limit as deflection_limit
     from jaxbeam._simulation.simulate import simulate as simulate
     from jaxbeam._simulation.steady import steady_start as steady_start
+    from jaxbeam._stability.critical_load import critical_load as critical_load
+    from jaxbeam._stability.critical_speed import critical_speed as critical_speed
+    from jaxbeam._stability.floquet import floquet as floquet
+    from jaxbeam._stability.tongues import tongue as tongue
     from jaxbeam._status import Status as Status
     from jaxbeam._sweeps.cases import grid as grid
     from jaxbeam._sweeps.cases import points as points
     from jaxbeam._sweeps.sweep import sweep as sweep
     from jaxbeam._sweeps.table import Table as Table
     from jaxbeam._vibration.campbell import campbell as campbell
-    from jaxbeam._vibration.critical_load import critical_load as critical_load
-    from jaxbeam._vibration.critical_speed import critical_speed as critical_speed
     from jaxbeam._vibration.crossing import crossing as crossing
-    from jaxbeam._vibration.floquet import floquet as floquet
-    from jaxbeam._vibration.modes import modes as modes
     from jaxbeam._vibration.southwell import southwell as southwell
     from jaxbeam._vibration.stiffening import stiffening_ratio as stiffening_ratio
-    from jaxbeam._vibration.tongues import tongue as tongue
 else:
     # The table above is read, not run: what a script does not ask for is not imported. Half of what
     # `import jaxbeam` would take is for solvers in time alone.

@@ -39,7 +39,7 @@ name = "Hybrid"               # a model of jaxbeam; other keys are its arguments
 {_ROTOR}"""
 EXAMPLES = {
     "frequencies": f"""{_HYBRID}\
-[frequencies]                 # the question: how many modes of each family
+[frequencies]                 # the question: how many modes of each direction
 in_plane = 2
 flap = 1                      # also axial, and angular_speed (rad/s) where it is not swept
 [sweep]                       # numbers from above, by name: lists, or from, to and how many
@@ -54,7 +54,7 @@ hub_radius = {{from = 0.0, to = 4.0, count = 9}}
 """,
     "spin_up": f"""\
 [model]
-name = "EngineeringANCF"      # geometrically exact elements, in the plane of rotation
+name = "ExactRodANCF"      # geometrically exact elements, in the plane of rotation
 n_elements = 8
 {_ROTOR}\
 [motion]
@@ -71,7 +71,7 @@ Frequencies over speed, for three tip masses (--example prints it, and the other
 
 {EXAMPLES["frequencies"]}
 A [beam] may have file = "blade.csv", any file of blades.read_blade beside it, of which what it says
-of the rotor holds unless [rotor] says otherwise, [root] springs (jaxbeam.RootSprings) and [tip]
+of the rotor holds unless [rotor] says otherwise, [root_springs] springs (jaxbeam.RootSprings) and [tip_body]
 what makes a body of the tip mass (jaxbeam.TipBody).
 A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
 
@@ -84,9 +84,13 @@ another FOLDER. Exit status: 0 if a case is ok, 1 if none is, 2 for a mistake in
 """
 Dims = dict[str, dict[str, list[Any]]]
 Labels = tuple[jb.models.Label, ...]
-TABLES = ("model", "beam", "rotor", "root", "tip", "motion", "loads", "damping")
+TABLES = ("model", "beam", "rotor", "root_springs", "tip_body", "motion", "loads", "damping")
 BASES = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}
-PARTS: dict[str, list[Any]] = {"root": [jb.RootSprings], "tip": [jb.TipBody], "loads": [jb.Loads]}
+PARTS: dict[str, list[Any]] = {
+    "root_springs": [jb.RootSprings],
+    "tip_body": [jb.TipBody],
+    "loads": [jb.Loads],
+}
 
 
 def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> Any:
@@ -132,8 +136,8 @@ def _spin_up(
 
 def _which(in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any) -> Labels:
     counts = {"in_plane": in_plane, "flap": flap, "axial": axial}  # columns carry their names
-    for family, count in counts.items():
-        count_functions(family, count)
+    for direction, count in counts.items():
+        count_functions(direction, count)
     if not any(counts.values()):
         raise ValueError("asks for no mode: in_plane, flap or axial must be > 0")
     return jb.labels(**counts)
@@ -237,7 +241,7 @@ def read(tables: Mapping[str, Any]) -> Job:
 
 
 def _answer(make: Callable[[Mapping[str, Any]], Any], _: Any, **numbers: Any) -> Any:
-    """Of one case; the tables are there for the index of the folder."""
+    """The answer of one case; the tables are there for the index of the folder."""
     return make(numbers)
 
 

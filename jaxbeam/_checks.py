@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar, is_known
+from jaxbeam._types import Scalar, is_concrete
 
 
 def _default_float() -> Any:
@@ -41,7 +41,7 @@ def real_scalar(name: str, value: Any) -> Scalar:
             f"{name} must be a scalar, got shape {np.shape(value)}; "
             "batch from outside with jax.vmap or jaxbeam.sweep"
         )
-    return jnp.asarray(known(value), _default_float())
+    return jnp.asarray(numpy_if_concrete(value), _default_float())
 
 
 def plain(value: Any) -> Any:
@@ -49,9 +49,9 @@ def plain(value: Any) -> Any:
     return int(value) if isinstance(value, np.integer) else value
 
 
-def known(value: Any) -> Any:
+def numpy_if_concrete(value: Any) -> Any:
     """In NumPy, whose arithmetic is not compiled, if the value is known."""
-    return np.asarray(value) if is_known(value) else value
+    return np.asarray(value) if is_concrete(value) else value
 
 
 def kind_of(value: Any) -> str:
@@ -68,10 +68,10 @@ def real_array(name: str, value: Any) -> Array:
     return jnp.asarray(_real(name, value), _default_float())
 
 
-def known_array(name: str, value: Any) -> np.ndarray:
-    """The same for numbers that must be known when a program is compiled, in NumPy."""
+def concrete_array(name: str, value: Any) -> np.ndarray:
+    """The argument as numbers of NumPy, which must be known when a program is compiled."""
     array = _real(name, value)
-    if not is_known(array):
+    if not is_concrete(array):
         raise TypeError(f"{name} must be known when a program is compiled, got {value!r}")
     return np.asarray(array, float)
 
@@ -115,7 +115,7 @@ def is_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
 
 
 def is_known_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
-    """The same for what is known, in NumPy: under `jit` jax would trace even constants."""
+    """Whether a number that is concrete is in range, by NumPy: under `jit` jax would trace constants."""
     number = np.asarray(value)
     fine = np.isfinite(number) if most is None else np.abs(number) <= most
     return fine if zero is None else fine & ((number >= 0) if zero else (number > 0))
@@ -129,7 +129,7 @@ def require(status: Status, ok: bool, value: Any) -> None:
 
 def positive(name: str, value: Any) -> Scalar:
     value = real_scalar(name, value)
-    if not is_known(value):
+    if not is_concrete(value):
         # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
         return jnp.where(is_valid(value, False), value, jnp.nan)
     if not is_known_valid(value, False):
@@ -140,7 +140,7 @@ def positive(name: str, value: Any) -> Scalar:
 def checked_speed(angular_speed: Any) -> Scalar:
     """The angular speed as a finite real scalar, or an error that names it."""
     speed = real_scalar("angular_speed", angular_speed)
-    if is_known(speed):
+    if is_concrete(speed):
         require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)
     return speed
 

@@ -44,17 +44,17 @@ def _mapped(one: Callable[[list[Array]], Any], leaves: list[Array], axes: int) -
 
 
 @jax.custom_jvp
-def where_known(known: Bool[Array, "..."], values: Any) -> Any:
-    """Real or complex arrays, NaN where they are not `known`, and so are their derivatives.
+def nan_unless(valid: Bool[Array, "..."], values: Any) -> Any:
+    """Real or complex arrays, NaN where they are not `valid`, and so are their derivatives.
 
-    `known` has the leading axes of all arrays in `values`. Derivatives in forward mode are NaN
+    `valid` has the leading axes of all arrays in `values`. Derivatives in forward mode are NaN
     where the values are. In reverse mode nothing flows back from there: in a batch a NaN would
     spoil the gradient by parameters that its cases share, and a case cannot know whether it is
     one of a batch.
     """
 
     def one(value: Array) -> Array:
-        beside = known.reshape(known.shape + (1,) * (value.ndim - known.ndim))
+        beside = valid.reshape(valid.shape + (1,) * (value.ndim - valid.ndim))
         # 0 / 1 or 0 / 0: where all is known there is no NaN at all, which `jax_debug_nans` and
         # whoever looks for one would find among what reverse mode keeps.
         hole = 0.0 / jnp.where(beside, 1.0, 0.0).astype(value.real.dtype)
@@ -65,11 +65,11 @@ def where_known(known: Bool[Array, "..."], values: Any) -> Any:
     return jax.tree.map(one, values)
 
 
-@where_known.defjvp
+@nan_unless.defjvp
 def _where_known_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-    known, _ = primals
+    valid, _ = primals
     # Through the function itself: then second derivatives are NaN, too.
-    return where_known(*primals), where_known(known, tangents[1])
+    return nan_unless(*primals), nan_unless(valid, tangents[1])
 
 
 def without_derivatives(tree: Tree) -> Tree:

@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 
-from jaxbeam._types import is_known
+from jaxbeam._types import is_concrete
 
 Result = TypeVar("Result")
 
@@ -224,7 +224,7 @@ def raise_unless_ok(result: Result, status: Any) -> Result:
     as a rule the latter, and it comes from the runtime of XLA: the sentence is its last line, and
     is logged before it (`said` finds it again). Of a batch the largest status counts.
     """
-    if is_known(status):
+    if is_concrete(status):
         _raise_unless_ok(status, short=_short_floats())
         return result
     if os.environ.get("EQX_ON_ERROR", "raise") != "raise":  # NaN instead, say

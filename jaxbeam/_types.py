@@ -15,6 +15,6 @@ Vectors = Complex[Array, "k n"]
 Triple = Float[Array, "3 *lanes"]  # components along a1 (the beam), a2 (in plane), a3 (the axis)
 
 
-def is_known(tree: Any) -> bool:
+def is_concrete(tree: Any) -> bool:
     """Whether the numbers of a pytree are known now: under `jit`, `vmap` or `grad` they may not."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))

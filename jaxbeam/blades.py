@@ -4,10 +4,10 @@
 `jaxbeam.Spanwise`; what else a reader returns is a `BladeTable`, also what in the file is ignored.
 """
 
-from jaxbeam._rotor.blade_files import read_blade as read_blade
-from jaxbeam._rotor.bmodes import read_bmodes as read_bmodes
-from jaxbeam._rotor.csv_tables import read_csv as read_csv
-from jaxbeam._rotor.elastodyn import read_elastodyn as read_elastodyn
-from jaxbeam._rotor.elastodyn_files import write_elastodyn as write_elastodyn
+from jaxbeam._files.any import read_blade as read_blade
+from jaxbeam._files.bmodes import read_bmodes as read_bmodes
+from jaxbeam._files.csv import read_csv as read_csv
+from jaxbeam._files.elastodyn import read_elastodyn as read_elastodyn
+from jaxbeam._files.elastodyn_writer import write_elastodyn as write_elastodyn
+from jaxbeam._files.tables import BladeTable as BladeTable
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
-from jaxbeam._rotor.tables import BladeTable as BladeTable

@@ -1,12 +1,12 @@
 """Questions that models are chosen for, and what `jaxbeam.choose_model` goes by.
 
 A question is passed as an object, `jaxbeam.choose_model(rotor, PeakDeflection(motion, times))`.
-`rungs` lists the models for it from cheap to dear, `ask` has one of them answer it.
+`rungs` lists the models for it from cheap to dear, `evaluate` has one of them answer it.
 """
 
 from jaxbeam._ladder.choice import Choice as Choice
 from jaxbeam._ladder.choice import Evidence as Evidence
-from jaxbeam._ladder.choose import ask as ask
+from jaxbeam._ladder.choose import evaluate as evaluate
 from jaxbeam._ladder.questions import Answer as Answer
 from jaxbeam._ladder.questions import DeflectionHistory as DeflectionHistory
 from jaxbeam._ladder.questions import ModalFrequencies as ModalFrequencies

@@ -1,21 +1,21 @@
 """Theories of a rotating beam beyond the everyday ones, their parts, and what a model is.
 
 The everyday ones are in `jaxbeam` itself: `Hybrid`, `Classical`, `VonKarman`, `ANCF`,
-`EngineeringANCF`, `GreenANCF`. A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`.
+`ExactRodANCF`, `GreenANCF`. A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`.
 """
 
-from jaxbeam._models.ancf import ChordANCF as ChordANCF
-from jaxbeam._models.ancf import SmallStrainANCF as SmallStrainANCF
-from jaxbeam._models.ancf import TangentANCF as TangentANCF
-from jaxbeam._models.base import AbstractModel as AbstractModel
-from jaxbeam._models.base import LinearSystem as LinearSystem
-from jaxbeam._models.basis import CantileverModes as CantileverModes
-from jaxbeam._models.basis import Polynomials as Polynomials
+from jaxbeam._models.ancf.theories import ChordANCF as ChordANCF
+from jaxbeam._models.ancf.theories import SmallStrainANCF as SmallStrainANCF
+from jaxbeam._models.ancf.theories import TangentANCF as TangentANCF
+from jaxbeam._models.bases.basis import CantileverModes as CantileverModes
+from jaxbeam._models.bases.basis import Polynomials as Polynomials
+from jaxbeam._models.contract.base import AbstractModel as AbstractModel
+from jaxbeam._models.contract.base import LinearSystem as LinearSystem
 from jaxbeam._models.discrete import DiscreteLC as DiscreteLC
 from jaxbeam._models.discrete import DiscreteLP as DiscreteLP
 from jaxbeam._models.discrete import DiscreteNC as DiscreteNC
 from jaxbeam._models.discrete import DiscreteNP as DiscreteNP
 from jaxbeam._models.discrete import DiscreteNS as DiscreteNS
-from jaxbeam._models.families import Family as Family
-from jaxbeam._models.families import Label as Label
+from jaxbeam._rotor.directions import Direction as Direction
+from jaxbeam._rotor.directions import Label as Label
 from jaxbeam._rotor.spring_rotor import SpringRotor as SpringRotor

@@ -18,21 +18,21 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from jaxbeam._fitting.result import Fit
-from jaxbeam._models.base import AbstractModel
-from jaxbeam._models.families import Family, Label
-from jaxbeam._models.shapes import section_angle
-from jaxbeam._models.space_frames import axes as section_axes
+from jaxbeam._models.bases.shapes import section_angle
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.space.frames import axes as section_axes
+from jaxbeam._modes.result import Modes
 from jaxbeam._rotor import spanwise
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._simulation.result import Simulation
 from jaxbeam._status import Status
 from jaxbeam._sweeps.table import Table
 from jaxbeam._vibration.campbell import Campbell
-from jaxbeam._vibration.result import Modes
 
 COLOURS = {
-    Family.IN_PLANE: "tab:blue", Family.FLAP: "tab:orange", Family.AXIAL: "tab:green",
-    Family.TORSION: "tab:red",
+    Direction.IN_PLANE: "tab:blue", Direction.FLAP: "tab:orange", Direction.AXIAL: "tab:green",
+    Direction.TORSION: "tab:red",
 }  # fmt: skip
 UNITS = {
     "length": "m", "pitch": "rad", "precone": "rad", "offset": "m", "inertia": "kg m²",
@@ -56,7 +56,7 @@ def campbell(
 ) -> None:
     """Frequencies over speed, both divided by `scale`; lines of harmonics and their crossings.
 
-    One colour a family, named in the legend; growing modes are left out.
+    One colour a direction, named in the legend; growing modes are left out.
     """
     crossings = diagram.crossings(harmonics)
     factors = np.asarray(harmonics, float).tolist()
@@ -66,9 +66,9 @@ def campbell(
     for i, label in enumerate(diagram.labels):
         frequency = diagram.table["frequency"][order, i] / scale
         frequency = np.where(diagram.table["growth_rate"][order, i] > 0, np.nan, frequency)
-        title = None if label.family in named else label.family.title
-        named.add(label.family)
-        ax.plot(speed, frequency, linestyle, color=COLOURS[label.family], lw=1.3, label=title)
+        title = None if label.direction in named else label.direction.title
+        named.add(label.direction)
+        ax.plot(speed, frequency, linestyle, color=COLOURS[label.direction], lw=1.3, label=title)
     top = np.nanmax(diagram.table["frequency"]) / scale * 1.05
     for harmonic in factors:
         ax.plot(speed, harmonic * speed, color="0.75", lw=0.8, zorder=0)
@@ -96,10 +96,10 @@ def mode_shape(
         raise ValueError(f"mode must be one of those found, {there}, got {mode}")
     xi = np.linspace(0, 1, points)
     found = dataclasses.replace(found, model=model)
-    if mode.family == Family.TORSION:
+    if mode.direction == Direction.TORSION:
         every = found.twist(rotor, xi, tip=True)
     else:
-        every = found.displacement(rotor, xi, tip=True)[..., mode.family]
+        every = found.displacement(rotor, xi, tip=True)[..., mode.direction]
     # Over what the tip does, so that the phase of the mode is gone.
     shape = np.asarray(every[found.labels.index(mode)]).real
     ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]
@@ -209,10 +209,10 @@ def filmstrip(rotor: Rotor, run: Simulation, frames: int = 12) -> Figure:
     The motion has to state the attitude of the hub; a hub that moves along is drawn where it began.
     """
     times, ribbons = _ribbons(rotor, run)
-    turned = _turned(run, times, ribbons)
+    in_space = _in_space(run, times, ribbons)
     colour, scale = colormaps["viridis"], Normalize(0, times[-1])
     figure = Figure((10.5, 5.2), layout="constrained")
-    for k, (places, title) in enumerate(((ribbons, "axes of the hub"), (turned, "space"))):
+    for k, (places, title) in enumerate(((ribbons, "axes of the hub"), (in_space, "space"))):
         ax = figure.add_subplot(1, 2, 1 + k, projection="3d")
         _boxed(ax, places, "axis {}" if k == 0 else "{}", title)
         for i in np.linspace(0, len(times) - 1, frames).round().astype(int):
@@ -228,7 +228,7 @@ def film(rotor: Rotor, run: Simulation, figure: Figure) -> FuncAnimation:
     """The beam as it moves in space, in a `figure` of pyplot's, a frame for each output time;
     `film(rotor, run, plt.figure()).save("film.gif")` writes it. See `filmstrip`."""
     times, ribbons = _ribbons(rotor, run)
-    places = _turned(run, times, ribbons)
+    places = _in_space(run, times, ribbons)
     ax = figure.add_subplot(projection="3d")
     _boxed(ax, places, "{}", "")
     surfaces = [Poly3DCollection(f, facecolors=[(0.0, 0.45, 0.7, a)]) for f, a in _faces(places[0])]
@@ -261,15 +261,15 @@ def _ribbons(rotor: Rotor, run: Simulation, points: int = 41) -> tuple[np.ndarra
     axes = np.stack([out, a2, np.cross(out, a2)])  # of the undeformed section
     t = np.gradient(along, xi, axis=1) @ axes.T
     t = t / np.linalg.norm(t, axis=2, keepdims=True)
-    turn = np.asarray(run.twist(xi))[there]
-    if (angle := section_angle(rotor, lambda turn: spanwise.along(turn, xi))) is not None:
-        turn = turn + np.asarray(angle)
-    across = section_axes(jnp.asarray(np.moveaxis(t, 2, 0)), jnp.asarray(turn))[1]
+    angles = np.asarray(run.twist(xi))[there]
+    if (angle := section_angle(rotor, lambda angles: spanwise.along(angles, xi))) is not None:
+        angles = angles + np.asarray(angle)
+    across = section_axes(jnp.asarray(np.moveaxis(t, 2, 0)), jnp.asarray(angles))[1]
     wide = 0.04 * length * np.moveaxis(np.asarray(across), 0, 2) @ axes
     return np.asarray(run.times)[there], np.stack([middle - wide, middle, middle + wide], 1)
 
 
-def _turned(run: Simulation, times: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _in_space(run: Simulation, times: np.ndarray, places: np.ndarray) -> np.ndarray:
     attitude = np.asarray(jax.vmap(run.scene.motion.attitude)(jnp.asarray(times)))
     return np.einsum("tij,tkpj->tkpi", attitude, places)
 

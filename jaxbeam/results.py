@@ -4,15 +4,15 @@ Each has a `status` (see `jaxbeam.Status`); numbers of a case that failed are Na
 """
 
 from jaxbeam._fitting.result import Fit as Fit
+from jaxbeam._modes.result import Modes as Modes
+from jaxbeam._modes.shapes import ShapePolynomials as ShapePolynomials
 from jaxbeam._simulation.result import Simulation as Simulation
 from jaxbeam._simulation.scene import Scene as Scene
 from jaxbeam._simulation.stable_step import StableStep as StableStep
+from jaxbeam._stability.critical_speed import CriticalSpeed as CriticalSpeed
+from jaxbeam._stability.floquet import Floquet as Floquet
+from jaxbeam._stability.tongues import Tongue as Tongue
 from jaxbeam._sweeps.cases import Cases as Cases
 from jaxbeam._vibration.campbell import Campbell as Campbell
-from jaxbeam._vibration.critical_speed import CriticalSpeed as CriticalSpeed
 from jaxbeam._vibration.crossing import Crossing as Crossing
-from jaxbeam._vibration.floquet import Floquet as Floquet
-from jaxbeam._vibration.result import Modes as Modes
-from jaxbeam._vibration.shapes import ShapePolynomials as ShapePolynomials
 from jaxbeam._vibration.southwell import Southwell as Southwell
-from jaxbeam._vibration.tongues import Tongue as Tongue

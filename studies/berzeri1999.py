@@ -84,7 +84,7 @@ def run_case(case: Case, quick: bool) -> tuple[Runs, list[Row]]:
     """Simulate all models of a figure; the runs, and a line of the table for each."""
     count = 8 if quick else 16
     models: dict[str, jb.models.AbstractModel] = {
-        f"reference, {count} elements": jb.EngineeringANCF(count)
+        f"reference, {count} elements": jb.ExactRodANCF(count)
     }
     models |= {name: MODELS[name] for name in case.names}
     found = common.together(lambda model: spin_up(model, case, quick), models.values())
@@ -119,7 +119,7 @@ def rotation(run: jb.results.Simulation) -> Any:
     short = 1e-4
     before, tip = np.moveaxis(np.asarray(run.partial.displacement((1 - short, 1.0))), 1, 0)
     chord = tip - before
-    return np.arctan2(chord[:, 1], short * float(run.scene.equations.size) + chord[:, 0])
+    return np.arctan2(chord[:, 1], short * float(run.scene.equations.length) + chord[:, 0])
 
 
 def apart(run: jb.results.Simulation, runs: Runs) -> Any:

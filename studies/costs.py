@@ -51,7 +51,7 @@ print(time.perf_counter() - start)
 SPIN_UP = """
 def peak(tip_mass):
     motion, times = jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 20.0, 201)
-    run = jb.simulate(jb.EngineeringANCF(8), jb.Rotor(blade, 0.0, tip_mass), motion, times,
+    run = jb.simulate(jb.ExactRodANCF(8), jb.Rotor(blade, 0.0, tip_mass), motion, times,
                       throw=False)
     return run.peak()[0]
 """
@@ -113,7 +113,7 @@ def gradients(quick: bool) -> list[Row]:
     def peak(v: Any) -> Any:
         blade = jb.Beam(REF_21.length, v[0], v[1], v[2], v[2])
         return jb.simulate(
-            jb.EngineeringANCF(8), jb.Rotor(blade, v[3], v[4]), jb.SmoothSpinUp(4.0, 15.0), TIMES,
+            jb.ExactRodANCF(8), jb.Rotor(blade, v[3], v[4]), jb.SmoothSpinUp(4.0, 15.0), TIMES,
             stepsize_controller=diffrax.PIDController(rtol=1e-5, atol=1e-5), throw=False,
         ).peak()[0]  # fmt: skip
 
@@ -151,7 +151,7 @@ def elements(quick: bool, out: Path) -> Iterator[Row]:
     figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
     first = {}
     for kind, name, counts in (
-        (jb.EngineeringANCF, "in the plane", some),
+        (jb.ExactRodANCF, "in the plane", some),
         (jb.SpatialANCF, "in space", (8,) if quick else (8, 32, 128, 256)),
     ):
         taken = []

@@ -1,7 +1,7 @@
 """Tip mass and hub radius for which no harmonic of the speed meets a frequency.
 
 A rotor in a range of working speeds: as designed, frequencies cross lines of so many per turn.
-`jb.fitting.Clearance` demands a margin along the whole range, priors ask for as little change as
+`jb.fitting.ResonanceMargin` demands a margin along the whole range, priors ask for as little change as
 may be, and `jb.fit` searches from many starts at once.
 
     python studies/detune.py [--quick] [--out FOLDER]
@@ -37,8 +37,8 @@ def rotor(hub: Any, tip: Any) -> jb.Rotor:
 def demand(count: int, margin: float = MARGIN) -> Any:
     speeds = np.linspace(*WORKING, count)
 
-    def experiments(hub: Any, tip: Any) -> jb.fitting.Clearance:
-        return jb.fitting.Clearance(MODEL, rotor(hub, tip), speeds, WHICH, HARMONICS, margin)
+    def experiments(hub: Any, tip: Any) -> jb.fitting.ResonanceMargin:
+        return jb.fitting.ResonanceMargin(MODEL, rotor(hub, tip), speeds, WHICH, HARMONICS, margin)
 
     return experiments
 

@@ -56,7 +56,7 @@ def blade(stiffness: Any, clamp: Any = 0.0, spring: Any = None) -> jb.Rotor:
             LENGTH - clamp, DENSITY * AREA, MODULUS * AREA,
             MODULUS * HEIGHT * WIDTH**3 / 12, stiffness,
         ),
-        HUB + clamp, root=None if spring is None else jb.RootSprings(flap=spring),
+        HUB + clamp, root_springs=None if spring is None else jb.RootSprings(flap=spring),
     )  # fmt: skip
 
 
@@ -116,7 +116,7 @@ def left_out(free: dict[str, jb.FreeParameter]) -> list[tuple[float, int, float,
 
 def squares(found: jb.results.Fit) -> float:
     """Sum of squares of the residuals."""
-    return float(found.misfit * found.freedom)
+    return float(found.reduced_chi_squared * found.degrees_of_freedom)
 
 
 def held_springs(free: dict[str, jb.FreeParameter], count: int) -> list[tuple[float, float]]:
@@ -129,7 +129,7 @@ def held_springs(free: dict[str, jb.FreeParameter], count: int) -> list[tuple[fl
 def softest(rows: list[tuple[float, float]], found: jb.results.Fit) -> float:
     """The spring at the lower end of its 95 % interval, by the sum of squares; `found` is the fit
     with a root that does not yield."""
-    freedom = int(found.freedom) - 1
+    freedom = int(found.degrees_of_freedom) - 1
     rise = 1 + float(found.width()) ** 2 / freedom
     springs, ratios = np.array(rows).T
     # What a stiff spring adds goes by its inverse: logarithms lie on a line.

@@ -87,7 +87,7 @@ def limits(name: str, model: Any, solvers: Any) -> list[Limit]:
     settings: dict[str, Any] = {"steps": STEPS, "growth": GROWTH}
     modes = []
     for speed in SPEEDS:
-        found = jb.modes(model, rotor, speed, len(model.families))
+        found = jb.modes(model, rotor, speed, len(model.directions))
         k = int(jnp.argmax(found.frequency))
         shape = found.shape[k] * TINY / jnp.linalg.norm(found.shape[k])
         still = jb.steady_start(model, rotor, jb.ConstantSpeed(speed)).q

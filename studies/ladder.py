@@ -152,7 +152,7 @@ def asked(kind: str, scene: Scene, size: float) -> Asked:
     else:
         question = spin_up(KINDS[kind], scene, float(at_rest(scene.tip)))
     accuracy = 1e-6 if kind == "strain" else 1e-7
-    return answered(kind, scene, question, rotor, jb.EngineeringANCF(TRUTH), accuracy, size)
+    return answered(kind, scene, question, rotor, jb.ExactRodANCF(TRUTH), accuracy, size)
 
 
 def answered(
@@ -160,7 +160,7 @@ def answered(
     richest: jb.models.AbstractModel, accuracy: float, size: float,
 ) -> Asked:  # fmt: skip
     """With the truth by the richest rung."""
-    truth = jb.ladder.ask(richest, rotor, question, accuracy, size, throw=False)
+    truth = jb.ladder.evaluate(richest, rotor, question, accuracy, size, throw=False)
     if int(truth.status) != jb.Status.OK:
         raise RuntimeError(
             f"no truth for {kind} of {scene}: {jb.Status(int(truth.status)).message}"
@@ -176,7 +176,7 @@ def judged(each: Asked, tolerance: float) -> Outcome:
 
     def error(model: Any) -> float:
         accuracy = 0.05 * tolerance  # as in the ladder
-        found = jb.ladder.ask(model, each.rotor, each.question, accuracy, size, throw=False)
+        found = jb.ladder.evaluate(model, each.rotor, each.question, accuracy, size, throw=False)
         return float(found.distance(each.truth))  # NaN where the model fails
 
     began = time.perf_counter()
@@ -294,11 +294,11 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
         return table, spent
 
     accuracy = 0.05 * tolerance  # as in the ladder
-    models: list[jb.models.AbstractModel] = [jb.EngineeringANCF(TRUTH)]
+    models: list[jb.models.AbstractModel] = [jb.ExactRodANCF(TRUTH)]
     if not quick:
-        models = [jb.Hybrid(0, 4, 0), *(jb.EngineeringANCF(k) for k in sorted({finest, TRUTH}))]
+        models = [jb.Hybrid(0, 4, 0), *(jb.ExactRodANCF(k) for k in sorted({finest, TRUTH}))]
     tables, spent = zip(*(everywhere(model, accuracy) for model in models), strict=True)
-    truth = tables[-1] if quick else everywhere(jb.EngineeringANCF(32), 1e-7, runs=1)[0]
+    truth = tables[-1] if quick else everywhere(jb.ExactRodANCF(32), 1e-7, runs=1)[0]
     error = np.abs(table["partial"][:, 0] / truth["peak"] - 1)
     said = table["status"] == 0
     print(f"sweep of {n} spin-ups, tolerance {tolerance:g}")

@@ -42,7 +42,7 @@ def frequency_case(
         found = jb.modes(model, rotor(hub_radius, tip_mass), angular_speed, which, throw=False)
         return {
             "frequency": found.frequency,
-            "transverse_share": found.energy_share[:, jb.models.Family.IN_PLANE],
+            "transverse_share": found.energy_share[:, jb.models.Direction.IN_PLANE],
             "steady_strain": found.steady_strain,
             "status": found.status,
         }

@@ -165,7 +165,7 @@ class Later(NamedTuple):
     start: Any
 
     def __call__(self, t: Any) -> Any:
-        return self.spin_up.twist(jnp.maximum(t - self.start, 0.0))[1]
+        return self.spin_up.velocities(jnp.maximum(t - self.start, 0.0))[1]
 
 
 def still(t: Any) -> Any:
@@ -192,7 +192,7 @@ def buckling(out: Path, quick: bool) -> None:
     times = np.linspace(0.0, 2 * ramp, 401)
     run = jb.simulate(
         model, rotor, motion, times, loads=jb.Loads(tip_force=push, changes=[ramp]),
-        damping=jb.Damping(mass=2.0, stiffness=1e-3), max_steps=100_000,
+        damping=jb.Damping(mass_coefficient=2.0, stiffness_coefficient=1e-3), max_steps=100_000,
     )  # fmt: skip
     aside, lowered = np.abs(run.tip[:, 2]), -run.tip[:, 1]
     rising = times <= ramp

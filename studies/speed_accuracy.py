@@ -73,8 +73,8 @@ DOPRI = Method("diffrax Dopri5", diffrax.Dopri5(), True, ADAPTIVE)
 def pairs(quick: bool) -> list[tuple[str, Any, Method]]:
     """What is tried."""
     elements: list[tuple[str, Any]] = [
-        ("exact, 8 elements", jb.EngineeringANCF(8)), ("exact, 4 elements", jb.EngineeringANCF(4)),
-        ("Model A, 8 elements", jb.ANCF(8)), ("exact, 16 elements", jb.EngineeringANCF(16)),
+        ("exact, 8 elements", jb.ExactRodANCF(8)), ("exact, 4 elements", jb.ExactRodANCF(4)),
+        ("Model A, 8 elements", jb.ANCF(8)), ("exact, 16 elements", jb.ExactRodANCF(16)),
         ("Model 0, 8 elements", jb.models.ChordANCF(8)),
     ]  # fmt: skip
     linear: list[tuple[str, Any]] = [
@@ -129,7 +129,7 @@ def motions(quick: bool) -> list[Point]:
     repeats = 1 if quick else 5
     scenes = SCENES[1:] if quick else SCENES
     given = [jax.tree.map(jnp.asarray, tuple(s)[1:]) for s in scenes]
-    judge, fine = (jb.EngineeringANCF(16), 1e-8) if quick else (jb.EngineeringANCF(32), 1e-9)
+    judge, fine = (jb.ExactRodANCF(16), 1e-8) if quick else (jb.ExactRodANCF(32), 1e-9)
     exact = jax.jit(lambda g: tip(g, judge, RODAS5P, 1.0, fine)[0])
     references = [np.asarray(exact(g)) for g in given]
     shares = jnp.asarray(np.linspace(1.0, 0.9, LANES))

@@ -33,9 +33,9 @@ BEAM = jb.Beam.from_slenderness(70.0)
 SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)  # Y, Table 2
 KICK = 1e-6  # of the length: what motions in time start from
 NAMES = {
-    jb.models.Family.IN_PLANE: "in-plane divergence",
-    jb.models.Family.FLAP: "flap divergence",
-    jb.models.Family.AXIAL: "the rod tears",
+    jb.models.Direction.IN_PLANE: "in-plane divergence",
+    jb.models.Direction.FLAP: "flap divergence",
+    jb.models.Direction.AXIAL: "the rod tears",
 }
 
 
@@ -54,7 +54,7 @@ def rotor(beam: jb.Beam, radius: Any, mass: Any) -> jb.Rotor:
 
 def _aside(t: Any, y: jb.solvers.State, args: jb.results.Scene, **_: Any) -> Any:
     """The straight beam moves a hundredth of its length to the side: no need to go on."""
-    return jnp.abs(args.equations.tip(y.q)[1]) > 0.01 * args.equations.size
+    return jnp.abs(args.equations.tip(y.q)[1]) > 0.01 * args.equations.length
 
 
 def growth(model: Any, at: Any, speed: Any, push: Any, duration: Any) -> Any:
@@ -136,8 +136,8 @@ def critical_row(case: Case) -> tuple[Any, ...]:
     duration = periods * 2 * np.pi / float(below.frequency[0])
     try_both = jax.jit(jax.vmap(lambda v: growth(model, at, v, found.shape, duration)))
     low, high = (float(g) for g in try_both(speed * jnp.array([0.99, 1.01])))
-    family = NAMES[jb.models.Family(int(found.family))]
-    return case.name, speed, speed / rest, family, slope, low, high, periods
+    direction = NAMES[jb.models.Direction(int(found.direction))]
+    return case.name, speed, speed / rest, direction, slope, low, high, periods
 
 
 def element_law(out: Path, rows: list[tuple[Any, ...]]) -> None:
@@ -194,7 +194,7 @@ def maps(out: Path, quick: bool) -> None:
     ]
     results = list(common.together(lambda job: outcome(job[2], job[3], radii, speeds), jobs))
     rows = []
-    for (ax, name, _, _), (unstable, knots, values, slopes, family) in zip(
+    for (ax, name, _, _), (unstable, knots, values, slopes, direction) in zip(
         jobs, results, strict=True
     ):
         ax.pcolormesh(
@@ -206,7 +206,7 @@ def maps(out: Path, quick: bool) -> None:
             curve = CubicHermiteSpline(knots, values, slopes)(along)
             style = (
                 {"color": "k", "ls": "-"}
-                if family != jb.models.Family.AXIAL
+                if direction != jb.models.Direction.AXIAL
                 else {"color": GREEN, "ls": "--"}
             )
             ax.plot(along, curve, lw=2, **style)
@@ -258,9 +258,9 @@ def outcome(model: Any, make: Any, radii: Any, speeds: Any) -> tuple[Any, ...]:
     ]
     unstable = jnp.concatenate(parts)[: mesh[0].size].reshape(mesh[0].shape).T
     knots = 4 * jnp.linspace(0.0, 1.0, 9) ** 2  # boundaries of Model 0 are steep at the left
-    (values, family), (slopes, _) = boundary(jax.vmap(make)(knots))
+    (values, direction), (slopes, _) = boundary(jax.vmap(make)(knots))
     size = make(0.0).beam.length if isinstance(make(0.0), jb.Rotor) else 1.0
-    return unstable, np.asarray(knots), values / rest, slopes * size / rest, int(family[0])
+    return unstable, np.asarray(knots), values / rest, slopes * size / rest, int(direction[0])
 
 
 @functools.lru_cache
@@ -277,7 +277,7 @@ def compiled(model: Any) -> tuple[Any, Any]:
         def critical(radius: Any) -> tuple[Any, Any]:
             moved = eqx.tree_at(lambda r: r.hub_radius, at, radius)
             found = jb.critical_speed(model, moved, throw=False)
-            return found.angular_speed, found.family
+            return found.angular_speed, found.direction
 
         return jax.jvp(critical, (at.hub_radius,), (jnp.ones_like(at.hub_radius),))
 
@@ -318,7 +318,7 @@ def tongues(out: Path, quick: bool) -> None:
         for i, j, order in wanted:
             found = jb.tongue(
                 model, at, mean, (labels[i], labels[j]), depths, order=order, throw=False,
-                damping=jb.Damping(mass=damping),
+                damping=jb.Damping(mass_coefficient=damping),
             )  # fmt: skip
             good = np.asarray(found.status) == jb.Status.OK
             ax.plot(found.frequency[good], depths[good], style, color=VERMILION, lw=1.5)

@@ -163,7 +163,7 @@ def few() -> Iterator[Line]:
         one_rotor(tapered(0.5, 0.0), 3),
     )  # fmt: skip
     # A cable is a beam of hardly any stiffness; its modes are polynomials.
-    cable = jb.Rotor(beam(flap=1e-16), root=jb.RootSprings(flap=1e-16))
+    cable = jb.Rotor(beam(flap=1e-16), root_springs=jb.RootSprings(flap=1e-16))
     exact = tuple(f"{np.sqrt(k * (2 * k - 1)):.8f}" for k in (1, 2, 3))
     yield from single("hinged cable, at speed", "Cable", exact, one_rotor(cable, 3, 1.0, FLAP))
 
@@ -184,14 +184,14 @@ def closed_forms() -> Iterator[Line]:
     spring = jb.RootSprings(flap=0.5)
     body = jb.TipBody(0.1, 0.05)
     for case, values, rotor, model in (
-        ("spring at the root", (0.5, 0.0, 0.0, 0.0), jb.Rotor(beam(), root=spring), FLAP),
+        ("spring at the root", (0.5, 0.0, 0.0, 0.0), jb.Rotor(beam(), root_springs=spring), FLAP),
         (
             "rigid body at the tip", (np.inf, 0.5, 0.1, 0.05),
-            jb.Rotor(beam(), 0.0, 0.5, tip=body), FLAP,
+            jb.Rotor(beam(), 0.0, 0.5, tip_body=body), FLAP,
         ),
         (
             "spring and body", (0.5, 0.5, 0.1, 0.05),
-            jb.Rotor(beam(), 0.0, 0.5, root=spring, tip=body), FLAP,
+            jb.Rotor(beam(), 0.0, 0.5, root_springs=spring, tip_body=body), FLAP,
         ),
     ):  # fmt: skip
         exact = tuple(

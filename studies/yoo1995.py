@@ -165,7 +165,7 @@ def figure_6(out: Path, models: Models, peaks: list[Row]) -> None:
     most = np.abs(u[EXACT]).max()
     gap = {name: 100 * np.abs(v - u[EXACT]).max() / most for name, v in u.items()}
     critical = 1.875104**2 * np.sqrt(7e10 * 2e-7 / (1.2 * 10.0**4))
-    speed = jax.vmap(lambda t: example.motion.twist(t)[1][2])(jnp.asarray(example.times))
+    speed = jax.vmap(lambda t: example.motion.velocities(t)[1][2])(jnp.asarray(example.times))
     print(
         f"  Largest difference from ANCF over the peak: present {gap[PRESENT]:.3f} %, von Karman "
         f"{gap[VON_KARMAN]:.3f} %.\n  C.L.C. has no stiffness left at its first frequency at rest, "
@@ -286,7 +286,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     # With flap functions in the planar examples as well, where they rest: one compilation for all.
     models: Models = {
         VON_KARMAN: jb.VonKarman(2 * n, n, n),
-        EXACT: jb.EngineeringANCF(8 if quick else 12),
+        EXACT: jb.ExactRodANCF(8 if quick else 12),
         PRESENT: jb.Hybrid(4, n, n),
         CLASSICAL: jb.Classical(4, n, n),
     }

@@ -31,7 +31,7 @@ NAMES = *ROTOR, "angular_speed"
 ELEMENTS = [
     jb.models.SmallStrainANCF(2),
     jb.ANCF(2),
-    jb.EngineeringANCF(2),
+    jb.ExactRodANCF(2),
     jb.GreenANCF(2),
     jb.models.ChordANCF(2),
     jb.models.TangentANCF(2),
@@ -59,11 +59,11 @@ AS_BUILT = jb.Rotor(
     hub_radius=0.4,
     tip_mass=0.3,
     pitch=0.2,
-    root=jb.RootSprings(in_plane=40.0, flap=25.0),
-    tip=jb.TipBody(offset=0.1, inertia=0.02, axial_inertia=0.005, flap_inertia=0.03),
+    root_springs=jb.RootSprings(in_plane=40.0, flap=25.0),
+    tip_body=jb.TipBody(offset=0.1, inertia=0.02, axial_inertia=0.005, flap_inertia=0.03),
 )
 # The same as elements in space have it, whose bodies have one inertia across the beam.
-AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip=jb.TipBody(0.1, 0.02, 0.005))
+AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip_body=jb.TipBody(0.1, 0.02, 0.005))
 YIELDING = [
     jb.Hybrid(3, 4, 3),
     jb.Classical(3, 4, 3),

@@ -188,7 +188,7 @@ def test_swept_spin_up(command, tmp_path):
 
 @pytest.mark.slow
 def test_no_case_is_ok(command):
-    code, said, _ = command(SPRINGS + "[sweep]\nmass = [-1, 0]")
+    code, said, _ = command(SPRINGS + "[sweep]\nmass_coefficient = [-1, 0]")
     assert code == 1
     assert "0 of 2 ok\n2 INVALID_MASS: mass must be finite and > 0" in said
 
@@ -210,8 +210,12 @@ def test_examples_run(name, command):
 
 
 def test_further_scenes_are_accepted():
-    with_loads = SPIN_UP + "[loads]\ngravity = [0.0, -9.81, 0.0]\n[damping]\nmass = 0.1\n"
-    scene = read(tomllib.loads(with_loads + "[sweep]\nmass = [0.1, 0.2]\nlength = [8, 9]"))
+    with_loads = (
+        SPIN_UP + "[loads]\ngravity = [0.0, -9.81, 0.0]\n[damping]\nmass_coefficient = 0.1\n"
+    )
+    scene = read(
+        tomllib.loads(with_loads + "[sweep]\nmass_coefficient = [0.1, 0.2]\nlength = [8, 9]")
+    )
     assert scene.axes == {"mass": [0.1, 0.2], "length": [8.0, 9.0]}
     slender = (
         '[beam]\n[model]\nname = "ANCF"\n[southwell]\nin_plane = 1\n[sweep]\nslenderness = [70]'
@@ -279,7 +283,7 @@ def test_mistakes(old, new, complaint, command):
         ("points = 11", "points = 1", "[spin_up] points must be >= 2, got 1"),
         ("points = 11", "max_steps = 0", "[spin_up] max_steps must be >= 1, got 0"),
         ("points = 11", "angular_speed = 1", "[spin_up] has no angular_speed: its keys are until"),
-        ("points = 11", "[damping]\nmass = -1", "[damping] damping must be finite and >= 0"),
+        ("points = 11", "[damping]\nmass_coefficient = -1", "[damping] damping must be finite and >= 0"),
         ("points = 11", "[sweep]\nuntil = [1.0]", "[sweep] until is not swept"),
     ],
 )  # fmt: skip
@@ -290,7 +294,7 @@ def test_mistakes_in_spin_ups(old, new, complaint, command):
 
 def test_number_of_two_tables(command):
     motion = '[motion]\nname = "ConstantSpeed"\nangular_speed = 1.0\n[spin_up]\nuntil = 1.0\n'
-    twice = "[damping]\nmass = 1.0\n[sweep]\nmass = [1.0, 2.0]\n"
+    twice = "[damping]\nmass_coefficient = 1.0\n[sweep]\nmass_coefficient = [1.0, 2.0]\n"
     text = SPRINGS.split("[frequencies]")[0] + motion + twice
     refused(command, text, "[sweep] mass could be that of [rotor] or [damping]")
 
@@ -358,9 +362,9 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
         [rotor]
         hub_radius = 1.0
         tip_mass = 5.0
-        [root]
+        [root_springs]
         flap = 4e6
-        [tip]
+        [tip_body]
         offset = 0.1
         [frequencies]
         angular_speed = 0.0
@@ -375,7 +379,9 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
     beam = jb.Beam(10.0, *(jb.Spanwise(columns[0], c) if np.ndim(c) else c for c in (
         columns[1], 1e9, columns[2], columns[3],
     )))  # fmt: skip
-    rotor = jb.Rotor(beam, 1.0, 5.0, root=jb.RootSprings(flap=4e6), tip=jb.TipBody(0.1))
+    rotor = jb.Rotor(
+        beam, 1.0, 5.0, root_springs=jb.RootSprings(flap=4e6), tip_body=jb.TipBody(0.1)
+    )
     model = jb.Hybrid(0)
     wanted = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=2)).frequency
     found = jb.Table.load(tmp_path / "found" / "frequencies.npz")["frequency"].ravel()
@@ -431,7 +437,7 @@ def test_springs_are_swept_also_under_the_name_of_a_count(tmp_path):
         axial_stiffness = 5e6
         in_plane_bending_stiffness = 566.0
         flap_bending_stiffness = 400.0
-        [root]
+        [root_springs]
         [frequencies]
         angular_speed = 5.0
         flap = 1

@@ -21,7 +21,7 @@ def frequency(beam, model=jb.Hybrid(1, 2, 2)):  # noqa: B008
 
 
 def hinged(r):
-    rotor = jb.Rotor(UNIFORM, r, root=jb.RootSprings(0.0, 0.0))
+    rotor = jb.Rotor(UNIFORM, r, root_springs=jb.RootSprings(0.0, 0.0))
     return jb.modes(jb.Hybrid(0, 2, 2), rotor, 0.0, 3).frequency[2]
 
 
@@ -46,7 +46,7 @@ def southwell(r):
         slow(frequency(VARYING), jax.grad, id="varying reverse"),
         exhaustive(frequency(VARYING), jax.jacfwd, id="varying forward"),
         exhaustive(frequency(UNIFORM), lambda f: jax.jacfwd(jax.grad(f)), id="second"),
-        exhaustive(frequency(UNIFORM, jb.EngineeringANCF(2)), jax.grad, id="elements"),
+        exhaustive(frequency(UNIFORM, jb.ExactRodANCF(2)), jax.grad, id="elements"),
         exhaustive(hinged, jax.grad, id="hinged"),
         exhaustive(southwell, jax.grad, id="southwell"),
         exhaustive(tip, jax.grad, id="run reverse"),

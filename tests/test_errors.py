@@ -126,7 +126,7 @@ def downhill(**given):
 
 def clearance(**changed):
     given = {"angular_speed": [1.0], "which": WHICH, "harmonics": [1], **changed}
-    return jb.fitting.Clearance(MODEL, ROTOR, **given)
+    return jb.fitting.ResonanceMargin(MODEL, ROTOR, **given)
 
 
 @pytest.mark.parametrize(
@@ -201,11 +201,11 @@ def test_integers_of_numpy_and_one_label_are_taken_as_those_of_python():
         lambda m: jb.solvers.stable_step(m, ROTOR, 1.0, diffrax.Euler()),
         lambda m: jb.simulate(m, ROTOR, MOTION, TIMES),
         lambda m: jb.steady_start(m, ROTOR, MOTION),
-        lambda m: jb.ladder.ask(m, ROTOR, jb.ladder.ModalFrequencies(1.0, WHICH)),
+        lambda m: jb.ladder.evaluate(m, ROTOR, jb.ladder.ModalFrequencies(1.0, WHICH)),
         lambda m: jb.FrequencyData(m, ROTOR, **FREQUENCIES),
         lambda m: jb.fitting.HistoryData(m, ROTOR, MOTION, TIMES, [0.0, 0.0, 0.0], 0.1),
         lambda m: jb.fitting.StaticData(m, ROTOR, jb.Loads(), [0.0], 0.1),
-        lambda m: jb.fitting.Clearance(m, ROTOR, [1.0], WHICH, [1]),
+        lambda m: jb.fitting.ResonanceMargin(m, ROTOR, [1.0], WHICH, [1]),
     ],
 )
 def test_what_is_no_model_is_named(call, wrong):

@@ -17,11 +17,11 @@ XI = np.linspace(0.0, 1.0, 5)
 
 
 def modes_of(model, *shapes):
-    """Modes of these families and shapes, each with the number 1."""
+    """Modes of these directions and shapes, each with the number 1."""
     k = len(shapes)
-    families, vectors = (jnp.asarray(part) for part in zip(*shapes, strict=True))
+    directions, vectors = (jnp.asarray(part) for part in zip(*shapes, strict=True))
     return Modes(
-        jnp.ones(k, complex), vectors.astype(complex), families, jnp.ones(k, int), jnp.ones((k, 4)),
+        jnp.ones(k, complex), vectors.astype(complex), directions, jnp.ones(k, int), jnp.ones((k, 4)),
         jnp.zeros(k), jnp.asarray(0), jnp.asarray(0.0), None, model,
     )  # fmt: skip
 
@@ -38,10 +38,10 @@ def test_a_mode_is_drawn_in_its_direction_whatever_its_phase(phase):
     model = jb.SpatialANCF(1)
     table = np.concatenate([model.displacement(XI, ROTOR), model.twist(XI)[None]])
     rows = {"axial": 0, "in_plane": 1, "flap": 2, "torsion": 3}
-    labels = [jb.labels(**{family: 1})[0] for family in rows]
+    labels = [jb.labels(**{direction: 1})[0] for direction in rows]
     shapes = [phase * table[row, -1] for row in rows.values()]
-    families = [int(label.family) for label in labels]
-    found = modes_of(model, *zip(families, shapes, strict=True))
+    directions = [int(label.direction) for label in labels]
+    found = modes_of(model, *zip(directions, shapes, strict=True))
     for row, label in enumerate(labels):
         wanted = table[row] @ table[row, -1]
         assert wanted[-1] > 0
@@ -53,7 +53,7 @@ def test_a_mode_is_drawn_in_its_direction_whatever_its_phase(phase):
 def test_a_mode_that_is_not_there_is_named():
     model = jb.Hybrid(0, 2, 2)
     (flap,), (torsion,) = jb.labels(flap=1), jb.labels(torsion=1)
-    found = modes_of(model, (int(flap.family), jnp.ones(4, complex)))
+    found = modes_of(model, (int(flap.direction), jnp.ones(4, complex)))
     with pytest.raises(ValueError, match=f"mode must be one of those found, {flap}, got {torsion}"):
         drawn(model, found, torsion)
 

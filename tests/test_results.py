@@ -48,7 +48,7 @@ def fitted(intercept):
 
 def answered(speed):
     question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(speed, 3.0), TIMES)
-    return jb.ladder.ask(jb.Hybrid(0, 2, 0), rotor(), question)
+    return jb.ladder.evaluate(jb.Hybrid(0, 2, 0), rotor(), question)
 
 
 MODEL = jb.Hybrid(2, 3, 2)
@@ -229,7 +229,7 @@ def test_matrices_out_of_range_are_nan():
 
 def test_answers_that_failed_are_nan():
     question = jb.ladder.DeflectionHistory(jb.SmoothSpinUp(3.0, 3.0), TIMES, max_steps=10)
-    found = jb.ladder.ask(jb.Hybrid(0, 2, 0), rotor(), question, throw=False)
+    found = jb.ladder.evaluate(jb.Hybrid(0, 2, 0), rotor(), question, throw=False)
     assert int(found.status) == jb.Status.MAX_STEPS
     for number in (found.value, found.scale, found.size, found.slope):
         assert np.isnan(number).all()

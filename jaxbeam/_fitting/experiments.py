@@ -15,18 +15,20 @@ from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import (
     checked_speed,
+    concrete_array,
     count_functions,
-    known_array,
     plain,
     real_array,
     real_scalar,
 )
 from jaxbeam._fitting.matching import match_modes
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.equilibrium import equilibrium
-from jaxbeam._models.families import Family, Label
-from jaxbeam._models.loaded import acting_on, equations_under
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.equilibrium import equilibrium
+from jaxbeam._models.contract.loaded import acting_on, equations_under
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.wanted import Wanted, choose, lowest_in_plane
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spins import ConstantSpeed
@@ -34,9 +36,7 @@ from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.simulate import simulate
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar, is_known
-from jaxbeam._vibration.modes import find
-from jaxbeam._vibration.wanted import Wanted, choose, lowest_in_plane
+from jaxbeam._types import Scalar, is_concrete
 
 
 class Experiment(eqx.Module):
@@ -87,7 +87,7 @@ class FrequencyData(Experiment):
         self.angular_speed = _increasing("angular_speed", angular_speed)
         self.measured, self.noise = _data(measured, noise, (self.angular_speed.size, None))
         _all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
-        k, total = self.measured.shape[1], len(model.families)
+        k, total = self.measured.shape[1], len(model.directions)
         which = (which,) if isinstance(which, Label) else plain(which)
         self.which = tuple(which) if isinstance(which, Sequence) else which
         if isinstance(self.which, tuple):
@@ -97,7 +97,7 @@ class FrequencyData(Experiment):
         named = self.which if self.which is None or isinstance(self.which, int) else len(self.which)
         if named not in (None, k):
             raise ValueError(f"which must name {k} modes, one a column, got {named}")
-        inside = total - model.families.count(Family.FLAP)
+        inside = total - model.directions.count(Direction.FLAP)
         if isinstance(self.which, int) and k > inside:
             raise ValueError(f"which: this model has {inside} modes in plane, got {k} columns")
         self.among = min(2 * k, total) if among is None else among
@@ -106,7 +106,7 @@ class FrequencyData(Experiment):
             raise ValueError(f"among must be between {k} and {total}, got {among}")
 
     def predicted(self) -> Float[Array, "S k"]:
-        """Of each column, or of the modes matched to each row."""
+        """Frequencies of each column, or of the modes matched to each row."""
         if isinstance(self.which, int):
             wanted = lowest_in_plane(self.model, self.which)
         else:
@@ -198,10 +198,10 @@ class StaticData(Experiment):
         xi: Any = 1.0, component: int = 1, *, angular_speed: Any = 0.0,
     ) -> None:  # fmt: skip
         (self.model, self.rotor, _), self.loads = checked_case(model, rotor), loads
-        points = np.atleast_1d(known_array("xi", xi)).tolist()
+        points = np.atleast_1d(concrete_array("xi", xi)).tolist()
         self.component, _ = checked_point(component, 1.0)
         self.xi = tuple(checked_point(component, point)[1] for point in points)
-        if component == 2 and Family.FLAP not in model.families:
+        if component == 2 and Direction.FLAP not in model.directions:
             raise ValueError("component 2 needs a model with flap functions")
         self.measured, self.noise = _data(measured, noise, (len(self.xi),))
         self.angular_speed = checked_speed(angular_speed)
@@ -213,11 +213,11 @@ class StaticData(Experiment):
         _all(
             "loads.gravity must be along the axis of rotation, (0, 0, g), where angular_speed is "
             "not zero: across it, it turns in the hub, and nothing rests",
-            jnp.asarray(self._turning), lambda turning: turning == 0,
+            jnp.asarray(self._across_axis), lambda sideways: sideways == 0,
         )  # fmt: skip
 
     @property
-    def _turning(self) -> Array:
+    def _across_axis(self) -> Array:
         """What of gravity turns in the hub, in m/s^2."""
         zero = jnp.zeros(2, self.angular_speed.dtype)
         across = zero if self.loads.gravity is None else self.loads.gravity[:2]
@@ -234,11 +234,11 @@ class StaticData(Experiment):
         hub = motion.hub(zero, self.loads.gravity)
         q, status = equilibrium(equations, hub, *acting_on(equations, self.loads, zero))
         value = equations.displacement(q, np.array(self.xi))[:, self.component]
-        rests = (given == Status.OK) & (status == Status.OK) & jnp.all(self._turning == 0)
+        rests = (given == Status.OK) & (status == Status.OK) & jnp.all(self._across_axis == 0)
         return jnp.where(rests, value, jnp.nan)
 
 
-class Clearance(Experiment):
+class ResonanceMargin(Experiment):
     """A demand in place of a measurement: no frequency within `margin` of a harmonic of the speed.
 
     For the modes `which` and the integer `harmonics` k of the working speeds Omega (rad/s,
@@ -291,7 +291,7 @@ class Clearance(Experiment):
 
 
 def residuals_of(experiments: list[Experiment]) -> list[Array]:
-    """Of each experiment; those of one structure go, one by one, through one program."""
+    """Residuals of each experiment; those of one structure go, one by one, through one program."""
     groups: list[list[int]] = []
     for i, experiment in enumerate(experiments):
         for group in groups:
@@ -339,7 +339,7 @@ def _list_of(name: str, values: Any) -> Sequence[Any]:
 
 
 def _all(rule: str, values: Array, holds: Callable[[Any], Any]) -> None:
-    if is_known(values) and not holds(np.asarray(values)).all():
+    if is_concrete(values) and not holds(np.asarray(values)).all():
         raise ValueError(f"{rule}, got {values}")
 
 

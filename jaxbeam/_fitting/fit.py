@@ -23,10 +23,10 @@ from jaxbeam._fitting.result import (
     spread,
 )
 from jaxbeam._numerics.newton import value_and_jacobian
-from jaxbeam._numerics.program import Program
-from jaxbeam._results import where_known
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import is_known
+from jaxbeam._types import is_concrete
 
 _ENOUGH = 1e-10  # of the sum of squares, absolute plus relative
 _RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
@@ -128,13 +128,13 @@ def _check_problem(problem: Problem, known_noise: bool, descent: Any) -> None:
     if descent is not None:
         _check_descent(descent)
     count = problem.count(guessed)
-    known = is_known(count)
-    if known and int(count) < len(free):
+    concrete = is_concrete(count)
+    if concrete and int(count) < len(free):
         raise ValueError(
             f"{int(count)} numbers measured are too few for {len(free)} parameters: measure more, "
             "fix some, or give a prior"
         )
-    if known and not known_noise and int(count) == len(free):
+    if concrete and not known_noise and int(count) == len(free):
         raise ValueError("with as many numbers as parameters nothing tells the level of the noise")
 
 
@@ -161,18 +161,18 @@ class _Search(NamedTuple):
     def best(self, key: Any, progress: bool | None) -> Fit:
         """The end of the search from the guess, or of that after a descent if it is better."""
         first = self.refined(jnp.asarray(np.zeros(len(self.problem.free))))
-        traced = not is_known(first)
+        traced = not is_concrete(first)
         shown = (sys.stderr.isatty() if progress is None else progress) and not traced
         descent = self.descent
         if not traced:
-            told = f"misfit {float(first.misfit):.3g}, {int(first.steps)} steps"
+            told = f"reduced chi squared {float(first.reduced_chi_squared):.3g}, {int(first.steps)} steps"
             _tell(shown, f"from the guess: {told}")
             descent = Descent() if descent is None and _is_poor(first) else descent
         if descent is None:
             return first
         other = self.refined(_descend(self.problem, descent, key))
         if not traced:
-            told = f"misfit {float(other.misfit):.3g}"
+            told = f"reduced chi squared {float(other.reduced_chi_squared):.3g}"
             _tell(shown, f"from the best of {descent.starts} starts: {told}")
         return _better(first, other)
 
@@ -185,16 +185,18 @@ def _is_poor(found: Fit) -> bool:
     """Whether a fit of known numbers is lost, or leaves more than the noise explains."""
     if int(found.status) in (Status.FIT_NOT_CONVERGED, Status.NOT_FINITE):
         return True
-    misfit, freedom = map(np.asarray, (found.misfit, found.freedom))
-    return found.known_noise and bool(excess_of(np, misfit, freedom) > 5)
+    reduced_chi_squared, degrees_of_freedom = map(
+        np.asarray, (found.reduced_chi_squared, found.degrees_of_freedom)
+    )
+    return found.known_noise and bool(excess_of(np, reduced_chi_squared, degrees_of_freedom) > 5)
 
 
 def _better(first: Fit, other: Fit) -> Fit:
     """The lower of two ends; of those alike, the one that is an end."""
-    lower = other.misfit < first.misfit * (1 - 1e-6)
+    lower = other.reduced_chi_squared < first.reduced_chi_squared * (1 - 1e-6)
     ended = (first.status == Status.FIT_NOT_CONVERGED) & (other.status != first.status)
-    level = other.misfit <= first.misfit * (1 + 1e-6)
-    better = ~jnp.isfinite(first.misfit) | lower | (ended & level)
+    level = other.reduced_chi_squared <= first.reduced_chi_squared * (1 + 1e-6)
+    better = ~jnp.isfinite(first.reduced_chi_squared) | lower | (ended & level)
     return jax.tree.map(lambda a, b: jnp.where(better, b, a), first, other)
 
 
@@ -233,10 +235,10 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     z = found.value
     residual, jacobian = problem.with_jacobian(z)
     experiments = problem.experiments_at(z)
-    freedom = jnp.asarray(problem.count(experiments) - m)
+    degrees_of_freedom = jnp.asarray(problem.count(experiments) - m)
     square = jnp.sum(residual**2)
-    misfit = square / jnp.maximum(freedom, 1)
-    level = jnp.where(freedom < 1, jnp.inf, jnp.sqrt(misfit))
+    reduced_chi_squared = square / jnp.maximum(degrees_of_freedom, 1)
+    level = jnp.where(degrees_of_freedom < 1, jnp.inf, jnp.sqrt(reduced_chi_squared))
     scale = jnp.ones_like(level) if known_noise else level
     finite = jnp.all(jnp.isfinite(jacobian)) & jnp.isfinite(square)
     units = [free.unit(z[i]) for i, free in enumerate(problem.free.values())]
@@ -244,21 +246,21 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     by_unit = jacobian * (unit / jnp.maximum(slope, jnp.finfo(z.dtype).tiny))[None]
     few = max(m - residual.size, 0)  # rows of zeros, for directions that nothing was measured in
     by_unit = jnp.pad(jnp.where(finite, by_unit, 0.0), ((0, few), (0, 0)))
-    along, certainty, directions = jnp.linalg.svd(by_unit, full_matrices=False)
+    along, certainty, combinations = jnp.linalg.svd(by_unit, full_matrices=False)
     certainty = jnp.where(certainty > _RANK * certainty[0], certainty, 0.0)
     # What a step of Gauss and Newton would still take off the sum of squares. Where that is lost
     # in rounding, no step is seen to be one downhill, and the solver goes on until it gives up.
     gain = jnp.where(certainty > 0, jnp.pad(residual, (0, few)) @ along, 0.0)
     arrived = jnp.sum(gain**2) <= _ENOUGH * (1 + square)
-    deviation, covariance = spread(certainty, directions, unit, scale)
+    standard_deviation, covariance = spread(certainty, combinations, unit, scale)
     room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
-    at_bound = jnp.isfinite(deviation) & (room < 0.1 * deviation)
+    at_bound = jnp.isfinite(standard_deviation) & (room < 0.1 * standard_deviation)
     status = jnp.where(jnp.min(certainty) < scale * UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
     ended = (found.result == optimistix.RESULTS.successful) | arrived | jnp.any(at_bound)
     status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
     status = jnp.where(finite, status, Status.NOT_FINITE)
-    known = (values_of(problem.free, z), deviation, covariance)
-    values, deviation, covariance = where_known(status == Status.OK, known)
+    numbers = (values_of(problem.free, z), standard_deviation, covariance)
+    values, standard_deviation, covariance = nan_unless(status == Status.OK, numbers)
     names, residuals, start = list(problem.free), [], 0
     for each in experiments:
         own = residual[start : start + each.measured.size].reshape(each.measured.shape)
@@ -266,13 +268,13 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
         start += own.size
     return Fit(
         parameters=values,
-        deviation={name: deviation[i] for i, name in enumerate(names)},
+        standard_deviation={name: standard_deviation[i] for i, name in enumerate(names)},
         covariance=covariance,
         residuals=tuple(residuals),
-        misfit=jnp.where(finite, misfit, jnp.nan),
-        freedom=freedom,
+        reduced_chi_squared=jnp.where(finite, reduced_chi_squared, jnp.nan),
+        degrees_of_freedom=degrees_of_freedom,
         certainty=certainty,
-        directions=directions,
+        combinations=combinations,
         parameter_scale=unit,
         at_bound=dict(zip(names, at_bound, strict=True)),
         steps=found.stats["num_steps"],

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._checks import known, real_scalar
-from jaxbeam._types import Scalar, is_known
+from jaxbeam._checks import numpy_if_concrete, real_scalar
+from jaxbeam._types import Scalar, is_concrete
 
 
 class FreeParameter(eqx.Module):
@@ -39,8 +39,8 @@ class FreeParameter(eqx.Module):
         self.guess, self.lower = real_scalar("guess", guess), real_scalar("lower", lower)
         self.upper = real_scalar("upper", upper)
         self.bounded = (bool(np.isfinite(lower)), bool(np.isfinite(upper)))
-        numbers = [known(number) for number in (self.lower, self.guess, self.upper)]
-        if is_known(numbers) and not (
+        numbers = [numpy_if_concrete(number) for number in (self.lower, self.guess, self.upper)]
+        if is_concrete(numbers) and not (
             numbers[0] < numbers[1] < numbers[2] and np.isfinite(numbers[1])
         ):
             raise ValueError(f"guess must be finite and between {lower} and {upper}, got {guess}")
@@ -48,11 +48,11 @@ class FreeParameter(eqx.Module):
         if prior is not None:
             if not isinstance(prior, tuple | list) or len(prior) != 2:
                 raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
-            mean, deviation = (real_scalar("prior", number) for number in prior)
-            sound = jnp.isfinite(mean) & jnp.isfinite(deviation) & (deviation > 0)
-            if is_known(sound) and not bool(sound):
+            mean, standard_deviation = (real_scalar("prior", number) for number in prior)
+            sound = jnp.isfinite(mean) & jnp.isfinite(standard_deviation) & (standard_deviation > 0)
+            if is_concrete(sound) and not bool(sound):
                 raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
-            self.prior = mean, deviation
+            self.prior = mean, standard_deviation
 
     def value(self, z: Scalar) -> Scalar:
         """The parameter that belongs to the variable z of the search, which knows no bounds."""

@@ -12,13 +12,13 @@ import jax.scipy.stats as stats
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import known
+from jaxbeam._checks import numpy_if_concrete
 from jaxbeam._fitting.experiments import Experiment, residuals_of
 from jaxbeam._fitting.free import FreeParameter, values_of
 from jaxbeam._numerics.newton import value_and_jacobian
-from jaxbeam._results import per_case, where_known
+from jaxbeam._results import nan_unless, per_case
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar, is_known
+from jaxbeam._types import Code, Scalar, is_concrete
 
 UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
 
@@ -42,8 +42,8 @@ class Problem(eqx.Module):
         parts = residuals_of(self.experiments_at(z))
         for i, free in enumerate(self.free.values()):
             if free.prior is not None:
-                mean, deviation = free.prior
-                parts.append((free.value(z[i]) - mean)[None] / deviation)
+                mean, standard_deviation = free.prior
+                parts.append((free.value(z[i]) - mean)[None] / standard_deviation)
         return jnp.concatenate(parts)
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
@@ -51,8 +51,8 @@ class Problem(eqx.Module):
         return value_and_jacobian(self.residual, z)
 
     def count(self, experiments: list[Experiment]) -> Any:
-        """Of numbers measured, priors among them; in NumPy if they are known."""
-        present = [known(experiment.present).sum() for experiment in experiments]
+        """How many numbers were measured, priors among them; in NumPy if they are known."""
+        present = [numpy_if_concrete(experiment.present).sum() for experiment in experiments]
         return sum(present) + sum(f.prior is not None for f in self.free.values())
 
 
@@ -65,7 +65,7 @@ class Fit(eqx.Module):
     | deviation       | ()     | standard deviations by name; infinite where data cannot tell     |
     | covariance      | (m, m) | of the parameters in alphabetical order (Gauss-Newton)           |
     | residuals       |        | of each experiment, over the noise; NaN where missing            |
-    | misfit          | ()     | sum of squared residuals over `freedom`: 1 where noise is all    |
+    | reduced_chi_squared | ()     | sum of squared residuals over `degrees_of_freedom`: 1 where noise is all    |
     | freedom         | ()     | n - m                                                            |
     | certainty       | (m,)   | singular values of the Jacobian by parameters over these scales  |
     | directions      | (m, m) | the combination of these that belongs to each, in rows           |
@@ -74,19 +74,19 @@ class Fit(eqx.Module):
     | steps           | ()     | of the last search                                               |
     | status          | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`      |
 
-    Unless the status is `OK`, `parameters`, `deviation`, `covariance` and all that follows from
+    Unless the status is `OK`, `parameters`, `standard_deviation`, `covariance` and all that follows from
     them is NaN; `partial` is the same fit with the best that was found. Of a batch, every answer
     has the axes of the batch in front.
     """
 
     parameters: dict[str, Scalar]
-    deviation: dict[str, Scalar]
+    standard_deviation: dict[str, Scalar]
     covariance: Float[Array, "m m"]
     residuals: tuple[Array, ...]
-    misfit: Scalar
-    freedom: Array
+    reduced_chi_squared: Scalar
+    degrees_of_freedom: Array
     certainty: Float[Array, " m"]
-    directions: Float[Array, "m m"]
+    combinations: Float[Array, "m m"]
     parameter_scale: Float[Array, " m"]
     at_bound: dict[str, Array]
     steps: Array
@@ -99,15 +99,15 @@ class Fit(eqx.Module):
     @property
     @per_case
     def partial(self) -> "Fit":
-        """The same fit with the best parameters found, whatever its status, and how sure they are:
+        """This fit with the best parameters found, whatever its status, and how sure they are:
         where the data cannot tell, with infinite deviations."""
-        deviation, covariance = spread(
-            self.certainty, self.directions, self.parameter_scale, self.scale
+        standard_deviation, covariance = spread(
+            self.certainty, self.combinations, self.parameter_scale, self.scale
         )
         return dataclasses.replace(
             self,
             parameters=values_of(self.free, self.z),
-            deviation={name: deviation[i] for i, name in enumerate(self.free)},
+            standard_deviation={name: standard_deviation[i] for i, name in enumerate(self.free)},
             covariance=covariance,
         )
 
@@ -115,8 +115,8 @@ class Fit(eqx.Module):
     @per_case
     def correlation(self) -> Float[Array, "m m"]:
         """Correlation coefficients of the parameters."""
-        deviation = jnp.sqrt(jnp.diag(self.covariance))
-        return self.covariance / (deviation[:, None] * deviation[None])
+        standard_deviation = jnp.sqrt(jnp.diag(self.covariance))
+        return self.covariance / (standard_deviation[:, None] * standard_deviation[None])
 
     @per_case
     def width(self, confidence: float = 0.95) -> Array:
@@ -126,7 +126,7 @@ class Fit(eqx.Module):
             raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
         if self.known_noise:
             return jnp.asarray(stats.norm.ppf(0.5 + confidence / 2))
-        return student(0.5 + confidence / 2, jnp.maximum(self.freedom, 1).astype(float))
+        return student(0.5 + confidence / 2, jnp.maximum(self.degrees_of_freedom, 1).astype(float))
 
     @per_case
     def interval(self, confidence: float = 0.95) -> dict[str, Array]:
@@ -134,12 +134,12 @@ class Fit(eqx.Module):
         would be a factor of e or more, symmetric in the parameter and cut off at its bounds."""
         found = {}
         for z, (name, free) in zip(self.z, self.free.items(), strict=True):
-            half = self.width(confidence) * self.deviation[name]
+            half = self.width(confidence) * self.standard_deviation[name]
             plain = jnp.stack([self.parameters[name] - half, self.parameters[name] + half])
             far = half / free.unit(z)[0]
             near = far < 1
-            reach = jnp.where(near, far, 0.0)
-            curved = jnp.stack([free.value(z - reach), free.value(z + reach)])
+            step = jnp.where(near, far, 0.0)
+            curved = jnp.stack([free.value(z - step), free.value(z + step)])
             found[name] = jnp.where(near, curved, jnp.clip(plain, free.lower, free.upper))
         return found
 
@@ -152,17 +152,17 @@ class Fit(eqx.Module):
 
         values = jnp.stack(list(self.parameters.values()))
         slope = jax.jacfwd(at)(values)
-        change = (slope * jnp.broadcast_to(self.parameter_scale, slope.shape)) @ self.directions.T
+        change = (slope * jnp.broadcast_to(self.parameter_scale, slope.shape)) @ self.combinations.T
         still = jnp.abs(change) <= 1e-6 * jnp.max(jnp.abs(change), axis=-1, keepdims=True)
         sure = jnp.broadcast_to(self.certainty, change.shape)
         spread = jnp.where(still, 0.0, change / jnp.where(still, 1.0, sure))
         found = at(values), self.scale * jnp.linalg.norm(spread, axis=-1)
-        return where_known(jnp.all(jnp.isfinite(values)), found)
+        return nan_unless(jnp.all(jnp.isfinite(values)), found)
 
     def __str__(self) -> str:
         """A table, of one that failed with the numbers of `partial`; of a batch, how many ended
         how."""
-        if not eqx.is_array(self.status) or not is_known(self.status):
+        if not eqx.is_array(self.status) or not is_concrete(self.status):
             return repr(self)
         if np.ndim(self.status):
             ended = Counter(np.ravel(self.status).tolist())
@@ -172,11 +172,11 @@ class Fit(eqx.Module):
         lines = [f"{'':28}{'value':>13}{'deviation':>12}   95 % interval"]
         for name, (low, high) in found.interval().items():
             lines.append(
-                f"{name:28}{float(found.parameters[name]):13.6g}{float(found.deviation[name]):12.2g}"
+                f"{name:28}{float(found.parameters[name]):13.6g}{float(found.standard_deviation[name]):12.2g}"
                 f"   {float(low):.6g} to {float(high):.6g}"
             )
         lines.append(
-            f"misfit {float(self.misfit):.3g} with {int(self.freedom)} degrees of freedom, "
+            f"reduced chi squared {float(self.reduced_chi_squared):.3g} with {int(self.degrees_of_freedom)} degrees of freedom, "
             f"{int(self.steps)} steps: {Status(int(self.status)).message}"
         )
         if self.known_noise and self.excess() > 5:
@@ -186,11 +186,11 @@ class Fit(eqx.Module):
             )
         if bound := ", ".join(name for name, there in self.at_bound.items() if there):
             lines.append(f"held by a bound: {bound}")
-        for sure, direction in zip(self.certainty, self.directions, strict=True):
+        for sure, combination in zip(self.certainty, self.combinations, strict=True):
             if float(sure) < float(self.scale) * UNSURE:
                 share = ", ".join(
                     f"{float(x):+.2f} {name}"
-                    for name, x in zip(names, direction, strict=True)
+                    for name, x in zip(names, combination, strict=True)
                     if abs(float(x)) > 0.05
                 )
                 lines.append(f"the data cannot tell this combination: {share}")
@@ -199,40 +199,43 @@ class Fit(eqx.Module):
     @per_case
     def excess(self) -> Scalar:
         """By how many of its standard deviations the misfit is above 1."""
-        return excess_of(jnp, self.misfit, self.freedom)
+        return excess_of(jnp, self.reduced_chi_squared, self.degrees_of_freedom)
 
 
-def excess_of(xp: Any, misfit: Any, freedom: Any) -> Any:
-    return (misfit - 1.0) / xp.sqrt(2.0 / xp.maximum(freedom, 1))
+def excess_of(xp: Any, reduced_chi_squared: Any, degrees_of_freedom: Any) -> Any:
+    return (reduced_chi_squared - 1.0) / xp.sqrt(2.0 / xp.maximum(degrees_of_freedom, 1))
 
 
-def spread(certainty: Array, directions: Array, unit: Array, scale: Scalar) -> tuple[Array, Array]:
+def spread(
+    certainty: Array, combinations: Array, unit: Array, scale: Scalar
+) -> tuple[Array, Array]:
     """Deviation of each parameter, and their covariance."""
-    spread = unit[:, None] * directions.T / jnp.where(certainty > 0, certainty, 1.0)[None]
+    spread = unit[:, None] * combinations.T / jnp.where(certainty > 0, certainty, 1.0)[None]
     covariance = scale**2 * spread @ spread.T
-    deviation = scale * unit * jnp.sqrt(variance(certainty, directions))
-    lost = ~jnp.isfinite(deviation)
+    standard_deviation = scale * unit * jnp.sqrt(variance(certainty, combinations))
+    lost = ~jnp.isfinite(standard_deviation)
     endless = jnp.where(np.eye(unit.size, dtype=bool), jnp.inf, jnp.nan)
-    return deviation, jnp.where(lost[:, None] | lost[None], endless, covariance)
+    return standard_deviation, jnp.where(lost[:, None] | lost[None], endless, covariance)
 
 
-def variance(certainty: Array, directions: Array) -> Array:
-    """Of the variables of the search; infinite where a direction without certainty has a share."""
-    share = directions**2
+def variance(certainty: Array, combinations: Array) -> Array:
+    """Variances of the variables of the search; infinite where a combination without certainty has a
+    share."""
+    share = combinations**2
     share = jnp.where(share < 1e-12, 0.0, share)
     each = jnp.where(share == 0, 0.0, share / jnp.where(share == 0, 1.0, certainty[:, None] ** 2))
     return jnp.sum(each, axis=0)
 
 
-def student(p: float, freedom: Array) -> Array:
+def student(p: float, degrees_of_freedom: Array) -> Array:
     """Quantile of Student's distribution by bisection of its incomplete beta function."""
-    low, high = jnp.zeros_like(freedom), jnp.full_like(freedom, 1e4)
+    low, high = jnp.zeros_like(degrees_of_freedom), jnp.full_like(degrees_of_freedom, 1e4)
 
     def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
         middle = (low + high) / 2
-        x = freedom / (freedom + middle**2)
-        below = 1 - 0.5 * jax.scipy.special.betainc(freedom / 2, 0.5, x) < p
+        x = degrees_of_freedom / (degrees_of_freedom + middle**2)
+        below = 1 - 0.5 * jax.scipy.special.betainc(degrees_of_freedom / 2, 0.5, x) < p
         return jnp.where(below, middle, low), jnp.where(below, high, middle)
 
     low, high = jax.lax.fori_loop(0, 60, halve, (low, high))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxbeam._ladder.rungs import Indicators, Rung, is_of_elements
-from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.contract.base import AbstractModel
 
 NOT_NEEDED = "not needed"
 
@@ -26,8 +26,8 @@ class Choice:
 
     `met` is False where no rung was found to: then `rung` is the best there is, and `estimate` its
     error. `partial` is what the rung says, `answer` the same where the tolerance is met, else NaN.
-    `law_effect` is what an axial law other than the engineering strain might change
-    (`Answer.law_effect`).
+    `constitutive_uncertainty` is what an axial law other than the engineering strain might change
+    (`Answer.constitutive_uncertainty`).
     """
 
     rung: Rung
@@ -35,7 +35,7 @@ class Choice:
     met: bool
     tolerance: float
     partial: np.ndarray
-    law_effect: float
+    constitutive_uncertainty: float
     indicators: Indicators
     evidence: tuple[Evidence, ...]
 
@@ -50,21 +50,23 @@ class Choice:
         return self.rung.model
 
     def __str__(self) -> str:
-        known = self.indicators
-        takes_part = known.excited > 0.1 * self.tolerance
-        highest = np.max(known.rest_frequency, where=takes_part, initial=0.0)
+        beforehand = self.indicators
+        takes_part = beforehand.excited > 0.1 * self.tolerance
+        highest = np.max(beforehand.rest_frequency, where=takes_part, initial=0.0)
         excited = f"excited up to {highest:.3g} rad/s" if highest else "no mode excited by the hub"
         lines = [
-            f"stiffening ratio {float(known.stiffening_ratio):.2g}, deflection "
-            f"{float(known.size):.2g} L, slope {float(known.slope):.2g}, steady strain "
-            f"{float(known.steady_strain):.2g}, {excited}",
+            f"stiffening ratio {float(beforehand.stiffening_ratio):.2g}, deflection "
+            f"{float(beforehand.size):.2g} L, slope {float(beforehand.slope):.2g}, steady strain "
+            f"{float(beforehand.steady_strain):.2g}, {excited}",
         ]
-        if self.law_effect > self.tolerance:
+        if self.constitutive_uncertainty > self.tolerance:
             lines.append(
                 "strains are not small: an axial law other than that of the engineering strain "
-                f"might change this by some {self.law_effect:.1g}"
+                f"might change this by some {self.constitutive_uncertainty:.1g}"
             )
-        if (stout := np.max(known.stoutness[:, takes_part], initial=0.0)) > self.tolerance:
+        if (
+            stout := np.max(beforehand.timoshenko_reduction[:, takes_part], initial=0.0)
+        ) > self.tolerance:
             lines.append(f"shear and rotary inertia, which no rung has, might take off {stout:.1g}")
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:

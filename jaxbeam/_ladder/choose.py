@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 from jaxbeam._checks import positive, real_scalar
-from jaxbeam._ladder.ahead import Ahead
+from jaxbeam._ladder.background import BackgroundCompiler
 from jaxbeam._ladder.choice import NOT_NEEDED, Choice, Evidence
 from jaxbeam._ladder.questions import Answer, Question, checked_question
 from jaxbeam._ladder.rungs import (
@@ -24,20 +24,20 @@ from jaxbeam._ladder.rungs import (
     Rung,
     chains,
     check_answerable,
+    convergence_factor,
     describe,
     has_other_law,
     indicators,
     is_planar,
     judges,
-    left_of,
     left_out_by,
     ruled_out,
     rungs_of,
     scout_of,
 )
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.modal import Classical, Hybrid
-from jaxbeam._numerics.program import Program
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.modal.theories import Classical, Hybrid
+from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Real, Scalar
@@ -49,7 +49,7 @@ LARGE = 0.1  # and where the scout fails
 _UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
 
 
-def ask(
+def evaluate(
     model: AbstractModel,
     rotor: Rotor,
     question: Question,
@@ -108,9 +108,9 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
     its distance from the judge, plus what the judge may be off, plus what ten times tighter
     integration changes.
 
-    The judge's material has the engineering strain (`EngineeringANCF`, `SpatialANCF`). To estimates
+    The judge's material has the engineering strain (`ExactRodANCF`, `SpatialANCF`). To estimates
     of rungs of any other axial law is added what laws that agree at small strains may differ by,
-    from the strains that the judge meets: see `Answer.law_effect`, which `Choice.law_effect`
+    from the strains that the judge meets: see `Answer.constitutive_uncertainty`, which `Choice.constitutive_uncertainty`
     repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
@@ -122,8 +122,8 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
     checked_question(question)
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
     check_answerable(question, rotor)
-    with Ahead() as ahead:
-        return _chosen(_Asker(question, rotor, INTEGRATION * tolerance, ahead), tolerance)
+    with BackgroundCompiler() as compiler:
+        return _chosen(_Asker(question, rotor, INTEGRATION * tolerance, compiler), tolerance)
 
 
 def _chosen(ask: "_Asker", tolerance: float) -> Choice:
@@ -132,17 +132,19 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     linear, nonlinear = chains(question, rotor, planar)
     rungs, elements = rungs_of(question, rotor, planar), judges(nonlinear, rotor)
     scout = scout_of(linear, elements)
-    known = _scouted(ask, scout, elements)
+    beforehand = _scouted(ask, scout, elements)
     if planar:
-        known = eqx.tree_at(lambda k: k.stoutness, known, known.stoutness[:1])
-    if linear and 0.3 * known.size**2 <= tolerance:  # what linear theory leaves out as a rule
+        beforehand = eqx.tree_at(
+            lambda k: k.timoshenko_reduction, beforehand, beforehand.timoshenko_reduction[:1]
+        )
+    if linear and 0.3 * beforehand.size**2 <= tolerance:  # what linear theory leaves out as a rule
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
-        ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, known, tolerance)][:1])
+        ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, beforehand, tolerance)][:1])
 
     judge, left = _refined(ask, elements, tolerance)
     noise = ask.now(judge, 0.1).distance(ask(judge))
-    left = left + float(noise) + left_out_by(judge, known)
-    trial = _Trial(ask, tolerance, known, scout, nonlinear, judge, left)
+    left = left + float(noise) + left_out_by(judge, beforehand)
+    trial = _Trial(ask, tolerance, beforehand, scout, nonlinear, judge, left)
     for model in (scout, *elements):
         if model in ask.found or model == scout:
             trial.estimates[model] = trial.estimate(model)
@@ -158,18 +160,18 @@ def _scouted(ask: "_Asker", scout: AbstractModel, elements: list[AbstractModel])
     question, rotor = ask.question, ask.rotor
     ask.begin(scout)
     lowered = functools.partial(indicators.lower, question, rotor)
-    ask.ahead.begin(Indicators, lambda: lowered().compile())
+    ask.compiler.begin(Indicators, lambda: lowered().compile())
     ask.begin(*elements[:2])
     seen = ask.now(scout)
     given = Status(int(seen.status))
     if Status.OK < given < Status.OUT_OF_PLANE:
         raise ValueError(given.message)
-    ask.ahead.await_it(Indicators)
-    known = jax.device_get(indicators(question, rotor))
+    ask.compiler.await_it(Indicators)
+    beforehand = jax.device_get(indicators(question, rotor))
     if given == Status.OK:
-        known = eqx.tree_at(lambda k: (k.size, k.slope), known, (seen.size, seen.slope))
-    ask.size = float(np.clip(known.size, 1e-9, 1.0)) if given == Status.OK else LARGE
-    return known
+        beforehand = eqx.tree_at(lambda k: (k.size, k.slope), beforehand, (seen.size, seen.slope))
+    ask.size = float(np.clip(beforehand.size, 1e-9, 1.0)) if given == Status.OK else LARGE
+    return beforehand
 
 
 def _compiled(*given: Any) -> Any:
@@ -179,8 +181,15 @@ def _compiled(*given: Any) -> Any:
 class _Asker:
     """Asks rungs one question about one rotor, and keeps their answers."""
 
-    def __init__(self, question: Question, rotor: Rotor, accuracy: float, ahead: Ahead) -> None:
-        self.question, self.rotor, self.accuracy, self.ahead = question, rotor, accuracy, ahead
+    def __init__(
+        self, question: Question, rotor: Rotor, accuracy: float, compiler: BackgroundCompiler
+    ) -> None:
+        self.question, self.rotor, self.accuracy, self.compiler = (
+            question,
+            rotor,
+            accuracy,
+            compiler,
+        )
         self.size = UNKNOWN
         self.found: dict[AbstractModel, Answer] = {}
 
@@ -192,11 +201,11 @@ class _Asker:
     def begin(self, *models: AbstractModel) -> None:
         """Compile, in the background, the programs of models that are to be asked soon."""
         for model in models:
-            self.ahead.begin(model, functools.partial(_compiled, *self.given(model)))
+            self.compiler.begin(model, functools.partial(_compiled, *self.given(model)))
 
     def now(self, model: AbstractModel, tighter: float = 1.0) -> Answer:
         """The answer of a model now, which is not kept."""
-        self.ahead.await_it(model)
+        self.compiler.await_it(model)
         return jax.device_get(_answer(*self.given(model, tighter)))
 
     def __call__(self, model: AbstractModel) -> Answer:
@@ -213,7 +222,7 @@ def _refined(
 ) -> tuple[AbstractModel, float]:
     """The judge, refined until it stands still, and how far it may be off. Where a finer one fails,
     the finest that another confirms."""
-    share = left_of(ask.question, ask.rotor)
+    share = convergence_factor(ask.question, ask.rotor)
     judge, left, before = elements[1], np.inf, np.inf
     for coarse, fine in itertools.pairwise(elements):
         apart = ask.apart(coarse, fine)
@@ -241,7 +250,7 @@ class _Trial:
 
     ask: _Asker
     tolerance: float
-    known: Indicators
+    beforehand: Indicators
     scout: AbstractModel
     nonlinear: list[AbstractModel]
     judge: AbstractModel
@@ -252,14 +261,14 @@ class _Trial:
     chosen: Rung | None = None
 
     @property
-    def law_effect(self) -> float:
+    def constitutive_uncertainty(self) -> float:
         """What another axial law might change, by the strains that the judge meets."""
-        return float(self.ask(self.judge).law_effect)
+        return float(self.ask(self.judge).constitutive_uncertainty)
 
     def estimate(self, model: AbstractModel) -> float:
         """The error of a rung, which is asked for it."""
         apart = self.ask.apart(model, self.judge)
-        return apart + self.left + (self.law_effect if has_other_law(model) else 0.0)
+        return apart + self.left + (self.constitutive_uncertainty if has_other_law(model) else 0.0)
 
     def look_at(self, rung: Rung, may_ask: bool) -> None:
         """Give the verdict on a rung, which is asked only while none is chosen, and not in vain."""
@@ -281,7 +290,7 @@ class _Trial:
 
     def in_vain(self, model: AbstractModel, before: list[AbstractModel]) -> str:
         """Why a rung need not be asked, if so; those of its kind `before` it were."""
-        if why := ruled_out(model, self.known, self.tolerance) or self.misses(model):
+        if why := ruled_out(model, self.beforehand, self.tolerance) or self.misses(model):
             return why
         stuck = len(before) > 1 and (
             self.ask.apart(*before[-2:]) < 0.1 * self.estimates[before[-1]]
@@ -302,7 +311,7 @@ class _Trial:
         if self.ask.apart(scout, self.judge) > poor:
             # Another linear theory is no better, but by more functions, or in its stretch.
             less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
-            if less or 0.1 * self.known.size**2 > self.tolerance:
+            if less or 0.1 * self.beforehand.size**2 > self.tolerance:
                 return f"{describe(scout)}: {self.estimates[scout]:.2g}"
         return ""
 
@@ -320,8 +329,8 @@ class _Trial:
             met=self.chosen is not None,
             tolerance=self.tolerance,
             partial=np.asarray(self.ask(best.model).value),
-            law_effect=self.law_effect,
-            indicators=self.known,
+            constitutive_uncertainty=self.constitutive_uncertainty,
+            indicators=self.beforehand,
             evidence=evidence,
         )
 

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._checks import real_scalar
-from jaxbeam._ladder.ahead import Ahead
+from jaxbeam._ladder.background import BackgroundCompiler
 from jaxbeam._ladder.choose import UNKNOWN
 from jaxbeam._ladder.questions import Answer, Question
 from jaxbeam._ladder.rungs import is_planar
-from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._sweeps.cases import Cases
 from jaxbeam._sweeps.sweep import compiled, sweep
@@ -68,9 +68,14 @@ class Pool:
     """Answers of cases by models, computed when asked for and kept."""
 
     def __init__(
-        self, situation: Situation, cases: Cases, accuracy: float, ahead: Ahead, **how: Any
+        self,
+        situation: Situation,
+        cases: Cases,
+        accuracy: float,
+        compiler: BackgroundCompiler,
+        **how: Any,
     ) -> None:
-        self.ahead, self.situation, self.accuracy = ahead, situation, accuracy
+        self.compiler, self.situation, self.accuracy = compiler, situation, accuracy
         self.columns = cases.columns
         self.how, self.n = how, len(cases)  # how: chunk, devices and progress of `sweep`
         self.size, self.steps = np.full(self.n, UNKNOWN), np.zeros(self.n, int)
@@ -95,16 +100,16 @@ class Pool:
         some = self.cases(np.zeros(1, int), {SIZE: self.size})
         how = self.how["chunk"], self.how["devices"]
         for model in models:
-            self.ahead.begin(model, functools.partial(compiled, self.asks(model), some, *how))
+            self.compiler.begin(model, functools.partial(compiled, self.asks(model), some, *how))
 
     def ask(self, model: AbstractModel, which: np.ndarray, tighter: float = 1.0) -> Table:
         """The table of answers of some cases by a model, which is not kept."""
-        self.ahead.await_it(model)
+        self.compiler.await_it(model)
         return self.run(self.asks(model, tighter), which, **{SIZE: self.size})
 
     def __call__(self, model: AbstractModel, which: np.ndarray) -> Answer:
-        known = self.found.get(model)
-        new = which if known is None else which[known.status[which] < 0]
+        there = self.found.get(model)
+        new = which if there is None else which[there.status[which] < 0]
         if new.size:
             # A batch goes on until its slowest case is done.
             new = new[np.argsort(self.steps[new], kind="stable")]

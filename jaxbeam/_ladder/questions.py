@@ -11,23 +11,23 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed, count_functions, kind_of
-from jaxbeam._models.base import AbstractModel
-from jaxbeam._models.families import Family, Label
-from jaxbeam._models.loaded import checked_conditions
-from jaxbeam._models.modal import Hybrid
-from jaxbeam._results import where_known
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.loaded import checked_conditions
+from jaxbeam._models.modal.theories import Hybrid
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.wanted import choose
+from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spanwise import along, at_root, beside_kinks
 from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
-from jaxbeam._simulation.course import during
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.simulate import adaptive, simulate
+from jaxbeam._simulation.step_limits import during
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
-from jaxbeam._vibration.modes import find
-from jaxbeam._vibration.wanted import choose
 
 
 class Answer(eqx.Module):
@@ -35,12 +35,12 @@ class Answer(eqx.Module):
 
     `value` (m,) and what its errors are relative to, `scale` (m,); `size`, the largest deflection
     of the tip on the way over the length; `slope`, the largest at the tip; `steps` in time;
-    `status`, and unless it is OK all but the steps is NaN; `law_effect`, what another axial law
+    `status`, and unless it is OK all but the steps is NaN; `constitutive_uncertainty`, what another axial law
     that agrees at small strains might change, relative.
 
-    `law_effect` is the largest strain eps of the centre line plus the square of the largest
+    `constitutive_uncertainty` is the largest strain eps of the centre line plus the square of the largest
     curvature times the radius of gyration, (EI / EA)^(1/2), at the root: to first order in both
-    the bending stiffness and the length of `GreenANCF` and `EngineeringANCF` differ. The limits of
+    the bending stiffness and the length of `GreenANCF` and `ExactRodANCF` differ. The limits of
     these two differ by 0.1 to 0.5 of it in static deflection, at most 0.4 in peaks of spin-ups, 0.1
     to 0.8 in histories and frequencies; once, in a history long enough for phases to drift apart,
     by 1.4.
@@ -52,7 +52,7 @@ class Answer(eqx.Module):
     slope: Array
     steps: Array
     status: Array
-    law_effect: Real = 0.0
+    constitutive_uncertainty: Real = 0.0
 
     def distance(self, reference: "Answer") -> np.ndarray:
         """Largest difference from a better answer, relative; infinite where one has failed. Of
@@ -148,7 +148,7 @@ class _InTime(Question):
         bent = jnp.sum(run.curvature(places) ** 2 * stiffness[None], 2)
         law = jnp.max(jnp.abs(run.strain(places))) + jnp.max(bent)
         numbers = (value, scale, size, slope, law)
-        value, scale, size, slope, law = where_known(run.status == Status.OK, numbers)
+        value, scale, size, slope, law = nan_unless(run.status == Status.OK, numbers)
         steps = run.solution.stats["num_steps"]
         return Answer(value, scale, size, slope, steps, run.status, law)
 
@@ -266,7 +266,7 @@ class ModalFrequencies(Question):
         if not self.which or not all(isinstance(label, Label) for label in self.which):
             raise ValueError(f"which must be labels, see jaxbeam.labels; got {which!r}")
         for label in self.which:
-            if label.family == Family.AXIAL or not 1 <= label.order <= 8:
+            if label.direction == Direction.AXIAL or not 1 <= label.number <= 8:
                 raise ValueError(f"which: bending or torsion of order 1 to 8, got {label}")
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
@@ -274,7 +274,7 @@ class ModalFrequencies(Question):
         wanted, conditions = choose(model, self.which), checked_conditions(self.loads, NO_DAMPING)
         found = find(model, rotor, self.angular_speed, wanted, False, conditions)
         value = found.frequency
-        zero = where_known(found.status == Status.OK, jnp.zeros_like(self.angular_speed))
+        zero = nan_unless(found.status == Status.OK, jnp.zeros_like(self.angular_speed))
         # A mode that diverges where another theory has it vibrate must not pass as 0 of 0.
         tiny = 1e-9 * rotor.beam.frequency_scale
         scale = jnp.maximum(jnp.abs(value), tiny)
@@ -285,11 +285,11 @@ class ModalFrequencies(Question):
         return jnp.abs(self.angular_speed)
 
     def planar(self, rotor: Rotor) -> Array:
-        return jnp.asarray(all(label.family == Family.IN_PLANE for label in self.which))
+        return jnp.asarray(all(label.direction == Direction.IN_PLANE for label in self.which))
 
     @property
     def space_alone(self) -> str:
-        torsion = [str(label) for label in self.which if label.family == Family.TORSION]
+        torsion = [str(label) for label in self.which if label.direction == Direction.TORSION]
         return ", ".join(torsion if self.loads.are_none else ["loads", *torsion])
 
     @property
@@ -299,7 +299,7 @@ class ModalFrequencies(Question):
 
     @property
     def _highest(self) -> int:
-        return max(label.order for label in self.which)
+        return max(label.number for label in self.which)
 
     def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
         """The modes that are asked for take part, others do not."""

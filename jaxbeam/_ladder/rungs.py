@@ -2,7 +2,7 @@
 
 Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
 at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
-elements converge to the right answer for a material of the engineering strain: `EngineeringANCF`
+elements converge to the right answer for a material of the engineering strain: `ExactRodANCF`
 in the plane, `SpatialANCF` in space. That needs to know how the beam twists; where its
 `torsional_stiffness` is not given, von Karman beams take its place, which are right to second order
 of deflection over length.
@@ -16,18 +16,18 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._ladder.questions import ModalFrequencies, Question, checked_question
-from jaxbeam._models.ancf import EngineeringANCF
-from jaxbeam._models.base import AbstractModel
-from jaxbeam._models.basis import CantileverModes, Polynomials, Yielding
-from jaxbeam._models.modal import Classical, Hybrid, VonKarman
-from jaxbeam._models.spatial_ancf import SpatialANCF
-from jaxbeam._numerics.program import Program
+from jaxbeam._models.ancf.theories import ExactRodANCF
+from jaxbeam._models.bases.basis import CantileverModes, Polynomials, Yielding
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
+from jaxbeam._models.space.theory import SpatialANCF
+from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._types import Real, Scalar
-from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, stoutness
+from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
-SPACE = 2.0  # error of von Karman beams over `Indicators.reach`; 0.8 to 1.2 in studies/validity.py
+SPACE = 2.0  # error of von Karman beams over `Indicators.nonlinearity`; 0.8 to 1.2 in studies/validity.py
 
 
 class Rung(NamedTuple):
@@ -44,7 +44,7 @@ class Rung(NamedTuple):
 
 def describe(model: AbstractModel) -> str:
     """A rung in words: theory and size."""
-    if isinstance(model, EngineeringANCF | SpatialANCF):
+    if isinstance(model, ExactRodANCF | SpatialANCF):
         where = " in space" if isinstance(model, SpatialANCF) else ""
         return f"{model.n_elements} element{'s' * (model.n_elements > 1)}{where}"
     assert isinstance(model, Classical | Hybrid | VonKarman)
@@ -64,7 +64,7 @@ def space_alone(question: Question, rotor: Rotor) -> str:
     if not isinstance(question, ModalFrequencies):
         return "precone in motion"
     # About the deflected beam in a cone `Hybrid` has frequencies, but not of all rotors.
-    beyond = rotor.couples_bending or rotor.tip is not None
+    beyond = rotor.couples_bending or rotor.tip_body is not None
     return "precone beside pitch, twist or a body at the tip" if beyond else ""
 
 
@@ -83,7 +83,7 @@ def check_answerable(question: Question, rotor: Rotor) -> None:
 
 def _in_space(rotor: Rotor) -> bool:
     """Whether elements in space know all that the rotor has."""
-    uneven = rotor.tip is not None and rotor.tip.flap_inertia is not None
+    uneven = rotor.tip_body is not None and rotor.tip_body.flap_inertia is not None
     return rotor.beam.torsional_stiffness is not None and not uneven
 
 
@@ -97,7 +97,7 @@ def chains(
     linear: list[AbstractModel] = [_modal(Hybrid, n, rotor, planar) for n in counts]
     if planar or _in_space(rotor):
         sizes = [n for n in sizes_for(rotor) if 2 * n >= question.functions[0]]
-        theory = EngineeringANCF if planar else SpatialANCF
+        theory = ExactRodANCF if planar else SpatialANCF
         return linear, [theory(n).suited(rotor) for n in sizes]
     return linear, [_modal(VonKarman, n, rotor, planar) for n in counts if n > 1]
 
@@ -144,7 +144,7 @@ def rungs(rotor: Rotor, question: Question) -> list[Rung]:
 
 
 def rungs_of(question: Question, rotor: Rotor, planar: bool) -> list[Rung]:
-    """The same where it is known whether all stays in the plane."""
+    """`rungs` where it is known whether all stays in the plane."""
     linear, nonlinear = chains(question, rotor, planar)
     judged = is_of_elements(nonlinear[0])  # else von Karman beams are there already
     # In a cone there is `Hybrid` without stretch alone, beside elements.
@@ -166,10 +166,10 @@ def _cost(question: Question, model: AbstractModel) -> float:
     a linear run, 2.3 times as many where motion is not linear, five times the work where von
     Karman's strain is integrated. They say only which of two rungs is tried first.
     """
-    n = len(model.families)
+    n = len(model.directions)
     if isinstance(question, ModalFrequencies):
         return 40 + 5e-3 * n**3
-    if isinstance(model, EngineeringANCF | SpatialANCF):
+    if isinstance(model, ExactRodANCF | SpatialANCF):
         # More than twice as many steps as linear motion; of blocks of eight in place of four.
         dearer = 4 if isinstance(model, SpatialANCF) else 1
         return dearer * 2.3 * 200 * (2 + 2.2 * model.n_elements)
@@ -201,10 +201,10 @@ class Indicators(eqx.Module):
     slope: Scalar
     rest_frequency: Array
     excited: Array
-    stoutness: Array
+    timoshenko_reduction: Array
 
     @property
-    def reach(self) -> Real:
+    def nonlinearity(self) -> Real:
         """What linear theories, and that of von Karman, leave out goes with this."""
         return self.size**2 + self.steady_strain
 
@@ -224,7 +224,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
         slope=unknown,
         rest_frequency=omega[:6],
         excited=question.excited(omega[:6]),
-        stoutness=stoutness(rotor),
+        timoshenko_reduction=timoshenko_reduction(rotor),
     )
 
 
@@ -242,51 +242,53 @@ def scout_of(linear: list[AbstractModel], elements: list[AbstractModel]) -> Abst
 
 
 def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
-    """Those that may judge: coarser ones seldom do, and each would have to be compiled."""
+    """Rungs that may judge: coarser ones seldom do, and each would have to be compiled."""
     coarse = 2
     if not rotor.beam.is_uniform and is_of_elements(nonlinear[0]):
         coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 
 
-def ruled_out(model: AbstractModel, known: Indicators, tolerance: float) -> str:
+def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) -> str:
     """Why it need not be tried: a tenth of what it leaves out as a rule (`studies/validity.py`; of
     a mode, its share) is too much."""
     if is_of_elements(model):
         return ""
     assert isinstance(model, Classical | Hybrid | VonKarman)
-    if isinstance(model, Classical) and 0.05 * known.stiffening_ratio > tolerance:
-        return f"stiffening ratio {float(known.stiffening_ratio):.2g}"
+    if isinstance(model, Classical) and 0.05 * beforehand.stiffening_ratio > tolerance:
+        return f"stiffening ratio {float(beforehand.stiffening_ratio):.2g}"
     if not isinstance(model, VonKarman):
-        if 0.03 * known.size**2 > tolerance:
-            return f"deflection {float(known.size):.2g} L, slope {float(known.slope):.2g}"
-        if 0.04 * known.steady_strain > tolerance:
-            return f"steady strain {float(known.steady_strain):.2g}"
-    elif 0.05 * SPACE * known.size**2 > tolerance:
-        return f"deflection {float(known.size):.2g} L, slope {float(known.slope):.2g}"
+        if 0.03 * beforehand.size**2 > tolerance:
+            return f"deflection {float(beforehand.size):.2g} L, slope {float(beforehand.slope):.2g}"
+        if 0.04 * beforehand.steady_strain > tolerance:
+            return f"steady strain {float(beforehand.steady_strain):.2g}"
+    elif 0.05 * SPACE * beforehand.size**2 > tolerance:
+        return f"deflection {float(beforehand.size):.2g} L, slope {float(beforehand.slope):.2g}"
     n = model.n_in_plane
-    if n < len(known.excited) and known.excited[n] > 10 * tolerance:
-        return f"mode {n + 1} takes part, {float(known.excited[n]):.1g} of what the first could"
+    if n < len(beforehand.excited) and beforehand.excited[n] > 10 * tolerance:
+        return (
+            f"mode {n + 1} takes part, {float(beforehand.excited[n]):.1g} of what the first could"
+        )
     return ""
 
 
 def has_other_law(model: AbstractModel) -> bool:
     """Whether its material is not that of the engineering strain, to which errors refer. Then what
-    the law may change (`Answer.law_effect`) is part of its error, even if it agrees by chance."""
+    the law may change (`Answer.constitutive_uncertainty`) is part of its error, even if it agrees by chance."""
     return not is_of_elements(model)
 
 
 def is_of_elements(model: AbstractModel) -> bool:
     """Whether it is a rung of geometrically exact elements."""
-    return isinstance(model, EngineeringANCF | SpatialANCF)
+    return isinstance(model, ExactRodANCF | SpatialANCF)
 
 
-def left_out_by(judge: AbstractModel, known: Indicators) -> float:
+def left_out_by(judge: AbstractModel, beforehand: Indicators) -> float:
     """What a judge may be off however fine it is."""
-    return 0.0 if is_of_elements(judge) else SPACE * float(known.reach)
+    return 0.0 if is_of_elements(judge) else SPACE * float(beforehand.nonlinearity)
 
 
-def left_of(question: Question, rotor: Rotor) -> float:
+def convergence_factor(question: Question, rotor: Rotor) -> float:
     """Share of the difference between two rungs that the finer may be off: twice what the order of
     convergence says, elements being halved. With a kink of a property within elements the order is
     three at most, with a step one: then the differences to come add up to the last one."""

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._checks import count_functions
-from jaxbeam._ladder.ahead import Ahead
+from jaxbeam._ladder.background import BackgroundCompiler
 from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, UNKNOWN, checked_tolerance
 from jaxbeam._ladder.pool import Example, Know, Pool, Situation, answers_in, some_of
 from jaxbeam._ladder.questions import Answer, Question
@@ -19,18 +19,18 @@ from jaxbeam._ladder.rungs import (
     SPACE,
     chains,
     check_answerable,
+    convergence_factor,
     describe,
     has_other_law,
     is_of_elements,
     judges,
-    left_of,
     scout_of,
 )
-from jaxbeam._models.base import AbstractModel
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._status import Status
 from jaxbeam._sweeps.cases import Cases, checked_cases
-from jaxbeam._sweeps.table import Table, tabled
+from jaxbeam._sweeps.table import Table, as_table
 
 _SAFETY = 1.5
 _RATIO = 0.25  # error over distance from the rung below, where nothing is known of it
@@ -43,7 +43,7 @@ class _Chain(NamedTuple):
     """What representatives say of a chain of models.
 
     The error of rung k is `ratio[k]` times its distance from rung k - 1, at least `floor[k]`; plus
-    `theory` times `Indicators.reach`, up to the reach `limit`; plus `noise` of integration.
+    `theory` times `Indicators.nonlinearity`, up to the nonlinearity `limit`; plus `noise` of integration.
     """
 
     models: list[AbstractModel]
@@ -54,11 +54,11 @@ class _Chain(NamedTuple):
     limit: float
     noise: float
 
-    def left_out(self, reach: np.ndarray) -> np.ndarray:
+    def left_out(self, nonlinearity: np.ndarray) -> np.ndarray:
         """The error of the theory itself at a deflection, which no finer rung mends."""
-        known = np.isfinite(reach) | (self.theory == 0)
-        inside = self.theory * np.where(np.isfinite(reach), reach, 0.0)
-        return np.where(known & (reach <= self.limit), inside, np.inf)
+        finite = np.isfinite(nonlinearity) | (self.theory == 0)
+        inside = self.theory * np.where(np.isfinite(nonlinearity), nonlinearity, 0.0)
+        return np.where(finite & (nonlinearity <= self.limit), inside, np.inf)
 
 
 def ladder_sweep(
@@ -85,7 +85,7 @@ def ladder_sweep(
     discretisation over the distance from the rung below; what integration adds; and where to start.
     Then each case gets the answers of two neighbouring rungs. The estimate of its error is 1.5
     times the sum of what these, its deflection and integration say, plus, but for elements, what
-    another axial law might change (`Answer.law_effect`); where that is more than the tolerance the
+    another axial law might change (`Answer.constitutive_uncertainty`); where that is more than the tolerance the
     case goes on to a richer rung, of the same chain or the non-linear one.
 
     The `Table` holds, beside the coordinates of the cases:
@@ -111,9 +111,9 @@ def ladder_sweep(
     count_functions("chunk", chunk, least=1)
     example = _example(situation, cases)
     check_answerable(example[1], example[0])
-    with Ahead() as ahead:
+    with BackgroundCompiler() as compiler:
         how = {"chunk": chunk, "devices": devices, "progress": progress}
-        pool = Pool(situation, cases, INTEGRATION * tolerance, ahead, **how)
+        pool = Pool(situation, cases, INTEGRATION * tolerance, compiler, **how)
         return _answered(pool, cases, example, tolerance, representatives)
 
 
@@ -121,20 +121,22 @@ def _answered(
     pool: Pool, cases: Cases, example: Example, tolerance: float, representatives: int
 ) -> Table:
     n = len(cases)
-    known = pool.run(Know(pool.situation), np.arange(n))
-    given = known["status"]
+    beforehand = pool.run(Know(pool.situation), np.arange(n))
+    given = beforehand["status"]
     results = _blank(n, 1)
     results["status"][:] = given
     for planar in (True, False):
-        which = np.flatnonzero((given == Status.OK) & (known["planar"] == planar))
+        which = np.flatnonzero((given == Status.OK) & (beforehand["planar"] == planar))
         if which.size:
-            part = _swept(pool, example, which, known["strain"], planar, tolerance, representatives)
+            part = _swept(
+                pool, example, which, beforehand["strain"], planar, tolerance, representatives
+            )
             for name in ("value", "partial"):
                 if results[name].shape[1:] != part[name].shape[1:]:
                     results[name] = np.full((n, *part[name].shape[1:]), np.nan)
             for name, values in part.items():
                 results[name][which] = values
-    return tabled(cases, results, known.errors, {})
+    return as_table(cases, results, beforehand.errors, {})
 
 
 def _blank(n: int, m: int) -> dict[str, np.ndarray]:
@@ -184,22 +186,24 @@ def _swept(
     pool.steps[cases] = scout["steps"]
     exact = np.flatnonzero(ok & (scout["size"] >= UNKNOWN))  # integrated tightly enough as it is
     pool.keep(first, cases[exact], scout.take("row", exact))
-    reach = np.where(ok, scout["size"] ** 2 + strain[cases], np.inf)
+    nonlinearity = np.where(ok, scout["size"] ** 2 + strain[cases], np.inf)
     fine = ok | ((given > Status.OUT_OF_PLANE) & (given != Status.RAISED))
 
     out = _blank(len(cases), scout["value"].shape[1])
     out["status"][:] = given
     if not fine.any():
         return out
-    linear = linear if 0.03 * reach.min() <= tolerance else []  # a tenth of what it leaves out
+    linear = (
+        linear if 0.03 * nonlinearity.min() <= tolerance else []
+    )  # a tenth of what it leaves out
     pool.begin(*linear[:2])
-    sample = _representatives(pool, cases, reach, np.flatnonzero(fine), representatives)
-    known = cases[sample], reach[sample], tolerance, left_of(question, rotor)
-    rich, truth = _calibrated(pool, elements, *known)
-    poor = [_linear(pool, linear, truth, rich.theory, *known)] if linear else []
+    sample = _representatives(pool, cases, nonlinearity, np.flatnonzero(fine), representatives)
+    these = cases[sample], nonlinearity[sample], tolerance, convergence_factor(question, rotor)
+    rich, truth = _calibrated(pool, elements, *these)
+    poor = [_linear(pool, linear, truth, rich.theory, *these)] if linear else []
     estimate, status = out["estimate"], out["status"]
     for chain in (*poor, rich):
-        left_out = chain.left_out(reach)
+        left_out = chain.left_out(nonlinearity)
         todo = fine & ~(estimate <= tolerance)
         if chain is not rich:  # no finer rung mends what its theory leaves out
             todo &= _SAFETY * left_out <= 0.8 * tolerance
@@ -211,7 +215,7 @@ def _swept(
             own = np.maximum(chain.ratio[k] * here.distance(coarse), chain.floor[k])
             error = _SAFETY * (own + left_out[which] + chain.noise)
             if has_other_law(chain.models[k]):  # models without stretch know no strain
-                error = error + np.maximum(here.law_effect, strain[cases[which]])
+                error = error + np.maximum(here.constitutive_uncertainty, strain[cases[which]])
             nothing = out["rung"][which] == ""  # then any answer is better
             better = (error < estimate[which]) | (nothing & (here.status == Status.OK))
             best = which[better]
@@ -230,14 +234,16 @@ def _swept(
 
 
 def _representatives(
-    pool: Pool, cases: np.ndarray, reach: np.ndarray, fine: np.ndarray, count: int
+    pool: Pool, cases: np.ndarray, nonlinearity: np.ndarray, fine: np.ndarray, count: int
 ) -> np.ndarray:
     """Places in `cases` far from each other in the ranks of parameters and of reach, the farthest
     reach first: each is the one that is farthest from all before it."""
-    columns = [c[cases][fine] for c in pool.columns.values()] + 2 * [reach[fine]]  # counts twice
+    columns = [c[cases][fine] for c in pool.columns.values()] + 2 * [
+        nonlinearity[fine]
+    ]  # counts twice
     ranks = [np.unique(c, return_inverse=True)[1].astype(float) for c in columns]
     place = np.stack([r / max(r.max(), 1.0) for r in ranks], 1)
-    chosen = [int(np.argmax(np.where(np.isfinite(reach[fine]), reach[fine], -1.0)))]
+    chosen = [int(np.argmax(np.where(np.isfinite(nonlinearity[fine]), nonlinearity[fine], -1.0)))]
     nearest = np.full(len(fine), np.inf)
     while len(chosen) < min(count, len(fine)):
         nearest = np.minimum(nearest, np.linalg.norm(place - place[chosen[-1]], axis=1))
@@ -246,7 +252,7 @@ def _representatives(
 
 
 def _calibrated(
-    pool: Pool, elements: list[AbstractModel], sample: np.ndarray, reach: np.ndarray,
+    pool: Pool, elements: list[AbstractModel], sample: np.ndarray, nonlinearity: np.ndarray,
     tolerance: float, share: float,
 ) -> tuple[_Chain, Answer]:  # fmt: skip
     """The non-linear chain, and its best answers."""
@@ -259,11 +265,11 @@ def _calibrated(
 
 def _linear(
     pool: Pool, linear: Sequence[AbstractModel], truth: Answer, beyond: float,
-    sample: np.ndarray, reach: np.ndarray, tolerance: float, share: float,
+    sample: np.ndarray, nonlinearity: np.ndarray, tolerance: float, share: float,
 ) -> _Chain:  # fmt: skip
     """The linear chain, up to a rung whose number of functions will do. Where the reach is small it
     errs by that number alone."""
-    small = (reach <= _SMALL * tolerance) & (truth.status == Status.OK)
+    small = (nonlinearity <= _SMALL * tolerance) & (truth.status == Status.OK)
     for top in range(min(2, len(linear)), len(linear) + 1):
         models = list(linear[:top])
         chain = _chain(pool, sample, models, truth, np.where(small, top, 0), share, tolerance)
@@ -273,9 +279,9 @@ def _linear(
             own = chain.ratio[-1] * best.distance(pool(models[-2], sample))
         if not small.any() or np.median(own[small]) <= _START * tolerance:
             break
-    use = np.isfinite(off) & np.isfinite(own) & (reach > 0)
-    more = np.maximum(off - own - _NOISE * tolerance, 0)[use] / reach[use]
-    limit = float(np.max(reach[np.isfinite(off)], initial=-1.0))
+    use = np.isfinite(off) & np.isfinite(own) & (nonlinearity > 0)
+    more = np.maximum(off - own - _NOISE * tolerance, 0)[use] / nonlinearity[use]
+    limit = float(np.max(nonlinearity[np.isfinite(off)], initial=-1.0))
     return chain._replace(theory=float(np.max(more, initial=0.0)) + beyond, limit=limit)
 
 

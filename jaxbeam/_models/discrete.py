@@ -24,9 +24,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, Equations
-from jaxbeam._models.families import Family
-from jaxbeam._models.strained import viscous
+from jaxbeam._models.contract.base import AbstractModel, Equations
+from jaxbeam._models.contract.strained import viscous
+from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
@@ -36,14 +36,14 @@ class _Discrete(AbstractModel[SpringRotor]):
     rotor_type = SpringRotor
 
     @property
-    def families(self) -> tuple[Family, ...]:
-        """Families of the two coordinates: along the tube first, then across."""
-        return Family.AXIAL, Family.IN_PLANE
+    def directions(self) -> tuple[Direction, ...]:
+        """Directions of the two coordinates: along the tube first, then across."""
+        return Direction.AXIAL, Direction.IN_PLANE
 
     def displacement(
         self, xi: Float[np.ndarray, " p"], rotor: SpringRotor
     ) -> Float[Array, "3 p n"]:
-        """Of the particle, whatever xi is, to first order; theta counts as metres of y / L."""
+        """Displacement of the particle, whatever xi is, to first order; theta counts as metres of y / L."""
         one = jnp.ones(np.asarray(xi).size)
         zero = jnp.zeros((*one.shape, 2))
         return jnp.stack([zero.at[:, 0].set(one), zero.at[:, 1].set(one), zero])
@@ -59,9 +59,9 @@ class _Particle(Equations):
     """The particle at (X, y) in the frame of the hub, X = d + L + x."""
 
     mass: Matrix
-    rigid: Triple
-    size: Scalar
-    end: Scalar
+    rigid_moments: Triple
+    length: Scalar
+    tip_radius: Scalar
     energy_scale: Scalar
     rotor: SpringRotor
     strains: Strains = eqx.field(static=True)
@@ -135,13 +135,13 @@ class _Cartesian(_Particle):
         m, d, length = self.rotor.mass, self.rotor.hub_radius, self.rotor.length
         spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
         at = jnp.stack([d + length + q[0], q[1]])
-        turned, turning = jnp.stack([-at[1], at[0]]), jnp.stack([-v[1], v[0]])
-        inertia = rate * turned + 2 * spin * turning - spin**2 * at + hub.acceleration[:2]
+        normal, normal_rate = jnp.stack([-at[1], at[0]]), jnp.stack([-v[1], v[0]])
+        inertia = rate * normal + 2 * spin * normal_rate - spin**2 * at + hub.acceleration[:2]
         out = -m * inertia - self.elastic_force(q)
         return out if tip_force is None else out + tip_force[:2]
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        end = jnp.zeros(3).at[0].set(self.end)
+        end = jnp.zeros(3).at[0].set(self.tip_radius)
         rigid = velocity + cross(spin, end)
         more = skew(spin) @ self.tip(q) + jnp.concatenate([v, jnp.zeros(1)])
         return self.rotor.mass * (rigid @ more + more @ more / 2)
@@ -155,7 +155,7 @@ class _Polar(_Particle):
         return jnp.stack([q[0] - 2 * (length + q[0]) * jnp.sin(q[1] / 2) ** 2, across])
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        end = jnp.zeros(3).at[0].set(self.end)
+        end = jnp.zeros(3).at[0].set(self.tip_radius)
         rigid = velocity + cross(spin, end)
         moving = jax.jvp(self.place, (q,), (v,))[1]
         more = skew(spin) @ self.tip(q) + jnp.concatenate([moving, jnp.zeros(1)])
@@ -211,7 +211,7 @@ class _LinearPolar(_Polar):
         return jnp.stack([m * along + pull[0], pull[1] - m * across]) - elastic
 
     def place(self, q: Vector) -> Float[Array, " 2"]:
-        """Of second order, as the kinetic energy behind the linear equations has it."""
+        """Place of second order, as the kinetic energy behind the linear equations has it."""
         length = self.rotor.length
         return jnp.stack([q[0] - length * q[1] ** 2 / 2, (length + q[0]) * q[1]])
 
@@ -226,7 +226,7 @@ class _LinearPolar(_Polar):
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
         """To second order in s, theta and their rates."""
         m, length = self.rotor.mass, self.rotor.length
-        end = jnp.zeros(3).at[0].set(self.end)
+        end = jnp.zeros(3).at[0].set(self.tip_radius)
         rigid = velocity + cross(spin, end)
         flat, none = jnp.array([1.0, length]), jnp.zeros(1)
         more = skew(spin) @ jnp.concatenate([flat * q, none]) + jnp.concatenate([flat * v, none])
@@ -240,9 +240,9 @@ def _particle(kind: type[_Particle], rotor: SpringRotor, strains: Strains) -> _P
     arm = rotor.length if issubclass(kind, _Polar) else one  # metres across per unit of q_2
     return kind(
         mass=rotor.mass * jnp.diag(jnp.stack([one, arm**2])),
-        rigid=rotor.mass * jnp.stack([one, end, end**2]),
-        size=rotor.length,
-        end=end,
+        rigid_moments=rotor.mass * jnp.stack([one, end, end**2]),
+        length=rotor.length,
+        tip_radius=end,
         energy_scale=rotor.torsional_spring,
         rotor=rotor,
         strains=strains,

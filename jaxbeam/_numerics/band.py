@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._numerics.lanes import total
+from jaxbeam._programs.lanes import total
 
 Band = Float[Array, "n w ..."]
 _Vector = Float[Array, "n ..."]
@@ -32,8 +32,8 @@ def full(matrix: Float[Array, "n n *lanes"]) -> Float[Array, "n n *lanes"]:
 
 def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
     """Width of a band that holds all tables: the number of diagonals from the main one on."""
-    reach = (int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
-    return 1 + max(reach, default=0)
+    diagonals = (int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
+    return 1 + max(diagonals, default=0)
 
 
 def product(a: Any, x: _Vector) -> _Vector:
@@ -154,13 +154,13 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
         first = size**2 * total(new * new_cx) - 2 * omega
         change = 2 * now / (jnp.sqrt(first**2 + 4 * now) - first)
         better = omega + change
-        turn = jnp.sqrt(jnp.abs(1 - (size * total(x * new_mx)) ** 2))
+        sine = jnp.sqrt(jnp.abs(1 - (size * total(x * new_mx)) ** 2))
         # Below omega, where the one found may lie. The last count is the nearest one, but where
         # omega is right to rounding its own sign is not.
         here = total(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
         counts = (done < 1) & ((i < 1) | (jnp.abs(change) > 1e-10 * better))
         # What is done stays as it is, whatever its neighbours in a batch still need.
-        small = jnp.where(jnp.abs(change) * turn < tolerance * better, 1.0, 0.0)
+        small = jnp.where(jnp.abs(change) * sine < tolerance * better, 1.0, 0.0)
         return (
             i + 1,
             jnp.where(done < 1, better, omega),

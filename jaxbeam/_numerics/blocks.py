@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.lanes import contract
-from jaxbeam._numerics.platforms import loops_are_dear
+from jaxbeam._programs.lanes import contract
+from jaxbeam._programs.platforms import loops_are_dear
 
 Blocks = Float[Array, "k b b *lanes"]
 _Vector = Float[Array, "n *lanes"]
@@ -129,9 +129,9 @@ class BlockInverse(eqx.Module):
         return x
 
 
-def _written_out(turns: int) -> int:
+def _written_out(rounds: int) -> int:
     """How many turns of a loop over blocks are written out: programs grow with them."""
-    return min(turns, 16) if loops_are_dear() else 1
+    return min(rounds, 16) if loops_are_dear() else 1
 
 
 def padded(x: Array, before: int, after: int) -> Array:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.platforms import loops_are_dear
+from jaxbeam._programs.platforms import loops_are_dear
 
 _FEW = 16  # rows up to which it may be written out
 
@@ -36,7 +36,7 @@ def _in_turn(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def _written_out(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """The same without a loop. Rows stay where they are, and are chosen by masks, which make fewer
+    """The inverse without a loop. Rows stay where they are, and are chosen by masks, which make fewer
     kernels than reading and writing at places that are computed."""
     places = np.arange(a.shape[0])
     left = jnp.ones(a.shape[0], bool)  # rows that have not had their turn

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact, Int
 
-from jaxbeam._numerics.batches import one_by_one
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.gauss_jordan import gauss_jordan
 from jaxbeam._numerics.loose import cholesky, lower_solve, reduced, settled, shift, unshifted
+from jaxbeam._programs.batches import one_by_one
 
 
 @one_by_one
@@ -211,32 +211,32 @@ class _Planar(NamedTuple):
 def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[Array, ...]]:
     def factors(m: Array, gyro: Array, k: Array) -> tuple[_Planar, Array, Array, Array, Array]:
         """The system, the factors of K, and whether there is the axial one, and the other."""
-        plane = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(len(m)) < nt)[:, None])
+        planar = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(len(m)) < nt)[:, None])
         lu, lw = cholesky(k[nt:, nt:]), cholesky(k[:nt, :nt])
         # Where there is no factor all of its entries are NaN, so that the first one tells.
         axial_ok, stable = (jnp.all(jnp.isfinite(factor[:1, :1])) for factor in (lu, lw))
-        return plane, lu, lw, axial_ok, stable
+        return planar, lu, lw, axial_ok, stable
 
     def quick(m: Array, gyro: Array, k: Array) -> tuple[tuple[Array, Array, Array], Array]:
-        plane, lu, lw, axial_ok, fine = factors(m, gyro, k)
-        lam, x = plane.definite(lw, lu)
+        planar, lu, lw, axial_ok, fine = factors(m, gyro, k)
+        lam, x = planar.definite(lw, lu)
         fine &= axial_ok & jnp.all(jnp.isfinite(lam)) & jnp.all(jnp.isfinite(x))
         return (lam, x.T, axial_ok.astype(int)), fine
 
     def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
         n = m.shape[0]
-        plane, lu, lw, axial_ok, stable = factors(m, gyro, k)
+        planar, lu, lw, axial_ok, stable = factors(m, gyro, k)
         finite = jnp.all(jnp.isfinite(m + gyro + k))
 
         def definite(_: None) -> tuple[Array, Array]:
-            return plane.definite(lw, lu)
+            return planar.definite(lw, lu)
 
         def indefinite(_: None) -> tuple[Array, Array]:
-            return plane.indefinite() if nt < n else plane.transverse_alone()
+            return planar.indefinite() if nt < n else planar.transverse_alone()
 
         def loose(_: None) -> tuple[Array, Array]:
             lam, x = settled(
-                lambda more: plane.shifted(more, lu), lambda: shift(m[:nt, :nt], k[:nt, :nt])
+                lambda more: planar.shifted(more, lu), lambda: shift(m[:nt, :nt], k[:nt, :nt])
             )
             return jax.lax.cond(jnp.isfinite(lam[0]), lambda: (lam, x), lambda: indefinite(None))
 
@@ -294,9 +294,9 @@ def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     n, lower = m.shape[0], cholesky(k)
     stable = jnp.all(jnp.isfinite(lower)) & jnp.all(jnp.isfinite(m + gyro))
     lower = jnp.where(stable, lower, jnp.eye(n, dtype=m.dtype))
-    turned = lower_solve(lower, lower_solve(lower, gyro).T).T
+    reduced_gyro = lower_solve(lower, lower_solve(lower, gyro).T).T
     mixed = lower_solve(lower, cholesky(m))
-    skew = jnp.block([[-turned, -mixed], [mixed.T, jnp.zeros_like(m)]])
+    skew = jnp.block([[-reduced_gyro, -mixed], [mixed.T, jnp.zeros_like(m)]])
     y, nu = jax.lax.linalg.eigh(1j * (skew - skew.T) / 2, symmetrize_input=False)
     x = lower_solve(lower + 0j, y[:n, ::-1][:, :n], transpose=True)
     x = x / jnp.sqrt(jnp.sum((x.conj() * (m @ x)).real, axis=0))[None]
@@ -355,7 +355,7 @@ def principal_rows(a: Float[Array, "m n"]) -> tuple[Float[Array, " n"], Float[Ar
 def modes_and_squares(
     mass: Array, stiffness: Array, more: Array | None = None
 ) -> tuple[Array, Array]:
-    """Of one problem K v = mu M v the modes as rows, and mu; with `more`, by way of K + more M."""
+    """Modes of K v = mu M v as rows, and mu; with `more`, by way of K + more M."""
     f = cholesky(mass)
     flexible = jnp.linalg.solve(stiffness if more is None else stiffness + more * mass, f)
     a = f.T @ flexible

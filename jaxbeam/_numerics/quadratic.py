@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.batches import one_by_one
 from jaxbeam._numerics.linalg import BlockPairs, by_skew, modes_and_squares
+from jaxbeam._programs.batches import one_by_one
 
 
 def quadratic_eigenpairs(

@@ -15,10 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, known, positive
+from jaxbeam._checks import kind_of, numpy_if_concrete, positive
 from jaxbeam._numerics.linalg import largest
 from jaxbeam._rotor.ends import RootSprings, TipBody
-from jaxbeam._rotor.parameters import TURN, Parameters, along_span, angle, optional, parameter
+from jaxbeam._rotor.parameters import FULL_TURN, Parameters, along_span, angle, optional, parameter
 from jaxbeam._rotor.span import Span, on, outboard
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
@@ -63,7 +63,7 @@ class Beam(Parameters):
     axial_stiffness: Property = along_span(Status.INVALID_AXIAL_STIFFNESS)
     in_plane_bending_stiffness: Property = along_span(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
     flap_bending_stiffness: Property = along_span(Status.INVALID_FLAP_BENDING_STIFFNESS)
-    twist: Property | None = angle(Status.INVALID_TWIST, TURN, varies=True)
+    twist: Property | None = angle(Status.INVALID_TWIST, FULL_TURN, varies=True)
     torsional_stiffness: Property | None = optional(Status.INVALID_TORSIONAL_STIFFNESS, varies=True)
     polar_inertia: Property | None = optional(Status.INVALID_POLAR_INERTIA, varies=True)
 
@@ -103,7 +103,7 @@ class Beam(Parameters):
         }
         if flap_second_moment is not None:
             named["flap_second_moment"] = flap_second_moment
-        section = {name: known(positive(name, value)) for name, value in named.items()}
+        section = {name: numpy_if_concrete(positive(name, value)) for name, value in named.items()}
         modulus = section["youngs_modulus"]
         in_plane = modulus * section["in_plane_second_moment"]
         flap = in_plane
@@ -125,7 +125,7 @@ class Beam(Parameters):
         are in units of sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses
         in units of the mass of the beam. `flap_to_in_plane` is EI_yy / EI_zz.
         """
-        ratio = known(positive("slenderness", slenderness))
+        ratio = numpy_if_concrete(positive("slenderness", slenderness))
         return cls(
             length=1.0,
             mass_per_length=1.0,
@@ -206,10 +206,10 @@ class Rotor(Parameters):
     beam: Beam
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     tip_mass: Scalar = parameter(Status.INVALID_TIP_MASS, zero=True)
-    pitch: Scalar | None = angle(Status.INVALID_PITCH, TURN)
-    root: RootSprings | None = None
-    tip: TipBody | None = None
-    precone: Scalar | None = angle(Status.INVALID_PRECONE, TURN / 4)
+    pitch: Scalar | None = angle(Status.INVALID_PITCH, FULL_TURN)
+    root_springs: RootSprings | None = None
+    tip_body: TipBody | None = None
+    precone: Scalar | None = angle(Status.INVALID_PRECONE, FULL_TURN / 4)
 
     def __init__(
         self,
@@ -217,12 +217,13 @@ class Rotor(Parameters):
         hub_radius: Real = 0.0,
         tip_mass: Real = 0.0,
         pitch: Real | None = None,
-        root: RootSprings | None = None,
-        tip: TipBody | None = None,
+        root_springs: RootSprings | None = None,
+        tip_body: TipBody | None = None,
         precone: Real | None = None,
     ) -> None:
         for value, kind, name in (
-            (beam, Beam, "beam"), (root, RootSprings | None, "root"), (tip, TipBody | None, "tip"),
+            (beam, Beam, "beam"), (root_springs, RootSprings | None, "root_springs"),
+            (tip_body, TipBody | None, "tip_body"),
         ):  # fmt: skip
             if not isinstance(value, kind):
                 wanted = getattr(kind, "__name__", None) or str(kind).split(".")[-1]
@@ -232,13 +233,17 @@ class Rotor(Parameters):
     @property
     def is_plain(self) -> bool:
         """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip."""
-        extras = (self.pitch, self.root, self.tip, self.precone)
+        extras = (self.pitch, self.root_springs, self.tip_body, self.precone)
         return self.beam.is_uniform and all(extra is None for extra in extras)
 
     @property
     def springs(self) -> tuple[Scalar | None, Scalar | None]:
-        """Those of the root, in plane and in flap; None where it is clamped."""
-        return (None, None) if self.root is None else (self.root.in_plane, self.root.flap)
+        """Springs of the root, in plane and in flap; None where it is clamped."""
+        return (
+            (None, None)
+            if self.root_springs is None
+            else (self.root_springs.in_plane, self.root_springs.flap)
+        )
 
     @property
     def couples_bending(self) -> bool:
@@ -259,17 +264,17 @@ class Rotor(Parameters):
         return beam.length**2 / (4 * jnp.stack(stiffness))
 
     @property
-    def reach(self) -> Number:
+    def tip_mass_radius(self) -> Number:
         """Distance of the centre of the tip mass from the axis, in m."""
         end = self.hub_radius + self.beam.length
-        return end if self.tip is None else end + self.tip.offset
+        return end if self.tip_body is None else end + self.tip_body.offset
 
     @property
     def rigid_moments(self) -> Triple:
         """int (1, X, X^2) dm of the undeformed beam with its tip mass, X the distance from the
         axis."""
         beam, radius, length = self.beam, self.hub_radius, self.beam.length
-        mass, tip_mass, reach = beam.mass, self.tip_mass, self.reach
+        mass, tip_mass, tip_mass_radius = beam.mass, self.tip_mass, self.tip_mass_radius
         if beam.is_uniform:
             first, second = length / 2, radius**2 + radius * length + length**2 / 3
         else:
@@ -277,11 +282,15 @@ class Rotor(Parameters):
             share: Any = weight * along(beam.mass_per_length, xi) * length / mass
             first = length * (share @ xi)
             second = share @ (radius + length * xi) ** 2
-        at_tip = tip_mass * reach**2
-        if self.tip is not None:
-            at_tip = at_tip + self.tip.inertia
+        at_tip = tip_mass * tip_mass_radius**2
+        if self.tip_body is not None:
+            at_tip = at_tip + self.tip_body.inertia
         return jnp.stack(
-            [mass + tip_mass, mass * (radius + first) + tip_mass * reach, mass * second + at_tip]
+            [
+                mass + tip_mass,
+                mass * (radius + first) + tip_mass * tip_mass_radius,
+                mass * second + at_tip,
+            ]
         )
 
     def tension(self, angular_speed: Number) -> tuple[Any, Any, Any]:
@@ -289,7 +298,7 @@ class Rotor(Parameters):
         beam = self.beam
         return tension(
             angular_speed**2, self.hub_radius, self.tip_mass, beam.mass, beam.length,
-            reach=self.reach,
+            tip_mass_radius=self.tip_mass_radius,
         )  # fmt: skip
 
     def steady_strain(self, angular_speed: Number) -> Number:
@@ -315,7 +324,7 @@ class Rotor(Parameters):
         `ValueError` for a beam that varies along the span, or has a body at its tip.
         """
         beam = self.beam
-        if not beam.is_uniform or self.tip is not None:
+        if not beam.is_uniform or self.tip_body is not None:
             raise ValueError("tears knows uniform beams with a point at their tip alone")
         beta = jnp.abs(angular_speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
         holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
@@ -324,7 +333,7 @@ class Rotor(Parameters):
 
 def tension(
     spin2: Any, hub_radius: Any, tip_mass: Any, mass: Any = 1.0, length: Any = 1.0,
-    axial: Any = 0.0, reach: Any = None,
+    axial: Any = 0.0, tip_mass_radius: Any = None,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
     """Axial force that carries the undeformed beam along, as three coefficients c in N:
 
@@ -337,12 +346,12 @@ def tension(
     P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
 
     Where the mass varies along the span, int_x^L dm and int_x^L x dm over the mass and its product
-    with L take the place of 1 - xi and (1 - xi^2) / 2: see `beyond`. `reach` is that of the tip
+    with L take the place of 1 - xi and (1 - xi^2) / 2: see `beyond`. `tip_mass_radius` is that of the tip
     mass where it is not R + L.
     """
-    reach = hub_radius + length if reach is None else reach
+    tip_mass_radius = hub_radius + length if tip_mass_radius is None else tip_mass_radius
     return (
-        tip_mass * (spin2 * reach - axial),
+        tip_mass * (spin2 * tip_mass_radius - axial),
         mass * (spin2 * hub_radius - axial),
         mass * spin2 * length,
     )

@@ -20,7 +20,7 @@ from jaxbeam._rotor.motion import (
 )
 from jaxbeam._rotor.spanwise import AbstractSpanwise, along, points_within, samples, taken
 from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar, Triple, is_known
+from jaxbeam._types import Real, Scalar, Triple, is_concrete
 
 TipPart = Triple | Callable[[Scalar], Triple] | None
 
@@ -40,8 +40,8 @@ def bending(load: Triple | TipLoad, length: Scalar) -> Float[Array, "2"]:
     beam."""
     if not isinstance(load, TipLoad):
         return length * load[1:]
-    _, lowering, turning = load.moment
-    return length * load.force[1:] + jnp.stack([turning, -lowering])
+    _, lowering, in_plane = load.moment
+    return length * load.force[1:] + jnp.stack([in_plane, -lowering])
 
 
 class Loads(eqx.Module):
@@ -148,32 +148,34 @@ class Loads(eqx.Module):
 
 
 class Damping(eqx.Module):
-    """Proportional damping: forces -(mass dT/dq' + stiffness B^T D B q').
+    """Proportional damping: forces -(a dT/dq' + c B^T D B q').
 
-    `mass` in 1/s, `stiffness` in s, both >= 0: a mode of frequency w at rest has the damping ratio
-    (mass / w + stiffness w) / 2. T is the kinetic energy seen from the hub. B is d strain/dq and D
-    the stiffness of the strains: `stiffness` is the damping of a material (Kelvin and Voigt), with
+    a is the `mass_coefficient` in 1/s, c the `stiffness_coefficient` in s, both >= 0: a mode of
+    frequency w at rest has the damping ratio (a / w + c w) / 2. T is the kinetic energy seen from the hub. B is d strain/dq and D
+    the stiffness of the strains: c stands for the damping of a material (Kelvin and Voigt), with
     stresses EA eps', EI kappa' and GJ k_1' beside those of elasticity, and takes twice the energy
     of the rates of strain. So rigid motion is not damped, nor is stress that only turns with the
-    beam, however large: with phi^T M phi = 1 a mode decays at the rate stiffness phi^T K phi / 2,
+    beam, however large: with phi^T M phi = 1 a mode decays at the rate c phi^T K phi / 2,
     K the stiffness without what tension adds to it. In theories that are linear B^T D B is K. The
     springs of a root, and of the discrete models, are such a material, too: a rod that swings on
-    one is damped by the moment stiffness k phi'. None leaves a term out.
+    one is damped by the moment c k phi'. None leaves a term out.
     """
 
-    mass: Scalar | None
-    stiffness: Scalar | None
+    mass_coefficient: Scalar | None
+    stiffness_coefficient: Scalar | None
 
-    def __init__(self, mass: Real | None = None, stiffness: Real | None = None) -> None:
-        self.mass = _rate("mass", mass)
-        self.stiffness = _rate("stiffness", stiffness)
+    def __init__(
+        self, mass_coefficient: Real | None = None, stiffness_coefficient: Real | None = None
+    ) -> None:
+        self.mass_coefficient = _rate("mass_coefficient", mass_coefficient)
+        self.stiffness_coefficient = _rate("stiffness_coefficient", stiffness_coefficient)
 
 
 def _rate(name: str, value: Any) -> Scalar | None:
     if value is None:
         return None
-    value = real_scalar(f"damping {name}", value)
-    if is_known(value):
+    value = real_scalar(f"damping.{name}", value)
+    if is_concrete(value):
         number = float(np.asarray(value))
         require(Status.INVALID_DAMPING, bool(np.isfinite(number)) and number >= 0, number)
     return value
@@ -202,9 +204,9 @@ def _along_span(value: Any) -> Any:
     given = tuple(taken(name, part, True) for part in _three(name, value))
     for part in given:
         numbers = samples(part)
-        if is_known(numbers):
-            known = np.asarray(numbers)
-            require(Status.INVALID_LOAD, bool(np.isfinite(known).all()), known)
+        if is_concrete(numbers):
+            values = np.asarray(numbers)
+            require(Status.INVALID_LOAD, bool(np.isfinite(values).all()), values)
     return given
 
 
@@ -223,7 +225,7 @@ def _triple(name: str, value: Any) -> Triple:
     vector = real_array(name, value)
     if vector.shape != (3,):
         raise ValueError(f"{name} must have shape (3,), got {vector.shape}")
-    if is_known(vector):
+    if is_concrete(vector):
         require(Status.INVALID_LOAD, bool(np.isfinite(np.asarray(vector)).all()), vector)
     return vector
 

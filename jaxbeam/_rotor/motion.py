@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import is_there, kind_of, real_array, traceable
-from jaxbeam._types import Number, Scalar, Triple, is_known
+from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
 Rotation = Float[Array, "3 3"]
 Times = Float[Array, " k"]
@@ -40,9 +40,9 @@ class Hub(NamedTuple):
 
     @property
     def acceleration(self) -> Triple:
-        """Of the reference point, less gravity: v' + omega x v - g."""
-        turning = cross(self.angular_velocity, self.velocity)
-        return self.velocity_rate + turning - self.gravity
+        """Acceleration of the reference point, less gravity: v' + omega x v - g."""
+        carried = cross(self.angular_velocity, self.velocity)
+        return self.velocity_rate + carried - self.gravity
 
 
 def spinning(angular_speed: Number) -> Hub:
@@ -56,7 +56,7 @@ class Motion(eqx.Module):
     """How the hub moves: subclass it, or use `HubVelocity` and `HubPose`."""
 
     @abc.abstractmethod
-    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+    def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
         """Velocity and angular velocity of the hub in the hub frame at time t (s)."""
 
     def attitude(self, t: Scalar) -> Rotation:
@@ -88,13 +88,15 @@ class Motion(eqx.Module):
 
     def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
         """Everything at time t; `gravity` is in inertial components."""
-        (velocity, spin), (rate, spin_rate) = self.twist_and_rates(t)
+        (velocity, spin), (rate, spin_rate) = self.velocities_and_rates(t)
         pull = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
         return Hub(velocity, spin, rate, spin_rate, pull)
 
-    def twist_and_rates(self, t: Scalar) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
-        """`twist` and its rate."""
-        return jax.jvp(self.twist, (t,), (jnp.ones_like(t),))
+    def velocities_and_rates(
+        self, t: Scalar
+    ) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
+        """`velocities` and its rate."""
+        return jax.jvp(self.velocities, (t,), (jnp.ones_like(t),))
 
 
 class Spin(Motion):
@@ -110,10 +112,12 @@ class Spin(Motion):
         """Rate of the angle, in rad/s."""
         return jax.jvp(self.angle, (t,), (jnp.ones_like(t),))[1]
 
-    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+    def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
         return jnp.zeros_like(self.axis), self.angular_speed(t) * self.axis
 
-    def twist_and_rates(self, t: Scalar) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
+    def velocities_and_rates(
+        self, t: Scalar
+    ) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
         # Through the one scalar that varies: a third of the operations to compile.
         speed, rate = jax.jvp(self.angular_speed, (t,), (jnp.ones_like(t),))
         zero = jnp.zeros_like(self.axis)
@@ -148,7 +152,7 @@ def time_list(name: str, given: Any) -> Times:
     values = real_array(name, given) if is_there(given) else no_times()
     if values.ndim != 1:
         raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
-    if is_known(values) and not np.isfinite(np.asarray(values)).all():
+    if is_concrete(values) and not np.isfinite(np.asarray(values)).all():
         raise ValueError(f"{name} must be finite")
     return values
 
@@ -196,7 +200,7 @@ class HubVelocity(_Declared):
         check_function_of_time("velocity", self.velocity, (3,))
         check_function_of_time("angular_velocity", self.angular_velocity, (3,))
 
-    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+    def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
         return jnp.asarray(self.velocity(t)), jnp.asarray(self.angular_velocity(t))
 
 
@@ -226,12 +230,12 @@ class HubPose(_Declared):
         check_function_of_time("position", self.position, (3,))
         check_function_of_time("rotation", self.rotation, (3, 3))
         start = self.rotation(jnp.zeros((), jnp.result_type(float)))
-        if is_known(start):
+        if is_concrete(start):
             q = np.asarray(start)
             if not (np.abs(q.T @ q - np.eye(3)).max() < 1e-6 and np.linalg.det(q) > 0):
                 raise ValueError("rotation must be a proper orthogonal matrix; at t = 0 it is not")
 
-    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+    def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
         one = (jnp.ones_like(t),)
         _, velocity = jax.jvp(lambda t: jnp.asarray(self.position(t)), (t,), one)
         q, rate = jax.jvp(lambda t: jnp.asarray(self.rotation(t)), (t,), one)
@@ -246,7 +250,7 @@ class HubPose(_Declared):
 
 
 def function_of_time(function: Any) -> Any:
-    """The same as a pytree, if it is a plain function: results that hold it may then come out of
+    """A function of time as a pytree, if it is a plain one: results that hold it may come out of
     `jax.jit` and `jax.vmap`."""
     plain = callable(function) and jax.tree_util.all_leaves([function])
     return jax.tree_util.Partial(function) if plain else function

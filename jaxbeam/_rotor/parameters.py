@@ -11,9 +11,9 @@ import numpy as np
 from jaxbeam._checks import is_valid
 from jaxbeam._rotor.spanwise import AbstractSpanwise, check, samples, taken
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar, is_known
+from jaxbeam._types import Code, Scalar, is_concrete
 
-TURN = 2 * np.pi * (1 + 1e-6)  # in rad, also where it was rounded to a shorter float
+FULL_TURN = 2 * np.pi * (1 + 1e-6)  # in rad, also where it was rounded to a shorter float
 
 
 def parameter(status: Status, *, zero: bool | None = False) -> Any:
@@ -63,7 +63,7 @@ class Parameters(eqx.Module):
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
             value, rule = getattr(self, field.name), field.metadata
-            if rule and value is not None and is_known(value):
+            if rule and value is not None and is_concrete(value):
                 check(rule["status"], value, rule["zero"], rule.get("most"))
 
     def status(self, angular_speed: Scalar) -> Code:

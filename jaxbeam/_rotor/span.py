@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.polynomial import chebyshev, legendre
 
-from jaxbeam._numerics.platforms import once
+from jaxbeam._programs.platforms import once
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, at_ends
 
 # Segments of a beam at least, so that what is not smooth is seen; where a table has fewer intervals
@@ -51,8 +51,8 @@ class Span(eqx.Module):
         t, _ = _gauss(points)
         start, length = np.asarray(edges[:-1])[:, None], np.diff(edges)[:, None]
         if steepness is None:
-            known = np.zeros((2, length.size))
-            return cls._of(t + 0 * length, start + length * t, length + 0 * t, known, edges, points)
+            zeros = np.zeros((2, length.size))
+            return cls._of(t + 0 * length, start + length * t, length + 0 * t, zeros, edges, points)
         both = jnp.stack(_crowded(steepness[..., None], t[None]))
         s, pace = once(both.reshape(2, -1)).reshape(both.shape)
         return cls._of(s, start + length * s, length * pace, steepness, edges, points)
@@ -164,7 +164,7 @@ def on(value: Property, span: Span) -> Array:
 
 
 def outboard(mass: Property, span: Span) -> tuple[Array, Array, Array]:
-    """Of a mass per length its share at points, int_x^L dm over the mass, and int_x^L x dm over the
+    """Share of a mass per length at points, int_x^L dm over the mass, and int_x^L x dm over the
     mass and the length: what 1, 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""
     value = on(mass, span)
     share = value / span.total(value)

@@ -13,16 +13,16 @@ from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
 from jaxbeam._checks import (
+    concrete_array,
     is_known_valid,
     kind_of,
-    known_array,
     real_array,
     real_scalar,
     require,
     traceable,
 )
 from jaxbeam._status import Status
-from jaxbeam._types import Number, Scalar, is_known
+from jaxbeam._types import Number, Scalar, is_concrete
 
 _POINTS = 16  # in a segment; what is linear there is exact from two on
 
@@ -75,8 +75,8 @@ class Spanwise(AbstractSpanwise):
     steps: tuple[float, ...] = eqx.field(static=True)
 
     def __init__(self, stations: Sequence[float], values: Any) -> None:
-        places = known_array("stations", stations)
-        if is_known(values):  # and stays so while a program is compiled
+        places = concrete_array("stations", stations)
+        if is_concrete(values):  # and stays so while a program is compiled
             with jax.ensure_compile_time_eval():
                 self.values = real_array("values", values)
         else:
@@ -145,7 +145,7 @@ class SpanwiseFunction(AbstractSpanwise):
     def __init__(self, function: Callable[[Array], Array], kinks: Sequence[float] = ()) -> None:
         if not callable(function):
             raise TypeError(f"function must be a function of x / L, got {function!r}")
-        places = np.unique(known_array("kinks", kinks)) if len(kinks) else np.zeros(0)
+        places = np.unique(concrete_array("kinks", kinks)) if len(kinks) else np.zeros(0)
         if not np.all((places > 0) & (places < 1)):
             raise ValueError(f"kinks must be between 0 and 1 (x / L), got {tuple(kinks)}")
         if jax.tree.leaves(function) == [function]:  # it is no pytree: jit would stumble over it
@@ -246,7 +246,7 @@ def check(status: Status, value: Property, zero: bool | None, most: float | None
     """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
     with jax.ensure_compile_time_eval():  # under `jit` even functions without unknowns are traced
         numbers = samples(value)
-    if not is_known(numbers):  # a closure over what is not known
+    if not is_concrete(numbers):  # a closure over what is not known
         return
     numbers = np.asarray(numbers)
     fine = is_known_valid(numbers, zero, most)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of, positive, real_array, real_scalar
 from jaxbeam._rotor.motion import Spin, Times, no_times, time_list
-from jaxbeam._types import Real, Scalar, Triple, is_known
+from jaxbeam._types import Real, Scalar, Triple, is_concrete
 
 
 def inclined_axis(angle: Real) -> Triple:
@@ -35,7 +35,7 @@ def _axis(axis: Any) -> Triple:
     vector = real_array("axis", axis)
     if vector.shape != (3,):
         raise ValueError(f"axis must have shape (3,), got {vector.shape}")
-    if is_known(vector):
+    if is_concrete(vector):
         length = float(np.linalg.norm(np.asarray(vector)))
         if not abs(length - 1) < 1e-6:
             raise ValueError(f"axis must be a unit vector, got length {length}")
@@ -104,12 +104,12 @@ class SmoothSpinUp(_SpinUp):
         super().__init__(angular_speed, duration, axis)
 
     def profile(self, tau: Scalar) -> Scalar:
-        turn = 2 * jnp.pi
-        return tau**2 / 2 + (jnp.cos(turn * tau) - 1) / turn**2
+        circle = 2 * jnp.pi
+        return tau**2 / 2 + (jnp.cos(circle * tau) - 1) / circle**2
 
     def rise(self, tau: Scalar) -> Scalar:
-        turn = 2 * jnp.pi
-        return tau - jnp.sin(turn * tau) / turn
+        circle = 2 * jnp.pi
+        return tau - jnp.sin(circle * tau) / circle
 
 
 class QuinticSpinUp(_SpinUp):
@@ -193,7 +193,7 @@ class TabulatedSpeed(Spin):
                 "times and speeds must be two or more numbers each, equally many: got shapes "
                 f"{self.times.shape} and {s.shape}"
             )
-        if is_known(self.times) and not (np.diff(self.times) > 0).all():
+        if is_concrete(self.times) and not (np.diff(self.times) > 0).all():
             raise ValueError("times of a tabulated speed must increase")
         self.axis, self.smooth = _axis(axis), smooth
         h = jnp.diff(self.times)
@@ -203,13 +203,13 @@ class TabulatedSpeed(Spin):
             inner = (h[1:] * rise[:-1] + h[:-1] * rise[1:]) / (h[1:] + h[:-1])
             slope = jnp.concatenate([none[:1], inner, none[:1]])
             bend = (3 * rise - 2 * slope[:-1] - slope[1:]) / h
-            twist = (slope[:-1] + slope[1:] - 2 * rise) / h**2
-            self.pieces = jnp.stack([s[:-1], slope[:-1], bend, twist])
+            cubic = (slope[:-1] + slope[1:] - 2 * rise) / h**2
+            self.pieces = jnp.stack([s[:-1], slope[:-1], bend, cubic])
         else:
             self.pieces = jnp.stack([s[:-1], rise, none, none])
         a, b, c, d = self.pieces
-        turned = h * (a + h * (b / 2 + h * (c / 3 + h * d / 4)))
-        self.angles = jnp.concatenate([none[:1], jnp.cumsum(turned)])
+        angle_there = h * (a + h * (b / 2 + h * (c / 3 + h * d / 4)))
+        self.angles = jnp.concatenate([none[:1], jnp.cumsum(angle_there)])
 
     def change_times(self) -> Times:
         """The ends, where the speed is smooth there."""
@@ -236,7 +236,7 @@ class TabulatedSpeed(Spin):
         return a + s * (b + s * (c + s * d))
 
     def angle(self, t: Scalar) -> Scalar:
-        """Its integral from the first time of the table on, in rad."""
+        """The angle turned from the first time of the table on, in rad."""
         s, beyond, (a, b, c, d), before = self._piece(t)
-        turned = before + s * (a + s * (b / 2 + s * (c / 3 + s * d / 4)))
-        return turned + self.angular_speed(t) * beyond
+        angle_there = before + s * (a + s * (b / 2 + s * (c / 3 + s * d / 4)))
+        return angle_there + self.angular_speed(t) * beyond

@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import kind_of, real_array, require
-from jaxbeam._models.base import AbstractModel
-from jaxbeam._models.families import Family
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar, is_known
+from jaxbeam._types import Code, Scalar, is_concrete
 
 # Of a hub, of what is at its tip, and of what is along the span (see `Loads.span_moments`).
 Seen = tuple[Hub, Any, Array | None]
@@ -41,10 +41,10 @@ def scene_status(
         loaded = jnp.all(jnp.isfinite(acting))
         # All else that may be at the tip is for models in space.
         force = tip if isinstance(tip, Array) else jnp.zeros(3, t.dtype)
-        turn, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
+        spin, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
         most = jnp.max(jnp.abs(push)), jnp.max(jnp.abs(along[:, 1]))
-        stray = jnp.array([turn[0], turn[1], rate[0], rate[1], push[2], force[2], *along[:, 2]])
-        kept = jnp.array([turn[2], turn[2], rate[2], rate[2], most[0], force[1], *2 * most[1:]])
+        stray = jnp.array([spin[0], spin[1], rate[0], rate[1], push[2], force[2], *along[:, 2]])
+        kept = jnp.array([spin[2], spin[2], rate[2], rate[2], most[0], force[1], *2 * most[1:]])
         planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
         moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
         return moves, loaded, planar
@@ -54,7 +54,7 @@ def scene_status(
     moves, loaded, planar = jax.vmap(one)(moments, inputs)
     rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
     status = jnp.asarray(Status.OK)
-    if Family.FLAP not in model.families:
+    if Direction.FLAP not in model.directions:
         status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
     for ok, code in (
         (jnp.all(loaded), Status.INVALID_LOAD),
@@ -84,7 +84,7 @@ def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
         if not isinstance(value, kind):
             article = "a" if kind is Motion else "of class"
             raise TypeError(f"{name} must be {article} {kind.__name__}, got {kind_of(value)}")
-    shapes = [a.shape for a in eqx.filter_eval_shape(motion.twist, t)]
+    shapes = [a.shape for a in eqx.filter_eval_shape(motion.velocities, t)]
     if shapes != [(3,), (3,)]:
         raise ValueError(f"motion.twist must return two vectors of shape (3,), got {shapes}")
     if loads.gravity is not None:
@@ -95,10 +95,10 @@ def checked_times(times: Any) -> Array:
     times = real_array("times", times)
     if times.ndim != 1 or times.size < 2:
         raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
-    if is_known(times):
-        known = np.asarray(times)
-        require(Status.INVALID_TIMES, bool(np.isfinite(known).all()), known)
-        require(Status.INVALID_TIMES, bool((np.diff(known) > 0).all()), known)
+    if is_concrete(times):
+        values = np.asarray(times)
+        require(Status.INVALID_TIMES, bool(np.isfinite(values).all()), values)
+        require(Status.INVALID_TIMES, bool((np.diff(values) > 0).all()), values)
     return times
 
 
@@ -106,7 +106,7 @@ def checked_start(model: AbstractModel, start: Any) -> State:
     """The state, if it is one of this model, without work done."""
     if not isinstance(start, State):
         raise TypeError(f"start must be a State, got {kind_of(start)}")
-    n = len(model.families)
+    n = len(model.directions)
     parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
     for name, part in zip(("q", "v"), parts, strict=True):
         if part.shape != (n,):

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._results import without_derivatives
-from jaxbeam._simulation.course import Course
 from jaxbeam._simulation.scene import Scene
+from jaxbeam._simulation.step_limits import StepLimits
 from jaxbeam._solvers.steps import WEIGHTS, inputs_along, length
 from jaxbeam._solvers.system import State
 from jaxbeam._types import Scalar
@@ -20,7 +20,7 @@ _JUMP = 1e-5  # the same in the shortest step, by which a run ends
 _MISSED = 1e-3  # the same summed over a run
 _SHORTEST = 1e-9  # step, relative to the run: what changes within it is a jump
 # What a run ends with that missed something of its motion; diffrax itself does not use it here.
-LOST = diffrax.RESULTS.max_steps_rejected
+MOTION_MISSED = diffrax.RESULTS.max_steps_rejected
 
 
 class _Followed(eqx.Module):
@@ -28,7 +28,7 @@ class _Followed(eqx.Module):
 
     wanted: Scalar  # end of the step that the controller wants
     inner: Any
-    twist: Float[Array, " 6"]  # at the end of the last step that was kept
+    velocities: Float[Array, " 6"]  # at the end of the last step that was kept
     missed: Float[Array, " 6"]  # of the change of the twist so far, by the integral of its rate
     speed: Scalar
 
@@ -37,55 +37,63 @@ class _Following(diffrax.AbstractStepSizeController):
     """Any controller, with steps that see what motion and loads do."""
 
     controller: diffrax.AbstractStepSizeController
-    course: Course
+    step_limits: StepLimits
 
-    def __init__(self, controller: diffrax.AbstractStepSizeController, course: Course) -> None:
-        self.controller, self.course = controller, course
+    def __init__(
+        self, controller: diffrax.AbstractStepSizeController, step_limits: StepLimits
+    ) -> None:
+        self.controller, self.step_limits = controller, step_limits
 
     def wrap(self, direction: Any) -> Any:
-        """As in diffrax; nothing changes, since runs go forwards."""
+        """The controller itself, as diffrax asks for it: runs go forwards."""
         return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
 
     def init(
         self, terms: Any, t0: Any, t1: Any, y0: State, dt0: Any, args: Scene, *rest: Any
     ) -> Any:
         """The end of the first step, and the state of the controller."""
-        course = self.course
+        step_limits = self.step_limits
         # With jumps a run begins a moment late, which some controllers would refuse.
-        wanted, inner = self.controller.init(terms, course.start, t1, y0, dt0, args, *rest)
+        wanted, inner = self.controller.init(terms, step_limits.start, t1, y0, dt0, args, *rest)
         state = _Followed(
-            jnp.asarray(wanted), inner, course.twist, jnp.zeros_like(course.twist), course.speed
+            jnp.asarray(wanted),
+            inner,
+            step_limits.velocities,
+            jnp.zeros_like(step_limits.velocities),
+            step_limits.speed,
         )
-        return course.limit(*without_derivatives((t0, state.wanted))), state
+        return step_limits.limit(*without_derivatives((t0, state.wanted))), state
 
     def adapt_step_size(
         self, t0: Any, t1: Any, y0: State, y1_candidate: State, args: Scene, y_error: Any,
         error_order: Any, controller_state: _Followed,
     ) -> Any:  # fmt: skip
         """Whether the step is kept, the next one, and whether a stop was passed between them."""
-        course, state = self.course, controller_state
+        step_limits, state = self.step_limits, controller_state
         keep, start, wanted, jumped, inner, result = self.controller.adapt_step_size(
             t0, t1, y0, y1_candidate, args, y_error, error_order, state.inner
         )
         t0, t1 = without_derivatives((t0, t1))
         if not isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController):
             # It knows the steps that it wants alone, and not those into which they are divided.
-            whole = course.pauses.passed(t1) >= state.wanted  # which may be within a pause
+            whole = step_limits.pauses.passed(t1) >= state.wanted  # which may be within a pause
             start = jnp.where(whole, start, t1)
             wanted = jnp.where(whole, wanted, state.wanted)
             inner = _chosen(whole, inner, state.inner)
 
         h = length(t0, t1)
         hub, *_ = inputs_along(args, t0, h)
-        twist = jax.vmap(args.twist_of)(hub)
+        velocities = jax.vmap(args.velocities_of)(hub)
         rate = jax.vmap(args.twist_rate_of)(hub)
-        before = state.twist
+        before = state.velocities
         if args.jumps.size:
-            before = jnp.where(args.jumped(t0), twist[0], before)
-        mismatch = twist[-1] - before - h * (WEIGHTS @ rate[1:-1])
-        speed = jnp.maximum(state.speed, jnp.max(jnp.abs(twist)))
+            before = jnp.where(args.jumped(t0), velocities[0], before)
+        mismatch = velocities[-1] - before - h * (WEIGHTS @ rate[1:-1])
+        speed = jnp.maximum(state.speed, jnp.max(jnp.abs(velocities)))
         off, rounding = jnp.max(jnp.abs(mismatch)), float(jnp.finfo(h.dtype).eps)
-        shortest = h <= jnp.maximum(_SHORTEST * course.duration, 16 * course.pauses.margin)
+        shortest = h <= jnp.maximum(
+            _SHORTEST * step_limits.duration, 16 * step_limits.pauses.margin
+        )
         seen = shortest | (off <= (_MISMATCH + 32 * rounding) * speed)
         missed = state.missed + mismatch
 
@@ -95,88 +103,92 @@ class _Following(diffrax.AbstractStepSizeController):
         inner = _chosen(again, state.inner, inner)
         jump = shortest & (off > (_JUMP + 1e2 * rounding) * speed)
         lost = kept & (jump | (jnp.max(jnp.abs(missed)) > (_MISSED + 1e3 * rounding) * speed))
-        result = diffrax.RESULTS.where(lost, LOST, result)
-        if course.pauses.opens.size:
-            resumed = course.pauses.passed(start)
+        result = diffrax.RESULTS.where(lost, MOTION_MISSED, result)
+        if step_limits.pauses.opens.size:
+            resumed = step_limits.pauses.passed(start)
             stopped = kept & (resumed > start)
             jumped = jumped | stopped
             start = jnp.where(stopped, resumed, start)
             # A controller that knows of the same times may want a step that ends within the pause.
             wanted = jnp.where(stopped & (wanted <= start), start + h, wanted)
         end = jnp.where(
-            again, t0 + h / 10, course.limit(*without_derivatives((start, jnp.asarray(wanted))))
+            again,
+            t0 + h / 10,
+            step_limits.limit(*without_derivatives((start, jnp.asarray(wanted)))),
         )
         state = _Followed(
-            jnp.where(again, state.wanted, wanted), inner, jnp.where(kept, twist[-1], state.twist),
+            jnp.where(again, state.wanted, wanted), inner, jnp.where(kept, velocities[-1], state.velocities),
             jnp.where(kept, missed, state.missed), speed,
         )  # fmt: skip
         return kept, start, end, jumped, state, result
 
 
 class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController):
-    """The same for a controller that has tolerances."""
+    """A controller with tolerances, within steps that follow the motion."""
 
     rtol: Any
     atol: Any
     norm: Any
 
     def __init__(
-        self, controller: diffrax.AbstractAdaptiveStepSizeController, course: Course
+        self, controller: diffrax.AbstractAdaptiveStepSizeController, step_limits: StepLimits
     ) -> None:
-        super().__init__(controller, course)
+        super().__init__(controller, step_limits)
         self.rtol, self.atol, self.norm = controller.rtol, controller.atol, controller.norm
 
 
-def following(controller: diffrax.AbstractStepSizeController, course: Course) -> _Following:
+def following(
+    controller: diffrax.AbstractStepSizeController, step_limits: StepLimits
+) -> _Following:
     """`controller`, with steps that see what motion and loads do."""
     if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController):
-        return _AdaptiveFollowing(controller, course)
-    return _Following(controller, course)
+        return _AdaptiveFollowing(controller, step_limits)
+    return _Following(controller, step_limits)
 
 
 def _chosen(which: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
 
 
-class Struck(diffrax.AbstractWrappedSolver):
+class AfterImpulse(diffrax.AbstractWrappedSolver):
     """Any solver, with the impulse of a jump of the hub's velocity where steps resume after one."""
 
     solver: diffrax.AbstractSolver  # type: ignore[misc]
 
     @property
     def term_structure(self) -> Any:
-        """That of the solver within."""
+        """What the solver within has."""
         return self.solver.term_structure
 
     @property
     def interpolation_cls(self) -> Any:  # type: ignore[override]
-        """That of the solver within."""
+        """What the solver within has."""
         return self.solver.interpolation_cls
 
     @property
     def term_compatible_contr_kwargs(self) -> Any:
-        """That of the solver within."""
+        """What the solver within has."""
         return self.solver.term_compatible_contr_kwargs
 
     @property
     def root_finder(self) -> Any:
-        """That of the solver within, if it is implicit."""
+        """What the solver within has, if it is implicit."""
         return self.solver.root_finder  # type: ignore[attr-defined]
 
     def order(self, terms: Any) -> Any:
-        """That of the solver within."""
+        """What the solver within has."""
         return self.solver.order(terms)
 
     def error_order(self, terms: Any) -> Any:
-        """That of the solver within."""
+        """What the solver within has."""
         return self.solver.error_order(terms)
 
     def init(self, *args: Any) -> Any:
-        """That of the solver within."""
+        """What the solver within has."""
         return self.solver.init(*args)
 
     def func(self, *args: Any) -> Any:
-        """That of the solver within."""
+        """What the solver within has."""
         return self.solver.func(*args)
 
     def step(
@@ -186,6 +198,6 @@ class Struck(diffrax.AbstractWrappedSolver):
         """One step, after the impulse if there is one."""
         if made_jump is not False:
             # Steps also resume after what begins or ends smoothly, and where a controller says so.
-            struck = made_jump & args.jumped(t0)
-            y0 = jax.lax.cond(struck, lambda: args.struck(t0, y0), lambda: y0)
+            after_impulse = made_jump & args.jumped(t0)
+            y0 = jax.lax.cond(after_impulse, lambda: args.after_impulse(t0, y0), lambda: y0)
         return self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)

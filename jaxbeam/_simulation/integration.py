@@ -11,32 +11,32 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from jaxbeam._results import without_derivatives
-from jaxbeam._simulation.course import during
 from jaxbeam._simulation.scene import Scene
+from jaxbeam._simulation.step_limits import during
 from jaxbeam._solvers.adjoint import run
 from jaxbeam._solvers.rodas import Rosenbrock
-from jaxbeam._solvers.run import Given, Run, Task, conditions, march, output
+from jaxbeam._solvers.run import Inputs, Run, Settings, conditions, integrate_steps, output
 from jaxbeam._solvers.system import State, second_order_term
 from jaxbeam._types import Scalar
 
 # Controllers that never tell of a jump, which saves code; with others one may come at any step.
 _NEVER_JUMP = (diffrax.PIDController, diffrax.ConstantStepSize, diffrax.StepTo)
 
-Watch = tuple[Array, State] | None  # times, infinite where a run did not get, and states
+EnergySamples = tuple[Array, State] | None  # times, infinite where a run did not get, and states
 
 
 def integrate(
     scene: Scene, y0: State, start: Scalar, times: Array, solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController, dt0: Any,
     event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
-) -> tuple[diffrax.Solution, Watch]:  # fmt: skip
+) -> tuple[diffrax.Solution, EnergySamples]:  # fmt: skip
     """Outputs at `times` (and at the end of the run, with an event), and states all along the run;
     with the discrete adjoint, or if `adjoint` is `ForwardMode` with derivatives in that mode.
 
     The first step begins at `start`, a moment after the first time if something jumps there.
     """
     inner = getattr(controller, "controller", controller)
-    task = Task(
+    settings = Settings(
         second_order_term(solver), solver, controller, dt0, event,
         is_far if event is None else None, max_steps,
         bool(scene.pauses.opens.size) or not isinstance(inner, _NEVER_JUMP),
@@ -44,9 +44,9 @@ def integrate(
     # Outputs may miss where energies are large.
     watch = jnp.maximum(without_derivatives(during(times)), start)
     every = jnp.sort(jnp.concatenate([times, watch]))
-    scene = _prepared(scene, solver).traced(start)
-    given, constant = Given(scene, y0, start, every), without_derivatives(task)
-    came = march(constant, given)[0] if adjoint is not None else run(given, constant)
+    scene = _prepared(scene, solver).with_closures_traced(start)
+    inputs, constant = Inputs(scene, y0, start, every), without_derivatives(settings)
+    came = integrate_steps(constant, inputs)[0] if adjoint is not None else run(inputs, constant)
     n = y0.q.size
 
     def at(times: Array) -> tuple[Array, Array]:
@@ -62,7 +62,7 @@ def integrate(
         happened |= each
     mask = None
     if event is not None:
-        end, last = _end(task, given, event, came)
+        end, last = _end(settings, inputs, event, came)
         ts = jnp.append(jnp.where(ts <= end, ts, jnp.inf), jnp.inf)
         place = jnp.sum(jnp.isfinite(ts))
         ts = ts.at[place].set(end)
@@ -87,18 +87,20 @@ def _prepared(scene: Scene, solver: diffrax.AbstractSolver) -> Scene:
     return scene if isinstance(solver, Rosenbrock) else scene.with_inverse()
 
 
-def _end(task: Task, given: Given, event: diffrax.Event, came: Run) -> tuple[Scalar, Array]:
+def _end(
+    settings: Settings, inputs: Inputs, event: diffrax.Event, came: Run
+) -> tuple[Scalar, Array]:
     """When a run with an event ended, and the state there."""
     if event.root_finder is None:
         return jax.lax.stop_gradient(came.t), came.y
     assert came.last is not None
-    step, (_, unravel) = came.last, ravel_pytree(given.y0)
+    step, (_, unravel) = came.last, ravel_pytree(inputs.y0)
 
     def ahead(t: Scalar, _: Any) -> Scalar:
         """Zero at the event, or at the end of the last step if there is none."""
         found = step.t1 - t
-        y = unravel(output(task.solver, step, t))
-        for which, condition in zip(came.happened, conditions(task, given), strict=True):
+        y = unravel(output(settings.solver, step, t))
+        for which, condition in zip(came.happened, conditions(settings, inputs), strict=True):
             value = jnp.asarray(condition(t, y))
             if value.dtype != bool:
                 found = jnp.where(which, value, found)
@@ -109,12 +111,14 @@ def _end(task: Task, given: Given, event: diffrax.Event, came: Run) -> tuple[Sca
         throw=False,
     ).value  # fmt: skip
     first = came.kept == 0
-    return jnp.where(first, came.t, root), jnp.where(first, came.y, output(task.solver, step, root))
+    return jnp.where(first, came.t, root), jnp.where(
+        first, came.y, output(settings.solver, step, root)
+    )
 
 
 def is_far(scene: Scene, y: State) -> Array:
     """Whether the tip is where no beam goes."""
-    return jnp.linalg.norm(scene.equations.tip(y.q)) > 10 * scene.equations.size
+    return jnp.linalg.norm(scene.equations.tip(y.q)) > 10 * scene.equations.length
 
 
 def by_diffrax(
@@ -122,8 +126,8 @@ def by_diffrax(
     controller: diffrax.AbstractStepSizeController, dt0: Any,
     event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
-) -> tuple[diffrax.Solution, Watch]:  # fmt: skip
-    """The same with all that diffrax knows: what is saved, progress, other adjoints."""
+) -> tuple[diffrax.Solution, EnergySamples]:  # fmt: skip
+    """A run by diffrax itself, with all that it knows: what is saved, progress, other adjoints."""
     scene = _prepared(scene, solver)
     watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)
     if saveat is None:

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxbeam._checks import known_array
-from jaxbeam._numerics.program import Program
-from jaxbeam._results import per_case, where_known
+from jaxbeam._checks import concrete_array
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless, per_case
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, trusted
@@ -58,7 +58,7 @@ class Simulation(eqx.Module):
 
     @property
     def partial(self) -> "Simulation":
-        """The same run, which answers with all that there is, whatever its status: the history up
+        """This run, which answers with all that there is, whatever its status: the history up
         to where it got, and the peak of that. NaN where parameters are out of range: then nothing
         was simulated."""
         return dataclasses.replace(self, is_partial=True)
@@ -144,27 +144,27 @@ class Simulation(eqx.Module):
         Harmless ones take the place of outputs without an answer, too: NaN would end up in
         gradients by the parameters of the scene.
         """
-        known = jnp.isfinite(self.times) & (in_range(self.status) if self.is_partial else fine)
+        valid = jnp.isfinite(self.times) & (in_range(self.status) if self.is_partial else fine)
         for part in (self.state.q, self.state.v):
-            known &= jnp.all(jnp.isfinite(part), axis=1)
-        first = jnp.min(jnp.where(known, self.times, jnp.inf), initial=jnp.inf)
-        times = jnp.where(known, self.times, jnp.where(jnp.isfinite(first), first, 0.0))
+            valid &= jnp.all(jnp.isfinite(part), axis=1)
+        first = jnp.min(jnp.where(valid, self.times, jnp.inf), initial=jnp.inf)
+        times = jnp.where(valid, self.times, jnp.where(jnp.isfinite(first), first, 0.0))
         state = jax.tree.map(
-            lambda a: jnp.where(known.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0), self.state
+            lambda a: jnp.where(valid.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0), self.state
         )
-        return known, times, state
+        return valid, times, state
 
 
 @Program
 def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
     scene = run.scene
-    known, times, state = run._outputs(trusted(run.status))
+    valid, times, state = run._outputs(trusted(run.status))
     found = jax.vmap(lambda t, y: function(scene, scene.after(t), y, *xi))(times, state)
-    return where_known(known, found)
+    return nan_unless(valid, found)
 
 
 def _points(xi: Any) -> tuple[float, ...]:
-    points = np.atleast_1d(known_array("xi", xi))
+    points = np.atleast_1d(concrete_array("xi", xi))
     if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
         raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
     return tuple(points.tolist())
@@ -206,7 +206,7 @@ def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
 
 @Program
 def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
-    known, times, state = run._outputs(run.status == Status.OK)
+    valid, times, state = run._outputs(run.status == Status.OK)
 
     def place(q: Vector) -> Scalar:
         return run.scene.equations.displacement(q, np.array([xi]))[0, component]
@@ -217,10 +217,10 @@ def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
     u, rate = jax.vmap(both)(state)
     t, h = times[:-1], jnp.diff(times)
     s, value = jax.vmap(_extremes)(u[:-1], h * rate[:-1], u[1:], h * rate[1:])
-    between = known[:-1] & known[1:]
+    between = valid[:-1] & valid[1:]
     at = jnp.argmax(jnp.where(between[:, None], jnp.abs(value), -1.0))
     found = value.ravel()[at], (t[:, None] + h[:, None] * s).ravel()[at]
-    return where_known(jnp.any(between), found)
+    return nan_unless(jnp.any(between), found)
 
 
 def _extremes(u0: Scalar, v0: Scalar, u1: Scalar, v1: Scalar) -> tuple[Vector, Vector]:

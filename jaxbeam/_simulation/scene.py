@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._models.base import AbstractModel, Equations
-from jaxbeam._models.loaded import equations_under
-from jaxbeam._models.spread import AbstractSpread, SpanForce
+from jaxbeam._models.contract.base import AbstractModel, Equations
+from jaxbeam._models.contract.loaded import equations_under
+from jaxbeam._models.contract.spread import AbstractSpread, SpanForce
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
-from jaxbeam._numerics.lanes import total
 from jaxbeam._numerics.linalg import inverse
+from jaxbeam._programs.lanes import total
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import Damping, Loads
@@ -59,7 +59,7 @@ class Scene(SecondOrderSystem):
             self.spread = self.equations.spread(loads.kinks)
             self.density = _Density(loads, self.spread)
         self.motion, self.loads, self.damping = motion, loads, damping
-        size = self.equations.size
+        size = self.equations.length
         latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
         unit = jnp.finfo(size.dtype).eps
         changes = jnp.concatenate([motion.change_times(), loads.change_times()])
@@ -94,7 +94,7 @@ class Scene(SecondOrderSystem):
     @property
     def work_unit(self) -> Number:
         """J per unit of `State.work`."""
-        return self.equations.energy_scale / self.equations.size
+        return self.equations.energy_scale / self.equations.length
 
     @property
     def is_linear(self) -> bool:
@@ -104,8 +104,8 @@ class Scene(SecondOrderSystem):
         """Motion of the hub."""
         return self.motion.hub(self._within(t), self.loads.gravity)
 
-    def traced(self, t: Scalar) -> "Scene":
-        """The same scene, with all that motion and loads are made of as leaves, what functions of
+    def with_closures_traced(self, t: Scalar) -> "Scene":
+        """This scene with all that motion and loads are made of as leaves, what functions of
         the user close over too, and without tracing them ever again; t is any time."""
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
@@ -123,7 +123,7 @@ class Scene(SecondOrderSystem):
         return scene
 
     def with_inverse(self) -> "Scene":
-        """The same scene, for a solver that asks for accelerations at every stage."""
+        """This scene for a solver that asks for accelerations at every stage."""
         mass = inverse(self.mass)
         scene: Scene = eqx.tree_at(
             lambda s: s.inverse_mass, self, mass, is_leaf=lambda leaf: leaf is None
@@ -154,15 +154,17 @@ class Scene(SecondOrderSystem):
         pauses = self.pauses
         return jnp.any(pauses.jumps & (jnp.abs(pauses.closes - t) < pauses.margin / 2))
 
-    def twist_of(self, hub: Hub) -> Float[Array, " 6"]:
+    def velocities_of(self, hub: Hub) -> Float[Array, " 6"]:
         """Velocity of the hub and what its rotation makes of it at the tip, in m/s."""
-        return jnp.concatenate([hub.velocity, self.equations.end * hub.angular_velocity])
+        return jnp.concatenate([hub.velocity, self.equations.tip_radius * hub.angular_velocity])
 
     def twist_rate_of(self, hub: Hub) -> Float[Array, " 6"]:
-        """The rate of `twist_of`, in m/s^2."""
-        return jnp.concatenate([hub.velocity_rate, self.equations.end * hub.angular_velocity_rate])
+        """The rate of `velocities_of`, in m/s^2."""
+        return jnp.concatenate(
+            [hub.velocity_rate, self.equations.tip_radius * hub.angular_velocity_rate]
+        )
 
-    def struck(self, t: Scalar, y: State) -> State:
+    def after_impulse(self, t: Scalar, y: State) -> State:
         """y after what `jumped` in the pause that closes at t.
 
         A jump of the hub's velocities is a rate without end: the generalised momentum that it
@@ -218,16 +220,21 @@ class Scene(SecondOrderSystem):
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
         """The damping as a generalised force."""
-        return self.equations.damping(q, v, self.damping.mass, self.damping.stiffness)
+        return self.equations.damping(
+            q, v, self.damping.mass_coefficient, self.damping.stiffness_coefficient
+        )
 
     def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
         hub, tip_force, span = x
         k, c = self.equations.tangents(hub, q, v, tip_force)
         if span is not None and span.stiffness is not None:
             k = k + span.stiffness
-        if self.damping.mass is not None or self.damping.stiffness is not None:
+        if (
+            self.damping.mass_coefficient is not None
+            or self.damping.stiffness_coefficient is not None
+        ):
             dk, dc = self.equations.damping_tangents(
-                q, v, self.damping.mass, self.damping.stiffness
+                q, v, self.damping.mass_coefficient, self.damping.stiffness_coefficient
             )
             k, c = k + dk, c + dc
         return k, c
@@ -256,7 +263,7 @@ class Scene(SecondOrderSystem):
     def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Number:
         """The rate dT/dv . v' + dT/domega . omega' at which the moving hub changes T."""
         _, out = jax.jvp(
-            lambda *twist: self.equations.kinetic_energy(q, v, *twist),
+            lambda *velocities: self.equations.kinetic_energy(q, v, *velocities),
             (hub.velocity, hub.angular_velocity),
             (hub.velocity_rate, hub.angular_velocity_rate),
         )
@@ -267,7 +274,7 @@ class Scene(SecondOrderSystem):
         return self.energies_in(self.hub(t), y)
 
     def energies_in(self, hub: Hub, y: State) -> tuple[Number, Number, Number]:
-        """The same where the hub moves like this."""
+        """Energies of a state where the hub moves like this."""
         # Once with the beam moving in a hub at rest, once at rest in the hub that moves.
         moving, carried = jax.vmap(
             lambda own: self.equations.kinetic_energy(
@@ -327,9 +334,9 @@ class Scene(SecondOrderSystem):
     ) -> tuple[Triple, Triple]:
         """Force along the span in all, and its moment about the centre of the hub."""
         equations, (xi, weight) = self.equations, spread.points
-        force = equations.size * weight[:, None] * density
+        force = equations.length * weight[:, None] * density
         tip = equations.undeformed.tip
-        root = (equations.end - equations.size) * jnp.eye(3, dtype=q.dtype)[0]
+        root = (equations.tip_radius - equations.length) * jnp.eye(3, dtype=q.dtype)[0]
         place = root[None] + xi[:, None] * (tip - root)[None] + equations.displacement(q, xi)
         return jnp.sum(force, 0), jnp.sum(jnp.cross(place, force), 0)
 
@@ -352,7 +359,7 @@ class _Traced(Motion):
     changes: Array
     jumps: Array
 
-    def twist(self, t: Scalar) -> tuple[Triple, Triple]:
+    def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
         hub = self.program(t)
         return hub.velocity, hub.angular_velocity
 

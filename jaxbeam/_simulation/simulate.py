@@ -11,8 +11,8 @@ import optimistix
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._numerics.program import Program
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._programs.program import Program
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
@@ -25,13 +25,19 @@ from jaxbeam._simulation.checks import (
     increasing,
     scene_status,
 )
-from jaxbeam._simulation.course import SAMPLES, Course, during
-from jaxbeam._simulation.following import LOST, Struck, following
-from jaxbeam._simulation.integration import Watch, by_diffrax, held_within, integrate, is_far
+from jaxbeam._simulation.following import MOTION_MISSED, AfterImpulse, following
+from jaxbeam._simulation.integration import (
+    EnergySamples,
+    by_diffrax,
+    held_within,
+    integrate,
+    is_far,
+)
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.scene import Scene
+from jaxbeam._simulation.step_limits import SAMPLES, StepLimits, during
 from jaxbeam._solvers.rodas import Rodas5P
-from jaxbeam._solvers.steps import SecondOrderSolver, compute
+from jaxbeam._solvers.steps import SecondOrderSolver, run_core
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, raise_unless_ok
 from jaxbeam._types import Code, Scalar
@@ -162,7 +168,7 @@ def _simulate(
         dt0 = jnp.where(forward, dt0, times[-1] - times[0])
     now = Scene(model, rotor, motion, loads, damping, times)
     if start is None:
-        zero = jnp.zeros(len(model.families), times.dtype)
+        zero = jnp.zeros(len(model.directions), times.dtype)
         y0 = State(zero, zero)
     else:
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
@@ -186,7 +192,7 @@ class _History(NamedTuple):
     times: Array  # where they were reached
     state: State  # NaN where they were not
     t0: Scalar
-    watch: Watch  # states on the way, for the balance of energy
+    watch: EnergySamples  # states on the way, for the balance of energy
     ended: Code  # what the solver says
     solution: diffrax.Solution
 
@@ -211,11 +217,11 @@ def _integrated(
     backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
     start_time = times[0]
     if not backsolved:
-        controller = following(controller, Course(now, times, seen))
+        controller = following(controller, StepLimits(now, times, seen))
     if now.jumps.size:
         late = without_derivatives(now.after(times[0]) - times[0])
-        solver, start_time = Struck(solver), times[0] + late
-        y0 = jax.lax.cond(late > 0, lambda: now.struck(start_time, y0), lambda: y0)
+        solver, start_time = AfterImpulse(solver), times[0] + late
+        y0 = jax.lax.cond(late > 0, lambda: now.after_impulse(start_time, y0), lambda: y0)
     how = (now, y0, start_time, times, solver, controller, dt0, event, max_steps, adjoint)
     if ours and saveat is None and progress_meter is None:
         solution, watch = integrate(*how)
@@ -266,9 +272,9 @@ def _beside(mask: Array, values: Array) -> Array:
 
 
 def _account(
-    scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State], watch: Watch
+    scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State], watch: EnergySamples
 ) -> tuple[Array, Array]:
-    """Of saved states: change of energy less work over the largest energy of the run, and whether
+    """Account of saved states: change of energy less work over the largest energy, and whether
     the tip is too far away."""
     start = t0[None], jax.tree.map(lambda a: a[None], y0)
     parts = [saved, start] if watch is None else [saved, start, watch]
@@ -279,7 +285,7 @@ def _account(
     )
 
     def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
-        parts = compute(_parts, None, scene, scene.hub(scene.after(t)), y)
+        parts = run_core(_parts, None, scene, scene.hub(scene.after(t)), y)
         balance = jnp.sum(parts) - scene.work_unit * y.work
         return balance, jnp.sum(jnp.abs(parts)), is_far(scene, y)
 
@@ -300,24 +306,26 @@ def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Seen) -> tuple[Sc
     loads `seen`, by that of a uniform load of the same moment about the root, or that at the start;
     at least 1e-6 and at most 0.1 lengths. And a time within which the first mode moves, in s."""
     equations, (hub, force, span) = scene.equations, seen
-    (mass, first, second), radius = equations.rigid, equations.end - equations.size
+    (mass, first, second), radius = equations.rigid_moments, equations.tip_radius - equations.length
     spin, rate = hub.angular_velocity, hub.angular_velocity_rate
     # Inertia of the undeformed beam across its axis, at the distance X from the centre of the hub:
     # -(acceleration + X turn) per mass.
-    turn = [rate[:, 2] + spin[:, 0] * spin[:, 1], spin[:, 0] * spin[:, 2] - rate[:, 1]]
+    spin_up_terms = [rate[:, 2] + spin[:, 0] * spin[:, 1], spin[:, 0] * spin[:, 2] - rate[:, 1]]
     across = jax.vmap(lambda hub: hub.acceleration)(hub)[:, 1:]
-    moment = across * (first - radius * mass) + jnp.stack(turn, 1) * (second - radius * first)
+    moment = across * (first - radius * mass) + jnp.stack(spin_up_terms, 1) * (
+        second - radius * first
+    )
     if force is not None:
-        moment = moment - jax.vmap(lambda load: bending(load, equations.size))(force)
+        moment = moment - jax.vmap(lambda load: bending(load, equations.length))(force)
     if span is not None:
-        moment = moment - equations.size**2 * span[:, 1, 1:]
+        moment = moment - equations.length**2 * span[:, 1, 1:]
     static = moment * rotor.compliance[None]
     at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
     # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
-    frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.size
+    frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.length
     size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], speed[None] / frequency)]
     largest = jnp.nan_to_num(jnp.max(jnp.concatenate(size)), nan=0.0)
-    return jnp.clip(largest, 1e-6 * equations.size, 0.1 * equations.size), 0.1 / frequency
+    return jnp.clip(largest, 1e-6 * equations.length, 0.1 * equations.length), 0.1 / frequency
 
 
 def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, State]:
@@ -337,7 +345,7 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
         (diffrax.RESULTS.successful, Status.OK),
         (diffrax.RESULTS.event_occurred, Status.DIVERGED if event_means_runaway else Status.OK),
         (diffrax.RESULTS.max_steps_reached, Status.MAX_STEPS),
-        (LOST, Status.UNRESOLVED),
+        (MOTION_MISSED, Status.UNRESOLVED),
     ):
         status = jnp.where(result == code, meaning, status)
     return status

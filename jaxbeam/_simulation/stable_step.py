@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._numerics.program import Program
-from jaxbeam._results import where_known
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.wanted import lowest
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Matrix, Real, Scalar, is_known
-from jaxbeam._vibration.modes import find
-from jaxbeam._vibration.wanted import lowest
+from jaxbeam._types import Code, Matrix, Real, Scalar, is_concrete
 
 # rad a step. Explicit methods of s stages end before s - 1; implicit ones that last are let go.
 _ANGLES = np.geomspace(1e-3, 1e3, 2000)
@@ -130,17 +130,17 @@ def stable_step(
     solver = _checked(solver)
     count_functions("steps", steps, 1)
     growth = real_scalar("growth", growth)
-    if is_known(growth) and not 1 < growth < np.inf:
+    if is_concrete(growth) and not 1 < growth < np.inf:
         raise ValueError(f"growth must be finite and > 1, got {growth}")
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    found = find(model, rotor, speed, lowest(model, len(model.families)), judged=False)
+    found = find(model, rotor, speed, lowest(model, len(model.directions)), judged=False)
     frequency = jnp.max(found.frequency)
     grows = jnp.max(found.growth_rate) > 1e-8 * frequency
     status = jnp.where(grows & (found.status == Status.OK), Status.NO_EQUILIBRIUM, found.status)
     ok = status == Status.OK
     frequency = jnp.where(ok, frequency, 1.0)
     step = _limit(solver, jnp.log(growth) / steps) / frequency
-    result = StableStep(where_known(ok, step), where_known(ok, frequency), status)
+    result = StableStep(nan_unless(ok, step), nan_unless(ok, frequency), status)
     return raise_unless_ok(result, status) if throw else result
 
 

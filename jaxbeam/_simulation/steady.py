@@ -5,11 +5,11 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxbeam._checks import real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.equilibrium import equilibrium
-from jaxbeam._models.loaded import acting_on, equations_under
-from jaxbeam._numerics.program import Program
-from jaxbeam._results import where_known
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.equilibrium import equilibrium
+from jaxbeam._models.contract.loaded import acting_on, equations_under
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
 from jaxbeam._rotor.motion import Motion
@@ -55,5 +55,5 @@ def _steady(
     equations = equations_under(model, rotor, loads)
     q, status = equilibrium(equations, hub, *acting_on(equations, loads, t))
     status = jnp.where(given == Status.OK, status, given)
-    q = where_known(status == Status.OK, q)
+    q = nan_unless(status == Status.OK, q)
     return State(q, jnp.zeros_like(q)), status

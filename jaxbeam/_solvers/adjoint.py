@@ -9,29 +9,29 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.anywhere import anywhere
-from jaxbeam._numerics.kernel import reverse_mode
-from jaxbeam._numerics.loop import loop
+from jaxbeam._programs.anywhere import anywhere
+from jaxbeam._programs.kernel import reverse_mode
+from jaxbeam._programs.loop import loop
 from jaxbeam._solvers.run import (
-    Given,
+    Inputs,
     Run,
+    Settings,
     Step,
     Tape,
-    Task,
     as_arrays,
     as_row,
-    blank,
-    level,
-    march,
+    checkpoint_level,
+    empty_tape,
+    integrate_steps,
     output,
-    place,
     solver_state_of,
+    tape_row,
 )
 from jaxbeam._solvers.system import State
 
 
 @eqx.filter_custom_vjp
-def run(given: Given, task: Task) -> Run:
+def run(inputs: Inputs, settings: Settings) -> Run:
     """Runs the task, with reverse mode by the discrete adjoint: of `outputs`, `y` and `last`.
 
     The derivative of what was computed, to rounding: each step that was kept is transposed, with
@@ -42,14 +42,16 @@ def run(given: Given, task: Task) -> Run:
 
     Derivatives of derivatives: forward over reverse.
     """
-    return march(task, given)[0]
+    return integrate_steps(settings, inputs)[0]
 
 
 @run.def_fwd
-def _forwards(perturbed: Any, given: Given, task: Task) -> tuple[Run, tuple[Tape, Array, Array]]:
-    result, tape = march(task, given, blank(task, given))
+def _forwards(
+    perturbed: Any, inputs: Inputs, settings: Settings
+) -> tuple[Run, tuple[Tape, Array, Array]]:
+    result, tape = integrate_steps(settings, inputs, empty_tape(settings, inputs))
     assert tape is not None
-    return result, (tape, result.kept, ~(result.t < given.times[-1]))
+    return result, (tape, result.kept, ~(result.t < inputs.times[-1]))
 
 
 class _Back(NamedTuple):
@@ -62,13 +64,13 @@ class _Back(NamedTuple):
     span: Float[Array, "S r"]  # states before its steps
     output: Array  # the last one that was not yet looked at
     row: Float[Array, " r"]  # what belongs to the state after step k
-    given: Any  # what belongs to the arguments, so far
+    inputs: Any  # what belongs to the arguments, so far
 
 
 class _Sweep(NamedTuple):
     """What stays as it is on the way back, and how a step is made."""
 
-    task: Task
+    settings: Settings
     moving: Any  # what is given and derivatives are asked by
     still: Any  # the rest of what is given
     times: Float[Array, " T"]
@@ -83,20 +85,20 @@ class _Sweep(NamedTuple):
 
     def row_of(self, first: Array) -> Array:
         """Reads the state before the first step of a span from the tape."""
-        return self.tape.rows[place(jnp.maximum(first, 0), len(self.tape.rows) - 1)]
+        return self.tape.rows[tape_row(jnp.maximum(first, 0), len(self.tape.rows) - 1)]
 
     def advance(self, moving: Any, row: Array, k: Array) -> tuple[Array, Step]:
         """Makes step k anew from the state in `row`; returns the state after it, and the step."""
-        task, ends = self.task, self.tape.ends[k]
-        own: Given = eqx.combine(moving, self.still)
-        t1, jumped = ends[0], ends[2] > 0 if task.jumps else False
+        settings, ends = self.settings, self.tape.ends[k]
+        own: Inputs = eqx.combine(moving, self.still)
+        t1, jumped = ends[0], ends[2] > 0 if settings.jumps else False
         # Where nothing jumps steps follow one another.
-        t0 = ends[1] if task.jumps else self.tape.ends[jnp.maximum(k - 1, 0), 0]
+        t0 = ends[1] if settings.jumps else self.tape.ends[jnp.maximum(k - 1, 0), 0]
         t0 = jnp.where(k == 0, own.start, t0)
         t1 = jnp.where((k == self.steps - 1) & self.finished, own.times[-1], t1)
         y, solver_state = self.unpack(row)
-        y, _, info, solver_state, _ = task.solver.step(
-            task.term, t0, t1, y, own.args, solver_state, jumped
+        y, _, info, solver_state, _ = settings.solver.step(
+            settings.term, t0, t1, y, own.args, solver_state, jumped
         )
         return as_row(y, as_arrays(solver_state)), Step(t0, t1, info)
 
@@ -120,10 +122,10 @@ class _Sweep(NamedTuple):
         # Where a lane failed, states may not be finite, but then nothing depends on them.
         weights = jax.tree.leaves((back.row, at_step))
         matters = down & jnp.any(jnp.stack([jnp.any(a != 0) for a in weights]))
-        total = jax.tree.map(lambda a, b: a + jnp.where(matters, b, 0.0), back.given, to_given)
+        total = jax.tree.map(lambda a, b: a + jnp.where(matters, b, 0.0), back.inputs, to_given)
         to_row = jnp.where(down, jnp.where(matters, to_row, 0.0), back.row)
         back = self.move(back, k, active, down, after)
-        return back._replace(output=i, row=to_row, given=total)
+        return back._replace(output=i, row=to_row, inputs=total)
 
     def gather(self, i: Array, k: Array, down: Array, step: Step) -> tuple[Array, Step, Any]:
         """Takes the outputs within step k, from the i-th one downwards, if the sweep goes down.
@@ -139,7 +141,7 @@ class _Sweep(NamedTuple):
             i, at_step, at_times = state
             own = here(i)
             _, pull = jax.vjp(
-                lambda step, t: output(self.task.solver, step, t), step, self.times[i]
+                lambda step, t: output(self.settings.solver, step, t), step, self.times[i]
             )
             to_step, to_t = pull(jnp.where(own, self.at_outputs[i], 0.0))
             at_step = jax.tree.map(jnp.add, at_step, to_step)
@@ -176,38 +178,42 @@ class _Sweep(NamedTuple):
 
 
 @run.def_bwd
-def _backwards(residuals: Any, out: Run, perturbed: Any, given: Given, task: Task) -> Any:
-    sweep, back = _begin(residuals, out, perturbed, given, task)
+def _backwards(residuals: Any, out: Run, perturbed: Any, inputs: Inputs, settings: Settings) -> Any:
+    sweep, back = _begin(residuals, out, perturbed, inputs, settings)
     back = loop(_Sweep.goes_on, _Sweep.step, sweep, back)
     # The first output is the state at the start, on which the first state of the solver depends.
     to_y0 = sweep.at_outputs[0]
 
     def start(moving: Any) -> Array:
-        own: Given = eqx.combine(moving, sweep.still)
-        return as_row(own.y0, solver_state_of(task, own))
+        own: Inputs = eqx.combine(moving, sweep.still)
+        return as_row(own.y0, solver_state_of(settings, own))
 
     _, pull = jax.vjp(start, sweep.moving)
     (to_given,) = pull(back.row.at[: to_y0.size].add(to_y0))
-    return jax.tree.map(jnp.add, back.given, to_given)
+    return jax.tree.map(jnp.add, back.inputs, to_given)
 
 
 def _begin(
-    residuals: tuple[Tape, Array, Array], out: Run, perturbed: Any, given: Given, task: Task
+    residuals: tuple[Tape, Array, Array],
+    out: Run,
+    perturbed: Any,
+    inputs: Inputs,
+    settings: Settings,
 ) -> tuple[_Sweep, _Back]:
     """Puts the sweep at the first step of the last span."""
     tape, count, finished = residuals
     steps, rows = len(tape.ends) - 1, len(tape.rows) - 1
-    times, m = given.times, ravel_pytree(given.y0)[0].size
-    moving, still = eqx.partition(given, perturbed)
-    start_state, shape = eqx.partition((given.y0, solver_state_of(task, given)), eqx.is_array)
+    times, m = inputs.times, ravel_pytree(inputs.y0)[0].size
+    moving, still = eqx.partition(inputs, perturbed)
+    start_state, shape = eqx.partition((inputs.y0, solver_state_of(settings, inputs)), eqx.is_array)
     _, unravel = ravel_pytree(start_state)
     zero = jnp.zeros_like(tape.rows[0])
     at_outputs = jnp.zeros((times.size, m), zero.dtype) if out.outputs is None else out.outputs
     at_end = zero[:m] if out.y is None else out.y
     longest = 1 << ((steps - 1) // rows).bit_length()
-    stride = 1 << level(jnp.maximum(count - 1, 0), rows).astype(count.dtype)
+    stride = 1 << checkpoint_level(jnp.maximum(count - 1, 0), rows).astype(count.dtype)
     sweep = _Sweep(
-        task, moving, still, times, tape, lambda row: eqx.combine(unravel(row), shape),
+        settings, moving, still, times, tape, lambda row: eqx.combine(unravel(row), shape),
         count, finished, at_outputs, out.last, longest, stride,
     )  # fmt: skip
     first = jnp.maximum(count - 1, 0) & ~(stride - 1)

@@ -15,10 +15,10 @@ from jaxbeam._solvers.steps import (
     SecondOrderSolver,
     StepPolynomial,
     combined,
-    compute,
-    finished,
     length,
+    run_core,
     step_inputs,
+    step_result,
     work_along,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
@@ -80,10 +80,10 @@ class ChordKvaerno5(SecondOrderSolver):
                 made_jump, lambda: args.acceleration(t0, y0.q, y0.v), lambda: solver_state
             )
         inputs, between = step_inputs(args, t0 + h * _TIMES, t0, h)
-        end, error, bends, work, last = compute(
+        end, error, coefficients, work, last = run_core(
             ChordKvaerno5._core, self, args, h, y0, a, args.inputs(t0), inputs, between
         )
-        return *finished(y0, end, error, bends, work), last, diffrax.RESULTS.successful
+        return *step_result(y0, end, error, coefficients, work), last, diffrax.RESULTS.successful
 
     def _core(
         self, system: SecondOrderSystem, h: Number, y0: State, a: Vector, x0: Any, inputs: Any,
@@ -99,11 +99,11 @@ class ChordKvaerno5(SecondOrderSolver):
         def stage(done: Array, row: Any) -> tuple[Array, None]:
             i, rows, now = row
             step, past = combined(rows, done)
-            known = both + h * step
+            explicit = both + h * step
 
             def at(a: Vector) -> tuple[Vector, Vector]:
-                rate = known[n:] + g * a
-                return known[:n] + g * rate, rate
+                rate = explicit[n:] + g * a
+                return explicit[:n] + g * rate, rate
 
             def improve(a: Vector, _: None) -> tuple[Vector, None]:
                 return a - solve @ (system.mass @ a - system.force(now, *at(a))), None
@@ -120,9 +120,9 @@ class ChordKvaerno5(SecondOrderSolver):
         change, off = h * combined(np.stack([np.append(_WEIGHT[-1, :-1], _GAMMA), _ERROR]), done)
         filtered = solve @ (system.mass @ off[n:] - g * (k @ off[:n]))
         off = jnp.concatenate([off[:n] + g * filtered, filtered])
-        bends = _quintic(h, both, a, both + change, done[-1, n:])
-        work = work_along(system, between, h, y0, bends)
-        return both + change, off, bends, work, done[-1, n:]
+        coefficients = _quintic(h, both, a, both + change, done[-1, n:])
+        work = work_along(system, between, h, y0, coefficients)
+        return both + change, off, coefficients, work, done[-1, n:]
 
 
 def _quintic(h: Number, y0: Array, a0: Vector, y1: Array, a1: Vector) -> Array:

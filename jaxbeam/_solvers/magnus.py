@@ -51,8 +51,8 @@ class MagnusInterpolation(Interpolation):
 
     def offset(self, s: Scalar) -> Float[Array, " m"]:
         """The vector z at the share s of the step."""
-        mean, tilt, twist = self.exponent
-        return exponential(s * (mean + (s - 1) / 2 * tilt + s**2 * twist)) @ self.start
+        mean, tilt, commutator = self.exponent
+        return exponential(s * (mean + (s - 1) / 2 * tilt + s**2 * commutator)) @ self.start
 
     def state(self, s: Scalar, z: Float[Array, " m"]) -> State:
         """The state whose vector is z."""
@@ -114,12 +114,12 @@ class Magnus(SecondOrderSolver):
         # In units of the fastest vibration, so that q and q' / scale are of one size.
         scale = jnp.sqrt(jnp.max(jnp.sum(jnp.abs(at.stiffness[0]), 1)))
         _, a1, a2, _ = h * jax.vmap(lambda at: _first_order(at, scale))(at)
-        twist = np.sqrt(3) / 12 * (a2 @ a1 - a1 @ a2)
+        commutator = np.sqrt(3) / 12 * (a2 @ a1 - a1 @ a2)
         start = [y0.q - at.place[0], (y0.v - at.rate[0]) / scale, jnp.ones_like(h)[None]]
         info: dict[str, Any] = {
             "y0": y0,
             "start": jnp.concatenate(start),
-            "exponent": jnp.stack([(a1 + a2) / 2, np.sqrt(3) * (a2 - a1), twist]),
+            "exponent": jnp.stack([(a1 + a2) / 2, np.sqrt(3) * (a2 - a1), commutator]),
             "scale": scale,
             "place": jnp.concatenate([at.place[::3], h * at.rate[::3]]),
         }
@@ -127,7 +127,7 @@ class Magnus(SecondOrderSolver):
         half, one = jnp.full_like(h, 0.5), jnp.ones_like(h)
         middle = along.offset(half)
         states = [y0, along.state(half, middle), along.at(one)]
-        off = twist @ middle
+        off = commutator @ middle
         error = State(off[:n], scale * off[n:-1], jnp.zeros_like(y0.work))
         powers = [
             work_rate(args, t, y.q, y.v)
@@ -151,9 +151,9 @@ def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar) -> _Moment:
         at, rate, matrices = jax.jvp(place, (t,), (one,), has_aux=True)
         return (at, rate), matrices
 
-    (at, rate), (_, turning), (k, c) = jax.jvp(moving, (t,), (one,), has_aux=True)
+    (at, rate), (_, moved), (k, c) = jax.jvp(moving, (t,), (one,), has_aux=True)
     stiffness, damping = -(flexible @ k), -(flexible @ c)
-    return _Moment(stiffness, damping, at, rate, damping @ rate - turning)
+    return _Moment(stiffness, damping, at, rate, damping @ rate - moved)
 
 
 def _first_order(at: _Moment, scale: Scalar) -> Float[Array, "m m"]:

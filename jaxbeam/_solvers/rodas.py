@@ -14,10 +14,10 @@ from jaxbeam._solvers.steps import (
     SecondOrderSolver,
     StepPolynomial,
     combined,
-    compute,
-    finished,
     length,
+    run_core,
     step_inputs,
+    step_result,
     work_along,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
@@ -66,12 +66,12 @@ def _tableau(
         whole[i, i - 1] = 1.0
     last = (1.0,) * (s - len(times))
     none = (0.0,) * (s - len(rate))
-    bends = np.zeros((3, s))
-    for row, given in zip(bends, dense, strict=False):
+    coefficients = np.zeros((3, s))
+    for row, given in zip(coefficients, dense, strict=False):
         row[: len(given)] = given
     return Tableau(
         order, gamma, whole, square(coupling), np.array((*times, *last)), np.array((*rate, *none)),
-        bends,
+        coefficients,
     )  # fmt: skip
 
 
@@ -188,10 +188,10 @@ class Rosenbrock(SecondOrderSolver):
         x0, rate = jax.jvp(args.inputs, (t0,), (jnp.ones_like(t0),))
         # Rounding must not take the last stage past a jump at t1.
         inputs, between = step_inputs(args, jnp.minimum(t0 + h * self.tableau.times, t1), t0, h)
-        end, error, bends, work = compute(
+        end, error, coefficients, work = run_core(
             Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, between
         )
-        return *finished(y0, end, error, bends, work), None, diffrax.RESULTS.successful
+        return *step_result(y0, end, error, coefficients, work), None, diffrax.RESULTS.successful
 
     def _core(
         self, system: SecondOrderSystem, h: Number, y0: State, start: Any, inputs: Any, between: Any
@@ -228,9 +228,9 @@ class Rosenbrock(SecondOrderSolver):
         )
         last = np.append(table.weight[-1, :-1], 1.0)
         change, d1, d2, d3 = combined(np.stack([last, *table.dense]), done)
-        bends = jnp.stack([change + d1, d2 - d1, d3 - d2, -d3])
-        work = work_along(system, between, h, y0, bends)
-        return both + change, done[-1], bends, work
+        coefficients = jnp.stack([change + d1, d2 - d1, d3 - d2, -d3])
+        work = work_along(system, between, h, y0, coefficients)
+        return both + change, done[-1], coefficients, work
 
 
 class Rodas4P(Rosenbrock):

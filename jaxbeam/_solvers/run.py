@@ -15,8 +15,8 @@ from jax.flatten_util import ravel_pytree
 from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.anywhere import anywhere
-from jaxbeam._numerics.loop import loop
+from jaxbeam._programs.anywhere import anywhere
+from jaxbeam._programs.loop import loop
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.events import Events
 from jaxbeam._solvers.system import State
@@ -25,7 +25,7 @@ from jaxbeam._types import Scalar
 _OK = diffrax.RESULTS.successful
 
 
-class Task(eqx.Module):
+class Settings(eqx.Module):
     """How to run; no derivatives are taken by what is in here."""
 
     term: diffrax.AbstractTerm
@@ -43,7 +43,7 @@ class Task(eqx.Module):
         return self.event is not None and self.event.root_finder is not None
 
 
-class Given(eqx.Module):
+class Inputs(eqx.Module):
     """What to run, and to take derivatives by."""
 
     args: Any
@@ -52,28 +52,28 @@ class Given(eqx.Module):
     times: Float[Array, " T"]  # of outputs, increasing, the first not after `start`; the last ends
 
 
-def conditions(task: Task, given: Given) -> list[Callable[[Scalar, State], Any]]:
+def conditions(settings: Settings, inputs: Inputs) -> list[Callable[[Scalar, State], Any]]:
     """The conditions of the event, as functions of t and y."""
-    if task.event is None:
+    if settings.event is None:
         return []
     more = {
-        "terms": task.term, "solver": task.solver, "t0": given.start, "t1": given.times[-1],
-        "dt0": task.dt0, "saveat": diffrax.SaveAt(ts=given.times), "max_steps": task.max_steps,
-        "stepsize_controller": task.controller,
+        "terms": settings.term, "solver": settings.solver, "t0": inputs.start, "t1": inputs.times[-1],
+        "dt0": settings.dt0, "saveat": diffrax.SaveAt(ts=inputs.times), "max_steps": settings.max_steps,
+        "stepsize_controller": settings.controller,
     }  # fmt: skip
-    found = jax.tree.leaves(task.event.cond_fn, is_leaf=callable)
-    return [Partial(_asked, f, given.args, more) for f in found]
+    found = jax.tree.leaves(settings.event.cond_fn, is_leaf=callable)
+    return [Partial(_asked, f, inputs.args, more) for f in found]
 
 
 def _asked(function: Any, args: Any, more: dict[str, Any], t: Scalar, y: State) -> Any:
     return function(t, y, args, **more)
 
 
-def _events(task: Task, given: Given) -> Events:
-    asked = conditions(task, without_derivatives(given))
+def _events(settings: Settings, inputs: Inputs) -> Events:
+    asked = conditions(settings, without_derivatives(inputs))
     directions: list[bool | None] = [None] * len(asked)
-    if task.event is not None and task.event.direction is not None:
-        directions = jax.tree.leaves(task.event.direction, is_leaf=lambda d: d is None)
+    if settings.event is not None and settings.event.direction is not None:
+        directions = jax.tree.leaves(settings.event.direction, is_leaf=lambda d: d is None)
     return Events(asked, directions)
 
 
@@ -93,7 +93,7 @@ class Run(NamedTuple):
     last: Step | None
     reached: Array
     t: Scalar  # where the last step ended
-    stopped: Array  # by `Task.ends`
+    stopped: Array  # by `Settings.ends`
     happened: list[Array]  # which event
     result: Any
     steps: Array
@@ -103,11 +103,11 @@ class Run(NamedTuple):
 class Tape(NamedTuple):
     """What is written down of each step for reverse mode, with a row for what is not to be kept."""
 
-    rows: Float[Array, "C r"]  # state of the equations and the solver before a step, see `place`
+    rows: Float[Array, "C r"]  # state of the equations and the solver before a step, see `tape_row`
     ends: Float[Array, "K e"]  # end of each step; its start and a jump there, where one may be
 
 
-class _Now(NamedTuple):
+class LoopState(NamedTuple):
     """Where a run is: before the step from t0 to t1, which may have to be made anew."""
 
     t0: Scalar
@@ -132,65 +132,74 @@ class _Verdict(NamedTuple):
     result: Any
 
 
-def march(task: Task, given: Given, tape: Tape | None = None) -> tuple[Run, Tape | None]:
+def integrate_steps(
+    settings: Settings, inputs: Inputs, tape: Tape | None = None
+) -> tuple[Run, Tape | None]:
     """Runs the task; with an empty `tape` that is filled."""
-    marching, now = _begin(task, given, tape)
+    marching, now = _begin(settings, inputs, tape)
     now = loop(_March.goes_on, _March.step, marching, now)
     run, unfinished = now.run, marching.unfinished(now)
     result = diffrax.RESULTS.where(unfinished, diffrax.RESULTS.max_steps_reached, run.result)
     return run._replace(outputs=run.outputs[:-1], result=result), now.tape
 
 
-def _begin(task: Task, given: Given, tape: Tape | None) -> tuple["_March", _Now]:
+def _begin(settings: Settings, inputs: Inputs, tape: Tape | None) -> tuple["_March", LoopState]:
     """Chooses the first step, and finds what holds before it."""
-    solver, end = task.solver, given.times[-1]
-    order: Any = solver.error_order(task.term)
-    seen = without_derivatives((given.args, given.y0, given.start, end))
-    t1, controller_state = task.controller.init(
-        task.term, seen[2], seen[3], seen[1], task.dt0, seen[0], solver.func, order
+    solver, end = settings.solver, inputs.times[-1]
+    order: Any = solver.error_order(settings.term)
+    seen = without_derivatives((inputs.args, inputs.y0, inputs.start, end))
+    t1, controller_state = settings.controller.init(
+        settings.term, seen[2], seen[3], seen[1], settings.dt0, seen[0], solver.func, order
     )
     t1 = jnp.minimum(t1, end)
-    flat, _ = ravel_pytree(given.y0)
+    flat, _ = ravel_pytree(inputs.y0)
     yes, no, count = jnp.asarray(True), jnp.asarray(False), jnp.asarray(0)
     # Steps that would leave but a splinter end at the end, to which 100 units of rounding are near.
-    nearly = end - 128 * jnp.finfo(given.times.dtype).eps * jnp.abs(end)
-    solver_state = solver_state_of(task, given)
-    last = _no_step(task, given, t1, solver_state) if task.locates else None
-    events = _events(task, given)
-    values = events.values(given.start, given.y0)
+    nearly = end - 128 * jnp.finfo(inputs.times.dtype).eps * jnp.abs(end)
+    solver_state = solver_state_of(settings, inputs)
+    last = _no_step(settings, inputs, t1, solver_state) if settings.locates else None
+    events = _events(settings, inputs)
+    values = events.values(inputs.start, inputs.y0)
     run = Run(
-        outputs=jnp.zeros((given.times.size + 1, flat.size), flat.dtype).at[0].set(flat),
-        y=flat, last=last, reached=count + 1, t=given.start, stopped=no,
+        outputs=jnp.zeros((inputs.times.size + 1, flat.size), flat.dtype).at[0].set(flat),
+        y=flat, last=last, reached=count + 1, t=inputs.start, stopped=no,
         happened=[v if v.dtype == bool else no for v in values],
         result=diffrax.RESULTS.where(yes, _OK, _OK), steps=count, kept=count,
     )  # fmt: skip
-    now = _Now(
-        given.start, t1, given.y0, no if task.jumps else False, solver_state,
+    now = LoopState(
+        inputs.start, t1, inputs.y0, no if settings.jumps else False, solver_state,
         as_arrays(controller_state), values, tape, run,
     )  # fmt: skip
-    return _March(task, given, order, end, nearly, events), now
+    return _March(settings, inputs, order, end, nearly, events), now
 
 
-def _no_step(task: Task, given: Given, t1: Scalar, solver_state: Any) -> Step:
+def _no_step(settings: Settings, inputs: Inputs, t1: Scalar, solver_state: Any) -> Step:
     """Returns zeros in the place of the last step, before there is one."""
     step = eqx.filter_eval_shape(
-        task.solver.step, task.term, given.start, t1, given.y0, given.args, solver_state, False
+        settings.solver.step,
+        settings.term,
+        inputs.start,
+        t1,
+        inputs.y0,
+        inputs.args,
+        solver_state,
+        False,
     )
     info = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), step[2])
-    return Step(given.start, t1, info)
+    return Step(inputs.start, t1, info)
 
 
 class _March(NamedTuple):
     """What stays as it is from step to step, and how a step is made."""
 
-    task: Task
-    given: Given
+    settings: Settings
+    inputs: Inputs
     order: Any  # of the error, which the controller asks for
     end: Scalar
     nearly: Scalar  # steps that would end later end at the end
     events: Events
 
-    def unfinished(self, now: _Now) -> Array:
+    def unfinished(self, now: LoopState) -> Array:
         """Whether there is more to be run, however many steps were made."""
         run = now.run
         more = (now.t0 < self.end) & (run.result == _OK) & ~run.stopped
@@ -198,38 +207,38 @@ class _March(NamedTuple):
             more &= ~event
         return more
 
-    def goes_on(self, now: _Now) -> Array:
-        more, most = self.unfinished(now), self.task.max_steps
+    def goes_on(self, now: LoopState) -> Array:
+        more, most = self.unfinished(now), self.settings.max_steps
         return more if most is None else more & (now.run.steps < most)
 
-    def step(self, now: _Now) -> _Now:
+    def step(self, now: LoopState) -> LoopState:
         """Makes a step; nothing changes in a lane that is done."""
-        task, args, run = self.task, self.given.args, now.run
+        settings, args, run = self.settings, self.inputs.args, now.run
         active = self.goes_on(now)
-        y, error, info, solver_state, solver_result = task.solver.step(
-            task.term, now.t0, now.t1, now.y, args, now.solver_state, now.jumped
+        y, error, info, solver_state, solver_result = settings.solver.step(
+            settings.term, now.t0, now.t1, now.y, args, now.solver_state, now.jumped
         )
-        verdict = self.judge(now, active, y, error, solver_result)
+        verdict = self.verdict_on(now, active, y, error, solver_result)
         kept, along = verdict.kept, Step(now.t0, now.t1, info)
         outputs, reached = _saved(
-            task.solver, self.given.times, along, kept, run.outputs, run.reached
+            settings.solver, self.inputs.times, along, kept, run.outputs, run.reached
         )
         tape = self.write(now, kept)
         values = self.events.values(now.t1, y)
         happened = self.events.happened(now.values, values)
         far = jnp.asarray(False)
-        if task.ends is not None:
-            far = task.ends(*without_derivatives((args, y)))
+        if settings.ends is not None:
+            far = settings.ends(*without_derivatives((args, y)))
         new = (
             run.stopped | far,
             [a | b for a, b in zip(run.happened, happened, strict=True)],
             values, now.t1, y, ravel_pytree(y)[0], solver_state,
-            verdict.jumped if task.jumps else None, along if task.locates else None,
+            verdict.jumped if settings.jumps else None, along if settings.locates else None,
         )  # fmt: skip
         old = (
             run.stopped, run.happened,
             now.values, run.t, now.y, run.y, now.solver_state,
-            now.jumped if task.jumps else None, run.last,
+            now.jumped if settings.jumps else None, run.last,
         )  # fmt: skip
         stopped, happened, values, t, y, flat, solver_state, jumped, last = _where(kept, new, old)
         t0, t1, controller_state, result = _where(
@@ -241,16 +250,18 @@ class _March(NamedTuple):
             outputs, flat, last, reached, t, stopped, happened, result,
             run.steps + active, run.kept + kept,
         )  # fmt: skip
-        jumped = jumped if task.jumps else False
-        return _Now(t0, t1, y, jumped, solver_state, controller_state, values, tape, run)
+        jumped = jumped if settings.jumps else False
+        return LoopState(t0, t1, y, jumped, solver_state, controller_state, values, tape, run)
 
-    def judge(self, now: _Now, active: Array, y: State, error: Any, solver_result: Any) -> _Verdict:
+    def verdict_on(
+        self, now: LoopState, active: Array, y: State, error: Any, solver_result: Any
+    ) -> _Verdict:
         """Asks the controller about the step that led to y; in a lane that is not `active` nothing
         is kept."""
         error = jax.tree.map(lambda e: jnp.where(jnp.isnan(e), jnp.inf, e), error)
         keep, t0, t1, jumped, controller_state, controller_result = (
-            self.task.controller.adapt_step_size(
-                *without_derivatives((now.t0, now.t1, now.y, y, self.given.args, error)),
+            self.settings.controller.adapt_step_size(
+                *without_derivatives((now.t0, now.t1, now.y, y, self.inputs.args, error)),
                 self.order, now.controller_state,
             )
         )  # fmt: skip
@@ -261,12 +272,12 @@ class _March(NamedTuple):
         result = diffrax.RESULTS.where(result == _OK, controller_result, result)
         return _Verdict(kept, t0, t1, jumped, controller_state, result)
 
-    def write(self, now: _Now, kept: Array) -> Tape | None:
+    def write(self, now: LoopState, kept: Array) -> Tape | None:
         """Writes the step down, if there is a tape."""
         if now.tape is None:
             return None
         row = as_row(now.y, now.solver_state)
-        jumped = [now.t0, now.jumped.astype(now.t0.dtype)] if self.task.jumps else []
+        jumped = [now.t0, now.jumped.astype(now.t0.dtype)] if self.settings.jumps else []
         return _written(now.tape, row, jnp.stack([now.t1, *jumped]), now.run.kept, kept)
 
 
@@ -306,24 +317,24 @@ def _saved(
 ROWS = 1024  # states that are kept at most; where steps are more, every 2nd, 4th, ... is
 
 
-def blank(task: Task, given: Given) -> Tape:
+def empty_tape(settings: Settings, inputs: Inputs) -> Tape:
     """A tape with room for all steps."""
-    steps = task.max_steps
+    steps = settings.max_steps
     if steps is None:
         raise ValueError(
             "max_steps=None knows no bound for what reverse mode has to remember: give max_steps, "
             "or adjoint=diffrax.ForwardMode()"
         )
-    row = as_row(given.y0, solver_state_of(task, given))
+    row = as_row(inputs.y0, solver_state_of(settings, inputs))
     # So many that spans between rows are no longer than there are rows.
     rows = min(max(ROWS, _power(int((2 * steps) ** 0.5))), _power(steps))
-    ends = jnp.zeros((steps + 1, 3 if task.jumps else 1), given.times.dtype)
+    ends = jnp.zeros((steps + 1, 3 if settings.jumps else 1), inputs.times.dtype)
     return Tape(jnp.zeros((rows + 1, row.size), row.dtype), ends)
 
 
-def solver_state_of(task: Task, given: Given) -> Any:
+def solver_state_of(settings: Settings, inputs: Inputs) -> Any:
     """The state of the solver at the start."""
-    state = task.solver.init(task.term, given.start, given.start, given.y0, given.args)
+    state = settings.solver.init(settings.term, inputs.start, inputs.start, inputs.y0, inputs.args)
     return as_arrays(state)
 
 
@@ -342,15 +353,15 @@ def _power(n: int) -> int:
     return 1 << max(n - 1, 0).bit_length()
 
 
-def level(k: Any, rows: int) -> Array:
+def checkpoint_level(k: Any, rows: int) -> Array:
     """m, where of the steps up to the k-th every 2^m-th is kept in so many rows."""
     return 32 - jax.lax.clz(jnp.asarray(k // rows, jnp.int32))
 
 
-def place(k: Array, rows: int) -> Array:
+def tape_row(k: Array, rows: int) -> Array:
     """The row of step k, which is a multiple of 2^level; nothing is ever moved: each level fills
     the rows of steps that are of no use to it, odd multiples of half of its own stride."""
-    m = level(k, rows).astype(k.dtype)
+    m = checkpoint_level(k, rows).astype(k.dtype)
     half = jnp.where(m > 0, 1 << jnp.maximum(m - 1, 0), 0)
     j = (k - rows * half) >> m
     share = rows >> m
@@ -359,8 +370,8 @@ def place(k: Array, rows: int) -> Array:
 
 def _written(tape: Tape, row: Array, ends: Array, k: Array, kept: Array) -> Tape:
     rows, steps = len(tape.rows) - 1, len(tape.ends) - 1
-    whole = k & ((1 << level(k, rows).astype(k.dtype)) - 1) == 0
-    at = jnp.where(kept & whole, place(k, rows), rows)
+    whole = k & ((1 << checkpoint_level(k, rows).astype(k.dtype)) - 1) == 0
+    at = jnp.where(kept & whole, tape_row(k, rows), rows)
     return Tape(
         jax.lax.dynamic_update_index_in_dim(tape.rows, row, at, 0),
         jax.lax.dynamic_update_index_in_dim(tape.ends, ends, jnp.where(kept, k, steps), 0),

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._numerics.kernel import kernel
-from jaxbeam._numerics.lanes import beside, contract
+from jaxbeam._programs.kernel import kernel
+from jaxbeam._programs.lanes import beside, contract
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number
@@ -36,7 +36,7 @@ class Interpolation(diffrax.AbstractLocalInterpolation):
         """The state at the time t0 + s (t1 - t0) within the step."""
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
-        """As in diffrax: the value at t0, or the increment from t0 to t1."""
+        """The value at t0, or the increment from t0 to t1, as diffrax asks for it."""
         if t1 is not None:
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
         return self.at((t0 - self.t0) / length(self.t0, self.t1))
@@ -46,11 +46,11 @@ class StepPolynomial(Interpolation):
     """y0 + bends_1 s + bends_2 s^2 + ... Unlike Hermite's cubic through the ends of a step, what
     solvers put in here does not amplify what is stiff."""
 
-    bends: State  # with a leading axis
+    coefficients: State  # with a leading axis
 
     def at(self, s: Number) -> State:
-        powers = s ** np.arange(1, len(self.bends.work) + 1)
-        return jax.tree.map(lambda y, c: y + powers @ c, self.y0, self.bends)
+        powers = s ** np.arange(1, len(self.coefficients.work) + 1)
+        return jax.tree.map(lambda y, c: y + powers @ c, self.y0, self.coefficients)
 
 
 class SecondOrderSolver(diffrax.AbstractAdaptiveSolver):
@@ -59,7 +59,7 @@ class SecondOrderSolver(diffrax.AbstractAdaptiveSolver):
     term_structure: ClassVar = diffrax.ODETerm
 
     def error_order(self, terms: Any) -> Any:
-        """Of the local error of an embedded method that is one order lower."""
+        """Order of the local error of an embedded method that is one order lower."""
         return self.order(terms)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> Any:
@@ -71,7 +71,7 @@ class SecondOrderSolver(diffrax.AbstractAdaptiveSolver):
 
 
 def length(t0: Any, t1: Any) -> Array:
-    """Of a step. In a batch, lanes that are done go on with steps of length zero, whose results are
+    """Length of a step. In a batch, lanes that are done go on with steps of zero, whose results are
     thrown away; dividing by zero, or overflow in a long step, would still leave NaN in gradients.
     """
     return jnp.where(t1 == t0, 1e-9, t1 - t0)
@@ -80,7 +80,7 @@ def length(t0: Any, t1: Any) -> Array:
 Core = Callable[..., Any]
 
 
-def compute(
+def run_core(
     core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any
 ) -> Any:
     """core(solver, system, *arrays), a `kernel` where the system allows it; then the core must not
@@ -112,7 +112,11 @@ def step_inputs(
 
 
 def work_along(
-    system: SecondOrderSystem, inputs: Any, h: Number, y0: State, bends: Float[Array, "b m *lanes"]
+    system: SecondOrderSystem,
+    inputs: Any,
+    h: Number,
+    y0: State,
+    coefficients: Float[Array, "b m *lanes"],
 ) -> Float[Array, "4 *lanes"]:
     """Work along a `StepPolynomial` of q and v side by side, as coefficients of its own.
 
@@ -121,9 +125,9 @@ def work_along(
     """
     n = len(y0.q)
     system, inputs, h, start, along = without_derivatives(
-        (system, inputs, h, jnp.concatenate([y0.q, y0.v]), bends)
+        (system, inputs, h, jnp.concatenate([y0.q, y0.v]), coefficients)
     )
-    states = start[None] + combined(_NODES[:, None] ** np.arange(1, len(bends) + 1), along)
+    states = start[None] + combined(_NODES[:, None] ** np.arange(1, len(coefficients) + 1), along)
     power = jax.vmap(lambda x, y: system.power(x, y[:n], y[n:]))(inputs, states)
     return h * combined(_INTEGRAL, power[:, None])[:, 0]
 
@@ -133,12 +137,15 @@ def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r 
     return contract(beside(weights, rows.ndim - 1), rows[None], 1, rows.ndim - 2)
 
 
-def finished(
+def step_result(
     y0: State, end: Float[Array, " m"], error: Float[Array, " m"],
-    bends: Float[Array, "b m *lanes"], work: Float[Array, " 4"],
+    coefficients: Float[Array, "b m *lanes"], work: Float[Array, " 4"],
 ) -> tuple[State, State, dict[str, State]]:  # fmt: skip
     """End, error and `StepPolynomial` of a step, from those of q and v side by side."""
-    n, m = y0.q.size, len(bends)
-    info = {"y0": y0, "bends": State(bends[:, :n], bends[:, n:], jnp.pad(work, (0, m - 4)))}
+    n, m = y0.q.size, len(coefficients)
+    info = {
+        "y0": y0,
+        "coefficients": State(coefficients[:, :n], coefficients[:, n:], jnp.pad(work, (0, m - 4))),
+    }
     off = State(error[:n], error[n:], jnp.zeros_like(y0.work))
     return State(end[:n], end[n:], y0.work + jnp.sum(work)), off, info

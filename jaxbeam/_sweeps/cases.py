@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxbeam._types import is_known
+from jaxbeam._types import is_concrete
 
 
 @dataclasses.dataclass(frozen=True, eq=False)  # arrays are not compared
@@ -98,7 +98,7 @@ def _some(named: dict[str, Any]) -> dict[str, Any]:
 
 def refuse_traced(given: Any) -> None:
     """Raise if numbers of a sweep are traced."""
-    if not is_known(given):
+    if not is_concrete(given):
         raise TypeError(
             "a sweep cannot be inside jax.grad, jax.jit or jax.vmap, since its results go to "
             "NumPy: differentiate inside the swept function, or take jax.vmap in its place"

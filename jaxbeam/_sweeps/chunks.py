@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxbeam._numerics.program import Program
+from jaxbeam._programs.program import Program
 from jaxbeam._status import Status, said, unlogged
 from jaxbeam._sweeps.cases import refuse_traced
 from jaxbeam._sweeps.store import Part, Spec

@@ -22,7 +22,7 @@ from jaxbeam._sweeps.chunks import Columns, Work, batched, made_with, named, pla
 from jaxbeam._sweeps.devices import checked_devices, on_devices
 from jaxbeam._sweeps.executors import on_executor
 from jaxbeam._sweeps.store import Folder, Memory, Spec, opened
-from jaxbeam._sweeps.table import Table, coordinate, layout, tabled
+from jaxbeam._sweeps.table import Table, as_table, coordinate, layout
 
 Dims = Mapping[str, Mapping[str, Sequence[Any]]]
 
@@ -85,7 +85,7 @@ def sweep(
     results, errors = store.collected()
     if len(errors) == len(job.cases):
         raise RuntimeError(f"every case raised; the first one said: {errors[0]}")
-    return tabled(job.cases, results, errors, job.dims)
+    return as_table(job.cases, results, errors, job.dims)
 
 
 def _checked(

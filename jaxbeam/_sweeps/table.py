@@ -143,7 +143,7 @@ class Table:
         """Read what `save` wrote, or the folder of a sweep that is finished."""
         if os.path.isdir(path):
             store, identity, cases = reopened(Path(path))
-            return cls(**vars(tabled(cases, *store.collected(), identity["dims"])))
+            return cls(**vars(as_table(cases, *store.collected(), identity["dims"])))
         try:
             with np.load(path, allow_pickle=False) as file:
                 meta = json.loads(str(file["meta"]))
@@ -194,7 +194,7 @@ class Table:
                 writer.writerows(zip(*(c(lines).tolist() for c in columns.values()), strict=True))
 
     def to_xarray(self) -> Any:
-        """The same as an `xarray.Dataset`; needs the package xarray."""
+        """This table as an `xarray.Dataset`; needs the package xarray."""
         try:
             import xarray
         except ImportError as error:
@@ -272,7 +272,7 @@ def layout(
     return dims, coords
 
 
-def tabled(
+def as_table(
     cases: Cases,
     results: Mapping[str, np.ndarray],
     errors: dict[int, str],

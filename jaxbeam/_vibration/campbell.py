@@ -8,11 +8,13 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._checks import known_array
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.families import Label
-from jaxbeam._models.loaded import Conditions, checked_conditions
+from jaxbeam._checks import concrete_array
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.loaded import Conditions, checked_conditions
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._status import Status
 from jaxbeam._sweeps.cases import grid
@@ -20,8 +22,6 @@ from jaxbeam._sweeps.sweep import sweep
 from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
 from jaxbeam._vibration.crossing import Crossing, crossing
-from jaxbeam._vibration.modes import find
-from jaxbeam._vibration.wanted import Wanted, choose
 
 
 class Campbell(eqx.Module):
@@ -48,7 +48,7 @@ class Campbell(eqx.Module):
         are not seen. Where a label changes branch in a veering and the line passes through the gap,
         there is no crossing. Ordered by speed; their numbers are those of Python.
         """
-        factors = known_array("harmonics", harmonics)
+        factors = concrete_array("harmonics", harmonics)
         if factors.ndim != 1 or not (np.isfinite(factors) & (factors > 0)).all():
             raise ValueError(f"harmonics must be a list of numbers > 0, got {harmonics!r}")
         found = []

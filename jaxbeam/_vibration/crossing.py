@@ -7,17 +7,17 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import real_scalar
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.families import Label
-from jaxbeam._models.loaded import Conditions, checked_conditions
-from jaxbeam._numerics.program import Program
-from jaxbeam._results import where_known
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.loaded import Conditions, checked_conditions
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.wanted import Wanted, choose
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._status import Status, raise_unless_ok
-from jaxbeam._types import Code, Real, Scalar, is_known
-from jaxbeam._vibration.modes import find
-from jaxbeam._vibration.wanted import Wanted, choose
+from jaxbeam._types import Code, Real, Scalar, is_concrete
 
 
 class Crossing(eqx.Module):
@@ -57,7 +57,7 @@ def crossing(
     ends = tuple(real_scalar("bracket", end) for end in bracket)
     ratio = real_scalar("harmonic", harmonic)
     for name, value, least in (("harmonic", ratio, 0), *(("bracket", e, -np.inf) for e in ends)):
-        if is_known(value) and not (
+        if is_concrete(value) and not (
             np.isfinite(number := float(np.asarray(value))) and number > least
         ):
             raise ValueError(
@@ -128,4 +128,4 @@ def _crossing(
     miss = jnp.abs(gap(jax.lax.stop_gradient(speed)))
     ok &= miss <= 1e-9 * jnp.abs(harmonic * speed)
     status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
-    return where_known(status == Status.OK, speed), status
+    return nan_unless(status == Status.OK, speed), status

@@ -11,18 +11,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._models.base import AbstractModel, checked_case
-from jaxbeam._models.families import Label, is_hinged
-from jaxbeam._models.loaded import Conditions, checked_conditions, system_of
-from jaxbeam._numerics.program import Program
-from jaxbeam._results import harmless, where_known, without_derivatives
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.loaded import Conditions, checked_conditions, system_of
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.result import Modes
+from jaxbeam._modes.wanted import Wanted, choose
+from jaxbeam._programs.program import Program
+from jaxbeam._results import harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.directions import Label, is_hinged
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
 from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Code, Matrix, Real, Scalar
-from jaxbeam._vibration.modes import find
-from jaxbeam._vibration.result import Modes
-from jaxbeam._vibration.wanted import Wanted, choose
 
 _CLOSE = 3e-6  # to rest, over the frequency scale: rounding of axial motion grows towards it
 
@@ -96,7 +96,7 @@ def _southwell(
     finite = moves & jnp.all(jnp.isfinite(result))
     status = jnp.where((status == Status.OK) & ~finite, Status.NOT_FINITE, status)
     status = jnp.where(fine, status, given)
-    return Southwell(where_known(status == Status.OK, result), status)
+    return Southwell(nan_unless(status == Status.OK, result), status)
 
 
 def _swinging(

@@ -6,18 +6,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
-from jaxbeam._models.base import guarded
-from jaxbeam._models.families import is_hinged
-from jaxbeam._models.modal import Hybrid
-from jaxbeam._models.shapes import Profile
+from jaxbeam._models.bases.shapes import Profile
+from jaxbeam._models.contract.base import guarded
+from jaxbeam._models.modal.theories import Hybrid
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.wanted import lowest
 from jaxbeam._numerics.linalg import symmetric_modes
-from jaxbeam._numerics.program import Program
-from jaxbeam._results import where_known
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.directions import is_hinged
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, Vector
-from jaxbeam._vibration.modes import find
-from jaxbeam._vibration.wanted import lowest
 
 _SHEAR = 3.1  # E / (kappa G)
 
@@ -55,11 +55,11 @@ def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
     still = jnp.zeros_like(speed)
     model = _bending(rotor)
     phi = find(model, rotor, still, lowest(model, 1)).shape[0].real
-    return where_known(given == Status.OK, stiffening_of(phi, rotor, speed))
+    return nan_unless(given == Status.OK, stiffening_of(phi, rotor, speed))
 
 
 def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
-    """The same where the first mode is known and all is in range."""
+    """`stiffening_ratio` where the first mode is known and all is in range."""
     equations = _bending(rotor).equations(rotor)
     motion = phi @ equations.motion_stiffness(jnp.zeros_like(speed), speed**2, None) @ phi
     return motion / (2 * equations.strain_energy(phi))
@@ -79,7 +79,7 @@ def _at_rest(model: Hybrid, rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     return jnp.sum((shape @ system.stiffness) * shape, axis=1), shape
 
 
-def stoutness(rotor: Rotor) -> Float[Array, "2 6"]:
+def timoshenko_reduction(rotor: Rotor) -> Float[Array, "2 6"]:
     """What shear and rotary inertia would take off the first frequencies in plane and in flap, at
     rest, relative; where sections are turned off those of the lowest modes, twice.
 
@@ -98,21 +98,21 @@ def stoutness(rotor: Rotor) -> Float[Array, "2 6"]:
 
 
 def _stoutness(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
-    beam, shapes, direction = rotor.beam, model.sampled(rotor, model.shapes(rotor)), model.direction
+    beam, shapes, one_hot = rotor.beam, model.sampled(rotor, model.shapes(rotor)), model.one_hot
     square, shape = (a[:6] for a in _at_rest(model, rotor))
     span, at, ends = shapes.span, shapes.at, shapes.ends
     profile = Profile.of(rotor, span)
-    ways = [shape * direction[None, :, k] for k in (1, 2)]
-    first, second = profile.turned(*(at.slope @ way.T / beam.length for way in ways))
+    ways = [shape * one_hot[None, :, k] for k in (1, 2)]
+    first, second = profile.in_section_axes(*(at.slope @ way.T / beam.length for way in ways))
     dm = span.weight * profile.mass / profile.axial
-    turning = (dm * profile.in_plane) @ first**2 + (dm * profile.flap) @ second**2
+    rotary = (dm * profile.in_plane) @ first**2 + (dm * profile.flap) @ second**2
     tip = ends.tip
-    if rotor.tip is not None:
-        tip = tip + rotor.tip.offset / beam.length * ends.turn
+    if rotor.tip_body is not None:
+        tip = tip + rotor.tip_body.offset / beam.length * ends.tip_slope
     force = [
         span.beyond(profile.mass[:, None] * (at.value @ way.T)).T
         + rotor.tip_mass * (way @ tip)[:, None]
         for way in ways
     ]
     sheared = (force[0] ** 2 + force[1] ** 2) @ (span.weight * beam.length / profile.axial)
-    return (turning + _SHEAR * square * sheared) / 2
+    return (rotary + _SHEAR * square * sheared) / 2

@@ -16,7 +16,7 @@ def peak(angular_speed, stiffness, tip_mass):
     blade = jb.Beam(8.0, 0.202, 5e6, stiffness, stiffness)
     motion = jb.SmoothSpinUp(angular_speed, duration=15.0)
     run = jb.simulate(
-        jb.EngineeringANCF(4), jb.Rotor(blade, 0.5, tip_mass), motion, times, throw=False
+        jb.ExactRodANCF(4), jb.Rotor(blade, 0.5, tip_mass), motion, times, throw=False
     )
     deflection, _ = run.peak()
     return deflection, run.status

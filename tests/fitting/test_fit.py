@@ -189,7 +189,7 @@ def judge(fits, truth):
     status = np.asarray(fits.status)
     assert (status == 0).all()
     values = np.stack([np.asarray(fits.parameters[name]) for name in truth], 1)
-    deviation = np.stack([np.asarray(fits.deviation[name]) for name in truth], 1)
+    standard_deviation = np.stack([np.asarray(fits.standard_deviation[name]) for name in truth], 1)
     interval = jax.vmap(lambda fit: fit.interval())(fits)
     exact = np.array(list(truth.values()))
     covered = np.stack(
@@ -206,9 +206,11 @@ def judge(fits, truth):
     spread = np.cov(values.T) / len(values)
     assert bias @ np.linalg.solve(spread, bias) < chi2.ppf(0.99, len(truth))
     # What the covariance says is what is seen.
-    np.testing.assert_allclose(np.sqrt((deviation**2).mean(0)), values.std(0), rtol=0.3)
-    misfit = np.asarray(fits.misfit)
-    assert abs(misfit.mean() - 1) < 4 * np.sqrt(2 / float(fits.freedom[0]) / len(misfit))
+    np.testing.assert_allclose(np.sqrt((standard_deviation**2).mean(0)), values.std(0), rtol=0.3)
+    reduced_chi_squared = np.asarray(fits.reduced_chi_squared)
+    assert abs(reduced_chi_squared.mean() - 1) < 4 * np.sqrt(
+        2 / float(fits.degrees_of_freedom[0]) / len(reduced_chi_squared)
+    )
 
 
 @pytest.mark.exhaustive
@@ -250,10 +252,10 @@ def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
     assert int(found.status) == jb.Status.NOT_IDENTIFIABLE
     assert np.isnan(list(found.parameters.values())).all()
     best = found.partial
-    assert np.isinf(list(best.deviation.values())).all()
+    assert np.isinf(list(best.standard_deviation.values())).all()
     ratio = float(best.parameters["in_plane"] / best.parameters["mass"])
     np.testing.assert_allclose(ratio, 2.0 / 1.1, rtol=1e-6)
-    np.testing.assert_allclose(np.abs(found.directions[-1]), np.sqrt(0.5), rtol=1e-5)
+    np.testing.assert_allclose(np.abs(found.combinations[-1]), np.sqrt(0.5), rtol=1e-5)
     text = str(found)
     assert "the data cannot tell this combination" in text
     assert "the data cannot tell all parameters apart" in text
@@ -262,7 +264,7 @@ def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
     found = jb.fit(at_rest(AT_REST), weighed)
     assert int(found.status) == 0
     np.testing.assert_allclose(found.parameters["in_plane"], 2.0, rtol=1e-6)
-    np.testing.assert_allclose(found.deviation["in_plane"], 0.02, rtol=0.2)
+    np.testing.assert_allclose(found.standard_deviation["in_plane"], 0.02, rtol=0.2)
     assert float(found.correlation[0, 1]) > 0.9
 
 
@@ -311,19 +313,21 @@ def test_a_straight_line(known_noise):
     design = np.stack([np.ones(12), x], 1)[here]
     wanted, (rest,), *_ = np.linalg.lstsq(design, y[here])
     found = jb.fit(line(x, y, 0.2), FREE_LINE, known_noise=known_noise)
-    assert int(found.freedom) == 9
+    assert int(found.degrees_of_freedom) == 9
     level = 0.2 if known_noise else np.sqrt(rest / 9)
     covariance = level**2 * np.linalg.inv(design.T @ design)
     np.testing.assert_allclose([found.parameters["a"], found.parameters["b"]], wanted, rtol=1e-8)
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-8)
-    np.testing.assert_allclose(found.misfit, rest / 0.04 / 9, rtol=1e-10)
+    np.testing.assert_allclose(found.reduced_chi_squared, rest / 0.04 / 9, rtol=1e-10)
     width = 1.959963984540054 if known_noise else t.ppf(0.975, 9)
     low, high = found.interval()["b"]
     np.testing.assert_allclose(high - low, 2 * width * np.sqrt(covariance[1, 1]), rtol=1e-8)
-    value, deviation = found.predict(lambda a, b: a + b * jnp.asarray([0.0, 3.0]))
+    value, standard_deviation = found.predict(lambda a, b: a + b * jnp.asarray([0.0, 3.0]))
     at = np.array([[1.0, 0.0], [1.0, 3.0]])
     np.testing.assert_allclose(value, at @ wanted, rtol=1e-8)
-    np.testing.assert_allclose(deviation, np.sqrt(np.diag(at @ covariance @ at.T)), rtol=1e-8)
+    np.testing.assert_allclose(
+        standard_deviation, np.sqrt(np.diag(at @ covariance @ at.T)), rtol=1e-8
+    )
 
 
 def test_residuals_are_plotted():
@@ -362,7 +366,7 @@ def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
     assert "held by a bound: a" in str(found)
     design = np.stack([np.ones(20), x], 1)
     wanted = 1e-3 * np.sqrt(np.linalg.inv(design.T @ design)[0, 0])
-    np.testing.assert_allclose(found.deviation["a"], wanted, rtol=1e-6)
+    np.testing.assert_allclose(found.standard_deviation["a"], wanted, rtol=1e-6)
     low, high = found.interval()["a"]
     assert low == 0.0
     assert 1.95 * wanted < high < 2.06 * wanted
@@ -391,8 +395,8 @@ def test_too_little_data_in_a_batch_is_reported_case_by_case():
     for known_noise, wanted in ((True, [0, 0, 31]), (False, [0, 31, 31])):
         found = jax.jit(jax.vmap(lambda y, known=known_noise: one(y, known)))(y)
         assert found.status.tolist() == wanted
-        assert np.isinf(found.partial.deviation["b"][-1])
-        assert np.isnan(found.deviation["b"][-1])
+        assert np.isinf(found.partial.standard_deviation["b"][-1])
+        assert np.isnan(found.standard_deviation["b"][-1])
     few = jax.jit(lambda y: jb.fit(line(x[:1], y), FREE_LINE, throw=False))(y[0, :1])
     assert int(few.status) == jb.Status.NOT_IDENTIFIABLE
     assert few.certainty.shape == (2,)
@@ -407,7 +411,7 @@ def test_a_fit_that_failed_is_raised():
 
     for found in (lambda: one(y[0]), lambda: jax.jit(jax.vmap(one))(y)):
         with pytest.raises(RuntimeError, match="the data cannot tell all parameters apart"):
-            jax.block_until_ready(found().misfit)
+            jax.block_until_ready(found().reduced_chi_squared)
 
 
 def test_guesses_in_a_batch():
@@ -421,7 +425,7 @@ def test_guesses_in_a_batch():
 
 def clearance(hub=0.1, **changes):
     given = {"angular_speed": [0.4, 0.5], "which": jb.labels(flap=1), "harmonics": [1, 8]} | changes
-    return jb.fitting.Clearance(jb.Hybrid(0, 1, 6), slender(hub=hub), margin=0.1, **given)
+    return jb.fitting.ResonanceMargin(jb.Hybrid(0, 1, 6), slender(hub=hub), margin=0.1, **given)
 
 
 @pytest.mark.slow
@@ -584,7 +588,7 @@ def test_one_bad_draw_spoils_no_other(frequencies):
     )
     assert int(fits.status[0]) == 0
     assert int(fits.status[2]) == jb.Status.NOT_IDENTIFIABLE
-    assert float(fits.misfit[1]) > 100
+    assert float(fits.reduced_chi_squared[1]) > 100
 
 
 def test_nothing_rests_under_what_turns_in_the_hub():

@@ -88,7 +88,7 @@ def frequencies(springs, size):
         root = jb.RootSprings(p["lag"], p["flap"]) if springs else None
         body = jb.TipBody(p["offset"], p["inertia"])
         rotor = jb.Rotor(
-            beam, p["hub_radius"], p["tip_mass"], pitch=p["pitch"], tip=body, root=root
+            beam, p["hub_radius"], p["tip_mass"], pitch=p["pitch"], tip_body=body, root_springs=root
         )
         found = jb.modes(jb.Hybrid(0, size, size), rotor, p["angular_speed"], 4, throw=False)
         return {

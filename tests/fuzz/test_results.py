@@ -221,7 +221,7 @@ def fits(p):
 
     free = {key: jb.FreeParameter(p[key] * p["guess"][i]) for i, key in enumerate(FITTED)}
     found = jb.fit(experiment, free, max_steps=60, throw=False)
-    return found.status, found.parameters, found.deviation, found.misfit
+    return found.status, found.parameters, found.standard_deviation, found.reduced_chi_squared
 
 
 @pytest.mark.exhaustive
@@ -269,7 +269,7 @@ def test_choices_of_the_ladder(data, watched):
         event("met" if choice.met else "not met")
         assert np.isfinite(choice.answer).all() == choice.met
         assert choice.met == (choice.estimate <= tolerance)
-        exact = jb.ladder.ask(jb.EngineeringANCF(48), rotor, question, 1e-9, throw=False)
+        exact = jb.ladder.evaluate(jb.ExactRodANCF(48), rotor, question, 1e-9, throw=False)
         if int(exact.status) == Status.OK and np.isfinite(choice.estimate):
             event("compared")
             error = np.max(np.abs(choice.partial / np.asarray(exact.value) - 1))

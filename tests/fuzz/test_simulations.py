@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import jaxbeam as jb
 from jaxbeam import Status
 from jaxbeam._numerics.linalg import dense
-from jaxbeam.models import Family
+from jaxbeam.models import Direction
 from tests.fuzz.scenes import (
     absurd,
     broken,
@@ -116,7 +116,7 @@ def scenes(draw, case):
 @functools.cache
 def simulation(case):
     """Compiled: everything that is looked at, by the numbers of a scene."""
-    model, n = case.model, len(case.model.families)
+    model, n = case.model, len(case.model.directions)
 
     def controls(p):
         if case.steps == "adaptive":
@@ -133,7 +133,7 @@ def simulation(case):
         loads, damping = jb.Loads(), jb.Damping()
         if "gravity" in p:
             # Off the plane where there is a flap coordinate.
-            aside = 0.3 if Family.FLAP in model.families else 0.0
+            aside = 0.3 if Direction.FLAP in model.directions else 0.0
             direction = np.array([0.4, -1.0, aside])
             loads = jb.Loads(p["gravity"] * direction, p["force"] * direction[[1, 0, 2]])
         if "mass_damping" in p:
@@ -185,7 +185,7 @@ def books(scene, t, y):
     their rates, the last by the power of hub, loads and damping; this; and what damping takes."""
     hub, equations = scene.hub(t), scene.equations
     spin, none = hub.angular_velocity, jnp.zeros(3)
-    _, first, second = equations.rigid
+    _, first, second = equations.rigid_moments
 
     def carried_by(hub):
         """Energy of the rigid beam, and its rate."""
@@ -201,12 +201,14 @@ def books(scene, t, y):
 
     power += of(hub.gravity, equations.first_moment, first)
     if (force := scene.loads.at_tip(t)) is not None:
-        power += of(force, equations.tip, equations.end)
+        power += of(force, equations.tip, equations.tip_radius)
     lost = equations.nonconservative_force(y.q)
     damped = jnp.zeros_like(lost)
     if (damping := scene.damping).mass is not None:
-        damped += damping.mass * jax.grad(equations.kinetic_energy, 1)(y.q, y.v, none, none)
-        damped += damping.stiffness * equations.viscous_force(y.q, y.v)
+        damped += damping.mass_coefficient * jax.grad(equations.kinetic_energy, 1)(
+            y.q, y.v, none, none
+        )
+        damped += damping.stiffness_coefficient * equations.viscous_force(y.q, y.v)
         lost += damped
 
     def energies(t, y):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import jaxbeam as jb
 from jaxbeam import Status
 from jaxbeam._numerics.linalg import dense
-from jaxbeam.models import Family
+from jaxbeam.models import Direction
 from tests.fuzz.scenes import (
     absurd,
     broken,
@@ -42,7 +42,7 @@ def critical(model):
         rotor = build(model, p)
         found = jb.critical_speed(model, rotor, throw=False)
         speed = jnp.where(jnp.isfinite(found.angular_speed), found.angular_speed, 0.0)
-        equations, rest = model.equations(rotor), jnp.zeros(len(model.families))
+        equations, rest = model.equations(rotor), jnp.zeros(len(model.directions))
 
         def undeformed(speed):
             hub = jb.motions.Hub(*jnp.zeros((5, 3)))._replace(angular_velocity=speed * np.eye(3)[2])
@@ -52,7 +52,7 @@ def critical(model):
             "status": found.status,
             "angular_speed": found.angular_speed,
             "shape": found.shape,
-            "family": found.family,
+            "direction": found.direction,
             "rest": undeformed(0.0 * speed),
             "undeformed": undeformed(speed),
             # `linearise` gives NaN where the search for the steady state ends: just there.
@@ -74,7 +74,7 @@ CRITICAL = [
 @examples(16)
 @given(data=st.data())
 def test_critical_speeds(model, data, watched):
-    """There the stiffness is singular, in the family and direction that are named; and halfway
+    """There the stiffness is singular, in the direction and direction that are named; and halfway
     there it is positive definite."""
     p = spoiled(data.draw, data.draw(rotors(model), "rotor")[0])
     with watched(p):
@@ -87,7 +87,7 @@ def test_critical_speeds(model, data, watched):
         assert np.isfinite(found["shape"]).all()
         # in coordinates in which the stiffness at rest has ones on its diagonal
         scale = np.sqrt(np.diag(found["rest"]))
-        tears = found["family"] == Family.AXIAL
+        tears = found["direction"] == Direction.AXIAL
         k, halfway, rest = (
             found[key] / scale / scale[:, None]
             for key in ("undeformed" if tears else "steady", "halfway", "rest")
@@ -177,7 +177,7 @@ def test_floquet_multipliers(model, data, watched):
         status = judged(found, expected, p, ["multipliers", "growth_rate"])
         if status != Status.OK or absurd(p):
             return
-        mu, n = found["multipliers"], len(model.families)
+        mu, n = found["multipliers"], len(model.directions)
         assert mu.size == 2 * n
         size, period = np.abs(mu), 2 * math.pi / p["frequency"]
         event(f"{'damped' if p['mass_damping'] + p['stiffness_damping'] else 'undamped'}")

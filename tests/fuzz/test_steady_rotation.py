@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import jaxbeam as jb
 from jaxbeam import Status
-from jaxbeam._vibration.modes import MANY
-from jaxbeam.models import Family
+from jaxbeam._modes.modes import MANY
+from jaxbeam.models import Direction
 from tests.fuzz.scenes import absurd, build, evaluated, examples, judged_at_speed, spinning
 from tests.helpers import name
 from tests.tiers import slow
@@ -25,14 +25,14 @@ def vibration(model):
     """Compiled: all modes, and the matrices that they belong to."""
 
     def run(p):
-        rotor, n = build(model, p), len(model.families)
+        rotor, n = build(model, p), len(model.directions)
         found = jb.modes(model, rotor, p["angular_speed"], n, throw=False)
         system = model.linearise(rotor, p["angular_speed"], throw=False)
         return {
             "status": found.status,
             "eigenvalue": found.eigenvalue,
             "shape": found.shape,
-            "label": jnp.stack([found.family, found.order], -1),
+            "label": jnp.stack([found.direction, found.number], -1),
             "energy_share": found.energy_share,
             "residual": found.residual,
             "steady_strain": found.steady_strain,
@@ -57,7 +57,9 @@ def check_modes(model, p):
     assert (np.diff(square) <= 1e-9 * np.abs(square[1:])).all()  # lowest first
     labels = [tuple(label) for label in found["label"]]
     assert sorted(labels) == [
-        (family, order + 1) for family in Family for order in range(model.families.count(family))
+        (direction, order + 1)
+        for direction in Direction
+        for order in range(model.directions.count(direction))
     ]
     np.testing.assert_allclose(found["energy_share"].sum(1), 1, rtol=1e-9)
     # what `residual` says, again
@@ -66,7 +68,7 @@ def check_modes(model, p):
     scale = size**2 * norm(m) + size * norm(g) + norm(k)
     assert (norm(q, axis=1) <= 1.1e-9 * scale * norm(x, axis=1)).all()
     # All are there: the product of their squares is det K / det M; and as many grow as K has
-    # negative eigenvalues (the reasons are in `jaxbeam._vibration.critical_speed`).
+    # negative eigenvalues (the reasons are in `jaxbeam._stability.critical_speed`).
     scaled = np.sqrt(np.diag(m))
     m, k = (a / scaled / scaled[:, None] for a in (m, k))
     spread = np.abs(np.linalg.eigvalsh(k))
@@ -115,9 +117,9 @@ def one_and_many(model):
         return {
             "status": many.status[0],
             "frequency": many.frequency[0],
-            "labels": jnp.stack([many.family[0], many.order[0]]),
+            "labels": jnp.stack([many.direction[0], many.number[0]]),
             "one": one.frequency,
-            "one's labels": jnp.stack([one.family, one.order]),
+            "one's labels": jnp.stack([one.direction, one.number]),
             "one's status": one.status,
             "steady_strain": many.steady_strain[0],
         }

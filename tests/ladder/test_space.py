@@ -111,14 +111,14 @@ def test_places_in_a_cone():
     """The axes of the hub are not those of the beam, for many points as for one."""
     model = jb.SpatialANCF(2)
     equations = model.equations(rotor(precone=0.3))
-    q = jnp.linspace(-0.1, 0.1, len(model.families))
+    q = jnp.linspace(-0.1, 0.1, len(model.directions))
     tip = equations.tip(q)
     np.testing.assert_allclose(equations.displacement(q, np.array([0.5, 1.0]))[1], tip, atol=1e-15)
     np.testing.assert_allclose(equations.displacement(q, np.ones(1))[0], tip, atol=1e-15)
 
 
 def truth(asked, question, size, elements):
-    found = jb.ladder.ask(jb.SpatialANCF(elements), asked, question, 1e-6, size)
+    found = jb.ladder.evaluate(jb.SpatialANCF(elements), asked, question, 1e-6, size)
     assert int(found.status) == 0
     return found
 

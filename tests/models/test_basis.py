@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 
 import jaxbeam as jb
-from jaxbeam._models import basis as basis_module
+from jaxbeam._models.bases import basis as basis_module
 from tests.tiers import exhaustive, slow
 
 BASES = [jb.models.Polynomials(), jb.models.Polynomials(grading=2), jb.models.CantileverModes()]

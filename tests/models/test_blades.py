@@ -58,7 +58,7 @@ def tapered(taper, mass, stiffness, **more):
     [(1, 3), *(exhaustive(*powers) for powers in ((1, 1), (2, 4)))],
 )
 def test_tapered_beams(mass, stiffness, taper, functions, speed):
-    """Breadth, height and both: three modes of each family by 16 polynomials, 28 for a tip a tenth
+    """Breadth, height and both: three modes of each direction by 16 polynomials, 28 for a tip a tenth
     as broad as the root."""
     hub, tip = (0.0, 0.0) if speed < 1 else (1.0, 0.1)
     ours, theirs = tapered(taper, mass, stiffness, hub=hub, tip=reference.Body(tip))
@@ -129,7 +129,7 @@ def test_twist_and_pitch(ratio, pitch, speed):
     np.testing.assert_allclose(np.sort(found.frequency), wanted, rtol=3e-8)
     np.testing.assert_allclose(found.energy_share.sum(1), 1.0)
     assert 0.01 < np.min(np.max(found.energy_share, 1)) < 0.99  # mixed
-    labels = {(int(f), int(k)) for f, k in zip(found.family, found.order, strict=True)}
+    labels = {(int(f), int(k)) for f, k in zip(found.direction, found.number, strict=True)}
     assert len(labels) == 6
 
 
@@ -153,14 +153,14 @@ def test_labels_of_turned_sections():
 def test_root_springs(spring, speed):
     ours = jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0)
     theirs = reference.Blade(lag=16.0, lag_spring=2 * spring, flap_spring=spring, hub=0.2)
-    rotor = jb.Rotor(ours, 0.2, root=jb.RootSprings(2 * spring, spring))
+    rotor = jb.Rotor(ours, 0.2, root_springs=jb.RootSprings(2 * spring, spring))
     model = jb.Hybrid(0, 14, 14)
     wanted = reference.frequencies(theirs, speed, 6)
     np.testing.assert_allclose(lowest(model, rotor, speed), wanted, rtol=1e-9)
 
 
 def test_root_that_yields_one_way():
-    rotor = jb.Rotor(jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0), root=jb.RootSprings(flap=0.5))
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, STIFF, 16.0, 1.0), root_springs=jb.RootSprings(flap=0.5))
     model = jb.Hybrid(0, 14, 14)
     found = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=3)).frequency
     clamped = 4 * 1.8751040687119611**2  # the first root of cos(b) cosh(b) = -1
@@ -168,7 +168,7 @@ def test_root_that_yields_one_way():
     np.testing.assert_allclose(found, [clamped, *printed], rtol=1e-9)
     clamped = jb.models.SmallStrainANCF(2)
     with pytest.raises(ValueError, match="root: there is a spring against in-plane bending"):
-        jb.modes(clamped, jb.Rotor(rotor.beam, root=jb.RootSprings(in_plane=0.5)), 0.0)
+        jb.modes(clamped, jb.Rotor(rotor.beam, root_springs=jb.RootSprings(in_plane=0.5)), 0.0)
 
 
 @pytest.mark.parametrize(
@@ -183,10 +183,10 @@ def test_tip_bodies(speed, stretch):
         stretch=400.0 if stretch else None,
     )  # fmt: skip
     model = jb.Hybrid(stretch, 14, 14)
-    found = lowest(model, jb.Rotor(ours, 0.3, 0.5, tip=body), speed)
+    found = lowest(model, jb.Rotor(ours, 0.3, 0.5, tip_body=body), speed)
     np.testing.assert_allclose(found, reference.frequencies(theirs, speed, 6), rtol=1e-9)
     point = jb.Rotor(ours, 0.3, 0.5)
-    none = jb.Rotor(ours, 0.3, 0.5, tip=jb.TipBody())
+    none = jb.Rotor(ours, 0.3, 0.5, tip_body=jb.TipBody())
     np.testing.assert_allclose(lowest(model, none, speed), lowest(model, point, speed), rtol=1e-12)
 
 
@@ -199,7 +199,7 @@ def test_tip_bodies_of_two_inertias():
     body = reference.Body(0.5, 0.1, 0.05, 0.03 - 0.01)
     theirs = reference.Blade(lag=1e6, hub=0.3, tip=body)
     even, uneven = (
-        jb.modes(model, jb.Rotor(ours, 0.3, 0.5, tip=tip), 4.0, labels).frequency
+        jb.modes(model, jb.Rotor(ours, 0.3, 0.5, tip_body=tip), 4.0, labels).frequency
         for tip in (jb.TipBody(0.1, 0.03, 0.01), jb.TipBody(0.1, 0.03, 0.01, 0.05))
     )
     np.testing.assert_allclose(uneven[:2], even[:2], rtol=1e-12)
@@ -215,7 +215,7 @@ def test_a_body_at_the_tip_moves_as_one(pitch):
     arms, mass, offset = np.array([0.5, 0.4, 0.9]), 0.9, 0.3
     along, across, up = mass * arms**2 / 3  # second moments
     body = jb.TipBody(offset, along + across, across + up, along + up)
-    rotor, model = jb.Rotor(beam, 0.4, mass, pitch, tip=body), jb.Hybrid(2, 3, 3)
+    rotor, model = jb.Rotor(beam, 0.4, mass, pitch, tip_body=body), jb.Hybrid(2, 3, 3)
     equations = model.equations(rotor)
     hub, q, v = random_state(model, 3, False)
     end = model.displacement(np.ones(1), rotor)[:, 0]
@@ -305,10 +305,10 @@ def test_precone_of_a_table():
     yielding = jb.Hybrid(0, 9, 9)
 
     def frequency(cone, spring=20.0):
-        rotor = jb.Rotor(ours, 0.5, root=jb.RootSprings(spring, spring), precone=cone)
+        rotor = jb.Rotor(ours, 0.5, root_springs=jb.RootSprings(spring, spring), precone=cone)
         return jb.modes(yielding, rotor, 3.0, 4).frequency
 
-    flat = jb.Rotor(ours, 0.5, root=jb.RootSprings(20.0, 20.0))
+    flat = jb.Rotor(ours, 0.5, root_springs=jb.RootSprings(20.0, 20.0))
     np.testing.assert_allclose(frequency(0.0), jb.modes(yielding, flat, 3.0, 4).frequency)
     ends = jax.vmap(frequency)(jnp.array([0.1 - 1e-4, 0.1, 0.1 + 1e-4]))
     np.testing.assert_allclose(ends[1], frequency(0.1), rtol=1e-12)
@@ -326,7 +326,7 @@ def test_what_coned_beams_cannot_do_is_named():
         lambda: jb.modes(jb.Hybrid(), rotor, 1.0),
         lambda: jb.modes(jb.VonKarman(), rotor, 1.0),
         lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, pitch=0.1), 1.0),
-        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, tip=jb.TipBody()), 1.0),
+        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, tip_body=jb.TipBody()), 1.0),
         lambda: jb.critical_speed(small, rotor),
         lambda: jb.floquet(small, rotor, modulated),
         lambda: jb.stiffening_ratio(rotor, 1.0),
@@ -354,10 +354,10 @@ def test_constant_tables_are_the_uniform_beam(model):
     def same(value):
         return jb.Spanwise([0.0, 0.3, 1.0], 3 * [value])
 
-    flat = jb.models.Family.FLAP not in model.families
+    flat = jb.models.Direction.FLAP not in model.directions
     built = jb.Rotor(
         jb.Beam(2.0, same(1.3), same(4e3), same(11.0), same(7.0), None if flat else same(0.0)),
-        0.4, 0.9, tip=jb.TipBody(),
+        0.4, 0.9, tip_body=jb.TipBody(),
     )  # fmt: skip
     hub, q, v = random_state(model, 4, flat)
     force = jnp.array([3.0, -2.0, 0.0])
@@ -368,7 +368,7 @@ def test_constant_tables_are_the_uniform_beam(model):
         return (
             equations.force(hub, q, v, force), *map(dense, equations.tangents(hub, q, v, force)),
             equations.strain_energy(q), equations.first_moment(q), equations.tip(q),
-            equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity), equations.rigid,
+            equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity), equations.rigid_moments,
             equations.displacement(q, np.array([0.4, 1.0])), rotor.steady_strain(jnp.asarray(2.0)),
         )  # fmt: skip
 
@@ -515,12 +515,12 @@ def test_a_function_is_as_its_table():
         (
             lambda: jb.modes(
                 jb.SpatialANCF(2),
-                jb.Rotor(jb.Beam(*5 * [1.0], None, 1.0), tip=jb.TipBody(flap_inertia=1.0)),
+                jb.Rotor(jb.Beam(*5 * [1.0], None, 1.0), tip_body=jb.TipBody(flap_inertia=1.0)),
                 0.0,
             ),
             "flap_inertia: to SpatialANCF a body at the tip has one inertia across the beam",
         ),
-        (lambda: jb.Rotor(BEAM, root=3.0), "root must be a RootSprings"),
+        (lambda: jb.Rotor(BEAM, root_springs=3.0), "root must be a RootSprings"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(make, message):

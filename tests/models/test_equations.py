@@ -25,7 +25,7 @@ BEAM_MODELS = [
 ]
 EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SPRINGS) for m in DISCRETE]
 EVERY += BUILT
-KINDS = jb.Hybrid, jb.VonKarman, jb.EngineeringANCF, jb.ANCF, jb.models.DiscreteNP
+KINDS = jb.Hybrid, jb.VonKarman, jb.ExactRodANCF, jb.ANCF, jb.models.DiscreteNP
 
 
 def tiered(model, rotor):
@@ -44,7 +44,7 @@ def random_state(model, seed, planar):
     rng = np.random.default_rng(seed)
     flat = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0], [0, 0, 1], [1, 1, 0]])
     hub = rng.normal(size=(5, 3)) * (flat if planar else 1)
-    q, v = 0.1 * rng.normal(size=(2, len(model.families)))
+    q, v = 0.1 * rng.normal(size=(2, len(model.directions)))
     return Hub(*jnp.asarray(hub)), jnp.asarray(q), jnp.asarray(v)
 
 
@@ -71,7 +71,7 @@ def lagrange(equations, hub, q, v, tip_force):
 
 @pytest.mark.parametrize(("model", "rotor"), CASES, ids=name)
 def test_equations_of_motion_follow_from_the_energies(model, rotor):
-    planar = jb.models.Family.FLAP not in model.families
+    planar = jb.models.Direction.FLAP not in model.directions
     hub, q, v = random_state(model, 1, planar)
     if isinstance(
         model, jb.models.DiscreteLP
@@ -91,7 +91,7 @@ def test_equations_of_motion_follow_from_the_energies(model, rotor):
 
 @pytest.mark.parametrize(("model", "rotor"), CASES, ids=name)
 def test_tangents_are_derivatives_of_the_force(model, rotor):
-    hub, q, v = random_state(model, 2, jb.models.Family.FLAP not in model.families)
+    hub, q, v = random_state(model, 2, jb.models.Direction.FLAP not in model.directions)
     force = jnp.array([3.0, -2.0, 0.0])
 
     @jax.jit
@@ -152,7 +152,7 @@ def test_yoo_equations_linearise_exact_kinematics(model, seed):
         )
         return -jnp.einsum("pcn,pc,p->n", jac, acceleration, dm)
 
-    zero = jnp.zeros(len(model.families))
+    zero = jnp.zeros(len(model.directions))
     equations = model.equations(ROTOR)
     load = virtual_work(zero, zero, zero)
     k, c, m = (-a for a in jax.jacfwd(virtual_work, (0, 1, 2))(zero, zero, zero))

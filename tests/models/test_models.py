@@ -11,7 +11,7 @@ import jaxbeam as jb
 from tests.helpers import slender
 from tests.tiers import exhaustive
 
-FAMILY = jb.models.Family
+FAMILY = jb.models.Direction
 MODELS = [
     jb.Hybrid(4, 5, 6),
     jb.Hybrid(4, 5, 0, jb.models.CantileverModes()),
@@ -24,7 +24,7 @@ ids = [repr(m) for m in MODELS]
 ROTOR = jb.Rotor(jb.Beam(2.0, 0.7, 3e3, 5.0, 8.0), hub_radius=0.4, tip_mass=0.3)
 
 
-@pytest.mark.parametrize("model", [jb.EngineeringANCF(8), exhaustive(jb.SpatialANCF(8))], ids=repr)
+@pytest.mark.parametrize("model", [jb.ExactRodANCF(8), exhaustive(jb.SpatialANCF(8))], ids=repr)
 def test_curvature_is_that_of_the_axis_however_far_it_is_bent(model):
     """Of elements that are laid along half a circle, but for what cubics are off."""
     equations = model.equations(jb.Rotor(jb.Beam(2.0, 0.7, 3e3, 5.0, 8.0, torsional_stiffness=1.0)))
@@ -32,7 +32,7 @@ def test_curvature_is_that_of_the_axis_however_far_it_is_bent(model):
     angle, radius = np.pi * xi, 2.0 / np.pi
     circle = radius * np.stack([np.sin(angle) - angle, 1 - np.cos(angle), 0 * angle], 1)
     linear = jax.jacfwd(lambda q: equations.displacement(q, xi).ravel())
-    q = np.linalg.lstsq(linear(jnp.zeros(len(model.families))), circle.ravel(), rcond=None)[0]
+    q = np.linalg.lstsq(linear(jnp.zeros(len(model.directions))), circle.ravel(), rcond=None)[0]
     found = equations.curvature(jnp.asarray(q), xi)
     np.testing.assert_allclose(found[:, 0], 1 / radius, rtol=0.03)
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-9)
@@ -46,7 +46,7 @@ def test_structure(model):
     np.testing.assert_array_equal(g, -g.T)
     np.testing.assert_allclose(k, k.T, atol=1e-12 * float(jnp.abs(k).max()))
     assert np.linalg.eigvalsh(m).min() > 0
-    kinds = np.asarray(system.families)
+    kinds = np.asarray(system.directions)
     other = kinds[:, None] != kinds
     assert not m[other].any()
     assert not k[other].any()
@@ -62,7 +62,7 @@ def test_structure(model):
 def test_mass_is_the_kinetic_energy(model):
     """For random motions, against quadrature of the displacement field that the model reports."""
     system = model.linearise(ROTOR, 0.9)
-    v = np.random.default_rng(1).normal(size=len(system.families))
+    v = np.random.default_rng(1).normal(size=len(system.directions))
     x, w = np.polynomial.legendre.leggauss(300)
     table = np.asarray(model.displacement((x + 1) / 2, ROTOR))
     at_end = np.asarray(model.displacement(np.ones(1), ROTOR))[:, 0]

@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxbeam as jb
-from jaxbeam._models import laws
-from jaxbeam._models.sections import SpatialSections
-from jaxbeam._models.space import SpatialElement, SpatialRule
-from jaxbeam._models.space_frames import axes, deformation
+from jaxbeam._models.ancf.theories import energies as element_energies
+from jaxbeam._models.space.energies import SpatialElement, SpatialRule
+from jaxbeam._models.space.frames import axes, deformation
+from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub, spinning
 from tests.models import rod_reference
@@ -86,16 +86,18 @@ def test_the_undeformed_element_has_finite_derivatives_of_any_order():
 
 @pytest.mark.slow
 def test_in_a_plane_it_is_the_planar_element_but_for_the_number_of_points():
-    h, s = 1 / N, laws.POINTS
+    h, s = 1 / N, element_energies.POINTS
     none = np.zeros((s.size, 3))
-    weights, slopes = h * laws.WEIGHTS, laws.along_element(s)
-    rule = SpatialRule(weights, slopes, laws.along_element(s, 1) / h, none, none, weights, slopes)
+    weights, slopes = h * element_energies.WEIGHTS, element_energies.along_element(s)
+    rule = SpatialRule(
+        weights, slopes, element_energies.along_element(s, 1) / h, none, none, weights, slopes
+    )
     d = 0.2 * np.random.default_rng(5).normal(size=(2, 3))
     e = np.zeros(13)
     e[:9] = np.stack([d[1], d[0], 0 * d[0]]).ravel()
     stiff = jnp.asarray(2e-4), None, jnp.asarray(1.0)
     law, e = SpatialElement(stiff, jnp.asarray(1.0), N, part=rule), jnp.asarray(e)
-    planar = laws.Engineering(jnp.asarray(2e-4), N)
+    planar = element_energies.Engineering(jnp.asarray(2e-4), N)
     np.testing.assert_allclose(law.energy(e), planar.energy(jnp.asarray(d)), rtol=1e-14)
     force = np.asarray(law.force(e))[:9].reshape(3, 3)
     np.testing.assert_allclose(force[:2][::-1], planar.force(jnp.asarray(d)), atol=1e-16)
@@ -210,7 +212,7 @@ def test_loads_at_the_tip_do_the_work_of_their_force_and_moment(follows):
     model = jb.SpatialANCF(2)
     equations = model.equations(jb.Rotor(BEAM))
     # Rates that are not those of the deflection itself: these would not turn about the tangent.
-    q, v = jnp.asarray(0.05 * np.random.default_rng(1).normal(size=(2, len(model.families))))
+    q, v = jnp.asarray(0.05 * np.random.default_rng(1).normal(size=(2, len(model.directions))))
     hub = spinning(jnp.asarray(0.7))
     load = TipLoad(jnp.array([0.3, 0.5, -0.2]), jnp.array([0.3, -0.4, 0.6]), follows)
 
@@ -252,13 +254,13 @@ def test_what_it_cannot_do_it_says():
     stiff = jb.Beam(1.0, 1.0, 1e4, 1.0, 0.4)
     with pytest.raises(ValueError, match="give torsional_stiffness"):
         jb.SpatialANCF(2).linearise(jb.Rotor(stiff), 1.0)
-    rotor = jb.Rotor(BEAM, root=jb.RootSprings(flap=3.0))
+    rotor = jb.Rotor(BEAM, root_springs=jb.RootSprings(flap=3.0))
     with pytest.raises(ValueError, match=r"take model\.suited"):
         jb.SpatialANCF(2).equations(rotor)
     assert jb.SpatialANCF(2).suited(rotor) == jb.SpatialANCF(2, flap_yields=True)
-    with pytest.raises(ValueError, match=r"loads\.tip_moment: EngineeringANCF takes a force"):
+    with pytest.raises(ValueError, match=r"loads\.tip_moment: ExactRodANCF takes a force"):
         jb.steady_start(
-            jb.EngineeringANCF(2), jb.Rotor(stiff), STILL, loads=jb.Loads(tip_moment=[0, 0, 1])
+            jb.ExactRodANCF(2), jb.Rotor(stiff), STILL, loads=jb.Loads(tip_moment=[0, 0, 1])
         )
     loads = jb.Loads(tip_force=[0, 1, 0], follows=True)
     with pytest.raises(ValueError, match=r"loads\.follows: Hybrid takes a force"):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.ancf import axial_bending
-from jaxbeam._models.sections import cuts
+from jaxbeam._models.ancf.sections import cuts
+from jaxbeam._models.ancf.theories import axial_bending
 from jaxbeam._numerics.linalg import dense
 from jaxbeam.blades import SpanwiseFunction
 from tests.helpers import ELEMENTS, finite_difference, name
@@ -51,7 +51,7 @@ def test_parts_of_elements_end_at_kinks():
     np.testing.assert_allclose(one, [[0, 2 / 3, 1], [0, 0.5, 1]])
 
 
-@pytest.mark.parametrize("theory", some({*THEORIES} - {jb.EngineeringANCF, jb.ANCF}), ids=name)
+@pytest.mark.parametrize("theory", some({*THEORIES} - {jb.ExactRodANCF, jb.ANCF}), ids=name)
 def test_constant_tables_are_a_uniform_beam(theory):
     """To rounding, where stations are nodes."""
     model, stations = theory(2), AT_NODES
@@ -68,7 +68,7 @@ def test_constant_tables_are_a_uniform_beam(theory):
             equations.force(hub, q, v, jnp.array([3.0, -2.0, 0.0])),
             [dense(a) for a in equations.tangents(hub, q, v, None)],
             dense(equations.mass), equations.strain_energy(q), equations.first_moment(q),
-            equations.kinetic_energy(q, v, *moves), equations.rigid, equations.energy_scale,
+            equations.kinetic_energy(q, v, *moves), equations.rigid_moments, equations.energy_scale,
         )  # fmt: skip
 
     uniform, constant = (answers(jb.Rotor(beam, 0.4, 0.9), q, v) for beam in beams)
@@ -79,16 +79,16 @@ def test_constant_tables_are_a_uniform_beam(theory):
 @pytest.mark.parametrize(
     ("theory", "yields"),
     [
-        slow(jb.EngineeringANCF, True),
+        slow(jb.ExactRodANCF, True),
         exhaustive(jb.GreenANCF, False),
-        *(exhaustive(theory, True) for theory in THEORIES if theory is not jb.EngineeringANCF),
+        *(exhaustive(theory, True) for theory in THEORIES if theory is not jb.ExactRodANCF),
     ],
     ids=name,
 )
 def test_equations_of_varying_beams_follow_from_the_energies(theory, yields):
     """Tangents, too."""
     model = theory(2, root_yields=yields)
-    rotor = varying(tip=BODY, root=SPRING if yields else None)
+    rotor = varying(tip_body=BODY, root_springs=SPRING if yields else None)
     hub, q, v = random_state(model, 1, True)
     force = jnp.array([3.0, -2.0, 0.0])
 
@@ -106,7 +106,7 @@ def test_equations_of_varying_beams_follow_from_the_energies(theory, yields):
 
 
 def test_inertia_of_the_rigid_beam_with_its_body():
-    rotor, model = varying(tip=BODY), jb.EngineeringANCF(2)
+    rotor, model = varying(tip_body=BODY), jb.ExactRodANCF(2)
     edges = (0.0, 0.3, 0.45, 1.0)
     x, w = np.polynomial.legendre.leggauss(3)
     moments = np.array([0.9, 0.9 * 2.7, 0.9 * 2.7**2 + 0.2])
@@ -117,11 +117,11 @@ def test_inertia_of_the_rigid_beam_with_its_body():
         at, mass = 0.4 + 2 * (start + (end - start) * share), 1.3 * (left + (right - left) * share)
         moments += (end - start) * np.array([w @ (mass * at**k) for k in range(3)])
     equations = model.equations(rotor)
-    np.testing.assert_allclose(equations.rigid, moments, rtol=1e-14)
+    np.testing.assert_allclose(equations.rigid_moments, moments, rtol=1e-14)
     # Of a turn by a small angle, as the elements see it: they hold rigid motions.
     turn = jnp.asarray([0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])  # w = x, clamped slope aside
-    model = jb.EngineeringANCF(2, root_yields=True)
-    equations = model.equations(varying(tip=BODY, root=SPRING))
+    model = jb.ExactRodANCF(2, root_yields=True)
+    equations = model.equations(varying(tip_body=BODY, root_springs=SPRING))
     turn = jnp.asarray([2.0, 0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])
     mass, first, second = moments
     about_root = second - 2 * 0.4 * first + 0.4**2 * mass
@@ -140,7 +140,7 @@ def test_stretch_of_small_strain_elements_bends_with_a_varying_stiffness():
         whole = jb.Beam(2.0, beam.mass_per_length, beam.axial_stiffness, stiffness, 7.0)
         equations = jb.GreenANCF(n).equations(jb.Rotor(whole))
         k = jax.jit(lambda e: dense(e.elastic_tangent(jnp.zeros(4 * n + 1))))(equations)
-        axial = np.asarray(jb.GreenANCF(n).families) == jb.models.Family.AXIAL
+        axial = np.asarray(jb.GreenANCF(n).directions) == jb.models.Direction.AXIAL
         return np.asarray(k)[np.ix_(axial, axial)]
 
     found = axial_bending(jb.models.SmallStrainANCF(n), rotor)
@@ -175,10 +175,10 @@ def errors(blade, n, speed, body=False, spring=None):
     )
     rotor = jb.Rotor(
         jb.Beam(1.0, mass, 1e10, stiffness, 1.0), HUB, TIP.mass if body else 0.0,
-        tip=jb.TipBody(TIP.offset, TIP.inertia) if body else None,
-        root=None if spring is None else jb.RootSprings(spring),
+        tip_body=jb.TipBody(TIP.offset, TIP.inertia) if body else None,
+        root_springs=None if spring is None else jb.RootSprings(spring),
     )  # fmt: skip
-    model = jb.EngineeringANCF(n, root_yields=spring is not None)
+    model = jb.ExactRodANCF(n, root_yields=spring is not None)
     found = jb.modes(model, rotor, speed, jb.labels(in_plane=2)).frequency
     return np.abs(found / np.asarray(blade_reference.in_plane(reference, speed, 2)) - 1)
 
@@ -215,12 +215,12 @@ def test_a_step_within_an_element_costs_the_order():
 def test_axial_frequencies_with_a_body_converge_by_the_first_order():
     """The end that the body holds is not strained, other than that of the rod."""
     rotor = jb.Rotor(
-        jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0), HUB, 0.3, tip=jb.TipBody(TIP.offset, TIP.inertia)
+        jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0), HUB, 0.3, tip_body=jb.TipBody(TIP.offset, TIP.inertia)
     )
     blade = blade_reference.Blade(stretch=1e4, hub=HUB, tip=TIP)
     [exact] = blade_reference.frequencies(blade, 0.0, 1, "axial")
     for n in (4, 16):
-        [found] = jb.modes(jb.EngineeringANCF(n), rotor, 0.0, jb.labels(axial=1)).frequency
+        [found] = jb.modes(jb.ExactRodANCF(n), rotor, 0.0, jb.labels(axial=1)).frequency
         assert abs(found / exact - 1) < 0.02 / n
 
 
@@ -229,7 +229,7 @@ def test_a_body_without_extent_is_a_point():
     """But for the strain of the end, which the body holds: an element's length of it."""
     frequencies = [
         jb.modes(
-            jb.EngineeringANCF(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, 0.3, tip=tip),
+            jb.ExactRodANCF(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, 0.3, tip_body=tip),
             6.0, jb.labels(in_plane=2),
         ).frequency
         for tip in (None, jb.TipBody())
@@ -242,7 +242,7 @@ def test_a_body_without_extent_is_a_point():
 def test_spin_up_of_a_varying_beam_keeps_its_energy():
     """The run says so itself."""
     times = jnp.linspace(0.0, 1.5, 7)
-    run = jb.simulate(jb.EngineeringANCF(2), varying(tip=BODY), jb.SmoothSpinUp(2.0, 1.0), times)
+    run = jb.simulate(jb.ExactRodANCF(2), varying(tip_body=BODY), jb.SmoothSpinUp(2.0, 1.0), times)
     assert jb.Status(int(run.status)) is jb.Status.OK
     assert np.abs(run.tip[:, 1]).max() > 1e-2
 
@@ -252,8 +252,10 @@ def test_spin_up_with_a_root_that_yields():
     """Softly: the tip goes further than that of a clamped beam."""
     times, farthest = jnp.linspace(0.0, 1.5, 7), []
     for spring in (None, jb.RootSprings(9.0), jb.RootSprings(1e7)):
-        model = jb.EngineeringANCF(2, root_yields=spring is not None)
-        run = jb.simulate(model, varying(tip=BODY, root=spring), jb.SmoothSpinUp(2.0, 1.0), times)
+        model = jb.ExactRodANCF(2, root_yields=spring is not None)
+        run = jb.simulate(
+            model, varying(tip_body=BODY, root_springs=spring), jb.SmoothSpinUp(2.0, 1.0), times
+        )
         assert jb.Status(int(run.status)) is jb.Status.OK
         farthest.append(float(np.abs(run.tip[:, 1]).max()))
     clamped, soft, hard = farthest
@@ -270,11 +272,11 @@ def of_stations(values):
         2.0, jb.Spanwise(STATIONS, values), jb.Spanwise(STATIONS, 4e3 * values),
         jb.Spanwise(STATIONS, 11 * values**2), 7.0,
     )  # fmt: skip
-    return jb.Rotor(beam, 0.4, 0.9, tip=BODY)
+    return jb.Rotor(beam, 0.4, 0.9, tip_body=BODY)
 
 
 def lowest(values):
-    model, which = jb.EngineeringANCF(3), jb.labels(in_plane=2)
+    model, which = jb.ExactRodANCF(3), jb.labels(in_plane=2)
     return jb.modes(model, of_stations(values), 3.0, which).frequency
 
 
@@ -290,7 +292,7 @@ def test_batches_over_the_values_at_stations_are_single_runs():
     many = jnp.stack([VALUES, 1.1 * VALUES, VALUES**2])
 
     def run(values):
-        model, motion = jb.EngineeringANCF(3), jb.SmoothSpinUp(2.0, 1.0)
+        model, motion = jb.ExactRodANCF(3), jb.SmoothSpinUp(2.0, 1.0)
         times = jnp.linspace(0.0, 1.5, 7)
         return jb.simulate(model, of_stations(values), motion, times, throw=False).tip
 
@@ -304,13 +306,13 @@ def test_batches_over_the_values_at_stations_are_single_runs():
 def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
     """A constant table does so where a uniform rod does; a point that is called a body, too."""
     constant = [table(value, STATIONS) for value in (1.0, 400.0, 1.0)]
-    rotor = jb.Rotor(jb.Beam(1.0, *constant, 1.0), 0.3, 0.2, tip=tip)
+    rotor = jb.Rotor(jb.Beam(1.0, *constant, 1.0), 0.3, 0.2, tip_body=tip)
     plain = jb.Rotor(jb.Beam(1.0, 1.0, 400.0, 1.0, 1.0), 0.3, 0.2)
     speeds = jnp.linspace(0.9, 1.1, 21) * 26.0
     torn = np.asarray([bool(plain.tears(speed)) for speed in speeds])
     assert 0 < torn.sum() < 21
     status = [
-        jb.Status(int(jb.EngineeringANCF(8).linearise(rotor, speed, throw=False).status))
+        jb.Status(int(jb.ExactRodANCF(8).linearise(rotor, speed, throw=False).status))
         for speed in speeds
     ]
     assert [one is jb.Status.NO_EQUILIBRIUM for one in status] == torn.tolist()
@@ -335,5 +337,5 @@ def test_what_planar_elements_do_not_take_is_refused(more, model, message):
 
 def test_twist_is_refused():
     rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, twist=0.2))
-    with pytest.raises(ValueError, match="EngineeringANCF is planar and takes no twist"):
-        jb.EngineeringANCF(2).linearise(rotor, 1.0)
+    with pytest.raises(ValueError, match="ExactRodANCF is planar and takes no twist"):
+        jb.ExactRodANCF(2).linearise(rotor, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.basis import Polynomials
+from jaxbeam._models.bases.basis import Polynomials
 
 
 @dataclasses.dataclass(frozen=True)

@@ -194,7 +194,7 @@ class Drawn:
         body = jb.TipBody(offset, inertia, axial) if self.has_body else None
         root = jb.RootSprings(*springs) if any(self.springs) else None
         beam = jb.Beam(1.0, parts[0], 1e6, *parts[1:], twist)
-        return jb.Rotor(beam, v["hub"], v["tip"], root=root, tip=body)
+        return jb.Rotor(beam, v["hub"], v["tip"], root_springs=root, tip_body=body)
 
     def theirs(self, v):
         offset, inertia, axial = v["body"].tolist()

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxbeam._numerics.lanes import beside, contract, total
+from jaxbeam._programs.lanes import beside, contract, total
 
 RNG = np.random.default_rng(3)
 TABLE = RNG.normal(size=(4, 5))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jax.custom_batching import custom_vmap
 
-from jaxbeam._numerics.loop import loop
+from jaxbeam._programs.loop import loop
 from tests.tiers import slow
 
 STEPS: list[int] = []

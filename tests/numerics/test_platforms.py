@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.sections import each_element
+from jaxbeam._models.ancf.sections import each_element
 from jaxbeam._numerics.blocks import BlockTridiagonal
-from jaxbeam._numerics.kernel import kernel
 from jaxbeam._numerics.linalg import inverse
-from jaxbeam._numerics.platforms import loops_are_dear, traced_for
+from jaxbeam._programs.kernel import kernel
+from jaxbeam._programs.platforms import loops_are_dear, traced_for
 
 LANES = 3
 
@@ -91,7 +91,7 @@ def lowest(speed):
 @pytest.mark.parametrize(
     "case",
     [
-        lambda speed: spun_up(jb.EngineeringANCF(2), speed),
+        lambda speed: spun_up(jb.ExactRodANCF(2), speed),
         lambda speed: spun_up(jb.Hybrid(0, 3, 0), speed),
         lowest,
     ],

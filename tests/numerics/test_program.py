@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._numerics.program import Program, _haste
+from jaxbeam._programs.program import Program, _haste
 from tests.compilation import OLD_EMITTERS
 
 

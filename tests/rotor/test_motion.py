@@ -69,7 +69,9 @@ def test_pose_and_velocity_state_the_same_motion():
         return about @ jb.SmoothSpinUp(2.0, 3.0).attitude(t)
 
     pose = jb.motions.HubPose(position, rotation)
-    velocities = jb.motions.HubVelocity(lambda t: pose.twist(t)[0], lambda t: pose.twist(t)[1])
+    velocities = jb.motions.HubVelocity(
+        lambda t: pose.velocities(t)[0], lambda t: pose.velocities(t)[1]
+    )
     t = jnp.asarray(0.7)
     hub, q = jax.jit(lambda t: (pose.hub(t, None), rotation(t)))(t)
     for a, b in zip(hub, jax.jit(lambda t: velocities.hub(t, None))(t), strict=True):
@@ -144,7 +146,7 @@ def test_inclined_axis():
             ValueError,
             r"tip_force must return real numbers of shape",
         ),
-        (lambda: jb.Damping(mass=-1.0), ValueError, "damping must be finite and >= 0"),
+        (lambda: jb.Damping(mass_coefficient=-1.0), ValueError, "damping must be finite and >= 0"),
     ],
 )
 def test_bad_input(build, error, message):

@@ -19,10 +19,10 @@ SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
 # As `AS_BUILT`, without what elements in the plane have not.
 STEPPED = jb.Rotor(
     jb.Beam(2.0, 1.3, jb.Spanwise([0, 0.3, 0.3, 1], [4e3, 4e3, 3e3, 2e3]), 11.0, 7.0), 0.4, 0.3,
-    root=jb.RootSprings(in_plane=40.0), tip=jb.TipBody(offset=0.1, inertia=0.02),
+    root_springs=jb.RootSprings(in_plane=40.0), tip_body=jb.TipBody(offset=0.1, inertia=0.02),
 )  # fmt: skip
 C, SPEEDS = jnp.array(2e-3), np.array([0.0, 10.0, 20.0])
-KINDS = [jb.EngineeringANCF, jb.GreenANCF, jb.ANCF, jb.models.ChordANCF, jb.models.TangentANCF]
+KINDS = [jb.ExactRodANCF, jb.GreenANCF, jb.ANCF, jb.models.ChordANCF, jb.models.TangentANCF]
 
 
 def rest(*cases):
@@ -38,14 +38,16 @@ def decay(model, rotor, damping):
     @jax.vmap
     def linearised(speed):
         scene = jb.results.Scene(model, rotor, jb.ConstantSpeed(speed), jb.Loads(), damping)
-        q = jnp.zeros(len(model.families))
+        q = jnp.zeros(len(model.directions))
         if not scene.is_linear:
             q, _ = model.steady(rotor, speed)
         k, c = jax.jacfwd(scene.force, (1, 2))(scene.inputs(zero), q, jnp.zeros_like(q))
         return dense(scene.mass), k, c
 
-    families = [f in (jb.models.Family.AXIAL, jb.models.Family.IN_PLANE) for f in model.families]
-    own = np.ix_(np.flatnonzero(families), np.flatnonzero(families))
+    directions = [
+        f in (jb.models.Direction.AXIAL, jb.models.Direction.IN_PLANE) for f in model.directions
+    ]
+    own = np.ix_(np.flatnonzero(directions), np.flatnonzero(directions))
     found = []
     for m, k, c in zip(*map(np.asarray, linearised(SPEEDS)), strict=True):
         light = np.linalg.solve(m[own], np.hstack([k[own], c[own]]))
@@ -73,7 +75,7 @@ def expected():
     ("model", "within"),
     [
         (jb.Hybrid(4, 10, 0), 6e-3),
-        slow(jb.EngineeringANCF(8), 3e-2),
+        slow(jb.ExactRodANCF(8), 3e-2),
         slow(jb.VonKarman(20, 10, 0), 5e-3),
         *rest(
             (jb.GreenANCF(16), 5e-3),
@@ -87,7 +89,7 @@ def expected():
 )
 def test_rates_of_decay_at_speed(model, within):
     """Tension stiffens, but does not damp."""
-    found = decay(model, LONG, jb.Damping(stiffness=C))
+    found = decay(model, LONG, jb.Damping(stiffness_coefficient=C))
     np.testing.assert_allclose(found, expected(), rtol=within)
 
 
@@ -96,7 +98,7 @@ def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
     """Of a rod bent and stretched as it may be: moment c k omega, and nothing on any other
     coordinate."""
     n, spring, spin = 3, 40.0, 0.7
-    rotor = jb.Rotor(SHORT.beam, 0.4, root=jb.RootSprings(in_plane=spring))
+    rotor = jb.Rotor(SHORT.beam, 0.4, root_springs=jb.RootSprings(in_plane=spring))
     model = kind(n, root_yields=True)
     _, q, _ = random_state(model, 3, True)
     # L w' and L u' of the root, then w, L w', u, L u' of the other nodes, about the root.
@@ -116,7 +118,7 @@ def test_rigid_motions_in_space_are_not_damped():
     """Of a rod bent both ways and twisted, on springs of no strength: it can turn two ways about
     its root, which does not twist, and the third is the sum of turns of its sections."""
     model = jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True)
-    rotor = jb.Rotor(SHORT.beam, 0.4, root=jb.RootSprings(in_plane=1e-9, flap=1e-9))
+    rotor = jb.Rotor(SHORT.beam, 0.4, root_springs=jb.RootSprings(in_plane=1e-9, flap=1e-9))
     _, q, v = random_state(model, 3, False)
 
     @jax.jit
@@ -131,12 +133,12 @@ def test_rigid_motions_in_space_are_not_damped():
 
 
 @pytest.mark.parametrize(
-    ("model", "points"), [(jb.EngineeringANCF(2), 5), *rest((jb.VonKarman(5, 3, 2), 12))], ids=name
+    ("model", "points"), [(jb.ExactRodANCF(2), 5), *rest((jb.VonKarman(5, 3, 2), 12))], ids=name
 )
 def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
     """c int EA eps'^2 + EI kappa'^2 dx, by strain and curvature as results give them."""
     rotor = SHORT
-    _, q, v = random_state(model, 1, jb.models.Family.FLAP not in model.families)
+    _, q, v = random_state(model, 1, jb.models.Direction.FLAP not in model.directions)
     x, w = np.polynomial.legendre.leggauss(points)
     xi = np.ravel((np.arange(2)[:, None] + (1 + x) / 2) / 2)
     dx = np.tile(w, 2) * rotor.beam.length / 4
@@ -167,7 +169,7 @@ EVERY += BUILT
 def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
     """About the undeformed beam it is the stiffness, of any theory; anywhere the matrix of damping
     is symmetric and not negative, and its tangents are derivatives."""
-    _, q, v = random_state(model, 2, jb.models.Family.FLAP not in model.families)
+    _, q, v = random_state(model, 2, jb.models.Direction.FLAP not in model.directions)
 
     @jax.jit
     def found(q, v):
@@ -204,13 +206,13 @@ def test_discrete_coordinates_do_not_matter():
 @pytest.mark.exhaustive
 def test_floquet_of_damped_elements_at_a_constant_speed():
     """Multipliers decay as the linearised forces say."""
-    model, period = jb.EngineeringANCF(2), 0.3
+    model, period = jb.ExactRodANCF(2), 0.3
     found = jb.floquet(
-        model, LONG, jb.ConstantSpeed(20.0), period=period, damping=jb.Damping(stiffness=C),
+        model, LONG, jb.ConstantSpeed(20.0), period=period, damping=jb.Damping(stiffness_coefficient=C),
         steps=512,
     )  # fmt: skip
     slowest = np.log(np.abs(found.multipliers)).max() / period
-    rate = decay(model, LONG, jb.Damping(stiffness=C))[-1]
+    rate = decay(model, LONG, jb.Damping(stiffness_coefficient=C))[-1]
     np.testing.assert_allclose(-slowest, rate, rtol=1e-6)
 
 
@@ -221,8 +223,8 @@ def test_gradient_and_batch_by_the_coefficient():
 
     def end(c):
         return jb.simulate(
-            jb.EngineeringANCF(2), SHORT, jb.SmoothSpinUp(3.0, 0.5), times,
-            damping=jb.Damping(stiffness=c), throw=False, dt0=0.01, max_steps=128,
+            jb.ExactRodANCF(2), SHORT, jb.SmoothSpinUp(3.0, 0.5), times,
+            damping=jb.Damping(stiffness_coefficient=c), throw=False, dt0=0.01, max_steps=128,
             stepsize_controller=diffrax.ConstantStepSize(),
         ).tip[-1, 1]  # fmt: skip
 

@@ -153,7 +153,7 @@ def test_pulses_of_force_are_seen_wherever_they_are():
 @pytest.mark.exhaustive
 def test_a_damped_beam_at_rest_at_speed_sees_the_spin_down():
     up = jb.SmoothSpinUp(2.0, 1.0)
-    damping = jb.Damping(mass=3.0)
+    damping = jb.Damping(mass_coefficient=3.0)
     motion = jb.motions.SpinUpThenDown(up, down_at=100.0)
     found = run(HYBRID, LONG, motion, jnp.linspace(0.0, 130.0, 261), damping=damping)
     down = turning(lambda t: 2.0 - up.angular_speed(t))
@@ -575,5 +575,5 @@ def test_the_particle_is_struck_as_mechanics_says():
         found = run(model, SPRINGS, motion, times, start=start)
         equations, y = model.equations(SPRINGS), found.state
         _, moving = jax.jvp(equations.tip, (y.q[2],), (y.v[2],))
-        arm = equations.end + found.tip[0, 0]
+        arm = equations.tip_radius + found.tip[0, 0]
         np.testing.assert_allclose(moving[1], 0.7 * arm, rtol=1e-4)

@@ -97,7 +97,7 @@ def test_mass_damping_is_the_same_in_all_coordinates():
     tips = [
         jb.simulate(
             model, SPRINGS, jb.SmoothSpinUp(10.0, 1.0), [0.0, 0.5, 1.0, 2.0],
-            damping=jb.Damping(mass=0.7),
+            damping=jb.Damping(mass_coefficient=0.7),
             stepsize_controller=diffrax.PIDController(rtol=1e-11, atol=1e-13),
         ).tip
         for model in (jb.models.DiscreteNC(), jb.models.DiscreteNP())
@@ -176,7 +176,7 @@ def test_reference_is_converged(exact):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    ("family", "counts", "order", "peak_order", "peak_error"),
+    ("direction", "counts", "order", "peak_order", "peak_error"),
     [
         (jb.GreenANCF, (4, 16), 4, 4, 1e-5),
         # the chord is shorter than the arc by h^2, and so is the mean strain that it stands for
@@ -186,9 +186,11 @@ def test_reference_is_converged(exact):
     ],
     ids=lambda v: getattr(v, "__name__", None),
 )
-def test_elements_converge_to_the_exact_beam(exact, family, counts, order, peak_order, peak_error):
+def test_elements_converge_to_the_exact_beam(
+    exact, direction, counts, order, peak_order, peak_error
+):
     for speed in (2.0, 4.0):
-        errors = np.array([deviation(family(n), speed, exact) for n in counts])
+        errors = np.array([deviation(direction(n), speed, exact) for n in counts])
         found, found_peak = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
         assert order - 0.1 < found < order + 0.6
         assert found_peak > peak_order - 0.1

@@ -32,7 +32,7 @@ FEW = [(jb.Hybrid(2, 3, 0), ROTOR)]
 # What runs have in common, whatever the theory: one for each kind of equations that there is, with
 # polynomials and by elements, with an energy and without, with masses that vary.
 KINDS = [
-    *FEW, (jb.EngineeringANCF(2), ROTOR), (jb.ANCF(2), ROTOR), (jb.models.DiscreteNP(), SPRINGS)
+    *FEW, (jb.ExactRodANCF(2), ROTOR), (jb.ANCF(2), ROTOR), (jb.models.DiscreteNP(), SPRINGS)
 ]  # fmt: skip
 OFTEN = [model for model, _ in KINDS]
 
@@ -46,7 +46,7 @@ def each_kind(test):
 def power_of_loads(scene, t, y):
     """Of gravity and the force at the tip, in the inertial frame."""
     hub, equations = scene.hub(t), scene.equations
-    mass, first, _ = equations.rigid
+    mass, first, _ = equations.rigid_moments
 
     def power(force, moment, along, carried):
         at, moved = jax.jvp(moment, (y.q,), (y.v,))
@@ -54,7 +54,7 @@ def power_of_loads(scene, t, y):
         return force @ (moved + carried * hub.velocity + jnp.cross(hub.angular_velocity, at))
 
     weight = power(hub.gravity, equations.first_moment, first, mass)
-    return weight + power(scene.loads.at_tip(t), equations.tip, equations.end, 1.0)
+    return weight + power(scene.loads.at_tip(t), equations.tip, equations.tip_radius, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_work_balance_during_spin_up(model, rotor):
     """Hub torque times speed, gravity, tip force and damping give the change of total energy."""
     times = jnp.linspace(0.0, 1.0, 401)
     loads = jb.Loads(gravity=[0.0, -9.81, 0.0], tip_force=lambda t: jnp.array([2.0, 1.0, 0.0]) * t)
-    damping = jb.Damping(mass=0.3, stiffness=2e-3)
+    damping = jb.Damping(mass_coefficient=0.3, stiffness_coefficient=2e-3)
     motion = jb.SmoothSpinUp(3.0, 1.0)
     run = jb.simulate(
         model, rotor, motion, times, loads=loads, damping=damping, stepsize_controller=TIGHT
@@ -215,7 +215,7 @@ def test_damping_ratio():
     found = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1))
     w, shape = float(found.frequency[0]), found.shape[0].real
     ratio = 0.02
-    damping = jb.Damping(mass=ratio * w, stiffness=ratio / w)
+    damping = jb.Damping(mass_coefficient=ratio * w, stiffness_coefficient=ratio / w)
     period = 2 * np.pi / (w * np.sqrt(1 - ratio**2))
     start = jb.solvers.State(1e-4 * shape, 0 * shape, jnp.zeros(()))
     run = jb.simulate(
@@ -668,7 +668,7 @@ def test_force_and_torque_of_the_hub_balance_power(model, rotor):
     a, b = jnp.asarray(rng.normal(size=(2, 3)))
     load = np.array([[0.3, -9.81, 2.0], [1.0, 2.0, -0.5]])
     axis = np.array([0.6, 0.0, 0.8])
-    if jb.models.Family.FLAP not in model.families:
+    if jb.models.Direction.FLAP not in model.directions:
         flat = np.array([1.0, 1.0, 0.0])
         a, b, load, axis = flat * a, flat * b, flat * load, np.array([0.0, 0.0, 1.0])
 
@@ -679,7 +679,7 @@ def test_force_and_torque_of_the_hub_balance_power(model, rotor):
     motion = jb.motions.HubPose(lambda t: jnp.sin(t * a) + b * t**2, rotation)
     loads = jb.Loads(*load)
     scene = jb.results.Scene(model, rotor, motion, loads, jb.Damping())
-    q, v = jnp.asarray(0.05 * rng.normal(size=(2, len(model.families))))
+    q, v = jnp.asarray(0.05 * rng.normal(size=(2, len(model.directions))))
 
     @jax.jit
     def both(t):

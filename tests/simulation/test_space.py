@@ -41,7 +41,7 @@ def test_power_is_the_change_of_energy():
     model, loads = SOFT, DEAD
     rotor = dataclasses.replace(AS_BUILT_IN_SPACE, precone=jnp.asarray(0.3))
     times = jnp.linspace(0.0, 0.5, 401)
-    damping = jb.Damping(mass=0.3, stiffness=1e-3)
+    damping = jb.Damping(mass_coefficient=0.3, stiffness_coefficient=1e-3)
     motion = jb.SmoothSpinUp(1.5, 0.5, AXIS)
     run = optimised(
         lambda: jb.simulate(
@@ -56,7 +56,7 @@ def test_power_is_the_change_of_energy():
     def besides_hub(t, y):
         scene = run.scene
         hub, equations = scene.hub(t), scene.equations
-        mass, first, _ = equations.rigid
+        mass, first, _ = equations.rigid_moments
         at, moved = jax.jvp(equations.first_moment, (y.q,), (y.v,))
         at = at + mass * root + (first - mass * rotor.hub_radius) * out
         turned = jnp.cross(hub.angular_velocity, at)

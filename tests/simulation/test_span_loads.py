@@ -38,12 +38,12 @@ def weight(size):
     return at
 
 
-MODELS = [jb.VonKarman(5, 3, 2), jb.EngineeringANCF(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
+MODELS = [jb.VonKarman(5, 3, 2), jb.ExactRodANCF(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
 
 
 def both(model):
     """Gravity, and the same as a force along the span; in the plane for a model that is planar."""
-    share = np.array([1.0, 1.0, 0.0 if isinstance(model, jb.EngineeringANCF) else 1.0])
+    share = np.array([1.0, 1.0, 0.0 if isinstance(model, jb.ExactRodANCF) else 1.0])
 
     def own(t):
         return tuple(
@@ -59,7 +59,7 @@ def test_weight_as_a_force_along_the_span(model):
     """Forces, tangents, power and what the hub feels are those of gravity, in any state."""
     scenes = [Scene(model, ROTOR, MOTION, loads, jb.Damping()) for loads in both(model)]
     rng = np.random.default_rng(3)
-    n, t = len(model.families), jnp.asarray(0.7)
+    n, t = len(model.directions), jnp.asarray(0.7)
     state = State(*(0.05 * jnp.asarray(a) for a in rng.normal(size=(2, n))), jnp.zeros(()))
 
     @jax.jit

@@ -231,7 +231,7 @@ def fastest(model, rotor):
     not linear; and how to measure it, the same at all times for a mode that neither grows nor
     decays."""
     motion, tiny = jb.ConstantSpeed(SPEED), 1e-9
-    modes = jb.modes(model, rotor, SPEED, len(model.families))
+    modes = jb.modes(model, rotor, SPEED, len(model.directions))
     k = jnp.argmax(modes.frequency)
     omega, shape = modes.frequency[k], modes.shape[k] * tiny / jnp.linalg.norm(modes.shape[k])
     still = jb.steady_start(model, rotor, motion)

@@ -86,12 +86,12 @@ def test_rows_of_the_tape():
     rows = 8
     tape = np.full(rows, -1)
     for step in range(64):
-        level = int(loop.level(jnp.asarray(step), rows))
-        if step % 2**level == 0:
+        checkpoint_level = int(loop.checkpoint_level(jnp.asarray(step), rows))
+        if step % 2**checkpoint_level == 0:
             place = int(loop.place(jnp.asarray(step), rows))
             assert 0 <= place < rows
             tape[place] = step
-        wanted = range(0, step + 1, 2**level)
+        wanted = range(0, step + 1, 2**checkpoint_level)
         assert len(wanted) <= rows
         assert [tape[int(loop.place(jnp.asarray(k), rows))] for k in wanted] == list(wanted)
 

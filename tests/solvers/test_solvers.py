@@ -188,7 +188,7 @@ def test_magnus_is_exact_in_one_step_at_constant_speed(model):
     if not isinstance(model, jb.models.DiscreteLP):
         rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0), 0.4, 0.3)
     rng = np.random.default_rng(3)
-    q, v = jnp.asarray(1e-3 * rng.normal(size=(2, len(model.families))))
+    q, v = jnp.asarray(1e-3 * rng.normal(size=(2, len(model.directions))))
     times = np.linspace(0.0, 10.0, 7)
     case = model, rotor, jb.ConstantSpeed(1.7), times
     one = jb.simulate(

@@ -77,7 +77,7 @@ def test_labels_as_coordinates(tmp_path):
         np.testing.assert_array_equal(t.sel(mode="axial 1", a=2)["value"], 4)
         assert t.sel(mode=[which[0], which[2]])["value"].shape == (2, 2)
     with pytest.raises(KeyError, match="mode has no coordinate 'flap bending 1'"):
-        table.sel(mode=jb.models.Label(jb.models.Family.FLAP, 1))
+        table.sel(mode=jb.models.Label(jb.models.Direction.FLAP, 1))
 
 
 def test_explicit_list():

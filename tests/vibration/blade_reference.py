@@ -494,10 +494,10 @@ def _solve(blade: Blade, speed: float, build: Callable, count: int, resolution: 
 def _motion(blade: Blade, motion: str | None) -> frozenset[str]:
     if motion is None:
         motion = "lag flap" if blade.stretch is None else "axial lag flap"
-    families = frozenset(motion.split())
-    if not families or families - {"axial", "lag", "flap"}:
+    directions = frozenset(motion.split())
+    if not directions or directions - {"axial", "lag", "flap"}:
         raise ValueError(f"motion names axial, lag, flap, not {motion!r}")
-    return families
+    return directions
 
 
 @functools.cache
@@ -513,8 +513,8 @@ def frequencies(
     motion: what may move, among "axial", "lag", "flap", separated by blanks; all, unless the blade
     is inextensible. Doubling the resolution halves the elements' length.
     """
-    families = _motion(blade, motion)
-    return _solve(blade, speed, lambda grid: _flat(grid, families), count, resolution)
+    directions = _motion(blade, motion)
+    return _solve(blade, speed, lambda grid: _flat(grid, directions), count, resolution)
 
 
 def flap(blade: Blade, speed: float = 0.0, count: int = 3) -> tuple[float, ...]:
@@ -537,9 +537,9 @@ def by_integrals(
     stages: int = 12,
 ) -> tuple[float, ...]:
     """The same by the integral equation alone: a second method, for checks of the first."""
-    families = _motion(blade, motion)
+    directions = _motion(blade, motion)
     grid = _Grid(blade, speed, _edges(blade, speed, 0.0, (1 / elements, np.inf, 2.0)), stages)
-    found = _roots(_energies(grid, _flat(grid, families)), count)
+    found = _roots(_energies(grid, _flat(grid, directions)), count)
     return tuple(float(v) for v in found * blade.unit())
 
 

@@ -19,7 +19,7 @@ UNCOUPLED = jb.Rotor(
     ),
     hub_radius=0.3,
     tip_mass=0.2,
-    root=jb.RootSprings(in_plane=60.0),
+    root_springs=jb.RootSprings(in_plane=60.0),
 )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def test_a_classical_beam_diverges_at_its_first_frequency():
 @pytest.mark.slow
 def test_elements_lose_their_stability_where_they_tear():
     """A varying rod tears where its axial stiffness is used up, which the modal theory knows."""
-    elements = jb.EngineeringANCF(8)
+    elements = jb.ExactRodANCF(8)
     modal = jb.Hybrid(12, 8, 0)
     found, wanted = (jb.critical_speed(m, UNCOUPLED) for m in (elements, modal))
     np.testing.assert_allclose(found.angular_speed, wanted.angular_speed, rtol=1e-3)
@@ -123,7 +123,7 @@ def built(**changes):
     )
     beam = jb.Beam(1.0, jb.Spanwise(stations, [1.0, 0.8, 0.5]), 1e5, 16.0, flap)
     root = jb.RootSprings(flap=given["spring"])
-    return jb.Rotor(beam, 0.2, given["tip_mass"], root=root)
+    return jb.Rotor(beam, 0.2, given["tip_mass"], root_springs=root)
 
 
 TRUTH = {"stiff": 5.0, "soft": 2.0, "spring": 12.0, "tip_mass": 0.15}
@@ -155,7 +155,7 @@ def test_choice_of_a_model():
     question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(2.5, 4.0), np.linspace(0.0, 5.0, 40))
     choice = jb.choose_model(UNCOUPLED, question, 1e-2)
     assert choice.met
-    truth = jb.ladder.ask(jb.EngineeringANCF(16), UNCOUPLED, question, 1e-6)
+    truth = jb.ladder.evaluate(jb.ExactRodANCF(16), UNCOUPLED, question, 1e-6)
     assert np.abs(choice.answer / np.asarray(truth.value) - 1).max() < 1e-2
     frequencies = jb.ladder.ModalFrequencies(2.0, FIRST)
     choice = jb.choose_model(AS_BUILT_IN_SPACE, frequencies, 0.05)
@@ -165,7 +165,7 @@ def test_choice_of_a_model():
     cases = jb.grid(tip_mass=[0.1, 0.3])
     table = jb.ladder_sweep(
         lambda tip_mass: (
-            jb.Rotor(UNCOUPLED.beam, 0.3, tip_mass, root=UNCOUPLED.root),
+            jb.Rotor(UNCOUPLED.beam, 0.3, tip_mass, root_springs=UNCOUPLED.root_springs),
             jb.ladder.ModalFrequencies(2.0, jb.labels(in_plane=2)),
         ),
         cases, 1e-2,
@@ -213,6 +213,6 @@ def test_the_largest_steady_strain_is_beside_a_step():
     """P / EA where EA falls to 0.7 of itself, in every theory; P(L / 2) = Omega^2 (1 - 1/4) / 2."""
     steps = jb.Spanwise([0, 0.5, 0.5, 1], [1e4, 1e4, 7e3, 7e3])
     rotor = jb.Rotor(jb.Beam(1.0, 1.0, steps, 1.0, 1.0))
-    for model in (jb.Hybrid(2, 6, 0), jb.VonKarman(4, 6, 0), jb.EngineeringANCF(2)):
+    for model in (jb.Hybrid(2, 6, 0), jb.VonKarman(4, 6, 0), jb.ExactRodANCF(2)):
         strain = jb.modes(model, rotor, 8.0, 1).steady_strain
         np.testing.assert_allclose(strain, 64 * 0.375 / 7e3, rtol=1e-6)

@@ -23,12 +23,12 @@ REF_21 = jb.Rotor(
         in_plane_second_moment=8.214e-9,
     )
 )  # fmt: skip
-# Those that lose their stability: the model, its rotor, the family that gives way.
+# Those that lose their stability: the model, its rotor, the direction that gives way.
 FAILING = [
-    (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.models.Family.IN_PLANE),
-    (jb.models.DiscreteLC(), SPRINGS, jb.models.Family.IN_PLANE),
-    exhaustive(jb.models.ChordANCF(1), REF_21, jb.models.Family.IN_PLANE),
-    exhaustive(jb.models.TangentANCF(2), REF_21, jb.models.Family.IN_PLANE),
+    (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.models.Direction.IN_PLANE),
+    (jb.models.DiscreteLC(), SPRINGS, jb.models.Direction.IN_PLANE),
+    exhaustive(jb.models.ChordANCF(1), REF_21, jb.models.Direction.IN_PLANE),
+    exhaustive(jb.models.TangentANCF(2), REF_21, jb.models.Direction.IN_PLANE),
 ]
 TEARING = [
     (jb.Hybrid(12, 6, 6), slender(hub=0.5, tip=0.3)),
@@ -76,7 +76,7 @@ def test_classical_diverges_at_the_first_rest_frequency():
 
     found, rest = jax.jit(jax.vmap(jax.vmap(both, (0, None)), (None, 0)))(radii, masses)
     assert (found.status == jb.Status.OK).all()
-    assert (found.family == jb.models.Family.IN_PLANE).all()
+    assert (found.direction == jb.models.Direction.IN_PLANE).all()
     np.testing.assert_allclose(found.angular_speed, rest, rtol=1e-10)
     np.testing.assert_allclose(found.angular_speed[0], 3.5160152685, rtol=1e-9)  # 1.8751040687^2
     for speeds, value in zip(found.angular_speed, printed.values(), strict=True):
@@ -93,14 +93,14 @@ def test_classical_diverges_at_the_first_rest_frequency():
 def test_lc_diverges_at_the_speed_of_its_hinge(radius):
     rotor = eqx.tree_at(lambda r: r.hub_radius, SPRINGS, jnp.asarray(radius))
     found = jb.critical_speed(jb.models.DiscreteLC(), rotor)
-    assert found.family == jb.models.Family.IN_PLANE
+    assert found.direction == jb.models.Direction.IN_PLANE
     np.testing.assert_allclose(found.angular_speed, np.sqrt(300.0), rtol=1e-14)  # 17.3205
 
 
 @pytest.mark.parametrize(("model", "rotor"), TEARING, ids=name)
 def test_rods_of_constant_stiffness_tear_and_nothing_gives_way_before(model, rotor):
     found = jb.critical_speed(model, rotor)
-    assert found.family == jb.models.Family.AXIAL
+    assert found.direction == jb.models.Direction.AXIAL
     np.testing.assert_allclose(found.angular_speed, tear(rotor), rtol=1e-9)
 
 
@@ -113,11 +113,11 @@ def test_hardening_and_inextensible_beams_are_stable(model, rotor):
     assert (np.linalg.eigvalsh(k) > 0).all()
 
 
-@pytest.mark.parametrize(("model", "rotor", "family"), FAILING, ids=name)
-def test_stiffness_changes_sign_within_a_hundred_millionth(model, rotor, family):
+@pytest.mark.parametrize(("model", "rotor", "direction"), FAILING, ids=name)
+def test_stiffness_changes_sign_within_a_hundred_millionth(model, rotor, direction):
     """The method fails where theory says it must, and stops failing on the other side."""
     found = jb.critical_speed(model, rotor)
-    assert found.family == family
+    assert found.direction == direction
     system = jax.jit(lambda v: model.linearise(rotor, v, throw=False))
     scale = jnp.sqrt(jnp.diag(system(0.0).stiffness))
 
@@ -186,7 +186,7 @@ def test_derivatives_by_every_parameter(model, tears):
     expected = finite_difference(run, at)
     np.testing.assert_allclose(gradient / scale, expected / scale, atol=1e-6)
     assert (abs(gradient[2] / scale[2] - 0.5) < 1e-9) == tears  # the speed of sound in the rod
-    if model.families.count(jb.models.Family.FLAP) == 0 and not isinstance(model, SLOW):
+    if model.directions.count(jb.models.Direction.FLAP) == 0 and not isinstance(model, SLOW):
         np.testing.assert_allclose(jax.jit(jax.jacfwd(critical))(at), gradient, rtol=1e-10)
 
 
@@ -273,7 +273,7 @@ def test_no_flutter():
         drawn = rng.uniform([0, 30, 0, 0.5], [2, 300, 2, 12])
         s = system(*(jnp.asarray(v) for v in drawn))
         m, g, k = (np.asarray(a) for a in (s.mass, s.gyroscopic, s.stiffness))
-        axial = s.where(jb.models.Family.AXIAL)
+        axial = s.where(jb.models.Direction.AXIAL)
         assert np.linalg.eigvalsh(k[np.ix_(axial, axial)]).min() > 0
         negative = int((np.linalg.eigvalsh(k) < 0).sum())
         counts.add(negative)

@@ -112,13 +112,13 @@ def test_multipliers_come_in_pairs(model, rotor):
     np.testing.assert_allclose(np.prod(mu), 1, atol=1e-10)
     for value in mu:
         assert np.abs(mu - 1 / value).min() < 1e-7  # multipliers that meet have half the digits
-    assert mu.size == 2 * len(model.families)
+    assert mu.size == 2 * len(model.directions)
 
 
 TIMED = [
     (jb.Hybrid(1, 2, 1), jb.Damping()),
-    (jb.Hybrid(1, 2, 1), jb.Damping(mass=0.3, stiffness=2e-3)),
-    (jb.models.SmallStrainANCF(1), jb.Damping(stiffness=2e-3)),
+    (jb.Hybrid(1, 2, 1), jb.Damping(mass_coefficient=0.3, stiffness_coefficient=2e-3)),
+    (jb.models.SmallStrainANCF(1), jb.Damping(stiffness_coefficient=2e-3)),
 ]
 
 
@@ -129,7 +129,7 @@ def test_against_motions_in_time(model, damping):
     rotor, motion, n = (
         slender(20.0, 0.5, 0.3),
         jb.motions.ModulatedSpeed(2.0, 0.4, 5.0),
-        len(model.families),
+        len(model.directions),
     )
     times = np.array([0.0, 2 * np.pi / 5.0])
 
@@ -155,7 +155,7 @@ def test_against_motions_in_time(model, damping):
 def test_mass_damping_without_stretch_is_a_factor():
     """q = exp(-c t / 2) y, and y is undamped with K - c^2 M / 4: multipliers shrink by it."""
     c, nu = 0.2, 12.0
-    damped = mathieu(1.0, 0.2, nu, damping=jb.Damping(mass=c))
+    damped = mathieu(1.0, 0.2, nu, damping=jb.Damping(mass_coefficient=c))
     other = mathieu(1.0 - (c / 2) ** 2 / 36.0, 0.2)
     shrunk = other.multipliers * jnp.exp(-c * jnp.pi / nu)
     np.testing.assert_allclose(np.sort(damped.multipliers.real), np.sort(shrunk.real), atol=1e-9)
@@ -206,7 +206,10 @@ def test_damping_moves_the_tip_by_the_analytic_amount():
     omega = np.sqrt(k0 + k1 * 4.0)
     depth = 0.02
     c = depth * k1 * 4.0 / omega
-    for damping, share in ((jb.Damping(mass=c), 1), (jb.Damping(mass=c / 4), 0.25)):
+    for damping, share in (
+        (jb.Damping(mass_coefficient=c), 1),
+        (jb.Damping(mass_coefficient=c / 4), 0.25),
+    ):
         found = jb.tongue(
             ONE, ROTOR, 2.0, jb.labels(in_plane=1) * 2, share * depth * np.array([0.995, 1.005]),
             damping=damping, throw=False,
@@ -235,7 +238,10 @@ def test_elements_linearised_about_the_stretched_beam(model):
 @pytest.mark.exhaustive
 def test_boundaries_with_damping():
     """Of a combination tongue, where growth changes sign."""
-    model, damping = jb.Hybrid(1, 3, 0), jb.Damping(mass=0.03, stiffness=1e-5)
+    model, damping = (
+        jb.Hybrid(1, 3, 0),
+        jb.Damping(mass_coefficient=0.03, stiffness_coefficient=1e-5),
+    )
     found = jb.tongue(model, ROTOR, 2.0, IN_PLANE, [0.15, 0.3], damping=damping)
 
     @jax.jit
@@ -264,7 +270,7 @@ def test_derivatives_of_multipliers_and_tongues():
 
     def ends(p):
         found = jb.tongue(
-            model, rotor(p), p[7], IN_PLANE[:1] * 2, p[8:], damping=jb.Damping(mass=0.02),
+            model, rotor(p), p[7], IN_PLANE[:1] * 2, p[8:], damping=jb.Damping(mass_coefficient=0.02),
             throw=False,
         )  # fmt: skip
         return found.frequency[0]

@@ -17,7 +17,7 @@ LAG, FLAP = 0, slice(2, 5)  # among these
 
 def hinged(hub_radius=0.0, flap_stiffness=400.0, root=FREE, tip_mass=0.0, **more):
     beam = jb.Beam(LENGTH, 0.2, 5e6, 566.0, flap_stiffness, torsional_stiffness=300.0)
-    return jb.Rotor(beam, hub_radius, tip_mass, root=root, **more)
+    return jb.Rotor(beam, hub_radius, tip_mass, root_springs=root, **more)
 
 
 MODEL = jb.Hybrid(0, 4, 8)
@@ -100,7 +100,7 @@ def test_derivatives_of_a_frequency_of_zero_are_none_and_spoil_no_others():
 @pytest.mark.parametrize(
     "model",
     [
-        slow(jb.EngineeringANCF(3), id="elements"),
+        slow(jb.ExactRodANCF(3), id="elements"),
         exhaustive(jb.VonKarman(6, 4, 4), id="von_karman"),
         exhaustive(jb.SpatialANCF(2), id="space"),
         exhaustive(jb.GreenANCF(3), id="green"),
@@ -117,7 +117,7 @@ def test_every_theory_lets_a_hinge_turn(model):
 
     @jax.jit
     def first(hub_radius, speed):
-        return jb.modes(model, hinged(hub_radius, root=root), speed, which, throw=False)
+        return jb.modes(model, hinged(hub_radius, root_springs=root), speed, which, throw=False)
 
     still, axis, offset = first(0.5, 0.0), first(0.0, 4.0), first(0.5, 4.0)
     for case in (still, axis, offset):
@@ -154,15 +154,17 @@ def test_southwell_coefficients_of_what_swings():
     phi = jax.jit(lambda r: jb.southwell(MODEL, hinged(r), 0.0, both).coefficient)
     for offset in (0.0, 0.01, 0.5):
         np.testing.assert_allclose(phi(offset), of_rigid(offset) ** 2, atol=1e-9)
-    elements = jb.EngineeringANCF(2)
-    found = jb.southwell(elements, hinged(0.5, root=jb.RootSprings(0.0)), 0.0, 1).coefficient
+    elements = jb.ExactRodANCF(2)
+    found = jb.southwell(
+        elements, hinged(0.5, root_springs=jb.RootSprings(0.0)), 0.0, 1
+    ).coefficient
     np.testing.assert_allclose(found, of_rigid(0.5)[0] ** 2, rtol=1e-6)
 
 
 @pytest.mark.slow
 def test_a_hinge_gives_way_at_once_or_never():
     """The classical theory has nothing that holds a hinge; the hybrid one does at any speed."""
-    rotor, axis = (hinged(r, root=jb.RootSprings(0.0)) for r in (0.5, 0.0))
+    rotor, axis = (hinged(r, root_springs=jb.RootSprings(0.0)) for r in (0.5, 0.0))
     classical, hybrid = (theory(0, 4, 0) for theory in (jb.Classical, jb.Hybrid))
     assert jb.critical_speed(classical, rotor).angular_speed == 0.0
     assert jb.critical_speed(hybrid, rotor).angular_speed == np.inf
@@ -173,8 +175,8 @@ def test_a_hinge_gives_way_at_once_or_never():
 def test_a_column_on_a_free_hinge_is_held_by_nothing_but_its_speed():
     """Turned by phi the rod's load along the axis has the moment P L phi about its root, what
     carries it on its circle one of Omega^2 R (rho L^2 / 2) phi the other way."""
-    rotor = jb.Rotor(jb.Beam(LENGTH, 0.2, 1e9, 1e7, 1e7), 0.5, root=jb.RootSprings(0.0))
-    model, push = jb.EngineeringANCF(2), jb.Loads(tip_force=jnp.array([-1.0, 0, 0]))
+    rotor = jb.Rotor(jb.Beam(LENGTH, 0.2, 1e9, 1e7, 1e7), 0.5, root_springs=jb.RootSprings(0.0))
+    model, push = jb.ExactRodANCF(2), jb.Loads(tip_force=jnp.array([-1.0, 0, 0]))
     still = jb.critical_load(model, rotor, push, 0.0, throw=False)
     assert still.status == jb.Status.NOT_HELD
     assert np.isnan(still.factor)
@@ -201,8 +203,8 @@ def test_a_free_blade_falls_and_swings():
 @pytest.mark.exhaustive
 def test_a_pendulum_of_elements_has_its_large_swing():
     """In the plane, let go level: half a turn in 2 K(1/2) (2 L / (3 g))^1/2, K = 1.8540746773."""
-    rotor = jb.Rotor(jb.Beam(LENGTH, 0.2, 1e8, 1e5, 1e5), root=jb.RootSprings(0.0))
-    model = jb.EngineeringANCF(2)
+    rotor = jb.Rotor(jb.Beam(LENGTH, 0.2, 1e8, 1e5, 1e5), root_springs=jb.RootSprings(0.0))
+    model = jb.ExactRodANCF(2)
     half = 2 * 1.8540746773013719 * np.sqrt(2 * LENGTH / (3 * 9.81))
     run = jb.simulate(
         model, rotor, jb.ConstantSpeed(0.0), jnp.array([0.0, half / 2, half]),
@@ -213,7 +215,7 @@ def test_a_pendulum_of_elements_has_its_large_swing():
 
 @pytest.mark.exhaustive
 def test_multipliers_and_the_ladder_take_free_hinges():
-    rotor = hinged(0.5, root=jb.RootSprings(0.0))
+    rotor = hinged(0.5, root_springs=jb.RootSprings(0.0))
     motion = jb.motions.ModulatedSpeed(5.0, 0.0, 20.0)
     found = jb.floquet(jb.Hybrid(0, 2, 0), rotor, motion)
     angle = 5 * of_rigid(0.5)[0] * 2 * np.pi / 20
@@ -273,7 +275,7 @@ def rigid_in_a_cone(lag, flap, cone, hub, speed):
 def test_springs_of_a_coned_root_have_its_axes(lag, flap, cone, hub, speed):
     """Of rigid blades, at steady turns of 0.98 and of 0.2 in flap."""
     root = jb.RootSprings(lag, flap)
-    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, 1e6, 1e6), hub, root=root, precone=cone)
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, 1e6, 1e6), hub, root_springs=root, precone=cone)
     found = jb.modes(jb.Hybrid(0, 4, 4), rotor, speed, 2).frequency
     np.testing.assert_allclose(found, rigid_in_a_cone(lag, flap, cone, hub, speed), rtol=1e-6)
 
@@ -283,7 +285,7 @@ def test_a_hinge_for_lag_is_across_a_coned_blade(speed):
     """3 (k + W^2 (R / 2 cos b - sin^2 b / 3)): at rest a cone changes nothing."""
     cone, hub, spring = 0.6, 0.3, 5.0
     beam = jb.Beam(1.0, 1.0, 1e9, 1e6, 1e6)
-    rotor = jb.Rotor(beam, hub, root=jb.RootSprings(in_plane=spring), precone=cone)
+    rotor = jb.Rotor(beam, hub, root_springs=jb.RootSprings(in_plane=spring), precone=cone)
     found = jb.modes(jb.Hybrid(0, 4, 4), rotor, speed, 1).frequency
     centrifugal = hub / 2 * np.cos(cone) - np.sin(cone) ** 2 / 3
     np.testing.assert_allclose(found, np.sqrt(3 * (spring + speed**2 * centrifugal)), rtol=1e-6)
@@ -292,7 +294,9 @@ def test_a_hinge_for_lag_is_across_a_coned_blade(speed):
 @pytest.mark.parametrize("force", [0.2, 0.6])
 def test_a_free_hinge_finds_where_a_force_turns_it(force):
     """A rigid rod on a hinge for lag: tan of its angle is F / (W^2 R m / 2)."""
-    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e5, 1e2, 1e2), 0.3, root=jb.RootSprings(in_plane=0.0))
+    rotor = jb.Rotor(
+        jb.Beam(1.0, 1.0, 1e5, 1e2, 1e2), 0.3, root_springs=jb.RootSprings(in_plane=0.0)
+    )
     model = jb.GreenANCF(2).suited(rotor)
     loads = jb.Loads(tip_force=[0.0, force, 0.0])
     found = jb.steady_start(model, rotor, jb.ConstantSpeed(2.0), loads=loads)
@@ -306,7 +310,7 @@ def test_a_free_hinge_finds_where_a_force_turns_it(force):
 def test_a_coned_blade_on_a_free_hinge_lies_in_the_plane_of_rotation(cone):
     """Not folded inward, which is an equilibrium, too: flap at W (1 + 3 R / 2 L)^1/2."""
     beam = jb.Beam(1.0, 1.0, 1e5, 1e2, 1e2, torsional_stiffness=1e2, polar_inertia=1e-3)
-    rotor = jb.Rotor(beam, 0.3, root=jb.RootSprings(flap=0.0), precone=cone)
+    rotor = jb.Rotor(beam, 0.3, root_springs=jb.RootSprings(flap=0.0), precone=cone)
     model = jb.SpatialANCF(2).suited(rotor)
     q, _ = model.steady(rotor, jnp.asarray(2.0))
     np.testing.assert_allclose(model.equations(rotor).tip(q)[2], -np.sin(cone), rtol=1e-3)

@@ -126,7 +126,7 @@ def _found(given, n, body, follows):
     at_tip = (given[name] for name in ("offset", "inertia", "axial_inertia"))
     rotor = jb.Rotor(
         beam, given["hub"], given["tip_mass"], pitch=given["pitch"], precone=given["cone"],
-        tip=jb.TipBody(*at_tip) if body else None,
+        tip_body=jb.TipBody(*at_tip) if body else None,
     )  # fmt: skip
     loads = jb.Loads(
         given["gravity"], given["force"], tip_moment=given["moment"], follows=follows,

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.base import checked_case
-from jaxbeam._vibration.banded import bands_of
-from jaxbeam._vibration.modes import MANY, is_certain
-from jaxbeam._vibration.wanted import choose
+from jaxbeam._models.contract.base import checked_case
+from jaxbeam._modes.banded import bands_of
+from jaxbeam._modes.modes import MANY, is_certain
+from jaxbeam._modes.wanted import choose
 from tests.tiers import slow
 from tests.vibration import reference
 
@@ -52,7 +52,7 @@ def alone(model, which, cases):
 
 
 def assert_alike(many, single):
-    for name in ("family", "order", "status"):
+    for name in ("direction", "order", "status"):
         np.testing.assert_array_equal(getattr(many, name), getattr(single, name), name)
     np.testing.assert_allclose(many.eigenvalue, single.eigenvalue, rtol=1e-9, atol=1e-9)
     scale = np.nanmax(np.abs(single.shape))
@@ -137,7 +137,7 @@ def test_frequencies_of_the_continuum(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.Hybrid(8, 16, 8), jb.EngineeringANCF(8)], ids=repr)
+@pytest.mark.parametrize("model", [jb.Hybrid(8, 16, 8), jb.ExactRodANCF(8)], ids=repr)
 def test_random_rotors_get_an_answer_or_a_true_reason(model):
     """Slender and stout ones, at speeds up to where they tear and beyond, whatever is lowest."""
     rng = np.random.default_rng(20)
@@ -152,8 +152,8 @@ def test_random_rotors_get_an_answer_or_a_true_reason(model):
     torn = np.asarray(jax.vmap(lambda v: rotor(v)[0].tears(v[0]))(some))
     np.testing.assert_array_equal(many.status, np.where(torn, jb.Status.NO_EQUILIBRIUM, 0))
     assert 10 < torn.sum() < 200
-    lowest = np.asarray(many.family)[~torn]
-    assert np.sum(np.any(lowest == jb.models.Family.AXIAL, 1)) > 30
+    lowest = np.asarray(many.direction)[~torn]
+    assert np.sum(np.any(lowest == jb.models.Direction.AXIAL, 1)) > 30
     sure = by_bands(model, 3, some)
     assert not np.any(sure & torn)
     assert np.mean(sure[~torn]) > 0.6

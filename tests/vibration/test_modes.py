@@ -19,7 +19,11 @@ from tests.tiers import exhaustive, slow
 from tests.vibration import reference
 
 DATA = Path(__file__).parents[1] / "data"
-IN_PLANE, FLAP, AXIAL = jb.models.Family.IN_PLANE, jb.models.Family.FLAP, jb.models.Family.AXIAL
+IN_PLANE, FLAP, AXIAL = (
+    jb.models.Direction.IN_PLANE,
+    jb.models.Direction.FLAP,
+    jb.models.Direction.AXIAL,
+)
 
 
 # --- the printed tables of B ---------------------------------------------------------------------
@@ -324,7 +328,7 @@ def test_shapes(model):
     found = jb.modes(model, rotor, speed, 8)
     x, lam = np.asarray(found.shape), np.asarray(found.eigenvalue)
     m, g, k = (np.asarray(a) for a in (system.mass, system.gyroscopic, system.stiffness))
-    axial = np.asarray(system.families) == AXIAL
+    axial = np.asarray(system.directions) == AXIAL
     assert np.abs(x[:, axial].real).max() == 0
     assert np.abs(x[:, ~axial].imag).max() == 0
     np.testing.assert_allclose(np.einsum("ki,ij,kj->k", x.conj(), m, x), 1, rtol=1e-10)
@@ -337,8 +341,8 @@ def test_shapes(model):
     assert np.abs(energy / scale - np.eye(8)).max() < 1e-9
     tip = np.asarray(model.displacement(np.ones(1), rotor))[:, 0] @ x.T
     for i, label in enumerate(found.labels):
-        value = tip[label.family, i]
-        assert (-value.imag if label.family == AXIAL else value.real) > 0
+        value = tip[label.direction, i]
+        assert (-value.imag if label.direction == AXIAL else value.real) > 0
 
 
 # --- labels --------------------------------------------------------------------------------------
@@ -349,7 +353,7 @@ def test_labels_are_in_the_order_in_which_they_are_asked_for():
     kinds = ("in_plane", "flap", "axial", "torsion")
     for order in itertools.permutations(kinds):
         wanted = tuple(
-            jb.models.Label(jb.models.Family[kind.upper()], k) for kind in order for k in (1, 2)
+            jb.models.Label(jb.models.Direction[kind.upper()], k) for kind in order for k in (1, 2)
         )
         assert jb.labels(**dict.fromkeys(order, np.int64(2))) == wanted
     assert jb.labels(flap=0, in_plane=1) == jb.labels(in_plane=1)
@@ -383,10 +387,10 @@ def test_labels_survive_veering_and_crossing(steps):
         jnp.asarray(speeds)
     )
     assert not np.any(found.status)
-    families = np.array([label.family for label in which])
-    np.testing.assert_array_equal(found.family, np.tile(families, (steps, 1)))
+    directions = np.array([label.direction for label in which])
+    np.testing.assert_array_equal(found.direction, np.tile(directions, (steps, 1)))
     frequency, share = np.asarray(found.frequency), np.asarray(found.energy_share)
-    own = np.take_along_axis(share, np.asarray(found.family)[..., None], 2)[..., 0]
+    own = np.take_along_axis(share, np.asarray(found.direction)[..., None], 2)[..., 0]
     middle = np.abs(speeds - 25.51) < 2
     assert (own[~middle, :6] > 0.9).all()
     assert (own[~middle, 6] > 0.7).all()  # Coriolis coupling mixes stretch with bending 1 and 2

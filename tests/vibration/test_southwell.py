@@ -10,7 +10,11 @@ from tests.helpers import DISCRETE, finite_difference, name, slender
 from tests.tiers import exhaustive, slow
 from tests.vibration import reference
 
-IN_PLANE, FLAP, AXIAL = jb.models.Family.IN_PLANE, jb.models.Family.FLAP, jb.models.Family.AXIAL
+IN_PLANE, FLAP, AXIAL = (
+    jb.models.Direction.IN_PLANE,
+    jb.models.Direction.FLAP,
+    jb.models.Direction.AXIAL,
+)
 PLANAR = jb.labels(in_plane=3)
 
 
@@ -62,7 +66,7 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
     W from the clamped-free frequency of the reference, integrated as an initial-value problem.
     """
     model = jb.Hybrid(0, 16, 0)
-    omega = reference.frequencies(0.0, 0.0, tip)[label.order - 1]
+    omega = reference.frequencies(0.0, 0.0, tip)[label.number - 1]
     b = np.sqrt(omega)
     x, w = np.polynomial.legendre.leggauss(60)
     x, w = (x + 1) / 2, w / 2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam.models import Family
+from jaxbeam.models import Direction
 from tests.helpers import finite_difference, reverse_mode
 from tests.models.rod_reference import lateral_buckling
 from tests.tiers import exhaustive, slow
@@ -25,18 +25,18 @@ def frequencies(model, rotor, speed, which=WHICH):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("speed", [0.0, 6.0])
 def test_bending_of_a_straight_beam_is_that_of_the_planar_element_and_of_the_modal_theory(speed):
-    """In the plane that of `EngineeringANCF`, with the fourth power of an element's length; out of
+    """In the plane that of `ExactRodANCF`, with the fourth power of an element's length; out of
     it, which takes no part in its steady stretch, that of `Hybrid` where stretch is small."""
     found = [frequencies(jb.SpatialANCF(n), ROTOR, speed) for n in (4, 8)]
     strain = float(ROTOR.steady_strain(jnp.asarray(speed)))
     exact = frequencies(jb.Hybrid(12, 14, 14), ROTOR, speed)
     assert np.abs(found[1] / exact - 1).max() < 1e-4 + 2 * strain
-    planar = frequencies(jb.EngineeringANCF(32), ROTOR, speed, jb.labels(in_plane=2))
+    planar = frequencies(jb.ExactRodANCF(32), ROTOR, speed, jb.labels(in_plane=2))
     apart = [np.abs(each[:2] / planar - 1).max() for each in found]
     assert apart[1] < 5e-4
     assert apart[1] < apart[0] / 10
     if speed == 0.0:  # without stretch, which they integrate differently, as many are the same
-        planar = frequencies(jb.EngineeringANCF(8), ROTOR, speed, jb.labels(in_plane=2))
+        planar = frequencies(jb.ExactRodANCF(8), ROTOR, speed, jb.labels(in_plane=2))
         np.testing.assert_allclose(found[1][:2], planar, rtol=1e-5)
 
 
@@ -48,7 +48,7 @@ def test_torsion_is_that_of_a_bar_with_a_body_at_its_end():
         (None, np.pi / 2 * np.array([1, 3])),
         (tip, [0.8603335890193797, 3.4256184594817]),
     ):
-        rotor = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3, tip=body)
+        rotor = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3, tip_body=body)
         found = frequencies(jb.SpatialANCF(10), rotor, 0.0, jb.labels(torsion=2))
         np.testing.assert_allclose(found, np.array(roots) * np.sqrt(6.0 / 0.03) / 2, rtol=1e-5)
 
@@ -129,16 +129,18 @@ ALONG = np.array([-1.0, 0.0, 0.0])
     "model",
     [
         exhaustive(jb.SpatialANCF(4)),
-        slow(jb.EngineeringANCF(4)),
+        slow(jb.ExactRodANCF(4)),
         slow(jb.Hybrid(0, 6, 0)),
     ],
 )
 def test_a_column_buckles_under_the_load_of_euler(model):
     """pi^2 EI / 4 L^2 of the softer direction that a model has, less what it is shortened by."""
-    softest = 1.0 if Family.FLAP in model.families else 2.5
+    softest = 1.0 if Direction.FLAP in model.directions else 2.5
     found = jb.critical_load(model, narrow(2.5, 0.3, 1e6), jb.Loads(tip_force=[-1.0, 0, 0]))
     np.testing.assert_allclose(found.factor, softest * np.pi**2 / 4, rtol=1e-4)
-    assert Family(int(found.family)) == (Family.FLAP if softest == 1 else Family.IN_PLANE)
+    assert Direction(int(found.direction)) == (
+        Direction.FLAP if softest == 1 else Direction.IN_PLANE
+    )
 
 
 @pytest.mark.exhaustive
@@ -150,7 +152,7 @@ def test_columns_of_any_slenderness_buckle_under_the_load_of_a_rod_that_gets_sho
     def of(axial):
         rotor = jb.Rotor(jb.Beam(1.0, 1.0, axial, 1.0, 1.0))
         loads = jb.Loads(tip_force=[-1.0, 0, 0])
-        found = jb.critical_load(jb.EngineeringANCF(2), rotor, loads, throw=False)
+        found = jb.critical_load(jb.ExactRodANCF(2), rotor, loads, throw=False)
         return found.factor, found.status
 
     both = jax.jit(jax.vmap(of))
@@ -188,7 +190,7 @@ def test_a_narrow_cantilever_buckles_sideways():
         assert errors[1] < 1e-4
         assert errors[1] < errors[0] / 10
     found = jb.critical_load(jb.SpatialANCF(4), narrow(2.5, 0.3), ACROSS)
-    assert Family(int(found.family)) in (Family.FLAP, Family.TORSION)
+    assert Direction(int(found.direction)) in (Direction.FLAP, Direction.TORSION)
 
 
 @pytest.mark.exhaustive
@@ -214,9 +216,7 @@ def test_critical_loads_have_gradients():
 
     def of(x):
         rotor = jb.Rotor(jb.Beam(x[0], 1.0, 1e3 * x[1], 2.5 * x[2], 1.0))
-        return jb.critical_load(
-            jb.EngineeringANCF(2), rotor, jb.Loads(tip_force=x[3] * ALONG)
-        ).factor
+        return jb.critical_load(jb.ExactRodANCF(2), rotor, jb.Loads(tip_force=x[3] * ALONG)).factor
 
     x, of = jnp.ones(4), jax.jit(of)
     exact = jax.jit(jax.grad(of))(x)

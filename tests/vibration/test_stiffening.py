@@ -10,7 +10,7 @@ import scipy.optimize
 
 import jaxbeam as jb
 from jaxbeam import stiffening_ratio
-from jaxbeam._vibration.stiffening import stoutness
+from jaxbeam._vibration.stiffening import timoshenko_reduction
 from tests.helpers import build, finite_difference, slender
 from tests.tiers import exhaustive, slow
 from tests.vibration import reference
@@ -122,12 +122,12 @@ def test_stoutness_is_what_timoshenko_takes_off(slenderness):
         (jb.Rotor(slender), 1),
         (jb.Rotor(jb.Beam(1.0, 1.0, slenderness**2, 1.0, 1e8), pitch=0.0), 0),
     ):
-        known = jax.jit(stoutness)(rotor)[row, :3]
+        known = jax.jit(timoshenko_reduction)(rotor)[row, :3]
         taken = 1 - exact / CANTILEVER
         # What is left is of second order.
         np.testing.assert_array_less(np.abs(known / taken - 1), 3 * taken)
-    turned = jax.jit(stoutness)(jb.Rotor(slender, pitch=np.pi / 2))
-    straight = jax.jit(stoutness)(jb.Rotor(slender))
+    turned = jax.jit(timoshenko_reduction)(jb.Rotor(slender, pitch=np.pi / 2))
+    straight = jax.jit(timoshenko_reduction)(jb.Rotor(slender))
     np.testing.assert_allclose(turned[0], straight[0], rtol=1e-6)  # the soft modes, now in flap
 
 
@@ -138,7 +138,7 @@ CANTILEVER = np.array([1.8751040687119611, 4.694091132974174, 7.854757438237613]
 def test_stoutness_of_a_body_at_the_tip():
     """A body beyond the tip shears the beam by the inertia of its centre: against quadrature."""
     body = jb.TipBody(0.5, 0.1)
-    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 900.0, 1.0, 1.0), 0.0, 0.5, tip=body)
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 900.0, 1.0, 1.0), 0.0, 0.5, tip_body=body)
     model = jb.Hybrid(0, 14, 0)
     mode = jb.modes(model, rotor, 0.0, 1)
     x, w = np.polynomial.legendre.leggauss(200)
@@ -150,4 +150,4 @@ def test_stoutness_of_a_body_at_the_tip():
     slope = np.gradient(phi[:-2], x)
     omega = float(mode.frequency[0])
     wanted = (np.sum(w * slope**2) / 900 + 3.1 * omega**2 * np.sum(w * carried**2) / 900) / 2
-    np.testing.assert_allclose(stoutness(rotor)[0, 0], wanted, rtol=1e-2)
+    np.testing.assert_allclose(timoshenko_reduction(rotor)[0, 0], wanted, rtol=1e-2)

@@ -1,0 +1,1 @@
+"""Blades from files, and to them: sections of other programs and spreadsheets as a `Beam`."""

@@ -1,0 +1,32 @@
+"""Beams from files of whichever format."""
+
+from pathlib import Path
+
+from jaxbeam._files.bmodes import is_main_file, is_section_file, read_bmodes
+from jaxbeam._files.csv import read_csv
+from jaxbeam._files.elastodyn import head_of_stations, read_elastodyn
+from jaxbeam._files.tables import BladeTable
+from jaxbeam._files.texts import FilePath, read_lines
+from jaxbeam._rotor.spanwise import AbstractSpanwise
+from jaxbeam._types import Real
+
+
+def read_blade(
+    path: FilePath,
+    *,
+    length: Real | None = None,
+    axial_stiffness: Real | AbstractSpanwise | None = None,
+) -> BladeTable:
+    """A beam from a file of any format that is known, by what is in it and not by its name.
+
+    A line of titles with BlFract makes it a blade file of ElastoDyn (`read_elastodyn`); a line
+    that names a sec_props_file, or the lines of BModes in their order, a main file of BModes, and
+    n_secs before rows of numbers a section file (`read_bmodes`); all else is a table (`read_csv`).
+    Arguments and errors are those of these readers.
+    """
+    lines = read_lines(Path(path))
+    if head_of_stations(lines) is not None:
+        return read_elastodyn(path, length=length, axial_stiffness=axial_stiffness)
+    if is_main_file(lines) or is_section_file(lines):
+        return read_bmodes(path, length=length, axial_stiffness=axial_stiffness)
+    return read_csv(path, length=length, axial_stiffness=axial_stiffness)

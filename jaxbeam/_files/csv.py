@@ -1,0 +1,196 @@
+"""Beams from tables that spreadsheets, editors and scripts write."""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from jaxbeam._files.tables import (
+    AXIAL,
+    FLAP,
+    IN_PLANE,
+    LENGTHS,
+    MASS,
+    PLACE,
+    POLAR,
+    TORSION,
+    TWIST,
+    UNITS,
+    BladeTable,
+    Column,
+    Row,
+    blade,
+    factor_of,
+    unit_in,
+)
+from jaxbeam._files.texts import FilePath, mistake, read_lines
+from jaxbeam._rotor.spanwise import AbstractSpanwise
+from jaxbeam._types import Real
+
+# By name: the property, and its units.
+_NAMES: dict[str, tuple[str, Mapping[str, float]]] = {
+    name: (meaning, UNITS[meaning])
+    for meaning, names in {
+        PLACE: "x_over_l x/l",
+        MASS: "mass_per_length",
+        AXIAL: "axial_stiffness",
+        TWIST: "twist structural_twist",
+        TORSION: "torsional_stiffness torsion_stiffness",
+        POLAR: "polar_inertia",
+    }.items()
+    for name in names.split()
+} | {"x": (PLACE, LENGTHS)}
+for _name, _planes in (
+    (IN_PLANE, ("in_plane", "edge", "edgewise", "lag")),
+    (FLAP, ("flap", "flapwise")),
+):
+    for _plane in _planes:
+        for _what in ("stiffness", "bending_stiffness"):
+            _NAMES[f"{_plane}_{_what}"] = _name, UNITS[_name]
+# Blanks that do not break, which part thousands in numbers.
+_GROUPED = re.compile("(?<=\\d)[\u00a0\u202f](?=\\d{3})")
+
+
+def read_csv(
+    path: FilePath,
+    *,
+    length: Real | None = None,
+    axial_stiffness: Real | AbstractSpanwise | None = None,
+) -> BladeTable:
+    """A beam from a table with commas, semicolons or tabs between entries.
+
+    Lines that begin with # are comments. The first other line names the columns, in any order, each
+    a name and then a unit: `flap_stiffness_N_m2` or `flap stiffness [N m^2]`.
+
+    | name                                    | unit                                           |
+    |-----------------------------------------|------------------------------------------------|
+    | x_over_L or x/L, from 0 to 1            | none                                           |
+    | or x, from 0 at the root                | m, cm, mm                                      |
+    | mass_per_length                         | kg/m, g/m, t/m; after a name `_kg_per_m`       |
+    | in_plane_stiffness, or edge, edgewise,  | N m^2, kN m^2, MN m^2, GN m^2, N mm^2; after a |
+    | lag for in_plane                        | name `_N_m2`                                   |
+    | flap_stiffness, or flapwise             | the same                                       |
+    | axial_stiffness, if there               | N, kN, MN, GN                                  |
+    | twist or structural_twist, if there     | deg, rad                                       |
+    | torsional_stiffness, if there           | as the other stiffnesses                       |
+    | polar_inertia, if there                 | kg m, g m, t m                                 |
+
+    `_bending_stiffness` may stand for `_stiffness`. Other columns are named in `ignored`. Each
+    later line is a station. Values are linear from one to the next; two equal ones are a step.
+    Where no comma parts entries, numbers may have a decimal comma, all of them or none.
+
+    `length`, in m, is needed with x_over_L; with x it is the last station. `axial_stiffness`, in N,
+    takes the place of the column, and is needed without one. Frequencies of bending hardly depend
+    on it if the beam is stretched by little at its speed.
+
+    Twist is positive in the file as in tables of wind turbines: towards feather, the leading edge
+    upwind. Such a rotor turns clockwise as seen from upwind, so its axis by the right-hand rule is
+    downwind, and that is where `Beam.twist` is positive: its values are the negative ones of the
+    file, and a pitch towards feather is a negative `Rotor.pitch`. Frequencies do not depend on the
+    sense, but to which side a mode in plane moves in flap does. Zero at all stations is no twist.
+
+    Raises `ValueError`, which names file, line and column of the first mistake.
+    """
+    path = Path(path)
+    (line, titles), *rows = _records(path)
+    columns: dict[str, Column] = {}
+    unlike: dict[str, str] = {}  # columns whose names begin with x_, and what follows
+    for i, title in enumerate(titles):
+        name, unit = _parted(title)
+        if name in _NAMES:
+            meaning, units = _NAMES[name]
+            if name == "x" and unit not in units and title[1:2] == "_":
+                unlike[title] = unit
+                continue
+            factor = factor_of(path, line, title, unit, units)
+            if meaning in columns:
+                also = columns[meaning].title
+                raise mistake(path, line, title, f"is {meaning} again, after column {also}")
+            columns[meaning] = Column(title, i, factor)
+    if unlike and PLACE not in columns:
+        title, unit = next(iter(unlike.items()))
+        allowed = ", ".join(LENGTHS)
+        what = (
+            f"is not known as x, whose unit must be {allowed}, got {unit!r}, and there is no other"
+        )
+        raise mistake(path, line, title, what)
+    named = {
+        PLACE: "x_over_L", MASS: "mass_per_length_kg_per_m", IN_PLANE: "in_plane_stiffness_N_m2",
+        FLAP: "flap_stiffness_N_m2", AXIAL: "axial_stiffness_N",
+    }  # fmt: skip
+    by_length = PLACE in columns and _parted(columns[PLACE].title)[0] == "x"
+    if by_length and length is not None:
+        raise mistake(path, line, columns[PLACE].title, "says the length, so none must be given")
+    return blade(
+        path, line, titles, columns, _with_points(path, rows, columns),
+        None if by_length else length, axial_stiffness, named, by_length=by_length,
+    )  # fmt: skip
+
+
+def _records(path: Path) -> list[Row]:
+    """Lines that are not empty, by entries, each as long as the titles if only blanks are more."""
+    lines = [re.sub("[\u200b\ufeff\0]", "", line) for line in read_lines(path)]
+    lines = ["" if line.lstrip().startswith("#") else line for line in lines]
+    declared = re.fullmatch(r"\s*sep=([,;\t])\s*", lines[0], re.IGNORECASE)  # as for Excel
+    if declared:
+        lines[0] = ""
+    head = next((line for line in lines if line.strip()), "")
+    unquoted = re.sub(r'"[^"]*"', "", head)
+    by = declared[1] if declared else max(";\t,", key=unquoted.count)
+    try:
+        records = [*_parsed(lines, by)]
+    except csv.Error as error:
+        raise ValueError(f"{path}: not a table, {error}") from error
+    if not records:
+        raise ValueError(f"{path}: no line names the columns")
+    titles = records[0][1]
+    while titles and not titles[-1]:
+        titles.pop()
+    for _, cells in records[1:]:
+        while len(cells) > len(titles) and not cells[-1]:
+            cells.pop()
+    return records
+
+
+def _parsed(lines: Sequence[str], by: str) -> Iterator[Row]:
+    ended = (f"{line}\n" for line in lines)
+    reader, line = csv.reader(ended, delimiter=by, skipinitialspace=True), 1
+    for record in reader:
+        cells = [" ".join(_GROUPED.sub("", cell).split()) for cell in record]
+        if any(cells):
+            yield line, cells
+        line = reader.line_num + 1
+
+
+def _with_points(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> list[Row]:
+    """Rows whose numbers have decimal points where they had commas."""
+    numbers = [(column.title, column.number) for column in columns.values()]
+    found = [
+        (line, title, cells[i])
+        for line, cells in rows for title, i in numbers if i < len(cells)
+    ]  # fmt: skip
+    pointed = next((line for line, _, cell in found if "." in cell), None)
+    for line, title, cell in found:
+        if "," in cell and pointed is not None:
+            what = f"{cell} has a comma, but numbers in line {pointed} have a decimal point"
+            raise mistake(path, line, title, what)
+    places = {i for _, i in numbers}
+    return [
+        (line, [c.replace(",", ".") if i in places else c for i, c in enumerate(cells)])
+        for line, cells in rows
+    ]
+
+
+def _parted(title: str) -> tuple[str, str]:
+    """Name, as in `_NAMES` if it is one, and unit of a column."""
+    bracketed = re.fullmatch(r"([^\[(]*)[\[(](.*)[\])]", title)
+    said, unit = bracketed.groups() if bracketed else (title, "")
+    said = re.sub(r"[\s_-]+", "_", said.strip())
+    said = re.sub(r"^x_?/_?l(?![a-z])", "x/l", said, flags=re.IGNORECASE)
+    if bracketed:
+        name = said.lower()
+    else:
+        fits = [n for n in _NAMES if f"{said}_".lower().startswith(f"{n}_")]
+        name = max(fits, key=len, default=title)
+        unit = said[len(name) + 1 :]
+    return name, unit_in(unit.replace("_per_", "/"))

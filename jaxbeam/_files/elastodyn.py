@@ -1,0 +1,110 @@
+"""Beams from the blade files of OpenFAST's ElastoDyn, of FAST 8 and of FAST 7."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from jaxbeam._files.nrel import (
+    Head,
+    blade_of,
+    count_of,
+    ignoring_too,
+    named,
+    number,
+    require,
+    table_rows,
+)
+from jaxbeam._files.tables import (
+    AXIAL,
+    FLAP,
+    IN_PLANE,
+    MASS,
+    PLACE,
+    POLARS,
+    TORSION,
+    TWIST,
+    BladeTable,
+)
+from jaxbeam._files.texts import FilePath, read_lines
+from jaxbeam._rotor.spanwise import AbstractSpanwise
+from jaxbeam._types import Real
+
+
+def read_elastodyn(
+    path: FilePath,
+    *,
+    length: Real | None = None,
+    axial_stiffness: Real | AbstractSpanwise | None = None,
+) -> BladeTable:
+    """A beam from a blade file of ElastoDyn (OpenFAST, FAST 8), or of FAST 7, which looks the same.
+
+    `length`, in m, is TipRad - HubRad of the main file, and is needed. Used are NBlInpSt, the
+    columns BlFract, StrcTwst (deg), BMassDen (kg/m), FlpStff and EdgStff (N m^2; edgewise is in
+    plane without twist) and, if there, EAStff (N), GJStff (N m^2), FlpIner and EdgIner (kg m,
+    together the polar inertia), and the factors AdjBlMs, AdjFlSt, AdjEdSt. Columns have any order;
+    units that the line below them has instead are converted. All else is named in `ignored`:
+    damping, tuners and shapes of modes, further columns of older files. `axial_stiffness`, in N,
+    takes the place of EAStff and is needed without it; in ElastoDyn itself blades do not stretch.
+
+    Values are linear from one station to the next. The sense of the twist is that of `read_csv`:
+    positive in the file (about minus the axis from root to tip) is negative in the beam.
+
+    Sources: OpenFAST documentation, ElastoDyn; J. Jonkman, M. Buhl, FAST User's Guide,
+    NREL/EL-500-38230, 2005; for the NREL 5-MW blade Jonkman et al., NREL/TP-500-38060, 2009.
+
+    Raises `ValueError`, which names file, line and column of the first mistake.
+    """
+    path = Path(path)
+    lines = read_lines(path)
+    head = head_of_stations(lines)
+    if head is None:
+        raise ValueError(f"{path}: no line has BlFract among titles, so there are no stations")
+    titles = _titles(lines[head])
+    said = named(lines, _free(lines), head)
+    used = ("NBlInpSt", "AdjBlMs", "AdjFlSt", "AdjEdSt")
+    require(path, said, used)
+    size = said["nblinpst"][0]
+    count = count_of(path, size.line, size.name, size.text)
+    mass, flap, edge = (number(path, said, name, False) for name in used[1:])
+    columns = {
+        "blfract": (PLACE, 1.0), "bmassden": (MASS, mass), "flpstff": (FLAP, flap),
+        "edgstff": (IN_PLANE, edge), "eastff": (AXIAL, 1.0), "strctwst": (TWIST, 1.0),
+        "gjstff": (TORSION, 1.0), "flpiner": (POLARS[0], 1.0),
+        "edginer": (POLARS[1], 1.0),
+    }  # fmt: skip
+    units = lines[head + 1] if head + 1 < len(lines) else ""
+    rows = table_rows(path, lines, head + 2, count, "NBlInpSt", len(titles))
+    needed = ("BlFract", "StrcTwst", "BMassDen", "FlpStff", "EdgStff", "EAStff")
+    table = blade_of(
+        path,
+        Head(head + 1, titles, units, head + 2),
+        columns,
+        rows,
+        length,
+        axial_stiffness,
+        needed,
+    )
+    others = [
+        value
+        for part in (said, named(lines, rows[-1][0], len(lines)))
+        for name, values in part.items() if name not in map(str.lower, used) for value in values
+    ]  # fmt: skip
+    return ignoring_too(table, others)
+
+
+def head_of_stations(lines: Sequence[str]) -> int | None:
+    """Which line has the titles of the columns."""
+    start = _free(lines)
+    for i, line in enumerate(lines[start:], start):
+        words = {title.lower() for title in _titles(line)}
+        if "blfract" in words and words & {"bmassden", "flpstff", "edgstff", "strctwst"}:
+            return i
+    return None
+
+
+def _free(lines: Sequence[str]) -> int:
+    """Two lines are titles of the file, in FAST 7 three, of which the last may say anything."""
+    return 3 if lines[1:2] and lines[1].lstrip().startswith("--") else 2
+
+
+def _titles(line: str) -> list[str]:
+    return line.split("!")[0].replace(",", " ").split()

@@ -1,0 +1,201 @@
+"""What blade files of OpenFAST's ElastoDyn and of BModes share."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from jaxbeam._files.tables import (
+    PLACE,
+    POLARS,
+    TORSION,
+    UNITS,
+    BladeTable,
+    Column,
+    Row,
+    blade,
+    factor_of,
+    ignoring,
+    unit_in,
+)
+from jaxbeam._files.texts import as_number, entries, is_number, mistake, number_in
+from jaxbeam._rotor.spanwise import AbstractSpanwise
+from jaxbeam._types import Real
+
+REASONS = {
+    name: reason
+    for reason, names in {
+        "it belongs to the aerodynamics": "aerocent pitchaxis",
+        "a Beam takes it if it is > 0 at all stations": "gjstff tor_stff",
+        "bending and torsion are coupled by no stiffness": "alpha",
+        "sections have no rotary inertia in bending, and about the beam where both are > 0": (
+            "flpiner edginer flp_iner edge_iner"
+        ),
+        "the axes of inertia are those of the stiffness": "tw_iner",
+        "the beam is straight": "precrvref preswpref",
+        "the centre of mass is on the axis of the beam": "flpcgof edgcgof cg_offst",
+        "the centre of tension is on the axis of the beam": "flpeaof edgeaof tc_offst",
+        "the shear centre is on the axis of the beam": "sc_offst",
+        "damping is an argument of a simulation": "bldfldmp bldeddmp",
+        "frequencies follow from stiffness and mass": "flsttunr",
+        "shapes of modes are computed": "bldfl1sh bldfl2sh bldedgsh",
+        "the tip mass is on the axis of the beam": "cm_loc",
+        "axes of the tip body are those of the last section": "ixy_tip izx_tip iyz_tip",
+    }.items()
+    for name in names.split()
+}
+Meanings = Mapping[str, tuple[str, float]]  # by title in small letters: the property, its factor
+_VALUE = re.compile(
+    r"\s*('[^']*'|\"[^\"]*\"|[^\s,]+)(?:\s*[,/!]|\s)[\s:-]*([A-Za-z]\w*(?:\(\d+\))?)"
+)
+
+
+class Value(NamedTuple):
+    """What a line says: a value, and behind it what it is called."""
+
+    line: int
+    name: str
+    text: str
+
+
+Said = dict[str, list[Value]]  # by name in small letters
+
+
+class Head(NamedTuple):
+    """Titles of columns, and their units, which may be empty, with the numbers of their lines."""
+
+    line: int
+    titles: Sequence[str]
+    units: str
+    units_line: int
+
+
+def value_in(line: str) -> str:
+    """The first entry of a line, a text without its quotes."""
+    found = _VALUE.match(f"{line} end")
+    text = found[1] if found else ""
+    return (entries(text) or [""])[0]
+
+
+def named(lines: Sequence[str], start: int, stop: int | None) -> Said:
+    """What lines of a value and then its name say."""
+    said: Said = {}
+    for i, line in enumerate(lines[start:stop], start + 1):
+        found = _VALUE.match(line)
+        if found and not line.lstrip().startswith("--"):
+            value = Value(i, found[2], value_in(line))
+            said.setdefault(found[2].lower(), []).append(value)
+    return said
+
+
+def require(path: Path, said: Said, names: Sequence[str]) -> None:
+    """Each of these names must be there, once."""
+    missing = [name for name in names if name.lower() not in said]
+    if missing:
+        raise ValueError(f"{path}: no line has {', '.join(missing)} behind its value")
+    for name in names:
+        first, *others = said[name.lower()]
+        if others:
+            raise mistake(path, others[0].line, name, f"is said again, after line {first.line}")
+
+
+def number(path: Path, said: Said, name: str, zero: bool | None = None) -> float:
+    """The number of a name, positive or `zero`; with None it may have any sign."""
+    value = said[name.lower()][0]
+    return number_in(path, value.line, value.name, value.text, zero)
+
+
+def count_of(path: Path, line: int, name: str, text: str) -> int:
+    """How many rows there are."""
+    count = number_in(path, line, name, text, False)
+    if count != int(count):
+        raise mistake(path, line, name, f"must be a whole number, got {text}")
+    return int(count)
+
+
+def table_rows(
+    path: Path, lines: Sequence[str], start: int, count: int, name: str, width: int
+) -> list[Row]:
+    """So many rows as a number says, as Fortran reads them: a row may go on in the next line, and
+    what is behind its last entry is not read, unless it is a number."""
+    rows: list[Row] = []
+    at = start
+    while len(rows) < count:
+        line, cells = at + 1, entries(lines[at]) if at < len(lines) else ["--"]
+        at += 1
+        if not cells:
+            continue
+        if not re.match(r"[+-]?[.\d]", cells[0]):  # a title, or notes
+            what = f"{name} is {count:g}, but the table ends after {len(rows)}"
+            raise mistake(path, min(line, len(lines)), None, what)
+        whole, until = cells, at
+        while len(whole) < width and until < len(lines):
+            more = entries(lines[until])
+            if not all(map(is_number, more)):
+                break
+            whole, until = [*whole, *more], until + 1
+        if len(whole) == width:
+            cells, at = whole, until
+        # What is behind may be the rest of a number, like the E9 of 4.,E9.
+        left = any(is_number(start + text) for text in cells[width:][:1] for start in ("", "1"))
+        if len(cells) < width or left:
+            raise mistake(path, line, None, f"{len(cells)} entries for {width} columns")
+        rows.append((line, cells[:width]))
+    return rows
+
+
+def blade_of(
+    path: Path,
+    head: Head,
+    meanings: Meanings,
+    rows: Sequence[Row],
+    length: Real | None,
+    axial_stiffness: Real | AbstractSpanwise | None,
+    needed: Iterable[str],
+) -> BladeTable:
+    """The blade of a table; titles that are known are so in any order and any case."""
+    units = re.findall(r"\([^)]*\)|\[[^\]]*\]|[^\s,]+", head.units)
+    if units and len(units) != len(head.titles):
+        what = f"{len(units)} units for {len(head.titles)} columns: each in brackets, or (-)"
+        raise mistake(path, head.units_line, None, what)
+    columns: dict[str, Column] = {}
+    for i, title in enumerate(head.titles):
+        if title.lower() not in meanings:
+            continue
+        name, factor = meanings[title.lower()]
+        allowed = UNITS[name]
+        # (-) is that of the format; x / L has none whatever is said, since it goes from 0 to 1.
+        own = unit_in(units[i]) if units and name != PLACE else ""
+        own = own or next(iter(allowed))
+        if name in columns:
+            what = f"is {name} again, after column {columns[name].title}"
+            raise mistake(path, head.line, title, what)
+        factor *= factor_of(path, head.units_line, title, own, allowed)
+        columns[name] = Column(title, i, factor)
+    for together in ((TORSION,), POLARS):  # which many files leave at zero
+        there = [columns[name] for name in together if name in columns]
+        if len(there) < len(together) or not all(_positive(row, c) for row in rows for c in there):
+            for name in together:
+                columns.pop(name, None)
+    titles = {meanings[title.lower()][0]: title for title in needed}
+    return blade(
+        path, head.line, head.titles, columns, rows, length, axial_stiffness, titles,
+        reasons=REASONS,
+    )  # fmt: skip
+
+
+def _positive(row: Row, column: Column) -> bool:
+    text = row[1][column.number]
+    return not is_number(text) or not as_number(text) <= 0  # what is no number is said later
+
+
+def ignoring_too(table: BladeTable, others: Iterable[Value]) -> BladeTable:
+    """With the sentences on named values, but those that change nothing; one for each array."""
+    left: dict[str, list[str]] = {}
+    for _, name, text in others:
+        array = re.sub(r"\(?\d+\)?$", "", name)
+        array = array if array.lower() in REASONS else name
+        if not is_number(text, 1 if array.lower() == "flsttunr" else 0):
+            left.setdefault(array, [] if array != name else [text])
+    sentences = tuple(ignoring(name, values, REASONS) for name, values in left.items())
+    return table._replace(ignored=table.ignored + sentences)

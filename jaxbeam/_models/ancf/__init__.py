@@ -1,0 +1,1 @@
+"""Theories in finite elements in a plane, in absolute nodal coordinates."""

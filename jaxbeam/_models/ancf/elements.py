@@ -1,0 +1,387 @@
+"""Planar cubic elements in absolute nodal coordinates, at a cost linear in their number.
+
+An element has the displacement and slope of its two nodes, across and along the beam. Inertia is
+that of any beam on a moving hub (see `cartesian.py`), element by element, with the constant mass
+matrix H = int N N^T; elastic forces do not care in which frame they are written, and are those of
+`_models/ancf/energies.py`. Coordinates go node by node, (w, L w', u, L u'), so that all matrices are
+block-tridiagonal; of the clamped node only the last is free (B eqs. 18-20): 4 n + 1 coordinates for
+n elements, all in metres. Where the root yields L w' of the first node is one more, before L u'.
+
+A uniform beam has one table of inertia and one law for all elements; where properties vary, both
+come element by element from `sections.py`.
+
+Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
+behind those it is said to have (see `kernel`).
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.ancf.energies import (
+    POINTS,
+    QUARTER_TURN,
+    WEIGHTS,
+    Element,
+    Local,
+    matvec,
+    rule,
+)
+from jaxbeam._models.ancf.nodes import (
+    Nodes,
+    assembled,
+    constant,
+    of_elements,
+    on_ends,
+    quarter_turned,
+)
+from jaxbeam._models.ancf.sections import Cuts, Ends, Sections, body_mass, cuts, each_element, rules
+from jaxbeam._models.bases.basis import Functions, hermite
+from jaxbeam._models.contract.base import Equations
+from jaxbeam._models.contract.spread import ElementSpread
+from jaxbeam._models.contract.strained import Parts, gradient_of
+from jaxbeam._numerics.blocks import BlockTridiagonal, padded
+from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.motion import Hub
+from jaxbeam._types import Number, Triple, Vector
+
+Law = Element | Parts
+
+
+class ElementEquations(Equations):
+    """Elements of any theory on a moving hub, with a mass at the tip.
+
+    The plane's fields r, r' and r'' are all fields of these elements, rigid rotation included. So
+    inertia forces are the mass matrix of all nodes, the clamped one too, times the nodal values of
+
+        q'' + a_O - omega^2 r + (omega' r + 2 omega r' turned by a right angle),   r = X a1 + u.
+    """
+
+    mass: BlockTridiagonal
+    rigid_moments: Triple
+    length: Number
+    tip_radius: Number
+    energy_scale: Number
+    skew_mass: BlockTridiagonal  # M times a turn by a right angle
+    straight: Nodes  # of X a1
+    element_mass: Number  # where it varies, int N N^T dm of each (E, 4, 4, *lanes)
+    tip_mass: Number
+    tip_body: Float[Array, "2 2 *lanes"] | None
+    axial_stiffness: Number
+    element: Element
+    ends: Ends
+    cuts: Cuts | None = eqx.field(static=True)  # None: a uniform beam
+    yields: bool = eqx.field(static=True)  # whether the slope at the root is a coordinate
+
+    takes_lanes: ClassVar[bool] = True
+
+    def __init__(self, rotor: Rotor, n_elements: int, element: type[Element]) -> None:
+        beam = rotor.beam
+        radius, length = rotor.hub_radius, beam.length
+        self.length, self.tip_radius, self.rigid_moments = (
+            length,
+            radius + length,
+            rotor.rigid_moments,
+        )
+        self.tip_mass, self.tip_body = rotor.tip_mass, body_mass(rotor)
+        along = radius + length * beside(np.linspace(0.0, 1.0, n_elements + 1), length.ndim)
+        along = jnp.stack([along, length + jnp.zeros_like(along)], 1)
+        self.straight = jnp.stack([jnp.zeros_like(along), along], 1)
+        self.cuts = None if beam.is_uniform else cuts(beam.edges, n_elements)
+        if self.cuts is None:
+            self.element_mass = beam.mass / n_elements
+            self.axial_stiffness = beam.axial_stiffness
+            self.energy_scale = beam.in_plane_bending_stiffness / length
+            ratio = beam.in_plane_bending_stiffness / (beam.axial_stiffness * length**2)
+            self.element = element(ratio, n_elements)
+        else:
+            sections = Sections(beam, self.cuts, element)
+            self.element_mass, self.element = sections.mass, sections.element
+            self.axial_stiffness = sections.axial_stiffness
+            self.energy_scale = sections.bending_stiffness / length
+        self.ends = Ends(rotor, self.axial_stiffness)
+        self.yields = self.ends.spring is not None
+        self.mass, self.skew_mass = self._inertial(np.eye(2)), self._inertial(QUARTER_TURN)
+
+    def _inertial(self, matrix: np.ndarray) -> BlockTridiagonal:
+        """Mass matrix times `matrix`."""
+        lanes = self.tip_mass.ndim
+        if self.cuts is None:
+            local = np.einsum("cd,ij->cidj", matrix, self._gram)[None]
+            own = assembled(jnp.repeat(local, self.element.n_elements, 0))
+            rows = self.element_mass * beside(own, lanes)
+        else:
+            rotated = beside(matrix[None, :, None, :, None], lanes)
+            rows = assembled(rotated * self.element_mass[:, None, :, None])
+        if self.tip_body is None:
+            at_tip = np.zeros((len(self.straight), 4, 12))
+            at_tip[-1, ::2, 4:8:2] = matrix
+            rows = rows + self.tip_mass * beside(at_tip, lanes)
+        else:
+            rotated = beside(matrix[:, None, :, None], lanes)
+            rows = rows + self._at_node(-1, rotated * self.tip_body[None, :, None])
+        return self._matrix(rows)
+
+    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
+        spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
+        place = self.straight + self._nodes(q)
+        field = quarter_turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
+        field = field + constant(hub.acceleration)
+        own = self._by_element(
+            lambda law, mass, local, field: self._elastic(law, local) + self._weighed(mass, field),
+            of_elements(self._nodes(q)), of_elements(field),
+        )  # fmt: skip
+        at_tip = self._borne(field[-1])
+        if tip_force is not None:
+            at_tip = at_tip - constant(tip_force)[0]
+        at_tip = at_tip[:, 0] if self.tip_body is None else at_tip
+        return -self._gathered(own, at_tip, self._at_ends(self.ends.force, q))
+
+    def tangents(
+        self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
+    ) -> tuple[BlockTridiagonal, BlockTridiagonal]:
+        spin, rate = hub.angular_velocity[2], hub.angular_velocity_rate[2]
+        k = -(spin**2) * self.mass + rate * self.skew_mass + self.elastic_tangent(q)
+        return k, 2 * spin * self.skew_mass
+
+    def spread(self, kinks: tuple[float, ...]) -> ElementSpread:
+        return ElementSpread.of(self, self.element.n_elements, kinks)
+
+    def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
+        def one(law: Law, _: Array, local: Array) -> Array:
+            return self._by_local(law.tangent(self._gradients(local)))
+
+        own = self._by_element(one, of_elements(self._nodes(q)))
+        return self._gathered_tangent(own, self._at_ends(self.ends.tangent, q))
+
+    def elastic_force(self, q: Vector) -> Vector:
+        own = self._by_element(
+            lambda law, _, local: self._elastic(law, local), of_elements(self._nodes(q))
+        )
+        none = jnp.zeros_like(own[-1, :, 0])
+        return self._gathered(own, none, self._at_ends(self.ends.force, q))
+
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        def one(law: Law, _: Array, local: Array, rate: Array) -> Array:
+            force = law.viscous(self._gradients(local), self._gradients(rate))
+            return on_ends(self.element.n_elements, self.axial_stiffness * force)
+
+        own = self._by_element(one, of_elements(self._nodes(q)), of_elements(self._nodes(v)))
+        none = jnp.zeros_like(own[-1, :, 0])
+        return self._gathered(own, none, self._at_ends(self.ends.viscous, q, v))
+
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[BlockTridiagonal, BlockTridiagonal]:
+        def one(law: Law, _: Array, local: Array, rate: Array) -> Array:
+            both = law.viscous_tangents(self._gradients(local), self._gradients(rate))
+            return jnp.stack([self._by_local(tangent) for tangent in both])
+
+        own = self._by_element(one, of_elements(self._nodes(q)), of_elements(self._nodes(v)))
+        ends = self._at_ends(self.ends.viscous_tangents, q, v) or (None, None)
+        by_q, by_v = (self._gathered_tangent(own[:, i], ends[i]) for i in (0, 1))
+        return by_q, by_v
+
+    def _by_local(self, tangent: Float[Array, "2 3 2 3 *lanes"]) -> Array:
+        """From the tangent of a law to that by the coordinates of an element (2, 4, 2, 4)."""
+        n = self.element.n_elements
+        tangent = self.axial_stiffness / self.length * tangent
+        rows = on_ends(n, tangent).reshape(8, *tangent.shape[2:])
+        both = jax.vmap(lambda row: on_ends(n, row))(rows)
+        return both.reshape(2, 4, *both.shape[1:])
+
+    def _elastic(self, law: Law, local: Float[Array, "2 4 *lanes"]) -> Array:
+        """Elastic force of an element, (2, 4, *lanes)."""
+        force = self.axial_stiffness * law.force(self._gradients(local))
+        return on_ends(self.element.n_elements, force)
+
+    def _weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
+        """int N N^T dm of an element times a field, (2, 4, *lanes)."""
+        if self.cuts is None:
+            return mass * matvec(self._gram, field)
+        return contract(mass[None], field[:, None], 2, field.ndim - 2)
+
+    def _borne(self, field: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 *lanes"]:
+        """Mass matrix at the tip times a field there; of a point only values count."""
+        if self.tip_body is None:
+            return self.tip_mass * field
+        return contract(self.tip_body[None], field[:, None], 2, field.ndim - 2)
+
+    def strain_energy(self, q: Vector) -> Number:
+        local = of_elements(self._nodes(q))
+        if self.cuts is None:
+            each = jax.vmap(lambda e: self.element.energy(self._gradients(e)))(local)
+        else:
+            each = jax.vmap(lambda law, e: law.energy(self._gradients(e)))(self._laws, local)
+        energy = total(each)
+        energy = self.axial_stiffness * self.length * energy
+        return energy if self.ends.are_plain else energy + self._at_ends(self.ends.energy, q)
+
+    def nonconservative_force(self, q: Vector) -> Vector:
+        if self.element.is_conservative:
+            return jnp.zeros_like(q)
+        return self.elastic_force(q) - gradient_of(self.strain_energy)(q)
+
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+        """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u'."""
+        own = self._nodes(v) + spin[2] * quarter_turned(self._nodes(q))
+        carried = spin[2] * quarter_turned(self.straight) + constant(velocity)
+        return self._product(own, own / 2 + carried)
+
+    def first_moment(self, q: Vector) -> Triple:
+        nodes, axes = self._nodes(q), jnp.eye(3, dtype=q.dtype)
+        along, across = (
+            self._product(jnp.broadcast_to(constant(beside(axis, q.ndim - 1)), nodes.shape), nodes)
+            for axis in axes[:2]
+        )
+        return jnp.stack([along, across, jnp.zeros_like(along)])
+
+    def _product(self, a: Nodes, b: Nodes) -> Number:
+        """int a . b dm of two fields."""
+        if self.cuts is None:
+            own = of_elements(a) * jax.vmap(lambda x: matvec(self._gram, x))(of_elements(b))
+        else:
+            own = of_elements(a) * jax.vmap(self._weighed)(self.element_mass, of_elements(b))
+        own = total(own.reshape(-1, *own.shape[3:]))
+        if self.cuts is None:
+            own = self.element_mass * own
+        if self.tip_body is None:
+            return own + self.tip_mass * total(a[-1, :, 0] * b[-1, :, 0])
+        at_tip = a[-1] * self._borne(b[-1])
+        return own + total(at_tip.reshape(4, *at_tip.shape[2:]))
+
+    @property
+    def _gram(self) -> np.ndarray:
+        """int N N^T over an element of unit mass (4, 4)."""
+        value = hermite(POINTS, 1 / self.element.n_elements).value
+        return np.einsum("g,gi,gj->ij", WEIGHTS, value, value)
+
+    def tip(self, q: Vector) -> Triple:
+        return jnp.stack([q[-2], q[-4], jnp.zeros_like(q[-1])])
+
+    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """Displacement by the cubic in the element where a point is."""
+        shapes, local = self._around(q, xi)
+        across, along = jnp.sum(shapes.value * local, 2)
+        return jnp.stack([along, across, jnp.zeros_like(along)], 1)
+
+    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        return self.element.strain(self.gradient(q, xi))
+
+    def gradient(self, q: Vector, xi: np.ndarray) -> Float[Array, "2 p"]:
+        """Displacement gradient d = r' - a1 at x = xi L."""
+        shapes, local = self._around(q, xi)
+        return jnp.sum(shapes.slope * local, 2) / self.length
+
+    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+        shapes, local = self._around(q, xi)
+        rate, other = jnp.sum(shapes.curvature * local, 2) / self.length**2
+        across, along = self.gradient(q, xi)
+        along = 1 + along
+        bend = (along * rate - across * other) / (along**2 + across**2)
+        return jnp.stack([bend, jnp.zeros_like(bend)], 1)
+
+    def _around(self, q: Vector, xi: np.ndarray) -> tuple[Functions, Float[Array, "2 p 4"]]:
+        """Shapes at points, (1, p, 4), and coordinates of the elements where they are."""
+        xi, n = np.asarray(xi, float), self.element.n_elements
+        index = np.clip((xi * n).astype(int), 0, n - 1)
+        shapes = Functions(*(a[None] for a in hermite(xi * n - index, 1 / n)))
+        return shapes, of_elements(self._nodes(q))[index].swapaxes(0, 1)
+
+    def _gradients(self, local: Float[Array, "2 4 *lanes"]) -> Local:
+        """Displacement gradient of an element at its first end, on average, at its last end."""
+        chord = self.element.n_elements * (local[:, 2:3] - local[:, :1])
+        return jnp.concatenate([local[:, 1:2], chord, local[:, 3:]], 1) / self.length
+
+    def _nodes(self, q: Vector) -> Nodes:
+        """Coordinates node by node, those of the clamped node included."""
+        nodes = padded(q, self._absent, 0).reshape(-1, 2, 2, *q.shape[1:])
+        return self._reordered(nodes)
+
+    def _at_ends(self, function: Callable[..., Any], *q: Vector) -> Any:
+        """A function of the displacement gradients at root and tip; None where nothing is there."""
+        if self.ends.are_plain:
+            return None
+        nodes = map(self._nodes, q)
+        return function(*(jnp.stack([n[0, :, 1], n[-1, :, 1]]) / self.length for n in nodes))
+
+    @property
+    def _absent(self) -> int:
+        return 2 if self.yields else 3
+
+    def _reordered(self, nodes: Nodes) -> Nodes:
+        """From the order of coordinates to that of nodes and back: where the root yields, values of
+        the first node come before its slopes, so that what is absent is at the beginning."""
+        if not self.yields:
+            return nodes
+        return jnp.concatenate([nodes[:1].swapaxes(1, 2), nodes[1:]])
+
+    def _matrix(self, rows: Float[Array, "k 4 12 *lanes"]) -> BlockTridiagonal:
+        """From the order of nodes to that of coordinates."""
+        if self.yields:
+            parts = rows.reshape(len(rows), 2, 2, 3, 2, 2, *rows.shape[3:])
+            first, second = parts[0].swapaxes(0, 1), parts[1]
+            own, beside_it = first[:, :, 1:2].swapaxes(3, 4), second[:, :, :1].swapaxes(3, 4)
+            first = jnp.concatenate([first[:, :, :1], own, first[:, :, 2:]], 2)
+            second = jnp.concatenate([beside_it, second[:, :, 1:]], 2)
+            parts = jnp.concatenate([first[None], second[None], parts[2:]])
+            rows = parts.reshape(rows.shape)
+        return BlockTridiagonal(rows, absent=self._absent)
+
+    def _at_node(self, i: int, block: Float[Array, "2 2 2 2 *lanes"]) -> Array:
+        """Rows (k, 4, 12, *lanes) in which this is at the first (0) or the last (-1) node."""
+        lanes, more = block.shape[4:], len(self.straight) - 1
+        sides = ((0, 0), (4, 4), *((0, 0),) * len(lanes))
+        row = jnp.pad(block.reshape(4, 4, *lanes), sides)[None]
+        return padded(row, -i * more, (1 + i) * more)
+
+    def _gathered_tangent(
+        self, local: Float[Array, "E 2 4 2 4 *lanes"], ends: Float[Array, "2 2 2 *lanes"] | None
+    ) -> BlockTridiagonal:
+        """Sum of the tangents of elements and of what is at the ends."""
+        rows = assembled(local)
+        if ends is not None:
+            none = ((0, 0),) * (ends.ndim - 3)
+            for i, slopes in zip((0, -1), ends / self.length**2, strict=True):
+                block = jnp.pad(slopes[:, None, :, None], (*((0, 0), (1, 0)) * 2, *none))
+                rows = rows + self._at_node(i, block)
+        return self._matrix(rows)
+
+    def _gathered(
+        self, local: Float[Array, "E 2 4 *lanes"], at_tip: Array,
+        ends: Float[Array, "2 2 *lanes"] | None,
+    ) -> Vector:  # fmt: skip
+        """Sum of what elements do at nodes, of a force at the tip (2, *lanes), with the one on the
+        slope (2, 2, *lanes), and of what is at the ends."""
+        own = padded(local[:, :, :2], 0, 1) + padded(local[:, :, 2:], 1, 0)
+        if at_tip.ndim == local.ndim - 2:
+            at_tip = jnp.stack([at_tip, jnp.zeros_like(at_tip)], 1)
+        own = own + padded(at_tip[None], len(local), 0)
+        if ends is not None:
+            slopes = ends / self.length
+            slopes = jnp.stack([jnp.zeros_like(slopes), slopes], 2)
+            own = own + padded(slopes[:1], 0, len(local)) + padded(slopes[1:], len(local), 0)
+        return self._reordered(own).reshape(-1, *local.shape[3:])[self._absent :]
+
+    @property
+    def _laws(self) -> Law:
+        """Energies of elements whose properties vary, with an axis of elements before all others."""
+        parts = None if self.cuts is None else rules(self.cuts, rule)
+        if parts is None:
+            return self.element
+        return Parts(dataclasses.replace(self.element, part=parts))
+
+    def _by_element(self, function: Callable[..., Array], *local: Array) -> Array:
+        """What a function of law, mass and coordinates (2, 4, *lanes) makes of every element."""
+        if self.cuts is None:
+            law, mass = self.element, self.element_mass
+            return each_element(lambda *local: function(law, mass, *local), local, 3)
+        return each_element(function, (self._laws, self.element_mass, *local), 3)

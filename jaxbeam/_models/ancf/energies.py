@@ -1,0 +1,391 @@
+"""What sets theories of cubic elements apart: energy, force and tangent of one of them.
+
+The local coordinates e are three values of the displacement gradient d = r' - a1, at the first
+end, on the chord and at the last end, by which d is known along the element, (1-4s+3s^2) e_A +
+(6s-6s^2) e_M + (3s^2-2s) e_B: forces do not depend on where the element is. Theories differ in the
+axial strain:
+
+    Model A        interpolated like d from those of the three values (B eq. A-3), and forces
+                   int EA eps S'^T r' dx that are not the gradient of an energy
+    Green          d_1 + d.d / 2, forces from int [EA eps^2 + EI r''.r''] dx / 2
+    Engineering    |r'| - 1, forces from int [EA eps^2 + EI phi'^2] dx / 2, phi the tangent's angle
+    Model 0        t.r' - 1 and curvature n.r'' in a frame that moves with the element
+
+Viscous forces follow from the rates of the same strains and curvatures: see `strained.py`.
+
+Where EA and EI vary along an element, they have a number each at every point of integration, and
+`Parts` integrates from kink to kink.
+
+Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
+behind those it is said to have (see `kernel`).
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
+
+import abc
+import functools
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.contract.strained import Strained, gradient_of
+from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._types import Number
+
+Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, mean, at the last end
+Strains = tuple[Array, ...]  # axial strain and curvatures at the Gauss points, (g, *lanes) each
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
+POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
+QUARTER_TURN = np.array(
+    [[0.0, 1.0], [-1.0, 0.0]]
+)  # by a right angle: a1 becomes a2, a2 becomes -a1
+
+
+def matvec(
+    table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
+) -> Array:
+    """The product sum_b table_ab x_cb, with axes of lanes behind."""
+    lanes = x.ndim - 2
+    return contract(beside(table[None], lanes), x[:, None], 2, lanes)
+
+
+def along_element(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
+    """The gradient by its three values at points s, or its derivative by s."""
+    if derivative:
+        return np.stack([6 * s - 4, 6 - 12 * s, 6 * s - 2], 1)
+    return np.stack([1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], 1)
+
+
+def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Number:
+    return matvec(weights[None], x[None])[0, 0]
+
+
+def _stretched(d: Float[Array, "2 *lanes"]) -> Array:
+    """The tangent a1 + d of the deformed axis."""
+    return jnp.concatenate([d[:1], 1 + d[1:]])
+
+
+def elongation(d: Float[Array, "2 *lanes"]) -> Number:
+    """|a1 + d| - 1, without cancellation."""
+    excess = 2 * d[1] + d[0] ** 2 + d[1] ** 2
+    return excess / (1 + jnp.sqrt(1 + excess))
+
+
+class Rule(NamedTuple):
+    """How an element, or a part of it, is integrated over x / L."""
+
+    weights: Any  # of the Gauss points (g,)
+    slopes: Any  # from the local coordinates to the gradient there (g, 3)
+    curvatures: Any  # and to its derivative by x / L (g, 3)
+
+
+def rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> Rule:
+    """Quadrature on one of so many elements, from s = start to s = end."""
+    s, size = start + (end - start) * POINTS, (end - start) * WEIGHTS
+    return Rule(size / n_elements, along_element(s), n_elements * along_element(s, 1))
+
+
+class Element(Strained):
+    """Elastic energy, force and tangent of an element, over EA L, and viscous forces.
+
+    Where properties vary EA is any one value of it: `bending` and `stretching`, EA at the points
+    over that value, are then numbers at the Gauss points, (g, *lanes).
+    """
+
+    axes: ClassVar[int] = 2
+    is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
+    tears: ClassVar[bool] = False  # whether steady states end where the rod tears
+    bending: Number  # EI / (EA L^2)
+    n_elements: int = eqx.field(static=True)
+    stretching: Number | None = None
+    part: Rule | None = None  # of a part of the element; None: of the whole
+
+    @abc.abstractmethod
+    def strains(self, e: Local) -> Strains:
+        """Axial strain and curvature at the Gauss points, not changed by any rigid motion."""
+
+    def stresses(self, strains: Strains) -> Strains:
+        """Weights times EA strain and EI curvature."""
+        strain, *bends = strains
+        weights = beside(self.weights, strain.ndim - 1)
+        moments = (weights * (self.bending * bend) for bend in bends)
+        return weights * self.pulled(strain), *moments
+
+    def energy(self, e: Local) -> Number:
+        """Strain energy of one element."""
+        strain, *bends = self.strains(e)
+        density = self.pulled(strain**2)
+        for bend in bends:
+            density = density + self.bending * bend**2
+        return _integral(self.weights, density) / 2
+
+    def force(self, e: Local) -> Local:
+        """Elastic force of one element."""
+        return gradient_of(self.energy)(e)
+
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+        """d force / de."""
+        return self.by(self.force, e)
+
+    def strain(self, d: Float[Array, "2 p *lanes"]) -> Float[Array, "p *lanes"]:
+        """Axial strain where the displacement gradient is this."""
+        return elongation(d)
+
+    @property
+    def weights(self) -> np.ndarray:
+        return self._rule.weights
+
+    @property
+    def slopes(self) -> np.ndarray:
+        return self._rule.slopes
+
+    @property
+    def curvatures(self) -> np.ndarray:
+        return self._rule.curvatures
+
+    @property
+    def _rule(self) -> Rule:
+        return rule(self.n_elements) if self.part is None else self.part
+
+    def pulled(self, x: Float[Array, "g *lanes"]) -> Float[Array, "g *lanes"]:
+        """What is at the Gauss points times the axial stiffness there."""
+        return x if self.stretching is None else self.stretching * x
+
+
+class Continuum(Element):
+    """U = int EA eps^2 + EI r''.r'' dx / 2 and forces int EA eps S'^T r' + EI S''^T r'' dx.
+
+    The strain is interpolated from `stations`, where it depends on the displacement gradient. The
+    forces are the gradient of U where eps is the Green strain, d eps = S'^T r' . de. What is
+    viscous has the rates of eps and of the two components of r'' in axes that turn with r'.
+    """
+
+    @property
+    @abc.abstractmethod
+    def stations(self) -> np.ndarray:
+        """From the local coordinates to the gradient at the stations (k, 3)."""
+
+    @abc.abstractmethod
+    def interpolated(self, values: Float[Array, "c k *lanes"]) -> Float[Array, "c g *lanes"]:
+        """From values at the stations to those at the Gauss points."""
+
+    @abc.abstractmethod
+    def measure(
+        self, d: Float[Array, "2 k *lanes"]
+    ) -> tuple[Float[Array, "k *lanes"], Float[Array, "2 k *lanes"]]:
+        """Strain at the stations, and its derivative by d."""
+
+    def strains(self, e: Local) -> Strains:
+        along, curved = _stretched(matvec(self.slopes, e)), matvec(self.curvatures, e)
+        size = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
+        stretching = (along[0] * curved[0] + along[1] * curved[1]) / size
+        return self._strain(e), (along[1] * curved[0] - along[0] * curved[1]) / size, stretching
+
+    def _strain(self, e: Local) -> Float[Array, "g *lanes"]:
+        return self.interpolated(self.measure(matvec(self.stations, e))[0][None])[0]
+
+    def energy(self, e: Local) -> Number:
+        """Strain energy of B eq. 9."""
+        bend = total(matvec(self.curvatures, e) ** 2)
+        return _integral(self.weights, self.pulled(self._strain(e) ** 2) + self.bending * bend) / 2
+
+    def force(self, e: Local) -> Local:
+        """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
+        pull = self.pulled(self._strain(e))[None] * _stretched(matvec(self.slopes, e))
+        pull = matvec((self.weights[:, None] * self.slopes).T, pull)
+        if self.stretching is None:
+            return pull + self.bending * matvec(self._bend, e)
+        moment = self.bending[None] * matvec(self.curvatures, e)
+        return pull + matvec((self.weights[:, None] * self.curvatures).T, moment)
+
+    @property
+    def _bend(self) -> np.ndarray:
+        """int S''^T S'' dx."""
+        return np.einsum("g,gi,gj->ij", self.weights, self.curvatures, self.curvatures)
+
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+        slopes, stations = self.slopes, self.stations
+        strain, stretched = self.measure(matvec(stations, e))
+        pull = _rows(slopes, _stretched(matvec(slopes, e)))
+        # By the derivative of the strain
+        by_gradient = jax.vmap(self.pulled)(self.interpolated(_rows(stations, stretched)))
+        terms = [w * pull[:, None, g] * by_gradient[None, :, g] for g, w in enumerate(self.weights)]
+        material = functools.reduce(jnp.add, terms).reshape(2, 3, *e.shape)
+        # and of S'^T r', the same for both components, like bending.
+        pull = jax.vmap(self.pulled)(self.interpolated(strain[None]))
+        along = _weighted(self.weights, slopes, slopes, pull)
+        if self.stretching is None:
+            along = along + self.bending * beside(self._bend, e.ndim - 2)
+        else:
+            bending = jnp.broadcast_to(self.bending, pull[0].shape)[None]
+            along = along + _weighted(self.weights, self.curvatures, self.curvatures, bending)
+        return material + _both(along)
+
+
+def _rows(
+    table: Float[np.ndarray, "p 3"] | Float[Array, "p 3"], vector: Float[Array, "2 p *lanes"]
+) -> Float[Array, "6 p *lanes"]:
+    """Table^T times a vector at every point."""
+    out = vector[:, None] * beside(table.T[None], vector.ndim - 2)
+    return out.reshape(6, *vector.shape[1:])
+
+
+def _weighted(
+    weights: np.ndarray, x: np.ndarray, y: np.ndarray, values: Float[Array, "1 g *lanes"]
+) -> Float[Array, "3 3 *lanes"]:
+    """int x y^T values dx of two tables (g, 3)."""
+    each = weights[None, None] * x.T[:, None] * y.T[None] + 0.0  # no zero is negative
+    return matvec(each.reshape(9, -1), values)[0].reshape(3, 3, *values.shape[2:])
+
+
+def _both(a: Float[Array, "3 3 *lanes"]) -> Float[Array, "2 3 2 3 *lanes"]:
+    """A matrix of one component as one of both, which it does not couple."""
+    return beside(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
+
+
+class ModelA(Continuum):
+    """B eq. A-3: stations are the three values themselves."""
+
+    is_conservative = False
+
+    @property
+    def stations(self) -> np.ndarray:
+        return np.eye(3)
+
+    def interpolated(self, values: Array) -> Array:
+        return matvec(self.slopes, values)
+
+    def measure(self, d: Array) -> tuple[Array, Array]:
+        strain = elongation(d)
+        return strain, _stretched(d) / (1 + strain)[None]
+
+
+class Green(Continuum):
+    """Green strain; stations are the Gauss points."""
+
+    @property
+    def stations(self) -> np.ndarray:
+        return self.slopes
+
+    def interpolated(self, values: Array) -> Array:
+        return values
+
+    def measure(self, d: Array) -> tuple[Array, Array]:
+        return self.strain(d), _stretched(d)
+
+    def strain(self, d: Array) -> Array:
+        return d[1] + (d[0] ** 2 + d[1] ** 2) / 2
+
+
+class Engineering(Element):
+    """U = int EA (|r'| - 1)^2 + EI phi'^2 dx / 2, phi' = (r' x r'') / r'.r' the rate of the angle.
+
+    With s = r'.r', J a turn by a right angle and t = r' turned back by one, phi' = t.r'' / s, and
+    its derivatives are (J r'' - 2 phi' r') / s by r' and t / s by r''.
+    """
+
+    # Three points would do for the order of convergence, and halve the error of few elements; but
+    # then two coarse meshes agree by chance, and the ladder takes that for convergence.
+    tears = True
+
+    def strains(self, e: Local) -> Strains:
+        at = self._at(e)
+        return at.strain, at.angle_rate
+
+    def force(self, e: Local) -> Local:
+        at = self._at(e)
+        over = beside(self.weights, e.ndim - 2) / at.square
+        couple = self.bending * at.angle_rate * over
+        pull = (self.pulled(at.strain * at.size) - 2 * self.bending * at.angle_rate**2) * over
+        by_slope = pull[None] * at.along + couple[None] * at.curved_normal
+        return matvec(self.slopes.T, by_slope) + matvec(self.curvatures.T, couple[None] * at.back)
+
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+        """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
+
+            int (|r'| - 4 b phi'^2) / s^2 p p^T + b k k^T dx, with
+            p = S'^T r' and k = S'^T (J r'' - 4 phi' r') / s + S''^T t / s,
+
+        and, from the second derivatives of r'.r' and of r' x r'',
+
+            int (eps |r'| - 2 b phi'^2) / s S'^T S' + b phi' / s (S'^T J S'' + its transpose) dx.
+        """
+        # A compiler that fuses computes products anew for each number that is made of them, but
+        # keeps sums and what was divided: these come last here.
+        at, slopes, weights = self._at(e), self.slopes, self.weights
+        lanes, square, moment = e.ndim - 2, at.square, self.bending * at.angle_rate
+        bent = moment * at.angle_rate
+        p = _rows(slopes, at.along)
+        k = _rows(slopes, (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None])
+        k = k + _rows(self.curvatures, at.back / square[None])
+        both, w = jnp.concatenate([p, k], 1), beside(weights, lanes)
+        by = w * (self.pulled(at.size) - 4 * bent) / square**2
+        by = jnp.concatenate([by, w * self.bending + 0 * square])
+        material = contract(both[:, None], (by[None] * both)[None], 2, lanes)
+
+        along = (self.pulled(at.strain * at.size) - 2 * bent) / square
+        along = _weighted(weights, slopes, slopes, along[None])
+        across = _weighted(weights, self.curvatures, slopes, (moment / square)[None])
+        across = across - across.swapaxes(0, 1)
+        curved_normal = beside(QUARTER_TURN[:, None, :, None], lanes) * across[None, :, None]
+        return material.reshape(2, 3, *e.shape) + _both(along) + curved_normal
+
+    def _at(self, e: Local) -> "_Bent":
+        """The strain and its derivatives at the Gauss points."""
+        d, curved = matvec(self.slopes, e), matvec(self.curvatures, e)
+        strain, along = self.strain(d), _stretched(d)
+        size = 1 + strain
+        back, curved_normal = jnp.stack([along[1], -along[0]]), jnp.stack([-curved[1], curved[0]])
+        angle_rate = (along[1] * curved[0] - along[0] * curved[1]) / size**2
+        return _Bent(strain, size, size**2, along, back, curved_normal, angle_rate)
+
+
+class _Bent(NamedTuple):
+    """eps, |r'|, s, r', t, J r'' and phi' of `Engineering`."""
+
+    strain: Float[Array, "g *lanes"]
+    size: Float[Array, "g *lanes"]
+    square: Float[Array, "g *lanes"]
+    along: Float[Array, "2 g *lanes"]
+    back: Float[Array, "2 g *lanes"]
+    curved_normal: Float[Array, "2 g *lanes"]
+    angle_rate: Float[Array, "g *lanes"]
+
+
+class ModelZero(Element):
+    """Linear strain du_l/dx and curvature in a frame that moves with the element (B eq. 62)."""
+
+    tears = True
+
+    @abc.abstractmethod
+    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+        """Tangent of the frame, less a1, before it is made a unit vector."""
+
+    def strains(self, e: Local) -> Strains:
+        axis = self.along(e)
+        size = 1 + elongation(axis)
+        # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
+        lean = jnp.stack([axis[0], axis[1] - (size - 1)]) / size[None]
+        d, tangent = matvec(self.slopes, e), _stretched(lean)
+        stretched, curved = _stretched(d), matvec(self.curvatures, e)
+        strain = lean[0] * stretched[0] + lean[1] * stretched[1] + d[1]
+        return strain, tangent[1] * curved[0] - tangent[0] * curved[1]
+
+
+class Chord(ModelZero):
+    """The frame of an element lies along the chord from one end to the other."""
+
+    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+        return e[:, 1]
+
+
+class Tangent(ModelZero):
+    """The frame of an element lies along the tangent at its first end."""
+
+    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+        return e[:, 0]

@@ -1,0 +1,162 @@
+"""Elements of beams whose properties vary along the span, and what is at the ends of beams.
+
+Integrals over an element go part by part, from kink to kink, by Gauss points in each of them: a
+table of stations that are not nodes is integrated as it is, and costs as much as so many elements.
+
+Any array may have further axes, of lanes, behind those it is said to have (see `kernel`).
+"""
+
+import functools
+import itertools
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.ancf.energies import POINTS, WEIGHTS, Element, elongation
+from jaxbeam._models.bases.basis import hermite
+from jaxbeam._models.contract.strained import EndSprings
+from jaxbeam._programs.platforms import loops_are_dear
+from jaxbeam._rotor.beam import Beam, Rotor
+from jaxbeam._rotor.spanwise import Property, along
+from jaxbeam._types import Number
+
+Cuts = tuple[tuple[float, ...], ...]  # of each element its parts' edges, from 0 to 1
+ARule = TypeVar("ARule", bound=tuple[Any, ...])  # of quadrature, with arrays for fields
+
+
+@functools.lru_cache(maxsize=64)
+def cuts(edges: tuple[float, ...], n_elements: int) -> Cuts:
+    """Where elements are cut at the kinks of a beam. All have as many parts: where there are fewer
+    kinks the longest part is halved."""
+    inside: list[list[float]] = [[0.0, 1.0] for _ in range(n_elements)]
+    for kink in edges[1:-1]:
+        node = round(kink * n_elements)
+        if abs(kink * n_elements - node) > 1e-9:
+            i = int(kink * n_elements)
+            inside[i].append(kink * n_elements - i)
+    most = max(map(len, inside))
+    for parts in inside:
+        parts.sort()
+        while len(parts) < most:
+            i = int(np.argmax(np.diff(parts)))
+            parts.insert(i + 1, (parts[i] + parts[i + 1]) / 2)
+    return tuple(map(tuple, inside))
+
+
+@functools.lru_cache(maxsize=64)
+def rules(parts: Cuts, rule: Callable[..., ARule]) -> ARule | None:
+    """Quadratures of the parts of every element, with axes of elements and parts in front; None
+    where elements are not cut."""
+    if len(parts[0]) == 2:
+        return None
+    every = [
+        _stacked([rule(len(parts), *ends) for ends in itertools.pairwise(part)]) for part in parts
+    ]
+    return _stacked(every)
+
+
+def _stacked(some: list[ARule]) -> ARule:
+    return type(some[0])(*map(np.stack, zip(*some, strict=True)))
+
+
+def each_element(function: Callable[..., Array], of: tuple[Any, ...], axes: int) -> Array:
+    """What a function makes of every element: where the last of these has more axes than that, one
+    after the other, so that what is needed on the way stays in the cache, and loops over lanes are
+    not mixed up with what becomes of the results; but all at once where loops are dear."""
+    if of[-1].ndim > axes and not loops_are_dear():
+        return jax.lax.map(lambda of: function(*of), of)
+    return jax.vmap(function)(*of)
+
+
+def gauss_points(
+    parts: Cuts, rule: tuple[np.ndarray, np.ndarray] = (POINTS, WEIGHTS)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss points in the coordinate s of each element, and weights over x / L: (E, m, g)."""
+    edges = np.asarray(parts)[..., None]
+    sizes = np.diff(edges, axis=1)
+    return edges[:, :-1] + sizes * rule[0], sizes * rule[1] / len(parts)
+
+
+def at_points(value: Property, xi: Float[np.ndarray, "E m g"]) -> Float[Array, "E m g"]:
+    """A property at points."""
+    return along(value, xi.ravel()).reshape(xi.shape)
+
+
+class Sections(eqx.Module):
+    """Properties at the points of integration of elements."""
+
+    mass: Float[Array, "E 4 4"]  # int N N^T dm
+    axial_stiffness: Number  # mean of EA
+    bending_stiffness: Number  # mean of EI
+    element: Element  # whose arrays have axes of elements and, if these are cut, of parts
+
+    def __init__(self, beam: Beam, parts: Cuts, element: type[Element]) -> None:
+        n, (s, weight) = len(parts), gauss_points(parts)
+        xi = (np.arange(n)[:, None, None] + s) / n
+        shapes = hermite(s.ravel(), 1 / n).value.reshape(*s.shape, 4)
+        gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes)
+        mass = at_points(beam.mass_per_length, xi) * beam.length
+        self.mass = jnp.sum(gram * mass[..., None, None], (1, 2))
+        axial, bending = (
+            at_points(value, xi)
+            for value in (beam.axial_stiffness, beam.in_plane_bending_stiffness)
+        )
+        self.axial_stiffness = jnp.sum(weight * axial)
+        self.bending_stiffness = jnp.sum(weight * bending)
+        stretching = axial / self.axial_stiffness
+        bending = bending / (self.axial_stiffness * beam.length**2)
+        if s.shape[1] == 1:
+            stretching, bending = stretching[:, 0], bending[:, 0]
+        self.element = element(bending, n, stretching)
+
+
+def body_mass(rotor: Rotor) -> Float[Array, "2 2"] | None:
+    """Mass matrix of the tip body that belongs to the position of the tip and to L r' there; None
+    for a point.
+
+    Its centre is at r + c r' and its kinetic energy m_t |d(r + c r')/dt|^2 / 2 + J |dr'/dt|^2 / 2,
+    which are those of a rigid body as far as r' of the end is a unit vector: see `Ends`.
+    """
+    if rotor.tip_body is None:
+        return None
+    mass, length = rotor.tip_mass, rotor.beam.length
+    arm = mass * rotor.tip_body.offset / length
+    own = arm * rotor.tip_body.offset / length + rotor.tip_body.inertia / length**2
+    return jnp.stack([mass, arm, arm, own]).reshape(2, 2)
+
+
+class Ends(EndSprings):
+    """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there, with
+    components in the order a2, a1.
+
+    A spring at the root has k phi^2 / 2, phi the angle of the tangent. Where a body is at the tip,
+    10 EA L eps^2 / 2 keeps r' of the end a unit vector: else the pull of the body, which acts on
+    its centre at r + c r', would stretch the end ever more the shorter the elements are. The beam
+    does not know that its end is not strained, which costs of the first order: bending frequencies
+    less than the strain there times h / L, h the length of an element; axial ones some hundredths
+    of h / L.
+    """
+
+    spring: Number | None  # N m / rad
+    hold: Number | None  # J
+
+    def __init__(self, rotor: Rotor, axial_stiffness: Number) -> None:
+        self.spring, _ = rotor.springs
+        self.hold = None
+        if rotor.tip_body is not None:
+            self.hold = 10 * axial_stiffness * rotor.beam.length
+
+    @property
+    def stiffness(self) -> list[Number]:
+        return [k for k in (self.spring, self.hold) if k is not None]
+
+    def strains(self, e: Float[Array, "2 2 *lanes"]) -> list[Number]:
+        """The angle at the root and the elongation at the tip."""
+        root, tip = e
+        angle = [] if self.spring is None else [jnp.arctan2(root[0], 1 + root[1])]
+        return angle if self.hold is None else [*angle, elongation(tip)]

@@ -1,0 +1,1 @@
+"""Functions along the beam, what of them suits a blade, and what they leave out."""

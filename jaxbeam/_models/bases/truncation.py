@@ -1,0 +1,225 @@
+"""What functions and quadrature leave out of a frequency, by the differential equation itself.
+
+A cantilever is statically determinate: from the inertia, the tension and the body at the tip in a
+mode x follow its bending moments and its axial force by integration, whatever its functions are.
+Where C is the compliance of sections, m that moment and k the curvature of the mode, d'' = C m - k
+is what the functions leave out (but for what d itself would add). In the space of x and d the
+frequency is a better one: with Q(l) = l^2 M + l G + K, x^H Q d is minus the strain energy e of d,
+twice, and
+
+    |l - l_better| = e^2 / (d^H Q d |x^H (2 l M + G) x|).
+
+(That two moments, of which one is in equilibrium and the other compatible, bound the error of each:
+W. Prager, J. L. Synge, Quarterly of Applied Mathematics 5, 1947.) All of it is found at twice as
+many points of integration. Where x^H Q(l) x is not zero there, quadrature has missed something.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.bases.shapes import Counts, Profile, Shape, section_angle
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.span import Span, outboard
+from jaxbeam._rotor.spanwise import along
+from jaxbeam._types import Number, Scalar
+
+_MISSED = 2.0  # what quadrature misses at most, over what twice as many points see of that
+
+
+class _Case(NamedTuple):
+    """A rotor at points of integration, and what acts on it."""
+
+    profile: Profile
+    rotor: Rotor
+    speed: Scalar
+    counts: Counts
+    pull: Array  # N
+    tensioned: bool
+
+    @property
+    def span(self) -> Span:
+        return self.profile.span
+
+    def total(self, weight: Any, x: Array, y: Array | None = None) -> Array:
+        """int weight x^H y by x / L; without y x^H x, which is real."""
+        weight = weight.reshape(-1, *(1,) * (x.ndim - 1))
+        if y is None:
+            return self.span.total(weight * (x.real**2 + x.imag**2))
+        return self.span.total(_times(weight, x.conj() * y))
+
+    def tip(self, x: Shape) -> Array:
+        """Displacements (3, k) of the centre of the mass at the tip."""
+        body = self.rotor.tip_body
+        return x.tip if body is None else x.tip + body.offset / self.rotor.beam.length * x.tip_slope
+
+
+class _Body(NamedTuple):
+    """Inertia and stiffness of the body at the tip by its slopes by x / L, in plane and in flap (2,
+    2), over L^2, and its stiffness by `_winding`, None for zero: see `TipRotation`."""
+
+    inertia: Array
+    stiffness: Array
+    wound: Number | None
+
+    @classmethod
+    def of(cls, case: _Case) -> "_Body | None":
+        rotor, tip = case.rotor, case.rotor.tip_body
+        if tip is None:
+            return None
+        square, spin2 = rotor.beam.length**2, case.speed**2
+        held = jnp.eye(2) * rotor.tip_mass * tip.offset * rotor.tip_mass_radius * case.tensioned
+        held = held.at[0, 0].add(tip.inertia * (case.tensioned - 1))
+        held = held.at[1, 1].add(tip.inertia * case.tensioned - tip.axial_inertia)
+        inertia, wound = jnp.eye(2) * tip.inertia, None
+        if tip.flap_inertia is not None:
+            excess = tip.flap_inertia - tip.inertia
+            angle = section_angle(rotor, lambda angle: along(angle, np.ones(1)))
+            angle = jnp.zeros(()) if angle is None else angle[0]
+            c, s = jnp.cos(angle), jnp.sin(angle)
+            g, h = jnp.stack([-s, c]), jnp.stack([c, s])
+            inertia = inertia + excess * g[:, None] * g[None]
+            if case.tensioned:
+                crossed = c * s * g[:, None] * h[None]
+                held = held + excess * ((crossed + crossed.T) / 2 + s**2 * h[:, None] * h[None])
+                wound = -excess * spin2 * c * s / square
+        return cls(inertia / square, spin2 * held / square, wound)
+
+
+def frequency_error(
+    x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, eigenvalue: Array, counts: Counts,
+    pull: Array | None,
+) -> Float[Array, " k"]:  # fmt: skip
+    """Estimate for each eigenvalue, of which x are the shapes, relative; zero for zero ones. `pull`
+    is the tension of steady rotation, in N, None in a theory that does not know it."""
+    none = jnp.zeros_like(profile.mass)
+    has_strain = pull is not None
+    case = _Case(profile, rotor, speed, counts, none if pull is None else pull, has_strain)
+    body, k = _Body.of(case), eigenvalue.size
+    d = _left_out(case, body, x, eigenvalue)
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], -1), x, d)
+    m, g, stiffness, energy = _forms(case, body, both)
+    value = eigenvalue**2 * m[:k] + eigenvalue * g[:k] + stiffness[:k]
+    other = (eigenvalue**2 * m[k:] + eigenvalue * g[k:] + stiffness[k:]).real
+    energy = energy[k:]
+    safe = jnp.where(energy > 0, jnp.maximum(other, energy / 4), 1.0)
+    error = energy**2 / safe + _MISSED * jnp.abs(value)
+    scale = jnp.abs(2 * eigenvalue * m[:k] + g[:k]) * jnp.abs(eigenvalue)
+    return jnp.where(scale > 0, error / jnp.where(scale > 0, scale, 1.0), 0.0)
+
+
+def tension(profile: Profile, rotor: Rotor, speed: Scalar, rounds: int = 0) -> Array:
+    """Tension of steady rotation, in N, on the undeformed beam; with some rounds on one that has
+    stretched, to that power of the strain."""
+    span, beam = profile.span, rotor.beam
+    c0, c1, c2 = rotor.tension(speed)
+    share, outside, moment = outboard(beam.mass_per_length, span)
+    rigid = pull = c0 + c1 * outside + c2 * moment
+    for _ in range(rounds):
+        strain = beam.length * pull / profile.axial
+        more = beam.mass * span.beyond(share * span.up_to(strain))
+        pull = rigid + speed**2 * (more + rotor.tip_mass * span.total(strain))
+    return pull
+
+
+def _times(real: Array, x: Array) -> Array:
+    """The product, for which compilers would make the real factor complex."""
+    return jax.lax.complex(real * x.real, real * x.imag)
+
+
+def _winding(case: _Case, x: Shape) -> Array:
+    """int (v' w'' - w' v'') by x / L, of k shapes."""
+    v, w = x.slope[:, 1].conj(), x.slope[:, 2].conj()
+    wound: Array = case.span.total(v * x.curvature[:, 2] - w * x.curvature[:, 1]).real
+    return wound
+
+
+def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array, Array, Array]:
+    """x^H M x, x^H G x and x^H K x of k shapes, and of this the strain energy without springs."""
+    profile, length, mass, at_tip = (
+        case.profile, case.rotor.beam.length, case.rotor.tip_mass, case.tip(x)
+    )  # fmt: skip
+    carried = case.total(profile.mass, x.value) + mass * jnp.abs(at_tip) ** 2
+    swept = case.total(profile.mass, x.value[:, 1], x.value[:, 0])
+    swept = swept + mass * at_tip[1].conj() * at_tip[0]
+    strain = x.slope[:, 0]
+    first, second = profile.in_section_axes(x.curvature[:, 1], x.curvature[:, 2])
+    energy = (
+        case.total(profile.axial / length, strain)
+        + case.total(profile.in_plane / length**3, first)
+        + case.total(profile.flap / length**3, second)
+    )
+    geometric = case.total(case.pull / length, x.slope[:, 1:]).sum(0)
+    m, k = carried.sum(0), energy - case.speed**2 * carried[:2].sum(0) + geometric
+    if body is not None:
+        slope_there = x.tip_slope[1:]
+        m = m + jnp.einsum("ik,ij,jk->k", slope_there.conj(), body.inertia, slope_there)
+        k = k + jnp.einsum("ik,ij,jk->k", slope_there.conj(), body.stiffness, slope_there)
+        if body.wound is not None:
+            k = k + body.wound * _winding(case, x)
+    for root, spring in zip(x.root[1:], case.rotor.springs, strict=True):
+        if spring is not None:
+            k = k + spring / length**2 * jnp.abs(root) ** 2
+    return m, 2 * case.speed * (swept - swept.conj()), k, energy
+
+
+def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> Shape:
+    """d of the module's docstring."""
+    profile, span, length = case.profile, case.span, case.rotor.beam.length
+    square, spin = eigenvalue**2, case.speed
+    swings, drags = square - spin**2, 2 * spin * eigenvalue
+
+    def inertia(moved: Array) -> Array:
+        """Forces over the mass, of displacements (..., 3, k)."""
+        along, in_plane, flap = (moved[..., way, :] for way in range(3))
+        swing, drag, own = (
+            a.reshape(*(1,) * (along.ndim - 1), -1) for a in (swings, drags, square)
+        )
+        rows = [drag * in_plane - swing * along, -drag * along - swing * in_plane]
+        return jnp.stack([*rows, -own * flap], -2)
+
+    at_tip = case.rotor.tip_mass * inertia(case.tip(x))
+    # Of displacements times the mass, of which forces are the sums over what is farther out.
+    carried = span.beyond(_times(profile.mass[:, None, None], x.value))
+    arm: Any = 0.0 if case.rotor.tip_body is None else case.rotor.tip_body.offset / length
+    bends = x.slope[:, 1:]
+    moment = (
+        length * inertia(span.beyond(carried))[:, 1:]
+        + length * at_tip[None, 1:] * (1 - span.xi + arm)[:, None, None]
+        - span.beyond(_times(case.pull[:, None, None], bends))
+    )
+    if body is not None:
+        slope_there = x.tip_slope[1:]
+        held = body.inertia @ (square[None] * slope_there) + body.stiffness @ slope_there
+        moment = moment - length * held[None]
+        if body.wound is not None:
+            winding = (bends - slope_there[None] / 2)[:, ::-1] * np.array([[[1.0], [-1.0]]])
+            moment = moment + length * body.wound * winding
+    bent = length**2 * _curvatures(case, moment) - x.curvature[:, 1:]
+    bent = bent * np.sign(case.counts[1:])[None, :, None]
+    strain = moved = jnp.zeros_like(bent[:, :1])
+    if case.counts[0]:
+        pulled = inertia(carried)[:, :1] + at_tip[None, :1]
+        strain = length / profile.axial[:, None, None] * pulled - x.slope[:, :1]
+        moved = span.up_to(strain)
+    in_section_axes = span.up_to(bent)
+    slope = jnp.concatenate([strain, in_section_axes], 1)
+    none = jnp.zeros_like(x.tip)
+    slope_there = none.at[1:].set(span.total(bent))
+    curvature = jnp.concatenate([0 * strain, bent], 1)
+    value = jnp.concatenate([moved, span.up_to(in_section_axes)], 1)
+    return Shape(value, slope, curvature, span.total(slope), slope_there, none)
+
+
+def _curvatures(case: _Case, moment: Array) -> Array:
+    """By moments in plane and in flap (p, 2, k); where only one of the two may bend, by that."""
+    own, across = case.profile.compliances
+    if across is not None and not all(case.counts[1:]):
+        # c^2 EI_zz + s^2 EI_yy is EI_zz EI_yy times the compliance across the other axis.
+        stiff = case.profile.in_plane * case.profile.flap
+        own, across = [1 / (stiff * c) for c in own[::-1]], None
+    bent = jnp.stack(own, 1)[:, :, None] * moment
+    return bent if across is None else bent + across[:, None, None] * moment[:, ::-1]

@@ -1,0 +1,384 @@
+"""What every model offers to the rest of the package."""
+
+import abc
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import checked_speed, kind_of
+from jaxbeam._models.bases.shapes import Shapes
+from jaxbeam._models.contract.bands import BandTables, NodeByNode
+from jaxbeam._models.contract.equilibrium import equilibrium
+from jaxbeam._models.contract.spread import AbstractSpread
+from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._programs.lanes import total
+from jaxbeam._programs.program import Program
+from jaxbeam._results import harmless, nan_unless
+from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
+from jaxbeam._rotor.directions import APART, CouplingGroup, Direction, coupling_groups
+from jaxbeam._rotor.motion import Hub, spinning
+from jaxbeam._rotor.spring_rotor import SpringRotor
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
+
+TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
+
+
+class LinearSystem(eqx.Module):
+    """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
+
+    `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is
+    N/m when coordinates are metres. `coupling` says which directions are coupled. Within a plane those
+    of the first kind are coupled with those of the second by `gyroscopic` alone, which couples
+    nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
+    straight beam that turns in its plane are such, with flap alone. `directions` names the direction
+    of each coordinate, `shapes` are the functions on a beam that varies.
+    `steady_strain` is the largest axial strain of the steady state, without unit: of a uniform beam
+    that at the root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the
+    span, the estimate P / EA from the tension on the undeformed beam, without loads. Unless
+    `status` is OK all numbers are NaN.
+
+    About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
+    q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
+    none), and stiffness is symmetric where loads have a potential (`conservative`).
+    """
+
+    mass: Matrix
+    gyroscopic: Matrix
+    stiffness: Matrix
+    steady_strain: Scalar
+    status: Code
+    directions: tuple[Direction, ...] = eqx.field(static=True)
+    coupling: tuple[CouplingGroup, ...] = eqx.field(static=True, default=APART)
+    shapes: Shapes | None = None
+    damping: Matrix | None = None
+    general: bool = eqx.field(static=True, default=False)
+    conservative: bool = eqx.field(static=True, default=True)
+
+    @property
+    def by_rates(self) -> Matrix:
+        """All that goes with q'."""
+        return self.gyroscopic if self.damping is None else self.gyroscopic + self.damping
+
+    def where(self, *directions: Direction) -> np.ndarray:
+        """Indices of the coordinates of these directions, in the order of the directions given."""
+        found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
+        return np.concatenate(found) if found else np.zeros(0, int)
+
+
+class Undeformed(NamedTuple):
+    """The beam with its tip mass before it deforms, in hub axes from the centre of the hub."""
+
+    mass: Number  # kg
+    first: Triple  # int r dm, kg m
+    inertia: Matrix  # int r.r - r r^T dm, kg m^2
+    tip: Triple  # m
+
+
+class Equations(eqx.Module):
+    """A model of one rotor in motion: M q'' = force(hub, q, q'), in the hub frame.
+
+    Coordinates q (n,) are metres, rates m/s, forces N; the angle of the polar discrete models, in
+    rad, has moments for forces.
+
+    Forces derive from the kinetic energy T(q, q', v, omega), v and omega being the velocity and
+    angular velocity of the hub, and from elastic forces:
+
+        d/dt dT/dq' - dT/dq + elastic_force(q) = external forces.
+
+    Then T also gives what the hub feels, the momentum dT/dv and the angular momentum dT/domega,
+    and for any T the total energy changes by exactly what hub and external forces do.
+    """
+
+    takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
+    takes_moments: ClassVar[bool] = False  # whether it bears a `TipLoad` as `tip_force`
+    mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
+    rigid_moments: eqx.AbstractVar[
+        Triple
+    ]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
+    length: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
+    tip_radius: eqx.AbstractVar[Number]  # distance of the undeformed tip from the axis, m
+    energy_scale: eqx.AbstractVar[Number]  # a natural unit of energy, J
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether `force` is linear in q and v."""
+        return False
+
+    @property
+    def functions(self) -> Shapes | None:
+        """Functions on a beam that varies, where they are its own."""
+        return None
+
+    @property
+    def undeformed(self) -> Undeformed:
+        """The beam that points from the hub along a1."""
+        mass, first, second = self.rigid_moments
+        along, across = np.eye(3)[0], np.diag([0.0, 1.0, 1.0])
+        return Undeformed(mass, first * along, second * across, self.tip_radius * along)
+
+    @abc.abstractmethod
+    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
+        """Right-hand side, all but damping; `tip_force` in hub axes, in N, or where it is borne a
+        `TipLoad`."""
+
+    def as_force(self, q: Vector, generalised: Vector) -> Vector:
+        """A generalised force (its power, in W, is that times q') as it enters `force`."""
+        return generalised
+
+    @abc.abstractmethod
+    def elastic_force(self, q: Vector) -> Vector:
+        """Generalised elastic forces; zero at q = 0, the undeformed beam."""
+
+    @abc.abstractmethod
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        """B^T D B q', B = d strain/dq and D the stiffness of strains: what stresses do that are the
+        stiffness times the rates of strain. See `strained.py`."""
+
+    @abc.abstractmethod
+    def strain_energy(self, q: Vector) -> Number:
+        """U, in J; zero at q = 0."""
+
+    def nonconservative_force(self, q: Vector) -> Vector:
+        """elastic_force minus the gradient of strain_energy: zero, but for Model A."""
+        return jnp.zeros_like(q)
+
+    @abc.abstractmethod
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+        """T without that of the rigid undeformed beam, T(0, 0, v, omega), in J."""
+
+    @abc.abstractmethod
+    def first_moment(self, q: Vector) -> Triple:
+        """int u dm: mass times the displacement of its centre, kg m."""
+
+    @abc.abstractmethod
+    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """Axial, in-plane and flap displacement in the hub frame at x = xi L, in m."""
+
+    @abc.abstractmethod
+    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        """Axial strain of the centre line at x = xi L."""
+
+    @abc.abstractmethod
+    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+        """In-plane and flap curvature at x = xi L, in 1/m: how fast the tangent turns by the
+        unstretched length, in axes that turn with the section, but not with pitch and twist that
+        the beam has by itself."""
+
+    def tip(self, q: Vector) -> Triple:
+        """Displacement of the tip, in m: shape (3,), axial, in plane, flap."""
+        return self.displacement(q, np.ones(1))[0]
+
+    def twist(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        """Angle of twist at x = xi L, in rad: none, but in space."""
+        return jnp.zeros(len(xi), q.dtype)
+
+    def is_in_range(self, q: Vector) -> Array:
+        """Whether the beam is deformed by no more than what the model is made for."""
+        return jnp.asarray(True)
+
+    def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
+        """What a load at the tip does, in W."""
+        return total(tip_force * jax.jvp(self.tip, (q,), (v,))[1])
+
+    def tip_action(self, q: Vector, tip_force: Any) -> tuple[Triple, Triple]:
+        """Force and moment of a load at the tip, in hub axes, in N and N m."""
+        return tip_force, jnp.zeros_like(tip_force)
+
+    def spread(self, kinks: tuple[float, ...]) -> AbstractSpread:
+        """What a force along the span, smooth but for these x / L, does on the coordinates."""
+        raise ValueError(
+            "loads.force_per_length: discrete models take no force along the span; take Hybrid, "
+            "elements, or leave it out"
+        )
+
+    def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
+        """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
+        k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
+        return -k, -c
+
+    def elastic_tangent(self, q: Vector) -> Any:
+        """d elastic_force / dq, of the kind of `mass`."""
+        return jax.jacfwd(self.elastic_force)(q)
+
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Any, Any]:
+        """Derivatives of `viscous_force` by q and q', of the kind of `mass`."""
+        by: tuple[Any, Any] = jax.jacfwd(self.viscous_force, (0, 1))(q, v)
+        return by
+
+    def damping(
+        self,
+        q: Vector,
+        v: Vector,
+        mass_coefficient: Number | None,
+        stiffness_coefficient: Number | None,
+    ) -> Vector:
+        """mass_coefficient dT/dq' + stiffness_coefficient viscous_force(q, q'), T seen from the hub; see `Damping`."""
+        out = jnp.zeros_like(q)
+        if mass_coefficient is not None:
+            still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
+
+            def kinetic(v: Array) -> Array:
+                return jnp.sum(self.kinetic_energy(q, v, still, still))
+
+            out = out + mass_coefficient * jax.grad(kinetic)(v)
+        if stiffness_coefficient is not None:
+            out = out + stiffness_coefficient * self.viscous_force(q, v)
+        return out
+
+    def damping_tangents(
+        self,
+        q: Vector,
+        v: Vector,
+        mass_coefficient: Number | None,
+        stiffness_coefficient: Number | None,
+    ) -> tuple[Any, Any]:
+        """Derivatives of `damping`, as it enters `force`, by q and q'; here for inertia that does
+        not depend on q."""
+        own: Any = self.mass
+        k, c = 0 * own, 0 * own
+        if mass_coefficient is not None:
+            c = c + mass_coefficient * own
+        if stiffness_coefficient is not None:
+            by_q, by_v = self.viscous_tangents(q, v)
+            k, c = k + stiffness_coefficient * by_q, c + stiffness_coefficient * by_v
+        return k, c
+
+
+class AbstractModel(eqx.Module, Generic[TheRotor]):
+    """A theory with its discretisation. It holds no parameters of the beam, only static choices.
+
+    A theory says what its `equations` are; frequencies, steady states and motions follow.
+    """
+
+    rotor_type: ClassVar[type[Rotor] | type[SpringRotor]] = Rotor
+
+    @property
+    @abc.abstractmethod
+    def directions(self) -> tuple[Direction, ...]:
+        """Direction of each of the n coordinates."""
+
+    @abc.abstractmethod
+    def equations(self, rotor: TheRotor) -> Equations:
+        """Equations of motion of a rotor whose parameters are in range."""
+
+    @abc.abstractmethod
+    def displacement(self, xi: Float[np.ndarray, " p"], rotor: TheRotor) -> Float[Array, "3 p n"]:
+        """Axial, in-plane and flap displacement of a rotor's beam at x = xi L per unit of each
+        coordinate."""
+
+    def twist(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+        """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
+        return jnp.zeros((len(xi), len(self.directions)))
+
+    def linearise(
+        self, rotor: TheRotor, angular_speed: Real, *, throw: bool = True
+    ) -> LinearSystem:
+        """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
+
+        `throw=False` leaves failures in `LinearSystem.status` instead of raising.
+        """
+        system = _linearised(*checked_case(self, rotor, angular_speed))
+        return raise_unless_ok(system, system.status) if throw else system
+
+    def matrices(self, rotor: TheRotor, speed: Scalar) -> LinearSystem:
+        """`linearise` for parameters in range: tangents of the equations at their equilibrium.
+
+        `status` is that of the search for the steady state, if there is one.
+        """
+        equations, hub = self.equations(rotor), spinning(speed)
+        q, status = self.steady(rotor, speed)
+        k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
+        # Generalised forces again where `force` scales them; at rest its own slope does not count.
+        scale = equations.as_force(q, jnp.ones_like(q))[:, None]
+        return LinearSystem(
+            mass=dense(equations.mass) / scale,
+            gyroscopic=dense(c) / scale,
+            stiffness=dense(k) / scale,
+            steady_strain=steady_strain(rotor, speed, equations, q),
+            status=status,
+            directions=self.directions,
+            coupling=coupling_groups(rotor),
+            shapes=equations.functions,
+        )
+
+    def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
+        """Coordinates of steady rotation, for parameters in range, and the status of the search."""
+        return equilibrium(self.equations(rotor), spinning(speed))
+
+    def suited(self, rotor: TheRotor) -> Self:
+        """A model of the same theory and size with a root that yields where that of the rotor does.
+
+        Functions that take a model and a rotor begin with that.
+        """
+        return self
+
+    def frequency_error(
+        self, system: LinearSystem, rotor: TheRotor, speed: Scalar, eigenvalue: Array, shape: Array
+    ) -> Float[Array, " k"] | None:
+        """What functions and quadrature leave out of frequencies, relative: see `Modes`. None where
+        that is not estimated."""
+        return None
+
+    def bands(self) -> BandTables | NodeByNode | None:
+        """How matrices of small motion are bands, which makes `modes` fast; None: they are not.
+
+        Whoever derives from a model need not think of this: tables are for a class itself alone.
+        """
+        return None
+
+
+def checked_model(model: Any) -> AbstractModel:
+    """The argument, if it is a model; else an error that says what is."""
+    if not isinstance(model, AbstractModel):
+        raise TypeError(f"model must be a model, such as jaxbeam.Hybrid(), got {kind_of(model)}")
+    return model
+
+
+def checked_case(
+    model: Any, rotor: Any, angular_speed: Any = 0.0
+) -> tuple[AbstractModel[Any], Any, Scalar]:
+    """A model as it suits a rotor, the rotor that it takes, and the angular speed, all checked."""
+    rotor = checked_rotor(checked_model(model).rotor_type, rotor)
+    return model.suited(rotor), rotor, checked_speed(angular_speed)
+
+
+def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
+    """The largest axial strain of a steady state: at the root of a uniform beam; of one that varies
+    P / EA, since functions that are smooth do not follow its steps."""
+    if isinstance(rotor, Rotor) and not rotor.beam.is_uniform:
+        return rotor.steady_strain(speed)
+    return equations.strain(q, np.zeros(1))[0]
+
+
+@Program
+def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
+    system = guarded_matrices(model, rotor, speed)
+    matrices = (system.mass, system.gyroscopic, system.stiffness)
+    kept = nan_unless(system.status == Status.OK, matrices)
+    return eqx.tree_at(lambda s: (s.mass, s.gyroscopic, s.stiffness), system, kept)
+
+
+def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
+    """`model.matrices`, with parameters out of range reported in `status`."""
+    given, rotor, speed = guarded(rotor, speed)
+    system = model.matrices(rotor, speed)
+    status = jnp.where(given == Status.OK, system.status, given)
+    strain = nan_unless(status == Status.OK, system.steady_strain)
+    return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
+
+
+def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
+    """Whether parameters are in range, and harmless ones in the place of those that are not.
+
+    A NaN in one lane of a batch would otherwise end up in the gradient of parameters that all lanes
+    share.
+    """
+    given = rotor.status(speed)
+    fine = given == Status.OK
+    return given, harmless(fine, rotor), jnp.where(fine, speed, 0.0)

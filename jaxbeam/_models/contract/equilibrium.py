@@ -1,0 +1,49 @@
+"""Where a beam rests in its hub."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxbeam._models.contract.spread import SpanForce
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._numerics.newton import find_root
+from jaxbeam._rotor.motion import Hub
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Scalar, Vector
+
+
+def equilibrium(
+    equations: Any, hub: Hub, tip_force: Any = None, span: SpanForce | None = None
+) -> tuple[Vector, Code]:
+    """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
+
+    Newton's method with the load raised from zero in adaptive steps where one step will not do;
+    where that ends in none that is stable, one is looked for that is (see `find_root`), as of a
+    blade that only the centrifugal load holds on its hinge. Differentiable by the implicit function
+    theorem. `hub` is taken as it is at this moment.
+    """
+    rest = jnp.zeros(equations.mass.shape[0], equations.length.dtype)
+    scale = equations.energy_scale / equations.length
+
+    def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
+        root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else
+        part = Hub(
+            root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,
+            fraction * hub.angular_velocity_rate, fraction * hub.gravity,
+        )  # fmt: skip
+        force = jax.tree.map(lambda part: fraction * part, tip_force)
+        q = equations.length * q
+        out = equations.force(part, q, rest, force)
+        if span is not None:
+            out = out + fraction * span.on(q)
+        return -out / scale
+
+    # Of the size of what loads do to a rigid beam, by the acceleration that they give its mass.
+    load = jnp.max(jnp.abs(residual(rest)))
+    inertia = dense(equations.mass) / equations.as_force(rest, jnp.ones_like(rest))[:, None]
+    support = jax.lax.stop_gradient(inertia * load / jnp.max(jnp.abs(inertia)))
+    q, done = find_root(residual, rest, support=support)
+    q = equations.length * q
+    status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
+    return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)

@@ -1,0 +1,103 @@
+"""What a force along the span does on the coordinates of a model."""
+
+import abc
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._programs.lanes import total
+from jaxbeam._rotor.span import Span
+from jaxbeam._rotor.spanwise import points_within
+from jaxbeam._types import Matrix, Number, Vector
+
+_POINTS = 6  # in an element: products with cubics are exact up to degree eight
+
+
+class SpanForce(NamedTuple):
+    """A generalised force that is linear in the coordinates: force - stiffness q."""
+
+    force: Vector
+    stiffness: Matrix | None  # None: zero
+
+    def on(self, q: Vector) -> Vector:
+        """The force where the coordinates are q."""
+        return self.force if self.stiffness is None else self.force - self.stiffness @ q
+
+    def power(self, q: Vector, v: Vector) -> Number:
+        """What it does, in W."""
+        return total(self.on(q) * v)
+
+
+class AbstractSpread(eqx.Module):
+    """Where along the span a force is looked at."""
+
+    @property
+    @abc.abstractmethod
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places x / L and weights."""
+
+    @abc.abstractmethod
+    def acting(self, density: Float[Array, "p 3"]) -> SpanForce:
+        """The generalised force of a force per length at these places, in N/m."""
+
+
+class ElementSpread(AbstractSpread):
+    """Elements, whose displacements are linear in the coordinates."""
+
+    equations: Any
+    edges: tuple[float, ...] = eqx.field(static=True)  # nodes and kinks
+
+    @property
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        return points_within(self.edges, _POINTS)
+
+    def acting(self, density: Float[Array, "p 3"]) -> SpanForce:
+        equations = self.equations
+        xi, weight = self.points
+        rest = jnp.zeros(equations.mass.shape[0], equations.length.dtype)
+        _, back = jax.vjp(lambda q: equations.displacement(q, xi), rest)
+        (force,) = back(equations.length * weight[:, None] * density)
+        return SpanForce(force, None)
+
+    @classmethod
+    def of(cls, equations: Any, n_elements: int, kinks: tuple[float, ...]) -> "ElementSpread":
+        """With the kinks of the force, but for those that are nodes."""
+        nodes = np.linspace(0.0, 1.0, n_elements + 1)
+        own = [kink for kink in kinks if np.min(np.abs(nodes - kink)) > 1e-9]
+        return cls(equations, tuple(sorted([*nodes.tolist(), *own])))
+
+
+class FunctionSpread(AbstractSpread):
+    """Functions f_a that move in directions; what shortens the beam, in theories that know of it,
+    is moved by the force along it: -int_0^x u'^2 / 2."""
+
+    value: Any  # (p, n)
+    slope: Any  # (p, n) by x / L
+    size: Number
+    model: Any = eqx.field(static=True)
+    edges: tuple[float, ...] = eqx.field(static=True)
+
+    @property
+    def span(self) -> Span:
+        """The points of integration."""
+        out: Span = self.model.functions_from.rule(self.model.products, self.edges)
+        return out
+
+    @property
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.span.xi, self.span.weight
+
+    def acting(self, density: Float[Array, "p 3"]) -> SpanForce:
+        span, one_hot = self.span, self.model.one_hot
+        weight = span.weight
+        pull = self.size * (self.value.T @ (weight[:, None] * density))
+        force = jnp.sum(pull * one_hot, 1)
+        if not self.model.foreshortens:
+            return SpanForce(force, None)
+        tension = span.beyond(density[:, 0])  # over the length
+        bends = one_hot[:, 1:] @ one_hot[:, 1:].T
+        return SpanForce(force, self.slope.T @ ((weight * tension)[:, None] * self.slope) * bends)

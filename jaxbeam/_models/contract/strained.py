@@ -1,0 +1,161 @@
+"""Viscous forces of whatever has strains: stresses in proportion to the rates of strain (Kelvin and
+Voigt).
+
+With strains s(q) and an energy s.D s / 2, D constant, stresses D s' do the forces B^T D B q' on the
+coordinates, B = ds/dq. Their power is twice the energy of the rates of strain, never negative, and
+zero in any rigid motion, however much is strained: stress that turns with the material is at rest
+in it. Where strains are linear in the coordinates that is the stiffness times q'; else the rate of
+the elastic force is more, by the stress times d B^T/dt.
+"""
+
+import abc
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._types import Number
+
+
+class Strained(eqx.Module):
+    """What has strains and an energy s.D s / 2, by coordinates e with so many `axes`, and with
+    others of lanes behind them."""
+
+    axes: ClassVar[int]
+
+    @abc.abstractmethod
+    def strains(self, e: Array) -> Any:
+        """Strains s, a pytree."""
+
+    @abc.abstractmethod
+    def stresses(self, strains: Any) -> Any:
+        """D s, of the same kind."""
+
+    def viscous(self, e: Array, rate: Array) -> Array:
+        """Viscous force B^T D B e'."""
+        return viscous(self.strains, self.stresses, e, rate)
+
+    def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
+        """Derivatives of `viscous_force` by e, B^T D d(B e')/de and that of B^T alone, and by e', B^T D B."""
+
+        def rates(e: Array) -> tuple[Any, Any]:
+            strains: tuple[Any, Any] = jax.jvp(self.strains, (e,), (rate,))
+            return strains
+
+        (_, change), push = jax.linearize(rates, e)
+        stress, pull = self.stresses(change), self._rows
+        b, b_rate = jax.vmap(push)(self._units(e))
+        held = self.by(lambda e: jax.vjp(self.strains, e)[1](stress)[0], e)
+        by = [jax.vmap(self.stresses)(a) for a in (b_rate, b)]
+        lanes, b = e.ndim - self.axes, pull(b, e)[:, None]
+        by_e, by_rate = (contract(b, pull(a, e)[None], 2, lanes).reshape(held.shape) for a in by)
+        return held + by_e, by_rate
+
+    def by(self, function: Callable[[Array], Array], e: Array) -> Array:
+        """The derivative of a force by the coordinates: axes of the force, of these, of lanes."""
+        push = jax.linearize(function, e)[1]
+        own = e.shape[: self.axes]
+        return jax.vmap(push, out_axes=self.axes)(self._units(e)).reshape(*own, *e.shape)
+
+    def _units(self, e: Array) -> Array:
+        """One of each coordinate."""
+        own, lanes = e.shape[: self.axes], e.ndim - self.axes
+        units = jnp.eye(math.prod(own), dtype=e.dtype).reshape(-1, *own)
+        return jnp.broadcast_to(beside(units, lanes), (len(units), *e.shape))
+
+    def _rows(self, strains: Any, e: Array) -> Array:
+        """All numbers of many strains, (n, k, *lanes)."""
+        leaves = jax.tree.leaves(strains)
+        lanes = e.shape[self.axes :]
+        return jnp.concatenate([a.reshape(len(a), -1, *lanes) for a in leaves], 1)
+
+
+class Parts(eqx.Module):
+    """An element, in the plane or in space, whose properties have kinks inside: the sum of its
+    parts, each a rule that takes the coordinates of the whole element."""
+
+    each: Any  # an element, whose arrays have a first axis, of parts
+
+    def energy(self, e: Array) -> Number:
+        return total(jax.vmap(lambda part: part.energy(e))(self.each))
+
+    def force(self, e: Array) -> Array:
+        return total(jax.vmap(lambda part: part.force(e))(self.each))
+
+    def tangent(self, e: Array) -> Array:
+        return total(jax.vmap(lambda part: part.tangent(e))(self.each))
+
+    def viscous(self, e: Array, rate: Array) -> Array:
+        return total(jax.vmap(lambda part: part.viscous(e, rate))(self.each))
+
+    def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
+        by_e, by_rate = jax.vmap(lambda part: part.viscous_tangents(e, rate))(self.each)
+        return total(by_e), total(by_rate)
+
+
+def viscous(
+    strains: Callable[[Array], Any], stresses: Callable[[Any], Any], q: Array, rate: Array
+) -> Array:
+    """B^T D B q', of strains s(q) with stresses D s."""
+    push = jax.linearize(strains, q)[1]
+    force: Array = jax.linear_transpose(push, q)(stresses(push(rate)))[0]
+    return force
+
+
+def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]:
+    """Gradient of a function whose value is one scalar, or one for each lane."""
+    return jax.grad(lambda x: jnp.sum(function(x)))
+
+
+class EndSprings(Strained):
+    """What is at both ends, with strains of the displacement gradients d = r' - a1 at root and tip
+    (2, c, *lanes), each by one of these alone, and the energy sum k s^2 / 2."""
+
+    axes: ClassVar[int] = 2
+
+    @abc.abstractmethod
+    def strains(self, e: Float[Array, "2 c *lanes"]) -> list[Number]:
+        """Strains of those that there are."""
+
+    @property
+    @abc.abstractmethod
+    def stiffness(self) -> list[Number]:
+        """Stiffness of each of them."""
+
+    @property
+    def are_plain(self) -> bool:
+        """Whether there are none."""
+        return not self.stiffness
+
+    def stresses(self, strains: list[Number]) -> list[Number]:
+        return [k * s for k, s in zip(self.stiffness, strains, strict=True)]
+
+    def energy(self, d: Float[Array, "2 c *lanes"]) -> Number:
+        energy = jnp.zeros_like(d[0, 0])
+        for k, s in zip(self.stiffness, self.strains(d), strict=True):
+            energy = energy + k * s**2 / 2
+        return energy
+
+    def force(self, d: Float[Array, "2 c *lanes"]) -> Float[Array, "2 c *lanes"]:
+        return gradient_of(self.energy)(d)
+
+    def tangent(self, d: Float[Array, "2 c *lanes"]) -> Float[Array, "2 c c *lanes"]:
+        """d force / dd of each end."""
+        return self.by(self.force, d)
+
+    def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
+        return (
+            self.by(lambda e: self.viscous(e, rate), e),
+            self.by(lambda rate: self.viscous(e, rate), rate),
+        )
+
+    def by(self, function: Callable[[Array], Array], e: Array) -> Float[Array, "2 c c *lanes"]:
+        """The derivative of each force by its own gradient; there is none by the other."""
+        push, units = jax.linearize(function, e)[1], jnp.eye(e.shape[1], dtype=e.dtype)[:, None]
+        along = jnp.broadcast_to(beside(units, e.ndim - 2), (e.shape[1], *e.shape))
+        return jax.vmap(push, out_axes=2)(along)

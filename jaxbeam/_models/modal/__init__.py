@@ -1,0 +1,1 @@
+"""Theories in functions along the beam."""

@@ -1,0 +1,321 @@
+"""What all models of a continuous beam share: displacements linear in the coordinates.
+
+u_c(x, t) = f_a(x) q_a(t), summed over the coordinates a that move in direction c. Then the inertia
+of a beam on any moving hub needs only one Gram matrix of all functions, int f_a f_b dm, and the
+moments int f_a dm and int X f_a dm, X = R + x: with W = w~ w~ + w~' (w~ b = omega x b),
+
+    M q'' + [2 w~] G q' + [W] G q + (a_O + W X a1) . f + P-terms + elastic forces = external forces
+
+where [B] G has the entries B_cd G_ab, a moving in direction c and b in d. These are Y eqs. 18-20,
+and B eq. 53 with any motion of the hub. Tables are NumPy, computed once for a unit beam.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
+
+from collections.abc import Callable
+from typing import Any, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.bases.basis import Functions
+from jaxbeam._models.bases.shapes import Shapes, shortening
+from jaxbeam._models.contract.base import Equations, Undeformed
+from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
+from jaxbeam._models.contract.spread import FunctionSpread
+from jaxbeam._models.modal.cartesian_model import CartesianModel
+from jaxbeam._models.modal.shape_integrals import (
+    ShapeIntegrals,
+    weighted,
+)
+from jaxbeam._models.modal.tip_bodies import TipRotation
+from jaxbeam._rotor.beam import Rotor, tension
+from jaxbeam._rotor.ends import TipBody
+from jaxbeam._rotor.motion import Hub, skew
+from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
+
+
+class CartesianEquations(Equations):
+    """Inertia of a hub-mounted beam of any theory; `stiffening` and `elasticity` differ.
+
+    `stiffening` holds int t_k f' f' on the coordinates on which the tension P(x) of the rigid
+    motion acts, P(x) = -int_x^L a1 dm, a1 = a_O1 - (omega_2^2 + omega_3^2) X (Y eqs. 19, 20); None
+    where a theory has no such term. It is what remains of the foreshortening
+    -1/2 int_0^x u'^2 after linearisation, and enters the kinetic energy as such.
+
+    A rigid body at the tip turns with the unit vector e along the beam's end, a1 + f'(L) q / L to
+    first order and shorter along a1 by half the square of the slope. Its kinetic energy is
+
+        M |r' + omega x r|^2 / 2 + J |e' + omega x e|^2 / 2
+
+    with its centre at r = r_L + c e, the second term that of a particle at e which only the
+    rotation of the hub carries along, and what `tip_rotation` adds by its axial inertia J_x and by
+    another inertia in flap. What the rigid beam has by J_x is left out.
+    """
+
+    mass: Matrix
+    gram: Matrix
+    first_moments: Vector
+    first: Vector
+    rigid_moments: Triple
+    length: Number
+    tip_radius: Number
+    energy_scale: Number
+    masses: tuple[Number, Number]  # of the beam and at the tip
+    hub_radius: Number
+    tip_mass_radius: Number
+    body: TipBody | None
+    tip_rotation: TipRotation | None
+    elasticity: Elasticity
+    stiffening: Float[Array, "k n n"] | None
+    shapes: Shapes | None
+    own: ShapeIntegrals | None  # of a beam that varies
+    model: CartesianModel = eqx.field(static=True)
+
+    @classmethod
+    def build(
+        cls,
+        model: CartesianModel,
+        rotor: Rotor,
+        elasticity: Elasticity,
+        shapes: Shapes | None,
+        stiffened: Callable[[ShapeIntegrals], Array | np.ndarray] | None = None,
+    ) -> Self:
+        """Scale the tables of `model` to a rotor; `stiffened` says which are `stiffening`."""
+        model.check(rotor)
+        own = None
+        if shapes is not None and not rotor.beam.is_uniform:
+            own = weighted(shapes, rotor)
+        beam, t, body = rotor.beam, model.shape_integrals if own is None else own, rotor.tip_body
+        radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass
+        end, tip = radius + length, t.centre(rotor)
+        stiffening = None if stiffened is None else stiffened(t)
+        gram = mass * t.gram + tip_mass * _outer(tip)
+        first = mass * (radius * t.mean + length * t.first) + tip_mass * rotor.tip_mass_radius * tip
+        if body is not None:
+            slope_there = t.tip_slope / length
+            gram, first = (
+                gram + body.inertia * _outer(slope_there),
+                first + body.inertia * slope_there,
+            )
+            if stiffening is not None:
+                alike = _outer(t.tip_slope) * (t.one_hot @ t.one_hot.T)
+                stiffening = jnp.concatenate([stiffening, alike[None]])
+        second_order = stiffening is not None
+        tip_rotation = None
+        if body is not None:
+            tip_rotation = TipRotation.of(
+                rotor, model.sampled(rotor, shapes), to_second_order=second_order
+            )
+        inertia = gram * (t.one_hot @ t.one_hot.T)
+        return cls(
+            mass=inertia if tip_rotation is None else inertia + tip_rotation.mass,
+            gram=gram,
+            first_moments=mass * t.mean + tip_mass * tip,
+            first=first,
+            rigid_moments=rotor.rigid_moments,
+            length=length,
+            tip_radius=end,
+            energy_scale=beam.mean.in_plane_bending_stiffness / length,
+            masses=(mass, tip_mass),
+            hub_radius=radius,
+            tip_mass_radius=rotor.tip_mass_radius,
+            body=body,
+            tip_rotation=tip_rotation,
+            elasticity=elasticity,
+            stiffening=None if stiffening is None else jnp.asarray(stiffening),
+            shapes=shapes,
+            own=own,
+            model=model,
+        )
+
+    @property
+    def functions(self) -> Shapes | None:
+        return self.shapes
+
+    @property
+    def shape_integrals(self) -> ShapeIntegrals:
+        """Integrals of the functions, and their values at the ends."""
+        return self.model.shape_integrals if self.own is None else self.own
+
+    @property
+    def undeformed(self) -> Undeformed:
+        """With a body whose inertia in flap is another than in plane."""
+        out = super().undeformed
+        if self.tip_rotation is None:
+            return out
+        return out._replace(inertia=out.inertia + self.tip_rotation.inertia)
+
+    def motion_stiffness(self, axial: Scalar, spin2: Scalar, tip_force: Triple | None) -> Matrix:
+        """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
+        assert self.stiffening is not None
+        mass, tip_mass = self.masses
+        coefficients = list(
+            tension(
+                spin2, self.hub_radius, tip_mass, mass, self.length, axial, self.tip_mass_radius
+            )
+        )
+        if self.body is not None:
+            # What its centre and its own particle do when the end of the beam turns.
+            own = self.body.offset * coefficients[0] + self.body.inertia * spin2
+            coefficients.append(own / self.length)
+        if tip_force is not None:
+            coefficients[0] = coefficients[0] + tip_force[0]
+        return jnp.tensordot(jnp.stack(coefficients) / self.length, self.stiffening, 1)
+
+    @property
+    def is_linear(self) -> bool:
+        return isinstance(self.elasticity, LinearElasticity)
+
+    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
+        one_hot, w = self.model.one_hot, _turning(hub)
+        coriolis = 2 * skew(hub.angular_velocity)
+        carried = (
+            hub.acceleration[None] * self.first_moments[:, None]
+            + w[:, 0][None] * self.first[:, None]
+        )
+        moving = self.gram @ jnp.concatenate([one_hot * q[:, None], one_hot * v[:, None]], 1)
+        inertial = moving[:, :3] @ w.T + moving[:, 3:] @ coriolis.T + carried
+        out = -jnp.sum(inertial * one_hot, 1) - self.elasticity.force(q)
+        if tip_force is not None:
+            out = out + self.shape_integrals.tip * (one_hot @ tip_force)
+        if self.stiffening is not None:
+            out = out - self._tension(hub, w, tip_force) @ q
+        if self.tip_rotation is not None:
+            out = out + self.tip_rotation.force(hub, q, v)
+        return out
+
+    def tangents(
+        self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
+    ) -> tuple[Matrix, Matrix]:
+        w = _turning(hub)
+        k = self.inertial(w) + self.elasticity.tangent(q)
+        if self.stiffening is not None:
+            k = k + self._tension(hub, w, tip_force)
+        c = self.inertial(2 * skew(hub.angular_velocity))
+        if self.tip_rotation is not None:
+            more = self.tip_rotation.tangents(hub)
+            k, c = k + more[0], c + more[1]
+        return k, c
+
+    def spread(self, kinks: tuple[float, ...]) -> FunctionSpread:
+        model, edges = self.model, tuple(sorted({0.0, 0.25, 0.5, 0.75, 1.0, *kinks}))
+        at = self._at(model.functions_from.rule(model.products, edges).xi)
+        return FunctionSpread(at.value, at.slope, self.length, model, edges)
+
+    def inertial(self, b: Float[Array, "3 3"]) -> Matrix:
+        """[B] G of the module's docstring."""
+        one_hot = self.model.one_hot
+        return (one_hot @ b @ one_hot.T) * self.gram
+
+    def _tension(self, hub: Hub, w: Float[Array, "3 3"], tip_force: Triple | None) -> Matrix:
+        return self.motion_stiffness(hub.acceleration[0], -w[0, 0], tip_force)
+
+    def elastic_force(self, q: Vector) -> Vector:
+        return self.elasticity.force(q)
+
+    def elastic_tangent(self, q: Vector) -> Matrix:
+        return self.elasticity.tangent(q)
+
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        return self.elasticity.viscous(q, v)
+
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
+        return self.elasticity.viscous_tangents(q, v)
+
+    def strain_energy(self, q: Vector) -> Scalar:
+        return self.elasticity.energy(q)
+
+    def nonconservative_force(self, q: Vector) -> Vector:
+        return self.elasticity.nonconservative_force(q)
+
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+        """T = int |v + omega x (X a1 + u) + u'|^2 dm / 2 by moments of u and u'."""
+        one_hot = self.model.one_hot
+        at, moving = one_hot * q[:, None], one_hot * v[:, None]
+        g_moving = self.gram @ moving
+        moment, rate = self.first_moments @ at, self.first_moments @ moving
+        first = self.first @ at
+        second = jnp.asarray(at.T @ (self.gram @ at))
+        second = second.at[0].add(first).at[:, 0].add(first)
+        mixed = (
+            jnp.asarray(at.T @ g_moving).at[0].add(self.first @ moving)
+        )  # int (X a1 + u)_c u'_d dm
+        if self.stiffening is not None:
+            zero, one = jnp.zeros_like(self.length), jnp.ones_like(self.length)
+            short = self.motion_stiffness(-one, zero, None)  # -1/2 q.D q = int w dm
+            short_first = self.motion_stiffness(zero, one, None)  # ... = int X w dm
+            moment = moment.at[0].add(-q @ short @ q / 2)
+            rate = rate.at[0].add(-q @ short @ v)
+            second = second.at[0, 0].add(-q @ short_first @ q)
+        # |omega x r|^2 = tr(w~ r r^T w~^T)
+        spun = skew(spin) @ second
+        own: Any = 0.0
+        if self.tip_rotation is not None:
+            own = self.tip_rotation.energy(q, v, spin)
+        return (
+            own
+            + velocity @ (skew(spin) @ moment)
+            + velocity @ rate
+            + jnp.sum(skew(spin) * spun) / 2
+            - jnp.sum(skew(spin) * mixed)  # spin . int (X a1 + u) x u' dm
+            + jnp.sum(moving * g_moving) / 2
+        )
+
+    def first_moment(self, q: Vector) -> Triple:
+        out = self.first_moments @ (self.model.one_hot * q[:, None])
+        if self.stiffening is not None:
+            one = jnp.ones_like(self.length)
+            out = out.at[0].add(-q @ self.motion_stiffness(-one, 0 * one, None) @ q / 2)
+        return out
+
+    def tip(self, q: Vector) -> Triple:
+        """To second order where there is `stiffening`, as the kinetic energy has it."""
+        out = self.shape_integrals.tip @ (self.model.one_hot * q[:, None])
+        if self.stiffening is not None:
+            zero = jnp.zeros_like(self.length)
+            pull = self.motion_stiffness(zero, zero, jnp.ones(3, q.dtype))
+            out = out.at[0].add(-q @ pull @ q / 2)
+        return out
+
+    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """For arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
+        out = self._at(xi).value @ (self.model.one_hot * q[:, None])
+        if not self.model.foreshortens:
+            return out
+        places = np.asarray(xi, float)
+        if self.shapes is None:
+            key = self.model.functions_from, self.model.counts, tuple(places.tolist())
+            table: Any = shortening(*key)
+        else:
+            table = self.shapes.shortening(places)
+        return out.at[:, 0].add(-jnp.einsum("a,pab,b->p", q, table, q) / (2 * self.length))
+
+    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        slope = self._at(xi).slope
+        gradient = slope @ (self.model.one_hot * q[:, None]) / self.length
+        return self.elasticity.strain(gradient)
+
+    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+        bends = self.model.one_hot[:, 1:]
+        # Axial functions may have no curvature at the clamp: nobody asks for it.
+        table = jnp.where(bends.any(1), self._at(xi).curvature, 0.0)
+        return table @ (bends * q[:, None]) / self.length**2
+
+    def _at(self, xi: np.ndarray) -> Functions:
+        return self.model.functions(self.shapes, np.asarray(xi, float))
+
+
+def _outer(x: Vector | np.ndarray) -> Any:
+    return x[:, None] * x[None]
+
+
+def _turning(hub: Hub) -> Float[Array, "3 3"]:
+    """W = w~ w~ + w~', the acceleration of a point at rest in the hub by its position."""
+    k = skew(hub.angular_velocity)
+    return k @ k + skew(hub.angular_velocity_rate)

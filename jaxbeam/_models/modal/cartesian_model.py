@@ -1,0 +1,131 @@
+"""Models of a continuous beam whose displacements are linear in the coordinates."""
+
+import abc
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.bases.basis import Basis, Functions
+from jaxbeam._models.bases.shapes import COMPONENTS, Counts, Shapes, all_functions, sampled
+from jaxbeam._models.contract.base import AbstractModel, LinearSystem
+from jaxbeam._models.modal.shape_integrals import (
+    ShapeIntegrals,
+    linear_stiffness,
+    one_hots,
+    shape_integrals,
+    varying_stiffness,
+)
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Direction, coupling_groups
+from jaxbeam._rotor.motion import spinning
+from jaxbeam._status import Status
+from jaxbeam._types import Matrix, Scalar
+
+
+class CartesianModel(AbstractModel[Rotor]):
+    """A model with `counts` functions of one basis for axial, in-plane and flap displacement."""
+
+    @property
+    @abc.abstractmethod
+    def functions_from(self) -> Basis:
+        """The basis that all functions of the model come from."""
+
+    @property
+    @abc.abstractmethod
+    def counts(self) -> Counts:
+        """Number of axial, in-plane and flap coordinates; they come in this order."""
+
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        """Directions of the coordinates: axial first, then in plane, then flap."""
+        each = zip(COMPONENTS, self.counts, strict=True)
+        return tuple(direction for direction, count in each for _ in range(count))
+
+    @property
+    def foreshortens(self) -> bool:
+        """Whether axial coordinates are arc-length stretch, so that deflection shortens u1."""
+        return False
+
+    @property
+    def products(self) -> int:
+        """Products of so many functions are integrated."""
+        return max(self.counts)
+
+    @property
+    def one_hot(self) -> Float[np.ndarray, "n 3"]:
+        """One-hot: which way a coordinate moves, axially, in plane or in flap."""
+        return one_hots(self.counts)
+
+    def shapes(self, rotor: Rotor) -> Shapes | None:
+        """The functions along the beam of a rotor; None where all is known of them, in `shape_integrals`."""
+        plain = rotor.beam.is_uniform and rotor.pitch is None
+        return None if plain else self.sampled(rotor, None)
+
+    def sampled(self, rotor: Rotor, shapes: Shapes | None) -> Shapes:
+        """`shapes`, also where all is known of them."""
+        if shapes is not None:
+            return shapes
+        return sampled(self.functions_from, self.counts, self.products, rotor.beam.edges)
+
+    def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
+        """To first order: foreshortening is of second order."""
+        table = self.functions(self.shapes(rotor), np.asarray(xi, float)).value
+        return jnp.einsum("pn,nc->cpn", table, self.one_hot)
+
+    def functions(self, shapes: Shapes | None, xi: np.ndarray) -> Functions:
+        """The functions at any x / L; `shapes` are those along the beam."""
+        if shapes is None:
+            return all_functions(self.functions_from, self.counts, xi)
+        return shapes.places(xi)
+
+    @property
+    def shape_integrals(self) -> ShapeIntegrals:
+        """Integrals of the functions over a uniform beam, computed once."""
+        return shape_integrals(self.functions_from, self.counts)
+
+    def linear_stiffness(self, rotor: Rotor, shapes: Shapes | None) -> Matrix:
+        """EA int f' f' dx axially, EI int f'' f'' dx in bending, and springs at the root."""
+        if shapes is None:
+            return linear_stiffness(self.functions_from, self.counts, rotor)
+        return varying_stiffness(shapes, rotor)
+
+    def check(self, rotor: Rotor) -> None:
+        """Raise `ValueError` where a rotor has what the model has not."""
+        name = type(self).__name__
+        if rotor.precone is not None:
+            raise ValueError(
+                f"precone: {name} has no motion of a coned beam: take SpatialANCF, or for "
+                "frequencies Hybrid(n_stretch=0); else leave it out, which for soft beams is the "
+                "smaller error"
+            )
+        ways = zip(COMPONENTS[1:], rotor.springs, self.counts[1:], strict=True)
+        for direction, spring, count in ways:
+            if count and spring is not None and not self.yields_where(rotor, direction):
+                raise ValueError(
+                    f"root: there is a spring against {direction.title}, and the functions of {name} "
+                    "are clamped: take Hybrid or ExactRodANCF"
+                )
+
+    def yields_where(self, rotor: Rotor, direction: Direction) -> bool:
+        """Whether functions in this direction may have a slope at the root."""
+        slope = self.functions_from.towards(direction).bending
+        count = dict(zip(COMPONENTS, self.counts, strict=True))[direction]
+        return bool(np.any(slope(count, np.zeros(1)).slope))
+
+
+def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
+    """Matrices of a model whose equations are linear: their coefficients, whatever the state."""
+    equations, zero = model.equations(rotor), jnp.zeros(len(model.directions), speed.dtype)
+    k, c = equations.tangents(spinning(speed), zero, zero, None)
+    return LinearSystem(
+        mass=dense(equations.mass),
+        gyroscopic=c,
+        stiffness=k,
+        steady_strain=rotor.steady_strain(speed),
+        status=jnp.asarray(Status.OK),
+        directions=model.directions,
+        coupling=coupling_groups(rotor),
+        shapes=equations.functions,
+    )

@@ -1,0 +1,158 @@
+"""Integrals that Cartesian models are made of, over all functions of a model side by side.
+
+Of a uniform beam they are tables for a unit beam, in NumPy, computed once. Where properties vary
+along the span, the same integrals get their weights: mass per length over the mass in the place of
+one, stiffness as it is at each point.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxbeam._models.bases.basis import Basis, bending_integrals, stretch_integrals
+from jaxbeam._models.bases.shapes import (
+    COMPONENTS,
+    Counts,
+    Profile,
+    Shapes,
+    all_functions,
+    ends_of,
+)
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.span import outboard
+from jaxbeam._types import Matrix
+
+
+class ShapeIntegrals(NamedTuple):
+    """Integrals over a beam of unit length and mass, and values at its ends."""
+
+    one_hot: Float[np.ndarray, "n 3"]  # one-hot: which way a coordinate moves
+    tip: Any  # (n,)
+    tip_slope: Any  # (n,), slope at the tip, of bending functions alone
+    root: Any  # (n,), slope at the root, of bending functions alone
+    elastic: Any  # (3, n, n), axial f' f', in plane and flap f'' f'', of a uniform beam alone
+    gram: Any  # (n, n)
+    mean: Any  # (n,)
+    first: Any  # (n,), int xi f
+    tension: Any  # (3, n, n), bending alone: int t_k f' f', see `Integrals`
+    axial_tension: Any  # (3, n, n), the same for the axial coordinates
+
+    def centre(self, rotor: Rotor) -> Any:
+        """Values of the functions at the centre of the tip mass, (n,)."""
+        if rotor.tip_body is None:
+            return self.tip
+        return self.tip + rotor.tip_body.offset / rotor.beam.length * self.tip_slope
+
+
+def one_hots(counts: Counts) -> Float[np.ndarray, "n 3"]:
+    """One-hot: which way a coordinate moves, axially, in plane or in flap."""
+    return np.eye(3)[np.repeat(np.arange(3), counts)]
+
+
+@functools.lru_cache(maxsize=64)
+def shape_integrals(basis: Basis, counts: Counts) -> ShapeIntegrals:
+    """Integrals of a uniform beam, in NumPy."""
+    direction = np.repeat(np.arange(3), counts)
+    one_hot = np.eye(3)[direction]
+    xi, w = basis.quadrature(max(counts))
+    f = all_functions(basis, counts, xi).value
+    gram = f.T @ (w[:, None] * f)
+    elastic, tension, axial_tension = (
+        np.zeros((3, direction.size, direction.size)) for _ in range(3)
+    )
+    for k, n in enumerate(counts):
+        if n == 0:
+            continue
+        rows = np.ix_(direction == k, direction == k)
+        own = (
+            stretch_integrals(basis, n)
+            if k == 0
+            else bending_integrals(basis.towards(COMPONENTS[k]), n)
+        )
+        gram[rows] = own.mass
+        elastic[k][rows] = own.tension[0] if k == 0 else own.curvature
+        for table, whole in zip(own.tension, axial_tension if k == 0 else tension, strict=True):
+            whole[rows] = table
+    ends = ends_of(basis, counts)
+    return ShapeIntegrals(
+        one_hot=one_hot,
+        tip=ends.tip,
+        tip_slope=ends.tip_slope,
+        root=ends.root,
+        elastic=elastic,
+        gram=(gram + gram.T) / 2,
+        mean=w @ f,
+        first=(w * xi) @ f,
+        tension=tension,
+        axial_tension=axial_tension,
+    )
+
+
+def weighted(shapes: Shapes, rotor: Rotor) -> ShapeIntegrals:
+    """Integrals of a beam whose properties vary; `elastic` is left out."""
+    span, f = shapes.span, shapes.at
+    one_hot = one_hots(shapes.counts)
+    share, *beyond = outboard(rotor.beam.mass_per_length, span)
+    share = span.weight * share
+    pulls = [_gram(f.slope, span.weight * shape) for shape in (jnp.ones_like(share), *beyond)]
+    alike = one_hot @ one_hot.T
+    bends = np.outer(one_hot[:, 0] == 0, one_hot[:, 0] == 0)
+    return ShapeIntegrals(
+        one_hot=one_hot,
+        tip=shapes.ends.tip,
+        tip_slope=shapes.ends.tip_slope,
+        root=shapes.ends.root,
+        elastic=None,
+        gram=_gram(f.value, share),
+        mean=share @ f.value,
+        first=(share * span.xi) @ f.value,
+        tension=jnp.stack(pulls) * (alike * bends)[None],
+        axial_tension=jnp.stack(pulls) * (alike * ~bends)[None],
+    )
+
+
+def linear_stiffness(basis: Basis, counts: Counts, rotor: Rotor) -> Matrix:
+    """EA int f' f' dx axially, EI int f'' f'' dx in bending (Y eqs. 9 and 10), of a uniform beam,
+    and the springs at the root."""
+    beam, length, unit = rotor.beam, rotor.beam.length, shape_integrals(basis, counts)
+    rigidity = (
+        beam.axial_stiffness / length,
+        beam.in_plane_bending_stiffness / length**3,
+        beam.flap_bending_stiffness / length**3,
+    )
+    out = jnp.tensordot(jnp.stack(rigidity), unit.elastic, 1)
+    return out + springs(unit.root, unit.one_hot, rotor)
+
+
+def varying_stiffness(shapes: Shapes, rotor: Rotor) -> Matrix:
+    """Stiffness of a beam that varies along the span, or whose sections are turned.
+
+    With the axes of the section turned by theta, twist and pitch together, bending has
+    EI_vv = EI_zz c^2 + EI_yy s^2 and EI_ww = EI_yy c^2 + EI_zz s^2, c = cos(theta) and so on, and
+    EI_vw = (EI_zz - EI_yy) s c between the two directions.
+    """
+    length, span, f = rotor.beam.length, shapes.span, shapes.at
+    one_hot = one_hots(shapes.counts)
+    profile, weight = Profile.of(rotor, span), span.weight
+    stretch = _gram(f.slope * one_hot[None, :, 0], weight * profile.axial)
+    first, second = profile.in_section_axes(*(f.curvature * one_hot[None, :, k] for k in (1, 2)))
+    bending = _gram(first, weight * profile.in_plane) + _gram(second, weight * profile.flap)
+    return stretch / length + bending / length**3 + springs(shapes.ends.root, one_hot, rotor)
+
+
+def springs(root: Any, one_hot: np.ndarray, rotor: Rotor) -> Any:
+    """Stiffness of the springs at the root: energy k phi^2 / 2, phi = f'(0) q / L."""
+    out: Any = 0.0
+    for k, spring in enumerate(rotor.springs, start=1):
+        if spring is not None:
+            slope = root * one_hot[:, k]
+            out = out + spring / rotor.beam.length**2 * slope[:, None] * slope[None]
+    return out
+
+
+def _gram(f: Any, weight: Any) -> Any:
+    product = f.T @ (weight[:, None] * f)
+    return (product + product.T) / 2

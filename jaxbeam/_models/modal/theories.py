@@ -1,0 +1,314 @@
+"""Modal (Ritz) models of Yoo, Ryan and Scott (Y) in three dimensions, with hub and tip mass.
+
+Y eqs. 18-20 read, in words: inertia of the relative acceleration in the moving frame, plus elastic
+stiffness, plus for bending the stiffness of the tension P(x) that carries the undeformed beam along
+(`cartesian.py`). With the hub turning at Omega about a3 and the beam along a1,
+
+    rho (s''  - 2 Omega u2' - Omega' u2 - Omega^2 s)  - (EA s_x)_x                    = Omega^2 X
+    rho (u2'' + 2 Omega s'  + Omega' s  - Omega^2 u2) + (EI_zz u2_xx)_xx - (P u2_x)_x = -Omega' X
+    rho  u3''                                         + (EI_yy u3_xx)_xx - (P u3_x)_x = 0
+
+(primes are time derivatives), with the tip mass as a point in the mass measure. The theories below
+differ in two things: whether P is there, and what stretches the beam.
+
+Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
+Journal of Sound and Vibration, 1995.
+"""
+
+import abc
+import dataclasses
+from typing import Any, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import count_functions, kind_of
+from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
+from jaxbeam._models.bases.shapes import (
+    Counts,
+    Kind,
+    Profile,
+    Shapes,
+    all_functions,
+    finer,
+    follows,
+    of_basis,
+    shapes_on,
+)
+from jaxbeam._models.bases.truncation import frequency_error, tension
+from jaxbeam._models.contract.bands import BandTables
+from jaxbeam._models.contract.base import LinearSystem
+from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
+from jaxbeam._models.contract.strained import viscous
+from jaxbeam._models.modal.cartesian import CartesianEquations
+from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
+from jaxbeam._models.modal.coned import coned_system
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Direction
+from jaxbeam._rotor.span import on, shortened
+from jaxbeam._types import Matrix, Number, Scalar, Vector
+
+
+class _Modal(CartesianModel):
+    """Ritz coordinates q in metres: s or u1 = psi.q_1, u2 = phi.q_2, u3 = phi.q_3, in this order.
+
+    `n_stretch`, `n_in_plane`, `n_flap` functions of `basis`; zero leaves a direction out.
+    """
+
+    n_stretch: int = eqx.field(static=True, default=10)
+    n_in_plane: int = eqx.field(static=True, default=16)
+    n_flap: int = eqx.field(static=True, default=16)
+    basis: Basis = eqx.field(static=True, default=Polynomials())
+
+    def __check_init__(self) -> None:
+        for name in ("n_stretch", "n_in_plane", "n_flap"):
+            count_functions(name, getattr(self, name))
+        if self.n_stretch + self.n_in_plane + self.n_flap == 0:
+            raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
+        if not isinstance(self.basis, Basis):
+            raise TypeError(f"basis must be a Basis, got {kind_of(self.basis)}")
+
+    @property
+    def functions_from(self) -> Basis:
+        return self.basis
+
+    def suited(self, rotor: Rotor) -> Self:
+        """With a root that yields where that of the rotor does; every function of the package that
+        takes a model begins with that."""
+        own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
+        if rotor.root_springs is not None and not follows(own, rotor):
+            own = Yielding(own, *(spring is not None for spring in rotor.springs))
+        return dataclasses.replace(self, basis=own)
+
+    def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array | None:
+        """What pulls at sections in steady rotation, in N; None in a theory that does not know."""
+        return tension(profile, rotor, speed)
+
+    def frequency_error(
+        self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
+    ) -> Float[Array, " k"] | None:
+        """The estimate for beams that vary along the span, by the differential equation: `truncation.py`."""
+        if rotor.beam.is_uniform or rotor.precone is not None:
+            return None
+        places = np.split(np.arange(sum(self.counts)), np.cumsum(self.counts)[:-1])
+        parts = [shape.T[place] for place in places]
+        if system.shapes is not None and system.shapes.mixes is not None:
+            profile, found = finer(self._kind, rotor, system.shapes.mixes, parts)
+        else:
+            span = self.basis.rule(2 * self.products, shortened(rotor.beam.edges))
+            profile = Profile.of(rotor, span)
+            found = of_basis(self.basis, self.counts, span, parts)
+        pull = self.tension(rotor, profile, speed)
+        return frequency_error(found, profile, rotor, speed, eigenvalue, self.counts, pull)
+
+    @property
+    def stretch_follows(self) -> bool:
+        """Whether stretch has the steps of 1 / EA on a beam that varies."""
+        return True
+
+    @property
+    def _kind(self) -> Kind:
+        assert isinstance(self.basis, Polynomials)
+        return Kind(self.counts, self.basis.grading, self.products, self.stretch_follows)
+
+    def shapes(self, rotor: Rotor) -> Shapes | None:
+        if follows(self.basis, rotor):
+            return shapes_on(self._kind, rotor)
+        return super().shapes(rotor)
+
+    def yields_where(self, rotor: Rotor, direction: Direction) -> bool:
+        return follows(self.basis, rotor) or super().yields_where(rotor, direction)
+
+    @property
+    def counts(self) -> Counts:
+        return self.n_stretch, self.n_in_plane, self.n_flap
+
+    @abc.abstractmethod
+    def equations(self, rotor: Rotor) -> CartesianEquations: ...
+
+
+class _Linear(_Modal):
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        """The coefficients of the equations of motion."""
+        return linear_system(self, rotor, speed)
+
+
+class Hybrid(_Linear):
+    """Arc-length stretch and two Cartesian deflections: the method of Y, linear.
+
+    Stiffens as it must at any speed. The tension acts on the undeformed beam, so frequencies are
+    wrong by up to 0.9 of the steady strain, relative, and motions are right to second order in
+    deflection over length: compare `ExactRodANCF` where those are not small.
+    `Hybrid(n_stretch=0)` is the inextensible (prestressed, bending-only) beam.
+    """
+
+    @property
+    def foreshortens(self) -> bool:
+        return True
+
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
+        shapes = self.shapes(rotor)
+        elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
+        return CartesianEquations.build(self, rotor, elastic, shapes, lambda t: t.tension)
+
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        """The coefficients of the equations of motion; about the deflected steady state of a coned
+        beam (`coned.py`)."""
+        if rotor.precone is None:
+            return super().matrices(rotor, speed)
+        if self.n_stretch or not self.n_in_plane or not self.n_flap:
+            raise ValueError(
+                "precone: take Hybrid(n_stretch=0), with functions in plane and in flap, for the "
+                "frequencies of a coned beam"
+            )
+        if rotor.couples_bending or rotor.tip_body is not None:
+            raise ValueError(
+                "precone: here it goes neither with pitch and twist nor with a body at the tip; "
+                "take SpatialANCF"
+            )
+        return coned_system(rotor, speed, self.sampled(rotor, self.shapes(rotor)), self.directions)
+
+    def bands(self) -> BandTables | None:
+        """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""
+        # What derives from this may differ in stiffness, functions or equations.
+        enough = self.n_in_plane >= 8 and self.n_flap not in range(1, 8)
+        if type(self) is not Hybrid or self.basis != Polynomials() or not enough:
+            return None
+        shape_integrals, m, n = self.shape_integrals, self.n_stretch, self.n_in_plane
+        order = np.argsort(np.append(np.arange(m) + 0.5, np.arange(n)), kind="stable")
+        rows, way = np.ix_(order, order), shape_integrals.one_hot[order]
+        alike, end = way @ way.T, np.outer(shape_integrals.tip, shape_integrals.tip)
+        found = [
+            table[rows] for table in (*shape_integrals.elastic[[1, 0]], *shape_integrals.tension)
+        ]
+        found += [alike * shape_integrals.gram[rows], alike * end[rows]]
+        found += [(1 - alike) * shape_integrals.gram[rows], (1 - alike) * end[rows]]
+        flap = [
+            table[m + n :, m + n :]
+            for table in (
+                shape_integrals.elastic[2],
+                *shape_integrals.tension,
+                shape_integrals.gram,
+                end,
+            )
+        ]
+        return BandTables(
+            in_plane=[_without_rounding(table) for table in found],
+            flap=[_without_rounding(table) for table in flap] if self.n_flap else [],
+            order=np.append(order, np.arange(m + n, len(self.directions))),
+            places=np.argsort(order)[m:],
+        )
+
+
+def _without_rounding(table: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(table) > 1e-12 * np.abs(table).max(initial=0.0), table, 0.0)
+
+
+class Classical(_Linear):
+    """Classical linear Cartesian theory (C.L.C. of Y): no motion-induced stiffness.
+
+    Offered because it is widely used and wrong: in plane it diverges at the first rest frequency
+    of bending whatever the hub radius, and it never stiffens. Where its numbers may be trusted is
+    where the tension is small against the bending stiffness.
+    """
+
+    def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> None:
+        return None
+
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """Without P: what this theory leaves out."""
+        shapes = self.shapes(rotor)
+        elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
+        return CartesianEquations.build(self, rotor, elastic, shapes)
+
+
+class VonKarman(_Modal):
+    """Cartesian displacements with the von Karman strain u1' + (u2'^2 + u3'^2) / 2 (Y, section 3).
+
+    The non-linear counterpart of `Hybrid`: no motion-induced stiffness, but the stretching energy
+    is quartic and gives it back. Functions for u1 must follow u2'^2, so take at least twice as
+    many (less one) of them as for bending, or the beam locks.
+    """
+
+    n_stretch: int = eqx.field(static=True, default=16)
+    n_in_plane: int = eqx.field(static=True, default=8)
+    n_flap: int = eqx.field(static=True, default=8)
+
+    @property
+    def products(self) -> int:
+        return 2 * max(self.counts)
+
+    @property
+    def stretch_follows(self) -> bool:
+        return False  # u1 follows u2'^2
+
+    def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array:
+        return tension(profile, rotor, speed, rounds=6)
+
+    def equations(self, rotor: Rotor) -> CartesianEquations:
+        """U = int EA (u1' + (u2'^2 + u3'^2) / 2)^2 + EI_zz u2''^2 + EI_yy u3''^2 dx / 2."""
+        beam, shapes = rotor.beam, self.shapes(rotor)
+        if shapes is None or beam.is_uniform:
+            xi, weight = self.basis.quadrature(self.products)
+            stiffness, along_it = beam.axial_stiffness, jnp.asarray(weight)
+            slope: Any = all_functions(self.basis, self.counts, xi).slope
+        else:
+            slope, stiffness = shapes.at.slope, beam.mean.axial_stiffness
+            along_it = shapes.span.weight * on(beam.axial_stiffness, shapes.span) / stiffness
+        bends = self.one_hot[:, 1:].sum(1)
+        elastic = _VonKarman(
+            bending=self.linear_stiffness(rotor, shapes) * np.outer(bends, bends),
+            axial_stiffness=stiffness,
+            length=beam.length,
+            slope=jnp.asarray(slope),
+            weight=along_it,
+            one_hot=jnp.asarray(self.one_hot),
+        )
+        # The centre of a body at the tip comes nearer when the end of the beam turns.
+        short = None if rotor.tip_body is None else lambda t: jnp.zeros_like(t.tension)
+        return CartesianEquations.build(self, rotor, elastic, shapes, short)
+
+
+class _VonKarman(Elasticity):
+    bending: Matrix
+    axial_stiffness: Number
+    length: Number
+    slope: Float[Array, "p n"]
+    weight: Float[Array, " p"]  # of a point, over the axial stiffness times that which is there
+    one_hot: Float[Array, "n 3"]
+
+    def energy(self, q: Vector) -> Scalar:
+        stretch = jnp.sum(self.weight * self.strain(self._gradient(q)) ** 2)
+        return self.axial_stiffness * self.length * stretch / 2 + q @ self.bending @ q / 2
+
+    def force(self, q: Vector) -> Vector:
+        gradient = self._gradient(q)
+        tension = self.axial_stiffness * self.weight * self.strain(gradient)
+        along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
+        pull = self.slope.T @ (tension[:, None] * along)  # (n, 3): work along each direction
+        return jnp.sum(pull * self.one_hot, 1) + self.bending @ q
+
+    def tangent(self, q: Vector) -> Matrix:
+        gradient = self._gradient(q)
+        along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
+        rows = self.slope * (along @ self.one_hot.T)  # d strain / dq, times length
+        weight = self.axial_stiffness / self.length * self.weight
+        geometric = self.slope.T @ ((weight * self.strain(gradient))[:, None] * self.slope)
+        bends = self.one_hot[:, 1:] @ self.one_hot[:, 1:].T
+        return rows.T @ (weight[:, None] * rows) + geometric * bends + self.bending
+
+    def viscous(self, q: Vector, v: Vector) -> Vector:
+        def strain(q: Vector) -> Array:
+            return self.strain(self._gradient(q))
+
+        stiffness = self.axial_stiffness * self.length * self.weight
+        return viscous(strain, lambda rate: stiffness * rate, q, v) + self.bending @ v
+
+    def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
+        return gradient[:, 0] + jnp.sum(gradient[:, 1:] ** 2, 1) / 2
+
+    def _gradient(self, q: Vector) -> Float[Array, "p 3"]:
+        return self.slope @ (self.one_hot * q[:, None]) / self.length

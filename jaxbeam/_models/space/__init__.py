@@ -1,0 +1,1 @@
+"""Finite elements in space, which bend both ways, twist and stretch."""

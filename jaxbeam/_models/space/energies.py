@@ -1,0 +1,363 @@
+"""Energy, force and tangent of a cubic element that bends both ways, twists and stretches.
+
+The axis is the cubic r(s) of positions and slopes of the nodes, as in the plane. At a node the
+section is turned by the angle a from the frame to which the least rotation brings the axes of the
+hub, a1 to the tangent t. Within an element it is turned by h(s) from the frame which the least
+rotation, t_A to t(s), makes of that of the first node; h is the cubic of its rates at the ends and
+of what separates the frames of the nodes there,
+
+    h_B = a_B - a_A - W,   tan(W / 2) = a1.(t_A x t_B) / (1 + a1.t_A + t_A.t_B + t_B.a1),
+
+W the area of the triangle of the three directions on the unit sphere. With primes for d/dx and
+t = (x, y, z) in the axes of the first node's frame, curvatures before the turn by h, and twist, are
+
+    k_2 = y' - y x' / (1 + x),   k_3 = z' - z x' / (1 + x),   k_1 = h' + (z y' - y z') / (1 + x).
+
+This is exact for the interpolated beam, whatever the size of its rotation. So strains depend on no
+path and do not change when all is turned rigidly, and in a plane what is left is `Engineering`,
+integrated with three points of bending and three of stretch in place of five.
+
+The local coordinates e (13,) are three values of the displacement gradient r' - a1, as in
+`_models/ancf/energies.py`, component by component in the order a1, a2, a3; then a and the twist L k_1 of the first
+node, and of the last. Any array may have further axes, of lanes, behind those it is said to have
+(see `kernel`).
+
+Frames by least rotations: M. Bergou et al., Discrete elastic rods, ACM Trans. Graph. 27, 2008, with
+angles of twist about them; C. Meier, A. Popp, W. A. Wall, An objective 3D large deformation finite
+element formulation for geometrically exact curved Kirchhoff rods, Comput. Methods Appl. Mech. Eng.
+278, 2014, with the first node's frame as the reference.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.ancf.energies import along_element, matvec
+from jaxbeam._models.contract.strained import Strained
+from jaxbeam._models.space.frames import (
+    Local,
+    Natural,
+    between,
+    deformation,
+    frames,
+    gradients,
+    pulled_back,
+    pulled_back_tangent,
+    stretched,
+)
+from jaxbeam._programs.lanes import beside, total
+from jaxbeam._types import Number
+
+# Gauss points of an element and their weights, exact to degree 5, as small bending and twist want
+# it.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+GAUSS = (1 + _NODES) / 2, _WEIGHTS / 2
+# Of stretch, the ends and the middle (Simpson): as slender beams bend far, stretch has to vanish at
+# each of these points, of which n elements have 2 n + 1 different ones, as many as they have
+# unknowns along the beam. With Gauss points, 3 n, elements lock: they bend too little. With fewer
+# points there would be stretch that none of them sees. So parts of elements have no others.
+SIMPSON = np.array([0.0, 0.5, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
+
+
+class SpatialRule(NamedTuple):
+    """How an element, or a part of it, is integrated over x / L."""
+
+    weights: Any  # of the Gauss points (g,)
+    slopes: Any  # from the values of the gradient to the gradient there (g, 3)
+    curvatures: Any  # and to its derivative by x / L (g, 3)
+    angles: Any  # from the rates of turn at both ends, and the turn between, to the turn (g, 3)
+    rates: Any  # and to its derivative by x / L (g, 3)
+    pulls: Any  # weights of the points of stretch, of all of the element (3,)
+    strained: Any  # from the values of the gradient to the gradient there (3, 3)
+
+
+def spatial_rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> SpatialRule:
+    """Quadrature on one of so many elements, from s = start to s = end."""
+    (places, weights), (ends, pulls) = GAUSS, SIMPSON
+    s, size, h = start + (end - start) * places, (end - start) * weights, 1 / n_elements
+    rates = [1 - 4 * s + 3 * s**2, (6 * s - 6 * s**2) / h, 3 * s**2 - 2 * s]
+    return SpatialRule(
+        h * size, along_element(s), along_element(s, 1) / h, _angles(s, h),
+        np.stack(rates, 1), h * pulls, along_element(ends),
+    )  # fmt: skip
+
+
+def _angles(s: np.ndarray, h: float) -> Float[np.ndarray, "p 3"]:
+    """From the rates of turn at both ends, and the turn between, to the turn at points s."""
+    return np.stack([h * (s - 2 * s**2 + s**3), 3 * s**2 - 2 * s**3, h * (s**3 - s**2)], 1)
+
+
+def section_angles(e: Float[Array, "p 13"], s: np.ndarray, n_elements: int) -> Float[Array, " p"]:
+    """The angle a at a point s of each element: by which the section is turned from the frame
+    to which the least rotation brings the axes of the hub, as at the nodes."""
+
+    def one(e: Local, along: Array, by_angles: Array) -> Number:
+        r = stretched(gradients(e))
+        first, here = r[:, 0], r @ along
+        first, here = (t / jnp.linalg.norm(t) for t in (first, here))
+        return e[9] + by_angles @ deformation(e, n_elements)[7:] + between(first, here)
+
+    shapes = along_element(s), _angles(s, 1 / n_elements)
+    return jax.vmap(one)(e, *map(jnp.asarray, shapes))
+
+
+class SpatialElement(Strained):
+    """Elastic energy, force and tangent of an element, over EA L, and viscous forces:
+
+    int EA (|r'| - 1)^2 + GJ k_1^2 + EI_vv k_v^2 + 2 EI_vw k_v k_w + EI_ww k_w^2 dx / 2,
+
+    (k_v, k_w) being (k_2, k_3) turned by h, and the stiffnesses those of the section as twist and
+    pitch turn it: see `linear_stiffness`. Where properties vary, EA is any one value of it, and
+    all others are numbers at the Gauss points (g, *lanes); `stretching` is what belongs to the
+    points of stretch, over what would if EA were constant.
+    """
+
+    axes: ClassVar[int] = 1
+    bending: tuple[Number, Number | None, Number]  # vv, vw (None: zero) and ww over EA L^2
+    torsion: Number  # GJ / (EA L^2)
+    n_elements: int = eqx.field(static=True)
+    stretching: Number | None = None
+    part: SpatialRule | None = None  # of a part of the element; None: of the whole
+
+    @property
+    def rule(self) -> SpatialRule:
+        return spatial_rule(self.n_elements) if self.part is None else self.part
+
+    def strains(self, e: Local) -> tuple[Array, Array]:
+        """eps at the points of stretch, and (k_1, k_v, k_w) at the Gauss points, (3, g)."""
+        strain = elongation(matvec(self.rule.strained, gradients(e)))
+        return strain, self._moments(self._at(deformation(e, self.n_elements)))[0]
+
+    def stresses(self, strains: tuple[Array, Array]) -> tuple[Array, Array]:
+        strain, (twist, v, w) = strains
+        rule, lanes = self.rule, strain.ndim - 1
+        moments = jnp.stack([self.torsion * twist, *self._bends(v, w)])
+        pull = beside(rule.pulls, lanes) * _pulled(self.stretching, strain)
+        return pull, beside(rule.weights[None], lanes) * moments
+
+    def energy(self, e: Local) -> Number:
+        """Strain energy of one element."""
+        rule, natural = self.rule, deformation(e, self.n_elements)
+        strain = elongation(matvec(rule.strained, gradients(e)))
+        stretch = _pulled(self.stretching, strain**2)
+        return matvec(rule.pulls[None], stretch[None])[0, 0] / 2 + self._turns(natural)
+
+    def force(self, e: Local) -> Local:
+        """Elastic force of one element."""
+        rule = self.rule
+        d = matvec(rule.strained, gradients(e))
+        strain, w = elongation(d), beside(rule.pulls, e.ndim - 1)
+        pull = w * _pulled(self.stretching, strain / (1 + strain))
+        pull = matvec(rule.strained.T, pull[None] * stretched(d))
+        n = self.n_elements
+        angle = pulled_back(frames(e), self._bent(deformation(e, n))[:, None], n)[:, 0]
+        return angle + _padded(pull.reshape(9, *e.shape[1:]))
+
+    def tangent(self, e: Local) -> Float[Array, "13 13 *lanes"]:
+        """d force / de."""
+        n = self.n_elements
+        force, second = self._second(deformation(e, n))
+        return pulled_back_tangent(frames(e), force, second, n) + self._stretching(e)
+
+    def _bent(self, natural: Natural) -> Natural:
+        """The gradient of `_turns`."""
+        at = self._at(natural)
+        _, moments, on_turn = self._moments(at)
+        return self._gathered(at.points.acting(moments[:, None])[:, 0], on_turn, moments[0])
+
+    def _gathered(self, on_points: Float[Array, "6 g *lanes"], *on_turn: Array) -> Natural:
+        """From what bending and torsion do at Gauss points, on the turn and its rate too."""
+        loads = jnp.concatenate([on_points, jnp.stack(on_turn)])
+        loads = beside(self.rule.weights[None], loads.ndim - 2) * loads
+        return total(jnp.moveaxis(_by_natural(self.rule, loads[None])[0], 1, 0))
+
+    def _turns(self, natural: Natural) -> Number:
+        """Energy of bending and torsion."""
+        strains, (twist, *_), _ = self._moments(self._at(natural))
+        k, v, w = strains
+        by_v, by_w = self._bends(v, w)
+        density = (twist * k + by_v * v + by_w * w) / 2
+        return total(beside(self.rule.weights, natural.ndim - 1) * density)
+
+    def _at(self, natural: Natural) -> "_Rotated":
+        """What is at the Gauss points, in the axes of the first node's frame."""
+        rule = self.rule
+        none = jnp.zeros_like(natural[0])
+        first = jnp.stack([natural[0], none, none])
+        stations = jnp.stack([first, natural[1:4], natural[4:7]], 1)
+        points = _Points.of(matvec(rule.slopes, stations), matvec(rule.curvatures, stations))
+        angle, rate = (matvec(table, natural[None, 7:])[0] for table in (rule.angles, rule.rates))
+        return _Rotated(points, jnp.cos(angle), jnp.sin(angle), rate)
+
+    def _moments(self, at: "_Rotated") -> tuple[Array, Array, Array]:
+        """Twist and curvatures of the section (3, g), the moments of twist and of bending about the
+        axes before the turn (3, g), and what bending does on the turn (g)."""
+        second, third, rise = at.points.curvatures
+        v, w = at.cos * second + at.sin * third, at.cos * third - at.sin * second
+        twist = at.rate + rise
+        by_v, by_w = self._bends(v, w)
+        by_2, by_3 = at.cos * by_v - at.sin * by_w, at.sin * by_v + at.cos * by_w
+        moments = jnp.stack([self.torsion * twist, by_2, by_3])
+        return jnp.stack([twist, v, w]), moments, by_v * w - by_w * v
+
+    def _bends(self, v: Array, w: Array) -> tuple[Array, Array]:
+        """Bending moments about the axes of the section."""
+        vv, vw, ww = self.bending
+        return (vv * v, ww * w) if vw is None else (vv * v + vw * w, ww * w + vw * v)
+
+    def _second(self, natural: Natural) -> tuple[Natural, Float[Array, "10 10 *lanes"]]:
+        """First and second derivatives of `_turns`."""
+        rule, lanes = self.rule, natural.ndim - 1
+        at = self._at(natural)
+        (_, v, w), moments, on_turn = self._moments(at)
+        none, one = jnp.zeros_like(v), jnp.ones_like(v)
+        # How twist and curvatures of the section, in this order, go with r', L r'', turn and rate.
+        ways = jnp.stack([
+            jnp.stack([one, none, none]), jnp.stack([none, at.cos, at.sin]),
+            jnp.stack([none, -at.sin, at.cos]), moments,
+        ], 1)  # fmt: skip
+        by_angles = jnp.stack([jnp.stack([none, w, -v]), jnp.stack([one, none, none])])
+        acting = at.points.acting(ways)
+        by = jnp.concatenate([acting[:, :3], by_angles])
+        stiff = jax.vmap(lambda k, v, w: (self.torsion * k, *self._bends(v, w)))(
+            by[:, 0], by[:, 1], by[:, 2]
+        )
+        # Moments that stay as they are.
+        m_v, m_w = self._bends(v, w)
+        along = m_v[None] * by[:6, 2] - m_w[None] * by[:6, 1]
+        held = jnp.pad(at.points.second(moments), ((0, 2), (0, 2), *((0, 0),) * (lanes + 1)))
+        held = held + _cross_shaped(along, -(m_v * v + m_w * w))
+        for i in range(3):
+            held = held + by[:, None, i] * stiff[i][None]
+        half = _by_natural(rule, beside(rule.weights[None, None], lanes) * held)
+        second = total(jnp.moveaxis(_by_natural(rule, half.swapaxes(0, 1)), 2, 0))
+        return self._gathered(acting[:, 3], on_turn, moments[0]), second
+
+    def _stretching(self, e: Local) -> Float[Array, "13 13 *lanes"]:
+        """Second derivatives of the energy of stretch, int EA (t t^T + eps (1 - t t^T)) / |r'|."""
+        rule, lanes = self.rule, e.ndim - 1
+        d = matvec(rule.strained, gradients(e))
+        strain = elongation(d)
+        size, r = 1 + strain, stretched(d)
+        w = beside(rule.pulls, lanes) * _pulled(self.stretching, 1 / size)
+        rows = (r[:, None] * beside(rule.strained.T[None], lanes)).reshape(9, *r.shape[1:])
+        rows = rows / size[None]
+        terms = [
+            w[i][None, None] * rows[:, None, i] * rows[None, :, i] for i in range(len(rule.pulls))
+        ]
+        both = total(jnp.stack(terms))
+        pairs = rule.strained.T[:, None] * rule.strained.T[None]  # (3, 3, g)
+        alike = matvec(pairs.reshape(9, -1), (w * strain)[None])[0].reshape(3, 3, *e.shape[1:])
+        ways: Any = beside(np.eye(3)[:, None, :, None], lanes)
+        both = both + (ways * alike[None, :, None]).reshape(9, 9, *e.shape[1:])
+        return jnp.pad(both, ((0, 4), (0, 4), *((0, 0),) * lanes))
+
+
+class _Points(NamedTuple):
+    """Points of an element: r' and L r'' (3, g) in the axes of the first node's frame, the turn and
+    its rate by x / L (g). With t = r' / |r'| and u = (t_2, t_3) / (1 + t_1) curvatures before the
+    turn, and what they add to the twist, are
+
+        (k_2, k_3) = ((q_2, q_3) - w u) / |r'|,   w = q.(t + e_1),   u_3 k_2 - u_2 k_3,
+
+    q being L r'': the formulae of the module's docstring, from which u' is gone.
+    """
+
+    p: Array  # r'
+    q: Array
+    over: Array  # 1 / |r'|
+    share: Array  # 1 / (|r'| + r'_1)
+    t: Array
+    u: tuple[Array, Array]
+    w: Array
+
+    @classmethod
+    def of(cls, p: Array, q: Array) -> "_Points":
+        size = jnp.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        over, share = 1 / size, 1 / (size + p[0])
+        t = p * over[None]
+        w = t[0] * q[0] + t[1] * q[1] + t[2] * q[2] + q[0]
+        return cls(p, q, over, share, t, (p[1] * share, p[2] * share), w)
+
+    @property
+    def curvatures(self) -> tuple[Array, Array, Array]:
+        second, third = (self.over * (self.q[i] - self.w * self.u[i - 1]) for i in (1, 2))
+        return second, third, self.u[1] * second - self.u[0] * third
+
+    def acting(self, moments: Float[Array, "3 k g *lanes"]) -> Float[Array, "6 k g *lanes"]:
+        """What k moments, of twist and about the axes before the turn, do on r' and L r''."""
+        twist, m2, m3 = moments
+        over, share, w, u2, u3 = (a[None] for a in (self.over, self.share, self.w, *self.u))
+        (q1, q2, q3), (t1, t2, t3) = self.q[:, None], self.t[:, None]
+        push = over * (m2 * u2 + m3 * u3)
+        by_q1, by_q2 = -push * (1 + t1), over * (m2 + twist * u3) - push * t2
+        by_q3 = over * (m3 - twist * u2) - push * t3
+        work = q1 * by_q1 + q2 * by_q2 + q3 * by_q3
+        by_u2 = -share * over * (m2 * w + twist * q3)
+        by_u3 = share * over * (twist * q2 - m3 * w)
+        angle = u2 * by_u2 + u3 * by_u3
+        along, across = angle + over * (work - push * (w - q1)), over * push
+        return jnp.stack([
+            -angle - along * t1 - across * q1, by_u2 - along * t2 - across * q2,
+            by_u3 - along * t3 - across * q3, by_q1, by_q2, by_q3,
+        ])  # fmt: skip
+
+    def second(self, moments: Float[Array, "3 g *lanes"]) -> Float[Array, "6 6 g *lanes"]:
+        """Derivatives of what moments that do not change do, by r' and L r''."""
+        p, moments = self.p, moments[:, None]
+
+        def acting(p: Array) -> Array:
+            return _Points.of(p, self.q).acting(moments)[:, 0]
+
+        units = jnp.broadcast_to(beside(np.eye(3), p.ndim - 1), (3, *p.shape))
+        by_p = jax.vmap(lambda unit: jax.jvp(acting, (p,), (unit,))[1], out_axes=1)(units)
+        by_q = by_p[3:].swapaxes(0, 1)  # since second derivatives do not depend on their order
+        return jnp.concatenate([by_p, jnp.concatenate([by_q, jnp.zeros_like(by_q)])], 1)
+
+
+def _cross_shaped(row: Float[Array, "6 g *lanes"], corner: Array) -> Float[Array, "8 8 g *lanes"]:
+    """Second derivatives by the turn alone: by it and the first six, and by it twice."""
+    none = jnp.zeros_like(corner)
+    whole = jnp.concatenate([row, jnp.stack([corner, none])])
+    empty = jnp.zeros_like(whole)
+    down = jnp.stack([*(empty,) * 6, jnp.concatenate([row, jnp.stack([none, none])]), empty], 1)
+    return down + jnp.stack([*(empty,) * 6, whole, empty])
+
+
+class _Rotated(NamedTuple):
+    """Points, the cosine and the sine of the turn there, and its rate."""
+
+    points: _Points
+    cos: Array
+    sin: Array
+    rate: Array
+
+
+def _by_natural(rule: SpatialRule, rows: Float[Array, "k 8 g *lanes"]) -> Array:
+    """From derivatives by r', L r'', turn and its rate to those by `Natural`, (k, 10, g)."""
+
+    def by(table: Any, one: Array) -> Array:
+        return beside(table.T[None], one.ndim - 2) * one[:, None]
+
+    chord = [by(rule.slopes, rows[:, c]) + by(rule.curvatures, rows[:, 3 + c]) for c in range(3)]
+    angle = by(rule.angles, rows[:, 6]) + by(rule.rates, rows[:, 7])
+    columns = [chord[0][:, 0], *(chord[c][:, j] for j in (1, 2) for c in range(3))]
+    return jnp.concatenate([jnp.stack(columns, 1), angle], 1)
+
+
+def elongation(d: Float[Array, "3 *rest"]) -> Number:
+    """|a1 + d| - 1, without cancellation."""
+    excess = 2 * d[0] + total(d * d)
+    return excess / (1 + jnp.sqrt(1 + excess))
+
+
+def _padded(x: Float[Array, "9 *lanes"]) -> Local:
+    return jnp.pad(x, ((0, 4), *((0, 0),) * (x.ndim - 1)))
+
+
+def _pulled(stretching: Number | None, x: Array) -> Array:
+    return x if stretching is None else stretching * x

@@ -1,0 +1,104 @@
+"""The model of a beam that bends both ways and twists."""
+
+import dataclasses
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import count_functions
+from jaxbeam._models.bases.basis import HermiteElements
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.space.elements import SpatialEquations
+from jaxbeam._models.space.nodes import components
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Direction
+
+_FAMILIES = Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP, Direction.TORSION
+
+
+class SpatialANCF(AbstractModel[Rotor]):
+    """Finite elements that bend both ways, twist and stretch, geometrically exact and free of
+    shear; positions and slopes of nodes are in the hub frame.
+
+    Energy int [EA eps^2 + GJ k_1^2 + bending as sections are turned] dx / 2, eps = |r'| - 1 the
+    engineering strain, k_1 the twist per length and (k_2, k_3) the curvatures of the frame that the
+    section keeps, all by the unstretched length. In a plane it converges to what `ExactRodANCF`
+    does, which integrates stretch with more points. Rotations may be of any size, within an element
+    less than a right angle between its ends. It takes moments and loads that follow the tip
+    (`Loads`), pitch, twist, pre-cone, springs of the root and bodies at the tip of one inertia
+    across the beam; the beam needs its `torsional_stiffness`. Left out: shear, rotary inertia of
+    bending, what the axial inertia of a body does but for torsion, the moment that turns flat
+    sections into the plane of rotation (propeller moment), and what tension does to torsion: it
+    untwists twisted sections, and stiffens torsion by T i^2 / GJ, i the polar radius of gyration.
+    So frequencies of torsion are those at rest, nearly, at any speed.
+
+    Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
+    number, errors with the fourth power of an element's length; those by the inertia of twist, in
+    beams that are bent both ways, with the square. Roots that yield have more: take
+    `suited(rotor)`. Formulation and sources: the docstring of `_models/space/energies.py`.
+    """
+
+    n_elements: int = eqx.field(static=True, default=10)
+    in_plane_yields: bool = eqx.field(static=True, default=False)
+    flap_yields: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self) -> None:
+        count_functions("n_elements", self.n_elements, least=1)
+
+    @property
+    def _coordinates(self) -> list[tuple[int, int]]:
+        """Component of each coordinate, and its place among values and slopes of all nodes."""
+        ways, absent = components(self.in_plane_yields, self.flap_yields)
+        places = [
+            (way, 2 * k + d) for k in range(self.n_elements + 1) for d in (0, 1) for way in ways
+        ]
+        return places[absent:]
+
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        return tuple(_FAMILIES[way] for way, _ in self._coordinates)
+
+    def equations(self, rotor: Rotor) -> SpatialEquations:
+        """Equations of motion."""
+        self._check(rotor)
+        return SpatialEquations(rotor, self.n_elements)
+
+    def _check(self, rotor: Rotor) -> None:
+        if rotor.beam.torsional_stiffness is None:
+            raise ValueError(
+                "SpatialANCF twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
+            )
+        if rotor.tip_body is not None and rotor.tip_body.flap_inertia is not None:
+            raise ValueError(
+                "flap_inertia: to SpatialANCF a body at the tip has one inertia across the beam: "
+                "leave flap_inertia out, or take a model like Hybrid"
+            )
+        wanted = self.suited(rotor)
+        if wanted != self:
+            raise ValueError(
+                f"root: the rotor has springs {rotor.springs}: take model.suited(rotor)"
+            )
+
+    def suited(self, rotor: Rotor) -> Self:
+        in_plane, flap = (spring is not None for spring in rotor.springs)
+        return dataclasses.replace(self, in_plane_yields=in_plane, flap_yields=flap)
+
+    def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
+        """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
+        return self._shapes(xi)[:3]
+
+    def twist(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+        """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
+        return self._shapes(xi)[3]
+
+    def _shapes(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "4 p n"]:
+        n, coordinates = self.n_elements, self._coordinates
+        # Functions that are zero at the root: the slope there, then value and slope of each node.
+        shapes = HermiteElements(n).stretch(2 * n + 1, np.asarray(xi, float)).value
+        out = np.zeros((4, len(xi), len(coordinates)))
+        for column, (way, place) in enumerate(coordinates):
+            out[way, :, column] = shapes[:, place - 1]
+        return jnp.asarray(out)

@@ -1,0 +1,325 @@
+"""Models whose matrices are bands: their lowest modes in batches, and how eigenvalues change."""
+
+import abc
+import functools
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jaxbeam._models.bases.basis import Functions, Polynomials
+from jaxbeam._models.contract.bands import BandTables, NodeByNode
+from jaxbeam._models.contract.base import AbstractModel, Equations
+from jaxbeam._modes import ritz
+from jaxbeam._modes.ritz import combined
+from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled, transverse
+from jaxbeam._numerics.band import Band, Pencil, band, width_of
+from jaxbeam._programs.kernel import kernel
+from jaxbeam._programs.lanes import beside, total
+from jaxbeam._rotor.beam import Rotor, tension
+from jaxbeam._rotor.directions import Direction
+from jaxbeam._rotor.motion import spinning
+from jaxbeam._types import Number, Scalar, Vector
+
+MOST = 6  # modes of a direction that are found this way; of axial ones half as many
+Counts = tuple[int, int, int, int]  # of each `Direction`
+_Forms = tuple[Complex[Array, " k"], Complex[Array, " k"], Complex[Array, " k"]]
+
+
+class Lowest(NamedTuple):
+    """Modes, and the strain of the steady state at the root."""
+
+    entries: Entries
+    strain: Scalar
+
+
+class Bands(abc.ABC):
+    """What can be asked of a model whose matrices are bands."""
+
+    has_forms: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
+        """The modes wanted, as far as they are certain; for batches, without derivatives."""
+
+    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"]) -> _Forms:
+        """x^T S M x, x^T S G x and x^T S K x of vectors, differentiable, where `has_forms`: where
+        that takes less than the matrices. S is 1 on w and -1 on u."""
+        raise NotImplementedError
+
+
+@functools.lru_cache(maxsize=64)
+def bands_of(model: AbstractModel, most: Counts, count: int) -> Bands | None:
+    """For up to `most` modes of each direction, `count` in all; None where matrices are no bands, or
+    too small for that many."""
+    bands = model.bands()
+    axial, in_plane, flap, _ = most
+    if max(2 * axial, in_plane, flap) > MOST or in_plane == 0:
+        return None
+    if isinstance(bands, BandTables):
+        return _Polynomials(bands, most, count)
+    if isinstance(bands, NodeByNode) and in_plane <= bands.n_elements:
+        return _Elements(model, bands, most, count)
+    return None
+
+
+class _Numbers(NamedTuple):
+    """What modes in units of the beam depend on."""
+
+    speed: Number  # over sqrt(EI_zz / (rho L^4))
+    hub: Number  # R / L
+    tip: Number  # m_t / (rho L)
+    softness: Number  # EI_zz / (EA L^2)
+    flap: Number  # EI_yy / EI_zz
+
+    def tense(self, bending: Any) -> list[Any]:
+        """Weights of the tables of stiffness of what bends under tension."""
+        return [bending, *tension(self.speed**2, self.hub, self.tip)]
+
+
+def _numbers(rotor: Rotor, speed: Number) -> _Numbers:
+    beam = rotor.beam
+    return _Numbers(
+        speed / beam.frequency_scale, rotor.hub_radius / beam.length, rotor.tip_mass / beam.mass,
+        beam.slenderness**-2, beam.flap_bending_stiffness / beam.in_plane_bending_stiffness,
+    )  # fmt: skip
+
+
+def _in_plane(numbers: _Numbers) -> tuple[list[Any], list[Any], list[Any]]:
+    """Weights of the nine tables of `BandTables` in K, M and C; the last ones of K are those of
+    M."""
+    g, _, tip, softness, _ = numbers
+    stiffness = [*numbers.tense(1.0), -(g**2), -(g**2) * tip]
+    stiffness.insert(1, 1 / softness)
+    return stiffness, [1.0, tip], [2 * g, 2 * g * tip]
+
+
+def _out_of_plane(numbers: _Numbers) -> tuple[list[Any], list[Any]]:
+    """Weights of the six other tables in K and M."""
+    return numbers.tense(numbers.flap), [1.0, numbers.tip]
+
+
+def _summed(tables: Sequence[Any], weights: list[Any], like: Array) -> Array:
+    """Weighted sum of tables, with axes of lanes behind their own."""
+    one = jnp.ones_like(like)
+    beside_lanes = [beside(table, like.ndim) for table in tables]
+    return combined(jnp.stack(beside_lanes, -1 - like.ndim), [a * one for a in weights])
+
+
+def _guessed(few: Float[Array, "m k *lanes"], functions: np.ndarray) -> Float[Array, "k n *lanes"]:
+    """Modes in a few functions, by the values of these at coordinates."""
+    columns = beside(functions, few.ndim - 2)
+    return jax.lax.map(
+        lambda mode: functools.reduce(jnp.add, [columns[:, i] * c for i, c in enumerate(mode)]),
+        jnp.swapaxes(few, 0, 1),
+    )
+
+
+def _numbers_of_bending(
+    numbers: _Numbers, ratio: Any, spin2: Any, softness: Any
+) -> tuple[Any, ...]:
+    """Arguments of `Ritz.guess`: `ratio` is that of the bending stiffness to the one in plane, and
+    `softness` that of the axial motion which follows the Coriolis force."""
+    one = jnp.ones_like(numbers.speed)
+    return (
+        [a * one for a in numbers.tense(ratio)], numbers.tip * one, spin2 * one,
+        4 * numbers.speed**2 * softness * one,
+    )  # fmt: skip
+
+
+def _pulls(numbers: _Numbers, count: int, values: np.ndarray) -> Guess:
+    """Axial modes, by the values of polynomials at coordinates."""
+    mu, x = ritz.axial(count).guess(values, numbers.tip * jnp.ones_like(numbers.speed))
+    omega = jnp.sqrt(mu / numbers.softness - numbers.speed**2)
+    return Guess(omega, jnp.swapaxes(x, 0, 1))
+
+
+class _Polynomials(Bands):
+    """Tables of `Hybrid`."""
+
+    has_forms = True
+
+    def __init__(self, bands: BandTables, most: Counts, count: int) -> None:
+        tables = bands.in_plane
+        n = len(tables[0])
+        along = np.setdiff1d(np.arange(n), bands.places)
+        self.most, self.count = most, count
+        self.order, self.to_model = bands.order, np.argsort(bands.order)
+        self.by_family = np.argsort(np.append(bands.places, along))
+        self.signs = np.where(np.isin(np.arange(n), bands.places), 1.0, -1.0)
+        # Without stretch there is no coupling, nor the softness that would drag along.
+        self.stretch, self.n_flap = len(along), len(bands.flap[0]) if bands.flap else 0
+        self.whole, self.flap = _wide(tables), _wide(bands.flap)
+        self.diagonals = max(width_of(*tables), width_of(*bands.flap))
+        self.shares = self._sums(bands)
+        self.search = kernel(self._search)
+
+    @functools.cached_property
+    def few(self) -> ritz.Ritz:
+        """Made for the first batch: a single case does without."""
+        return ritz.bending(max(self.most[Direction.IN_PLANE], self.most[Direction.FLAP]))
+
+    def _bends(self, guess: tuple[Array, Array], count: int, size: int) -> Guess:
+        """So many of the modes that were guessed, in so many polynomials."""
+        omega, few = guess
+        functions = np.eye(size, ritz.DEGREE) @ self.few.functions
+        return Guess(omega[:count], _guessed(few[:, :count], functions))
+
+    def _sums(self, bands: BandTables) -> Float[np.ndarray, "mn t"]:
+        """x^T S T x of each table T as sums over products x_i x_(i + m)."""
+        size = len(self.order)
+        out = []
+        for i, table in enumerate((*bands.in_plane, *bands.flap)):
+            first = 0 if i < 9 else len(self.signs)
+            whole = np.zeros((size, size))
+            whole[first : first + len(table), first : first + len(table)] = table
+            signs = np.append(self.signs, np.ones(size - len(self.signs)))
+            left = whole * signs[:, None] if i < 7 else whole
+            columns = band(left, self.diagonals).T
+            columns[1:] *= 2
+            out.append(columns.ravel())
+        return np.stack(out, 1)
+
+    def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
+        found, beam = self.search(_numbers(rotor, speed), named), rotor.beam
+        omega, x = found.omega * beam.frequency_scale, found.x * beam.mass**-0.5
+        return Lowest(found._replace(omega=omega, x=x), rotor.steady_strain(speed))
+
+    def _search(self, numbers: _Numbers, named: Named) -> Entries:
+        g, (n_pulls, n_bends, n_flaps, _) = numbers.speed, self.most
+        inside_guess, flap_guess = self._guess(numbers)
+        k, m, c = _in_plane(numbers)
+        parts = ((k, 0, 7), (m, 5, 7), (c, 7, 9))[: 3 if self.stretch else 2]
+        inside = Pencil(*(_summed(self.whole[i:j], a, g) for a, i, j in parts))
+        bends = self._bends(inside_guess, n_bends, len(self.signs) - self.stretch)
+        if self.stretch:
+            pulls = _pulls(numbers, n_pulls, np.eye(self.stretch, ritz.DEGREE))
+            count = min(self.count, len(self.signs))
+            groups = [coupled(inside, self.by_family, bends, pulls, named, count)]
+        else:
+            groups = [transverse(inside, Direction.IN_PLANE, bends)]
+        if n_flaps:
+            k, m = _out_of_plane(numbers)
+            flap = Pencil(_summed(self.flap[:4], k, g), _summed(self.flap[4:], m, g))
+            guess = self._bends(flap_guess, n_flaps, self.n_flap)
+            groups.append(transverse(flap, Direction.FLAP, guess))
+        return chosen(groups, named, self.count, self.to_model)
+
+    def _guess(self, numbers: _Numbers) -> Any:
+        """Guesses of bending in plane and, side by side with it, of flap."""
+        softness = numbers.softness if self.stretch else 0.0
+        inside = _numbers_of_bending(numbers, 1.0, numbers.speed**2, softness)
+        if not self.most[Direction.FLAP]:
+            return self.few.guess(*inside), None
+        flap = _numbers_of_bending(numbers, numbers.flap, 0.0, 0.0)
+        both = jax.tree.map(lambda *each: jnp.stack(each), inside, flap)
+        omega, few = self.few.guess(*both)
+        return (omega[:, 0], few[:, :, 0]), (omega[:, 1], few[:, :, 1])
+
+    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"]) -> _Forms:
+        # x_i x_(i + m) of all that is not zero in any of the tables.
+        beyond = jnp.pad(x[:, self.order], ((0, 0), (0, self.diagonals)))
+        pairs = [x[:, self.order] * beyond[:, m : m + x.shape[1]] for m in range(self.diagonals)]
+        every = jnp.concatenate(pairs, 1)
+        shares = jax.lax.complex(every.real @ self.shares, every.imag @ self.shares).T
+
+        def summed(weights: list[Any], some: Array) -> Array:
+            return functools.reduce(jnp.add, (a * b for a, b in zip(weights, some, strict=True)))
+
+        numbers, scale = _numbers(rotor, speed), rotor.beam.frequency_scale
+        k, m, c = _in_plane(numbers)
+        stiffness, mass = summed(k, shares[:7]), summed(m, shares[5:7])
+        if self.n_flap:
+            k, m = _out_of_plane(numbers)
+            stiffness, mass = stiffness + summed(k, shares[9:13]), mass + summed(m, shares[13:])
+        unit = rotor.beam.mass
+        return unit * mass, unit * scale * summed(c, shares[7:9]), unit * scale**2 * stiffness
+
+
+def _wide(tables: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Bands of one width."""
+    width = width_of(*tables)
+    return [band(table, width) for table in tables]
+
+
+_Case = tuple[Rotor, Scalar]  # and its speed
+
+
+class _Elements(Bands):
+    """Coordinates node by node."""
+
+    def __init__(self, model: AbstractModel, bands: NodeByNode, most: Counts, count: int) -> None:
+        n = bands.n_elements
+        self.model, self.most, self.count = model, most, count
+        nodes, basis = np.linspace(0.0, 1.0, n + 1), Polynomials()
+        self.across = _at_nodes(basis.bending(ritz.DEGREE, nodes))[2:]
+        self.along = _at_nodes(basis.stretch(ritz.DEGREE, nodes))[1:]
+        places = np.arange(4 * n + 4).reshape(n + 1, 4) - 3
+        self.by_family = np.argsort(np.append(places[1:, :2], places[:, 2:].ravel()[1:]))
+        self.signs = np.tile([1.0, 1.0, -1.0, -1.0], n + 1)
+        self.search = kernel(self._search)
+
+    def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
+        return Lowest(*self.search((rotor, speed), named))
+
+    def _search(self, case: _Case, named: Named) -> tuple[Entries, Number]:
+        rotor, speed = case
+        equations, numbers = self.model.equations(rotor), _numbers(rotor, speed)
+        element: Any = equations.element  # type: ignore[attr-defined]
+        q, steady = _steady(equations, speed)
+        few, scale = ritz.bending(self.most[Direction.IN_PLANE]), rotor.beam.frequency_scale
+        omega, modes = few.guess(
+            *_numbers_of_bending(numbers, 1.0, numbers.speed**2, numbers.softness)
+        )
+        bends = Guess(scale * omega, _guessed(modes, self.across @ few.functions))
+        pulls = _pulls(numbers, self.most[Direction.AXIAL], self.along)
+        pulls = pulls._replace(omega=scale * pulls.omega)
+        pencil = self._pencil(equations, speed, q)
+        found = coupled(pencil, self.by_family, bends, pulls, named, self.count)
+        root = jnp.stack([jnp.zeros_like(q[0]), q[0] / equations.length])[:, None]
+        strain = element.strain(root)[0]
+        return found._replace(certain=found.certain * steady), strain
+
+    def _pencil(self, equations: Equations, speed: Number, q: Vector) -> Pencil:
+        k, c = equations.tangents(spinning(speed), q, jnp.zeros_like(q), None)
+        mass: Any = equations.mass
+        m = jnp.broadcast_to(mass.rows, k.rows.shape)
+        # Quadrature: rows of w and of u see the Coriolis force with opposite signs.
+        signed = c.rows * beside(self.signs.reshape(-1, 4, 1), q.ndim - 1)
+        return Pencil(*(_banded(rows) for rows in (k.rows, m, signed)))
+
+
+def _steady(equations: Equations, speed: Number) -> tuple[Vector, Number]:
+    """The steady state by Newton's method, and whether it was found."""
+    size, hub = jnp.broadcast_to(equations.length, speed.shape), spinning(speed)
+
+    def go_on(state: tuple[Array, ...]) -> Array:
+        return (state[0] < 20) & jnp.any(state[2] < 1)
+
+    def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        i, q, done = state
+        rest = jnp.zeros_like(q)
+        k, _ = equations.tangents(hub, q, rest, None)
+        step = k.inverse() @ equations.force(hub, q, rest, None)
+        small = jnp.where(total(step**2) < (1e-9 * size) ** 2, 1.0, 0.0)
+        return i + 1, jnp.where(done < 1, q + step, q), jnp.where(done < 1, small, done)
+
+    zero = jnp.zeros((equations.mass.shape[0], *speed.shape), speed.dtype)
+    state: tuple[Array, ...] = (jnp.zeros((), int), zero, jnp.zeros_like(speed))
+    _, q, done = jax.lax.while_loop(go_on, improve, state)
+    return q, done
+
+
+def _at_nodes(at: Functions) -> np.ndarray:
+    """Values and slopes of functions, node by node."""
+    both = np.stack([at.value, at.slope], 1)
+    return both.reshape(-1, both.shape[-1])
+
+
+def _banded(rows: Float[Array, "k 4 12 *lanes"]) -> Band:
+    longer = jnp.concatenate([rows, jnp.zeros_like(rows[:, :, :3])], 2)
+    columns = jnp.stack([longer[:, i, 4 + i : 12 + i] for i in range(4)], 1)
+    return columns.reshape(-1, *columns.shape[2:])[3:]

@@ -1,0 +1,241 @@
+"""All modes of small motion by dense eigenproblems, one case at a time: for whatever there is."""
+
+import functools
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from jaxbeam._models.contract.base import LinearSystem
+from jaxbeam._modes.result import Modes
+from jaxbeam._modes.wanted import Wanted
+from jaxbeam._numerics.linalg import (
+    columns,
+    gyroscopic_eigenpairs,
+    planar_eigenpairs,
+    symmetric_modes,
+)
+from jaxbeam._numerics.quadratic import quadratic_eigenpairs
+from jaxbeam._rotor.directions import Direction
+from jaxbeam._status import Status
+
+TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
+
+
+def general(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
+    """The modes wanted, whether or not the steady state is stable, with numbers where there are
+    any; with `free` also where hinges leave motions that nothing holds."""
+    eigenvalue, shape, direction, number, positive = _selected(system, wanted, free)
+    matrices = (system.mass, system.by_rates, system.stiffness)
+    residual = _residual(matrices, eigenvalue, shape)
+    tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
+    status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
+    finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
+    status = jnp.where(finite, status, Status.NOT_FINITE)
+    status = jnp.where(positive, status, Status.NO_EQUILIBRIUM)
+    status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
+    share = energy_share(system.mass, shape, system.directions)
+    return Modes(
+        eigenvalue, shape, direction, number, share, residual, status, system.steady_strain
+    )
+
+
+def energy_share(
+    mass: Float[Array, "n n"], shape: Complex[Array, "k n"], directions: tuple[Direction, ...]
+) -> Float[Array, "k 4"]:
+    """Share of the kinetic energy that is in each `Direction`."""
+    kinetic = (shape.conj() * (shape @ mass)).real
+    share = kinetic @ (np.array(directions)[:, None] == np.array(Direction)[None]).astype(
+        mass.dtype
+    )
+    return share / jnp.sum(share, -1, keepdims=True)
+
+
+def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, ...]:
+    """Eigenvalues, shapes, directions and orders of the modes wanted, and whether the axial stiffness
+    is positive definite."""
+    groups = [
+        _plane(system, transverse, axial, free)
+        for transverse, axial in system.coupling
+        if system.where(*dict.fromkeys(transverse + axial)).size
+    ]
+    rows = np.concatenate([group.rows for group in groups])
+    family_of, number_of = _labels(system.directions, rows)
+    eigenvalue = jnp.concatenate([group.eigenvalue for group in groups])
+    shape = jax.scipy.linalg.block_diag(*[group.shape for group in groups])
+    starts = np.cumsum([0, *(group.rows.size for group in groups)])
+    label = jnp.concatenate([a.label + i for a, i in zip(groups, starts[:-1], strict=True)])
+    direction, number = family_of[label], number_of[label]
+    if wanted.named is None:
+        square = -(eigenvalue**2).real
+        if system.general:  # they come in order
+            square = jnp.arange(square.size, dtype=square.dtype)
+        if not wanted.most[Direction.FLAP]:
+            square = jnp.where(direction == Direction.FLAP, jnp.inf, square)
+        pick = jnp.argsort(square)[: wanted.count]
+        direction, number = direction[pick], number[pick]
+    else:
+        directions, numbers = (a[:, None] for a in wanted.named)
+        named = (direction[None] == directions) & (number[None] == numbers)
+        pick, (direction, number) = jnp.argmax(named, axis=1), wanted.named
+    positive = functools.reduce(jnp.logical_and, [group.positive for group in groups])
+    return eigenvalue[pick], shape[pick][:, np.argsort(rows)], direction, number, positive
+
+
+class _Plane(NamedTuple):
+    """What is found in one plane: modes in coordinates `rows`, and the label of each as the place
+    among `rows` of the coordinate that bears the same one."""
+
+    rows: np.ndarray
+    eigenvalue: Complex[Array, " n"]
+    shape: Complex[Array, "n n"]
+    label: Int[Array, " n"]
+    positive: Array
+
+
+def _labels(directions: tuple[Direction, ...], rows: np.ndarray) -> tuple[Array, Array]:
+    """Direction of each coordinate, and its number within the direction."""
+    kinds = np.asarray([int(directions[row]) for row in rows])
+    return jnp.asarray(kinds), jnp.asarray(
+        [sum(kinds[:i] == kinds[i]) + 1 for i in range(rows.size)]
+    )
+
+
+def _plane(
+    system: LinearSystem,
+    transverse: tuple[Direction, ...],
+    axial: tuple[Direction, ...],
+    free: bool,
+) -> _Plane:
+    """All modes of directions that are coupled, or of one alone."""
+    directions = tuple(dict.fromkeys(transverse + axial))
+    rows = system.where(*directions)
+    n = rows.size
+    m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.by_rates, system.stiffness))
+    if system.general:
+        pairs = quadratic_eigenpairs(m, g, k, system.conservative)
+    elif transverse == axial:
+        pairs = gyroscopic_eigenpairs(m, g, k, free)
+    else:
+        pairs = planar_eigenpairs(m, g, k, system.where(*transverse).size, free)
+    sizes = [size for direction in directions if (size := system.where(direction).size)]
+    label = jnp.arange(n)
+    shape = pairs.right
+    if len(sizes) > 1:  # in one direction alone the rank is the order
+        own = _even(k) if system.general else k
+        here = [direction for direction in directions if system.where(direction).size]
+        # What moves in quadrature to bending alone does not follow it.
+        bent = system.general or transverse == axial or Direction.FLAP in axial
+        label = _assign(_participation(m, own, shape, here, sizes, free, bent))
+    if system.general:
+        shape = _apart(m, shape, coupled(m, g, k, sizes)[label])
+    return _Plane(rows, pairs.eigenvalue, shape, label, pairs.positive == 1)
+
+
+def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:
+    """The coordinates that are coupled with modes of these directions."""
+    rows = system.where(*Direction)
+    sizes = [size for f in Direction if (size := system.where(f).size)]
+    own = np.ix_(rows, rows)
+    m, c, k = system.mass[own], system.by_rates[own], system.stiffness[own]
+    linked = coupled(m, c, k, sizes)[:, np.argsort(rows)]
+    first = [np.argmax(np.array(system.directions)[rows] == f) for f in Direction]
+    return linked[jnp.array(first)[direction]]
+
+
+def coupled(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, "n n"]:
+    """Whether each two coordinates are coupled: their directions, of these sizes, stand one behind
+    the other, are coupled, be it by way of others."""
+    eps = 1e4 * jnp.finfo(m.dtype).eps
+    ends = np.cumsum([0, *sizes])
+    parts = [slice(*each) for each in itertools.pairwise(ends)]
+
+    def largest(a: Array) -> Array:
+        return jnp.stack([jnp.stack([jnp.max(jnp.abs(a[i, j])) for j in parts]) for i in parts])
+
+    heavy, damped, stiff = largest(m), largest(c), largest(k)
+    own = [jnp.sqrt(jnp.diag(a)) for a in (heavy, stiff)]
+    unit_m, unit_k = (a[:, None] * a[None] for a in own)
+    linked = (
+        (heavy > eps * unit_m) | (stiff > eps * unit_k) | (damped**2 > eps**2 * unit_m * unit_k)
+    )
+    linked = linked | linked.T | jnp.eye(len(parts), dtype=bool)
+    for _ in range(2):  # by way of up to three others
+        linked = jnp.any(linked[:, :, None] & linked[None], 1)
+    direction = np.repeat(np.arange(len(parts)), sizes)
+    return linked[np.ix_(direction, direction)]
+
+
+def _apart(m: Array, x: Array, inside: Array) -> Array:
+    """Modes without what is not coupled with them, of which they may have taken some where two have
+    the same eigenvalue."""
+    x = jnp.where(inside, x, 0.0)
+    mass = jnp.sum(x.conj() * (x @ m), 1).real
+    return x / jnp.sqrt(mass)[:, None]
+
+
+def _participation(
+    m: Array, k: Array, x: Array, directions: Sequence[Direction], sizes: Sequence[int], free: bool,
+    bent: bool,
+) -> Float[Array, "n n"]:  # fmt: skip
+    """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j; `sizes` are
+    those of the directions, one behind the other. About states that are `bent` axial motion follows
+    bending: a beam that may only move across cannot but stretch."""
+    parts, ends = [], np.cumsum([0, *sizes])
+    places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
+    axial = places.get(Direction.AXIAL)
+    for direction, part in places.items():
+        follows = bent and axial is not None and direction in (Direction.IN_PLANE, Direction.FLAP)
+        unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
+        if not follows:
+            v = symmetric_modes(m[part, part], k[part, part], free)
+            parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
+            continue
+        assert axial is not None
+        with_it = columns(k[axial, axial], k[axial, part])
+        moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
+        inertia, stiffness = (moved.T @ a @ moved for a in (m, k))
+        v = symmetric_modes(_even(inertia), _even(stiffness), free)
+        parts.append(jnp.abs(x @ m @ (moved @ v.T)) ** 2)
+    share = jnp.concatenate(parts, axis=1)
+    return share / jnp.sum(share, axis=1, keepdims=True)
+
+
+def _even(a: Array) -> Array:
+    return (a + a.T) / 2
+
+
+def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:
+    """Column for each row: the largest entry first, each row and column used once.
+
+    All pairs that prefer each other are settled at once, which ends in the same assignment as
+    taking the largest entry left, in a few rounds instead of n.
+    """
+    n = share.shape[0]
+
+    def body(state: tuple[Array, Array]) -> tuple[Array, Array]:
+        left, column = state
+        preferred = jnp.argmax(left, axis=1)
+        mutual = (column < 0) & (jnp.argmax(left, axis=0)[preferred] == jnp.arange(n))
+        taken = jnp.any(mutual[:, None] & (preferred[:, None] == jnp.arange(n)[None]), axis=0)
+        left = jnp.where(mutual[:, None] | taken[None], -1.0, left)
+        return left, jnp.where(mutual, preferred, column)
+
+    # NaN, from a case that failed, would never settle.
+    start = jnp.where(jnp.isnan(share), 0.0, share)
+    return jax.lax.while_loop(lambda state: jnp.any(state[1] < 0), body, (start, jnp.full(n, -1)))[
+        1
+    ]
+
+
+def _residual(matrices: tuple[Array, Array, Array], lam: Array, x: Array) -> Float[Array, " k"]:
+    norm = jnp.linalg.norm
+    m, g, k = matrices
+    q = lam[:, None] ** 2 * (x @ m.T) + lam[:, None] * (x @ g.T) + x @ k.T
+    size = jnp.abs(lam)
+    m, g, k = norm(jnp.stack(matrices), axis=(1, 2))
+    return norm(q, axis=-1) / ((size**2 * m + size * g + k) * norm(x, axis=-1))

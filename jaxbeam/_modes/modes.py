@@ -1,0 +1,343 @@
+"""Frequencies, growth rates and mode shapes about steady rotation, labelled and differentiable."""
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Inexact
+
+from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case, guarded
+from jaxbeam._models.contract.loaded import (
+    Conditions,
+    checked_conditions,
+    guarded_conditions,
+    system_of,
+)
+from jaxbeam._modes.banded import Bands, Lowest, bands_of
+from jaxbeam._modes.dense import TOLERANCE, coupled_with, energy_share, general
+from jaxbeam._modes.result import Modes, own_tip
+from jaxbeam._modes.wanted import Wanted, choose
+from jaxbeam._numerics.linalg import quotient, solve
+from jaxbeam._programs.batches import batchable, mended
+from jaxbeam._programs.platforms import by_platform
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless, without_derivatives
+from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.directions import CouplingGroup, Direction, Label, is_hinged
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Real, Scalar, Vectors
+
+RESOLVED = 1e-3  # the largest error of a frequency, relative, that is not a failure
+MANY = 256  # cases from which it pays to compile what is fast for a CPU
+
+
+def modes(
+    model: AbstractModel,
+    rotor: Rotor,
+    angular_speed: Real,
+    which: int | Sequence[Label] | None = None,
+    *,
+    loads: Loads = NO_LOADS,
+    damping: Damping = NO_DAMPING,
+    throw: bool = True,
+) -> Modes:
+    """Modes of small vibration about steady rotation at `angular_speed` (rad/s).
+
+    About the state that `loads` deform, if there are any: gravity, which has to be along the axis
+    where the beam turns, a force along the span, and force and moment at the tip, constant in the
+    hub or following (see `Loads`); with `damping`, of which `Modes.damping_ratio` tells. Anything
+    may be coupled then, growing modes are found whatever the cause, and there is no
+    `frequency_error`. Models that are linear know only the force along the beam.
+
+    `which` is how many, lowest first (growing ones before all), six by default, or the labels
+    wanted, in that order (see `labels`). Real symmetric computations while the stiffness is
+    positive definite, the general eigenproblem with growth rates where it is not. In a batch of 256
+    cases or more, by one `jax.vmap` or several, models that have `bands` are some ten times faster
+    a case, and compile for longer; on a GPU, which is slow with dense ones, in any batch.
+
+    Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
+    both modes and to any order, wherever the eigenvalue is simple within its plane; crossings of
+    flap with in-plane modes are harmless. Where pitch or twist couple the two a label goes to the
+    mode that has most of the uncoupled one in it, and `energy_share` says how mixed it is. First
+    derivatives of eigenvalues cost no linear solve:
+    d lambda = -y^T (lambda^2 dM + lambda dG + dK) x / y^T (2 lambda M + G) x.
+
+    `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps. The
+    numbers of a case that failed are NaN, and so are their derivatives in forward mode; in reverse
+    mode they are zero, lest they spoil gradients by parameters that cases of a batch share.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, and, with `throw`, `ValueError` for
+    a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where no steady state
+    exists or is found.
+    """
+    model, rotor, speed = checked_case(model, rotor, angular_speed)
+    conditions = checked_conditions(loads, damping)
+    result = find(model, rotor, speed, choose(model, which), conditions=conditions)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+@Program
+def find(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool = True,
+    conditions: Conditions | None = None,
+) -> Modes:  # fmt: skip
+    """What `modes` does once its arguments are checked; unless `judged`, modes are those of the
+    model, however many of its functions they would need."""
+    alone = conditions is None
+    if conditions is None:
+        given, rotor, speed = guarded(rotor, speed)
+    else:
+        given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
+    bands = bands_of(model, wanted.most, wanted.count) if alone and rotor.is_plain else None
+    system = system_of(model, rotor, speed, conditions)
+    fixed = without_derivatives((system, (rotor, speed, wanted)))
+    free = is_hinged(rotor)
+    found = general(fixed[0], wanted, free) if bands is None else _search(model, bands, *fixed)
+    status = jnp.where(given == Status.OK, found.status, given)
+    error = _error(model, *fixed, found) if judged and alone else None
+    if error is not None:
+        unresolved = (status == Status.OK) & ~(jnp.max(error) <= RESOLVED)
+        status = jnp.where(unresolved, Status.TOO_FEW_FUNCTIONS, status)
+    ok = status == Status.OK
+    eigenvalue, shape = _differentiable(system, ok, found)
+    if bands is not None and bands.has_forms:
+        eigenvalue = _eigenvalue(bands, rotor, speed, eigenvalue, shape)
+    share = _valued(found.energy_share, energy_share(system.mass, shape, system.directions))
+    return Modes(
+        eigenvalue=nan_unless(ok, eigenvalue),
+        shape=nan_unless(ok, shape * _sign(model, rotor, system, shape, found.direction)[:, None]),
+        direction=found.direction,
+        number=found.number,
+        energy_share=nan_unless(ok, share),
+        residual=found.residual,
+        status=status,
+        steady_strain=nan_unless(ok, _valued(found.steady_strain, system.steady_strain)),
+        frequency_error=error,
+        model=model,
+    )
+
+
+def _error(
+    model: AbstractModel, system: LinearSystem, case: tuple[AnyRotor, Scalar, Wanted], found: Modes
+) -> Array | None:
+    rotor, speed, _ = case
+    return model.frequency_error(system, rotor, speed, found.eigenvalue, found.shape)
+
+
+def _search(
+    model: AbstractModel, bands: Bands, system: LinearSystem, case: tuple[AnyRotor, Scalar, Wanted]
+) -> Modes:
+    """The modes: by dense matrices, which compile soon; of many cases by bands, and by dense
+    matrices where that is not certain."""
+    leaves, tree = jax.tree.flatten((system, case))
+
+    def dense(leaves: list[Array]) -> Modes:
+        system, (_, _, wanted) = jax.tree.unflatten(tree, leaves)
+        return general(system, wanted)
+
+    def quick(leaves: list[Array]) -> tuple[Modes, Array]:
+        _, (rotor, speed, wanted) = jax.tree.unflatten(tree, leaves)
+        named = wanted.named and tuple(a.astype(speed.dtype) for a in wanted.named)
+        found = bands.lowest(rotor, speed, named)
+        return _as_found(model, found), is_certain(found)
+
+    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Modes:
+        axes = [0 if varies else None for varies in own]
+
+        def by_bands(leaves: list[Array]) -> Modes:
+            def again(which: Array) -> Modes:
+                here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
+                _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
+                # Not the matrices that are there: they need not be made of all cases then.
+                return general(model.matrices(rotor, speed), wanted)
+
+            return mended(*jax.vmap(quick, (axes,))(leaves), again)
+
+        if size >= MANY:
+            return by_bands(leaves)
+        # Elsewhere libraries take one case at a time for much longer than bands take all.
+        return by_platform(leaves, cpu=jax.vmap(dense, (axes,)), default=by_bands)
+
+    return batchable(dense, many)(leaves)
+
+
+def is_certain(found: Lowest) -> Array:
+    """Whether a search in bands can be relied on."""
+    entries = found.entries
+    small = TOLERANCE * jnp.finfo(entries.residual.dtype).eps
+    numbers = jnp.isfinite(entries.omega) & jnp.all(jnp.isfinite(entries.x), 1)
+    return jnp.all((entries.certain > 0) & (entries.residual <= small) & numbers)
+
+
+def _as_found(model: AbstractModel, found: Lowest) -> Modes:
+    omega, x, direction, number, along, residual, _ = found.entries
+    axial = np.array([direction == Direction.AXIAL for direction in model.directions])
+    shape = jax.lax.complex(jnp.where(axial, 0.0, x), jnp.where(axial, -x, 0.0))
+    flat = jnp.where(direction == Direction.FLAP, 1.0, 0.0)
+    return Modes(
+        eigenvalue=jax.lax.complex(0 * omega, omega),
+        shape=shape,
+        direction=direction.astype(int),
+        number=number.astype(int),
+        energy_share=jnp.stack([1 - flat - along, flat, along, 0 * flat], -1),
+        residual=residual,
+        status=jnp.asarray(Status.OK).astype(int),
+        steady_strain=found.strain,
+    )
+
+
+def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Array, Array]:
+    """Eigenvalues and shapes, with derivatives by all that the matrices depend on."""
+    dtype = system.mass.dtype
+    kinds = np.array(system.directions)
+    if system.general:
+        inside = coupled_with(system, found.direction).astype(dtype)
+        return _pairs(system, ok, found, inside, None)
+    signature = np.where(_in_quadrature(system.coupling)[kinds], -1.0, 1.0)
+    signature = np.where(_mixed(system.coupling)[kinds], 0.0, signature)
+    place = np.array(
+        [[f in first + second for f in Direction] for first, second in system.coupling]
+    )
+    group = np.argmax(place, 0)
+    inside = (group[kinds][None] == jnp.asarray(group)[found.direction][:, None]).astype(dtype)
+    return _pairs(system, ok, found, inside, jnp.asarray(signature, dtype))
+
+
+def _pairs(
+    system: LinearSystem, ok: Array, found: Modes, inside: Array, signature: Array | None
+) -> tuple[Array, Array]:
+    dtype = system.mass.dtype
+    # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
+    # later is the end of it: gradients of other cases by shared parameters stay finite.
+    identity = jnp.eye(len(system.directions), dtype=dtype)
+    matrices = (system.mass, system.by_rates, system.stiffness)
+    instead = (identity, 0 * identity, 2 * identity)
+    return _eigenpairs(
+        *(jnp.where(ok, a, b) for a, b in zip(matrices, instead, strict=True)),
+        jnp.where(ok, found.eigenvalue, 1j),
+        jnp.where(ok, found.shape, identity[jnp.argmax(inside, axis=1)]),
+        inside,
+        signature,
+    )
+
+
+@jax.custom_jvp
+def _valued(value: Array, formula: Array) -> Array:
+    """A value that is known, with the derivatives of a formula for it."""
+    return value
+
+
+@_valued.defjvp
+def _valued_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    return _valued(*primals), tangents[1]
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _eigenvalue(
+    bands: Bands, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
+) -> Array:
+    """Eigenvalues that know their derivatives by rotor and speed,
+
+        d lambda = -(lambda^2 dm + lambda dg + dk) / (2 lambda m + g),
+
+    m = x^T S M x and so on. Those of the shapes matter to higher derivatives alone.
+    """
+    return eigenvalue
+
+
+@_eigenvalue.defjvp
+def _eigenvalue_jvp(bands: Bands, primals: Any, tangents: Any) -> tuple[Array, Array]:
+    rotor, speed, _, shape = primals
+    # Through the function itself, not its arguments: then this rule can be differentiated again.
+    lam = _eigenvalue(bands, *primals)
+
+    def forms(rotor: Rotor, speed: Scalar) -> Any:
+        return bands.forms(rotor, speed, shape)
+
+    (m, g, _), (dm, dg, dk) = jax.jvp(forms, (rotor, speed), tangents[:2])
+    return lam, -(lam**2 * dm + lam * dg + dk) / (2 * lam * m + g)
+
+
+@jax.custom_jvp
+def _eigenpairs(
+    mass: Array,
+    gyroscopic: Array,
+    stiffness: Array,
+    eigenvalue: Array,
+    shape: Array,
+    inside: Array,
+    signature: Array | None,
+) -> tuple[Array, Array]:
+    """Identity on (eigenvalue, shape) that knows their derivatives by the three matrices.
+
+    Left eigenvectors are y = S x, S = diag(`signature`), because M and K are symmetric and G is
+    skew and couples only coordinates of opposite signature; where it couples others too, where the
+    signature is zero, those of stable modes are the conjugates of x. Without a `signature` nothing
+    is known of them, and they are found from the transposed matrix.
+    """
+    return eigenvalue, shape
+
+
+@_eigenpairs.defjvp
+def _eigenpairs_jvp(
+    primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    m, g, k, _, _, inside, signature = primals
+    dm, dg, dk = tangents[:3]
+    # Through the function itself, not its arguments: then this rule can be differentiated again.
+    eigenvalue, shape = _eigenpairs(*primals)
+
+    def one(lam: Array, x: Array, group: Array) -> tuple[Array, Array]:
+        force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
+        slope = 2 * lam * (m @ x) + g @ x
+        # [Q, Q'x; (S M x)^T, 0] [dx; dlam] = [-dQ x; -x^T S dM x / 2], Q = lam^2 M + lam G + K,
+        # regular for a simple eigenvalue. Rows of the other plane are replaced by dx = 0, since
+        # there Q may be singular: flap and in-plane frequencies of a square section coincide.
+        within = group[:, None] * group[None]
+        q = jnp.where(within > 0, lam**2 * m + lam * g + k, jnp.diag(1 - group))
+        border = jnp.where(lam == 0, m @ x + 0j, slope)  # of lambda^2, where d lambda is infinite
+        like = x.conj() if signature is None else jnp.where(signature == 0, x.conj(), signature * x)
+        held = (like @ m)[None]
+        bordered = jnp.block([[q, border[:, None]], [held, jnp.zeros((1, 1))]])
+        left = like
+        if signature is None:
+            unit = jnp.zeros(len(x) + 1, x.dtype).at[-1].set(1.0)
+            left = solve(bordered.T, unit)[:-1]
+        right = jnp.concatenate([-force * group, -0.5 * (like @ (dm @ x))[None]])
+        return -quotient(left @ force, left @ slope), solve(bordered, right)[:-1]
+
+    return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, inside)
+
+
+def _in_quadrature(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
+    """Whether each direction moves in quadrature to others."""
+    return np.array(
+        [any(f in second and f not in first for first, second in coupling) for f in Direction]
+    )
+
+
+def _mixed(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
+    """Whether all may be coupled with each direction."""
+    return np.array(
+        [any(f in first and f in second for first, second in coupling) for f in Direction]
+    )
+
+
+def _sign(
+    model: AbstractModel, rotor: AnyRotor, system: LinearSystem, shape: Vectors, direction: Array
+) -> Inexact[Array, " k"]:
+    """Sign that makes the tip move the positive way in the direction that names the mode."""
+    own = whole = own_tip(model, rotor, shape, direction, system.shapes)
+    # Stable parts in quadrature are imaginary: x = (w, -i u).
+    own = jnp.where(jnp.asarray(_in_quadrature(system.coupling))[direction], -own.imag, own.real)
+    sign = jnp.where(own < 0, -1.0, 1.0)
+    if _mixed(system.coupling).any():  # then any phase is a sign
+        moving = jnp.where(whole == 0, 1.0, whole)
+        sign = jnp.where(
+            jnp.asarray(_mixed(system.coupling))[direction], jnp.abs(moving) / moving, sign
+        )
+    return jax.lax.stop_gradient(sign)

@@ -1,0 +1,197 @@
+"""The lowest modes of motion about straight steady rotation, by inverse iteration in bands.
+
+Transverse motion w and axial motion u move in quadrature, so that stable modes are where
+
+    D(omega) = K - omega^2 M + omega C,   C symmetric, from the Coriolis coupling of w and u,
+
+is singular. Bending polynomials and elements both give narrow bands. Ritz problems of few
+functions, which all beams share, guess the modes without C; inverse iterations with Rayleigh
+quotients make them exact, and Sylvester's law says whether they are the ones asked for. What it
+cannot vouch for is told, and left to others. All is written for `kernel`.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._numerics.band import Pencil, factors, product, refined
+from jaxbeam._numerics.blocks import padded
+from jaxbeam._programs.lanes import beside, total
+from jaxbeam._rotor.directions import Direction
+
+Named = tuple[Array, Array] | None  # directions and numbers of the modes wanted, or the lowest
+_CLEAR = 0.6  # share of the kinetic energy from which a mode bears a label for certain
+
+
+class Entries(NamedTuple):
+    """Modes: all arrays are of p modes, those of lanes behind.
+
+    x = (w, u) is real: the mode is (w, -i u), of unit modal mass. `certain` is one where all else
+    is right, else zero.
+    """
+
+    omega: Float[Array, "p *lanes"]
+    x: Float[Array, "p n *lanes"]
+    direction: Float[Array, "p *lanes"]
+    number: Float[Array, "p *lanes"]
+    axial_share: Float[Array, "p *lanes"]  # of the kinetic energy
+    residual: Float[Array, "p *lanes"]
+    certain: Float[Array, "p *lanes"]
+
+
+class Guess(NamedTuple):
+    """Modes of one direction without coupling, lowest first, right to some 1e-3 and not scaled."""
+
+    omega: Float[Array, "k *lanes"]
+    x: Float[Array, "k n *lanes"]
+
+
+def coupled(
+    pencil: Pencil, places_in_model: np.ndarray, bends: Guess, pulls: Guess,
+    named: Named, count: int,
+) -> Entries:  # fmt: skip
+    """Modes in the plane of rotation: those of directions and numbers `named`, or the lowest.
+
+    `places_in_model` says for each coordinate where it is in (w, u).
+    """
+    n_bends, n_pulls = len(bends.omega), len(pulls.omega)
+    lanes = bends.omega.ndim - 1
+    directions = np.repeat([float(Direction.IN_PLANE), float(Direction.AXIAL)], [n_bends, n_pulls])
+    numbers = np.concatenate([1.0 + np.arange(n_bends), 1.0 + np.arange(n_pulls)])
+    directions, numbers = beside(directions, lanes), beside(numbers, lanes)
+    is_axial = beside(places_in_model >= bends.x.shape[1], lanes)
+
+    def alone(parts: tuple[Array, Array]) -> tuple[Array, Array]:
+        """An uncoupled mode, and its momenta, of unit modal mass."""
+        both = jnp.concatenate(parts)
+        x = jnp.stack([both[i] for i in places_in_model])
+        heavy = product(pencil.m, x)
+        return x, heavy / jnp.sqrt(total(x * heavy))
+
+    no_bend = jnp.broadcast_to(0 * bends.x[:1], (n_pulls, *bends.x.shape[1:]))
+    no_pull = jnp.broadcast_to(0 * pulls.x[:1], (n_bends, *pulls.x.shape[1:]))
+    parts = jnp.concatenate([bends.x, no_bend]), jnp.concatenate([no_pull, pulls.x])
+    start, heavy = jax.lax.map(alone, parts)
+    guess = jnp.concatenate([bends.omega, pulls.omega])
+    rank = ranks(guess)
+
+    def one(mode: Any) -> tuple[Array, ...]:
+        """Refined, with its label: the share of one must be clear, and as many modes be below as
+        their guesses say. There are none of all bending below an axial mode that is asked for, but
+        its own, of a beam at rest, is known well."""
+        pick = _picked(mode, rank, directions, numbers)
+        present = total(_number(pick)) > 0  # else it is in another plane: begin with the first here
+        pick = pick | (~present & beside(np.arange(len(guess)) == 0, lanes))
+        found = refined(
+            pencil, total(jnp.where(pick, guess, 0.0)), total(jnp.where(pick[:, None], start, 0.0))
+        )
+        bears = jax.lax.map(lambda heavy: total(found.x * heavy) ** 2, heavy) > _CLEAR
+        clear = (total(_number(bears)) == 1) & (total(_number(bears & pick)) == 1) & found.done
+        placed = total(jnp.where(bears, rank, 0.0)) == found.below
+        if named is not None:
+            placed = placed | (mode[0] == Direction.AXIAL)
+        clear = clear & placed
+        direction, number = (total(jnp.where(pick, a, 0.0)) for a in (directions, numbers))
+        return (
+            found.omega, found.x, jnp.where(present, direction, -1.0), number,
+            total(jnp.where(is_axial, found.x * product(pencil.m, found.x), 0.0)),
+            residual(pencil, found.omega, found.x), _number(clear | ~present),
+        )  # fmt: skip
+
+    found = Entries(*jax.lax.map(one, _each(named, count)))
+    pivots, _ = factors(pencil.k)
+    return found._replace(certain=jnp.where(jnp.all(pivots > 0, 0), found.certain, 0.0))
+
+
+def transverse(pencil: Pencil, direction: Direction, guess: Guess) -> Entries:
+    """Modes of bending that nothing is coupled with."""
+    lanes = guess.omega.ndim - 1
+
+    def one(mode: tuple[Array, ...]) -> tuple[Array, ...]:
+        omega, x, place = mode
+        found = refined(pencil, omega, x)
+        certain = _number(found.done & (found.below == place))
+        return found.omega, found.x, residual(pencil, found.omega, found.x), certain
+
+    places = np.arange(float(len(guess.omega)))
+    omega, x, left, certain = jax.lax.map(one, (*guess, places))
+    none = jnp.zeros_like(omega)
+    return Entries(
+        omega, x, float(direction) + none, 1 + beside(places, lanes) + none, none, left, certain
+    )
+
+
+def chosen(
+    groups: Sequence[Entries], named: Named, count: int, places_in_model: np.ndarray
+) -> Entries:
+    """The modes named, or the lowest, of several groups; their coordinates, one group behind
+    the other, in this order. They are zero of planes that are not there."""
+    omega, direction, number, share, left, certain = (
+        jnp.concatenate([getattr(group, field) for group in groups])
+        for field in Entries._fields
+        if field != "x"
+    )
+    if named is None:
+        # The order of all, should one of them not be what it seems, is not to be relied on.
+        certain = jnp.where(jnp.all(certain > 0, 0), certain, 0.0)
+    rank = ranks(omega)
+
+    def one(mode: Any) -> tuple[Array, ...]:
+        pick = _picked(mode, rank, direction, number)
+        parts, first = [], 0
+        for group in groups:
+            mine = pick[first : first + len(group.x), None]
+            parts.append(total(jnp.where(mine, group.x, 0.0)))
+            first += len(group.x)
+        size = sum(len(part) for part in parts)
+        x = padded(jnp.concatenate(parts), 0, len(places_in_model) - size)
+        numbers = [
+            total(jnp.where(pick, a, 0.0)) for a in (omega, direction, number, share, left, certain)
+        ]
+        return numbers[0], jnp.stack([x[i] for i in places_in_model]), *numbers[1:]
+
+    return Entries(*jax.lax.map(one, _each(named, count)))
+
+
+def _each(named: Named, count: int) -> Any:
+    """Mode by mode what is asked for: a place in the order of all, or a direction and a number."""
+    return np.arange(float(count)) if named is None else named
+
+
+def _picked(mode: Any, rank: Array, direction: Any, number: Any) -> Array:
+    """Which of many modes it is, by one of `_each`."""
+    return (direction == mode[0]) & (number == mode[1]) if isinstance(mode, tuple) else rank == mode
+
+
+def residual(pencil: Pencil, omega: Array, x: Array) -> Float[Array, "*lanes"]:
+    """Residual of a mode, as `Modes` has it."""
+    parts: list[Any] = [(1.0, pencil.k, 1.0), (omega**2, pencil.m, -1.0)]
+    if pencil.c is not None:
+        parts.append((omega, pencil.c, 1.0))
+    terms = [sign * weight * product(a, x) for weight, a, sign in parts]
+    sizes = [
+        weight * jnp.sqrt(total(a[:, 0] ** 2 + 2 * jnp.sum(a[:, 1:] ** 2, 1)))
+        for weight, a, _ in parts
+    ]
+    left, size = (functools.reduce(jnp.add, some) for some in (terms, sizes))
+    return jnp.sqrt(total(left**2) / total(x**2)) / size
+
+
+def _number(true: Array) -> Array:
+    return jnp.where(true, 1.0, 0.0)
+
+
+def ranks(omega: Float[Array, "p *lanes"]) -> Float[Array, "p *lanes"]:
+    """How many are lower, or as low and before."""
+    before = beside(np.tri(len(omega), k=-1).astype(bool), omega.ndim - 1)
+
+    def one(row: tuple[Array, Array]) -> Array:
+        mine, earlier = row
+        return total(_number((omega < mine) | ((omega == mine) & earlier)))
+
+    return jax.lax.map(one, (omega, jnp.asarray(before)))

@@ -1,0 +1,1 @@
+"""Programs made fast: kernels over lanes, batches, loops whose batches wait for nobody. No word of beams."""

@@ -1,0 +1,165 @@
+"""Functions that know what to do with a batch, however many `jax.vmap` it comes from."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+from jaxtyping import Array
+
+from jaxbeam._programs.platforms import by_platform
+
+# From the number of cases, which leaves are of each case, and all leaves, to results (n, ...).
+Many = Callable[[int, tuple[bool, ...], list[Array]], Any]
+
+CPU_LANES = 32  # cases that a CPU works on together: their matrices stay in the cache
+
+
+_LARGE = 4 * CPU_LANES  # batches from which little is lost in the last row of so many lanes
+
+
+# From the same to results, and which of them are of each case; or None.
+Otherwise = Callable[[int, tuple[bool, ...], list[Array]], tuple[Any, Any] | None]
+
+
+def batchable(
+    one: Callable[..., Any], many: Many, apart: bool = False, unless: Otherwise | None = None
+) -> Callable[..., Any]:
+    """`one` of a list of arrays; a batch of it is `many`.
+
+    Batches of batches are one batch, in which cases get copies of what only some of them share. If
+    these can stay `apart`, large ones that share something come one after the other on a CPU, where
+    copies would take longer than the work. What `unless` has an answer to is not for `many`.
+    """
+    function = custom_vmap(lambda leaves: one(leaves))
+
+    @function.def_vmap
+    def rule(size: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
+        own = tuple(batched[0])
+        found = unless(size, own, leaves) if unless else None
+        if found is not None:
+            return found
+        out = _batch(many, size, own, apart, unless)(leaves)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return function
+
+
+def _batch(
+    many: Many, size: int, own: tuple[bool, ...], apart: bool = False,
+    unless: Otherwise | None = None,
+) -> Callable[..., Any]:  # fmt: skip
+    function = custom_vmap(lambda leaves: many(size, own, leaves))
+
+    def as_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
+        each = zip(leaves, own, varies, strict=True)
+        all_flat = [_flat(more, size, *one) for one in each]
+        moves = tuple(a or b for a, b in zip(own, varies, strict=True))
+        out = _batch(many, more * size, moves, apart, unless)(all_flat)
+        return jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
+
+    def in_turn(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
+        def each(moving: list[Array]) -> Any:
+            rest = iter(moving)
+            here = [next(rest) if v else a for a, v in zip(leaves, varies, strict=True)]
+            return many(size, own, here)
+
+        def on_cpu(leaves: list[Array]) -> Any:
+            return jax.lax.map(each, [a for a, v in zip(leaves, varies, strict=True) if v])
+
+        return by_platform(leaves, cpu=on_cpu, default=lambda leaves: as_one(more, varies, leaves))
+
+    @function.def_vmap
+    def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
+        varies = tuple(batched[0])
+        found = _case_by_case(unless, more, own, varies, leaves) if unless else None
+        if found is not None:
+            return found
+        shares = any(v and not o for v, o in zip(varies, own, strict=True))
+        if apart and shares and size >= _LARGE:
+            out = _batch(in_turn, more, varies)(leaves)
+        else:
+            out = as_one(more, varies, leaves)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return function
+
+
+def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None) -> Any:
+    """`one` of arrays; a CPU takes a batch case by case, what is `quick` elsewhere all at once.
+
+    For calls of libraries, which take batches on a GPU and would start many kernels for each case
+    there. `quick` finds the same, and whether it did; where it did not, `one` does, case by case.
+    Without it `one` itself takes the batch.
+    """
+    function = custom_vmap(one)
+
+    @function.def_vmap
+    def rule(size: int, batched: Any, *given: Array) -> tuple[Any, Any]:
+        axes = [0 if own else None for own in batched]
+
+        def on_cpu(*given: Array) -> Any:
+            def each(own: list[Array]) -> Any:
+                moving = iter(own)
+                here = [
+                    a if axis is None else next(moving) for a, axis in zip(given, axes, strict=True)
+                ]
+                return function(*here)
+
+            return jax.lax.map(each, [a for a, axis in zip(given, axes, strict=True) if axis == 0])
+
+        def elsewhere(*given: Array) -> Any:
+            if quick is None:
+                return jax.vmap(one, axes)(*given)
+            found, certain = jax.vmap(quick, axes)(*given)
+
+            def again(which: Array) -> Any:
+                return one(
+                    *(a if axis is None else a[which] for a, axis in zip(given, axes, strict=True))
+                )
+
+            return mended(found, certain, again)
+
+        out = by_platform(*given, cpu=on_cpu, default=elsewhere)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return function
+
+
+def mended(found: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
+    """What was found of a batch; what is not certain is found `again`, case by case."""
+    doubtful = jnp.argsort(certain)
+
+    def mend(i: Array, found: Any) -> Any:
+        which = doubtful[i]
+        return jax.tree.map(lambda all, one: all.at[which].set(one), found, again(which))
+
+    return jax.lax.fori_loop(0, jnp.sum(~certain), mend, found)
+
+
+def _flat(more: int, size: int, a: Array, own: bool, varies: bool) -> Array:
+    """A leaf of a batch of batches as one of a batch."""
+    if not own:
+        return jnp.repeat(a, size, 0) if varies else a
+    a = a if varies else jnp.broadcast_to(a, (more, *a.shape))
+    return a.reshape(more * size, *a.shape[2:])
+
+
+def _case_by_case(
+    unless: Otherwise, more: int, own: tuple[bool, ...], varies: tuple[bool, ...],
+    leaves: list[Array],
+) -> tuple[Any, Any] | None:  # fmt: skip
+    """What `unless` says to each case of a batch, which are all of one kind."""
+    flags: Any = None
+
+    def case(leaves: list[Array]) -> Any:
+        nonlocal flags
+        out, flags = unless(more, varies, leaves) or (None, None)
+        return out
+
+    axes = [(1 if v else 0) if o else None for o, v in zip(own, varies, strict=True)]
+    out = jax.vmap(case, (axes,))(leaves)
+    if flags is None:
+        return None
+    return jax.tree.map(lambda a, f: jnp.swapaxes(a, 0, 1) if f else a, out, flags), flags

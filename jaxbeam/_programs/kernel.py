@@ -1,0 +1,344 @@
+"""Short programs of many small operations, at the speed that the hardware allows.
+
+A step of a beam with few elements is some hundred operations on some hundred numbers. Run one by
+one they take longer to start than to finish; batched with the lanes in front, their short inner
+axes leave vector units idle. `kernel` mends both.
+"""
+
+import contextlib
+import functools
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_derivatives import SymbolicZero
+from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import ClosedJaxpr, JaxprEqn, jaxpr_as_fun
+from jaxtyping import Array
+
+from jaxbeam._programs.batches import CPU_LANES, batchable
+from jaxbeam._programs.lanes import total
+from jaxbeam._programs.platforms import by_platform
+
+# What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
+# (they go to libraries), scattering, sorting or calls of any other kind.
+# fmt: off
+_ALLOWED = frozenset({
+    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "concatenate",
+    "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
+    "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
+    "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
+    "reduce_and", "reduce_or", "reduce_sum", "reshape", "rev", "round", "rsqrt", "scan", "select_n",
+    "sign", "sin", "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub",
+    "transpose", "unstack", "while", "zeros_like",
+})
+# fmt: on
+_REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
+_FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
+
+
+def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., Any]:
+    """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
+
+    Reverse mode may be asked for once: higher derivatives are forward over that.
+    It must work on arrays with more axes, those of lanes, behind the axes that it knows, all lanes
+    alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
+    its first argument has lanes of length one if `shared`, to be broadcast as NumPy does.
+
+    On a CPU it and its first derivatives are compiled to one function each, where they consist of
+    operations that allow it. Keep what this returns: it is traced once.
+    """
+    plain = _jitted(function)
+    fast = _batched(plain, shared)
+    maps = functools.cache(functools.partial(_maps, plain))
+    pulled, both_ways = _in_reverse(fast, maps), _both_ways(fast, maps)
+
+    def call(*args: Any) -> Any:
+        return (pulled if _IN_REVERSE.get() else both_ways)(*args)
+
+    return call
+
+
+_IN_REVERSE: ContextVar[bool] = ContextVar("in_reverse", default=False)
+
+
+@contextlib.contextmanager
+def reverse_mode() -> Iterator[None]:
+    """Kernels called herein bear `jax.vjp` alone, and their programs hold nothing for `jax.jvp`."""
+    token = _IN_REVERSE.set(True)
+    try:
+        yield
+    finally:
+        _IN_REVERSE.reset(token)
+
+
+def _is_zero(rate: Any) -> bool:
+    return isinstance(rate, SymbolicZero)
+
+
+def _jitted(function: Callable[..., Any]) -> Callable[..., Any]:
+    @jax.jit
+    def run(*args: Any) -> Any:
+        with jax.numpy_rank_promotion("allow"):
+            return function(*args)
+
+    return run
+
+
+# From the tree of the arguments, and which of its leaves move, to what `_maps` returns for them.
+_Maps = Callable[[Any, tuple[bool, ...]], tuple[Callable[..., Any], Callable[..., Any]]]
+
+
+def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tuple[Any, Any]:
+    """Returns the map from (still, at, rates) to the rate of the result where some of the arguments
+    move, and the transpose of that."""
+
+    def partial(still: list[Array], at: list[Array]) -> Any:
+        rest, moved = iter(still), iter(at)
+        leaves = [next(moved) if moves else next(rest) for moves in moving]
+        return plain(*jax.tree.unflatten(tree, leaves))
+
+    def push(still: list[Array], at: list[Array], rates: list[Array]) -> Any:
+        return jax.jvp(lambda *at: partial(still, list(at)), at, rates)[1]
+
+    def pull(still: list[Array], at: list[Array], out: Any) -> Any:
+        return list(jax.vjp(lambda *at: partial(still, list(at)), *at)[1](out))
+
+    return push, pull
+
+
+def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
+    """Returns `fast` with derivatives in reverse mode alone."""
+
+    @functools.cache
+    def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+        return kernel(maps(tree, moving)[1], shared=False)
+
+    @jax.custom_vjp
+    def pulled(*args: Any) -> Any:
+        return fast(*args)
+
+    def forwards(*args: Any) -> tuple[Any, Any]:
+        values = jax.tree.map(lambda a: a.value, args)
+        moves = [a.perturbed for a in jax.tree.leaves(args)]
+        flat, tree = jax.tree.flatten(values)
+        at = [a if m else None for a, m in zip(flat, moves, strict=True)]
+        still = [None if m else a for a, m in zip(flat, moves, strict=True)]
+        structure = jax.tree_util.Partial(tree.unflatten)  # type: ignore[attr-defined]
+        return fast(*values), (structure, at, still)
+
+    def backwards(residuals: Any, out: Any) -> Any:
+        structure, at, still = residuals
+        unflatten = structure.func
+        moving = tuple(a is not None for a in at)
+        out = jax.tree.map(
+            lambda o: jnp.zeros(o.shape, o.dtype) if _is_zero(o) else o, out, is_leaf=_is_zero
+        )
+        some = ([a for a in part if a is not None] for part in (still, at))
+        tree = jax.tree.structure(unflatten(range(len(at))))
+        found = iter(transpose(tree, moving)(*some, out))
+        return unflatten([next(found) if moves else None for moves in moving])
+
+    pulled.defvjp(forwards, backwards, symbolic_zeros=True)
+    return pulled
+
+
+def _both_ways(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
+    """Returns `fast` with derivatives in both modes."""
+
+    @functools.cache
+    def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+        push, pull = maps(tree, moving)
+        return _linear_map(_jitted(push), _jitted(pull))
+
+    @jax.custom_jvp
+    def both_ways(*args: Any) -> Any:
+        return fast(*args)
+
+    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        at, tree = jax.tree.flatten(primals)
+        rates = jax.tree.leaves(tangents, is_leaf=_is_zero)
+        moving = tuple(not _is_zero(rate) for rate in rates)
+        parts = [
+            [a for a, moves in zip(leaves, moving, strict=True) if moves == which]
+            for leaves, which in ((at, False), (at, True), (rates, True))
+        ]
+        out = both_ways(*primals)
+        return out, derivative(tree, moving)(*parts, out)
+
+    both_ways.defjvp(rule, symbolic_zeros=True)
+    return both_ways
+
+
+def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[..., Any]:
+    """(still, at, rates, out) to push(still, at, rates), like out, with `pull` as its transpose.
+
+    As the solution of [[1, 0], [-T, 1]] (x, y) = (rates, 0): the one linear map with a transpose of
+    one's own that can also be batched, and differentiated again.
+    """
+    fast_push, fast_pull = _batched(push), _batched(pull)
+
+    def apply(still: list[Array], at: list[Array], rates: list[Array], out: Any) -> Any:
+        def matvec(xy: Any) -> Any:
+            x, y = xy
+            return x, jax.tree.map(jnp.subtract, y, push(still, at, x))
+
+        def solve(_: Any, xy: Any) -> Any:
+            x, y = xy
+            return x, jax.tree.map(jnp.add, y, fast_push(still, at, x))
+
+        def transpose_solve(_: Any, xy: Any) -> Any:
+            x, y = xy
+            return jax.tree.map(jnp.add, x, fast_pull(still, at, y)), y
+
+        # To be transposed, all of the right-hand side must be linear in what moves, zeros and
+        # rates that are constant too.
+        none = jnp.asarray(sum(jnp.where(np.False_, rate.ravel()[0], 0.0) for rate in rates))
+        rates = [rate + none.astype(rate.dtype) for rate in rates]
+        zero = jax.tree.map(lambda a: jnp.broadcast_to(none, a.shape).astype(a.dtype), out)
+        return jax.lax.custom_linear_solve(matvec, (rates, zero), solve, transpose_solve)[1]
+
+    return apply
+
+
+def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
+    """Lanes go last, with copies of all that they share but, if `shared`, the first argument."""
+    one = _as_one(function)
+
+    def call(*args: Any) -> Any:
+        flat, tree = jax.tree.flatten(args)
+        first = len(jax.tree.leaves(args[0])) if shared else 0
+
+        def many(size: int, moves: tuple[bool, ...], leaves: list[Array]) -> Any:
+            def by(width: int) -> Callable[..., Any]:
+                return lambda leaves: _in_rows(
+                    lambda leaves: one(*jax.tree.unflatten(tree, leaves)),
+                    size, width, moves, leaves, first,
+                )  # fmt: skip
+
+            if size <= CPU_LANES:
+                return by(size)(leaves)
+            return by_platform(leaves, cpu=by(CPU_LANES), default=by(size))
+
+        def alone(leaves: list[Array]) -> Any:
+            return one(*jax.tree.unflatten(tree, leaves))
+
+        return batchable(alone, many, apart=True)(flat)
+
+    return call
+
+
+def _in_rows(
+    one: Callable[..., Any], size: int, width: int, moves: tuple[bool, ...], leaves: list[Array],
+    shared: int,
+) -> Any:  # fmt: skip
+    """Row by row of so many lanes; the first leaves, so many, are not copied for what lanes
+    share."""
+    rows = -(-size // width)
+    extra = rows * width - size
+
+    def last(a: Array, moved: bool, copies: int) -> Array:
+        if not moved:
+            return jnp.broadcast_to(a[..., None], (*a.shape, copies))
+        # The last lane fills up the last row.
+        a = jnp.concatenate([a, jnp.broadcast_to(a[-1:], (extra, *a.shape[1:]))])
+        return jnp.moveaxis(a.reshape(rows, width, *a.shape[1:]), 1, -1)
+
+    copies = [1] * shared + [width] * (len(leaves) - shared)
+    moved = [last(*each) for each in zip(leaves, moves, copies, strict=True)]
+
+    def row(some: list[Array]) -> Any:
+        rest = iter(some)
+        out = one([next(rest) if own else a for a, own in zip(moved, moves, strict=True)])
+        return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
+
+    out = jax.lax.map(row, [a for a, own in zip(moved, moves, strict=True) if own])
+    return jax.tree.map(
+        lambda a: jnp.moveaxis(a, -1, 1).reshape(rows * width, *a.shape[1:-1])[:size], out
+    )
+
+
+def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiled to one function on a CPU, if all its operations are allowed."""
+
+    @jax.jit
+    def run(*args: Any) -> Any:
+        closed, out = jax.make_jaxpr(function, return_shape=True)(*args)
+        short = _shortened(closed)
+        if not all(_is_allowed(equation) for equation in _equations(short)):
+            return function(*args)
+
+        @jax.jit
+        def one_function(*args: Any) -> tuple[Any, Array]:
+            leaves = jax.tree.leaves(args)
+            # The emitter does not bear operands that nothing uses.
+            used = sum(a[(0,) * a.ndim] if a.ndim else a for a in leaves if a.size)
+            return jax.tree.unflatten(jax.tree.structure(out), jaxpr_as_fun(short)(*leaves)), used
+
+        def fast(*args: Any) -> Any:
+            how = {"xla_cpu_small_call": "true", "inlineable": "false"}
+            return set_xla_metadata(one_function(*args), **how)[0]
+
+        return by_platform(*args, cpu=fast, default=function)
+
+    return run
+
+
+def _equations(closed: ClosedJaxpr) -> Iterator[JaxprEqn]:
+    """All equations that a program runs, at any depth."""
+    for equation in closed.jaxpr.eqns:
+        yield equation
+        inner = equation.params
+        if equation.primitive.name == "custom_linear_solve":
+            inner = inner["jaxprs"].solve
+        for value in jax.tree.leaves(inner, is_leaf=_is_jaxpr):
+            if _is_jaxpr(value):
+                yield from _equations(value)
+
+
+def _is_jaxpr(value: Any) -> bool:
+    return isinstance(value, ClosedJaxpr)
+
+
+def _is_allowed(equation: JaxprEqn) -> bool:
+    return equation.primitive.name in _ALLOWED and not _is_long_sum(equation)
+
+
+def _is_long_sum(equation: Any) -> bool:
+    return equation.primitive.name == "reduce_sum" and equation.invars[0].aval.size > _REDUCED
+
+
+def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
+    """With long sums in pieces, at any depth: XLA gives them to a library, which a function that is
+    compiled as one cannot call."""
+    if not any(_is_long_sum(equation) for equation in _equations(closed)):
+        return closed
+
+    def mended(equation: JaxprEqn) -> JaxprEqn:
+        if _is_long_sum(equation):
+            pieces = jax.jit(functools.partial(_short_sum, axes=equation.params["axes"]))
+            [call] = jax.make_jaxpr(pieces)(equation.invars[0].aval).jaxpr.eqns
+            return call.replace(invars=equation.invars, outvars=equation.outvars)
+        inner = jax.tree.map(
+            lambda value: _shortened(value) if _is_jaxpr(value) else value,
+            equation.params, is_leaf=_is_jaxpr,
+        )  # fmt: skip
+        return equation.replace(params=inner)
+
+    equations = [mended(equation) for equation in closed.jaxpr.eqns]
+    return ClosedJaxpr(closed.jaxpr.replace(eqns=equations), closed.consts)
+
+
+def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
+    for axis in sorted(axes, reverse=True):
+        if x.size <= _REDUCED:
+            x = jnp.sum(x, axis)
+        elif x.shape[axis] <= _FEW:
+            terms = [jax.lax.index_in_dim(x, i, axis, False) for i in range(x.shape[axis])]
+            x = functools.reduce(jnp.add, terms)
+        else:
+            x = total(jnp.moveaxis(x, axis, 0))
+    return x

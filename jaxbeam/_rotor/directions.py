@@ -1,0 +1,94 @@
+"""Which way things move, what modes are called, and which of them are coupled."""
+
+import enum
+from collections.abc import Iterable
+from typing import Any, NamedTuple, TypedDict, Unpack
+
+import numpy as np
+
+from jaxbeam._checks import count_functions
+from jaxbeam._rotor.beam import AnyRotor, Rotor
+
+
+class Direction(enum.IntEnum):
+    """Which way a coordinate or a mode moves: along the beam, in the plane of rotation, along the
+    axis of rotation, or about the beam. The first three are also the components of displacements."""
+
+    AXIAL = 0
+    IN_PLANE = 1
+    FLAP = 2
+    TORSION = 3
+
+    @property
+    def title(self) -> str:
+        return ("axial", "in-plane bending", "flap bending", "torsion")[self]
+
+
+def naming(directions: Iterable[Direction]) -> Direction:
+    """The direction after which coordinates which move together are named: bending before axial."""
+    return min(directions, key=lambda direction: (direction == Direction.AXIAL, direction))
+
+
+class Label(NamedTuple):
+    """Name of a mode: its direction, and its number within the direction, from 1."""
+
+    direction: Direction
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.direction.title} {self.number}"
+
+
+class Counts(TypedDict, total=False):
+    """How many modes of each direction."""
+
+    in_plane: int
+    flap: int
+    axial: int
+    torsion: int
+
+
+def labels(**counts: Unpack[Counts]) -> tuple[Label, ...]:
+    """Labels of the first modes of each direction, `in_plane`, `flap`, `axial` and `torsion`, in the
+    order in which they are asked for: `labels(flap=1, in_plane=2)` is `flap bending 1`, `in-plane
+    bending 1`, `in-plane bending 2`."""
+    named = {name: Direction[name.upper()] for name in Counts.__annotations__}
+    found = []
+    for name, count in counts.items():
+        if name not in named:
+            raise TypeError(f"labels are of {', '.join(named)}, not of {name!r}")
+        wanted: Any = int(count) if isinstance(count, np.integer) else count
+        count_functions(name, wanted)
+        found += [Label(named[name], k + 1) for k in range(wanted)]
+    return tuple(found)
+
+
+# Directions that move in phase, and those that move in quadrature to them; where both are the same
+# anything may be coupled with anything.
+CouplingGroup = tuple[tuple[Direction, ...], tuple[Direction, ...]]
+_TORSION: CouplingGroup = ((Direction.TORSION,), ())
+APART: tuple[CouplingGroup, ...] = (
+    ((Direction.IN_PLANE,), (Direction.AXIAL,)),
+    ((Direction.FLAP,), ()),
+    _TORSION,
+)
+
+
+def coupling_groups(rotor: AnyRotor) -> tuple[CouplingGroup, ...]:
+    """Which directions of modes are coupled: flap with none, unless sections are turned or the beam
+    is coned; torsion too where it is coned, and all with all where it is both."""
+    if not isinstance(rotor, Rotor):
+        return APART
+    if rotor.precone is not None:
+        if rotor.couples_bending:
+            return ((tuple(Direction), tuple(Direction)),)
+        return (((Direction.IN_PLANE, Direction.TORSION), (Direction.FLAP, Direction.AXIAL)),)
+    if rotor.couples_bending:
+        return (((Direction.IN_PLANE, Direction.FLAP), (Direction.AXIAL,)), _TORSION)
+    return APART
+
+
+def is_hinged(rotor: AnyRotor) -> bool:
+    """Whether the root yields, so that, with a spring of zero, there may be motions that nothing
+    holds."""
+    return isinstance(rotor, Rotor) and rotor.root_springs is not None

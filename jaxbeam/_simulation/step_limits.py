@@ -1,0 +1,148 @@
+"""What motion and loads do along a run, and steps that follow it.
+
+A solver sees the hub only at the stages of its steps, and at rest nothing limits a step: it would
+leap over a motion that begins later. So every run looks at its motion and loads beforehand, at
+`SAMPLES` times, and bounds each step by the shortest event that it could pass over; steps end at
+the times of change and of jumps that are declared; and in every step the change of the hub's speed
+is compared with the integral of its rate, by which a step that missed something is made anew, and
+a jump is found.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.motion import Hub
+from jaxbeam._simulation.checks import Seen
+from jaxbeam._simulation.pauses import Pauses
+from jaxbeam._simulation.scene import Scene
+from jaxbeam._types import Scalar
+
+SAMPLES = 1024  # of a run
+# A pulse as long as a stride reaches 1.4, two strides 0.5, three 0.3, a smooth course 0.12.
+_UNSEEN = 0.3
+_FLOOR = 1e-6  # changes that are smaller than this, relative to the largest value, do not count
+# Of a vector that stands for three components: no motion of interest is normal to it.
+_ASLANT = np.array([0.48, 0.6, 0.64])
+
+
+def during(times: Array, parts: int = 64) -> Array:
+    """Times all along a run, whatever its output times are: what is looked at on the way."""
+    share = np.linspace(0.0, 1.0, parts + 1)
+    return times[0] * (1 - share) + times[-1] * share  # exact at both ends
+
+
+class StepLimits(eqx.Module):
+    """How far steps may reach, and how fast the hub moves at most; without derivatives."""
+
+    start: Scalar
+    spacing: Scalar  # of the samples, s
+    longest_step: Float[Array, "64 3"]  # see `_longest_step`, s
+    pauses: Pauses  # which steps keep out of
+    velocities: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
+    speed: Scalar  # the largest velocity, m/s
+
+    def __init__(self, scene: Scene, times: Array, seen: Seen) -> None:
+        """`seen` is what acts at `SAMPLES` + 1 times `during` the run."""
+        scene, times, (hub, force, span) = without_derivatives((scene, times, seen))
+        self.start, self.spacing = times[0], (times[-1] - times[0]) / SAMPLES
+        twists = jax.vmap(scene.velocities_of)(hub)
+        self.speed = jnp.max(jnp.abs(twists))
+        # What changes by more than its rates explain may change back within one step.
+        changes = jnp.max(jnp.abs(jnp.diff(twists, axis=0)), 1)
+        rates = jnp.max(jnp.abs(jax.vmap(scene.twist_rate_of)(hub)), 1)
+        explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
+        sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
+        self.longest_step = self.spacing * _longest_step(_signals(hub, force, span), sudden)
+        self.pauses = scene.pauses
+        self.velocities = scene.velocities_of(scene.hub(scene.after(times[0])))
+
+    @property
+    def duration(self) -> Scalar:
+        """How long the run lasts, in s."""
+        return SAMPLES * self.spacing
+
+    def limit(self, t: Scalar, end: Scalar) -> Scalar:
+        """Where a step from t may end, when `end` is wanted."""
+        place = ((t - self.start) / (16 * self.spacing)).astype(int)
+        within, cell_end, beyond = self.longest_step[place]
+        end = jnp.minimum(end, jnp.minimum(t + within, self.start + cell_end + beyond))
+        if not self.pauses.opens.size:
+            return end
+        stop = self.pauses.ahead(t)
+        left, h = stop - t, end - t
+        # Two steps of one length rather than a long one and a splinter.
+        return jnp.where(h >= left, stop, jnp.where(h > 0.501 * left, t + left / 2, end))
+
+
+def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:
+    """What forces depend on, one number each, relative to its largest."""
+    parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
+    parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]  # which may be a `TipLoad`
+    parts += [] if span is None else [span[:, 0], span[:, 1]]
+    signals = jnp.stack([_ASLANT @ part.T for part in parts])
+    largest = jnp.max(jnp.abs(signals), 1, keepdims=True)
+    return signals / jnp.where(largest > 0, largest, 1.0)
+
+
+def _longest_step(signals: Float[Array, "c T"], sudden: Bool[Array, " 64"]) -> Float[Array, "64 3"]:
+    """Longest step within the cell of each sixteen samples, end of that cell, and how far a step
+    may go on beyond it, in samples.
+
+    A cell is the whole run, an eighth of it, or an eighth of that, and a step within it a sixteenth
+    of its length, the stride. It is divided where a signal rises and falls, or falls and rises,
+    within one stride, by more than the second difference over strides is on average around it:
+    error control might see nothing of that. What varies more slowly, or has a corner or a jump in
+    it, is left to error control, since no step can fail to see it. Where the same happens within
+    four samples, or the hub's velocity changes in a `sudden` way, steps are half a sample long.
+    """
+    floor = _FLOOR + 16 * float(jnp.finfo(signals.dtype).eps)
+    either = jnp.concatenate([signals, -signals])
+
+    def highest(values: Array, n: int, apart: int) -> Array:
+        """The largest of each value and n - 1 values behind it, so far apart."""
+        return jax.lax.reduce_window(
+            values, -jnp.inf, jax.lax.max, (1, n), (1, 1), "VALID", window_dilation=(1, apart)
+        )
+
+    def unseen(s: int, of_these: Float[Array, "C n"], bend: Float[Array, " k"]) -> Array:
+        """What rises and falls within parts of a stride s, each with its middle there."""
+        passed = of_these - highest(either, 2, s)
+        passed = jax.lax.pad(passed, 0.0, [(0, 0, 0), (s // 2, s // 2 - 1, 0)])
+        mean = jnp.pad(jnp.mean(bend.reshape(-1, s), 1)[1:-1], 2, mode="edge")
+        around = (mean[:-2] + 2 * mean[1:-1] + mean[2:]) / 4
+        return jnp.max(passed.reshape(len(either), -1, s), (0, 2)) > _UNSEEN * around + floor
+
+    strides = np.array([[1], [4], [8], [64]])
+    place = np.arange(SAMPLES)
+    before, after = place - strides, place + strides
+    bends = signals[:, np.minimum(after, SAMPLES)] - 2 * signals[:, None, :-1]
+    bends = jnp.max(jnp.abs(bends + signals[:, np.maximum(before, 0)]), 0)
+    bends = jnp.where((before >= 0) & (after <= SAMPLES), bends, 0.0)
+    within_four = highest(either, 5, 1)
+    within_eight = highest(within_four, 2, 4)
+    sudden |= jnp.any(unseen(4, within_four, bends[1]).reshape(64, 4), 1)
+    divided = jnp.any(unseen(8, within_eight, bends[2]).reshape(8, 16), 1)
+    divided |= jnp.any(sudden.reshape(8, 8), 1)
+    all_divided = jnp.any(divided) | jnp.any(unseen(64, highest(within_eight, 8, 8), bends[3]))
+    sharp = jnp.max(bends[0].reshape(64, 16), 1)
+    sharper = jnp.max(bends[:3].reshape(3, 8, 128), (0, 2))
+    sharpest = jnp.max(bends)
+
+    def chosen(a: Any, b: Any, c: Any) -> Array:
+        return jnp.where(all_divided, jnp.where(divided[:, None], a, b), c).reshape(-1)
+
+    def step(sharpest: Array, width: float) -> Array:
+        return jnp.where(sharpest > floor, width / 16, width)
+
+    start = np.arange(0.0, SAMPLES, 16).reshape(8, 8)
+    small = jnp.where(sudden, 0.5, step(sharp, 16.0)).reshape(8, 8)
+    steps = chosen(small, step(sharper, 128.0)[:, None], step(sharpest, 1024.0))
+    ends = chosen(start + 16, start[:, :1] + 128, SAMPLES)
+    beyond = jnp.concatenate([steps, jnp.zeros_like(steps[:1])])[(ends / 16).astype(int)]
+    return jnp.stack([steps, ends, beyond], 1)

@@ -1,0 +1,223 @@
+"""The load at which a beam buckles, as a differentiable function of parameters.
+
+At rest in the hub under loads that have a potential a beam is stable while its stiffness, about the
+deformed state, is positive definite; damping only helps. So what comes first as the loads grow is
+that K becomes singular: with the load along the beam its bending gives way (Euler), with a load
+across in its stiff direction bending the other way and twist do together (lateral buckling). Loads
+that follow the tip, and moments, have none, and the beam may flutter first: see `flutter.py`.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
+from jaxbeam._numerics.linalg import lowest_eigenpair, solve
+from jaxbeam._programs.program import Program
+from jaxbeam._results import nan_unless, without_derivatives
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.directions import Direction, naming
+from jaxbeam._rotor.loads import NO_DAMPING, Loads
+from jaxbeam._stability.flutter import LostPlace, first_lost, polished
+from jaxbeam._stability.singular import AbstractPlace, Groups, Scan, answer
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Scalar, Vector
+
+_HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
+# Loads that are looked at, over the softest stiffness of the tip times the length: up to twenty,
+# from where a section that hardly resists torsion buckles. That of Euler's column is 0.82.
+_LEAST, _LARGEST, _SCANNED = 1 / 60, 20.0, 48
+_RATIO = (_LARGEST / _LEAST) ** (1 / (_SCANNED - 1))
+_NEAR = 1e-6  # of what halving finds to what is exact, relative
+
+
+class CriticalLoad(eqx.Module):
+    """Where a beam at rest in the hub buckles.
+
+    | field  | shape | unit |                                                                     |
+    |--------|-------|------|---------------------------------------------------------------------|
+    | factor | ()    |      | least factor of the loads at which the beam loses its stability;    |
+    |        |       |      | infinite where there is none                                        |
+    | direction | ()    |      | `Direction` of the coordinates that take most of the elastic energy of |
+    |        |       |      | what gives way; without meaning where there is no such factor       |
+    | shape  | (n,)  |      | the direction that gives way, largest entry 1                       |
+    | freq-  | ()    |rad/s | of the flutter that begins there; zero where the beam buckles       |
+    | uency  |       |      | (divergence); without derivatives: those of it come out as zero     |
+    | status | ()    |      | `Status`                                                            |
+    """
+
+    factor: Scalar
+    direction: Code
+    shape: Vector
+    frequency: Scalar
+    status: Code
+
+
+def critical_load(
+    model: AbstractModel,
+    rotor: AnyRotor,
+    loads: Loads,
+    angular_speed: Any = 0.0,
+    *,
+    throw: bool = True,
+) -> CriticalLoad:
+    """The least factor of the loads, all constant, with which the beam loses its stability: where
+    they have a potential (gravity, a force in hub axes), K at the equilibrium under them is
+    singular, and the beam buckles.
+
+    The lowest eigenvalue of K is looked at for 48 loads, each 16 % above the last, from 1 / 60
+    up to 20 times the softest stiffness of the tip times the length (3 EI / L^2 of the softer
+    bending); its change of sign is then found to rounding. Infinity means that there is none up to
+    there. It is differentiable by rotor, loads and speed, in both modes and to any order, as
+    `critical_speed` is.
+
+    Loads that follow the tip, and moments at it, have no potential: at the least load two
+    frequencies meet, from where the beam flutters, or one is zero (M. Beck, Zeitschrift fuer
+    angewandte Mathematik und Physik 3, 1952). That is without damping, of which a little may well
+    make it flutter sooner (H. Ziegler, Ingenieur-Archiv 20, 1952): ask `modes` with `damping`. It
+    is found at rest alone, since with Coriolis forces the least of such loads makes some mode grow
+    slowly: `NO_POTENTIAL` at speed.
+
+    `ValueError` for loads that change in time. `throw=False` returns failures in
+    `CriticalLoad.status`, and NaN.
+    """
+    model, rotor, speed = checked_case(model, rotor, angular_speed)
+    conditions = checked_conditions(loads, NO_DAMPING)
+    if conditions is None:
+        raise ValueError(
+            "loads: there are none; give tip_force=..., gravity=... or force_per_length=..."
+        )
+    result = _critical(model, rotor, speed, conditions.loads)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+_Given = tuple[AnyRotor, Scalar, Loads]
+
+
+@Program
+def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads) -> CriticalLoad:
+    status, rotor, speed, conditions = guarded_conditions(
+        model, rotor, speed, Conditions(loads, NO_DAMPING)
+    )
+    if not loads.is_plain:
+        moves = (status == Status.OK) & (speed != 0)
+        status = jnp.where(moves, Status.NO_POTENTIAL, status)
+    given = rotor, speed, conditions.loads
+    find = _buckling if loads.is_plain else _lost
+    found, direction, place, searched = find(model, without_derivatives(given))
+    status = jnp.where(status == Status.OK, searched, status).astype(int)
+    exists = jnp.isfinite(found) & (status == Status.OK)
+    place = eqx.tree_at(lambda place: place.exists, place, exists)
+    factor, shape = answer(place, given, found, status)
+    frequency = jnp.zeros_like(factor)
+    if isinstance(place, LostPlace):
+        square = place.flutters * place.square
+        frequency = nan_unless(exists, jnp.sqrt(jnp.where(square > 0, square, 0.0)))
+    return CriticalLoad(factor, direction, shape, frequency, status)
+
+
+class _Place(AbstractPlace):
+    """A critical load of loads that have a potential."""
+
+    x: Vector
+    exists: Array
+    model: AbstractModel
+
+    def rest(self, given: _Given) -> Matrix:
+        return _loaded(self.model, given, jnp.zeros_like(self.x[0]))[1]
+
+    def stiffness(self, given: _Given, value: Scalar) -> Matrix:
+        return _loaded(self.model, given, jnp.where(self.exists, value, 0.0))[1]
+
+
+def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix, Matrix, Code]:
+    """M and K about the equilibrium under so many times the loads, and the status of the search."""
+    rotor, speed, loads = given
+    system = Conditions(loads, NO_DAMPING).system(model, rotor, speed, factor)
+    k = system.stiffness
+    return system.mass, (k + k.T) / 2 if loads.is_plain else k, system.status
+
+
+class _Unloaded(NamedTuple):
+    """The beam without its loads: K, and a unit of their factor."""
+
+    k: Matrix
+    unit: Scalar
+
+    @classmethod
+    def of(cls, model: AbstractModel, given: _Given) -> "_Unloaded":
+        rotor, speed, loads = given
+        _, k, _ = _loaded(model, given, jnp.zeros_like(speed))
+        k = (k + k.T) / 2
+        equations = model.equations(rotor)
+        ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
+        soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
+        softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
+        parts: Any = (
+            (loads.tip_force, 1.0),
+            (loads.gravity, equations.rigid_moments[0]),
+            (loads.tip_moment, 1 / equations.length),
+            (loads.span_moments(jnp.zeros_like(speed)), equations.length),
+        )
+        weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
+        return cls(k, equations.length / (softness * jnp.where(weight > 0, weight, 1.0)))
+
+    def direction(self, model: AbstractModel, x: Vector) -> Code:
+        """The direction that takes most of the elastic energy."""
+        energy = x * (self.k @ x)
+        shares = [
+            jnp.sum(energy, where=np.equal(model.directions, direction)) for direction in Direction
+        ]
+        return jnp.argmax(jnp.stack(shares))
+
+    def held(self, status: Code) -> Code:
+        """A beam on a free hinge at rest buckles at once or never, as the load would have it."""
+        size = jnp.sqrt(jnp.abs(jnp.diag(self.k)))
+        size = jnp.where(size > 0, size, 1.0)
+        scaled = self.k / (size[None] * size[:, None])
+        least, _ = lowest_eigenpair(scaled, jnp.eye(len(scaled), dtype=scaled.dtype))
+        return jnp.where(least > _HELD, status, Status.NOT_HELD)
+
+
+def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
+    """Critical factor, direction and place where loads have a potential, and a status."""
+    bare = _Unloaded.of(model, given)
+    k0, unit = bare
+    groups = Groups((naming(model.directions),), (np.arange(len(k0)),))
+    scan = Scan(
+        lambda factor: _loaded(model, given, factor)[1:], groups, k0, _LARGEST * unit,
+        _RATIO * jnp.ones_like(unit), _SCANNED,
+    )  # fmt: skip
+    end = scan.run(_LEAST * unit, 0, jnp.ones_like(k0[0]))
+    factor = jnp.where(end.found, end.value, jnp.inf)
+    place = _Place(x=end.x, exists=end.found, model=model)
+    return factor, bare.direction(model, end.x), place, bare.held(scan.status(end))
+
+
+def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
+    """The search where loads have no potential."""
+    bare = _Unloaded.of(model, given)
+    end = first_lost(
+        lambda factor: _loaded(model, given, factor), len(bare.k), _LEAST * bare.unit, _RATIO,
+        _SCANNED,
+    )  # fmt: skip
+    mode = end.mode
+
+    def matrices(given: _Given, value: Scalar) -> tuple[Matrix, Matrix]:
+        return _loaded(model, given, value)[:2]
+
+    place = LostPlace(
+        x=mode.right, exists=end.found, left=mode.left, square=mode.square,
+        flutters=mode.flutters, k0=bare.k, matrices=matrices,
+    )  # fmt: skip
+    exact = polished(place, given, end.lost)
+    near = jnp.abs(exact - end.lost) <= _NEAR * end.lost
+    status = jnp.where(end.found & ~near & (end.status == Status.OK), Status.INACCURATE, end.status)
+    factor = jnp.where(end.found, exact, jnp.inf)
+    return factor, bare.direction(model, mode.right), place, bare.held(status)

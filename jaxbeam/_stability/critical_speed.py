@@ -1,0 +1,299 @@
+"""Speeds at which steady rotation loses its stability, as differentiable functions of parameters.
+
+The energy relative to the hub, V = q'.M q' / 2 + q.K q / 2, is constant along small motions about
+steady rotation, M q'' + G q' + K q = 0 with G skew (B eq. 61). While K is positive definite it is a
+Liapunov function, and a beam at rest is stable: so what comes first as the speed rises is always
+that K becomes singular. There is no flutter before. Nor is there any beyond, as long as the axial
+block of K is positive definite: with p negative eigenvalues of K the matrix
+
+    lambda^2 [M_w - g (lambda^2 M_u + K_u)^-1 g_u] + K_w,   g_u = -g^T,
+
+of the transverse motion is symmetric, has p negative eigenvalues at lambda = 0 and none for large
+real lambda; so p modes grow without oscillation, and p is all that a Hamiltonian system with p
+negative energies can have. Damping changes none of it (theorem of Kelvin, Tait and Chetaev).
+
+So the critical speed is the smallest one at which K is singular, and what is singular names it: a
+transverse block, divergence; the axial one, where the centrifugal load grows as fast with stretch
+as the rod can carry: it tears.
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case, guarded
+from jaxbeam._models.contract.loaded import (
+    Conditions,
+    checked_conditions,
+    guarded_conditions,
+    system_of,
+)
+from jaxbeam._numerics.linalg import dense
+from jaxbeam._programs.program import Program
+from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.directions import Direction, naming
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
+from jaxbeam._rotor.motion import spinning
+from jaxbeam._stability.singular import (
+    AbstractPlace,
+    Groups,
+    Scan,
+    answer,
+    gives_way,
+    groups_of,
+    is_affine,
+    softest,
+)
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Scalar, Vector
+
+_HAIR = 1e-10  # EI / L, of a spring beside which a hinge is free
+_HARD = 0.1  # of its stiffness at rest, that of a rod which does not tear
+_SCANNED = 64  # speeds at which a model that is not affine is looked at
+
+
+class CriticalSpeed(eqx.Module):
+    """Where steady rotation loses its stability.
+
+    | field         | shape | unit  |                                                              |
+    |---------------|-------|-------|--------------------------------------------------------------|
+    | angular_speed | ()    | rad/s | smallest speed at which the stiffness is singular; infinite  |
+    |               |       |       | where there is none                                          |
+    | direction     | ()    |       | `Direction` of the coordinates that give way: `IN_PLANE` and    |
+    |               |       |       | `FLAP` diverge, `AXIAL` means that the rod tears: beyond, it |
+    |               |       |       | has no equilibrium; without meaning where there is no speed  |
+    | shape         | (n,)  |       | the direction that gives way, largest entry 1                |
+    | status        | ()    |       | `Status`                                                     |
+    """
+
+    angular_speed: Scalar
+    direction: Code
+    shape: Vector
+    status: Code
+
+
+def critical_speed(
+    model: AbstractModel, rotor: AnyRotor, *, loads: Loads = NO_LOADS, throw: bool = True
+) -> CriticalSpeed:
+    """Smallest speed at which steady rotation loses its stability (rad/s): K(Omega) is singular.
+
+    Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`)
+    this is one eigenproblem, K_0 x = -Omega^2 K_1 x. Else K, at the steady state of each speed, is
+    looked at from half the first rest frequency up to the speed at which a rod of constant axial
+    stiffness tears, and the speed at which its lowest eigenvalue changes sign is found to rounding.
+    It is also the root of the scalar f of the bordered system
+
+        [[K, b], [b^T, 0]] (x, f) = (0, 1),
+
+    through which it is differentiable by every parameter, in both modes and to any order.
+
+    That of `ExactRodANCF` tears there. Materials that harden (`ANCF`, `GreenANCF`) have a steady
+    state at any speed; infinity then means: none up to there, where their strains are of order one.
+    An interval of instability narrower than a step of the scan (64 up to there, in ratio) that ends
+    again would be missed. Beyond divergence `modes` says how fast what grows (`growth_rate`).
+
+    What nothing holds at rest, a blade on a free hinge, is stable if it stiffens as it turns; else
+    the speed is zero, and has no derivatives. A hinge for lag in the axis of rotation, which no
+    speed holds nor drives out, does not count.
+
+    Under `loads` (see `modes`), which must have a potential and are differentiated by as well, K is
+    that about the state that they deform, and all is coupled with all; `direction` is that of the
+    coordinates that take most of the elastic energy. Where they buckle the beam at rest the status
+    is `BUCKLED`.
+
+    `throw=False` returns failures in `CriticalSpeed.status`, and NaN (derivatives: as in `modes`;
+    those of an infinite speed are zero). Errors as in `modes`.
+    """
+    model, rotor, zero = checked_case(model, rotor)
+    conditions = checked_conditions(loads, NO_DAMPING)
+    if not loads.is_plain:
+        raise ValueError(
+            "loads: a moment, or a force that follows the tip, has no potential: take modes at the "
+            "speeds that matter, whose growth rates tell"
+        )
+    result = _critical(model, rotor, zero, conditions)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+_Given = tuple[AnyRotor, Conditions | None]
+
+
+@Program
+def _critical(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions | None
+) -> CriticalSpeed:
+    if conditions is None:
+        given, rotor, _ = guarded(rotor, zero)
+    else:
+        given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
+    fixed = without_derivatives((rotor, zero))
+    if conditions is None:
+        searched = _search(model, *fixed)
+    else:
+        searched = _search_under(model, *fixed, without_derivatives(conditions))
+    found, direction, x, status = searched
+    status = jnp.where(given == Status.OK, status, given).astype(int)
+    exists = jnp.isfinite(found) & (status == Status.OK)
+    place = _Place(x=x, exists=exists, model=model, direction=direction)
+    speed, shape = answer(place, (rotor, conditions), found, status)
+    return CriticalSpeed(angular_speed=speed, direction=direction, shape=shape, status=status)
+
+
+class _Place(AbstractPlace):
+    """A critical speed."""
+
+    x: Vector
+    exists: Array
+    model: AbstractModel
+    direction: Code
+
+    def rest(self, given: _Given) -> Matrix:
+        return _undeformed(self.model, given[0], jnp.zeros_like(self.x[0]))
+
+    def stiffness(self, given: _Given, value: Scalar) -> Matrix:
+        model, (rotor, conditions) = self.model, given
+        if conditions is not None:
+            here = jnp.where(self.exists, value, 0.0)
+            return _symmetric(system_of(model, rotor, here, conditions))
+        k = _undeformed(self.model, rotor, value)
+        if is_affine(model, rotor):
+            return k
+        tears = self.direction == Direction.AXIAL  # where a rod tears there is no state to be at
+        moved = model.matrices(rotor, jnp.where(tears | ~self.exists, 0.0, value)).stiffness
+        return jnp.where(tears, k, moved)
+
+
+def _symmetric(system: LinearSystem) -> Matrix:
+    return (system.stiffness + system.stiffness.T) / 2
+
+
+def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
+    """K of the beam kept as it is at rest; its axial block is that of a rod of constant stiffness,
+    wherever it is."""
+    equations, rest = model.equations(rotor), jnp.zeros(len(model.directions), speed.dtype)
+    k = dense(equations.tangents(spinning(speed), rest, rest, None)[0])
+    return (k + k.T) / 2
+
+
+def _search(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar
+) -> tuple[Scalar, Code, Vector, Code]:
+    """Critical speed, direction and direction, and a status."""
+    groups, free = groups_of(model, rotor), rotor
+    rotor = _held(rotor)
+    k0, speed, shape = _alone(model, rotor, zero, groups)
+    if is_affine(model, rotor):
+        if rotor is not free:
+            speed = _freed(speed, shape, k0, _undeformed(model, free, zero), rotor)
+        first = jnp.argmin(speed)
+        return speed[first], groups.codes[first], shape[first], jnp.asarray(Status.OK)
+
+    tears = groups.directions.index(Direction.AXIAL)
+    bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
+    ratio = (top / bottom) ** (1 / (_SCANNED - 1))
+
+    def at(speed: Scalar) -> tuple[Matrix, Code]:
+        system = model.matrices(rotor, speed)
+        return system.stiffness, system.status
+
+    scan = Scan(at, groups, k0, top, ratio, _SCANNED)
+    end = scan.run(bottom, tears, shape[tears])
+    # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
+    # one that hardens has more than it began with.
+    hardens = end.softest[tears] > _HARD
+    torn = jnp.where(hardens, jnp.inf, speed[tears])
+    return (
+        jnp.where(end.found, end.value, torn),
+        jnp.where(end.found, end.direction, groups.codes[tears]),
+        jnp.where(end.found, end.x, shape[tears]),
+        scan.status(end),
+    )
+
+
+def _search_under(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions
+) -> tuple[Scalar, Code, Vector, Code]:
+    """The search under loads."""
+    groups = groups_of(model, rotor)
+    rest, speed, _ = _alone(model, _held(rotor), zero, groups)
+    every = Groups((naming(model.directions),), (np.arange(len(rest)),))
+
+    def at(speed: Scalar) -> tuple[Matrix, Code]:
+        system = conditions.system(model, rotor, speed)
+        return _symmetric(system), system.status
+
+    k0, status = at(zero)
+    least, x = softest(every.rows[0], k0, rest)
+    buckled = jnp.where(least > 0, Status.OK, Status.BUCKLED)
+    buckled = jnp.where(status == Status.OK, buckled, status)
+    if is_affine(model, rotor):
+        _, k1 = _with_speed(model, rotor, zero)
+        fine = jnp.where(buckled == Status.OK, k0, rest)
+        square, x = gives_way(every.rows[0], k1, fine)
+        found, status = jnp.sqrt(square), jnp.asarray(Status.OK)
+    else:
+        tears = groups.directions.index(Direction.AXIAL)
+        bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
+        ratio = (top / bottom) ** (1 / (_SCANNED - 1))
+        scan = Scan(at, every, rest, top, ratio, _SCANNED)
+        end = scan.run(bottom, 0, x)
+        torn = jnp.where(end.softest[0] > _HARD, jnp.inf, speed[tears])
+        found, x = jnp.where(end.found, end.value, torn), end.x
+        status = scan.status(end)
+    energy = x * (rest @ x)
+    shares = [
+        jnp.sum(energy, where=np.equal(model.directions, direction)) for direction in Direction
+    ]
+    status = jnp.where(buckled == Status.OK, status, buckled)
+    return found, jnp.argmax(jnp.stack(shares)), x, status
+
+
+def _held(rotor: AnyRotor) -> AnyRotor:
+    """This rotor with hairs of springs where hinges are free, so that K at rest is definite."""
+    if not isinstance(rotor, Rotor) or rotor.root_springs is None:
+        return rotor
+    beam = rotor.beam.mean
+    hair = _HAIR * beam.in_plane_bending_stiffness / beam.length
+    held = jax.tree.map(lambda k: jnp.maximum(k, hair), rotor.root_springs)
+    return eqx.tree_at(lambda r: r.root_springs, rotor, held)
+
+
+def _freed(
+    speed: Float[Array, " f"], shape: Float[Array, "f n"], k0: Matrix, free: Matrix, rotor: AnyRotor
+) -> Float[Array, " f"]:
+    """The speeds without hairs: what swings on nothing else gives way at once, or, where that takes
+    far more than a hair would bear, is neither held nor driven out at any speed."""
+
+    def energy(k: Matrix) -> Float[Array, " f"]:
+        return jnp.sum(shape * (shape @ k), 1)
+
+    swings = energy(free) < energy(k0) / 2
+    at_once = speed**2 < 1e4 * _HAIR * rotor.frequency_scale**2
+    return jnp.where(swings, jnp.where(at_once, 0.0, jnp.inf), speed)
+
+
+def _alone(
+    model: AbstractModel, rotor: AnyRotor, zero: Scalar, groups: Groups
+) -> tuple[Matrix, Float[Array, " f"], Float[Array, "f n"]]:
+    """K at rest, and the speed and the direction in which each group alone would give way, were the
+    beam kept as it is at rest."""
+    k0, k1 = _with_speed(model, rotor, zero)
+    squares, shapes = zip(*(gives_way(rows, k1, k0) for rows in groups.rows), strict=True)
+    return k0, jnp.sqrt(jnp.stack(squares)), jnp.stack(shapes)
+
+
+def _with_speed(model: AbstractModel, rotor: AnyRotor, zero: Scalar) -> tuple[Matrix, Matrix]:
+    """K of the beam kept as it is at rest, K_0 + Omega^2 K_1."""
+    one = jnp.ones_like(zero)
+
+    def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:
+        return jax.jvp(lambda speed: _undeformed(model, rotor, speed), (speed,), (one,))
+
+    (k0, _), (_, curvature) = jax.jvp(with_rate, (zero,), (one,))
+    return k0, curvature / 2  # exactly, without the cancellation of differences

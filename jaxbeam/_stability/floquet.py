@@ -1,0 +1,288 @@
+"""Parametric stability: Floquet multipliers of a beam whose speed is modulated periodically.
+
+Small motions of a beam that turns at Omega(t) obey the Hill equation of B made periodic,
+
+    (M q')' + G q' + G' q / 2 + D q' + K q = 0,   G = G(Omega(t)) skew,   K = K(Omega(t)) symmetric,
+
+with the matrices of steady rotation at that speed; the rate of the speed enters through G' alone,
+and D is damping. Bending about the straight beam, that is: what the modulation itself drives is a
+motion about which a linear model vibrates in the same way; non-linear ones are linearised about the
+straight beam stretched as in steady rotation. With momenta p = M q' + G q / 2 it is Hamiltonian,
+
+    q' = v,   p' = -G v / 2 - K q - D v,   v = M^-1 (p - G q / 2),
+
+but for D. Exponentials of its matrices and their commutators are then symplectic, so multipliers
+of undamped beams come in pairs mu, 1 / mu to rounding, whatever the steps are.
+
+B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
+Technical Report MBS99-5-UIC, 1999.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jaxbeam._checks import count_functions, kind_of, numpy_if_concrete, positive
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.loaded import checked_damping
+from jaxbeam._numerics.exponential import exponential
+from jaxbeam._numerics.linalg import (
+    dense,
+    eigensystem,
+    inverse,
+    lowest_eigenpair,
+    symmetric_modes,
+)
+from jaxbeam._programs.program import Program
+from jaxbeam._results import harmless, nan_unless, without_derivatives
+from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.directions import Direction, coupling_groups, is_hinged
+from jaxbeam._rotor.loads import NO_DAMPING, Damping
+from jaxbeam._rotor.motion import Spin
+from jaxbeam._rotor.spins import ModulatedSpeed
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
+
+_NODES = (1 + np.polynomial.legendre.leggauss(3)[0]) / 2
+_SQUARINGS = 12  # steps of up to 160 periods of the fastest mode, which are too long anyhow
+
+
+class Floquet(eqx.Module):
+    """Multipliers of n coordinates over one period.
+
+    | field       | shape | unit |                                                              |
+    |-------------|-------|------|--------------------------------------------------------------|
+    | multipliers | (2n,) |      | largest modulus first; NaN, as the rate, unless status is OK |
+    | direction   | (2n,) |      | `Direction.IN_PLANE` (with axial motion) or `FLAP`, of each; of |
+    |             |       |      | turned sections, which couple them, the first for all        |
+    | growth_rate | ()    | 1/s  | log(largest modulus) / period; of undamped stable beams zero |
+    |             |       |      | to rounding (1e-8 / period where two multipliers are close)  |
+    | status      | ()    |      | `Status`; being unstable is no failure                       |
+    """
+
+    multipliers: Complex[Array, " m"]
+    direction: Int[Array, " m"]
+    growth_rate: Scalar
+    status: Code
+
+
+def floquet(
+    model: AbstractModel,
+    rotor: AnyRotor,
+    motion: Spin,
+    period: Real | None = None,
+    *,
+    damping: Damping = NO_DAMPING,
+    steps: int = 64,
+    throw: bool = True,
+) -> Floquet:
+    """Floquet multipliers of small motions while the speed varies with `period` (s).
+
+    `motion` turns about the axis a3 with a speed of that period; a `ModulatedSpeed` states its own.
+    The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
+    order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping;
+    double `steps` to see what is left. Many functions need many steps, for a mode that nobody asks
+    for: take small models. First derivatives of multipliers by every parameter are
+    exact in both modes, where a multiplier is simple.
+
+    `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
+    of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
+    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`). Otherwise failures are
+    raised, with malformed arguments, as by `modes`.
+    """
+    model, rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
+    count_functions("steps", steps, least=1)
+    result = _floquet(model, rotor, motion, period, damping, steps)
+    return raise_unless_ok(result, result.status) if throw else result
+
+
+def _checked(
+    model: AbstractModel, rotor: AnyRotor, motion: Any, period: Any, damping: Any
+) -> tuple[AbstractModel, Any, Spin, Scalar, Damping]:
+    model, rotor, _ = checked_case(model, rotor)
+    refuse_cone(rotor)
+    if not isinstance(motion, Spin):
+        raise TypeError(f"motion must turn about a fixed axis, got {kind_of(motion)}")
+    if period is None:
+        if not isinstance(motion, ModulatedSpeed):
+            raise TypeError("period must be given, but for a ModulatedSpeed")
+        period = 2 * np.pi / numpy_if_concrete(motion.frequency)
+    return model, rotor, motion, positive("period", period), checked_damping(damping)
+
+
+def refuse_cone(rotor: AnyRotor) -> None:
+    """Raise `ValueError` for a coned beam, which a speed that varies bends to and fro."""
+    if isinstance(rotor, Rotor) and rotor.precone is not None:
+        raise ValueError("precone: small motion about a modulated speed is of beams without a cone")
+
+
+@Program
+def _floquet(
+    model: AbstractModel, rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping,
+    steps: int,
+) -> Floquet:  # fmt: skip
+    given = modulation_status(rotor, motion, period, damping)
+    fine = given == Status.OK
+    rotor, motion, period, damping = harmless(fine, (rotor, motion, period, damping))
+
+    def speed(t: Scalar) -> Scalar:
+        return jnp.where(fine, motion.angular_speed(t), 0.0)
+
+    parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
+    for transverse, axial in coupling_groups(rotor):
+        directions = transverse + axial
+        if any(direction in model.directions for direction in directions):
+            group = Reduced(model, rotor, speed, period, damping, directions)
+            monodromy, correction = group.monodromy(steps)
+            sound = jnp.all(jnp.isfinite(monodromy))
+            mu = multipliers(jnp.where(sound, monodromy, jnp.eye(len(monodromy))))
+            parts.append((mu, jnp.full(mu.shape, int(directions[0]))))
+            ok &= group.status == Status.OK
+            enough &= sound & (correction < 1)  # False for NaN
+    mu, direction = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+    order = jnp.argsort(-jnp.abs(mu))
+    mu, direction = mu[order], direction[order]
+    status = jnp.where(enough, Status.OK, Status.TOO_FEW_STEPS)
+    status = jnp.where(ok, status, Status.NO_EQUILIBRIUM)
+    status = jnp.where(fine, status, given).astype(int)
+    ok = status == Status.OK
+    rate = jnp.log(jnp.abs(jnp.where(ok, mu[0], 1.0))) / period
+    return Floquet(nan_unless(ok, mu), direction, nan_unless(ok, rate), status)
+
+
+def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping) -> Code:
+    t = period * jnp.linspace(0.0, 1.0, 8)
+    now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
+    scale = jnp.max(jnp.abs(now))
+    repeats = jnp.all(jnp.abs(later - now) <= 1e-6 * scale)  # False for NaN
+    rates = jnp.stack([jnp.zeros_like(period), *jax.tree.leaves(damping)])
+    status = jnp.asarray(Status.OK)
+    planar = jnp.max(jnp.abs(motion.axis - np.array([0.0, 0.0, 1.0]))) < 1e-9
+    for holds, code in (
+        (planar, Status.OUT_OF_PLANE),
+        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+        (repeats & jnp.isfinite(period) & (period > 0), Status.INVALID_MOTION),
+    ):
+        status = jnp.where(holds, status, code)
+    given = rotor.status(jnp.zeros_like(period))
+    return jnp.where(given == Status.OK, status, given).astype(int)
+
+
+class Reduced(NamedTuple):
+    """Motion in one plane over a period, in coordinates of its modes at the mean speed.
+
+    With Phi^T M Phi = 1 and the frequencies w there, q = Phi w^-1/2 x, p = M Phi w^1/2 y:
+    canonical, and each mode turns in its plane (x, y) at its own frequency. The change of
+    coordinates carries no derivatives, which multipliers do not ask for.
+    """
+
+    model: AbstractModel
+    rotor: AnyRotor
+    speed: Any
+    period: Scalar
+    damping: Damping
+    directions: tuple[Direction, ...]
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Indices of the coordinates that are looked at."""
+        return np.flatnonzero([f in self.directions for f in self.model.directions])
+
+    def matrices(self, speed: Scalar) -> tuple[Matrix, Matrix, Matrix, Matrix, Code]:
+        """The matrices M, G, K, D at a speed, and the status of the steady state."""
+        own = np.ix_(self.rows, self.rows)
+        system = self.model.matrices(self.rotor, speed)
+        m, g, k = (a[own] for a in (system.mass, system.gyroscopic, system.stiffness))
+        rates = self.damping.mass_coefficient, self.damping.stiffness_coefficient
+        if rates == (None, None):
+            return m, g, k, jnp.zeros_like(m), system.status
+        equations = self.model.equations(self.rotor)
+        q = jnp.zeros(len(self.model.directions), m.dtype)
+        if not equations.is_linear:
+            q, _ = self.model.steady(self.rotor, speed)
+        d = dense(equations.damping_tangents(q, jnp.zeros_like(q), *rates)[1])
+        return m, g, k, (d / equations.as_force(q, jnp.ones_like(q))[:, None])[own], system.status
+
+    @property
+    def mean_speed(self) -> Scalar:
+        """The mean speed over eight equidistant times of the period."""
+        return jnp.mean(jax.vmap(self.speed)(self.period * jnp.arange(8) / 8))
+
+    @property
+    def status(self) -> Code:
+        """At the largest speed: the search for the steady state, and whether the rod bears it."""
+        speeds = jnp.abs(jax.vmap(self.speed)(self.period * jnp.arange(32) / 32))
+        m, _, k, _, status = without_derivatives(self.matrices(jnp.max(speeds)))
+        axial = np.flatnonzero([self.model.directions[row] == Direction.AXIAL for row in self.rows])
+        if axial.size:
+            least, _ = lowest_eigenpair(k[np.ix_(axial, axial)], m[np.ix_(axial, axial)])
+            status = jnp.where(least > 0, status, Status.NO_EQUILIBRIUM)
+        return status
+
+    @property
+    def coordinates(self) -> tuple[Matrix, Vector]:
+        """The coordinates of the reduced problem: modes Phi and scales w^(1/2)."""
+        m, _, k, _, _ = without_derivatives(self.matrices(self.mean_speed))
+        phi = symmetric_modes(m, k, is_hinged(self.rotor)).T
+        w2 = jnp.abs(jnp.sum(phi * (k @ phi), 0))
+        slow = (2 * jnp.pi / without_derivatives(self.period)) ** 2 / 100
+        return phi, jnp.maximum(w2, slow) ** 0.25
+
+    def monodromy(self, steps: int) -> tuple[Float[Array, "m m"], Scalar]:
+        """What takes (x, y) through the period, and the largest part of an exponent that is of
+        third order, which says whether the steps are short enough."""
+        phi, root = self.coordinates
+        n, h = root.size, self.period / steps
+
+        def rate(t: Scalar) -> Matrix:
+            m, g, k, d, _ = self.matrices(self.speed(t))
+            m, g, k, d = (phi.T @ a @ phi for a in (m, g, k, d))  # m is one, but has derivatives
+            light = inverse(m)
+            rotation = light @ (g / 2)
+            press = g / 2 + d
+            blocks = [[-rotation, light], [press @ rotation - k, -press @ light]]
+            scale = jnp.concatenate([root, 1 / root])
+            return scale[:, None] * jnp.block(blocks) / scale[None]
+
+        def step(state: Matrix, i: Array) -> tuple[Matrix, Scalar]:
+            a, b, c = jax.vmap(rate)(h * (i + _NODES))
+            one, two = h * b, np.sqrt(15) / 3 * h * (c - a)
+            three = 10 / 3 * h * (a - 2 * b + c)
+            first = _commutator(one, two)
+            second = -_commutator(one, 2 * three + first) / 60
+            both = _commutator(-20 * one - three + first, two + second) / 240
+            size = jax.lax.stop_gradient(jnp.max(jnp.abs(both)))
+            # What is too long for its order may be too long for any number as well.
+            exponent = jnp.where(size < 1, one + three / 12 + both, 0.0)
+            return exponential(exponent, _SQUARINGS) @ state, size
+
+        product, sizes = jax.lax.scan(step, jnp.eye(2 * n), jnp.arange(float(steps)))
+        return product, jnp.max(sizes)
+
+
+def _commutator(a: Matrix, b: Matrix) -> Matrix:
+    return a @ b - b @ a
+
+
+def multipliers(monodromy: Float[Array, "m m"]) -> Complex[Array, " m"]:
+    """The eigenvalues of a monodromy matrix, with derivatives."""
+    return _multipliers(monodromy, *eigensystem(jax.lax.stop_gradient(monodromy)))
+
+
+@jax.custom_jvp
+def _multipliers(monodromy: Array, mu: Array, right: Array, left: Array) -> Array:
+    return mu
+
+
+@_multipliers.defjvp
+def _multipliers_jvp(
+    primals: tuple[Array, ...], tangents: tuple[Array, ...]
+) -> tuple[Array, Array]:
+    """The derivative d mu = y^H dPhi x / y^H x of a simple eigenvalue."""
+    _, mu, x, y = primals
+    adjoint = y.conj()
+    return mu, jnp.sum(adjoint * (tangents[0] @ x), 0) / jnp.sum(adjoint * x, 0)

@@ -1,0 +1,177 @@
+"""Where loads that have no potential make a beam at rest flutter, or buckle.
+
+With M q'' + K q = 0, K not symmetric, a beam is stable while all mu of K x = mu M x, the squares of
+its frequencies, are real and positive. It buckles where one is zero, and flutters where two meet
+and leave the real axis together: there mu is a double root of the function h of
+
+    [[K - mu M, b], [c^T, 0]] (x, h) = (0, 1),
+
+so that h is zero where it is stationary. (For a column under a force that follows its tip: M. Beck,
+Zeitschrift fuer angewandte Mathematik und Physik 3, 1952.)
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxbeam._numerics.linalg import solve
+from jaxbeam._programs.batches import one_by_one
+from jaxbeam._stability.singular import AbstractPlace
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Matrix, Scalar, Vector
+
+_MEETS = 1e-5  # imaginary part of 1 / mu, over its size, from which two have met
+_HALVINGS = 30
+_POLISHES = 5  # of Newton's method, or of secants that begin so far apart, relative
+_APART = 1e-5
+
+# Mass and stiffness by what is given and the factor of the loads.
+Matrices = Callable[[Any, Scalar], tuple[Matrix, Matrix]]
+
+
+class Weakest(NamedTuple):
+    """The mode that is lost first, if one is: whether that is so and whether it flutters (1 or 0),
+    mu, and right and left eigenvectors, real where one mode alone is lost."""
+
+    lost: Array
+    flutters: Array
+    square: Scalar
+    right: Vector
+    left: Vector
+
+
+@one_by_one
+def weakest(m: Matrix, k: Matrix) -> Weakest:
+    """The weakest mode of K x = mu M x, by 1 / mu, of which the largest are found best."""
+    scale = 1 / jnp.sqrt(jnp.diag(m))
+    unit = scale[:, None] * scale[None]
+    m, k = m * unit, k * unit
+    nu, left, right = jax.lax.linalg.eig(jnp.linalg.solve(k, m))
+    flutters = jnp.abs(nu.imag) > _MEETS * jnp.abs(nu)
+    lost = flutters | ~(nu.real > 0)
+    first = jnp.argmax(jnp.where(lost, 1.0, 1e-9) * jnp.abs(nu))
+    # y^H K^-1 M = nu y^H: the left one of the problem is K^-H y.
+    x, y = right[:, first], jnp.linalg.solve(k.T + 0j, left[:, first])
+    return Weakest(
+        lost[first].astype(int), flutters[first].astype(int), (1 / nu[first]).real,
+        scale * _largest_part(x), scale * _largest_part(y),
+    )  # fmt: skip
+
+
+def _largest_part(x: Array) -> Vector:
+    """The real part, turned to where its largest entry is real."""
+    most = x[jnp.argmax(jnp.abs(x))]
+    out: Array = (x * most.conj() / jnp.abs(most)).real
+    return out
+
+
+class LostPlace(AbstractPlace):
+    """A load under which a beam flutters, or buckles, though its stiffness is not symmetric."""
+
+    x: Vector
+    exists: Array
+    left: Vector
+    square: Scalar
+    flutters: Array
+    k0: Matrix  # K without loads, and without derivatives
+    matrices: Matrices
+
+    def rest(self, given: Any) -> Matrix:
+        return self.k0
+
+    def stiffness(self, given: Any, value: Scalar) -> Matrix:
+        return self.matrices(given, jnp.where(self.exists, value, 0.0))[1]
+
+    def bordered(self, given: Any, value: Scalar) -> Scalar:
+        """The function h where it is stationary, or where mu is zero if the beam buckles."""
+        m, k = self.matrices(given, jnp.where(self.exists, value, 0.0))
+        own = jnp.diag(self.k0)
+        scale = jnp.where(own > 0, own, 1.0) ** -0.5
+        unit = scale[:, None] * scale[None]
+        m = jnp.where(self.exists, self.square * m * unit, 0.0)
+        k = jnp.where(self.exists, k * unit, jnp.eye(len(m), dtype=m.dtype))
+        right, left = (a / scale / jnp.linalg.norm(a / scale) for a in (self.x, self.left))
+        both = self.exists & (self.flutters > 0)
+
+        def h(share: Scalar) -> Scalar:
+            """By mu over that which is known."""
+            border = jnp.block([[k - share * m, left[:, None]], [right[None], jnp.zeros((1, 1))]])
+            return solve(border, jnp.zeros(len(border)).at[-1].set(1.0))[-1]
+
+        def slope(share: Scalar) -> Scalar:
+            return jnp.where(both, jax.jvp(h, (share,), (jnp.ones_like(share),))[1], share)
+
+        def search(_: Any, share: Scalar) -> Scalar:
+            for _ in range(_POLISHES):
+                value, rate = jax.jvp(slope, (share,), (jnp.ones_like(share),))
+                share = share - value / rate
+            return share
+
+        start = jnp.where(both, 1.0, 0.0) * jnp.ones_like(value)
+        share = jax.lax.custom_root(slope, start, search, lambda g, y: y / g(jnp.ones_like(y)))
+        return jnp.where(self.exists, h(share), value - 1.0)
+
+
+class Lost(NamedTuple):
+    """Where the search is: the load that is looked at, that up to which the beam is stable, and
+    the first that is known to be too large, with its weakest mode."""
+
+    tries: Array
+    value: Scalar
+    stable: Scalar
+    lost: Scalar
+    mode: Weakest
+    status: Code
+
+    @property
+    def found(self) -> Array:
+        return self.mode.lost == 1
+
+
+def first_lost(
+    loaded: Callable[[Scalar], tuple[Matrix, Matrix, Code]], n: int, bottom: Scalar, ratio: float,
+    looks: int,
+) -> Lost:  # fmt: skip
+    """The least load, from `bottom` on and each `ratio` times the last, under which a mode is lost:
+    found by halving what lies between."""
+
+    def body(search: Lost) -> Lost:
+        m, k, status = loaded(search.value)
+        mode = weakest(m, k)
+        lost = mode.lost == 1
+        stable = jnp.where(lost, search.stable, search.value)
+        end = jnp.where(lost, search.value, search.lost)
+        mode = jax.tree.map(lambda new, old: jnp.where(lost, new, old), mode, search.mode)
+        found = mode.lost == 1
+        value = jnp.where(found, (stable + end) / 2, search.value * ratio)
+        return Lost(search.tries + 1, value, stable, end, mode, status)
+
+    def goes_on(search: Lost) -> Array:
+        more = jnp.where(search.found, search.lost - search.stable > 2.0**-_HALVINGS * search.lost,
+                         search.tries < looks)  # fmt: skip
+        return more & (search.status == Status.OK) & (search.tries < looks + 2 * _HALVINGS)
+
+    zero, none = jnp.zeros_like(bottom), jnp.asarray(0)
+    vector = jnp.zeros(n, bottom.dtype)
+    start = Lost(
+        none, bottom, zero, zero, Weakest(none, none, zero + 1, vector, vector),
+        jnp.asarray(int(Status.OK)),
+    )  # fmt: skip
+    return jax.lax.while_loop(goes_on, body, start)
+
+
+def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
+    """The load to rounding, by secants of h."""
+
+    def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+        old, old_h, new = state
+        h = place.bordered(given, new)
+        change = jnp.where(h == old_h, 0.0, h * (new - old) / jnp.where(h == old_h, 1.0, h - old_h))
+        return new, h, new - change
+
+    near = value * (1 - _APART)
+    start = near, place.bordered(given, near), value
+    return jax.lax.fori_loop(0, _POLISHES, body, start)[2]

@@ -1,0 +1,223 @@
+"""Where a stiffness that goes with one parameter becomes singular: found, and differentiated."""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._numerics.linalg import lowest_eigenpair, solve
+from jaxbeam._results import nan_unless
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.directions import Direction, coupling_groups, naming
+from jaxbeam._status import Status
+from jaxbeam._types import Code, Matrix, Scalar, Vector
+
+_MORE = 100  # tries to narrow what was found
+_NEAR = 1e-6  # of two secants, relatively: the later one is then right to rounding, or nearly
+
+
+class AbstractPlace(eqx.Module):
+    """What is known of a singular stiffness, without derivatives: the coordinates x that give way.
+
+    The parameter is the root of the scalar f of the bordered system
+
+        [[K, b], [b^T, 0]] (x, f) = (0, 1).
+    """
+
+    x: eqx.AbstractVar[Vector]
+    exists: eqx.AbstractVar[Array]
+
+    @abc.abstractmethod
+    def rest(self, given: Any) -> Matrix:
+        """K where the parameter is zero."""
+
+    @abc.abstractmethod
+    def stiffness(self, given: Any, value: Scalar) -> Matrix:
+        """K at a value of the parameter."""
+
+    def bordered(self, given: Any, value: Scalar) -> Scalar:
+        """The function f."""
+        x = self.x
+        # Coordinates in which K has ones on its diagonal at first, so that the border fits.
+        own = jnp.diag(jax.lax.stop_gradient(self.rest(given)))
+        scale = jnp.where(own > 0, own, 1.0) ** -0.5  # a free hinge has none
+        border = x / scale / jnp.linalg.norm(x / scale)
+        # In a case without such a place any regular problem will do.
+        k = scale[:, None] * self.stiffness(given, value) * scale[None]
+        k = jnp.where(self.exists, k, jnp.eye(x.size))
+        system = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
+        solution = solve(system, jnp.zeros(x.size + 1).at[-1].set(1.0))
+        return jnp.where(self.exists, solution[-1], value - 1.0)
+
+
+@eqx.filter_custom_jvp
+def root(place: AbstractPlace, given: Any, value: Scalar) -> Scalar:
+    """The value, with its derivatives as the root of f by all that is `given`: only where they are
+    asked for is f looked at."""
+    return value
+
+
+@root.def_jvp
+def _root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scalar, Scalar]:
+    place, given, value = primals
+    # Through the function itself: then this rule can be differentiated again.
+    value = root(*primals)
+    _, change = jax.linearize(place.bordered, given, value)
+    still = jax.tree.map(jnp.zeros_like, given)
+    rates = jax.tree.map(lambda t, z: z if t is None else t, tangents[1], still, is_leaf=_is_none)
+    slope = change(still, jnp.ones_like(value))
+    return value, -change(rates, jnp.zeros_like(value)) / slope
+
+
+def _is_none(x: Any) -> bool:
+    return x is None
+
+
+def answer(place: AbstractPlace, given: Any, value: Scalar, status: Code) -> tuple[Scalar, Vector]:
+    """The critical value, differentiable by all that is `given`, infinite where there is none, and
+    the direction that gives way, largest entry 1; NaN where the status is not OK."""
+    x, exists = place.x, place.exists
+    value = root(place, given, jnp.where(exists, value, 1.0))
+    value = nan_unless(status == Status.OK, jnp.where(exists, value, jnp.inf))
+    return value, jnp.where(exists, x / x[jnp.argmax(jnp.abs(x))], jnp.nan)
+
+
+class Search(NamedTuple):
+    """Where the search for a change of sign is: `a` and `b` are values of the parameter and lowest
+    eigenvalues."""
+
+    tries: Array
+    last: Scalar
+    value: Scalar
+    a: Vector
+    b: Vector
+    stable: Array  # whether K was positive definite at `last`
+    direction: Code
+    x: Vector
+    softest: Vector  # lowest eigenvalue of each group at `last`
+    status: Code
+
+    @property
+    def found(self) -> Array:
+        """Whether the lowest eigenvalue has changed its sign."""
+        return self.b[1] <= 0
+
+
+class Scan(NamedTuple):
+    """The search for a change of sign of the lowest eigenvalue of K, up to the value `top`."""
+
+    at: Callable[[Scalar], tuple[Matrix, Code]]  # K at a value of the parameter, and a status
+    groups: "Groups"
+    k0: Matrix  # by which eigenvalues are measured
+    top: Scalar
+    ratio: Scalar  # of one value that is looked at to the last
+    looks: int  # up to the top
+
+    def run(self, bottom: Scalar, first: int, x: Vector) -> Search:
+        """From the value `bottom` on; until something is found, `direction` is that of the group
+        `first` and `x` what is given."""
+        zero, one = jnp.zeros_like(bottom), jnp.ones_like(bottom)
+        start = Search(
+            tries=jnp.asarray(0), last=zero, value=bottom, a=jnp.stack([zero, one]),
+            b=jnp.stack([self.top, one]), stable=jnp.asarray(True), direction=self.groups.codes[first],
+            x=x, softest=jnp.ones(len(self.groups.rows), zero.dtype),
+            status=jnp.asarray(int(Status.OK)),
+        )  # fmt: skip
+        return jax.lax.while_loop(self._goes_on, self._step, start)
+
+    def status(self, end: Search) -> Code:
+        """Whether the search came to an end."""
+        lost = (end.tries == self.looks + _MORE) & (end.status == Status.OK)
+        return jnp.where(lost, Status.INACCURATE, end.status)
+
+    def _step(self, search: Search) -> Search:
+        """Steps up while K is positive definite, then the Illinois rule: secants between the ends
+        of the bracket, with the value at an end that stays halved each time."""
+        one = jnp.ones_like(search.value)
+        stiffness, status = self.at(search.value)
+        pairs = [softest(rows, stiffness, self.k0) for rows in self.groups.rows]
+        values, x = (jnp.stack(each) for each in zip(*pairs, strict=True))
+        least, low = jnp.min(values), jnp.argmin(values)
+        here, stable = jnp.stack([search.value, least]), least > 0
+        weight = jnp.stack([one, jnp.where(stable == search.stable, one / 2, one)])
+        a = jnp.where(stable, here, search.a * weight)
+        b = jnp.where(stable, search.b * weight, here)
+        found = b[1] <= 0
+        secant = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
+        new = Search(
+            tries=search.tries + 1,
+            last=search.value,
+            value=jnp.where(found, secant, search.value * self.ratio),
+            # Until a change of sign is found the upper end is none.
+            a=a, b=jnp.where(found, b, search.b), stable=stable, direction=self.groups.codes[low],
+            x=x[low], softest=values, status=status,
+        )  # fmt: skip
+        # Where K is singular but for rounding no equilibrium is found: it is the value sought.
+        near = jnp.abs(search.value - search.last) < _NEAR * search.value
+        there = search.found & near & (status == Status.NOT_CONVERGED)
+        end = search._replace(tries=search.tries + 1, last=search.value)
+        return jax.tree.map(lambda old, new: jnp.where(there, old, new), end, new)
+
+    def _goes_on(self, search: Search) -> Array:
+        """Up to the top, or until the bracket is as narrow as rounding lets it be."""
+        more = jnp.where(
+            search.found,
+            jnp.abs(search.value - search.last) > 1e-14 * search.value,
+            search.value <= self.top * (1 + 1e-9),
+        )
+        return more & (search.status == Status.OK) & (search.tries < self.looks + _MORE)
+
+
+class Groups(NamedTuple):
+    """Coordinates that lose their stability together, under the name of one of their directions."""
+
+    directions: tuple[Direction, ...]
+    rows: tuple[np.ndarray, ...]
+
+    @property
+    def codes(self) -> Array:
+        return jnp.asarray([int(direction) for direction in self.directions])
+
+
+def groups_of(model: AbstractModel, rotor: AnyRotor) -> Groups:
+    """In the order of directions; where axial motion is not a group of its own it comes again as
+    such, at the end, since that is how a rod tears."""
+    found = {}
+    for group in coupling_groups(rotor):
+        for directions in dict.fromkeys(group):
+            rows = np.flatnonzero([direction in directions for direction in model.directions])
+            if rows.size:
+                found[naming(model.directions[row] for row in rows)] = rows
+    found = dict(sorted(found.items()))
+    axial = np.flatnonzero([direction == Direction.AXIAL for direction in model.directions])
+    if axial.size and Direction.AXIAL not in found:
+        found[Direction.AXIAL] = axial
+    return Groups(tuple(found), tuple(found.values()))
+
+
+def softest(rows: np.ndarray, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
+    """The lowest eigenvalue of K x = value K_0 x in some coordinates, and x among all."""
+    least, x = lowest_eigenpair(k[np.ix_(rows, rows)], k0[np.ix_(rows, rows)])
+    return least, x @ np.eye(len(k))[rows]
+
+
+def is_affine(model: AbstractModel, rotor: AnyRotor) -> bool:
+    """Whether nothing in the steady state changes the stiffness."""
+    return model.equations(rotor).is_linear or Direction.AXIAL not in model.directions
+
+
+def gives_way(
+    rows: np.ndarray, k1: Matrix, k0: Matrix
+) -> tuple[Float[Array, ""], Float[Array, " n"]]:
+    """The least s > 0 at which K_0 + s K_1 is singular in some coordinates, infinite where there is
+    none, and the direction among all."""
+    least, x = softest(rows, k1, k0)  # K_1 x = least K_0 x
+    own = np.ix_(rows, rows)
+    soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])
+    return jnp.where(soft, 1 / jnp.abs(jnp.where(soft, least, 1.0)), jnp.inf), x

@@ -1,0 +1,359 @@
+"""Tongues: where a modulation of the speed makes two modes grow."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jaxbeam._checks import count_functions, positive, real_array
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.loaded import checked_damping
+from jaxbeam._modes.modes import find
+from jaxbeam._modes.result import Modes
+from jaxbeam._modes.wanted import Wanted, choose
+from jaxbeam._numerics.linalg import eigensystem
+from jaxbeam._programs.program import Program
+from jaxbeam._results import harmless, nan_unless, without_derivatives
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.directions import Direction, Label, coupling_groups
+from jaxbeam._rotor.loads import NO_DAMPING, Damping
+from jaxbeam._rotor.spins import ModulatedSpeed
+from jaxbeam._stability.floquet import Reduced, modulation_status, refuse_cone
+from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
+
+
+class Tongue(eqx.Module):
+    """Boundaries of a region of parametric resonance, at D depths of modulation.
+
+    | field     | shape  | unit  |                                                               |
+    |-----------|--------|-------|---------------------------------------------------------------|
+    | depth     | (D,)   |       | as given                                                      |
+    | frequency | (D, 2) | rad/s | lowest and highest frequency of modulation of the region      |
+    | onset     | ()     | rad/s | where it begins without damping: (omega_i + omega_j) / order  |
+    | status    | (D,)   |       | `Status`; `NO_TONGUE` where damping leaves none at this depth |
+
+    Where `status` is not OK the frequencies are NaN (derivatives: as in `modes`); so is `onset`
+    where nothing could be computed at any depth.
+    """
+
+    depth: Float[Array, " D"]
+    frequency: Float[Array, "D 2"]
+    onset: Scalar
+    status: Int[Array, " D"]
+
+
+def tongue(
+    model: AbstractModel,
+    rotor: AnyRotor,
+    mean: Real,
+    pair: tuple[Label, Label],
+    depths: Any,
+    *,
+    order: int = 1,
+    damping: Damping = NO_DAMPING,
+    steps: int = 64,
+    throw: bool = True,
+) -> Tongue:
+    """Where `ModulatedSpeed(mean, depth, frequency)` makes the modes of `pair` grow.
+
+    The region of parametric resonance that begins at frequency (omega_i + omega_j) / order, the
+    frequencies being those at the speed `mean` (rad/s): principal where both labels are the same,
+    of combination type where they differ. `depths` are positive and increasing.
+
+    The two multipliers that belong to the two modes define a function that changes sign at the
+    boundary. With their sum s and product p, t = s / p^1/2 and r = abs(p)^-1/2 it is
+
+        Re(t)^2 + [Im(t) (r + 1/r) / (r - 1/r)]^2 - (r + 1/r)^2,
+
+    positive where one of them is outside the unit circle (condition of Schur and Cohn, for
+    abs(p) <= 1); without damping (s^2 - 4 p) / p, negative while they are apart on the circle. Its
+    roots are found by Newton's method with exact derivatives, from depth to depth along the tangent
+    that the gradient gives, set right by a parabola through three points. First derivatives of
+    `frequency` by parameters are exact.
+
+    The modulation is about a positive mean speed at which the beam is stable, else the status is
+    `NO_EQUILIBRIUM`. `INACCURATE` where the two modes are not recognised by what they are without
+    modulation, `NOT_CONVERGED` where Newton's method did not settle, because multipliers of another
+    mode pass by, say. `throw=False` returns failures in `Tongue.status`. Errors as in `floquet`.
+    """
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise ValueError(f"pair must be two labels, got {pair!r}")
+    model, rotor, _ = checked_case(model, rotor)
+    wanted = choose(model, tuple(pair))
+    refuse_cone(rotor)
+    every = [transverse + axial for transverse, axial in coupling_groups(rotor)]
+    groups = [
+        directions for directions in every if all(label.direction in directions for label in pair)
+    ]
+    if not groups:
+        raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
+    count_functions("order", order, least=1)
+    count_functions("steps", steps, least=1)
+    depths = real_array("depths", depths)
+    if depths.ndim != 1 or depths.size == 0:
+        raise ValueError(f"depths must be a list of numbers, got shape {depths.shape}")
+    if is_concrete(depths):
+        values = np.asarray(depths)
+        if not (np.isfinite(values).all() and values[0] > 0 and (np.diff(values) > 0).all()):
+            raise ValueError(f"depths must be finite, positive and increasing, got {values}")
+    speed = positive("mean", mean)
+    damping = checked_damping(damping)
+    share = jnp.asarray(float(order))  # an array: another order does not compile anew
+    result = _tongue(model, rotor, speed, wanted, depths, share, damping, groups[0], steps)
+    return raise_unless_ok(result, jnp.max(result.status)) if throw else result
+
+
+@Program
+def _tongue(
+    model: AbstractModel, rotor: AnyRotor, mean: Scalar, wanted: Wanted, depths: Vector,
+    order: Scalar, damping: Damping, directions: tuple[Direction, ...], steps: int,
+) -> Tongue:  # fmt: skip
+    found, given = _unmodulated(model, rotor, mean, wanted, damping)
+    fine = given == Status.OK
+    rotor, damping = harmless(fine, (rotor, damping))
+    mean = jnp.where(fine, mean, 0.0)
+    eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
+    onset_now = jnp.sum(eigenvalue.imag) / order
+    onset = without_derivatives(onset_now)
+    without_depth = without_derivatives(_Case(rotor, mean, damping, onset, 0 * onset))
+    still = without_depth.group(model, directions)
+    shapes = jnp.where(fine, found.shape, 1.0)
+    basis = without_derivatives(_basis(still, mean, eigenvalue, shapes))
+    margin = _Margin(model, directions, basis, steps)
+    search = _Search(margin, rotor, mean, damping, onset, order)
+    kept, rates, status = search.boundaries(depths)
+    ends = jax.vmap(jax.vmap(search.polished, (0, 0, None)))(kept, rates, depths)
+    status = jnp.where(fine, status, given).astype(int)
+    ok = status == Status.OK
+    reached = ok[:, None] & jnp.isfinite(kept)
+    return Tongue(depths, nan_unless(reached, ends), nan_unless(fine, onset_now), status)
+
+
+def _unmodulated(
+    model: AbstractModel, rotor: AnyRotor, mean: Scalar, wanted: Wanted, damping: Damping
+) -> tuple[Modes, Code]:
+    """The modes at the mean speed, and the status of the case: whether there is something to do."""
+    unit = ModulatedSpeed(mean, 0.0, 1.0)
+    given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
+    found = find(model, rotor, mean, wanted)
+    given = jnp.where(given == Status.OK, found.status, given)
+    unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
+    return found, jnp.where(unstable, Status.NO_EQUILIBRIUM, given)
+
+
+class _Case(NamedTuple):
+    """A beam and a modulation of its speed: all that a margin has derivatives by."""
+
+    rotor: AnyRotor
+    mean: Scalar
+    damping: Damping
+    frequency: Scalar
+    depth: Scalar
+
+    def group(self, model: AbstractModel, directions: tuple[Direction, ...]) -> Reduced:
+        """Motion of a coupling group over a period of the modulation."""
+        motion = ModulatedSpeed(self.mean, self.depth, self.frequency)
+        period = 2 * jnp.pi / self.frequency
+        return Reduced(model, self.rotor, motion.angular_speed, period, self.damping, directions)
+
+
+class _Margin(NamedTuple):
+    """The function that changes sign at the boundary, of a pair of modes that span `basis`."""
+
+    model: AbstractModel
+    directions: tuple[Direction, ...]
+    basis: Complex[Array, "m 2"]
+    steps: int
+
+    def at(self, case: _Case) -> tuple[Scalar, Scalar]:
+        """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
+        the steps are too long."""
+        monodromy, correction = case.group(self.model, self.directions).monodromy(self.steps)
+        sound = jnp.all(jnp.isfinite(monodromy))
+        monodromy = jnp.where(sound, monodromy, jnp.eye(len(self.basis)))
+        total, product, ahead = self.pair(monodromy)
+        return _beyond(total, product), jnp.where(sound & (correction < 1), ahead, jnp.nan)
+
+    def pair(self, monodromy: Matrix) -> tuple[Complex[Array, ""], Complex[Array, ""], Scalar]:
+        """Sum and product of the two multipliers, and by how much more like the pair they are than
+        the next one."""
+        _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
+        share = jnp.linalg.norm(self.basis.conj().T @ right, axis=0)
+        likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
+        # Of the two-dimensional invariant subspace: at the boundary the two multipliers coincide,
+        # with derivatives that are infinite, while sum and product stay smooth.
+        x, y = (_orthonormal(*a[:, index[:2]].T) for a in (right, left))
+        small = _inverse2(y.conj().T @ x) @ (y.conj().T @ (monodromy @ x))
+        ahead = likeness[1] - likeness[2] if share.size > 2 else likeness[1]
+        return small[0, 0] + small[1, 1], _determinant2(small), ahead
+
+
+def _beyond(total: Complex[Array, ""], product: Complex[Array, ""]) -> Scalar:
+    """Whether two numbers of this sum and product are outside the unit circle: see `tongue`."""
+    # Scaled to a product of one, the sum is t and the unit circle has the radius rho: both are
+    # within while t is in the ellipse with the half axes rho +- 1 / rho.
+    t, rho = total / jnp.sqrt(product), jnp.abs(product) ** -0.5
+    minor = rho - 1 / rho
+    flat = jnp.abs(minor) < 1e-12  # without damping t is real
+    aside = jnp.where(flat, 0.0, t.imag / jnp.where(flat, 1.0, minor))
+    major = rho + 1 / rho
+    return t.real**2 + (aside * major) ** 2 - major**2
+
+
+class _End(NamedTuple):
+    """The state of Newton's method on its way to a boundary of the tongue."""
+
+    frequency: Scalar
+    change: Scalar
+    likeness: Scalar
+    rate: Scalar
+    tries: Scalar
+
+
+class _Traced(NamedTuple):
+    """What the boundary at one depth leaves to the search at the next."""
+
+    depth: Scalar
+    centre: Scalar
+    width: Scalar
+    slopes: Float[Array, " 2"]
+
+
+class _Search(NamedTuple):
+    """The search for the two boundaries of one tongue, without derivatives but for `polished`."""
+
+    margin: _Margin
+    rotor: AnyRotor
+    mean: Scalar
+    damping: Damping
+    onset: Scalar
+    order: Scalar
+
+    def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
+        """At each depth both ends, the derivatives of the margin there, and a status."""
+        onset, least = self.onset, jnp.full_like(self.onset, 1e-3)
+        first = _Traced(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
+        return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
+
+    def follow(self, last: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
+        """From one depth to the next."""
+        valid = jnp.isfinite(given) & (given > 0)
+        depth = jnp.where(valid, given, last.depth)
+        # To second order in depth the middle moves with its square, the width with its power.
+        drift = jnp.nan_to_num(jnp.mean(last.slopes)) / (2 * last.depth)
+        centre = last.centre + drift * (depth**2 - last.depth**2)
+        centre, width = self.vertex(centre, last.width * (depth / last.depth) ** self.order, depth)
+        exists = jnp.isfinite(width)
+        start = jnp.where(exists, centre + width * np.array([-1.0, 1.0]), self.onset)
+        end = jax.vmap(lambda nu: self.newton(nu, depth))(start)
+        rise = jax.vmap(lambda nu: self.slope(nu, depth, (0.0, 1.0))[2])(end.frequency)
+        ends = end.frequency
+        good = exists & jnp.all(end.change <= 1e-9 * self.onset) & (ends[1] > ends[0])
+        status = _ended(end, valid, exists, good)
+        good &= valid
+        new = _Traced(
+            depth=depth,
+            centre=jnp.where(good, jnp.mean(ends), centre),
+            width=jnp.where(good, (ends[1] - ends[0]) / 2, last.width),
+            slopes=jnp.where(good, -rise / end.rate, jnp.nan),
+        )
+        return new, (jnp.where(good, ends, jnp.nan), end.rate, status)
+
+    def vertex(self, centre: Scalar, spacing: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
+        """Middle and half width of a parabola through three points; NaN if it stays negative."""
+
+        def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+            centre, spacing = state[:2]
+            at = centre + spacing * jnp.arange(-1.0, 2.0)
+            low, mid, high = jax.lax.map(lambda nu: self.margin.at(self.case(nu, depth))[0], at)
+            bend, tilt = (low + high) / 2 - mid, (high - low) / 2
+            shift = jnp.clip(-tilt / (2 * jnp.minimum(bend, -1e-30)), -2.0, 2.0)
+            top = mid + shift * (tilt + shift * bend)
+            width = spacing * jnp.sqrt(jnp.maximum(top / -bend, 0.0))
+            near = jnp.where(width > 0, jnp.clip(width, 0.05 * spacing, 2.0 * spacing), spacing)
+            near = jnp.where(jnp.abs(shift) >= 2, 4 * spacing, near)  # far from it yet
+            return centre + shift * spacing, near, jnp.where(top > 0, width, jnp.nan)
+
+        centre, _, width = jax.lax.fori_loop(0, 6, body, (centre, spacing, spacing))
+        return centre, width
+
+    def newton(self, start: Scalar, depth: Scalar) -> _End:
+        """The boundary near a frequency."""
+
+        def body(end: _End) -> _End:
+            value, likeness, rate = self.slope(end.frequency, depth, (1.0, 0.0))
+            change = jnp.clip(value / rate, -0.02 * self.onset, 0.02 * self.onset)
+            return _End(end.frequency - change, jnp.abs(change), likeness, rate, end.tries + 1)
+
+        def go_on(end: _End) -> Array:
+            return (end.change > 1e-13 * self.onset) & (end.tries < 20)
+
+        one = jnp.ones_like(start)
+        return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
+
+    def slope(self, nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
+        """The margin and its likeness, and the derivative of it along (frequency, depth)."""
+        start, one = self.case(nu, depth), jnp.ones_like(nu)
+        still: _Case = jax.tree.map(jnp.zeros_like, start)
+        push = still._replace(frequency=along[0] * one, depth=along[1] * one)
+        (value, likeness), (rate, _) = jax.jvp(self.margin.at, (start,), (push,))
+        return value, likeness, rate
+
+    def case(self, frequency: Scalar, depth: Scalar) -> _Case:
+        """A modulation of this beam, without derivatives."""
+        return without_derivatives(_Case(self.rotor, self.mean, self.damping, frequency, depth))
+
+    def polished(self, end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
+        """One more step, in which the parameters carry their derivatives."""
+        here = jnp.isfinite(end)
+        depth = jnp.where(here, depth, 1e-3)
+        start = jnp.where(here, end, self.onset)
+        value, _ = self.margin.at(_Case(self.rotor, self.mean, self.damping, start, depth))
+        value, end = jnp.where(here, value, 0.0), jnp.where(here, end, self.onset)
+        return end - value / jnp.where(here, rate, 1.0)
+
+
+def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:
+    """What became of the two ends at a depth."""
+    clear = jnp.all(end.likeness > 0.2)
+    status = jnp.where(clear, Status.OK, Status.INACCURATE)
+    status = jnp.where(good, status, Status.NOT_CONVERGED)
+    status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
+    status = jnp.where(exists, status, Status.NO_TONGUE)
+    return jnp.where(valid, status, Status.INVALID_MOTION)
+
+
+def _basis(
+    group: Reduced, speed: Scalar, eigenvalue: Complex[Array, " 2"], shape: Complex[Array, "2 n"]
+) -> Complex[Array, "m 2"]:
+    """Orthonormal, of two modes in (x, y), the second one turning backwards: these two meet."""
+    phi, root = group.coordinates
+    m, g, *_ = group.matrices(speed)
+
+    def canonical(lam: Array, x: Array) -> Array:
+        own = x[group.rows]
+        p = lam * (m @ own) + g @ own / 2
+        return jnp.concatenate([root * (phi.T @ (m @ own)), (phi.T @ p) / root])
+
+    return _orthonormal(
+        canonical(eigenvalue[0], shape[0]), canonical(eigenvalue[1], shape[1]).conj()
+    )
+
+
+def _orthonormal(a: Complex[Array, " m"], b: Complex[Array, " m"]) -> Complex[Array, "m 2"]:
+    a = a / jnp.linalg.norm(a)
+    b = b - a * (a.conj() @ b)
+    return jnp.stack([a, b / jnp.linalg.norm(b)], 1)
+
+
+def _determinant2(a: Complex[Array, "2 2"]) -> Complex[Array, ""]:
+    return a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+
+
+def _inverse2(a: Complex[Array, "2 2"]) -> Complex[Array, "2 2"]:
+    rows = [jnp.stack([a[1, 1], -a[0, 1]]), jnp.stack([-a[1, 0], a[0, 0]])]
+    return jnp.stack(rows) / _determinant2(a)
