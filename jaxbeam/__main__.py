@@ -71,8 +71,8 @@ Frequencies over speed, for three tip masses (--example prints it, and the other
 
 {EXAMPLES["frequencies"]}
 A [beam] may have file = "blade.csv", any file of blades.read_blade beside it, of which what it says
-of the rotor holds unless [rotor] says otherwise, [root_springs] springs (jaxbeam.RootSprings) and [tip_body]
-what makes a body of the tip mass (jaxbeam.TipBody).
+of the rotor holds unless [rotor] says otherwise. [root_springs] are those of jaxbeam.RootSprings,
+and [tip_body] makes a body of the tip mass (jaxbeam.TipBody).
 A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
 
 {EXAMPLES["spin_up"]}
@@ -225,12 +225,9 @@ def read(tables: Mapping[str, Any]) -> Job:
         raise ValueError(f"[{table}] has no use here: tables are {', '.join(sorted(made))}")
     if not axes and "angular_speed" in takes[question]:
         axes = {"angular_speed": [tables[question].get("angular_speed", 0.0)]}
-    homes = [(name, table) for table, own in takes.items() for name in own if _is_real(own[name])]
-    for name in axes:
-        _unless_among(name, dict(homes), f"[sweep] {name} is not swept", "numbers are")
-        home = [table for number, table in homes if number == name]
-        if len(home) > 1:
-            raise ValueError(f"[sweep] {name} could be that of [{'] or ['.join(home)}]")
+    numbers = {name: 0 for own in takes.values() for name in own if _is_real(own[name])}
+    for name in axes:  # no two tables have a number of one name
+        _unless_among(name, numbers, f"[sweep] {name} is not swept", "numbers are")
     for table in made.keys() - {question}:
         made[table](dict.fromkeys(axes, 1.0))  # so that other numbers than these are checked
     with _blamed("sweep"):

@@ -115,7 +115,8 @@ def is_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
 
 
 def is_known_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
-    """Whether a number that is concrete is in range, by NumPy: under `jit` jax would trace constants."""
+    """Whether a number that is concrete is in range, by NumPy: under `jit` jax would trace
+    constants."""
     number = np.asarray(value)
     fine = np.isfinite(number) if most is None else np.abs(number) <= most
     return fine if zero is None else fine & ((number >= 0) if zero else (number > 0))

@@ -1,8 +1,8 @@
 """Tip mass and hub radius for which no harmonic of the speed meets a frequency.
 
 A rotor in a range of working speeds: as designed, frequencies cross lines of so many per turn.
-`jb.fitting.ResonanceMargin` demands a margin along the whole range, priors ask for as little change as
-may be, and `jb.fit` searches from many starts at once.
+`jb.fitting.ResonanceMargin` demands a margin along the whole range, priors ask for as little change
+as may be, and `jb.fit` searches from many starts at once.
 
     python studies/detune.py [--quick] [--out FOLDER]
 """

@@ -1,6 +1,8 @@
 """`python -m jaxbeam`: the numbers are those of the package, mistakes are named in one line."""
 
 import csv
+import inspect
+import itertools
 import json
 import re
 import subprocess
@@ -216,7 +218,7 @@ def test_further_scenes_are_accepted():
     scene = read(
         tomllib.loads(with_loads + "[sweep]\nmass_coefficient = [0.1, 0.2]\nlength = [8, 9]")
     )
-    assert scene.axes == {"mass": [0.1, 0.2], "length": [8.0, 9.0]}
+    assert scene.axes == {"mass_coefficient": [0.1, 0.2], "length": [8.0, 9.0]}
     slender = (
         '[beam]\n[model]\nname = "ANCF"\n[southwell]\nin_plane = 1\n[sweep]\nslenderness = [70]'
     )
@@ -283,7 +285,8 @@ def test_mistakes(old, new, complaint, command):
         ("points = 11", "points = 1", "[spin_up] points must be >= 2, got 1"),
         ("points = 11", "max_steps = 0", "[spin_up] max_steps must be >= 1, got 0"),
         ("points = 11", "angular_speed = 1", "[spin_up] has no angular_speed: its keys are until"),
-        ("points = 11", "[damping]\nmass_coefficient = -1", "[damping] damping must be finite and >= 0"),
+        ("points = 11", "[damping]\nmass_coefficient = -1",
+         "[damping] damping must be finite and >= 0"),
         ("points = 11", "[sweep]\nuntil = [1.0]", "[sweep] until is not swept"),
     ],
 )  # fmt: skip
@@ -292,11 +295,18 @@ def test_mistakes_in_spin_ups(old, new, complaint, command):
     refused(command, SPIN_UP.replace(old, new, 1), complaint)
 
 
-def test_number_of_two_tables(command):
-    motion = '[motion]\nname = "ConstantSpeed"\nangular_speed = 1.0\n[spin_up]\nuntil = 1.0\n'
-    twice = "[damping]\nmass_coefficient = 1.0\n[sweep]\nmass_coefficient = [1.0, 2.0]\n"
-    text = SPRINGS.split("[frequencies]")[0] + motion + twice
-    refused(command, text, "[sweep] mass could be that of [rotor] or [damping]")
+def test_no_two_tables_have_a_number_of_one_name():
+    """So that a sweep can name a number alone."""
+    beam = _numbers_of(jb.Beam) | set(inspect.signature(jb.Beam.from_section).parameters)
+    more = [_numbers_of(kind) for kind in (jb.RootSprings, jb.TipBody, jb.Damping)]
+    more += [set().union(*map(_numbers_of, jb.motions.Spin.__subclasses__()))]
+    for rotor in ([beam, _numbers_of(jb.Rotor)], [_numbers_of(jb.models.SpringRotor)]):
+        for one, other in itertools.combinations([*rotor, *more], 2):
+            assert not one & other
+
+
+def _numbers_of(kind):
+    return set(inspect.signature(kind).parameters)
 
 
 def refused(command, text, complaint):

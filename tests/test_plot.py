@@ -21,7 +21,8 @@ def modes_of(model, *shapes):
     k = len(shapes)
     directions, vectors = (jnp.asarray(part) for part in zip(*shapes, strict=True))
     return Modes(
-        jnp.ones(k, complex), vectors.astype(complex), directions, jnp.ones(k, int), jnp.ones((k, 4)),
+        jnp.ones(k, complex), vectors.astype(complex), directions, jnp.ones(k, int),
+        jnp.ones((k, 4)),
         jnp.zeros(k), jnp.asarray(0), jnp.asarray(0.0), None, model,
     )  # fmt: skip
 

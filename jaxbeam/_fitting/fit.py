@@ -165,7 +165,8 @@ class _Search(NamedTuple):
         shown = (sys.stderr.isatty() if progress is None else progress) and not traced
         descent = self.descent
         if not traced:
-            told = f"reduced chi squared {float(first.reduced_chi_squared):.3g}, {int(first.steps)} steps"
+            told = f"{float(first.reduced_chi_squared):.3g} after {int(first.steps)} steps"
+            told = f"reduced chi squared {told}"
             _tell(shown, f"from the guess: {told}")
             descent = Descent() if descent is None and _is_poor(first) else descent
         if descent is None:

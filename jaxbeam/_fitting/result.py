@@ -59,24 +59,27 @@ class Problem(eqx.Module):
 class Fit(eqx.Module):
     """What a fit found: m parameters, from n numbers measured.
 
-    | field           | shape  |                                                                  |
-    |-----------------|--------|------------------------------------------------------------------|
-    | parameters      | ()     | values by name                                                   |
-    | deviation       | ()     | standard deviations by name; infinite where data cannot tell     |
-    | covariance      | (m, m) | of the parameters in alphabetical order (Gauss-Newton)           |
-    | residuals       |        | of each experiment, over the noise; NaN where missing            |
-    | reduced_chi_squared | ()     | sum of squared residuals over `degrees_of_freedom`: 1 where noise is all    |
-    | freedom         | ()     | n - m                                                            |
-    | certainty       | (m,)   | singular values of the Jacobian by parameters over these scales  |
-    | directions      | (m, m) | the combination of these that belongs to each, in rows           |
-    | parameter_scale | (m,)   | what its changes are measured by, see `FreeParameter`            |
-    | at_bound        | ()     | by name, whether a bound is nearer than a tenth of the deviation |
-    | steps           | ()     | of the last search                                               |
-    | status          | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`      |
+    | field               | shape  |                                                              |
+    |---------------------|--------|--------------------------------------------------------------|
+    | parameters          | ()     | values by name                                               |
+    | standard_deviation  | ()     | by name; infinite where data cannot tell                     |
+    | covariance          | (m, m) | of the parameters in alphabetical order (Gauss-Newton)       |
+    | residuals           |        | of each experiment, over the noise; NaN where missing        |
+    | reduced_chi_squared | ()     | sum of squared residuals over the degrees of freedom: one    |
+    |                     |        | where noise is all                                           |
+    | degrees_of_freedom  | ()     | n - m                                                        |
+    | certainty           | (m,)   | singular values of the Jacobian by parameters over their     |
+    |                     |        | scales                                                       |
+    | combinations        | (m, m) | of the parameters, the one that belongs to each, in rows     |
+    | parameter_scale     | (m,)   | what their changes are measured by, see `FreeParameter`      |
+    | at_bound            | ()     | by name, whether a bound is nearer than a tenth of the       |
+    |                     |        | standard deviation                                           |
+    | steps               | ()     | of the last search                                           |
+    | status              | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`  |
 
-    Unless the status is `OK`, `parameters`, `standard_deviation`, `covariance` and all that follows from
-    them is NaN; `partial` is the same fit with the best that was found. Of a batch, every answer
-    has the axes of the batch in front.
+    Unless the status is `OK`, `parameters`, `standard_deviation`, `covariance` and all that follows
+    from them is NaN; `partial` is the same fit with the best that was found. Of a batch, every
+    answer has the axes of the batch in front.
     """
 
     parameters: dict[str, Scalar]
@@ -171,13 +174,15 @@ class Fit(eqx.Module):
         names, found = list(self.parameters), self.partial
         lines = [f"{'':28}{'value':>13}{'deviation':>12}   95 % interval"]
         for name, (low, high) in found.interval().items():
+            value, spread = found.parameters[name], found.standard_deviation[name]
             lines.append(
-                f"{name:28}{float(found.parameters[name]):13.6g}{float(found.standard_deviation[name]):12.2g}"
+                f"{name:28}{float(value):13.6g}{float(spread):12.2g}"
                 f"   {float(low):.6g} to {float(high):.6g}"
             )
         lines.append(
-            f"reduced chi squared {float(self.reduced_chi_squared):.3g} with {int(self.degrees_of_freedom)} degrees of freedom, "
-            f"{int(self.steps)} steps: {Status(int(self.status)).message}"
+            f"reduced chi squared {float(self.reduced_chi_squared):.3g} with "
+            f"{int(self.degrees_of_freedom)} degrees of freedom, {int(self.steps)} steps: "
+            f"{Status(int(self.status)).message}"
         )
         if self.known_noise and self.excess() > 5:
             lines.append(
@@ -219,8 +224,8 @@ def spread(
 
 
 def variance(certainty: Array, combinations: Array) -> Array:
-    """Variances of the variables of the search; infinite where a combination without certainty has a
-    share."""
+    """Variances of the variables of the search; infinite where a combination without certainty has
+    a share."""
     share = combinations**2
     share = jnp.where(share < 1e-12, 0.0, share)
     each = jnp.where(share == 0, 0.0, share / jnp.where(share == 0, 1.0, certainty[:, None] ** 2))

@@ -108,10 +108,10 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
     its distance from the judge, plus what the judge may be off, plus what ten times tighter
     integration changes.
 
-    The judge's material has the engineering strain (`ExactRodANCF`, `SpatialANCF`). To estimates
-    of rungs of any other axial law is added what laws that agree at small strains may differ by,
-    from the strains that the judge meets: see `Answer.constitutive_uncertainty`, which `Choice.constitutive_uncertainty`
-    repeats.
+    The judge's material has the engineering strain (`ExactRodANCF`, `SpatialANCF`). To estimates of
+    rungs of any other axial law is added what laws that agree at small strains may differ by, from
+    the strains that the judge meets: see `Answer.constitutive_uncertainty`, which
+    `Choice.constitutive_uncertainty` repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
     model is compiled once for all questions of a kind, side by side on the cores there are. For
@@ -184,12 +184,8 @@ class _Asker:
     def __init__(
         self, question: Question, rotor: Rotor, accuracy: float, compiler: BackgroundCompiler
     ) -> None:
-        self.question, self.rotor, self.accuracy, self.compiler = (
-            question,
-            rotor,
-            accuracy,
-            compiler,
-        )
+        self.question, self.rotor = question, rotor
+        self.accuracy, self.compiler = accuracy, compiler
         self.size = UNKNOWN
         self.found: dict[AbstractModel, Answer] = {}
 

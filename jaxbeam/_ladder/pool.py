@@ -68,13 +68,9 @@ class Pool:
     """Answers of cases by models, computed when asked for and kept."""
 
     def __init__(
-        self,
-        situation: Situation,
-        cases: Cases,
-        accuracy: float,
-        compiler: BackgroundCompiler,
-        **how: Any,
-    ) -> None:
+        self, situation: Situation, cases: Cases, accuracy: float,
+        compiler: BackgroundCompiler, **how: Any,
+    ) -> None:  # fmt: skip
         self.compiler, self.situation, self.accuracy = compiler, situation, accuracy
         self.columns = cases.columns
         self.how, self.n = how, len(cases)  # how: chunk, devices and progress of `sweep`

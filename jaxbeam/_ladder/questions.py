@@ -35,15 +35,15 @@ class Answer(eqx.Module):
 
     `value` (m,) and what its errors are relative to, `scale` (m,); `size`, the largest deflection
     of the tip on the way over the length; `slope`, the largest at the tip; `steps` in time;
-    `status`, and unless it is OK all but the steps is NaN; `constitutive_uncertainty`, what another axial law
-    that agrees at small strains might change, relative.
+    `status`, and unless it is OK all but the steps is NaN; `constitutive_uncertainty`, what another
+    axial law that agrees at small strains might change, relative.
 
-    `constitutive_uncertainty` is the largest strain eps of the centre line plus the square of the largest
-    curvature times the radius of gyration, (EI / EA)^(1/2), at the root: to first order in both
-    the bending stiffness and the length of `GreenANCF` and `ExactRodANCF` differ. The limits of
-    these two differ by 0.1 to 0.5 of it in static deflection, at most 0.4 in peaks of spin-ups, 0.1
-    to 0.8 in histories and frequencies; once, in a history long enough for phases to drift apart,
-    by 1.4.
+    `constitutive_uncertainty` is the largest strain eps of the centre line plus the square of the
+    largest curvature times the radius of gyration, (EI / EA)^(1/2), at the root: to first order in
+    both the bending stiffness and the length of `GreenANCF` and `ExactRodANCF` differ. The limits
+    of these two differ by 0.1 to 0.5 of it in static deflection, at most 0.4 in peaks of spin-ups,
+    0.1 to 0.8 in histories and frequencies; once, in a history long enough for phases to drift
+    apart, by 1.4.
     """
 
     value: Array  # in tables of many cases, with an axis of cases in front

@@ -27,7 +27,8 @@ from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
-SPACE = 2.0  # error of von Karman beams over `Indicators.nonlinearity`; 0.8 to 1.2 in studies/validity.py
+# Error of von Karman beams over `Indicators.nonlinearity`; 0.8 to 1.2 in studies/validity.py.
+SPACE = 2.0
 
 
 class Rung(NamedTuple):
@@ -274,7 +275,8 @@ def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) ->
 
 def has_other_law(model: AbstractModel) -> bool:
     """Whether its material is not that of the engineering strain, to which errors refer. Then what
-    the law may change (`Answer.constitutive_uncertainty`) is part of its error, even if it agrees by chance."""
+    the law may change (`Answer.constitutive_uncertainty`) is part of its error, even if it agrees
+    by chance."""
     return not is_of_elements(model)
 
 

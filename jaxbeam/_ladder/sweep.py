@@ -43,7 +43,8 @@ class _Chain(NamedTuple):
     """What representatives say of a chain of models.
 
     The error of rung k is `ratio[k]` times its distance from rung k - 1, at least `floor[k]`; plus
-    `theory` times `Indicators.nonlinearity`, up to the nonlinearity `limit`; plus `noise` of integration.
+    `theory` times `Indicators.nonlinearity`, up to the nonlinearity `limit`; plus `noise` of
+    integration.
     """
 
     models: list[AbstractModel]
@@ -85,8 +86,8 @@ def ladder_sweep(
     discretisation over the distance from the rung below; what integration adds; and where to start.
     Then each case gets the answers of two neighbouring rungs. The estimate of its error is 1.5
     times the sum of what these, its deflection and integration say, plus, but for elements, what
-    another axial law might change (`Answer.constitutive_uncertainty`); where that is more than the tolerance the
-    case goes on to a richer rung, of the same chain or the non-linear one.
+    another axial law might change (`Answer.constitutive_uncertainty`); where that is more than the
+    tolerance the case goes on to a richer rung, of the same chain or the non-linear one.
 
     The `Table` holds, beside the coordinates of the cases:
 
@@ -193,9 +194,7 @@ def _swept(
     out["status"][:] = given
     if not fine.any():
         return out
-    linear = (
-        linear if 0.03 * nonlinearity.min() <= tolerance else []
-    )  # a tenth of what it leaves out
+    linear = linear if 0.03 * nonlinearity.min() <= tolerance else []  # a tenth of its error
     pool.begin(*linear[:2])
     sample = _representatives(pool, cases, nonlinearity, np.flatnonzero(fine), representatives)
     these = cases[sample], nonlinearity[sample], tolerance, convergence_factor(question, rotor)
@@ -236,11 +235,10 @@ def _swept(
 def _representatives(
     pool: Pool, cases: np.ndarray, nonlinearity: np.ndarray, fine: np.ndarray, count: int
 ) -> np.ndarray:
-    """Places in `cases` far from each other in the ranks of parameters and of reach, the farthest
-    reach first: each is the one that is farthest from all before it."""
-    columns = [c[cases][fine] for c in pool.columns.values()] + 2 * [
-        nonlinearity[fine]
-    ]  # counts twice
+    """Places in `cases` far from each other in the ranks of parameters and of nonlinearity, the
+    most nonlinear first: each is the one that is farthest from all before it."""
+    columns = [c[cases][fine] for c in pool.columns.values()]
+    columns += 2 * [nonlinearity[fine]]  # which counts twice
     ranks = [np.unique(c, return_inverse=True)[1].astype(float) for c in columns]
     place = np.stack([r / max(r.max(), 1.0) for r in ranks], 1)
     chosen = [int(np.argmax(np.where(np.isfinite(nonlinearity[fine]), nonlinearity[fine], -1.0)))]

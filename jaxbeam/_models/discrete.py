@@ -43,7 +43,8 @@ class _Discrete(AbstractModel[SpringRotor]):
     def displacement(
         self, xi: Float[np.ndarray, " p"], rotor: SpringRotor
     ) -> Float[Array, "3 p n"]:
-        """Displacement of the particle, whatever xi is, to first order; theta counts as metres of y / L."""
+        """Displacement of the particle, whatever xi is, to first order; theta counts as metres of y
+        / L."""
         one = jnp.ones(np.asarray(xi).size)
         zero = jnp.zeros((*one.shape, 2))
         return jnp.stack([zero.at[:, 0].set(one), zero.at[:, 1].set(one), zero])

@@ -1,1 +1,2 @@
-"""Modes of vibration about steady rotation: by bands, dense, about loaded states, and their labels."""
+"""Modes of vibration about steady rotation: by bands, dense, about loaded states, and their
+labels."""

@@ -56,10 +56,10 @@ def energy_share(
 
 
 def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, ...]:
-    """Eigenvalues, shapes, directions and orders of the modes wanted, and whether the axial stiffness
-    is positive definite."""
+    """Eigenvalues, shapes, directions and numbers of the modes wanted, and whether the axial
+    stiffness is positive definite."""
     groups = [
-        _plane(system, transverse, axial, free)
+        _group(system, transverse, axial, free)
         for transverse, axial in system.coupling
         if system.where(*dict.fromkeys(transverse + axial)).size
     ]
@@ -86,9 +86,9 @@ def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, 
     return eigenvalue[pick], shape[pick][:, np.argsort(rows)], direction, number, positive
 
 
-class _Plane(NamedTuple):
-    """What is found in one plane: modes in coordinates `rows`, and the label of each as the place
-    among `rows` of the coordinate that bears the same one."""
+class _Group(NamedTuple):
+    """What is found of one coupling group: modes in coordinates `rows`, and the label of each as
+    the place among `rows` of the coordinate that bears the same one."""
 
     rows: np.ndarray
     eigenvalue: Complex[Array, " n"]
@@ -105,12 +105,12 @@ def _labels(directions: tuple[Direction, ...], rows: np.ndarray) -> tuple[Array,
     )
 
 
-def _plane(
+def _group(
     system: LinearSystem,
     transverse: tuple[Direction, ...],
     axial: tuple[Direction, ...],
     free: bool,
-) -> _Plane:
+) -> _Group:
     """All modes of directions that are coupled, or of one alone."""
     directions = tuple(dict.fromkeys(transverse + axial))
     rows = system.where(*directions)
@@ -133,7 +133,7 @@ def _plane(
         label = _assign(_participation(m, own, shape, here, sizes, free, bent))
     if system.general:
         shape = _apart(m, shape, coupled(m, g, k, sizes)[label])
-    return _Plane(rows, pairs.eigenvalue, shape, label, pairs.positive == 1)
+    return _Group(rows, pairs.eigenvalue, shape, label, pairs.positive == 1)
 
 
 def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:

@@ -28,9 +28,9 @@ class Modes(eqx.Module):
     | shape        | (k, n) | *     | x, scaled to unit modal mass; while stable the axial part  |
     |              |        |       | (of coned beams that of flap) is imaginary, the rest real; |
     |              |        |       | under loads or with damping of any phase, x^H M x = 1      |
-    | direction    | (k,)   |       | `Direction` of the mode as an integer                         |
-    | number       | (k,)   |       | its number within the direction, from 1                       |
-    | energy_share | (k, 4) |       | share of kinetic energy: in plane, flap, axial, torsion    |
+    | direction    | (k,)   |       | `Direction` of the mode as an integer                      |
+    | number       | (k,)   |       | its number within the direction, from 1                    |
+    | energy_share | (k, 4) |       | share of kinetic energy by `Direction`                     |
     | residual     | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M)        |
     |              |        |       | + abs(lambda) norm(G) + norm(K)) norm(x))                  |
     | status       | ()     |       | `Status`; unless OK the numbers are NaN, but for residual  |
@@ -45,13 +45,14 @@ class Modes(eqx.Module):
     (*) kg^-1/2 for coordinates in metres.
 
     **Labels** do not depend on how a speed was reached. Without Coriolis coupling the modes at any
-    speed fall into directions, each with simple frequencies that never cross, so their numbers mean
-    something. A coupled mode takes the label of the uncoupled mode *at the same speed* in which it
-    has most of its kinetic energy, each label given once. Through a crossing or a veering a label
-    therefore stays with the kind of motion; inside a veering it changes branch where the two
-    branches share the motion equally. About a state that is bent, the uncoupled modes of bending
-    take axial motion along, and directions are those of the hub. The position among the in-plane
-    and axial modes in order of frequency is the label that follows a branch instead.
+    speed move in one direction each, and those of one have simple frequencies that never cross, so
+    that their numbers mean something. A coupled mode takes the label of the uncoupled mode *at the
+    same speed* in which it has most of its kinetic energy, each label given once. Through a
+    crossing or a veering a label therefore stays with the kind of motion; inside a veering it
+    changes branch where the two branches share the motion equally. About a state that is bent, the
+    uncoupled modes of bending take axial motion along, and directions are those of the hub. The
+    position among the in-plane and axial modes in order of frequency is the label that follows a
+    branch instead.
     """
 
     eigenvalue: Complex[Array, " k"]

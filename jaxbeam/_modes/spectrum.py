@@ -85,7 +85,7 @@ def coupled(
         their guesses say. There are none of all bending below an axial mode that is asked for, but
         its own, of a beam at rest, is known well."""
         pick = _picked(mode, rank, directions, numbers)
-        present = total(_number(pick)) > 0  # else it is in another plane: begin with the first here
+        present = total(_number(pick)) > 0  # else it is in another group: begin with the first here
         pick = pick | (~present & beside(np.arange(len(guess)) == 0, lanes))
         found = refined(
             pencil, total(jnp.where(pick, guess, 0.0)), total(jnp.where(pick[:, None], start, 0.0))
@@ -130,7 +130,7 @@ def chosen(
     groups: Sequence[Entries], named: Named, count: int, places_in_model: np.ndarray
 ) -> Entries:
     """The modes named, or the lowest, of several groups; their coordinates, one group behind
-    the other, in this order. They are zero of planes that are not there."""
+    the other, in this order. They are zero for groups that are not there."""
     omega, direction, number, share, left, certain = (
         jnp.concatenate([getattr(group, field) for group in groups])
         for field in Entries._fields

@@ -18,8 +18,8 @@ _FEW = 3  # labels up to here share a program, as do those up to twice as many
 class Wanted(eqx.Module):
     """The lowest `count` modes, or as many of these directions and numbers.
 
-    Directions and numbers are arrays, so that asking for other labels does not compile anew; how many
-    of each direction may be among them is not.
+    Directions and numbers are arrays, so that asking for other labels does not compile anew; how
+    many of each direction may be among them is not.
     """
 
     count: int = eqx.field(static=True)

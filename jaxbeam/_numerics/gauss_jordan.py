@@ -36,8 +36,8 @@ def _in_turn(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def _written_out(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """The inverse without a loop. Rows stay where they are, and are chosen by masks, which make fewer
-    kernels than reading and writing at places that are computed."""
+    """The inverse without a loop. Rows stay where they are, and are chosen by masks, which make
+    fewer kernels than reading and writing at places that are computed."""
     places = np.arange(a.shape[0])
     left = jnp.ones(a.shape[0], bool)  # rows that have not had their turn
     chosen = []

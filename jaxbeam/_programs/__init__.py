@@ -1,1 +1,2 @@
-"""Programs made fast: kernels over lanes, batches, loops whose batches wait for nobody. No word of beams."""
+"""Programs made fast: kernels over lanes, batches, loops whose batches wait for nobody. No word of
+beams."""

@@ -43,7 +43,8 @@ class Program:
         return self.here(*args, **kwargs)
 
     def lower(self, *args: Any, **kwargs: Any) -> Any:
-        """The lowered program of a call with the same arguments, as by `jax.jit(function).lower`."""
+        """The lowered program of a call with the same arguments, as by
+        `jax.jit(function).lower`."""
         return self.here.lower(*args, **kwargs)
 
 

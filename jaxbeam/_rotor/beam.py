@@ -346,8 +346,8 @@ def tension(
     P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
 
     Where the mass varies along the span, int_x^L dm and int_x^L x dm over the mass and its product
-    with L take the place of 1 - xi and (1 - xi^2) / 2: see `beyond`. `tip_mass_radius` is that of the tip
-    mass where it is not R + L.
+    with L take the place of 1 - xi and (1 - xi^2) / 2: see `beyond`. `tip_mass_radius` is that of
+    the tip mass where it is not R + L.
     """
     tip_mass_radius = hub_radius + length if tip_mass_radius is None else tip_mass_radius
     return (

@@ -12,7 +12,8 @@ from jaxbeam._rotor.beam import AnyRotor, Rotor
 
 class Direction(enum.IntEnum):
     """Which way a coordinate or a mode moves: along the beam, in the plane of rotation, along the
-    axis of rotation, or about the beam. The first three are also the components of displacements."""
+    axis of rotation, or about the beam. The first three are also the components of
+    displacements."""
 
     AXIAL = 0
     IN_PLANE = 1
@@ -49,9 +50,9 @@ class Counts(TypedDict, total=False):
 
 
 def labels(**counts: Unpack[Counts]) -> tuple[Label, ...]:
-    """Labels of the first modes of each direction, `in_plane`, `flap`, `axial` and `torsion`, in the
-    order in which they are asked for: `labels(flap=1, in_plane=2)` is `flap bending 1`, `in-plane
-    bending 1`, `in-plane bending 2`."""
+    """Labels of the first modes of each direction, `in_plane`, `flap`, `axial` and `torsion`, in
+    the order in which they are asked for: `labels(flap=1, in_plane=2)` is `flap bending 1`,
+    `in-plane bending 1`, `in-plane bending 2`."""
     named = {name: Direction[name.upper()] for name in Counts.__annotations__}
     found = []
     for name, count in counts.items():

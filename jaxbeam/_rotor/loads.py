@@ -151,14 +151,14 @@ class Damping(eqx.Module):
     """Proportional damping: forces -(a dT/dq' + c B^T D B q').
 
     a is the `mass_coefficient` in 1/s, c the `stiffness_coefficient` in s, both >= 0: a mode of
-    frequency w at rest has the damping ratio (a / w + c w) / 2. T is the kinetic energy seen from the hub. B is d strain/dq and D
-    the stiffness of the strains: c stands for the damping of a material (Kelvin and Voigt), with
-    stresses EA eps', EI kappa' and GJ k_1' beside those of elasticity, and takes twice the energy
-    of the rates of strain. So rigid motion is not damped, nor is stress that only turns with the
-    beam, however large: with phi^T M phi = 1 a mode decays at the rate c phi^T K phi / 2,
-    K the stiffness without what tension adds to it. In theories that are linear B^T D B is K. The
-    springs of a root, and of the discrete models, are such a material, too: a rod that swings on
-    one is damped by the moment c k phi'. None leaves a term out.
+    frequency w at rest has the damping ratio (a / w + c w) / 2. T is the kinetic energy seen from
+    the hub. B is d strain/dq and D the stiffness of the strains: c stands for the damping of a
+    material (Kelvin and Voigt), with stresses EA eps', EI kappa' and GJ k_1' beside those of
+    elasticity, and takes twice the energy of the rates of strain. So rigid motion is not damped,
+    nor is stress that only turns with the beam, however large: with phi^T M phi = 1 a mode decays
+    at the rate c phi^T K phi / 2, K the stiffness without what tension adds to it. In theories that
+    are linear B^T D B is K. The springs of a root, and of the discrete models, are such a material,
+    too: a rod that swings on one is damped by the moment c k phi'. None leaves a term out.
     """
 
     mass_coefficient: Scalar | None

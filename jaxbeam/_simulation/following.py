@@ -117,7 +117,8 @@ class _Following(diffrax.AbstractStepSizeController):
             step_limits.limit(*without_derivatives((start, jnp.asarray(wanted)))),
         )
         state = _Followed(
-            jnp.where(again, state.wanted, wanted), inner, jnp.where(kept, velocities[-1], state.velocities),
+            jnp.where(again, state.wanted, wanted), inner,
+            jnp.where(kept, velocities[-1], state.velocities),
             jnp.where(kept, missed, state.missed), speed,
         )  # fmt: skip
         return kept, start, end, jumped, state, result

@@ -27,7 +27,8 @@ class Events(NamedTuple):
 
 
 def _happened(direction: bool | None, before: Array, value: Array) -> Array:
-    """Whether an event happened: a truth, or a change of sign in the direction that is asked for."""
+    """Whether an event happened: a truth, or a change of sign in the direction that is asked
+    for."""
     if value.dtype == bool:
         return value
     if direction is None:

@@ -57,8 +57,10 @@ def conditions(settings: Settings, inputs: Inputs) -> list[Callable[[Scalar, Sta
     if settings.event is None:
         return []
     more = {
-        "terms": settings.term, "solver": settings.solver, "t0": inputs.start, "t1": inputs.times[-1],
-        "dt0": settings.dt0, "saveat": diffrax.SaveAt(ts=inputs.times), "max_steps": settings.max_steps,
+        "terms": settings.term, "solver": settings.solver,
+        "t0": inputs.start, "t1": inputs.times[-1],
+        "dt0": settings.dt0, "saveat": diffrax.SaveAt(ts=inputs.times),
+        "max_steps": settings.max_steps,
         "stepsize_controller": settings.controller,
     }  # fmt: skip
     found = jax.tree.leaves(settings.event.cond_fn, is_leaf=callable)

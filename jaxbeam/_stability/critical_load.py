@@ -44,9 +44,9 @@ class CriticalLoad(eqx.Module):
     |--------|-------|------|---------------------------------------------------------------------|
     | factor | ()    |      | least factor of the loads at which the beam loses its stability;    |
     |        |       |      | infinite where there is none                                        |
-    | direction | ()    |      | `Direction` of the coordinates that take most of the elastic energy of |
-    |        |       |      | what gives way; without meaning where there is no such factor       |
-    | shape  | (n,)  |      | the direction that gives way, largest entry 1                       |
+    | direc- | ()    |      | `Direction` of the coordinates that take most of the elastic energy |
+    | tion   |       |      | of what gives way; without meaning where there is no such factor    |
+    | shape  | (n,)  |      | the shape that gives way, largest entry 1                       |
     | freq-  | ()    |rad/s | of the flutter that begins there; zero where the beam buckles       |
     | uency  |       |      | (divergence); without derivatives: those of it come out as zero     |
     | status | ()    |      | `Status`                                                            |

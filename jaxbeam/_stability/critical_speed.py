@@ -65,10 +65,10 @@ class CriticalSpeed(eqx.Module):
     |---------------|-------|-------|--------------------------------------------------------------|
     | angular_speed | ()    | rad/s | smallest speed at which the stiffness is singular; infinite  |
     |               |       |       | where there is none                                          |
-    | direction     | ()    |       | `Direction` of the coordinates that give way: `IN_PLANE` and    |
+    | direction     | ()    |       | `Direction` of the coordinates that give way: `IN_PLANE` and |
     |               |       |       | `FLAP` diverge, `AXIAL` means that the rod tears: beyond, it |
     |               |       |       | has no equilibrium; without meaning where there is no speed  |
-    | shape         | (n,)  |       | the direction that gives way, largest entry 1                |
+    | shape         | (n,)  |       | the shape that gives way, largest entry 1                    |
     | status        | ()    |       | `Status`                                                     |
     """
 

@@ -173,10 +173,10 @@ def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Da
 
 
 class Reduced(NamedTuple):
-    """Motion in one plane over a period, in coordinates of its modes at the mean speed.
+    """Motion of one coupling group over a period, in coordinates of its modes at the mean speed.
 
     With Phi^T M Phi = 1 and the frequencies w there, q = Phi w^-1/2 x, p = M Phi w^1/2 y:
-    canonical, and each mode turns in its plane (x, y) at its own frequency. The change of
+    canonical, and each mode goes round in its own (x, y) at its own frequency. The change of
     coordinates carries no derivatives, which multipliers do not ask for.
     """
 

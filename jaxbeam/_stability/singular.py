@@ -125,7 +125,8 @@ class Scan(NamedTuple):
         zero, one = jnp.zeros_like(bottom), jnp.ones_like(bottom)
         start = Search(
             tries=jnp.asarray(0), last=zero, value=bottom, a=jnp.stack([zero, one]),
-            b=jnp.stack([self.top, one]), stable=jnp.asarray(True), direction=self.groups.codes[first],
+            b=jnp.stack([self.top, one]), stable=jnp.asarray(True),
+            direction=self.groups.codes[first],
             x=x, softest=jnp.ones(len(self.groups.rows), zero.dtype),
             status=jnp.asarray(int(Status.OK)),
         )  # fmt: skip

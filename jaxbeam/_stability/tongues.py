@@ -90,7 +90,9 @@ def tongue(
         directions for directions in every if all(label.direction in directions for label in pair)
     ]
     if not groups:
-        raise ValueError("pair must move in one plane: flap does not couple with in-plane motion")
+        raise ValueError(
+            "pair must be coupled with each other: flap is not coupled with in-plane motion"
+        )
     count_functions("order", order, least=1)
     count_functions("steps", steps, least=1)
     depths = real_array("depths", depths)

@@ -58,8 +58,8 @@ def tapered(taper, mass, stiffness, **more):
     [(1, 3), *(exhaustive(*powers) for powers in ((1, 1), (2, 4)))],
 )
 def test_tapered_beams(mass, stiffness, taper, functions, speed):
-    """Breadth, height and both: three modes of each direction by 16 polynomials, 28 for a tip a tenth
-    as broad as the root."""
+    """Breadth, height and both: three modes of each direction by 16 polynomials, 28 for a tip a
+    tenth as broad as the root."""
     hub, tip = (0.0, 0.0) if speed < 1 else (1.0, 0.1)
     ours, theirs = tapered(taper, mass, stiffness, hub=hub, tip=reference.Body(tip))
     model = jb.Hybrid(0, functions, functions)
@@ -368,7 +368,8 @@ def test_constant_tables_are_the_uniform_beam(model):
         return (
             equations.force(hub, q, v, force), *map(dense, equations.tangents(hub, q, v, force)),
             equations.strain_energy(q), equations.first_moment(q), equations.tip(q),
-            equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity), equations.rigid_moments,
+            equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity),
+            equations.rigid_moments,
             equations.displacement(q, np.array([0.4, 1.0])), rotor.steady_strain(jnp.asarray(2.0)),
         )  # fmt: skip
 

@@ -208,7 +208,8 @@ def test_floquet_of_damped_elements_at_a_constant_speed():
     """Multipliers decay as the linearised forces say."""
     model, period = jb.ExactRodANCF(2), 0.3
     found = jb.floquet(
-        model, LONG, jb.ConstantSpeed(20.0), period=period, damping=jb.Damping(stiffness_coefficient=C),
+        model, LONG, jb.ConstantSpeed(20.0), period=period,
+            damping=jb.Damping(stiffness_coefficient=C),
         steps=512,
     )  # fmt: skip
     slowest = np.log(np.abs(found.multipliers)).max() / period

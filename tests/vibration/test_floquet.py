@@ -270,7 +270,8 @@ def test_derivatives_of_multipliers_and_tongues():
 
     def ends(p):
         found = jb.tongue(
-            model, rotor(p), p[7], IN_PLANE[:1] * 2, p[8:], damping=jb.Damping(mass_coefficient=0.02),
+            model, rotor(p), p[7], IN_PLANE[:1] * 2, p[8:],
+            damping=jb.Damping(mass_coefficient=0.02),
             throw=False,
         )  # fmt: skip
         return found.frequency[0]

@@ -3,9 +3,10 @@
 An element has the displacement and slope of its two nodes, across and along the beam. Inertia is
 that of any beam on a moving hub (see `cartesian.py`), element by element, with the constant mass
 matrix H = int N N^T; elastic forces do not care in which frame they are written, and are those of
-`_models/ancf/energies.py`. Coordinates go node by node, (w, L w', u, L u'), so that all matrices are
-block-tridiagonal; of the clamped node only the last is free (B eqs. 18-20): 4 n + 1 coordinates for
-n elements, all in metres. Where the root yields L w' of the first node is one more, before L u'.
+`_models/ancf/energies.py`. Coordinates go node by node, (w, L w', u, L u'), so that all matrices
+are block-tridiagonal; of the clamped node only the last is free (B eqs. 18-20): 4 n + 1 coordinates
+for n elements, all in metres. Where the root yields L w' of the first node is one more, before L
+u'.
 
 A uniform beam has one table of inertia and one law for all elements; where properties vary, both
 come element by element from `sections.py`.
@@ -373,7 +374,8 @@ class ElementEquations(Equations):
 
     @property
     def _laws(self) -> Law:
-        """Energies of elements whose properties vary, with an axis of elements before all others."""
+        """Energies of elements whose properties vary, with an axis of elements before all
+        others."""
         parts = None if self.cuts is None else rules(self.cuts, rule)
         if parts is None:
             return self.element

@@ -41,9 +41,7 @@ Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, me
 Strains = tuple[Array, ...]  # axial strain and curvatures at the Gauss points, (g, *lanes) each
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
 POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
-QUARTER_TURN = np.array(
-    [[0.0, 1.0], [-1.0, 0.0]]
-)  # by a right angle: a1 becomes a2, a2 becomes -a1
+QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # a1 becomes a2, a2 becomes -a1
 
 
 def matvec(

@@ -162,9 +162,7 @@ class Profile(eqx.Module):
     axial: Array
     in_plane: Array
     flap: Array
-    section_axes: (
-        tuple[Array, Array] | None
-    )  # cosine and sine of the angle of sections, where turned
+    section_axes: tuple[Array, Array] | None  # cosine and sine of their angle, where turned
 
     @classmethod
     def of(cls, rotor: Rotor, span: Span) -> Self:

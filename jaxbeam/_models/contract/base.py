@@ -32,16 +32,16 @@ TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model
 class LinearSystem(eqx.Module):
     """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
 
-    `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is
-    N/m when coordinates are metres. `coupling` says which directions are coupled. Within a plane those
+    `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is N/m
+    when coordinates are metres. `coupling` says which directions are coupled. Within a group those
     of the first kind are coupled with those of the second by `gyroscopic` alone, which couples
     nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
-    straight beam that turns in its plane are such, with flap alone. `directions` names the direction
-    of each coordinate, `shapes` are the functions on a beam that varies.
-    `steady_strain` is the largest axial strain of the steady state, without unit: of a uniform beam
-    that at the root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the
-    span, the estimate P / EA from the tension on the undeformed beam, without loads. Unless
-    `status` is OK all numbers are NaN.
+    straight beam that turns in its plane are such, with flap alone. `directions` names the
+    direction of each coordinate, `shapes` are the functions on a beam that varies. `steady_strain`
+    is the largest axial strain of the steady state, without unit: of a uniform beam that at the
+    root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the span, the
+    estimate P / EA from the tension on the undeformed beam, without loads. Unless `status` is OK
+    all numbers are NaN.
 
     About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
     q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
@@ -66,7 +66,7 @@ class LinearSystem(eqx.Module):
         return self.gyroscopic if self.damping is None else self.gyroscopic + self.damping
 
     def where(self, *directions: Direction) -> np.ndarray:
-        """Indices of the coordinates of these directions, in the order of the directions given."""
+        """Indices of the coordinates of these directions, in the order given."""
         found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
         return np.concatenate(found) if found else np.zeros(0, int)
 
@@ -98,9 +98,7 @@ class Equations(eqx.Module):
     takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
     takes_moments: ClassVar[bool] = False  # whether it bears a `TipLoad` as `tip_force`
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
-    rigid_moments: eqx.AbstractVar[
-        Triple
-    ]  # int (1, X, X^2) dm, X = distance from the axis, undeformed
+    rigid_moments: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X the distance from the axis
     length: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
     tip_radius: eqx.AbstractVar[Number]  # distance of the undeformed tip from the axis, m
     energy_scale: eqx.AbstractVar[Number]  # a natural unit of energy, J
@@ -218,7 +216,8 @@ class Equations(eqx.Module):
         mass_coefficient: Number | None,
         stiffness_coefficient: Number | None,
     ) -> Vector:
-        """mass_coefficient dT/dq' + stiffness_coefficient viscous_force(q, q'), T seen from the hub; see `Damping`."""
+        """mass_coefficient dT/dq' + stiffness_coefficient viscous_force(q, q'), T seen from the
+        hub; see `Damping`."""
         out = jnp.zeros_like(q)
         if mass_coefficient is not None:
             still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes

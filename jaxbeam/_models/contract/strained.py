@@ -41,7 +41,8 @@ class Strained(eqx.Module):
         return viscous(self.strains, self.stresses, e, rate)
 
     def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
-        """Derivatives of `viscous_force` by e, B^T D d(B e')/de and that of B^T alone, and by e', B^T D B."""
+        """Derivatives of `viscous_force` by e, B^T D d(B e')/de and that of B^T alone, and by e',
+        B^T D B."""
 
         def rates(e: Array) -> tuple[Any, Any]:
             strains: tuple[Any, Any] = jax.jvp(self.strains, (e,), (rate,))

@@ -243,9 +243,8 @@ class CartesianEquations(Equations):
         first = self.first @ at
         second = jnp.asarray(at.T @ (self.gram @ at))
         second = second.at[0].add(first).at[:, 0].add(first)
-        mixed = (
-            jnp.asarray(at.T @ g_moving).at[0].add(self.first @ moving)
-        )  # int (X a1 + u)_c u'_d dm
+        # int (X a1 + u)_c u'_d dm
+        mixed = jnp.asarray(at.T @ g_moving).at[0].add(self.first @ moving)
         if self.stiffening is not None:
             zero, one = jnp.zeros_like(self.length), jnp.ones_like(self.length)
             short = self.motion_stiffness(-one, zero, None)  # -1/2 q.D q = int w dm

@@ -59,7 +59,8 @@ class CartesianModel(AbstractModel[Rotor]):
         return one_hots(self.counts)
 
     def shapes(self, rotor: Rotor) -> Shapes | None:
-        """The functions along the beam of a rotor; None where all is known of them, in `shape_integrals`."""
+        """The functions along the beam of a rotor; None where all is known of them, in
+        `shape_integrals`."""
         plain = rotor.beam.is_uniform and rotor.pitch is None
         return None if plain else self.sampled(rotor, None)
 
@@ -104,8 +105,8 @@ class CartesianModel(AbstractModel[Rotor]):
         for direction, spring, count in ways:
             if count and spring is not None and not self.yields_where(rotor, direction):
                 raise ValueError(
-                    f"root: there is a spring against {direction.title}, and the functions of {name} "
-                    "are clamped: take Hybrid or ExactRodANCF"
+                    f"root_springs: one is against {direction.title}, and functions of {name} are "
+                    "clamped: take Hybrid or ExactRodANCF"
                 )
 
     def yields_where(self, rotor: Rotor, direction: Direction) -> bool:

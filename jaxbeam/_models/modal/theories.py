@@ -89,7 +89,8 @@ class _Modal(CartesianModel):
     def frequency_error(
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """The estimate for beams that vary along the span, by the differential equation: `truncation.py`."""
+        """The estimate for beams that vary along the span, by the differential equation:
+        `truncation.py`."""
         if rotor.beam.is_uniform or rotor.precone is not None:
             return None
         places = np.split(np.arange(sum(self.counts)), np.cumsum(self.counts)[:-1])

@@ -8,10 +8,10 @@ all nodes, the clamped one too, times the nodal values of
     u'' + a_O + (omega~ omega~ + omega'~) r + 2 omega~ u',   r = X a1 + u,
 
 and, for the twist, the polar inertia times a'' + omega_1' (where k_1 stands for the slope of a,
-from which it differs in beams that bend both ways). Elastic forces are those of `_models/space/energies.py`.
-Sections have no inertia beside that of twist and no propeller moment, a share (Omega / omega_T)^2
-of the stiffness of torsion with the frequency omega_T; and tension T neither untwists them nor
-stiffens torsion, by T i^2 / GJ with the polar radius of gyration i.
+from which it differs in beams that bend both ways). Elastic forces are those of
+`_models/space/energies.py`. Sections have no inertia beside that of twist and no propeller moment,
+a share (Omega / omega_T)^2 of the stiffness of torsion with the frequency omega_T; and tension T
+neither untwists them nor stiffens torsion, by T i^2 / GJ with the polar radius of gyration i.
 
 Coordinates go node by node, values then slopes, so that all matrices are block-tridiagonal with
 blocks of eight; at the clamped node two are free, L u_1' and the twist. All are metres: L times an

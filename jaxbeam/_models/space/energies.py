@@ -18,9 +18,9 @@ path and do not change when all is turned rigidly, and in a plane what is left i
 integrated with three points of bending and three of stretch in place of five.
 
 The local coordinates e (13,) are three values of the displacement gradient r' - a1, as in
-`_models/ancf/energies.py`, component by component in the order a1, a2, a3; then a and the twist L k_1 of the first
-node, and of the last. Any array may have further axes, of lanes, behind those it is said to have
-(see `kernel`).
+`_models/ancf/energies.py`, component by component in the order a1, a2, a3; then a and the twist L
+k_1 of the first node, and of the last. Any array may have further axes, of lanes, behind those it
+is said to have (see `kernel`).
 
 Frames by least rotations: M. Bergou et al., Discrete elastic rods, ACM Trans. Graph. 27, 2008, with
 angles of twist about them; C. Meier, A. Popp, W. A. Wall, An objective 3D large deformation finite

@@ -1,4 +1,5 @@
-"""Algebra of nodes that have positions, slopes and twist, in the words of `_models/space/elements.py`."""
+"""Algebra of nodes that have positions, slopes and twist, in the words of
+`_models/space/elements.py`."""
 
 from typing import Any
 

@@ -1,0 +1,39 @@
+"""One word, one meaning: words that had several are no identifiers any more."""
+
+import io
+import tokenize
+
+import pytest
+
+import jaxbeam as jb
+from tests.test_imports import MODULES
+
+# What takes their place is in the glossary of jaxbeam/README.md.
+RETIRED = {
+    "turn", "turned", "turning", "TURN", "known", "is_known", "where_known", "reach", "tabled",
+    "family", "families", "Family", "planes_of", "stoutness", "law_effect", "left_of", "deviation",
+    "freedom", "struck", "Course", "LOST", "Watch", "march", "Task", "Given", "EngineeringANCF",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("word", sorted(RETIRED))
+def test_retired_words_are_not_identifiers(word):
+    found = [name for name, words in _identifiers().items() if word in words]
+    assert found == []
+
+
+@pytest.mark.parametrize(("old", "new"), jb._RENAMED.items())
+def test_an_old_name_says_the_new_one(old, new):
+    with pytest.raises(AttributeError, match=rf"it is {new} now"):
+        getattr(jb, old)
+
+
+_FOUND: dict[str, set[str]] = {}
+
+
+def _identifiers() -> dict[str, set[str]]:
+    if not _FOUND:
+        for name, path in MODULES.items():
+            tokens = tokenize.generate_tokens(io.StringIO(path.read_text()).readline)
+            _FOUND[name] = {token.string for token in tokens if token.type == tokenize.NAME}
+    return _FOUND
