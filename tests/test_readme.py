@@ -14,6 +14,7 @@ from tests.helpers import run_optimised
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+INSIDE = (ROOT / "jaxbeam" / "README.md").read_text()
 
 
 def _blocks(language: str) -> str:
@@ -83,7 +84,8 @@ def test_a_name_that_is_elsewhere_says_where():
 
 
 def test_the_index_of_equations_names_what_there_is():
-    index = README.split("Where the equations of the papers are")[1].split("\n\n## ")[0]
+    index = INSIDE.split("Where the equations of the papers are")[1].split("\n\n## ")[0]
+    assert len(re.findall(r"^\| [YB] ", index, re.MULTILINE)) > 15
     package = ROOT / "jaxbeam"
     trees = [ast.walk(ast.parse(path.read_text())) for path in package.rglob("*.py")]
     nodes = [node for tree in trees for node in tree]
