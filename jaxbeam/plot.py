@@ -97,7 +97,7 @@ def mode_shape(
     xi = np.linspace(0, 1, points)
     found = dataclasses.replace(found, model=model)
     if mode.direction == Direction.TORSION:
-        every = found.twist(rotor, xi, tip=True)
+        every = found.torsion(rotor, xi, tip=True)
     else:
         every = found.displacement(rotor, xi, tip=True)[..., mode.direction]
     # Over what the tip does, so that the phase of the mode is gone.
@@ -261,7 +261,7 @@ def _ribbons(rotor: Rotor, run: Simulation, points: int = 41) -> tuple[np.ndarra
     axes = np.stack([out, a2, np.cross(out, a2)])  # of the undeformed section
     t = np.gradient(along, xi, axis=1) @ axes.T
     t = t / np.linalg.norm(t, axis=2, keepdims=True)
-    angles = np.asarray(run.twist(xi))[there]
+    angles = np.asarray(run.torsion(xi))[there]
     if (angle := section_angle(rotor, lambda angles: spanwise.along(angles, xi))) is not None:
         angles = angles + np.asarray(angle)
     across = section_axes(jnp.asarray(np.moveaxis(t, 2, 0)), jnp.asarray(angles))[1]

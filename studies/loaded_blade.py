@@ -78,7 +78,7 @@ def state(model: jb.SpatialANCF, thrust: Any, rpm: Any) -> jax.Array:
         model, rotor, jb.ConstantSpeed(rpm * RPM), loads=pushed(thrust), throw=False
     )
     equations, tip = model.equations(rotor), np.ones(1)
-    twist = jnp.degrees(equations.twist(start.q, tip))
+    twist = jnp.degrees(equations.torsion(start.q, tip))
     return jnp.concatenate([equations.displacement(start.q, tip)[0], twist])
 
 

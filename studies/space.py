@@ -59,7 +59,7 @@ def _deflected(model: Any) -> Any:
     def of(rotor: jb.Rotor, loads: jb.Loads) -> Any:
         state = jb.steady_start(model, rotor, STILL, loads=loads)
         equations = model.equations(rotor)
-        return equations.tip(state.q), equations.twist(state.q, np.ones(1))[0]
+        return equations.tip(state.q), equations.torsion(state.q, np.ones(1))[0]
 
     return jax.jit(jax.vmap(of, (None, 0)))
 

@@ -54,7 +54,7 @@ def in_space(speed, tip_mass):
     rotor = jb.Rotor(TWISTING, 0.0, tip_mass)
     times = jnp.linspace(0.0, 0.5, 3)
     run = jb.simulate(jb.SpatialANCF(1), rotor, motion, times, max_steps=1000, throw=False)
-    return {"tip": run.tip, "twist": run.twist(1.0), "status": run.status}
+    return {"tip": run.tip, "torsion": run.torsion(1.0), "status": run.status}
 
 
 def modulated(speed, tip_mass):

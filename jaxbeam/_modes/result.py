@@ -105,11 +105,11 @@ class Modes(eqx.Module):
             raise ValueError(f"xi must be x / L from 0 to 1, one or several in a row, got {xi}")
         return _displacement(self, rotor, points, tip)
 
-    def twist(
+    def torsion(
         self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
     ) -> Complex[Array, "... k p"]:
         """L times the angle of twist, as in `displacement`: zero but in `SpatialANCF`."""
-        return _twist(self, rotor, np.atleast_1d(concrete_array("xi", xi)), tip)
+        return _torsion(self, rotor, np.atleast_1d(concrete_array("xi", xi)), tip)
 
     def polynomials(self, rotor: AnyRotor) -> ShapePolynomials:
         """The shapes of bending modes as ElastoDyn (OpenFAST) takes them: c_2 xi^2 + ... + c_6 xi^6
@@ -141,8 +141,8 @@ def _displacement(
 
 
 @per_case
-def _twist(modes: Modes, rotor: AnyRotor, xi: np.ndarray, tip: bool) -> Complex[Array, "k p"]:
-    return _scaled(modes, rotor, tip) @ _model_of(modes).twist(xi).T
+def _torsion(modes: Modes, rotor: AnyRotor, xi: np.ndarray, tip: bool) -> Complex[Array, "k p"]:
+    return _scaled(modes, rotor, tip) @ _model_of(modes).torsion(xi).T
 
 
 @per_case
@@ -184,7 +184,7 @@ def own_tip(
         return jnp.sum(jnp.where(same, shapes.ends.tip[None], 0.0) * shape, -1)
     end = np.ones(1)
     table = model.displacement(end, rotor)[:, 0]
-    return jnp.sum(jnp.concatenate([table, model.twist(end)])[direction] * shape, -1)
+    return jnp.sum(jnp.concatenate([table, model.torsion(end)])[direction] * shape, -1)
 
 
 def _named(direction: np.ndarray, number: np.ndarray) -> tuple[Any, ...]:

@@ -232,9 +232,10 @@ class Rotor(Parameters):
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip."""
-        extras = (self.pitch, self.root_springs, self.tip_body, self.precone)
-        return self.beam.is_uniform and all(extra is None for extra in extras)
+        """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip:
+        nothing is given that need not be there."""
+        optional = [field.name for field in dataclasses.fields(self) if field.default is None]
+        return self.beam.is_uniform and all(getattr(self, name) is None for name in optional)
 
     @property
     def springs(self) -> tuple[Scalar | None, Scalar | None]:

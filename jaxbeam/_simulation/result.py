@@ -87,10 +87,10 @@ class Simulation(eqx.Module):
         return self._each(_curvature, *_points(xi))
 
     @per_case
-    def twist(self, xi: Any = 1.0) -> Float[Array, "T p"]:
+    def torsion(self, xi: Any = 1.0) -> Float[Array, "T p"]:
         """Angle, in rad, by which the section has turned about the tangent from where the least
         rotation from a1 to the tangent brings it: zero but in `SpatialANCF`."""
-        return self._each(_twist, *_points(xi))
+        return self._each(_torsion, *_points(xi))
 
     @property
     @per_case
@@ -192,8 +192,8 @@ def _curvature(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p
     return scene.equations.curvature(y.q, np.array(xi))
 
 
-def _twist(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
-    return scene.equations.twist(y.q, np.array(xi))
+def _torsion(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
+    return scene.equations.torsion(y.q, np.array(xi))
 
 
 def _strain_energy(scene: Scene, t: Scalar, y: State) -> Scalar:

@@ -136,7 +136,7 @@ def test_loads_at_the_tip_bend_it_as_they_do_a_rod(force, moment, follows):
         q = jb.steady_start(jb.SpatialANCF(n), rotor, STILL, loads=loads).q
         equations = jb.SpatialANCF(n).equations(rotor)
         t = equations.gradient(q, xi) + np.eye(3)[:, :1]
-        sections = axes(t / jnp.linalg.norm(t, axis=0, keepdims=True), equations.twist(q, xi))
+        sections = axes(t / jnp.linalg.norm(t, axis=0, keepdims=True), equations.torsion(q, xi))
         turned = sections - np.moveaxis(rod_reference.rotation(rod(xi)[3:7]), 1, 0)
         errors.append([np.abs(part).max() for part in (
             equations.tip(q) - (rod(1.0)[:3] - [1, 0, 0]), turned

@@ -117,7 +117,7 @@ def outcome(p):
         loads=loads, stepsize_controller=diffrax.ConstantStepSize(), dt0=0.005, max_steps=128,
         adjoint=diffrax.ForwardMode(), throw=False,
     )  # fmt: skip
-    return jnp.append(run.tip[-1], run.twist(1.0)[-1])
+    return jnp.append(run.tip[-1], run.torsion(1.0)[-1])
 
 
 @pytest.mark.exhaustive

@@ -40,7 +40,7 @@ def test_displacements_are_those_of_a_cantilever():
     np.testing.assert_allclose(
         np.abs(found.displacement(UNIFORM)[2, 0, 1]), 2 / np.sqrt(6.0), rtol=1e-9
     )
-    assert not np.any(found.twist(UNIFORM, XI))
+    assert not np.any(found.torsion(UNIFORM, XI))
 
 
 def test_polynomials_are_the_least_squares_fit_and_say_how_far_they_are_off():

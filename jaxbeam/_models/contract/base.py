@@ -172,7 +172,7 @@ class Equations(eqx.Module):
         """Displacement of the tip, in m: shape (3,), axial, in plane, flap."""
         return self.displacement(q, np.ones(1))[0]
 
-    def twist(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+    def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         """Angle of twist at x = xi L, in rad: none, but in space."""
         return jnp.zeros(len(xi), q.dtype)
 
@@ -271,7 +271,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         """Axial, in-plane and flap displacement of a rotor's beam at x = xi L per unit of each
         coordinate."""
 
-    def twist(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+    def torsion(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
         """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
         return jnp.zeros((len(xi), len(self.directions)))
 

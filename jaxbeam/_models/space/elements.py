@@ -242,9 +242,9 @@ class SpatialEquations(SpatialElasticity):
         size = jnp.sqrt(total(t * t))
         t = t / size[None]
         rate = (bend - t * total(t * bend)[None]) / size[None]
-        return jnp.einsum("kcp,cp->pk", axes(t, self.twist(q, xi))[1:], rate)
+        return jnp.einsum("kcp,cp->pk", axes(t, self.torsion(q, xi))[1:], rate)
 
-    def twist(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+    def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         """The angle of twist at x = xi L, from where the least rotation brings the section."""
         n, (index, s) = self.sections.n_elements, self._place(xi)
         local = jax.vmap(self._strains)(of_elements(self._nodes(q))[index])
