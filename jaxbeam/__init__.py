@@ -19,7 +19,8 @@ In time             simulate through a motion (SmoothSpinUp, ConstantSpeed, ...)
 Many cases          sweep over grid or points gives a Table
 Measurements        fit finds each FreeParameter from FrequencyData, ...
 How much model      choose_model for one question, ladder_sweep for many cases
-What went wrong     Status: whatever can fail takes throw=False and then carries one
+What went wrong     Status: whatever can fail raises, or takes throw=False and then carries one;
+                    batches (sweep, ladder_sweep, campbell) carry one a case and never raise for it
 
 The rest is by subject: jb.models, jb.motions, jb.solvers, jb.fitting, jb.ladder, jb.blades (beams
 from files), jb.results (what functions return) and jb.plot. `help(jb.simulate)` and so on tell the

@@ -1,4 +1,5 @@
-"""What results share: NaN where a case failed, answers of a batch case by case, no derivatives."""
+"""What results share: how a failure is told, NaN where a case failed, answers of a batch case by
+case, no derivatives."""
 
 import functools
 from collections.abc import Callable
@@ -9,8 +10,31 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from jaxbeam._status import raise_unless_ok
+
 Method = TypeVar("Method", bound=Callable[..., Any])
 Tree = TypeVar("Tree")
+
+
+def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
+    """What a public function returns, the last line of all that can fail.
+
+    With `throw` the result, or the exception that belongs to its `status` (of several the largest);
+    `noted` adds the text of the result to that, where it says what is known nevertheless. Without
+    `throw` the result as it is, whose numbers are NaN where its status is not `OK`.
+
+    Raises `ValueError` where a parameter is out of range, else `RuntimeError`; under `jit` as
+    `raise_unless_ok` does.
+    """
+    if not throw:
+        return result
+    status: Any = result.status  # type: ignore[attr-defined]
+    try:
+        return raise_unless_ok(result, jnp.max(status) if jnp.ndim(status) else status)
+    except (ValueError, RuntimeError) as error:
+        if noted:
+            error.add_note(str(result))
+        raise
 
 
 def per_case(method: Method) -> Method:

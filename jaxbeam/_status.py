@@ -199,6 +199,11 @@ class Status(enum.IntEnum):
         "loses its stability under them, modes with loads and damping tells by its growth rates",
         INPUT,
     )
+    INVALID_STEP = (
+        47,
+        "angle must be finite and > 0, damping_ratio finite, growth finite and > 1",
+        INPUT,
+    )
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)
@@ -215,6 +220,26 @@ def trusted(status: Any) -> Any:
     before. Every other status says that they are not those that were asked for."""
     whole = (status == Status.OK) | (status == Status.MAX_STEPS) | (status == Status.STEP_FAILED)
     return whole | (status == Status.DIVERGED) | (status == Status.UNRESOLVED)
+
+
+def first_failure(*statuses: Any) -> Any:
+    """The first of some statuses that is not `OK`, else `OK`. Works under `jit` and `vmap`."""
+    *before, found = statuses
+    for status in reversed(before):
+        found = jnp.where(status == Status.OK, found, status)
+    return jnp.asarray(found).astype(int)
+
+
+def first_broken(*rules: tuple[Any, Status]) -> Any:
+    """The status that belongs to the first rule that does not hold, else `OK`.
+
+    A rule is a condition, which may be traced, and the status of a case that breaks it. One that is
+    `True` costs nothing.
+    """
+    found = jnp.asarray(Status.OK)
+    for holds, status in reversed(rules):
+        found = found if holds is True else jnp.where(holds, found, status)
+    return found.astype(int)
 
 
 def raise_unless_ok(result: Result, status: Any) -> Result:

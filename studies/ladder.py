@@ -170,7 +170,9 @@ def answered(
 
 def judged(each: Asked, tolerance: float) -> Outcome:
     began = time.perf_counter()
-    choice = jb.choose_model(each.rotor, each.question, tolerance)
+    choice = jb.choose_model(each.rotor, each.question, tolerance, throw=False)
+    if choice.rung is None:
+        raise RuntimeError(str(choice))
     seconds = time.perf_counter() - began
     size = float(np.clip(choice.indicators.size, 1e-9, 1.0))
 

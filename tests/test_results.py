@@ -293,7 +293,9 @@ NUMBERS = {
         ).frequency[0, 0],
         [1.0, 1e-3, np.nan],
     ),
-    "stiffening_ratio": (lambda p, x: jb.stiffening_ratio(rotor(p), x), [1.0, np.inf, np.nan]),
+    "stiffening_ratio": (
+        lambda p, x: jb.stiffening_ratio(rotor(p), x, throw=False).ratio, [1.0, np.inf, np.nan]
+    ),
     "steady_start": (
         lambda p, x: jb.steady_start(
             jb.GreenANCF(1), rotor(p), jb.ConstantSpeed(x), throw=False

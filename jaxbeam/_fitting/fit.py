@@ -24,8 +24,8 @@ from jaxbeam._fitting.result import (
 )
 from jaxbeam._numerics.newton import value_and_jacobian
 from jaxbeam._programs.program import Program
-from jaxbeam._results import nan_unless
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._results import finish, nan_unless
+from jaxbeam._status import Status, first_broken
 from jaxbeam._types import is_concrete
 
 _ENOUGH = 1e-10  # of the sum of squares, absolute plus relative
@@ -89,13 +89,7 @@ def fit(
     solver = optimistix.LevenbergMarquardt(rtol=_ENOUGH, atol=_ENOUGH) if solver is None else solver
     search = _Search(problem, solver, max_steps, known_noise, descent)
     found = search.best(jax.random.key(seed), progress)
-    if not throw:
-        return found
-    try:
-        return raise_unless_ok(found, found.status)
-    except RuntimeError as error:
-        error.add_note(str(found))  # which parameters, and what of them is known
-        raise
+    return finish(found, throw, noted=True)  # which parameters, and what of them is known
 
 
 def _check_kinds(experiments: Any, free: Any, max_steps: Any, solver: Any) -> None:
@@ -256,10 +250,12 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     standard_deviation, covariance = spread(certainty, combinations, unit, scale)
     room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
     at_bound = jnp.isfinite(standard_deviation) & (room < 0.1 * standard_deviation)
-    status = jnp.where(jnp.min(certainty) < scale * UNSURE, Status.NOT_IDENTIFIABLE, Status.OK)
     ended = (found.result == optimistix.RESULTS.successful) | arrived | jnp.any(at_bound)
-    status = jnp.where(ended, status, Status.FIT_NOT_CONVERGED)
-    status = jnp.where(finite, status, Status.NOT_FINITE)
+    status = first_broken(
+        (finite, Status.NOT_FINITE),
+        (ended, Status.FIT_NOT_CONVERGED),
+        (jnp.min(certainty) >= scale * UNSURE, Status.NOT_IDENTIFIABLE),
+    )
     numbers = (values_of(problem.free, z), standard_deviation, covariance)
     values, standard_deviation, covariance = nan_unless(status == Status.OK, numbers)
     names, residuals, start = list(problem.free), [], 0

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxbeam._ladder.rungs import Indicators, Rung, is_of_elements
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._status import Status
 
 NOT_NEEDED = "not needed"
 
@@ -24,15 +25,17 @@ class Evidence(NamedTuple):
 class Choice:
     """The cheapest rung found to meet a tolerance; as text, a table of the rungs looked at.
 
-    `met` is False where no rung was found to: then `rung` is the best there is, and `estimate` its
-    error. `partial` is what the rung says, `answer` the same where the tolerance is met, else NaN.
-    `constitutive_uncertainty` is what an axial law other than the engineering strain might change
+    `status` is `TOLERANCE_NOT_MET` where no rung was found to: then `rung` is the best there is,
+    and `estimate` its error. Where no rung has an answer it is the status of the last one asked, or
+    what is wrong with the rotor or the question: `rung` is then None and all numbers are NaN, the
+    estimate infinite. `partial` is what the rung says, `answer` the same where the tolerance is
+    met, else NaN. `constitutive_uncertainty` is what an axial law other than the engineering strain might change
     (`Answer.constitutive_uncertainty`).
     """
 
-    rung: Rung
+    rung: Rung | None
     estimate: float
-    met: bool
+    status: Status
     tolerance: float
     partial: np.ndarray
     constitutive_uncertainty: float
@@ -40,16 +43,23 @@ class Choice:
     evidence: tuple[Evidence, ...]
 
     @property
+    def met(self) -> bool:
+        """Whether the tolerance is met, by `rung`."""
+        return self.status == Status.OK
+
+    @property
     def answer(self) -> np.ndarray:
         """The answer of the rung chosen, NaN unless it meets the tolerance."""
         return self.partial if self.met else np.full_like(self.partial, np.nan)
 
     @property
-    def model(self) -> AbstractModel:
-        """The model of the rung chosen."""
-        return self.rung.model
+    def model(self) -> AbstractModel | None:
+        """The model of the rung chosen; None where no rung has an answer."""
+        return None if self.rung is None else self.rung.model
 
     def __str__(self) -> str:
+        if self.rung is None:
+            return f"no rung has an answer: {self.status.message}"
         beforehand = self.indicators
         takes_part = beforehand.excited > 0.1 * self.tolerance
         highest = np.max(beforehand.rest_frequency, where=takes_part, initial=0.0)

@@ -38,8 +38,9 @@ from jaxbeam._ladder.rungs import (
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.modal.theories import Classical, Hybrid
 from jaxbeam._programs.program import Program
+from jaxbeam._results import finish
 from jaxbeam._rotor.beam import Rotor, checked_rotor
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar
 
 INTEGRATION = 0.05  # of the tolerance, left to numerical integration
@@ -74,7 +75,7 @@ def evaluate(
         positive("accuracy", accuracy),
         positive("size", size),
     )
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 @Program
@@ -93,7 +94,9 @@ def checked_tolerance(tolerance: float) -> float:
     return float(tolerance)
 
 
-def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> Choice:
+def choose_model(
+    rotor: Rotor, question: Question, tolerance: float = 1e-3, *, throw: bool = True
+) -> Choice:
     """The cheapest model that answers a question about a rotor to a relative `tolerance`.
 
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
@@ -115,15 +118,21 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
     model is compiled once for all questions of a kind, side by side on the cores there are. For
-    many cases use `ladder_sweep`. Raises `ValueError` or `TypeError` for a malformed argument or
-    parameters out of range, or where elements in space alone could answer and the beam has no
-    `torsional_stiffness`; `RuntimeError` where no model gives an answer.
+    many cases use `ladder_sweep`.
+
+    `throw=False` returns in `Choice.status` what depends on the numbers: that no rung was found to
+    meet the tolerance (`TOLERANCE_NOT_MET`; the best answer is in `Choice.partial`), or that none
+    has an answer, and why. Raises `ValueError` or `TypeError` for a malformed argument, or where
+    elements in space alone could answer and the beam has no `torsional_stiffness`; and, with
+    `throw`, `ValueError` for parameters out of range and `RuntimeError` else, with what was found
+    as a note.
     """
     checked_question(question)
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
     check_answerable(question, rotor)
     with BackgroundCompiler() as compiler:
-        return _chosen(_Asker(question, rotor, INTEGRATION * tolerance, compiler), tolerance)
+        choice = _chosen(_Asker(question, rotor, INTEGRATION * tolerance, compiler), tolerance)
+    return finish(choice, throw, noted=True)
 
 
 def _chosen(ask: "_Asker", tolerance: float) -> Choice:
@@ -132,7 +141,10 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     linear, nonlinear = chains(question, rotor, planar)
     rungs, elements = rungs_of(question, rotor, planar), judges(nonlinear, rotor)
     scout = scout_of(linear, elements)
-    beforehand = _scouted(ask, scout, elements)
+    seen, beforehand = _scouted(ask, scout, elements)
+    given = Status(int(seen.status))
+    if given.blames_input and given != Status.OUT_OF_PLANE:  # others may have flap
+        return _none(given, seen, beforehand, tolerance, ())
     if planar:
         beforehand = eqx.tree_at(
             lambda k: k.timoshenko_reduction, beforehand, beforehand.timoshenko_reduction[:1]
@@ -154,7 +166,26 @@ def _chosen(ask: "_Asker", tolerance: float) -> Choice:
     return trial.choice(rungs)
 
 
-def _scouted(ask: "_Asker", scout: AbstractModel, elements: list[AbstractModel]) -> Indicators:
+def _none(
+    status: Status, seen: Answer, beforehand: Indicators, tolerance: float,
+    evidence: tuple[Evidence, ...],
+) -> Choice:  # fmt: skip
+    """No choice, and why; `seen` is an answer that failed."""
+    return Choice(
+        rung=None,
+        estimate=np.inf,
+        status=status,
+        tolerance=tolerance,
+        partial=np.full_like(seen.value, np.nan),
+        constitutive_uncertainty=np.nan,
+        indicators=jax.tree.map(lambda a: np.full_like(a, np.nan), beforehand),
+        evidence=evidence,
+    )
+
+
+def _scouted(
+    ask: "_Asker", scout: AbstractModel, elements: list[AbstractModel]
+) -> tuple[Answer, Indicators]:
     """What the scout says of a question, and how large deflections are, which `ask` is told. In the
     meantime programs are compiled that are sure to be needed."""
     question, rotor = ask.question, ask.rotor
@@ -164,14 +195,12 @@ def _scouted(ask: "_Asker", scout: AbstractModel, elements: list[AbstractModel])
     ask.begin(*elements[:2])
     seen = ask.now(scout)
     given = Status(int(seen.status))
-    if Status.OK < given < Status.OUT_OF_PLANE:
-        raise ValueError(given.message)
     ask.compiler.await_it(Indicators)
     beforehand = jax.device_get(indicators(question, rotor))
     if given == Status.OK:
         beforehand = eqx.tree_at(lambda k: (k.size, k.slope), beforehand, (seen.size, seen.slope))
     ask.size = float(np.clip(beforehand.size, 1e-9, 1.0)) if given == Status.OK else LARGE
-    return beforehand
+    return seen, beforehand
 
 
 def _compiled(*given: Any) -> Any:
@@ -319,10 +348,12 @@ class _Trial:
             for r in rungs
         )
         best = self.chosen or _best(self.ask, evidence)
+        if isinstance(best, Answer):
+            return _none(Status(int(best.status)), best, self.beforehand, self.tolerance, evidence)
         return Choice(
             rung=best,
             estimate=estimates.get(best.model, np.inf),
-            met=self.chosen is not None,
+            status=Status.OK if self.chosen else Status.TOLERANCE_NOT_MET,
             tolerance=self.tolerance,
             partial=np.asarray(self.ask(best.model).value),
             constitutive_uncertainty=self.constitutive_uncertainty,
@@ -331,14 +362,12 @@ class _Trial:
         )
 
 
-def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung:
-    """Where none is good enough: the least estimate, else the richest that has an answer."""
+def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung | Answer:
+    """Where none is good enough: the least estimate, else the richest that has an answer; where
+    none has one, what the richest that was asked says."""
     answers = [e for e in evidence if np.isfinite(e.estimate)]
     if answers:
         return min(answers, key=lambda e: e.estimate).rung
     asked = [e.rung for e in evidence if e.rung.model in ask.found]
     fine = [rung for rung in asked if int(ask(rung.model).status) == Status.OK]
-    if not fine:
-        said = Status(int(ask(asked[-1].model).status))
-        raise RuntimeError(f"no rung has an answer: {said.message}")
-    return fine[-1]
+    return fine[-1] if fine else ask(asked[-1].model)

@@ -103,7 +103,8 @@ def ladder_sweep(
     `chunk`, `devices` and `progress` are those of `sweep`. Each model is compiled once, side by
     side on the cores there are; where `cases` are few that takes longer than all else, so the
     cheapest rungs of both kinds are left out, and others until they are needed.
-    Raises `ValueError` or `TypeError` as `choose_model` does, but for what is wrong with a case.
+    Raises `ValueError` or `TypeError` as `choose_model` does, but never for what is wrong with a
+    case: a batch has a status for each and, as `sweep`, no `throw`.
     """
     if not callable(situation):
         raise TypeError(f"situation must take parameters by name, got {type(situation).__name__}")

@@ -21,7 +21,7 @@ from jaxbeam._numerics.linalg import (
 )
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._rotor.directions import Direction
-from jaxbeam._status import Status
+from jaxbeam._status import Status, first_broken, first_failure
 
 TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
@@ -33,11 +33,13 @@ def general(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
     matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
     tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
-    status = jnp.where(residual.max() <= tolerance, Status.OK, Status.INACCURATE)  # NaN is not
     finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
-    status = jnp.where(finite, status, Status.NOT_FINITE)
-    status = jnp.where(positive, status, Status.NO_EQUILIBRIUM)
-    status = jnp.where(system.status == Status.OK, status, system.status).astype(int)
+    found = first_broken(
+        (positive, Status.NO_EQUILIBRIUM),
+        (finite, Status.NOT_FINITE),
+        (residual.max() <= tolerance, Status.INACCURATE),  # NaN is not
+    )
+    status = first_failure(system.status, found)
     share = energy_share(system.mass, shape, system.directions)
     return Modes(
         eigenvalue, shape, direction, number, share, residual, status, system.steady_strain

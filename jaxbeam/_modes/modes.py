@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Inexact
 
-from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case, guarded
+from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case
 from jaxbeam._models.contract.loaded import (
     Conditions,
     checked_conditions,
@@ -24,11 +24,11 @@ from jaxbeam._numerics.linalg import quotient, solve
 from jaxbeam._programs.batches import batchable, mended
 from jaxbeam._programs.platforms import by_platform
 from jaxbeam._programs.program import Program
-from jaxbeam._results import nan_unless, without_derivatives
+from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import CouplingGroup, Direction, Label, is_hinged
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Real, Scalar, Vectors
 
 RESOLVED = 1e-3  # the largest error of a frequency, relative, that is not a failure
@@ -77,7 +77,7 @@ def modes(
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     conditions = checked_conditions(loads, damping)
     result = find(model, rotor, speed, choose(model, which), conditions=conditions)
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 @Program
@@ -88,20 +88,17 @@ def find(
     """What `modes` does once its arguments are checked; unless `judged`, modes are those of the
     model, however many of its functions they would need."""
     alone = conditions is None
-    if conditions is None:
-        given, rotor, speed = guarded(rotor, speed)
-    else:
-        given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
+    given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
     bands = bands_of(model, wanted.most, wanted.count) if alone and rotor.is_plain else None
     system = system_of(model, rotor, speed, conditions)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
     free = is_hinged(rotor)
     found = general(fixed[0], wanted, free) if bands is None else _search(model, bands, *fixed)
-    status = jnp.where(given == Status.OK, found.status, given)
+    status = first_failure(given, found.status)
     error = _error(model, *fixed, found) if judged and alone else None
     if error is not None:
-        unresolved = (status == Status.OK) & ~(jnp.max(error) <= RESOLVED)
-        status = jnp.where(unresolved, Status.TOO_FEW_FUNCTIONS, status)
+        resolved = jnp.max(error) <= RESOLVED
+        status = first_failure(status, first_broken((resolved, Status.TOO_FEW_FUNCTIONS)))
     ok = status == Status.OK
     eigenvalue, shape = _differentiable(system, ok, found)
     if bands is not None and bands.has_forms:

@@ -16,7 +16,7 @@ from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.loads import Damping, Loads
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._solvers.system import State
-from jaxbeam._status import Status
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Scalar, is_concrete
 
 # Of a hub, of what is at its tip, and of what is along the span (see `Loads.span_moments`).
@@ -53,23 +53,18 @@ def scene_status(
     inputs = jax.vmap(seen)(moments)
     moves, loaded, planar = jax.vmap(one)(moments, inputs)
     rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
-    status = jnp.asarray(Status.OK)
-    if Direction.FLAP not in model.directions:
-        status = jnp.where(jnp.all(planar), status, Status.OUT_OF_PLANE)
-    for ok, code in (
-        (jnp.all(loaded), Status.INVALID_LOAD),
+    ahead, calm = increasing(times), jnp.all(jnp.isfinite(rates) & (rates >= 0))
+    status = first_broken(
         (jnp.all(moves), Status.INVALID_MOTION),
-        (increasing(times), Status.INVALID_TIMES),
-    ):
-        status = jnp.where(ok, status, code)
+        (jnp.all(loaded), Status.INVALID_LOAD),
+        (Direction.FLAP in model.directions or jnp.all(planar), Status.OUT_OF_PLANE),
+    )
     seen = jax.tree.map(lambda a: a[: between.size], inputs)
-    motion, loads, seen = harmless(status == Status.OK, (motion, loads, seen))
-    calm = jnp.all(jnp.isfinite(rates) & (rates >= 0))
+    motion, loads, seen = harmless(ahead & (status == Status.OK), (motion, loads, seen))
     given = rotor.status(jnp.zeros((), times.dtype))
     rotor, damping = harmless(given == Status.OK, rotor), harmless(calm, damping)
-    status = jnp.where(calm | (status == Status.INVALID_TIMES), status, Status.INVALID_DAMPING)
-    status = jnp.where(given == Status.OK, status, given).astype(int)
-    return status, (rotor, motion, loads, damping, seen)
+    rest = first_broken((ahead, Status.INVALID_TIMES), (calm, Status.INVALID_DAMPING))
+    return first_failure(given, rest, status), (rotor, motion, loads, damping, seen)
 
 
 def increasing(times: Array) -> Array:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import finish, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
@@ -39,7 +39,7 @@ from jaxbeam._simulation.step_limits import SAMPLES, StepLimits, during
 from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver, run_core
 from jaxbeam._solvers.system import State
-from jaxbeam._status import Status, in_range, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure, in_range
 from jaxbeam._types import Code, Scalar
 
 
@@ -123,7 +123,7 @@ def simulate(
         stepsize_controller, dt0, saveat,
         adjoint, event, progress_meter, max_steps, balance_tolerance,
     )  # fmt: skip
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 _KINDS = {
@@ -156,15 +156,14 @@ def _simulate(
     given, (rotor, motion, loads, damping, seen) = scene_status(
         model, rotor, motion, loads, damping, times, during(times, SAMPLES)
     )
-    fine = given == Status.OK
     # Only bad times change: a `saveat` and a controller may hold others that go with them.
     times = jnp.where(increasing(times), times, np.linspace(0.0, 1.0, times.size))
     if saveat is not None:
         saveat, within = held_within(saveat, times)
-        given = jnp.where(fine & ~within, Status.INVALID_TIMES, given)
+        given = first_failure(given, first_broken((within, Status.INVALID_TIMES)))
     if dt0 is not None:  # diffrax raises where it points backwards
         forward = jnp.isfinite(dt0) & (dt0 > 0)
-        given = jnp.where(fine & ~forward, Status.INVALID_TIMES, given)
+        given = first_failure(given, first_broken((forward, Status.INVALID_TIMES)))
         dt0 = jnp.where(forward, dt0, times[-1] - times[0])
     now = Scene(model, rotor, motion, loads, damping, times)
     if start is None:
@@ -172,7 +171,7 @@ def _simulate(
         y0 = State(zero, zero)
     else:
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
-        given = jnp.where(fine & ~started, Status.INVALID_START, given)
+        given = first_failure(given, first_broken((started, Status.INVALID_START)))
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), start)
     size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen)))
     if dt0 is None and isinstance(controller, _CHOOSING | None):
@@ -240,16 +239,15 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
     that it found."""
     reached, at, state, t0 = run.reached, run.times, run.state, run.t0
     imbalance, far = _account(*without_derivatives((now, t0, run.start, (at, state), run.watch)))
-    status = jnp.asarray(Status.OK)
-    unbalanced = jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance))
-    status = jnp.where(unbalanced, Status.UNBALANCED, status)
     fits = jax.vmap(now.equations.is_in_range)(without_derivatives(state.q))
-    status = jnp.where(jnp.any(reached & ~fits), Status.OUT_OF_RANGE, status)
-    status = jnp.where(jnp.any(reached & far), Status.DIVERGED, status)
     finite = jax.tree.map(lambda a: jnp.all(jnp.isfinite(a) | ~_beside(reached, a)), state)
-    status = jnp.where(jax.tree.reduce(jnp.logical_and, finite), status, Status.NOT_FINITE)
-    status = jnp.where(run.ended != Status.OK, run.ended, status)
-    status = jnp.where(given != Status.OK, given, status)
+    numbers = first_broken(
+        (jax.tree.reduce(jnp.logical_and, finite), Status.NOT_FINITE),
+        (~jnp.any(reached & far), Status.DIVERGED),
+        (~jnp.any(reached & ~fits), Status.OUT_OF_RANGE),
+        (~jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance)), Status.UNBALANCED),
+    )
+    status = first_failure(given, run.ended, numbers)
     when = jnp.where(reached, at, t0)
     return Simulation(
         times=jnp.where(reached, at, jnp.nan),

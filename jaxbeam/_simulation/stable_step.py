@@ -7,17 +7,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest
 from jaxbeam._programs.program import Program
-from jaxbeam._results import nan_unless
+from jaxbeam._results import finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, is_concrete
 
 # rad a step. Explicit methods of s stages end before s - 1; implicit ones that last are let go.
@@ -40,23 +40,35 @@ class _Oscillator(SecondOrderSystem):
         return -q - 2 * self.ratio * v
 
 
-def amplification(solver: diffrax.AbstractSolver, angle: Real, damping_ratio: Real = 0.0) -> Scalar:
+class Amplification(eqx.Module):
+    """`factor` by which one step multiplies the amplitude of a vibration, and a `status`, unless
+    which is OK it is NaN (derivatives: as in `modes`)."""
+
+    factor: Scalar
+    status: Code
+
+
+def amplification(
+    solver: diffrax.AbstractSolver, angle: Real, damping_ratio: Real = 0.0, *, throw: bool = True
+) -> Amplification:
     """Factor by which one step multiplies the amplitude of a vibration: above 1 it grows.
 
     The spectral radius of one step of length h on q'' + 2 zeta omega q' + omega^2 q = 0, with
     `angle` = h omega (rad, > 0) and `damping_ratio` = zeta. For a Runge-Kutta method and zeta = 0
     it is abs(R(i angle)), R the stability function. `solver` is any one-step solver that `simulate`
-    takes; stages of stock implicit ones are solved to rounding, whatever their root finder; NaN
-    where that fails.
+    takes; stages of stock implicit ones are solved to rounding, whatever their root finder.
 
-    Raises `TypeError` or `ValueError` for a malformed argument.
+    `angle` is () in rad, `damping_ratio` () without unit and of any sign. Returns an
+    `Amplification`. `throw=False` returns failures in its status, and NaN: `STEP_FAILED` where a
+    stage is not solved, `INVALID_STEP` for traced numbers out of range, `NOT_FINITE`. Raises
+    `TypeError` or `ValueError` for a malformed argument, and, with `throw`, `ValueError` for a
+    number out of range (under `jit` `RuntimeError`) and `RuntimeError` where the step fails.
 
     E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), sections IV.2, IV.3.
     """
-    solver = _checked(solver)
-    return _amplification(
-        solver, positive("angle", angle), real_scalar("damping_ratio", damping_ratio)
-    )
+    solver, angle = _checked(solver), positive("angle", angle)
+    result = _amplified(solver, angle, real_scalar("damping_ratio", damping_ratio))
+    return finish(result, throw)
 
 
 def _checked(solver: Any) -> diffrax.AbstractSolver:
@@ -72,7 +84,22 @@ def _checked(solver: Any) -> diffrax.AbstractSolver:
 
 
 @Program
-def _amplification(solver: diffrax.AbstractSolver, angle: Scalar, ratio: Scalar) -> Scalar:
+def _amplified(solver: diffrax.AbstractSolver, angle: Scalar, ratio: Scalar) -> Amplification:
+    fine = jnp.isfinite(angle) & jnp.isfinite(ratio)  # `positive` makes NaN of what is not
+    angle, ratio = harmless(fine, (angle, ratio))
+    factor, done = _factor(solver, angle, ratio)
+    status = first_broken(
+        (fine, Status.INVALID_STEP),
+        (done, Status.STEP_FAILED),
+        (jnp.isfinite(factor), Status.NOT_FINITE),
+    )
+    return Amplification(nan_unless(status == Status.OK, factor), status)
+
+
+def _factor(
+    solver: diffrax.AbstractSolver, angle: Scalar, ratio: Scalar
+) -> tuple[Scalar, Bool[Array, ""]]:
+    """The spectral radius of one step, and whether its stages were solved."""
     system = _Oscillator(jnp.eye(1, dtype=angle.dtype), ratio)
     case = second_order_term(solver), jnp.zeros_like(angle), angle
 
@@ -87,7 +114,7 @@ def _amplification(solver: diffrax.AbstractSolver, angle: Scalar, ratio: Scalar)
     half, square = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
     root = jnp.sqrt(jnp.abs(square))
     radius = jnp.where(square < 0, jnp.hypot(half, root), jnp.abs(half) + root)
-    return jnp.where(jnp.all(done), radius, jnp.nan)
+    return radius, jnp.all(done)
 
 
 class StableStep(eqx.Module):
@@ -124,8 +151,8 @@ def stable_step(
     derivatives are those of the frequency.
 
     Raises `ValueError` or `TypeError` for a malformed argument, and what `modes` raises. With
-    `throw=False` failures are in `status`: those of `modes`, and `NO_EQUILIBRIUM` where the model
-    itself has a mode that grows.
+    `throw=False` failures are in `status`: those of `modes`, `NO_EQUILIBRIUM` where the model
+    itself has a mode that grows, and `INVALID_STEP` for a traced `growth` out of range.
     """
     solver = _checked(solver)
     count_functions("steps", steps, 1)
@@ -135,13 +162,15 @@ def stable_step(
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     found = find(model, rotor, speed, lowest(model, len(model.directions)), judged=False)
     frequency = jnp.max(found.frequency)
-    grows = jnp.max(found.growth_rate) > 1e-8 * frequency
-    status = jnp.where(grows & (found.status == Status.OK), Status.NO_EQUILIBRIUM, found.status)
+    stable = ~(jnp.max(found.growth_rate) > 1e-8 * frequency)
+    allowed = jnp.isfinite(growth) & (growth > 1)
+    allows = first_broken((allowed, Status.INVALID_STEP))
+    status = first_failure(found.status, allows, first_broken((stable, Status.NO_EQUILIBRIUM)))
     ok = status == Status.OK
     frequency = jnp.where(ok, frequency, 1.0)
-    step = _limit(solver, jnp.log(growth) / steps) / frequency
+    step = _limit(solver, jnp.log(jnp.where(allowed, growth, 2.0)) / steps) / frequency
     result = StableStep(nan_unless(ok, step), nan_unless(ok, frequency), status)
-    return raise_unless_ok(result, status) if throw else result
+    return finish(result, throw)
 
 
 @Program
@@ -149,8 +178,8 @@ def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
     """Smallest angle at which the logarithm of the amplification is more than `rate`."""
 
     def grows(angle: Scalar) -> Array:
-        # NaN, a stage that was not solved, counts as unstable.
-        return ~(jnp.log(_amplification(solver, angle, jnp.zeros_like(angle))) <= rate)
+        factor, done = _factor(solver, angle, jnp.zeros_like(angle))
+        return ~(done & (jnp.log(factor) <= rate))  # NaN counts as unstable
 
     def narrow(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
         angles, limited = state

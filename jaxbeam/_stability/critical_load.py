@@ -20,13 +20,13 @@ from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._programs.program import Program
-from jaxbeam._results import nan_unless, without_derivatives
+from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, naming
 from jaxbeam._rotor.loads import NO_DAMPING, Loads
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
 from jaxbeam._stability.singular import AbstractPlace, Groups, Scan, answer
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 _HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
@@ -94,7 +94,7 @@ def critical_load(
             "loads: there are none; give tip_force=..., gravity=... or force_per_length=..."
         )
     result = _critical(model, rotor, speed, conditions.loads)
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 _Given = tuple[AnyRotor, Scalar, Loads]
@@ -105,21 +105,21 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
     status, rotor, speed, conditions = guarded_conditions(
         model, rotor, speed, Conditions(loads, NO_DAMPING)
     )
+    assert conditions is not None
     if not loads.is_plain:
-        moves = (status == Status.OK) & (speed != 0)
-        status = jnp.where(moves, Status.NO_POTENTIAL, status)
+        status = first_failure(status, first_broken((speed == 0, Status.NO_POTENTIAL)))
     given = rotor, speed, conditions.loads
     find = _buckling if loads.is_plain else _lost
     found, direction, place, searched = find(model, without_derivatives(given))
-    status = jnp.where(status == Status.OK, searched, status).astype(int)
+    status = first_failure(status, searched)
     exists = jnp.isfinite(found) & (status == Status.OK)
     place = eqx.tree_at(lambda place: place.exists, place, exists)
     factor, shape = answer(place, given, found, status)
-    frequency = jnp.zeros_like(factor)
+    frequency, known = jnp.zeros_like(factor), status == Status.OK
     if isinstance(place, LostPlace):
         square = place.flutters * place.square
-        frequency = nan_unless(exists, jnp.sqrt(jnp.where(square > 0, square, 0.0)))
-    return CriticalLoad(factor, direction, shape, frequency, status)
+        frequency, known = jnp.sqrt(jnp.where(square > 0, square, 0.0)), exists
+    return CriticalLoad(factor, direction, shape, nan_unless(known, frequency), status)
 
 
 class _Place(AbstractPlace):
@@ -218,6 +218,6 @@ def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPl
     )  # fmt: skip
     exact = polished(place, given, end.lost)
     near = jnp.abs(exact - end.lost) <= _NEAR * end.lost
-    status = jnp.where(end.found & ~near & (end.status == Status.OK), Status.INACCURATE, end.status)
+    status = first_failure(end.status, first_broken((near | ~end.found, Status.INACCURATE)))
     factor = jnp.where(end.found, exact, jnp.inf)
     return factor, bare.direction(model, mode.right), place, bare.held(status)

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case, guarded
+from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case
 from jaxbeam._models.contract.loaded import (
     Conditions,
     checked_conditions,
@@ -35,7 +35,7 @@ from jaxbeam._models.contract.loaded import (
 )
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.program import Program
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import finish, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, naming
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
@@ -50,7 +50,7 @@ from jaxbeam._stability.singular import (
     is_affine,
     softest,
 )
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 _HAIR = 1e-10  # EI / L, of a spring beside which a hinge is free
@@ -118,7 +118,7 @@ def critical_speed(
             "speeds that matter, whose growth rates tell"
         )
     result = _critical(model, rotor, zero, conditions)
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 _Given = tuple[AnyRotor, Conditions | None]
@@ -128,17 +128,14 @@ _Given = tuple[AnyRotor, Conditions | None]
 def _critical(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions | None
 ) -> CriticalSpeed:
-    if conditions is None:
-        given, rotor, _ = guarded(rotor, zero)
-    else:
-        given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
+    given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
     fixed = without_derivatives((rotor, zero))
     if conditions is None:
         searched = _search(model, *fixed)
     else:
         searched = _search_under(model, *fixed, without_derivatives(conditions))
     found, direction, x, status = searched
-    status = jnp.where(given == Status.OK, status, given).astype(int)
+    status = first_failure(given, status)
     exists = jnp.isfinite(found) & (status == Status.OK)
     place = _Place(x=x, exists=exists, model=model, direction=direction)
     speed, shape = answer(place, (rotor, conditions), found, status)
@@ -230,11 +227,10 @@ def _search_under(
 
     k0, status = at(zero)
     least, x = softest(every.rows[0], k0, rest)
-    buckled = jnp.where(least > 0, Status.OK, Status.BUCKLED)
-    buckled = jnp.where(status == Status.OK, buckled, status)
+    at_rest = first_failure(status, first_broken((least > 0, Status.BUCKLED)))
     if is_affine(model, rotor):
         _, k1 = _with_speed(model, rotor, zero)
-        fine = jnp.where(buckled == Status.OK, k0, rest)
+        fine = jnp.where(at_rest == Status.OK, k0, rest)
         square, x = gives_way(every.rows[0], k1, fine)
         found, status = jnp.sqrt(square), jnp.asarray(Status.OK)
     else:
@@ -250,8 +246,7 @@ def _search_under(
     shares = [
         jnp.sum(energy, where=np.equal(model.directions, direction)) for direction in Direction
     ]
-    status = jnp.where(buckled == Status.OK, status, buckled)
-    return found, jnp.argmax(jnp.stack(shares)), x, status
+    return found, jnp.argmax(jnp.stack(shares)), x, first_failure(at_rest, status)
 
 
 def _held(rotor: AnyRotor) -> AnyRotor:

@@ -38,13 +38,13 @@ from jaxbeam._numerics.linalg import (
     symmetric_modes,
 )
 from jaxbeam._programs.program import Program
-from jaxbeam._results import harmless, nan_unless, without_derivatives
+from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, coupling_groups, is_hinged
 from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 _NODES = (1 + np.polynomial.legendre.leggauss(3)[0]) / 2
@@ -97,7 +97,7 @@ def floquet(
     model, rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
     count_functions("steps", steps, least=1)
     result = _floquet(model, rotor, motion, period, damping, steps)
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 def _checked(
@@ -146,30 +146,28 @@ def _floquet(
     mu, direction = (jnp.concatenate(part) for part in zip(*parts, strict=True))
     order = jnp.argsort(-jnp.abs(mu))
     mu, direction = mu[order], direction[order]
-    status = jnp.where(enough, Status.OK, Status.TOO_FEW_STEPS)
-    status = jnp.where(ok, status, Status.NO_EQUILIBRIUM)
-    status = jnp.where(fine, status, given).astype(int)
+    status = first_failure(
+        given, first_broken((ok, Status.NO_EQUILIBRIUM), (enough, Status.TOO_FEW_STEPS))
+    )
     ok = status == Status.OK
     rate = jnp.log(jnp.abs(jnp.where(ok, mu[0], 1.0))) / period
     return Floquet(nan_unless(ok, mu), direction, nan_unless(ok, rate), status)
 
 
 def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping) -> Code:
+    """The first of rotor, motion and damping that is out of range."""
     t = period * jnp.linspace(0.0, 1.0, 8)
     now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
     scale = jnp.max(jnp.abs(now))
     repeats = jnp.all(jnp.abs(later - now) <= 1e-6 * scale)  # False for NaN
     rates = jnp.stack([jnp.zeros_like(period), *jax.tree.leaves(damping)])
-    status = jnp.asarray(Status.OK)
     planar = jnp.max(jnp.abs(motion.axis - np.array([0.0, 0.0, 1.0]))) < 1e-9
-    for holds, code in (
-        (planar, Status.OUT_OF_PLANE),
-        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+    modulated = first_broken(
         (repeats & jnp.isfinite(period) & (period > 0), Status.INVALID_MOTION),
-    ):
-        status = jnp.where(holds, status, code)
-    given = rotor.status(jnp.zeros_like(period))
-    return jnp.where(given == Status.OK, status, given).astype(int)
+        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+        (planar, Status.OUT_OF_PLANE),
+    )
+    return first_failure(rotor.status(jnp.zeros_like(period)), modulated)
 
 
 class Reduced(NamedTuple):

@@ -15,7 +15,7 @@ from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, coupling_groups, naming
-from jaxbeam._status import Status
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 _MORE = 100  # tries to narrow what was found
@@ -134,8 +134,8 @@ class Scan(NamedTuple):
 
     def status(self, end: Search) -> Code:
         """Whether the search came to an end."""
-        lost = (end.tries == self.looks + _MORE) & (end.status == Status.OK)
-        return jnp.where(lost, Status.INACCURATE, end.status)
+        ended = end.tries < self.looks + _MORE
+        return first_failure(end.status, first_broken((ended, Status.INACCURATE)))
 
     def _step(self, search: Search) -> Search:
         """Steps up while K is positive definite, then the Illinois rule: secants between the ends

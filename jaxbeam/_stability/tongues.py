@@ -16,13 +16,13 @@ from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._programs.program import Program
-from jaxbeam._results import harmless, nan_unless, without_derivatives
+from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, Label, coupling_groups
 from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._stability.floquet import Reduced, modulation_status, refuse_cone
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
 
 
@@ -106,7 +106,7 @@ def tongue(
     damping = checked_damping(damping)
     share = jnp.asarray(float(order))  # an array: another order does not compile anew
     result = _tongue(model, rotor, speed, wanted, depths, share, damping, groups[0], steps)
-    return raise_unless_ok(result, jnp.max(result.status)) if throw else result
+    return finish(result, throw)
 
 
 @Program
@@ -129,7 +129,7 @@ def _tongue(
     search = _Search(margin, rotor, mean, damping, onset, order)
     kept, rates, status = search.boundaries(depths)
     ends = jax.vmap(jax.vmap(search.polished, (0, 0, None)))(kept, rates, depths)
-    status = jnp.where(fine, status, given).astype(int)
+    status = first_failure(given, status)
     ok = status == Status.OK
     reached = ok[:, None] & jnp.isfinite(kept)
     return Tongue(depths, nan_unless(reached, ends), nan_unless(fine, onset_now), status)
@@ -142,9 +142,9 @@ def _unmodulated(
     unit = ModulatedSpeed(mean, 0.0, 1.0)
     given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
     found = find(model, rotor, mean, wanted)
-    given = jnp.where(given == Status.OK, found.status, given)
-    unstable = jnp.any(found.growth_rate > 0) & (given == Status.OK)
-    return found, jnp.where(unstable, Status.NO_EQUILIBRIUM, given)
+    stable = ~jnp.any(found.growth_rate > 0)
+    at_mean = first_broken((stable, Status.NO_EQUILIBRIUM))
+    return found, first_failure(given, found.status, at_mean)
 
 
 class _Case(NamedTuple):

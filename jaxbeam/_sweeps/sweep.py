@@ -51,7 +51,8 @@ def sweep(
     the case; otherwise a case is `NOT_FINITE` when any of its results is not. A case that raises
     inside the compiled code (`eqx.error_if`) is found by halving its chunk, gets
     `Status.RAISED`, NaN (or zero) results and its message in `Table.errors`, and the others are
-    kept. Asking for a status (`modes(..., throw=False)`) is much faster than raising.
+    kept. Asking for a status (`modes(..., throw=False)`) is much faster than raising. So a batch
+    has no `throw`: it never raises for a case, unless every one of them raises.
 
     `devices` are some of `jax.local_devices()`: each works on a chunk at a time, a device named
     twice on two (`devices=2 * jax.devices()` takes two cores of a CPU). Each is fed by a thread;

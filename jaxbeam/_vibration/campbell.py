@@ -38,6 +38,11 @@ class Campbell(eqx.Module):
     loads: Loads = NO_LOADS
     damping: Damping = NO_DAMPING
 
+    @property
+    def status(self) -> np.ndarray:
+        """`Status` of each speed of the diagram, in the order given."""
+        return self.table["status"]
+
     def crossings(
         self, harmonics: Sequence[float] | np.ndarray = (1, 2, 3, 4, 5, 6)
     ) -> list[Crossing]:
@@ -84,8 +89,14 @@ def campbell(
     loads: Loads = NO_LOADS,
     damping: Damping = NO_DAMPING,
 ) -> Campbell:
-    """Campbell diagram: frequencies of the labelled modes at each of the speeds (rad/s), about the
-    state that `loads` deform, with `damping` (see `modes`)."""
+    """Campbell diagram: frequencies of the labelled modes `which` at each of `angular_speeds`, (S,)
+    in rad/s and of any sign and order, about the state that `loads` deform, with `damping` (see
+    `modes`, which it is at each speed).
+
+    Returns a `Campbell`. It is a batch, as `sweep` and `ladder_sweep` are: it never raises for a
+    speed that fails, whatever the cause, but has a status for each of them (`Campbell.status`), and
+    NaN there. Raises `ValueError` or `TypeError` for a malformed argument.
+    """
     which = (which,) if isinstance(which, Label) else which
     if not isinstance(which, Sequence):
         raise TypeError(f"which must be labels, got {which!r}")

@@ -12,11 +12,11 @@ from jaxbeam._models.contract.loaded import Conditions, checked_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._programs.program import Program
-from jaxbeam._results import nan_unless
+from jaxbeam._results import finish, nan_unless
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Real, Scalar, is_concrete
 
 
@@ -67,7 +67,7 @@ def crossing(
     conditions = checked_conditions(loads, damping)
     speed, status = _crossing(model, rotor, choose(model, (label,)), conditions, ratio, *ends)
     result = Crossing(label, ratio, speed, status)
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 @Program
@@ -99,7 +99,7 @@ def _crossing(
     (at_low, at_high), (status, at_high_status) = jax.lax.map(
         gap_and_status, jnp.stack([low, high])
     )
-    status = jnp.where(status == Status.OK, at_high_status, status)
+    status = first_failure(status, at_high_status)
     ok = sound & (at_low * at_high <= 0)  # False for NaN
 
     State = tuple[Array, Array, Array, Array, Array]  # speed, bracket, last change, count
@@ -127,5 +127,5 @@ def _crossing(
     # Bisection also ends at a jump, where a label changes branch: the gap says which it was.
     miss = jnp.abs(gap(jax.lax.stop_gradient(speed)))
     ok &= miss <= 1e-9 * jnp.abs(harmonic * speed)
-    status = jnp.where((status == Status.OK) & ~ok, Status.NO_CROSSING, status)
+    status = first_failure(status, first_broken((ok, Status.NO_CROSSING)))
     return nan_unless(status == Status.OK, speed), status

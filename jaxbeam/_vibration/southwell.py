@@ -11,17 +11,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel, checked_case, guarded
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions, system_of
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._programs.program import Program
-from jaxbeam._results import harmless, nan_unless, without_derivatives
+from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Label, is_hinged
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar
 
 _CLOSE = 3e-6  # to rest, over the frequency scale: rounding of axial motion grows towards it
@@ -66,7 +66,7 @@ def southwell(
             "need not be even in the speed: take modes at the speeds that matter"
         )
     result = _southwell(model, rotor, speed, choose(model, which), conditions)
-    return raise_unless_ok(result, result.status) if throw else result
+    return finish(result, throw)
 
 
 @Program
@@ -74,9 +74,7 @@ def _southwell(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted,
     conditions: Conditions | None,
 ) -> Southwell:  # fmt: skip
-    given = rotor.status(speed)
-    fine = given == Status.OK
-    rotor, speed = harmless(fine, (rotor, speed))
+    given, rotor, speed = guarded(rotor, speed)
 
     def square(omega: Scalar) -> tuple[Float[Array, " k"], Modes]:
         found = find(model, rotor, omega, wanted, conditions=conditions)
@@ -94,8 +92,7 @@ def _southwell(
     # NaN would end up in gradients by parameters that cases of a batch share.
     result = jnp.where(status == Status.OK, slope, 0.0) / (2 * jnp.where(moves, moving, 1.0))
     finite = moves & jnp.all(jnp.isfinite(result))
-    status = jnp.where((status == Status.OK) & ~finite, Status.NOT_FINITE, status)
-    status = jnp.where(fine, status, given)
+    status = first_failure(given, status, first_broken((finite, Status.NOT_FINITE)))
     return Southwell(nan_unless(status == Status.OK, result), status)
 
 

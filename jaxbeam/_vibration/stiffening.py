@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -13,11 +14,11 @@ from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._programs.program import Program
-from jaxbeam._results import nan_unless
+from jaxbeam._results import finish, nan_unless
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._rotor.directions import is_hinged
-from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar, Vector
+from jaxbeam._status import Status, first_broken, first_failure
+from jaxbeam._types import Code, Real, Scalar, Vector
 
 _SHEAR = 3.1  # E / (kappa G)
 
@@ -27,7 +28,15 @@ def _bending(rotor: Rotor) -> Hybrid:
     return Hybrid(0, 14, 0).suited(rotor)
 
 
-def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
+class StiffeningRatio(eqx.Module):
+    """`ratio`: motion-induced over elastic stiffness, without unit; and a `status`, unless which is
+    OK it is NaN (derivatives: as in `modes`)."""
+
+    ratio: Scalar
+    status: Code
+
+
+def stiffening_ratio(rotor: Rotor, angular_speed: Real, *, throw: bool = True) -> StiffeningRatio:
     """Motion-induced over elastic stiffness of the first in-plane mode at rest, without unit.
 
         ratio = int P(x) phi'^2 dx / int EI_zz phi''^2 dx,
@@ -43,19 +52,28 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
 
     the classical frequency is too low by ratio / 2, relative, while that is small: by 1 % at 0.02.
 
-    Derivatives of any order, those by what changes phi included. Raises `ValueError` or
-    `TypeError` for a malformed argument or a parameter out of range; NaN where a traced one is.
+    `rotor`, any but in a cone; `angular_speed` () in rad/s, of any sign. Returns a
+    `StiffeningRatio`; derivatives of any order, those by what changes phi included.
+
+    `throw=False` returns failures, those of `modes` for phi among them, in
+    `StiffeningRatio.status`, and NaN. Raises `ValueError` or `TypeError` for a malformed argument,
+    and, with `throw`, `ValueError` for a parameter out of range (under `jit` `RuntimeError`) and
+    `RuntimeError` where phi is not found.
     """
-    return _ratio(checked_rotor(Rotor, rotor), checked_speed(angular_speed))
+    result = _ratio(checked_rotor(Rotor, rotor), checked_speed(angular_speed))
+    return finish(result, throw)
 
 
 @Program
-def _ratio(rotor: Rotor, speed: Scalar) -> Scalar:
+def _ratio(rotor: Rotor, speed: Scalar) -> StiffeningRatio:
     given, rotor, speed = guarded(rotor, speed)
     still = jnp.zeros_like(speed)
     model = _bending(rotor)
-    phi = find(model, rotor, still, lowest(model, 1)).shape[0].real
-    return nan_unless(given == Status.OK, stiffening_of(phi, rotor, speed))
+    first = find(model, rotor, still, lowest(model, 1))
+    ratio = stiffening_of(first.shape[0].real, rotor, speed)
+    finite = first_broken((jnp.isfinite(ratio), Status.NOT_FINITE))
+    status = first_failure(given, first.status, finite)
+    return StiffeningRatio(nan_unless(status == Status.OK, ratio), status)
 
 
 def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:

@@ -26,7 +26,10 @@ def some(quick, rest):
 
 
 def each_angle(solver, angles, ratio=0.0):
-    return np.asarray(jax.vmap(lambda z: amplification(solver, z, ratio))(jnp.asarray(angles)))
+    def one(angle):
+        return amplification(solver, angle, ratio, throw=False).factor
+
+    return np.asarray(jax.vmap(one)(jnp.asarray(angles)))
 
 
 def stability_function(solver, z):

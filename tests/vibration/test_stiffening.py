@@ -32,7 +32,7 @@ def closed_form(hub, tip, speed):
 @pytest.mark.parametrize("tip", [0.0, 0.8])
 def test_closed_form(hub, tip):
     for speed in (1e-4, 2.0, -2.0):
-        found = stiffening_ratio(slender(70.0, hub, tip), speed)
+        found = stiffening_ratio(slender(70.0, hub, tip), speed).ratio
         assert float(found) == pytest.approx(closed_form(hub, tip, speed), rel=2e-9)
 
 
@@ -42,7 +42,7 @@ def test_southwell_coefficient():
     rotor, speed = slender(70.0, 0.5, 0.3), 1.7
     phi = jb.southwell(jb.Hybrid(0, 16, 0), rotor, 0.0, jb.labels(in_plane=1)).coefficient[0]
     omega = reference.frequencies(0.0, 0.0, 0.3)[0]
-    found = stiffening_ratio(rotor, speed) * (omega / speed) ** 2 - 1
+    found = stiffening_ratio(rotor, speed).ratio * (omega / speed) ** 2 - 1
     np.testing.assert_allclose(found, phi, rtol=1e-9)
 
 
@@ -50,7 +50,7 @@ def test_without_unit():
     """Any beam is one of unit length, mass and stiffness; those along the axis do not matter."""
     beam = jb.Beam(4.0, 0.5, 3e5, 20.0, 7.0)
     speed = 1.3 * beam.frequency_scale
-    found = stiffening_ratio(jb.Rotor(beam, 2.0, 0.6), speed)
+    found = stiffening_ratio(jb.Rotor(beam, 2.0, 0.6), speed).ratio
     assert float(found) == pytest.approx(closed_form(0.5, 0.3, 1.3), rel=1e-9)
 
 
@@ -58,7 +58,7 @@ def test_without_unit():
 def test_gradient():
     where = jnp.array([2.0, 0.7, 3e4, 5.0, 4.0, 1.1, 0.4, 3.0])
 
-    both = jax.jit(jax.value_and_grad(lambda p: stiffening_ratio(*build(p))))
+    both = jax.jit(jax.value_and_grad(lambda p: stiffening_ratio(*build(p)).ratio))
     exact = both(where)[1]
     np.testing.assert_allclose(exact, finite_difference(lambda p: both(p)[0], where), atol=1e-9)
     assert float(exact[2]) == float(exact[4]) == 0  # EA, EI in flap
@@ -71,10 +71,16 @@ def test_batch_with_traced_input_out_of_range():
     @jax.jit
     def total(hub):
         tips = jnp.array([0.2, -1.0, jnp.nan, 0.5])
-        values = jax.vmap(lambda tip: stiffening_ratio(slender(70.0, hub, tip), 1.0))(tips)
-        return jnp.nansum(values), values
 
-    slope, values = jax.grad(total, has_aux=True)(0.5)
+        def one(tip):
+            return stiffening_ratio(slender(70.0, hub, tip), 1.0, throw=False)
+
+        found = jax.vmap(one)(tips)
+        return jnp.nansum(found.ratio), found
+
+    slope, found = jax.grad(total, has_aux=True)(0.5)
+    values, bad = found.ratio, jb.Status.INVALID_TIP_MASS
+    np.testing.assert_array_equal(found.status, [0, bad, bad, 0])
     np.testing.assert_array_equal(jnp.isnan(values), [False, True, True, False])
     assert float(values[3]) == pytest.approx(closed_form(0.5, 0.5, 1.0), rel=1e-9)
     change = [closed_form(1.0, tip, 1.0) - closed_form(0.0, tip, 1.0) for tip in (0.2, 0.5)]

@@ -18,12 +18,12 @@ from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.lanes import total
 from jaxbeam._programs.program import Program
-from jaxbeam._results import harmless, nan_unless
+from jaxbeam._results import finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
 from jaxbeam._rotor.directions import APART, CouplingGroup, Direction, coupling_groups
 from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._rotor.spring_rotor import SpringRotor
-from jaxbeam._status import Status, raise_unless_ok
+from jaxbeam._status import Status, first_failure
 from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 
 TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
@@ -283,7 +283,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         `throw=False` leaves failures in `LinearSystem.status` instead of raising.
         """
         system = _linearised(*checked_case(self, rotor, angular_speed))
-        return raise_unless_ok(system, system.status) if throw else system
+        return finish(system, throw)
 
     def matrices(self, rotor: TheRotor, speed: Scalar) -> LinearSystem:
         """`linearise` for parameters in range: tangents of the equations at their equilibrium.
@@ -367,7 +367,7 @@ def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> Linea
     """`model.matrices`, with parameters out of range reported in `status`."""
     given, rotor, speed = guarded(rotor, speed)
     system = model.matrices(rotor, speed)
-    status = jnp.where(given == Status.OK, system.status, given)
+    status = first_failure(given, system.status)
     strain = nan_unless(status == Status.OK, system.steady_strain)
     return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
 

@@ -21,7 +21,7 @@ from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, is_hinged
 from jaxbeam._rotor.loads import NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Hub, spinning
-from jaxbeam._status import Status
+from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Scalar, Vector
 
 _ALL = ((tuple(Direction), tuple(Direction)),)
@@ -43,15 +43,12 @@ class Conditions(eqx.Module):
         span = jnp.zeros((2, 3), speed.dtype) if span is None else span
         loads = jnp.concatenate([jnp.stack([gravity, force, moment]), span])
         planar = Direction.FLAP in model.directions or jnp.all(loads[:, 2] == 0)
-        status = jnp.asarray(Status.OK)
-        for holds, code in (
-            (planar, Status.OUT_OF_PLANE),
-            ((speed == 0) | jnp.all(gravity[:2] == 0), Status.TURNING_GRAVITY),
-            (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+        return first_broken(
             (jnp.all(jnp.isfinite(loads)), Status.INVALID_LOAD),
-        ):
-            status = jnp.where(holds, status, code)
-        return status
+            (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+            ((speed == 0) | jnp.all(gravity[:2] == 0), Status.TURNING_GRAVITY),
+            (planar, Status.OUT_OF_PLANE),
+        )
 
     def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of the steady state, and the status of the search for it."""
@@ -78,9 +75,9 @@ class Conditions(eqx.Module):
         hub, tip, span = self.acting(equations, speed, factor)
         q, status = equilibrium(equations, hub, tip, span)
         # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
-        far = ~(jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length)
+        near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
         nowhere = Status.NOT_HELD if is_hinged(rotor) else Status.DIVERGED
-        status = jnp.where(far & (status == Status.OK), nowhere, status)
+        status = first_failure(status, first_broken((near, nowhere)))
         still = jnp.zeros_like(q)
         k, c = equations.tangents(hub, q, still, tip)
         if span is not None and span.stiffness is not None:
@@ -161,11 +158,14 @@ def system_of(
 
 
 def guarded_conditions(
-    model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions
-) -> tuple[Code, AnyRotor, Scalar, Conditions]:
-    """Whether all is in range, and harmless numbers in the place of those that are not."""
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions | None
+) -> tuple[Code, AnyRotor, Scalar, Conditions | None]:
+    """Whether all is in range, under conditions if there are any, and harmless numbers in the place
+    of those that are not."""
     given, rotor, speed = guarded(rotor, speed)
+    if conditions is None:
+        return given, rotor, speed, None
     status = conditions.status(model, speed)
     fine = status == Status.OK
     held = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 0.0), conditions)
-    return jnp.where(given == Status.OK, status, given), rotor, speed, held
+    return first_failure(given, status), rotor, speed, held
