@@ -13,6 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 import jaxbeam as jb
+from tests.beams import AS_BUILT, AS_BUILT_IN_SPACE
 from tests.compilation import xla_flags
 
 
@@ -27,15 +28,20 @@ BEAM, SPRINGS = tuple(rules(jb.Beam)), tuple(rules(jb.models.SpringRotor))
 ROTOR = *BEAM, *rules(jb.Rotor)
 NAMES = *ROTOR, "angular_speed"
 
-# One of each theory of planar elements, and of the discrete analogue.
+# One of each kind of equations: linear modal, non-linear modal, elements with an energy and
+# without, discrete. In which tier each takes a statement about all models, tests/README.md says.
+KINDS = jb.Hybrid, jb.VonKarman, jb.ExactRodANCF, jb.ANCF, jb.models.DiscreteNP
+# One of each theory of planar elements, those of large deflections as classes, and of the discrete
+# analogue.
 ELEMENTS = [
     jb.models.SmallStrainANCF(2),
-    jb.ANCF(2),
     jb.ExactRodANCF(2),
+    jb.ANCF(2),
     jb.GreenANCF(2),
     jb.models.ChordANCF(2),
     jb.models.TangentANCF(2),
 ]
+THEORIES = [type(model) for model in ELEMENTS[1:]]
 DISCRETE = [
     jb.models.DiscreteNC(),
     jb.models.DiscreteNP(),
@@ -44,26 +50,7 @@ DISCRETE = [
     jb.models.DiscreteNS(),
 ]
 
-# A beam as built, with all that modal models can do, and these models.
-AS_BUILT = jb.Rotor(
-    jb.Beam(
-        2.0,
-        jb.Spanwise([0, 0.3, 0.3, 1], [1.6, 1.2, 1.0, 0.7]),
-        jb.blades.SpanwiseFunction(lambda x: 4e3 * (1 - x / 2)),
-        jb.Spanwise([0, 0.6, 1], [14.0, 9.0, 5.0]),
-        jb.Spanwise([0, 0.3, 0.3, 1], [8.0, 7.0, 5.0, 3.0]),
-        twist=jb.Spanwise([0, 1], [0.4, -0.1]),
-        torsional_stiffness=jb.Spanwise([0, 0.3, 0.3, 1], [6.0, 5.0, 4.0, 3.0]),
-        polar_inertia=jb.Spanwise([0, 1], [0.02, 0.01]),
-    ),
-    hub_radius=0.4,
-    tip_mass=0.3,
-    pitch=0.2,
-    root_springs=jb.RootSprings(in_plane=40.0, flap=25.0),
-    tip_body=jb.TipBody(offset=0.1, inertia=0.02, axial_inertia=0.005, flap_inertia=0.03),
-)
-# The same as elements in space have it, whose bodies have one inertia across the beam.
-AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip_body=jb.TipBody(0.1, 0.02, 0.005))
+# What can model a beam as built, and each with the one that it takes.
 YIELDING = [
     jb.Hybrid(3, 4, 3),
     jb.Classical(3, 4, 3),

@@ -17,7 +17,8 @@ import pytest
 import jaxbeam as jb
 from jaxbeam import plot
 from jaxbeam.__main__ import EXAMPLES, main, read
-from tests.rotor.test_blade_files import DECK, SECTIONS
+from tests.beams import ALUMINIUM
+from tests.rotor.files import DECK, SECTIONS
 
 BEAM = """
 [beam]
@@ -66,10 +67,6 @@ torsional_spring = 10.0
 in_plane = 1
 angular_speed = 2.0
 """
-BLADE = jb.Beam.from_section(
-    length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-    in_plane_second_moment=8.214e-9,
-)  # fmt: skip
 MODEL = jb.Hybrid(2, 4, 0)
 
 
@@ -114,7 +111,7 @@ def test_frequencies_resumed_and_refused(command, tmp_path):
             assert found["status"][i] == jb.Status.INVALID_TIP_MASS
             assert np.isnan(frequency).all()
             continue
-        alone = jb.modes(MODEL, jb.Rotor(BLADE, 0.5, tip_mass), speed, which)
+        alone = jb.modes(MODEL, jb.Rotor(ALUMINIUM, 0.5, tip_mass), speed, which)
         np.testing.assert_allclose(frequency, alone.frequency, rtol=1e-12)
         np.testing.assert_allclose(found["steady_strain"][i], alone.steady_strain, rtol=1e-12)
         kept = table.sel(angular_speed=speed, tip_mass=tip_mass)["frequency"]
@@ -141,7 +138,7 @@ def test_southwell_at_one_speed(command, tmp_path):
     text = FREQUENCIES.split("[frequencies]")[0]
     assert command(text + "[southwell]\nin_plane = 2\nangular_speed = 3.0")[0] == 0
     found = columns(tmp_path / "scene/southwell.csv")
-    expected = jb.southwell(MODEL, jb.Rotor(BLADE, 0.5, 0.1), 3.0, jb.labels(in_plane=2))
+    expected = jb.southwell(MODEL, jb.Rotor(ALUMINIUM, 0.5, 0.1), 3.0, jb.labels(in_plane=2))
     coefficient = [found[f"coefficient[in-plane bending {k}]"][0] for k in (1, 2)]
     np.testing.assert_allclose(coefficient, expected.coefficient, rtol=1e-12)
 
@@ -153,7 +150,7 @@ def test_histories_of_a_spin_up(command, tmp_path):
     assert said.splitlines() == ["1 of 1 ok", "scene/spin_up.csv, .npz and .png"]
     times = np.linspace(0.0, 20.0, 11)
     motion = jb.SmoothSpinUp(4.0, 15.0)
-    run = jb.simulate(jb.GreenANCF(2), jb.Rotor(BLADE, 0.0, 0.1), motion, times)
+    run = jb.simulate(jb.GreenANCF(2), jb.Rotor(ALUMINIUM, 0.0, 0.1), motion, times)
     rows = columns(tmp_path / "scene/spin_up.csv")
     np.testing.assert_array_equal(rows["time"], times)
     for i, direction in enumerate(("axial", "in plane", "flap")):
@@ -180,7 +177,7 @@ def test_swept_spin_up(command, tmp_path):
     tips = jb.Table.load(tmp_path / "scene/spin_up.npz")
     for i, speed in enumerate((2.0, 4.0)):
         motion = jb.SmoothSpinUp(speed, 15.0)
-        run = jb.simulate(MODEL, jb.Rotor(BLADE, 0.0, 0.1), motion, times)
+        run = jb.simulate(MODEL, jb.Rotor(ALUMINIUM, 0.0, 0.1), motion, times)
         found = [rows[name][i] for name in ("peak[in plane]", "peak_time[in plane]")]
         np.testing.assert_allclose(found, run.peak(), rtol=1e-5)  # tolerance 1e-6, other rounding
         tip = tips.sel(angular_speed=speed)["tip"]

@@ -1,6 +1,8 @@
-"""The rooms of the house: imports flow one way, and third-party packages have owners."""
+"""The rooms of the house: imports flow one way, and third-party packages have owners. What tests
+import of one another: helpers alone, and the references nothing of the package."""
 
 import ast
+import contextlib
 import graphlib
 from pathlib import Path
 
@@ -51,16 +53,39 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
+TESTS = Path(__file__).parent
 
 
 def _imports(name: str) -> set[str]:
+    return {module for module, _ in _imported(MODULES[name].read_text())}
+
+
+def _imported(text: str) -> set[tuple[str, str | None]]:
+    """Modules that a text imports, each with the name that is taken from it, if one is."""
     found = set()
-    for node in ast.walk(ast.parse(MODULES[name].read_text())):
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            found |= {(alias.name, None) for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "absolute imports only"
-            found.add(node.module)
+            found |= {(node.module, alias.name) for alias in node.names}
+    return found
+
+
+def _imported_by_test(path: Path) -> set[str]:
+    """The same of a file among the tests, and of the programs that it has as texts; `from a import
+    b` as a.b, which may be a module."""
+    tree = ast.parse(path.read_text())
+    texts = [path.read_text()]
+    texts += [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and "import" in node.value
+    ]
+    found = set()
+    for text in texts:
+        with contextlib.suppress(SyntaxError):  # words, most often
+            found |= {f"{module}.{name}" if name else module for module, name in _imported(text)}
     return found
 
 
@@ -110,3 +135,20 @@ def test_files_and_functions_stay_small(name):
             said = node.body[0] if ast.get_docstring(node) else None
             told = said.end_lineno - said.lineno + 1 if said else 0
             assert node.end_lineno - node.lineno + 1 - told <= 60, node.name
+
+
+def test_references_know_nothing_of_the_package():
+    """Nor do what they import among the tests."""
+    for path in (TESTS / "references").glob("*.py"):
+        for module in _imported_by_test(path):
+            root, *rest = module.split(".")
+            assert root != "jaxbeam", path.name
+            assert root != "tests" or rest[0] == "references", path.name
+
+
+def test_test_modules_import_no_other():
+    """What they share is in a module beside them."""
+    for path in TESTS.rglob("*.py"):
+        for module in _imported_by_test(path):
+            root, *rest = module.split(".")
+            assert root != "tests" or not any(part.startswith("test_") for part in rest), path

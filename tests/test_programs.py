@@ -8,13 +8,9 @@ import jax
 import pytest
 
 import jaxbeam as jb
+from tests.beams import README_ROTOR as ROTOR
 from tests.tiers import exhaustive, slow
 
-BLADE = jb.Beam.from_section(
-    length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-    in_plane_second_moment=8.214e-9,
-)  # fmt: skip
-ROTOR = jb.Rotor(BLADE, 0.5, 0.1)
 HYBRID, WHICH = jb.Hybrid(), jb.labels(in_plane=2, flap=1)
 MOTION = jb.motions.ModulatedSpeed(3.0, 0.5, 10.0)
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.fitting.test_fit import line
+from tests.beams import README_ROTOR
+from tests.fitting.lines import line
 from tests.tiers import exhaustive, slow
 
 BEAM = jb.Beam.from_slenderness(70.0)
@@ -152,14 +153,6 @@ def test_text_of_a_batch_of_fits():
     assert str(jax.eval_shape(fitted, jnp.ones(()))).startswith("Fit(")
 
 
-LONG = jb.Rotor(
-    jb.Beam.from_section(
-        length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-        in_plane_second_moment=8.214e-9,
-    ), 0.5, 0.1,
-)  # fmt: skip
-
-
 @pytest.mark.slow
 def test_sweep_does_not_call_a_failed_run_ok():
     """Of a beam of 8 m: the classical theory diverges at 3 and 4 rad/s, with peaks of -97 m."""
@@ -167,7 +160,8 @@ def test_sweep_does_not_call_a_failed_run_ok():
 
     def peak(speed):
         motion = jb.SmoothSpinUp(speed, 15.0)
-        return jb.simulate(jb.Classical(0, 2, 0), LONG, motion, times, throw=False).peak()[0]
+        run = jb.simulate(jb.Classical(0, 2, 0), README_ROTOR, motion, times, throw=False)
+        return run.peak()[0]
 
     table = jb.sweep(peak, jb.grid(speed=[1.0, 3.0, 4.0]))
     assert table["status"].tolist() == [OK, jb.Status.NOT_FINITE, jb.Status.NOT_FINITE]

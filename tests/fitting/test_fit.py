@@ -13,6 +13,7 @@ from scipy.stats import chi2, t
 
 import jaxbeam as jb
 from jaxbeam import plot
+from tests.fitting.lines import line
 from tests.helpers import optimised, slender
 
 MODEL = jb.Hybrid(3, 6, 6)
@@ -266,21 +267,6 @@ def test_stiffness_and_mass_cannot_be_told_from_frequencies_at_rest():
     np.testing.assert_allclose(found.parameters["in_plane"], 2.0, rtol=1e-6)
     np.testing.assert_allclose(found.standard_deviation["in_plane"], 0.02, rtol=0.2)
     assert float(found.correlation[0, 1]) > 0.9
-
-
-def line(x, y, noise=1.0):
-    """A straight line, as an experiment: what least squares say of it is in every textbook."""
-
-    class Line(jb.fitting.Experiment):
-        a: jax.Array
-        b: jax.Array
-        measured: jax.Array
-        noise: jax.Array
-
-        def predicted(self):
-            return self.a + self.b * x
-
-    return lambda a, b: Line(a, b, jnp.asarray(y), noise * jnp.ones(len(y)))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from jaxbeam import blades
 from tests import tiers
 from tests.fuzz.scenes import examples
-from tests.rotor.test_blade_files import CSV, DECK, ELASTODYN, SECTIONS, whole
+from tests.rotor.files import CSV, DECK, ELASTODYN, SECTIONS, whole
 
 FILES = {
     "main file": DECK.format(title="a blade"), "whole main file": whole(), "sections": SECTIONS,

@@ -13,8 +13,9 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._ladder.background import BackgroundCompiler
+from tests.beams import README_ROTOR
 from tests.helpers import slender
-from tests.ladder.test_ladder import spin_up, steady
+from tests.ladder.questions import spin_up, steady
 
 COMPILED: list[str] = []
 
@@ -83,13 +84,8 @@ def test_ahead_keeps_its_order_and_waits_for_nothing_else():
 
 def readme():
     """The question of the README about how much model."""
-    blade = jb.Beam.from_section(
-        length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-        in_plane_second_moment=8.214e-9,
-    )  # fmt: skip
     motion = jb.SmoothSpinUp(4.0, duration=15.0)
-    rotor = jb.Rotor(blade, hub_radius=0.5, tip_mass=0.1)
-    return rotor, jb.ladder.PeakDeflection(motion, jnp.linspace(0.0, 20.0, 201))
+    return README_ROTOR, jb.ladder.PeakDeflection(motion, jnp.linspace(0.0, 20.0, 201))
 
 
 @pytest.mark.exhaustive

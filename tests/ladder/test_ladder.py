@@ -1,16 +1,15 @@
 """The ladder: what its rungs are, that the one chosen meets the tolerance, and what it costs."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxbeam as jb
 from tests.helpers import slender
+from tests.ladder.questions import TIMES, spin_up, steady
+from tests.references import power_series
 from tests.tiers import slow
-from tests.vibration import reference
 
-TIMES = np.linspace(0.0, 1.0, 61)
 QUESTIONS = {
     "peak": jb.ladder.PeakDeflection(jb.SmoothSpinUp(1.0, 1.0), TIMES),
     "history": jb.ladder.DeflectionHistory(jb.SmoothSpinUp(1.0, 1.0), TIMES),
@@ -69,7 +68,7 @@ def test_what_leaves_the_plane_gets_models_that_do(question):
 def test_spectrum_of_a_spin_up(spread):
     """Y eq. 23 has the angular acceleration (Omega / T) (1 - cos 2 pi t / T), with the spectrum
     sin(a) / a / (1 - (a / pi)^2), a = omega T / 2, over its value at zero."""
-    omega = np.array(reference.frequencies(0.0))
+    omega = np.array(power_series.frequencies(0.0))
     duration = 2 * spread / omega[0]
     question = jb.ladder.PeakDeflection(
         jb.SmoothSpinUp(3.0, duration), [0.0, 0.5 * duration, duration]
@@ -90,7 +89,7 @@ def test_frequencies_against_power_series(gamma, hub, tip, tolerance):
     choice = jb.choose_model(
         rotor, jb.ladder.ModalFrequencies(gamma, jb.labels(in_plane=2)), tolerance
     )
-    exact = np.array(reference.frequencies(gamma, hub, tip, 1000.0, count=2))
+    exact = np.array(power_series.frequencies(gamma, hub, tip, 1000.0, count=2))
     error = np.max(np.abs(choice.answer / exact - 1))
     assert choice.met
     assert error <= choice.estimate <= tolerance
@@ -193,12 +192,6 @@ def test_strain_at_the_root_of_a_slow_spin_up(model):
     np.testing.assert_allclose(found.value[-1], wanted, rtol=2e-3)
 
 
-def spin_up(speed, duration, hub=0.0, tip=0.0, slenderness=200.0, kind=jb.ladder.PeakDeflection):
-    """Times in units of sqrt(rho L^4 / EI)."""
-    rotor = slender(slenderness, hub, tip)
-    return rotor, kind(jb.SmoothSpinUp(speed, duration), TIMES * (duration + 1.1))
-
-
 def sweep_of(tolerance, **columns):
     return jb.ladder_sweep(spin_up, jb.points(**columns), tolerance, representatives=8)
 
@@ -241,12 +234,6 @@ def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
     assert (rung[exact["size"][fine] < 1e-3] == "hybrid").all()
 
 
-def steady(gamma, hub):
-    """Lowest two frequencies; speeds above a hundred raise."""
-    gamma = eqx.error_if(gamma, gamma > 100.0, "too fast")
-    return slender(1000.0, hub), jb.ladder.ModalFrequencies(gamma, jb.labels(in_plane=2))
-
-
 @pytest.mark.exhaustive
 def test_sweep_of_frequencies_on_a_grid():
     """Against power series; a case that raises, and one out of range, touch no other."""
@@ -264,7 +251,7 @@ def test_sweep_of_frequencies_on_a_grid():
             elif hub < 0:
                 assert status == jb.Status.INVALID_HUB_RADIUS
             else:
-                exact = np.array(reference.frequencies(gamma, hub, 0.0, 1000.0, count=2))
+                exact = np.array(power_series.frequencies(gamma, hub, 0.0, 1000.0, count=2))
                 error = np.max(np.abs(table["value"][i, j] / exact - 1))
                 assert status == jb.Status.OK
                 assert error <= table["estimate"][i, j] <= tolerance

@@ -11,10 +11,11 @@ from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.motion import skew
 from jaxbeam.blades import SpanwiseFunction
 from jaxbeam.models import Polynomials
+from tests.beams import short
 from tests.helpers import name
-from tests.models.test_equations import random_state
+from tests.models.states import random_state
+from tests.references import blade as reference
 from tests.tiers import exhaustive, slow
-from tests.vibration import blade_reference as reference
 
 STIFF = 1e9  # axial stiffness of what the reference has as inextensible: no model here uses it
 QUARTERS, TABLE = (0, 0.2, 0.45, 0.7, 1), ((2, 1.2, 1, 0.8, 0.3), (3, 1.5, 1, 0.5, 0.1))
@@ -349,7 +350,7 @@ CONSTANT = [
 @pytest.mark.parametrize("model", CONSTANT, ids=name)
 def test_constant_tables_are_the_uniform_beam(model):
     """With a kink in the table, twist of zero and a body that is a point."""
-    uniform = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0), 0.4, 0.9)
+    uniform = jb.Rotor(short(4e3), 0.4, 0.9)
 
     def same(value):
         return jb.Spanwise([0.0, 0.3, 1.0], 3 * [value])
@@ -394,7 +395,7 @@ def test_constant_tables_are_the_uniform_beam(model):
 )
 def test_constant_tables_in_functions_of_their_own(model):
     """A uniform beam is as it is by functions that suit a table: modes, rest and energies."""
-    uniform = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0), 0.4, 0.9)
+    uniform = jb.Rotor(short(4e3), 0.4, 0.9)
     same = [jb.Spanwise([0.0, 0.3, 1.0], 3 * [value]) for value in (1.3, 4e3, 11.0, 7.0, 0.0)]
     built = jb.Rotor(jb.Beam(2.0, *same), 0.4, 0.9)
     wanted, found = (jb.modes(model, rotor, 2.0, 5) for rotor in (uniform, built))

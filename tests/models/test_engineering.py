@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxbeam as jb
 from jaxbeam._models.ancf.energies import Engineering
 from tests.helpers import slender
+from tests.references.elastica import tip_at_rest
 
 
 def test_force_and_tangent_are_derivatives_of_the_energy():
@@ -50,27 +50,8 @@ def test_no_motion_of_an_element_is_free_but_rigid_ones():
         assert np.linalg.matrix_rank(np.asarray(strains(e)).reshape(10, 6), tol=1e-6) == 5
 
 
-def rod(force, stiffness):
-    """Tip of the extensible, shear-free elastica with L = EI = 1 and a dead force at its end, by
-    shooting: eps = F.t / EA, M = phi', M' = -(1 + eps) t x F."""
-    fx, fy = force
-
-    def rates(x, state):
-        phi, moment, _, _ = state
-        t = np.cos(phi), np.sin(phi)
-        stretch = 1 + (fx * t[0] + fy * t[1]) / stiffness
-        return [moment, -stretch * (t[0] * fy - t[1] * fx), stretch * t[0], stretch * t[1]]
-
-    def end(moment):
-        start = [0.0, moment, 0.0, 0.0]
-        return solve_ivp(rates, (0, 1), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-
-    moment = brentq(lambda moment: end(moment)[1], 0.0, 1.2 * abs(fy) + abs(fx), xtol=1e-13)
-    return end(moment)[2:] - np.array([1.0, 0.0])
-
-
 def bent(model, force, slenderness):
-    """The same of a model."""
+    """What a model says of the tip that such a force bends, with L = EI = 1."""
     loads = jb.Loads(tip_force=[*force, 0.0])
     return np.array([
         jb.fitting.StaticData(
@@ -86,7 +67,7 @@ BENT = [(300.0, (0.0, 10.0)), (20.0, (-1.0, 6.0))]
 @pytest.mark.exhaustive
 def test_elements_converge_to_the_extensible_elastica():
     """A stocky one: strains of five per cent, of bending by twenty."""
-    exact = rod((5.0, 5.0), 100.0)
+    exact = tip_at_rest((5.0, 5.0), 100.0)
     found = bent(jb.ExactRodANCF(4), (5.0, 5.0), 10.0)
     np.testing.assert_allclose(found, exact, atol=3e-5)
 
@@ -95,7 +76,7 @@ def test_elements_converge_to_the_extensible_elastica():
 @pytest.mark.parametrize(("slenderness", "force"), BENT)
 def test_order_of_convergence_to_the_extensible_elastica(slenderness, force):
     """Four; and elements of the Green strain have another limit."""
-    exact = rod(force, slenderness**2)
+    exact = tip_at_rest(force, slenderness**2)
     n = np.array([8, 16, 32])
     error = [np.linalg.norm(bent(jb.ExactRodANCF(int(k)), force, slenderness) - exact) for k in n]
     assert -np.polyfit(np.log(n), np.log(error), 1)[0] > 3.8

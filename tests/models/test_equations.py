@@ -8,13 +8,14 @@ from numpy.polynomial import chebyshev
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
-from jaxbeam._rotor.motion import Hub, skew
-from tests.helpers import AS_BUILT, BUILT, DISCRETE, ELEMENTS, name
+from jaxbeam._rotor.motion import skew
+from tests.beams import AS_BUILT, SOFT_SPRINGS, TORSION, short
+from tests.helpers import BUILT, DISCRETE, ELEMENTS, KINDS, name
+from tests.models.states import lagrange, random_state
 from tests.tiers import exhaustive, slow
 
-BLADE = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+BLADE = short(4e3, **TORSION)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.9)
-SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
 BEAM_MODELS = [
     jb.Hybrid(3, 4, 3),
     jb.Hybrid(0, 4, 3),
@@ -23,9 +24,8 @@ BEAM_MODELS = [
     *ELEMENTS,
     jb.SpatialANCF(2),
 ]
-EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SPRINGS) for m in DISCRETE]
+EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SOFT_SPRINGS) for m in DISCRETE]
 EVERY += BUILT
-KINDS = jb.Hybrid, jb.VonKarman, jb.ExactRodANCF, jb.ANCF, jb.models.DiscreteNP
 
 
 def tiered(model, rotor):
@@ -37,36 +37,6 @@ def tiered(model, rotor):
 
 
 CASES = [tiered(*case) for case in EVERY]
-
-
-def random_state(model, seed, planar):
-    """Hub motion with random velocities and rates, coordinates, rates; no symmetry left."""
-    rng = np.random.default_rng(seed)
-    flat = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0], [0, 0, 1], [1, 1, 0]])
-    hub = rng.normal(size=(5, 3)) * (flat if planar else 1)
-    q, v = 0.1 * rng.normal(size=(2, len(model.directions)))
-    return Hub(*jnp.asarray(hub)), jnp.asarray(q), jnp.asarray(v)
-
-
-def lagrange(equations, hub, q, v, tip_force):
-    """Generalised acceleration from T, U and the work of external forces alone."""
-
-    def kinetic(q, v, t):
-        along = (
-            hub.velocity + t * hub.velocity_rate,
-            hub.angular_velocity + t * hub.angular_velocity_rate,
-        )
-        return equations.kinetic_energy(q, v, *along)
-
-    # The rigid part of T does not depend on q, v; that which the hub does to int u dm does.
-    t = jnp.zeros(())
-    momentum = jax.grad(kinetic, 1)
-    mass = jax.jacfwd(momentum, 1)(q, v, t)
-    drift = jax.jvp(lambda q, t: momentum(q, v, t), (q, t), (v, jnp.ones(())))[1]
-    work = jax.jacfwd(equations.first_moment)(q).T @ hub.gravity
-    work = work + jax.jacfwd(equations.tip)(q).T @ tip_force
-    elastic = jax.grad(equations.strain_energy)(q) + equations.nonconservative_force(q)
-    return jnp.linalg.solve(mass, jax.grad(kinetic)(q, v, t) - drift - elastic + work)
 
 
 @pytest.mark.parametrize(("model", "rotor"), CASES, ids=name)

@@ -13,8 +13,8 @@ from jaxbeam._models.space.frames import axes, deformation
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub, spinning
-from tests.models import rod_reference
-from tests.models.rod_reference import Rod
+from tests.references.quaternions import rotation
+from tests.references.rod import Rod, helix, solved
 from tests.tiers import slow
 
 STILL = jb.ConstantSpeed(0.0)
@@ -129,7 +129,7 @@ BEAM = jb.Beam(
 def test_loads_at_the_tip_bend_it_as_they_do_a_rod(force, moment, follows):
     """Errors fall with the fourth power of an element's length, of a rod that is twisted; those of
     the attitude of its sections, at nodes and between them, with the third."""
-    rod = rod_reference.solved(ROD, force, moment, follows)
+    rod = solved(ROD, force, moment, follows)
     loads, rotor = jb.Loads(tip_force=force, tip_moment=moment, follows=follows), jb.Rotor(BEAM)
     xi, errors = np.array([0.3, 0.5, 0.9, 1.0]), []
     for n in (4, 8):
@@ -137,7 +137,7 @@ def test_loads_at_the_tip_bend_it_as_they_do_a_rod(force, moment, follows):
         equations = jb.SpatialANCF(n).equations(rotor)
         t = equations.gradient(q, xi) + np.eye(3)[:, :1]
         sections = axes(t / jnp.linalg.norm(t, axis=0, keepdims=True), equations.torsion(q, xi))
-        turned = sections - np.moveaxis(rod_reference.rotation(rod(xi)[3:7]), 1, 0)
+        turned = sections - np.moveaxis(rotation(rod(xi)[3:7]), 1, 0)
         errors.append([np.abs(part).max() for part in (
             equations.tip(q) - (rod(1.0)[:3] - [1, 0, 0]), turned
         )])  # fmt: skip
@@ -151,7 +151,7 @@ def test_loads_at_the_tip_bend_it_as_they_do_a_rod(force, moment, follows):
 @pytest.mark.slow
 def test_pitch_is_a_twist_of_all_sections():
     rod = ROD._replace(twist=lambda s: 0.6 + 0 * s)
-    end = rod_reference.solved(rod, (0, 3.0, 2.0))(1.0)[:3] - [1, 0, 0]
+    end = solved(rod, (0, 3.0, 2.0))(1.0)[:3] - [1, 0, 0]
     uniform = jb.Beam(1.0, 1.0, 1e4, 1.0, 0.4, torsional_stiffness=0.7)
     found = tip(uniform, jb.Loads(tip_force=(0, 3.0, 2.0)), 8, pitch=0.6)
     np.testing.assert_allclose(found, end, rtol=0, atol=1e-4)
@@ -162,7 +162,7 @@ def test_pitch_is_a_twist_of_all_sections():
 def test_slender_beams_with_stations_within_elements_do_not_lock(stations):
     """They bend as far as uniform ones do, that are held by as many points of stretch."""
     axial, force = 1e8, (0, 3.0, 2.0)
-    end = rod_reference.solved(Rod(1.0, axial, 1.0, 0.4, 0.7), force)(1.0)[:3] - [1, 0, 0]
+    end = solved(Rod(1.0, axial, 1.0, 0.4, 0.7), force)(1.0)[:3] - [1, 0, 0]
     mass, stretch, lag, flap, torsion = (
         jb.Spanwise(stations, np.full(len(stations), value))
         for value in (1.0, axial, 1.0, 0.4, 0.7)
@@ -196,7 +196,7 @@ ROUND = jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0, torsional_stiffness=0.7)
 @pytest.mark.parametrize("moment", [(0, 0, 2 * np.pi), (2.0, 0, 4.0)], ids=["circle", "helix"])
 def test_a_moment_rolls_it_into_a_circle_or_a_helix(moment):
     """To 1e-6, with the fourth power of an element's length."""
-    end = rod_reference.helix(Rod(1.0, np.inf, 1.0, 1.0, 0.7), moment)
+    end = helix(Rod(1.0, np.inf, 1.0, 1.0, 0.7), moment)
     if moment[0] == 0:
         np.testing.assert_allclose(end, 0, atol=1e-10)
     loads = jb.Loads(tip_moment=moment)

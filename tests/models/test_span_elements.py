@@ -13,12 +13,12 @@ from jaxbeam._models.ancf.sections import cuts
 from jaxbeam._models.ancf.theories import axial_bending
 from jaxbeam._numerics.linalg import dense
 from jaxbeam.blades import SpanwiseFunction
-from tests.helpers import ELEMENTS, finite_difference, name
-from tests.models.test_equations import lagrange, random_state
+from tests.beams import short
+from tests.helpers import THEORIES, finite_difference, name
+from tests.models.states import lagrange, random_state
+from tests.references import blade as blade_reference
 from tests.tiers import exhaustive, slow
-from tests.vibration import blade_reference
 
-THEORIES = [type(model) for model in ELEMENTS if not isinstance(model, jb.models.SmallStrainANCF)]
 AT_NODES, BETWEEN = (0.0, 0.5, 0.5, 1.0), (0.0, 0.3, 0.3, 0.45, 1.0)
 BODY, SPRING = jb.TipBody(0.3, 0.2, 0.1), jb.RootSprings(in_plane=9.0)
 
@@ -336,6 +336,6 @@ def test_what_planar_elements_do_not_take_is_refused(more, model, message):
 
 
 def test_twist_is_refused():
-    rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, twist=0.2))
+    rotor = jb.Rotor(short(4e3, twist=0.2))
     with pytest.raises(ValueError, match="ExactRodANCF is planar and takes no twist"):
         jb.ExactRodANCF(2).linearise(rotor, 1.0)

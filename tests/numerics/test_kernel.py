@@ -14,6 +14,7 @@ from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import beside, contract, total
 from jaxbeam._solvers.system import State
+from tests.beams import ROUND
 
 compiled = pytest.mark.skipif(
     jax.default_backend() != "cpu", reason="only on a CPU is all compiled to one function"
@@ -169,7 +170,7 @@ MODELS = [
 ]
 
 
-ROTOR = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), tip_mass=0.1)
+ROTOR = jb.Rotor(ROUND, tip_mass=0.1)
 
 
 def end(model, solver, rotor, speed, damping=1e-4):

@@ -8,6 +8,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._programs.program import Program, _haste
+from tests.beams import ROUND
 from tests.compilation import OLD_EMITTERS
 
 
@@ -51,7 +52,7 @@ def test_a_call_within_another_program_is_a_part_of_it():
 @pytest.mark.exhaustive
 def test_numbers_that_a_motion_closes_over():
     """They are traced, and no argument of the program shows it."""
-    rotor = jb.Rotor(jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0), 0.5, 0.1)
+    rotor = jb.Rotor(ROUND, 0.5, 0.1)
 
     def tip(size):
         axis, none = jnp.array([0.0, 0.0, 1.0]), jnp.zeros(3)

@@ -9,7 +9,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam import blades
-from tests.vibration.blade_reference import NREL
+from tests.references.blade import NREL
 
 EA = 9.7e9
 ROWS = np.loadtxt(NREL, delimiter=",", skiprows=2)  # x / L, twist, mass, flap, edge

@@ -10,7 +10,6 @@ import jaxbeam as jb
 from tests.helpers import optimised
 from tests.tiers import exhaustive, slow
 
-BEAM = jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0)
 TIMES = np.linspace(0.0, 12.0, 5)
 SPEEDS = np.random.default_rng(7).permutation(np.geomspace(0.3, 3.0, 40))
 

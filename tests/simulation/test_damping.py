@@ -8,21 +8,20 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
-from tests.helpers import BUILT, DISCRETE, ELEMENTS, finite_difference, name
-from tests.models.test_equations import random_state
+from tests.beams import SOFT_SPRINGS, short
+from tests.helpers import BUILT, DISCRETE, ELEMENTS, THEORIES, finite_difference, name
+from tests.models.states import random_state
 from tests.tiers import exhaustive, slow
 
 BEAM = jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0, torsional_stiffness=400.0)
 LONG = jb.Rotor(BEAM, 0.5)
-SHORT = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, torsional_stiffness=6.0), 0.4)
-SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
+SHORT = jb.Rotor(short(4e3, torsional_stiffness=6.0), 0.4)
 # As `AS_BUILT`, without what elements in the plane have not.
 STEPPED = jb.Rotor(
     jb.Beam(2.0, 1.3, jb.Spanwise([0, 0.3, 0.3, 1], [4e3, 4e3, 3e3, 2e3]), 11.0, 7.0), 0.4, 0.3,
     root_springs=jb.RootSprings(in_plane=40.0), tip_body=jb.TipBody(offset=0.1, inertia=0.02),
 )  # fmt: skip
 C, SPEEDS = jnp.array(2e-3), np.array([0.0, 10.0, 20.0])
-KINDS = [jb.ExactRodANCF, jb.GreenANCF, jb.ANCF, jb.models.ChordANCF, jb.models.TangentANCF]
 
 
 def rest(*cases):
@@ -93,7 +92,7 @@ def test_rates_of_decay_at_speed(model, within):
     np.testing.assert_allclose(found, expected(), rtol=within)
 
 
-@pytest.mark.parametrize("kind", [KINDS[0], *rest(*((k,) for k in KINDS[1:]))])
+@pytest.mark.parametrize("kind", [THEORIES[0], *rest(*((k,) for k in THEORIES[1:]))])
 def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
     """Of a rod bent and stretched as it may be: moment c k omega, and nothing on any other
     coordinate."""
@@ -159,12 +158,16 @@ def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
 
 
 EVERY = [(model, SHORT) for model in [jb.VonKarman(5, 3, 2), *ELEMENTS[1:], jb.SpatialANCF(2)]]
-EVERY += [(kind(2, root_yields=True), STEPPED) for kind in KINDS] + [(m, SPRINGS) for m in DISCRETE]
+EVERY += [(kind(2, root_yields=True), STEPPED) for kind in THEORIES] + [
+    (m, SOFT_SPRINGS) for m in DISCRETE
+]
 EVERY += BUILT
 
 
 @pytest.mark.parametrize(
-    ("model", "rotor"), [(jb.GreenANCF(2), SHORT), (DISCRETE[0], SPRINGS), *rest(*EVERY)], ids=name
+    ("model", "rotor"),
+    [(jb.GreenANCF(2), SHORT), (DISCRETE[0], SOFT_SPRINGS), *rest(*EVERY)],
+    ids=name,
 )
 def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
     """About the undeformed beam it is the stiffness, of any theory; anywhere the matrix of damping
@@ -195,10 +198,10 @@ def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
 
 def test_discrete_coordinates_do_not_matter():
     """Exact springs have one power, by x and y as by s and theta."""
-    polar = jb.models.DiscreteNP().equations(SPRINGS)
+    polar = jb.models.DiscreteNP().equations(SOFT_SPRINGS)
     s, rate = jnp.array([0.1, 0.7]), jnp.array([-0.4, 1.3])
     q, v = jax.jvp(polar.place, (s,), (rate,))
-    power = jb.models.DiscreteNC().equations(SPRINGS).viscous_force(q, v) @ v
+    power = jb.models.DiscreteNC().equations(SOFT_SPRINGS).viscous_force(q, v) @ v
     np.testing.assert_allclose(power, 600.0 * 0.4**2 + 30.0 * 1.3**2, rtol=1e-12)
     np.testing.assert_allclose(polar.viscous_force(s, rate) @ rate, power, rtol=1e-12)
 

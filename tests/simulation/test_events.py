@@ -9,21 +9,14 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.beams import README_ROTOR, SPRINGS
 from tests.helpers import finite_difference, name, optimised
-from tests.simulation.test_simulate import BLADE, KINDS, ROTOR, SPRINGS, TIGHT, each_kind
+from tests.simulation.common import BLADE, ROTOR, RUNS, TIGHT, each_kind
 
 A3 = jnp.array([0.0, 0.0, 1.0])
 TIMES = jnp.linspace(0.0, 20.0, 201)
 STILL = jb.ConstantSpeed(0.0)
 HYBRID = jb.Hybrid(0, 3, 0)
-# B Ref. 21.
-LONG = jb.Rotor(
-    jb.Beam.from_section(
-        length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-        in_plane_second_moment=8.214e-9,
-    ),
-    0.5, 0.1,
-)  # fmt: skip
 
 
 def turning(speed, **declared):
@@ -81,8 +74,8 @@ def test_a_spin_up_that_begins_later_is_the_same_later():
     @jax.vmap
     def both(duration):
         up = jb.SmoothSpinUp(2.0, duration)
-        later = run(HYBRID, LONG, turning(lambda t: up.angular_speed(t - 5.0)))
-        at_once = run(HYBRID, LONG, up, jnp.linspace(0.0, 15.0, 151))
+        later = run(HYBRID, README_ROTOR, turning(lambda t: up.angular_speed(t - 5.0)))
+        at_once = run(HYBRID, README_ROTOR, up, jnp.linspace(0.0, 15.0, 151))
         return later.status + at_once.status, later.tip, at_once.tip
 
     status, later, at_once = both(jnp.array([0.2, 1.0, 2.0]))
@@ -93,7 +86,7 @@ def test_a_spin_up_that_begins_later_is_the_same_later():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("model", "rotor"), KINDS, ids=name)
+@pytest.mark.parametrize(("model", "rotor"), RUNS, ids=name)
 def test_a_start_before_the_spin_up_changes_nothing(model, rotor):
     motion, times = jb.SmoothSpinUp(0.5, 0.4), jnp.linspace(0.0, 2.0, 41)
     options = {"stepsize_controller": TIGHT, "max_steps": 30_000}
@@ -116,9 +109,9 @@ def pushed(starts, widths, sizes):
         pulses = [a * bump(t, s, w) for s, w, a in zip(starts, widths, sizes, strict=True)]
         return sum(pulses)
 
-    found = run(HYBRID, LONG, STILL, loads=push(force))
+    found = run(HYBRID, README_ROTOR, STILL, loads=push(force))
     ends = jnp.concatenate([starts, starts + widths])
-    declared = run(HYBRID, LONG, STILL, loads=push(force, changes=ends))
+    declared = run(HYBRID, README_ROTOR, STILL, loads=push(force, changes=ends))
     return found.status + declared.status, found.tip, declared.tip
 
 
@@ -155,10 +148,12 @@ def test_a_damped_beam_at_rest_at_speed_sees_the_spin_down():
     up = jb.SmoothSpinUp(2.0, 1.0)
     damping = jb.Damping(mass_coefficient=3.0)
     motion = jb.motions.SpinUpThenDown(up, down_at=100.0)
-    found = run(HYBRID, LONG, motion, jnp.linspace(0.0, 130.0, 261), damping=damping)
+    found = run(HYBRID, README_ROTOR, motion, jnp.linspace(0.0, 130.0, 261), damping=damping)
     down = turning(lambda t: 2.0 - up.angular_speed(t))
-    start = jb.steady_start(HYBRID, LONG, down)
-    expected = run(HYBRID, LONG, down, jnp.linspace(0.0, 30.0, 61), damping=damping, start=start)
+    start = jb.steady_start(HYBRID, README_ROTOR, down)
+    expected = run(
+        HYBRID, README_ROTOR, down, jnp.linspace(0.0, 30.0, 61), damping=damping, start=start
+    )
     assert int(found.status) == int(expected.status) == jb.Status.OK
     assert jnp.max(jnp.abs(expected.tip[:, 1])) > 0.5
     np.testing.assert_allclose(found.tip[200:], expected.tip, rtol=0, atol=1e-4)
@@ -183,7 +178,7 @@ SUDDEN = rise(0.06, at=5.02, by=0.2)
 
 @functools.cache
 def after_a_sudden_rise():
-    return run(jb.Hybrid(0, 1, 0), LONG, SUDDEN, stepsize_controller=TIGHT)
+    return run(jb.Hybrid(0, 1, 0), README_ROTOR, SUDDEN, stepsize_controller=TIGHT)
 
 
 @pytest.mark.exhaustive
@@ -195,7 +190,7 @@ def after_a_sudden_rise():
 def test_every_controller_sees_what_comes_later(solver, controller, dt0):
     """Between two steps of a tenth of a second."""
     options = {"solver": solver, "stepsize_controller": controller, "dt0": dt0}
-    found = run(jb.Hybrid(0, 1, 0), LONG, SUDDEN, max_steps=20_000, **options)
+    found = run(jb.Hybrid(0, 1, 0), README_ROTOR, SUDDEN, max_steps=20_000, **options)
     assert_same(found, after_a_sudden_rise(), 0.02)
 
 
@@ -444,7 +439,8 @@ def test_corners_cost_no_rejected_steps_where_they_are_declared():
     lax = diffrax.PIDController(1.0, 1e3, dtmax=0.1)
     outputs = jnp.linspace(0.0, 12.0, 13)
     declared, undeclared = (
-        run(HYBRID, LONG, motion, outputs, stepsize_controller=lax) for motion in (table, same)
+        run(HYBRID, README_ROTOR, motion, outputs, stepsize_controller=lax)
+        for motion in (table, same)
     )
     assert int(declared.status) == jb.Status.OK
     assert int(declared.solution.stats["num_rejected_steps"]) == 0
@@ -495,7 +491,7 @@ def test_a_small_speed_profile_from_a_file(tmp_path):
     """Piecewise linear and cubic, against the smooth motion that it is taken from."""
     up = jb.SmoothSpinUp(4.0, 15.0)
     outputs = jnp.linspace(0.0, 20.0, 201)
-    truth = run(HYBRID, LONG, up, outputs)
+    truth = run(HYBRID, README_ROTOR, up, outputs)
     errors = {}
     for count in (31, 61):
         t = np.linspace(0.0, 15.0, count)
@@ -503,7 +499,9 @@ def test_a_small_speed_profile_from_a_file(tmp_path):
         np.savetxt(tmp_path / "profile.csv", np.stack([t, speed], 1), delimiter=",", header="t, w")
         t, speed = np.loadtxt(tmp_path / "profile.csv", delimiter=",", unpack=True)
         for smooth in (False, True):
-            found = run(HYBRID, LONG, jb.motions.TabulatedSpeed(t, speed, smooth=smooth), outputs)
+            found = run(
+                HYBRID, README_ROTOR, jb.motions.TabulatedSpeed(t, speed, smooth=smooth), outputs
+            )
             assert int(found.status) == jb.Status.OK
             errors[count, smooth] = float(jnp.max(jnp.abs(found.tip - truth.tip)))
     assert errors[61, False] < 0.35 * errors[31, False] < 0.02

@@ -9,18 +9,10 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 import jaxbeam as jb
-from tests.simulation.elastica import tip_history
+from tests.beams import ABRUPT, ALUMINIUM, ALUMINIUM_SECTION, PAPER_SPRINGS, SMOOTH, SPATIAL
+from tests.references import elastica
 
-# B Table 1, "Ref. 21", and Y Figs. 3, 5, 7.
-BLADE = jb.Beam.from_section(
-    length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-    in_plane_second_moment=8.214e-9,
-)  # fmt: skip
-ROTOR = jb.Rotor(BLADE)
-ABRUPT = jb.Rotor(jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, 6.89e9 * 7.19e-4, 6.89e9 * 7.19e-4))
-SMOOTH = jb.Rotor(jb.Beam(10.0, 1.2, 7e10 * 4e-4, 7e10 * 2e-7, 7e10 * 2e-7))
-SPATIAL = jb.Rotor(jb.Beam(10.0, 1.2, 7e10 * 4e-4, 7e10 * 4e-7, 7e10 * 2e-7))
-SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
+ROTOR = jb.Rotor(ALUMINIUM)
 
 
 @pytest.mark.exhaustive
@@ -35,7 +27,7 @@ def test_discrete_models():
         for speed in (10, 20):
             for law in (jb.SmoothSpinUp, jb.motions.QuinticSpinUp):
                 run = jb.simulate(
-                    model, SPRINGS, law(float(speed), 1.0), times, stepsize_controller=tight,
+                    model, PAPER_SPRINGS, law(float(speed), 1.0), times, stepsize_controller=tight,
                     throw=False,
                 )  # fmt: skip
                 y[name, speed, law], status[name, speed] = (
@@ -96,7 +88,7 @@ def test_mass_damping_is_the_same_in_all_coordinates():
     """Drag on velocities relative to the hub: NC and NP are one system, damped or not."""
     tips = [
         jb.simulate(
-            model, SPRINGS, jb.SmoothSpinUp(10.0, 1.0), [0.0, 0.5, 1.0, 2.0],
+            model, PAPER_SPRINGS, jb.SmoothSpinUp(10.0, 1.0), [0.0, 0.5, 1.0, 2.0],
             damping=jb.Damping(mass_coefficient=0.7),
             stepsize_controller=diffrax.PIDController(rtol=1e-11, atol=1e-13),
         ).tip
@@ -143,13 +135,17 @@ def test_spatial_spin_up():
 
 TIMES = np.linspace(0.0, 20.0, 401)
 TIGHT = diffrax.PIDController(rtol=1e-8, atol=1e-9)
+LENGTH, MODULUS, DENSITY, AREA, SECOND_MOMENT = ALUMINIUM_SECTION.values()
+EXACT = elastica.Beam(LENGTH, DENSITY * AREA, MODULUS * AREA, MODULUS * SECOND_MOMENT)
 
 
 @pytest.fixture(scope="module")
 def exact():
     """Tip of the geometrically exact beam on B Ref. 21, at 2 and 4 rad/s."""
     return {
-        speed: tip_history(ROTOR, jb.SmoothSpinUp(speed, 15.0).angular_speed, TIMES, rtol=1e-9)
+        speed: elastica.tip_history(
+            EXACT, jb.SmoothSpinUp(speed, 15.0).angular_speed, TIMES, rtol=1e-9
+        )
         for speed in (2.0, 4.0)
     }
 
@@ -170,7 +166,7 @@ def deviation(model, speed, exact):
 def test_reference_is_converged(exact):
     """Two functions more for the angle, one for the strain."""
     speed = jb.SmoothSpinUp(4.0, 15.0).angular_speed
-    more = tip_history(ROTOR, speed, TIMES, n_angle=9, n_strain=4, rtol=1e-9)
+    more = elastica.tip_history(EXACT, speed, TIMES, n_angle=9, n_strain=4, rtol=1e-9)
     np.testing.assert_allclose(exact[4.0], more, atol=1e-8)
 
 
@@ -315,13 +311,13 @@ def test_steady_stretch_by_every_model():
 def test_discrete_frequencies():
     """Exact models agree at speed; LC diverges at sqrt(k_r / m) / L; LP is k_r / m + d Omega^2."""
     both = [
-        jb.modes(m, SPRINGS, 10.0, 2).frequency
+        jb.modes(m, PAPER_SPRINGS, 10.0, 2).frequency
         for m in (jb.models.DiscreteNC(), jb.models.DiscreteNP())
     ]
     np.testing.assert_allclose(*both, rtol=1e-12)
     critical = np.sqrt(300.0)
     for speed, grows in ((0.9999 * critical, False), (1.0001 * critical, True)):
-        growth = jb.modes(jb.models.DiscreteLC(), SPRINGS, speed, 1).growth_rate[0]
+        growth = jb.modes(jb.models.DiscreteLC(), PAPER_SPRINGS, speed, 1).growth_rate[0]
         assert (growth > 0) == grows
     # without stretch, LP is an oscillator; k_T makes it nearly so
     stiff = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e12, 300.0)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.beams import AS_BUILT, SPRINGS, short
 from tests.helpers import (
-    AS_BUILT,
     DISCRETE,
     ELEMENTS,
     YIELDING,
@@ -20,27 +20,12 @@ from tests.helpers import (
     optimised,
     reverse_mode,
 )
+from tests.simulation.common import BLADE, ROTOR, RUNS, TIGHT
 from tests.tiers import exhaustive, slow
 
-BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0)
-ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
-SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
-TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
 # Elements in space want more of them, and have files of their own.
 BUILT = [(m, AS_BUILT) for m in YIELDING if not isinstance(m, jb.SpatialANCF)]
-FEW = [(jb.Hybrid(2, 3, 0), ROTOR)]
-# What runs have in common, whatever the theory: one for each kind of equations that there is, with
-# polynomials and by elements, with an energy and without, with masses that vary.
-KINDS = [
-    *FEW, (jb.ExactRodANCF(2), ROTOR), (jb.ANCF(2), ROTOR), (jb.models.DiscreteNP(), SPRINGS)
-]  # fmt: skip
-OFTEN = [model for model, _ in KINDS]
-
-
-def each_kind(test):
-    """Slow on one model, exhaustive on the others."""
-    rest = [slow(*KINDS[0]), *(exhaustive(*case) for case in KINDS[1:])]
-    return pytest.mark.parametrize(("model", "rotor"), rest, ids=name)(test)
+OFTEN = [model for model, _ in RUNS]
 
 
 def power_of_loads(scene, t, y):
@@ -59,7 +44,7 @@ def power_of_loads(scene, t, y):
 
 @pytest.mark.parametrize(
     ("model", "rotor"),
-    [exhaustive(*FEW[0]), slow(*BUILT[0]), *(exhaustive(*case) for case in KINDS[1:] + BUILT[1:])],
+    [exhaustive(*RUNS[0]), slow(*BUILT[0]), *(exhaustive(*case) for case in RUNS[1:] + BUILT[1:])],
     ids=name,
 )
 def test_work_balance_during_spin_up(model, rotor):
@@ -94,20 +79,20 @@ def drift(run):
     return np.abs(h - h[0]).max() / np.abs(run.strain_energy).max()
 
 
-LONG_RUNS = KINDS[:2]
+LONG_RUNS = RUNS[:2]
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "rotor", "periods"),
-    [slow(*KINDS[1], 10)]
-    + [(*case, 100 if case in LONG_RUNS else 20) for case in [*KINDS, BUILT[0], BUILT[2]]],
+    [slow(*RUNS[1], 10)]
+    + [(*case, 100 if case in LONG_RUNS else 20) for case in [*RUNS, BUILT[0], BUILT[2]]],
     ids=name,
 )
 def test_jacobi_integral_is_constant_at_constant_speed(model, rotor, periods):
     """Drift below 1e-10 for each period of bending; ANCF has no energy, but a remainder."""
     if rotor is ROTOR:  # less slender: what counts is the number of steps, which stretch limits
-        rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0), hub_radius=0.4, tip_mass=0.3)
+        rotor = jb.Rotor(short(4e3), hub_radius=0.4, tip_mass=0.3)
     scale = np.sqrt(30 / 1.3) / 0.8 if rotor is SPRINGS else 3.5 * float(rotor.frequency_scale)
     end = periods * 2 * np.pi / scale
     speed = 0.3 * scale
@@ -336,7 +321,7 @@ def outcome(model, p, **kwargs):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("model", "rotor"), [slow(*FEW[0]), *KINDS[1:]], ids=name)
+@pytest.mark.parametrize(("model", "rotor"), [slow(*RUNS[0]), *RUNS[1:]], ids=name)
 def test_gradients_by_every_parameter(model, rotor):
     """Forward and reverse mode against differences of the same discrete solution, to 1e-6."""
     p = SPRING_VALUES if rotor is SPRINGS else VALUES
@@ -761,7 +746,7 @@ def test_bad_times_in_a_batch():
 
 def test_single_precision_warns():
     with jax.enable_x64(False):
-        rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0))
+        rotor = jb.Rotor(BLADE)
         with pytest.warns(UserWarning, match="32-bit"), pytest.raises(TypeError, match="motion"):
             jb.simulate(jb.Hybrid(0, 1, 0), rotor, None, [0.0, 1.0])
 

@@ -12,11 +12,12 @@ from matplotlib.figure import Figure
 
 import jaxbeam as jb
 from jaxbeam import plot
-from tests.helpers import AS_BUILT_IN_SPACE, finite_difference, optimised
+from tests.beams import AS_BUILT_IN_SPACE, TORSION, short
+from tests.helpers import finite_difference, optimised
+from tests.simulation.common import TIGHT
 
-TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
 MODEL = jb.SpatialANCF(2)
-BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+BLADE = short(**TORSION)
 CONED = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3, precone=0.3, pitch=0.2)
 AXIS = jb.motions.inclined_axis(1.1)
 GRAVITY = jnp.array([0.0, -1.0, -0.5])
@@ -83,8 +84,7 @@ def test_jacobi_integral_of_large_motion():
     """Over a hundred periods of the first mode, in a cone, about an inclined axis, let go where a
     force across has bent it both ways. A beam that is not too slender: what counts is the number of
     steps."""
-    beam = jb.Beam(2.0, 1.3, 4e3, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
-    rotor = jb.Rotor(beam, hub_radius=0.4, tip_mass=0.3, precone=0.3)
+    rotor = jb.Rotor(short(4e3, **TORSION), hub_radius=0.4, tip_mass=0.3, precone=0.3)
     end = 200 * np.pi / float(jb.modes(MODEL, rotor, 0.0, 1).frequency[0])
     motion = jb.ConstantSpeed(1.0, AXIS)
     start = jb.steady_start(MODEL, rotor, motion, loads=jb.Loads(tip_force=[0.0, -0.6, 0.5]))
@@ -139,7 +139,7 @@ def test_one_case_that_leaves_the_range_does_not_spoil_its_neighbours():
     times = jnp.linspace(0.0, 0.5, 6)
 
     def run(size, torsion):
-        beam = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=torsion, polar_inertia=0.03)
+        beam = short(torsional_stiffness=torsion, polar_inertia=0.03)
         loads = jb.Loads(
             tip_force=lambda t: size * jnp.array([-1.0, 0.1, 0.1]) * jnp.minimum(20 * t, 1.0),
             tip_moment=lambda t: size * 0.1 * turning(t), changes=[0.05],

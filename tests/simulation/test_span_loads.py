@@ -1,6 +1,5 @@
 """Motion under a force along the span."""
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +9,9 @@ import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
-from tests.helpers import AS_BUILT, finite_difference
+from tests.beams import AS_BUILT
+from tests.helpers import finite_difference
+from tests.simulation.common import TIGHT
 from tests.tiers import exhaustive
 
 MASS = jb.Spanwise([0, 0.3, 0.3, 1], [1.6, 1.2, 1.0, 0.7])
@@ -18,24 +19,16 @@ BEAM = jb.Beam(2.0, MASS, 4e3, 14.0, 8.0, torsional_stiffness=6.0, polar_inertia
 ROTOR = jb.Rotor(BEAM, hub_radius=0.4)
 SPEED, TILTED = 1.5, np.array([0.6, -0.8, 0.5])
 MOTION = jb.ConstantSpeed(SPEED)
-TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
 
 
-def weight(size):
+def weight(t):
     """Of each length what gravity does on it, in the axes of the hub, which turns."""
-
-    def at(t):
-        cos, sin = jnp.cos(SPEED * t), jnp.sin(SPEED * t)
-        gravity = size * jnp.stack(
-            [
-                TILTED[0] * cos + TILTED[1] * sin,
-                TILTED[1] * cos - TILTED[0] * sin,
-                TILTED[2] + 0 * t,
-            ]
-        )
-        return tuple(jb.Spanwise(MASS.stations, g * MASS.values) for g in gravity)
-
-    return at
+    cos, sin = jnp.cos(SPEED * t), jnp.sin(SPEED * t)
+    x, y, z = TILTED
+    return tuple(
+        jb.Spanwise(MASS.stations, g * MASS.values)
+        for g in (x * cos + y * sin, y * cos - x * sin, z)
+    )
 
 
 MODELS = [jb.VonKarman(5, 3, 2), jb.ExactRodANCF(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
@@ -48,7 +41,7 @@ def both(model):
     def own(t):
         return tuple(
             jb.Spanwise(part.stations, s * part.values)
-            for s, part in zip(share, weight(1.0)(t), strict=True)
+            for s, part in zip(share, weight(t), strict=True)
         )
 
     return jb.Loads(gravity=share * TILTED), jb.Loads(force_per_length=own)

@@ -8,10 +8,10 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam.solvers import amplification, stable_step
+from tests.beams import SPRINGS
 from tests.tiers import exhaustive, slow
 
 ROTOR = jb.Rotor(jb.Beam.from_slenderness(50.0), 0.1, 0.0)
-SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
 SPEED = 2.0  # rad/s: more than half the lowest frequency
 STEPS, GROWTH = 200, 100.0
 GREEN = jb.GreenANCF(2)

@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 import jaxbeam as jb
+from tests.beams import SPRINGS, short
 from tests.tiers import exhaustive, slow
 
 
@@ -184,9 +185,9 @@ def test_magnus_refuses_what_is_not_linear():
     "model", [slow(jb.Hybrid(2, 3, 0)), jb.Classical(2, 3, 2), jb.models.DiscreteLP()]
 )
 def test_magnus_is_exact_in_one_step_at_constant_speed(model):
-    rotor = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+    rotor = SPRINGS
     if not isinstance(model, jb.models.DiscreteLP):
-        rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0), 0.4, 0.3)
+        rotor = jb.Rotor(short(), 0.4, 0.3)
     rng = np.random.default_rng(3)
     q, v = jnp.asarray(1e-3 * rng.normal(size=(2, len(model.directions))))
     times = np.linspace(0.0, 10.0, 7)

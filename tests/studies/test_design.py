@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.references import blade as blade_reference
 from tests.studies.common import rows_of, study
-from tests.vibration import blade_reference
 
 
 @pytest.mark.exhaustive

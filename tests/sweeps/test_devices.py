@@ -7,20 +7,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.sweeps.common import BEAM, CASES, SMALL, WHICH, assert_same, found_modes, raising
 from tests.tiers import exhaustive, slow
-
-BEAM = jb.Beam.from_slenderness(70.0)
-CASES = jb.grid(hub_radius=np.linspace(0.0, 2.0, 7), tip_mass=[0.0, 0.3, float("nan"), -1.0, 1.0])
-WHICH = jb.labels(in_plane=2)
-SMALL = jb.Hybrid(2, 3, 0)
-
-
-def found_modes(hub_radius, tip_mass):
-    return jb.modes(SMALL, jb.Rotor(BEAM, hub_radius, tip_mass), 3.0, WHICH, throw=False)
-
-
-def raising(hub_radius, tip_mass):
-    return jb.modes(SMALL, jb.Rotor(BEAM, hub_radius, tip_mass), 3.0, WHICH).frequency
 
 
 def lowest(hub_radius, tip_mass):
@@ -46,15 +34,6 @@ def fitted(hub_radius, tip_mass):
         return jb.FrequencyData(SMALL, rotor, [0.0, 2.0], [[3.4], [4.0]], 0.1, WHICH[:1])
 
     return jb.fit(experiment, {"stiffness": jb.FreeParameter(0.9)}, throw=False)
-
-
-def assert_same(one: jb.Table, other: jb.Table) -> None:
-    """To the last bit, NaN among them."""
-    assert one.values.keys() == other.values.keys()
-    for name in one.values:
-        assert one[name].tobytes() == other[name].tobytes(), name
-    assert one.errors == other.errors
-    assert one.dims == other.dims
 
 
 @pytest.mark.exhaustive

@@ -19,10 +19,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.sweeps.test_devices import CASES, assert_same, found_modes, raising
+from tests.sweeps.common import CASES, MANY, assert_same, found_modes, raising
 from tests.tiers import slow
-
-MANY = jb.grid(hub_radius=np.linspace(0.0, 1.0, 40), tip_mass=np.linspace(0.0, 1.0, 25))
 
 
 def processes():

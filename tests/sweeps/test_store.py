@@ -20,7 +20,7 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._sweeps import store, sweep
 from tests.helpers import environment, run_optimised
-from tests.sweeps.test_devices import assert_same
+from tests.sweeps.common import assert_same
 
 CASES = jb.grid(a=np.linspace(0.0, 1.0, 10), b=[0.0, 1.0, float("nan")])
 
@@ -425,16 +425,10 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import jaxbeam as jb
 from jaxbeam._sweeps import store, sweep
-from tests.sweeps.test_store import KILLED_CASES, spin
-jb.sweep(spin, KILLED_CASES, chunk=4, folder=sys.argv[1])
+from tests.sweeps.common import MANY, spin
+jb.sweep(spin, MANY, chunk=4, folder=sys.argv[1])
 """
 HASTY = 0  # to be there soon is what counts
-KILLED_CASES = jb.grid(hub_radius=np.linspace(0.0, 1.0, 40), tip_mass=np.linspace(0.0, 1.0, 25))
-
-
-def spin(hub_radius, tip_mass):
-    rotor = jb.Rotor(jb.Beam.from_slenderness(70.0), hub_radius, tip_mass)
-    return jb.Hybrid(0, 2, 0).linearise(rotor, 3.0, throw=False)
 
 
 @pytest.mark.exhaustive

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from tests.helpers import AS_BUILT, AS_BUILT_IN_SPACE, optimised
+from tests.beams import AS_BUILT, AS_BUILT_IN_SPACE
+from tests.helpers import optimised
 from tests.tiers import exhaustive, slow
 
 MODEL = jb.Hybrid(3, 8, 8)

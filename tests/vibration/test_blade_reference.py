@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from tests.tiers import exhaustive, slow
-from tests.vibration import reference
-from tests.vibration.blade_reference import (
+from tests.references import power_series
+from tests.references.blade import (
     Blade,
     Body,
     by_integrals,
@@ -21,6 +20,7 @@ from tests.vibration.blade_reference import (
     in_plane,
     nrel5mw,
 )
+from tests.tiers import exhaustive, slow
 
 
 def _breadth(c: float, **others) -> Blade:
@@ -138,7 +138,7 @@ def test_tapered_to_an_edge_or_a_point(width, c):
     ],
 )
 def test_uniform_blades_against_power_series(gamma, hub, tip, slenderness, plane):
-    expected = reference.frequencies(gamma, hub, tip, slenderness, plane)
+    expected = power_series.frequencies(gamma, hub, tip, slenderness, plane)
     stretch = None if slenderness is None else slenderness**2
     blade = Blade(stretch=stretch, hub=hub, tip=Body(tip))
     found = (flap if plane == "flap" else in_plane)(blade, gamma)

@@ -11,18 +11,13 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxbeam as jb
+from tests.beams import ALUMINIUM
 from tests.helpers import finite_difference, name, slender
 from tests.tiers import exhaustive, slow
 
 DATA = Path(__file__).parents[1] / "data"
 SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)
-# B, Table 1: the beam of its Ref. 21
-REF_21 = jb.Rotor(
-    jb.Beam.from_section(
-        length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
-        in_plane_second_moment=8.214e-9,
-    )
-)  # fmt: skip
+REF_21 = jb.Rotor(ALUMINIUM)
 # Those that lose their stability: the model, its rotor, the direction that gives way.
 FAILING = [
     (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.models.Direction.IN_PLANE),

@@ -14,9 +14,10 @@ from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
 from jaxbeam._status import Status
+from tests.beams import TORSION, short
 from tests.helpers import finite_difference
 
-BEAM = jb.Beam(2.0, 1.3, 4e5, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+BEAM = short(4e5, **TORSION)
 ROTOR = jb.Rotor(BEAM, hub_radius=0.4, tip_mass=0.3)
 UNIT = jb.Beam(1.0, 1.0, 1e8, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-4)
 GREENHILL = 7.837347439  # weight per length of a column that buckles under it, over EI / L^3

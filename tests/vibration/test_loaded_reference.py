@@ -1,4 +1,4 @@
-"""The rod of `loaded_reference.py` against closed forms, and `SpatialANCF` against it."""
+"""The rod of `references/loaded_rod.py` against closed forms, and `SpatialANCF` against it."""
 
 import dataclasses
 import functools
@@ -12,9 +12,9 @@ from scipy.optimize import brentq
 from scipy.special import jv
 
 import jaxbeam as jb
-from tests.models.rod_reference import lateral_buckling
-from tests.vibration import blade_reference
-from tests.vibration.loaded_reference import Rod, eigenvalues, frequencies
+from tests.references import blade as blade_reference
+from tests.references.loaded_rod import Rod, eigenvalues, frequencies
+from tests.references.rod import lateral_buckling
 
 STIFF = dict(axial=1e12, torsion=1e9)
 

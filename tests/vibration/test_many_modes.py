@@ -11,8 +11,8 @@ from jaxbeam._models.contract.base import checked_case
 from jaxbeam._modes.banded import bands_of
 from jaxbeam._modes.modes import MANY, is_certain
 from jaxbeam._modes.wanted import choose
+from tests.references import power_series
 from tests.tiers import slow
-from tests.vibration import reference
 
 PLANE = jb.Hybrid(n_stretch=8, n_in_plane=16, n_flap=0)
 SPACE = jb.Hybrid(n_stretch=4, n_in_plane=8, n_flap=10)
@@ -126,12 +126,12 @@ def test_measured_frequencies_in_plane_pass_over_flap():
 @pytest.mark.slow
 @pytest.mark.parametrize("model", [PLANE], ids=repr)
 def test_frequencies_of_the_continuum(model):
-    """Multiple precision, see `reference`; what is asked for with them does not matter."""
+    """Multiple precision, see `power_series`; what is asked for with them does not matter."""
     numbers = [(0.0, 0.0, 0.0, 200.0), (3.0, 0.5, 0.0, 300.0), (12.0, 0.0, 1.0, 200.0)]
     rows = [(g, hub, tip, 1.0, 1.0, s**2, 1.0, 1.0) for g, hub, tip, s in numbers]
     ours = jax.jit(jax.vmap(of(model, 3)))(jnp.asarray(rows * (MANY // 3 + 1)))
     for row, case in enumerate(numbers):
-        exact = reference.frequencies(*case)
+        exact = power_series.frequencies(*case)
         np.testing.assert_allclose(ours.frequency[row], exact, rtol=1e-8)
         np.testing.assert_array_equal(ours.frequency[row + 3], ours.frequency[row])
 

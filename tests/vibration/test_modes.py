@@ -15,8 +15,8 @@ import scipy.optimize
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import planar_eigenpairs
 from tests.helpers import NAMES, build, finite_difference, slender
+from tests.references import power_series
 from tests.tiers import exhaustive, slow
-from tests.vibration import reference
 
 DATA = Path(__file__).parents[1] / "data"
 IN_PLANE, FLAP, AXIAL = (
@@ -131,7 +131,7 @@ HUBS_AND_TIPS = [
 )
 def test_against_power_series(gamma, hub, tip, plane, slenderness):
     """Lowest three to 1e-9: 16 Legendre functions to gamma = 10, 26 graded ones beyond."""
-    expected = reference.frequencies(gamma, hub, tip, slenderness, plane)
+    expected = power_series.frequencies(gamma, hub, tip, slenderness, plane)
     basis, n = (jb.models.Polynomials(), 16) if gamma <= 10 else (jb.models.Polynomials(2), 26)
     stretch = 0 if slenderness is None else n
     model = jb.Hybrid(stretch, n, 0, basis) if plane == "in plane" else jb.Hybrid(0, 0, n, basis)
@@ -146,7 +146,7 @@ def test_against_power_series(gamma, hub, tip, plane, slenderness):
 )
 def test_against_power_series_where_the_boundary_layer_is_thinnest(plane, slenderness):
     """gamma = 50, R = 5 L, N = 4: a layer of 0.4 % of the length. 28 graded functions."""
-    expected = reference.frequencies(50.0, 5.0, 4.0, slenderness, plane)
+    expected = power_series.frequencies(50.0, 5.0, 4.0, slenderness, plane)
     graded, plain = jb.models.Polynomials(2), jb.models.Polynomials()
     for basis, n, tolerance in ((graded, 28, 1e-9), (plain, 48, 1e-9)):
         stretch = 0 if slenderness is None else n
@@ -171,7 +171,7 @@ def test_accuracy_table_of_the_readme(gamma, hub, tip, plain, graded):
     """The last row, gamma = 50 with R = 5 L and N = 4, is the test above."""
     for h in {0.0, hub / 2, hub}:
         for t in {0.0, tip / 2, tip}:
-            expected = reference.frequencies(gamma, h, t)
+            expected = power_series.frequencies(gamma, h, t)
             for basis, n in ((jb.models.Polynomials(), plain), (jb.models.Polynomials(2), graded)):
                 found = jb.modes(jb.Hybrid(0, n, 0, basis), slender(70.0, h, t), gamma, 3)
                 np.testing.assert_allclose(found.frequency, expected, rtol=1e-9)
@@ -179,7 +179,7 @@ def test_accuracy_table_of_the_readme(gamma, hub, tip, plain, graded):
 
 @pytest.mark.exhaustive
 def test_cantilever_modes_converge_but_slowly():
-    expected = np.array(reference.frequencies(10.0, 1.0, 0.0))
+    expected = np.array(power_series.frequencies(10.0, 1.0, 0.0))
     error = []
     for n in (10, 20, 40):
         model = jb.Hybrid(0, n, 0, jb.models.CantileverModes())
@@ -210,7 +210,7 @@ def test_order_of_convergence_of_elements_in_bending(make, gamma):
     def frequencies(n):
         return np.asarray(jb.modes(make(n), rotor, gamma, which).frequency)
 
-    limit = np.array(reference.frequencies(gamma, 0.5, 0.3))
+    limit = np.array(power_series.frequencies(gamma, 0.5, 0.3))
     errors = np.stack([np.abs(frequencies(n) - limit) for n in counts])
     for column in errors.T:
         assert _order(counts, column) == pytest.approx(4, abs=0.25)
@@ -236,7 +236,7 @@ def test_order_of_convergence_of_elements_in_stretch(make):
 
 @pytest.mark.slow
 def test_elements_converge_to_the_rest_frequencies_of_the_continuum():
-    expected = np.array(reference.frequencies(0.0, 0.0, 0.3))
+    expected = np.array(power_series.frequencies(0.0, 0.0, 0.3))
     model = jb.ANCF(40)
     found = jb.modes(model, slender(60.0, 0.5, 0.3), 0.0, jb.labels(in_plane=3)).frequency
     np.testing.assert_allclose(found, expected, rtol=3e-6)
@@ -286,7 +286,7 @@ def test_eigenpairs_against_scipy(seed, sizes, negative):
 
 def test_classical_growth_rates():
     """Without stretch, in plane: lambda^2 = Omega^2 - omega_0^2, mode by mode."""
-    rest = np.array(reference.frequencies(0.0))
+    rest = np.array(power_series.frequencies(0.0))
     for hub in (0.0, 2.0):
         for speed in (3.0, 3.6, 25.0):
             found = jb.modes(jb.Classical(0, 14, 0), slender(hub=hub), speed, 3)
@@ -571,7 +571,7 @@ def test_stretch_alone():
 @pytest.mark.exhaustive
 def test_many_functions():
     """A hundred functions, stable and unstable: numbers and labels stay right."""
-    rest = np.array(reference.frequencies(0.0))
+    rest = np.array(power_series.frequencies(0.0))
     for basis in (jb.models.Polynomials(), jb.models.Polynomials(2), jb.models.CantileverModes()):
         sizes = (60, 100) if isinstance(basis, jb.models.Polynomials) else (40,)
         for n in sizes:
@@ -579,7 +579,7 @@ def test_many_functions():
             square = 3.6**2 - rest**2
             assert float(found.growth_rate[0]) == pytest.approx(np.sqrt(square[0]), rel=1e-7)
             np.testing.assert_allclose(found.frequency[1:], np.sqrt(-square[1:]), rtol=1e-8)
-    expected = reference.frequencies(10.0, 0.0, 0.0, 70.0)
+    expected = power_series.frequencies(10.0, 0.0, 0.0, 70.0)
     model = jb.Hybrid(100, 100, 0, jb.models.Polynomials(2))
     found = jb.modes(model, slender(70.0), 10.0, jb.labels(in_plane=3))
     np.testing.assert_allclose(found.frequency, expected, rtol=1e-9)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from tests.beams import SOFT_SPRINGS
 from tests.helpers import DISCRETE, finite_difference, name, slender
+from tests.references import power_series
 from tests.tiers import exhaustive, slow
-from tests.vibration import reference
 
 IN_PLANE, FLAP, AXIAL = (
     jb.models.Direction.IN_PLANE,
@@ -47,7 +48,7 @@ def test_against_differences_of_converged_frequencies(model, slenderness, hub, t
     found = phi_of(model, slender(slenderness or 70.0, hub, tip), speed, PLANAR)
 
     def square(s2):
-        return np.array(reference.frequencies(float(np.sqrt(s2)), hub, tip, slenderness)) ** 2
+        return np.array(power_series.frequencies(float(np.sqrt(s2)), hub, tip, slenderness)) ** 2
 
     h = 1e-2  # omega^2 is analytic in Omega^2 and bends on the scale of 10; six points, h^6
     if speed:
@@ -66,7 +67,7 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
     W from the clamped-free frequency of the reference, integrated as an initial-value problem.
     """
     model = jb.Hybrid(0, 16, 0)
-    omega = reference.frequencies(0.0, 0.0, tip)[label.number - 1]
+    omega = power_series.frequencies(0.0, 0.0, tip)[label.number - 1]
     b = np.sqrt(omega)
     x, w = np.polynomial.legendre.leggauss(60)
     x, w = (x + 1) / 2, w / 2
@@ -95,7 +96,7 @@ def test_rayleigh_quotient_and_linearity_in_hub_radius(label, tip):
 @pytest.mark.parametrize("model", [slow(DISCRETE[0]), *DISCRETE[1:]], ids=name)
 def test_discrete_analogue(model):
     """Against differences of squared frequencies: the error is of order speed squared."""
-    springs, which = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0), jb.labels(in_plane=1)
+    springs, which = SOFT_SPRINGS, jb.labels(in_plane=1)
 
     def square(speed):
         return jb.modes(model, springs, speed, which).frequency[0] ** 2
@@ -216,9 +217,9 @@ def test_first_resonance():
     model, label = jb.Hybrid(0, 16, 0), jb.models.Label(IN_PLANE, 1)
     at = crossing_at(model, slender(), (2.0, 6.0), label, 1.0)
     assert float(at) == pytest.approx(3.88, abs=5e-3)
-    assert reference.frequencies(float(at))[0] == pytest.approx(float(at), rel=1e-10)
+    assert power_series.frequencies(float(at))[0] == pytest.approx(float(at), rel=1e-10)
     extensible = crossing_at(jb.Hybrid(12, 16, 0), slender(70.0), (2.0, 6.0), label, 1.0)
-    assert reference.frequencies(float(extensible), 0.0, 0.0, 70.0)[0] == pytest.approx(
+    assert power_series.frequencies(float(extensible), 0.0, 0.0, 70.0)[0] == pytest.approx(
         float(extensible), rel=1e-10
     )
 
@@ -260,7 +261,7 @@ def test_crossing_of_the_classical_beam():
     at = crossing_at(
         jb.Classical(0, 12, 0), slender(), (1.0, 3.4), jb.models.Label(IN_PLANE, 1), 1.0
     )
-    assert float(at) == pytest.approx(reference.frequencies(0.0)[0] / np.sqrt(2), rel=1e-10)
+    assert float(at) == pytest.approx(power_series.frequencies(0.0)[0] / np.sqrt(2), rel=1e-10)
 
 
 @pytest.mark.exhaustive

@@ -9,11 +9,12 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam.models import Direction
+from tests.beams import TORSION, short
 from tests.helpers import finite_difference, reverse_mode
-from tests.models.rod_reference import lateral_buckling
+from tests.references.rod import lateral_buckling
 from tests.tiers import exhaustive, slow
 
-BLADE = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=6.0, polar_inertia=0.03)
+BLADE = short(**TORSION)
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3)
 WHICH = jb.labels(in_plane=2, flap=2)
 

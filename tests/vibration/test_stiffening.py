@@ -12,13 +12,13 @@ import jaxbeam as jb
 from jaxbeam import stiffening_ratio
 from jaxbeam._vibration.stiffening import timoshenko_reduction
 from tests.helpers import build, finite_difference, slender
+from tests.references import power_series
 from tests.tiers import exhaustive, slow
-from tests.vibration import reference
 
 
 def closed_form(hub, tip, speed):
     """Of a beam of unit length, mass and bending stiffness, by Gauss quadrature of the mode."""
-    b = 1.8751040687 if tip == 0 else np.sqrt(reference.frequencies(0.0, 0.0, tip)[0])
+    b = 1.8751040687 if tip == 0 else np.sqrt(power_series.frequencies(0.0, 0.0, tip)[0])
     x, w = np.polynomial.legendre.leggauss(40)
     x, w = (x + 1) / 2, w / 2
     c = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
@@ -41,7 +41,7 @@ def test_southwell_coefficient():
     """By Rayleigh: of the flap mode at rest ratio omega_0^2 / Omega^2, in plane less by one."""
     rotor, speed = slender(70.0, 0.5, 0.3), 1.7
     phi = jb.southwell(jb.Hybrid(0, 16, 0), rotor, 0.0, jb.labels(in_plane=1)).coefficient[0]
-    omega = reference.frequencies(0.0, 0.0, 0.3)[0]
+    omega = power_series.frequencies(0.0, 0.0, 0.3)[0]
     found = stiffening_ratio(rotor, speed).ratio * (omega / speed) ** 2 - 1
     np.testing.assert_allclose(found, phi, rtol=1e-9)
 

@@ -29,7 +29,7 @@ meet in the middle, and w is where a combination of them fits (successive linear
 double roots do not slow). Where to start, and how many roots there are, comes from the same
 problem as an integral equation for the bending moments, u = D^(1/2) p: identity plus compact, so
 well conditioned, and with enough nodes a second method (`by_integrals`). Results are right to about
-1e-12; test_blade_reference.py holds them against closed forms and prints.
+1e-12; tests/vibration/test_blade_reference.py holds them against closed forms and prints.
 
 Sources: the hybrid model is that of Yoo, Ryan, Scott (1995), eqs. 18-20, with weights; section
 stiffness and structural twist as in Houbolt, Brooks (NACA 1346, 1958) without torsion; marching

@@ -1,29 +1,60 @@
-"""A geometrically exact rotating beam, independent of the package.
+"""The elastica that stretches: a geometrically exact beam in a plane, at rest and in rotation.
 
-Unknowns are the angle phi(x) of the tangent and the strain eps(x), with
-r' = (1 + eps)(cos phi, sin phi), in shifted Legendre polynomials;
-U = int EA eps^2 + EI phi'^2 dx / 2. Equations of motion come from the Lagrangian by JAX and are
-integrated by SciPy's Radau. Spectral in x: six or eight functions are converged.
+With the angle phi(x) of the tangent t and the strain eps(x), r' = (1 + eps) t and
+U = int EA eps^2 + EI phi'^2 dx / 2; it does not shear.
 """
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
-import jaxbeam as jb
+
+class Beam(NamedTuple):
+    """In any consistent units, clamped on a hub; mass is per length, at the tip a point mass."""
+
+    length: float
+    mass: float
+    axial: float
+    bending: float
+    hub: float = 0.0
+    tip_mass: float = 0.0
+
+
+def tip_at_rest(force, stiffness: float) -> np.ndarray:
+    """Displacement (2,) of the tip of a beam with L = EI = 1 and EA = `stiffness` that does not
+    rotate, under a dead force at its end, by shooting: eps = F.t / EA, M = phi',
+    M' = -(1 + eps) t x F."""
+    fx, fy = force
+
+    def rates(x, state):
+        phi, moment, _, _ = state
+        t = np.cos(phi), np.sin(phi)
+        stretch = 1 + (fx * t[0] + fy * t[1]) / stiffness
+        return [moment, -stretch * (t[0] * fy - t[1] * fx), stretch * t[0], stretch * t[1]]
+
+    def end(moment):
+        start = [0.0, moment, 0.0, 0.0]
+        return solve_ivp(rates, (0, 1), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+
+    moment = brentq(lambda moment: end(moment)[1], 0.0, 1.2 * abs(fy) + abs(fx), xtol=1e-13)
+    return end(moment)[2:] - np.array([1.0, 0.0])
 
 
 def tip_history(
-    rotor: jb.Rotor, speed, times, n_angle: int = 7, n_strain: int = 3, rtol: float = 1e-9
+    beam: Beam, speed, times, n_angle: int = 7, n_strain: int = 3, rtol: float = 1e-9
 ) -> np.ndarray:
-    """Axial and transverse displacement of the tip at `times`, from rest; speed(t) in rad/s."""
-    beam = rotor.beam
-    length, rho = float(beam.length), float(beam.mass_per_length)
-    ea, ei = float(beam.axial_stiffness), float(beam.in_plane_bending_stiffness)
-    hub, tip = float(rotor.hub_radius), float(rotor.tip_mass)
+    """Axial and transverse displacement of the tip at `times`, from rest; speed(t) in rad/s.
 
+    Unknowns are phi and eps, in shifted Legendre polynomials. Equations of motion come from the
+    Lagrangian by JAX and are integrated by SciPy's Radau. Spectral in x: six or eight functions are
+    converged.
+    """
+    length, rho, ea, ei, hub, tip = beam
     node, weight = legendre.leggauss(24)
     w = weight / 2
     # Antiderivatives from 0, at the nodes and at 1: int_0^x f = A f, by Legendre interpolation.

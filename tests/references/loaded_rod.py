@@ -31,6 +31,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tests.references.quaternions import rotation, times_vector
+
 Property = float | Callable[[np.ndarray], np.ndarray]  # a smooth function of s / L
 Vector = tuple[float, float, float]
 NONE = (0.0, 0.0, 0.0)
@@ -111,22 +113,6 @@ class _Points:
         return values @ (table @ self.coefficients).T
 
 
-def rotation(q: np.ndarray) -> np.ndarray:
-    """Columns: t, d_2, d_3 of quaternions (4, k); without complex conjugation."""
-    w, x, y, z = q
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
-def _times(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The product of quaternions q (4, ...) and (0, v)."""
-    w, u = q[:1], q[1:]
-    return np.concatenate([-np.sum(u * v, 0)[None], w * v + np.cross(u, v, axis=0)])
-
-
 def _outward(rod: Rod, place: np.ndarray) -> np.ndarray:
     """-W x (W x place)."""
     flat = np.array([1.0, 1.0, 0.0]).reshape(3, *(1,) * (place.ndim - 1))
@@ -148,7 +134,7 @@ def _rates(rod: Rod, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     rate = (1 + np.sum(n * t, 0) / rod.at("axial", x)) * t
     line = np.stack([_at(f, x) for f in rod.line])
     weight = rod.at("mass", x) * (np.reshape(rod.gravity, (3, 1)) + _outward(rod, r))
-    parts = [rate, _times(q, kappa) / 2, -line - weight, -np.cross(rate, n, axis=0)]
+    parts = [rate, times_vector(q, kappa) / 2, -line - weight, -np.cross(rate, n, axis=0)]
     return rod.length * np.concatenate(parts)
 
 
@@ -246,7 +232,7 @@ def _moves(rod: Rod, y: np.ndarray) -> np.ndarray:
     for j in range(4):
         step = np.zeros_like(unit)
         step[j] = 1
-        turn.append(2 * (step[1:] * unit[:1] - _times(step, unit[1:])[1:]))
+        turn.append(2 * (step[1:] * unit[:1] - times_vector(step, unit[1:])[1:]))
     twist = np.einsum("ik,jik->jk", _twisting(rod, t), np.stack(turn))
     out = np.zeros((4 * k + 7, 13, k))
     nodes = out[: 4 * k].reshape(4, k, 13, k)

@@ -16,6 +16,8 @@ import numpy as np
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import brentq
 
+from tests.references.quaternions import rotation, times_vector
+
 
 class Rod(NamedTuple):
     """EI_3 is that of bending towards the second axis of the hub, as "in plane" is."""
@@ -28,19 +30,9 @@ class Rod(NamedTuple):
     twist: Any = None  # angle of the section's axes by s
 
 
-def rotation(q):
-    """Columns: the axes of the section before `Rod.twist`, of unit quaternions (4, m)."""
-    w, x, y, z = q
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
 def _rates(rod, s, y, line):
     """y' for r (3), quaternion (4), force (3) and moment (3)."""
-    axes = rotation(y[3:7])
+    axes = rotation(y[3:7])  # of the section before `Rod.twist`
     n, m = y[7:10], y[10:13]
     own = np.einsum("ijm,im->jm", axes, m)  # moments about the axes of the section
     angle = np.zeros_like(s) if rod.twist is None else rod.twist(s)
@@ -48,16 +40,10 @@ def _rates(rod, s, y, line):
     about_2, about_3 = cos * own[1] + sin * own[2], cos * own[2] - sin * own[1]
     k2, k3 = about_2 / rod.bending_2, about_3 / rod.bending_3
     kappa = np.array([own[0] / rod.torsion, cos * k2 - sin * k3, sin * k2 + cos * k3])
-    w, x, y_, z = y[3:7]
-    a, b, c = kappa / 2
-    quaternion = [
-        -x * a - y_ * b - z * c, w * a + y_ * c - z * b,
-        w * b + z * a - x * c, w * c + x * b - y_ * a,
-    ]  # fmt: skip
     t = axes[:, 0]
     along = (1 + np.sum(n * t, 0) / rod.axial) * t
     force = np.broadcast_to(-np.asarray(line(s), float).reshape(3, -1), n.shape)
-    return np.vstack([along, quaternion, force, -np.cross(along, n, axis=0)])
+    return np.vstack([along, times_vector(y[3:7], kappa) / 2, force, -np.cross(along, n, axis=0)])
 
 
 def solved(
