@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Inexact
 
-from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case, guarded
+from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case
 from jaxbeam._models.contract.loaded import (
     Conditions,
     checked_conditions,
@@ -17,7 +17,7 @@ from jaxbeam._models.contract.loaded import (
     system_of,
 )
 from jaxbeam._modes.banded import Bands, Lowest, bands_of
-from jaxbeam._modes.dense import TOLERANCE, coupled_with, energy_share, general
+from jaxbeam._modes.dense import TOLERANCE, coupled_with, dense_modes, energy_share
 from jaxbeam._modes.result import Modes, own_tip
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._numerics.linalg import quotient, solve
@@ -88,15 +88,12 @@ def find(
     """What `modes` does once its arguments are checked; unless `judged`, modes are those of the
     model, however many of its functions they would need."""
     alone = conditions is None
-    if conditions is None:
-        given, rotor, speed = guarded(rotor, speed)
-    else:
-        given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
+    given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
     bands = bands_of(model, wanted.most, wanted.count) if alone and rotor.is_plain else None
     system = system_of(model, rotor, speed, conditions)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
     free = is_hinged(rotor)
-    found = general(fixed[0], wanted, free) if bands is None else _search(model, bands, *fixed)
+    found = dense_modes(fixed[0], wanted, free) if bands is None else _search(model, bands, *fixed)
     status = jnp.where(given == Status.OK, found.status, given)
     error = _error(model, *fixed, found) if judged and alone else None
     if error is not None:
@@ -137,7 +134,7 @@ def _search(
 
     def dense(leaves: list[Array]) -> Modes:
         system, (_, _, wanted) = jax.tree.unflatten(tree, leaves)
-        return general(system, wanted)
+        return dense_modes(system, wanted)
 
     def quick(leaves: list[Array]) -> tuple[Modes, Array]:
         _, (rotor, speed, wanted) = jax.tree.unflatten(tree, leaves)
@@ -153,7 +150,7 @@ def _search(
                 here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
                 _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
                 # Not the matrices that are there: they need not be made of all cases then.
-                return general(model.matrices(rotor, speed), wanted)
+                return dense_modes(model.matrices(rotor, speed), wanted)
 
             return mended(*jax.vmap(quick, (axes,))(leaves), again)
 
