@@ -23,19 +23,17 @@ from jaxbeam._checks import (
 )
 from jaxbeam._fitting.matching import match_modes
 from jaxbeam._models.contract.base import AbstractModel, checked_case
-from jaxbeam._models.contract.equilibrium import equilibrium
-from jaxbeam._models.contract.loaded import acting_on, equations_under
+from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose, lowest_in_plane
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._rotor.motion import Motion
-from jaxbeam._rotor.spins import ConstantSpeed
-from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
+from jaxbeam._simulation.checks import check_scene, checked_times
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.simulate import simulate
-from jaxbeam._status import Status
+from jaxbeam._status import Status, raise_unless_ok
 from jaxbeam._types import Scalar, is_concrete
 
 
@@ -180,8 +178,9 @@ class StaticData(Experiment):
     """Displacement in m of the points xi = x / L, shape (p,), at rest or in steady rotation under
     `loads` that are constant in the hub; `component` 0, 1, 2 is axial, in plane, flap.
 
-    Where the hub turns, only gravity along its axis is constant in it: `ValueError` for any other,
-    and NaN where it is traced. Forces and moments at the tip are numbers, no functions of time.
+    Where the hub turns, only gravity along its axis is constant in it, and models in a plane bear
+    no loads across it: `ValueError` for any other, and NaN where it is traced. Forces and moments
+    at the tip, and forces along the span, are no functions of time.
     """
 
     model: AbstractModel
@@ -205,37 +204,20 @@ class StaticData(Experiment):
             raise ValueError("component 2 needs a model with flap functions")
         self.measured, self.noise = _data(measured, noise, (len(self.xi),))
         self.angular_speed = checked_speed(angular_speed)
-        zero = jnp.zeros_like(self.angular_speed)
-        check_scene(ConstantSpeed(self.angular_speed), loads, NO_DAMPING, zero)
-        for name in ("tip_force", "tip_moment", "force_per_length"):
-            if callable(getattr(loads, name)):
-                raise ValueError(f"loads.{name} must be constant, got a function of time")
-        _all(
-            "loads.gravity must be along the axis of rotation, (0, 0, g), where angular_speed is "
-            "not zero: across it, it turns in the hub, and nothing rests",
-            jnp.asarray(self._across_axis), lambda sideways: sideways == 0,
-        )  # fmt: skip
-
-    @property
-    def _across_axis(self) -> Array:
-        """What of gravity turns in the hub, in m/s^2."""
-        zero = jnp.zeros(2, self.angular_speed.dtype)
-        across = zero if self.loads.gravity is None else self.loads.gravity[:2]
-        return jnp.where(self.angular_speed == 0, zero, across)
+        conditions = checked_conditions(loads, NO_DAMPING)
+        if conditions is not None:
+            status = conditions.status(self.model, self.angular_speed)
+            if is_concrete(status):
+                raise_unless_ok(self.loads, status)
 
     def predicted(self) -> Float[Array, " p"]:
         """Displacements at the equilibrium, NaN where none was found."""
-        motion, zero = ConstantSpeed(self.angular_speed), jnp.zeros_like(self.angular_speed)
-        moments = jnp.stack([zero, zero + 1])
-        given, _ = scene_status(
-            self.model, self.rotor, motion, self.loads, NO_DAMPING, moments, moments
+        given, rotor, speed, conditions = guarded_conditions(
+            self.model, self.rotor, self.angular_speed, Conditions(self.loads, NO_DAMPING)
         )
-        equations = equations_under(self.model, self.rotor, self.loads)
-        hub = motion.hub(zero, self.loads.gravity)
-        q, status = equilibrium(equations, hub, *acting_on(equations, self.loads, zero))
-        value = equations.displacement(q, np.array(self.xi))[:, self.component]
-        rests = (given == Status.OK) & (status == Status.OK) & jnp.all(self._across_axis == 0)
-        return jnp.where(rests, value, jnp.nan)
+        q, status = conditions.state(self.model, rotor, speed)
+        value = self.model.equations(rotor).displacement(q, np.array(self.xi))[:, self.component]
+        return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
 
 
 class ResonanceMargin(Experiment):

@@ -20,7 +20,7 @@ from jaxbeam._fitting.result import (
     Fit,
     Problem,
     excess_of,
-    spread,
+    uncertainty,
 )
 from jaxbeam._numerics.newton import value_and_jacobian
 from jaxbeam._programs.program import Program
@@ -247,7 +247,7 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     # in rounding, no step is seen to be one downhill, and the solver goes on until it gives up.
     gain = jnp.where(certainty > 0, jnp.pad(residual, (0, few)) @ along, 0.0)
     arrived = jnp.sum(gain**2) <= _ENOUGH * (1 + square)
-    standard_deviation, covariance = spread(certainty, combinations, unit, scale)
+    standard_deviation, covariance = uncertainty(certainty, combinations, unit, scale)
     room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
     at_bound = jnp.isfinite(standard_deviation) & (room < 0.1 * standard_deviation)
     ended = (found.result == optimistix.RESULTS.successful) | arrived | jnp.any(at_bound)

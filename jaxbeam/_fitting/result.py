@@ -104,7 +104,7 @@ class Fit(eqx.Module):
     def partial(self) -> "Fit":
         """This fit with the best parameters found, whatever its status, and how sure they are:
         where the data cannot tell, with infinite deviations."""
-        standard_deviation, covariance = spread(
+        standard_deviation, covariance = uncertainty(
             self.certainty, self.combinations, self.parameter_scale, self.scale
         )
         return dataclasses.replace(
@@ -158,8 +158,8 @@ class Fit(eqx.Module):
         change = (slope * jnp.broadcast_to(self.parameter_scale, slope.shape)) @ self.combinations.T
         still = jnp.abs(change) <= 1e-6 * jnp.max(jnp.abs(change), axis=-1, keepdims=True)
         sure = jnp.broadcast_to(self.certainty, change.shape)
-        spread = jnp.where(still, 0.0, change / jnp.where(still, 1.0, sure))
-        found = at(values), self.scale * jnp.linalg.norm(spread, axis=-1)
+        scaled = jnp.where(still, 0.0, change / jnp.where(still, 1.0, sure))
+        found = at(values), self.scale * jnp.linalg.norm(scaled, axis=-1)
         return nan_unless(jnp.all(jnp.isfinite(values)), found)
 
     def __str__(self) -> str:
@@ -211,12 +211,12 @@ def excess_of(xp: Any, reduced_chi_squared: Any, degrees_of_freedom: Any) -> Any
     return (reduced_chi_squared - 1.0) / xp.sqrt(2.0 / xp.maximum(degrees_of_freedom, 1))
 
 
-def spread(
+def uncertainty(
     certainty: Array, combinations: Array, unit: Array, scale: Scalar
 ) -> tuple[Array, Array]:
     """Deviation of each parameter, and their covariance."""
-    spread = unit[:, None] * combinations.T / jnp.where(certainty > 0, certainty, 1.0)[None]
-    covariance = scale**2 * spread @ spread.T
+    scaled = unit[:, None] * combinations.T / jnp.where(certainty > 0, certainty, 1.0)[None]
+    covariance = scale**2 * scaled @ scaled.T
     standard_deviation = scale * unit * jnp.sqrt(variance(certainty, combinations))
     lost = ~jnp.isfinite(standard_deviation)
     endless = jnp.where(np.eye(unit.size, dtype=bool), jnp.inf, jnp.nan)

@@ -29,8 +29,8 @@ class Choice:
     and `estimate` its error. Where no rung has an answer it is the status of the last one asked, or
     what is wrong with the rotor or the question: `rung` is then None and all numbers are NaN, the
     estimate infinite. `partial` is what the rung says, `answer` the same where the tolerance is
-    met, else NaN. `constitutive_uncertainty` is what an axial law other than the engineering strain might change
-    (`Answer.constitutive_uncertainty`).
+    met, else NaN. `constitutive_uncertainty` is what an axial law other than the engineering strain
+    might change (`Answer.constitutive_uncertainty`).
     """
 
     rung: Rung | None

@@ -15,7 +15,7 @@ from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.base import AbstractModel, Equations
 from jaxbeam._modes import ritz
 from jaxbeam._modes.ritz import combined
-from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled, transverse
+from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes, transverse
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
 from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import beside, total
@@ -198,7 +198,7 @@ class _Polynomials(Bands):
         if self.stretch:
             pulls = _pulls(numbers, n_pulls, np.eye(self.stretch, ritz.DEGREE))
             count = min(self.count, len(self.signs))
-            groups = [coupled(inside, self.by_family, bends, pulls, named, count)]
+            groups = [coupled_modes(inside, self.by_family, bends, pulls, named, count)]
         else:
             groups = [transverse(inside, Direction.IN_PLANE, bends)]
         if n_flaps:
@@ -278,7 +278,7 @@ class _Elements(Bands):
         pulls = _pulls(numbers, self.most[Direction.AXIAL], self.along)
         pulls = pulls._replace(omega=scale * pulls.omega)
         pencil = self._pencil(equations, speed, q)
-        found = coupled(pencil, self.by_family, bends, pulls, named, self.count)
+        found = coupled_modes(pencil, self.by_family, bends, pulls, named, self.count)
         root = jnp.stack([jnp.zeros_like(q[0]), q[0] / equations.length])[:, None]
         strain = element.strain(root)[0]
         return found._replace(certain=found.certain * steady), strain

@@ -14,11 +14,12 @@ from jaxbeam._models.contract.base import LinearSystem
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._numerics.linalg import (
-    columns,
     gyroscopic_eigenpairs,
     planar_eigenpairs,
+    solve_columns,
     symmetric_modes,
 )
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
@@ -26,7 +27,7 @@ from jaxbeam._status import Status, first_broken, first_failure
 TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
 
-def general(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
+def dense_modes(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
     any; with `free` also where hinges leave motions that nothing holds."""
     eigenvalue, shape, direction, number, positive = _selected(system, wanted, free)
@@ -66,12 +67,12 @@ def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, 
         if system.where(*dict.fromkeys(transverse + axial)).size
     ]
     rows = np.concatenate([group.rows for group in groups])
-    family_of, number_of = _labels(system.directions, rows)
+    direction_of_energy, number_of = _labels(system.directions, rows)
     eigenvalue = jnp.concatenate([group.eigenvalue for group in groups])
     shape = jax.scipy.linalg.block_diag(*[group.shape for group in groups])
     starts = np.cumsum([0, *(group.rows.size for group in groups)])
     label = jnp.concatenate([a.label + i for a, i in zip(groups, starts[:-1], strict=True)])
-    direction, number = family_of[label], number_of[label]
+    direction, number = direction_of_energy[label], number_of[label]
     if wanted.named is None:
         square = -(eigenvalue**2).real
         if system.general:  # they come in order
@@ -119,23 +120,24 @@ def _group(
     n = rows.size
     m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.by_rates, system.stiffness))
     if system.general:
-        pairs = quadratic_eigenpairs(m, g, k, system.conservative)
+        eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative)
+        positive = jnp.ones((), int)  # no matter: what grows is found as all else is
     elif transverse == axial:
-        pairs = gyroscopic_eigenpairs(m, g, k, free)
+        eigenvalue, shape, positive = gyroscopic_eigenpairs(m, g, k, free)
     else:
-        pairs = planar_eigenpairs(m, g, k, system.where(*transverse).size, free)
+        nt = system.where(*transverse).size
+        eigenvalue, shape, positive = planar_eigenpairs(m, g, k, nt, free)
     sizes = [size for direction in directions if (size := system.where(direction).size)]
     label = jnp.arange(n)
-    shape = pairs.right
     if len(sizes) > 1:  # in one direction alone the rank is the order
-        own = _even(k) if system.general else k
+        own = symmetric_part(k) if system.general else k
         here = [direction for direction in directions if system.where(direction).size]
         # What moves in quadrature to bending alone does not follow it.
         bent = system.general or transverse == axial or Direction.FLAP in axial
         label = _assign(_participation(m, own, shape, here, sizes, free, bent))
     if system.general:
-        shape = _apart(m, shape, coupled(m, g, k, sizes)[label])
-    return _Group(rows, pairs.eigenvalue, shape, label, pairs.positive == 1)
+        shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
+    return _Group(rows, eigenvalue, shape, label, positive == 1)
 
 
 def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:
@@ -144,12 +146,12 @@ def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:
     sizes = [size for f in Direction if (size := system.where(f).size)]
     own = np.ix_(rows, rows)
     m, c, k = system.mass[own], system.by_rates[own], system.stiffness[own]
-    linked = coupled(m, c, k, sizes)[:, np.argsort(rows)]
+    linked = coupling(m, c, k, sizes)[:, np.argsort(rows)]
     first = [np.argmax(np.array(system.directions)[rows] == f) for f in Direction]
     return linked[jnp.array(first)[direction]]
 
 
-def coupled(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, "n n"]:
+def coupling(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, "n n"]:
     """Whether each two coordinates are coupled: their directions, of these sizes, stand one behind
     the other, are coupled, be it by way of others."""
     eps = 1e4 * jnp.finfo(m.dtype).eps
@@ -198,17 +200,13 @@ def _participation(
             parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
             continue
         assert axial is not None
-        with_it = columns(k[axial, axial], k[axial, part])
+        with_it = solve_columns(k[axial, axial], k[axial, part])
         moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
         inertia, stiffness = (moved.T @ a @ moved for a in (m, k))
-        v = symmetric_modes(_even(inertia), _even(stiffness), free)
+        v = symmetric_modes(symmetric_part(inertia), symmetric_part(stiffness), free)
         parts.append(jnp.abs(x @ m @ (moved @ v.T)) ** 2)
     share = jnp.concatenate(parts, axis=1)
     return share / jnp.sum(share, axis=1, keepdims=True)
-
-
-def _even(a: Array) -> Array:
-    return (a + a.T) / 2
 
 
 def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:

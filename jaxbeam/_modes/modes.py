@@ -17,7 +17,7 @@ from jaxbeam._models.contract.loaded import (
     system_of,
 )
 from jaxbeam._modes.banded import Bands, Lowest, bands_of
-from jaxbeam._modes.dense import TOLERANCE, coupled_with, energy_share, general
+from jaxbeam._modes.dense import TOLERANCE, coupled_with, dense_modes, energy_share
 from jaxbeam._modes.result import Modes, own_tip
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._numerics.linalg import quotient, solve
@@ -93,7 +93,7 @@ def find(
     system = system_of(model, rotor, speed, conditions)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
     free = is_hinged(rotor)
-    found = general(fixed[0], wanted, free) if bands is None else _search(model, bands, *fixed)
+    found = dense_modes(fixed[0], wanted, free) if bands is None else _search(model, bands, *fixed)
     status = first_failure(given, found.status)
     error = _error(model, *fixed, found) if judged and alone else None
     if error is not None:
@@ -134,7 +134,7 @@ def _search(
 
     def dense(leaves: list[Array]) -> Modes:
         system, (_, _, wanted) = jax.tree.unflatten(tree, leaves)
-        return general(system, wanted)
+        return dense_modes(system, wanted)
 
     def quick(leaves: list[Array]) -> tuple[Modes, Array]:
         _, (rotor, speed, wanted) = jax.tree.unflatten(tree, leaves)
@@ -150,7 +150,7 @@ def _search(
                 here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
                 _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
                 # Not the matrices that are there: they need not be made of all cases then.
-                return general(model.matrices(rotor, speed), wanted)
+                return dense_modes(model.matrices(rotor, speed), wanted)
 
             return mended(*jax.vmap(quick, (axes,))(leaves), again)
 

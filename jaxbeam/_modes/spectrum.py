@@ -51,7 +51,7 @@ class Guess(NamedTuple):
     x: Float[Array, "k n *lanes"]
 
 
-def coupled(
+def coupled_modes(
     pencil: Pencil, places_in_model: np.ndarray, bends: Guess, pulls: Guess,
     named: Named, count: int,
 ) -> Entries:  # fmt: skip

@@ -18,7 +18,15 @@ from jaxtyping import Array, Bool, Float, Inexact, Int
 
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.gauss_jordan import gauss_jordan
-from jaxbeam._numerics.loose import cholesky, lower_solve, reduced, settled, shift, unshifted
+from jaxbeam._numerics.loose import (
+    cholesky,
+    lower_solve,
+    reduced,
+    settled,
+    shift,
+    symmetric_part,
+    unshifted,
+)
 from jaxbeam._programs.batches import one_by_one
 
 
@@ -39,7 +47,7 @@ def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, "
 
 
 @one_by_one
-def columns(a: Float[Array, "n n"], b: Float[Array, "n k"]) -> Float[Array, "n k"]:
+def solve_columns(a: Float[Array, "n n"], b: Float[Array, "n k"]) -> Float[Array, "n k"]:
     """x with a x = b, of which nobody asks for derivatives."""
     return jnp.linalg.solve(a, b)
 
@@ -359,7 +367,7 @@ def modes_and_squares(
     f = cholesky(mass)
     flexible = jnp.linalg.solve(stiffness if more is None else stiffness + more * mass, f)
     a = f.T @ flexible
-    y, nu = jax.lax.linalg.eigh((a + a.T) / 2, symmetrize_input=False)
+    y, nu = jax.lax.linalg.eigh(symmetric_part(a), symmetrize_input=False)
     order = jnp.argsort(1 / nu)
     v = (flexible @ y)[:, order].T
     return v / jnp.sqrt(jnp.sum(v * (v @ mass), axis=1))[:, None], 1 / nu[order] - (

@@ -25,11 +25,16 @@ def lower_solve(a: Array, b: Array, transpose: bool = False) -> Array:
     return jax.lax.linalg.triangular_solve(a, b, left_side=True, lower=True, transpose_a=transpose)
 
 
+def symmetric_part(a: Any) -> Any:
+    """(a + a^T) / 2, of arrays of JAX or NumPy."""
+    return (a + a.T) / 2
+
+
 def reduced(a: Array, b: Array) -> tuple[Array, Array]:
     """F with b = F F^T, and F^-1 a F^-T."""
     f = cholesky(b)
     inner = lower_solve(f, lower_solve(f, a).T)
-    return f, (inner + inner.T) / 2
+    return f, symmetric_part(inner)
 
 
 def settled(found: Callable[[Array], tuple[Array, ...]], shift: Callable[[], Array]) -> Any:

@@ -2,19 +2,20 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
-from jaxbeam._numerics.linalg import BlockPairs, by_skew, modes_and_squares
+from jaxbeam._numerics.linalg import by_skew, modes_and_squares
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.batches import one_by_one
 
 
 def quadratic_eigenpairs(
     mass: Float[Array, "n n"], by_rates: Float[Array, "n n"], stiffness: Float[Array, "n n"],
     conservative: bool,
-) -> BlockPairs:  # fmt: skip
-    """n of all 2 n lambda, x with (lambda^2 M + C + K) x = 0, lowest first: of a pair of complex
-    ones that with Im lambda > 0, of the real ones the larger half, which of undamped pairs +-lambda
-    are those that grow, and of each damped pair the slower.
+) -> tuple[Complex[Array, " n"], Complex[Array, "n n"]]:  # fmt: skip
+    """n of all 2 n lambda with (lambda^2 M + lambda C + K) x = 0, lowest first, and x as rows: of a
+    pair of complex ones that with Im lambda > 0, of the real ones the larger half, which of
+    undamped pairs +-lambda are those that grow, and of each damped pair the slower.
 
     Those that grow without swinging come before all others, which go by |lambda|, what creeps back
     without swinging by the frequency of its own shape without damping. Eigenvectors have unit modal
@@ -28,26 +29,24 @@ def quadratic_eigenpairs(
 
     are 1 / lambda, so that the lowest are the largest.
     """
-    solver = _conservative if conservative else _general
-    return BlockPairs(*solver(mass, by_rates, stiffness))
+    solver = _conservative if conservative else one_by_one(_by_companion)
+    found: tuple[Array, Array] = solver(mass, by_rates, stiffness)
+    return found
 
 
 @one_by_one
-def _conservative(m: Array, c: Array, k: Array) -> tuple[Array, Array, Array]:
+def _conservative(m: Array, c: Array, k: Array) -> tuple[Array, Array]:
     lam, x, stable = by_skew(m, c, k)
-    lam, x = jax.lax.cond(stable, lambda: (lam, x.T), lambda: _by_companion(m, c, k))
-    return lam, x, jnp.ones((), int)
+    found: tuple[Array, Array] = jax.lax.cond(
+        stable, lambda: (lam, x.T), lambda: _by_companion(m, c, k)
+    )
+    return found
 
 
 @one_by_one
-def _general(m: Array, c: Array, k: Array) -> tuple[Array, Array, Array]:
-    return *_by_companion(m, c, k), jnp.ones((), int)
-
-
 def _by_companion(m: Array, c: Array, k: Array) -> tuple[Array, Array]:
-    """Returns lambda, and x as rows."""
     n = len(m)
-    own, mu = modes_and_squares(m, (k + k.T) / 2)
+    own, mu = modes_and_squares(m, symmetric_part(k))
     tiny = jnp.finfo(mu.dtype).tiny
     over = 1 / jnp.sqrt(jnp.maximum(jnp.abs(mu), tiny))
     own = own * over[:, None]

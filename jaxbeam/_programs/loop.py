@@ -175,7 +175,7 @@ class _Ensemble:
         self.goes_on, self.step = jax.vmap(goes_on), jax.vmap(step)
         self.size, self.moves = size, moves
 
-    def spread(self, size: int, start: _Leaves) -> _Leaves:
+    def starts(self, size: int, start: _Leaves) -> _Leaves:
         """What the first cases begin with, so many."""
         return [
             a[:size] if moved else _everywhere(size, a, False)
@@ -187,7 +187,7 @@ class _Ensemble:
         return jax.lax.while_loop(
             lambda state: jnp.any(self.goes_on(fixed, state)),
             lambda state: self.step(fixed, state),
-            self.spread(self.size, start),
+            self.starts(self.size, start),
         )
 
     def by(self, width: int) -> Step:
@@ -231,8 +231,8 @@ class _Ensemble:
 
         first = [a[:width] for a in fixed]
         now = (
-            jnp.arange(width), jnp.asarray(width), first, self.spread(width, start),
-            self.spread(size, start),
+            jnp.arange(width), jnp.asarray(width), first, self.starts(width, start),
+            self.starts(size, start),
         )  # fmt: skip
         return jax.lax.while_loop(lambda now: jnp.any(now[0] < size), body, now)[4]
 

@@ -230,6 +230,32 @@ def _triple(name: str, value: Any) -> Triple:
     return vector
 
 
+def damping_in_range(damping: Damping) -> Array:
+    """Whether rates of damping are finite and not negative."""
+    rates = jnp.stack([jnp.zeros(()), *jax.tree.leaves(damping)])
+    return jnp.all(jnp.isfinite(rates) & (rates >= 0))
+
+
+def in_plane(stray: Array, kept: Array) -> Array:
+    """Whether what points out of the plane of rotation is but rounding of what points along it."""
+    return jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
+
+
+def loads_in_range(
+    gravity: Triple, push: Triple, tip: Any, span: Float[Array, "2 3"] | None
+) -> tuple[Array, Array]:
+    """Of gravity, the acceleration of the hub less gravity, what is at the tip and along the span
+    (see `Loads.span_moments`): whether all is finite, and whether it is in plane."""
+    along = jnp.zeros((2, 3), gravity.dtype) if span is None else span
+    given = jnp.concatenate([jnp.stack([gravity, *jax.tree.leaves(tip)]), along])
+    # All else that may be at the tip is for models in space.
+    force = tip if isinstance(tip, Array) else jnp.zeros(3, gravity.dtype)
+    stray = jnp.stack([push[2], force[2], *along[:, 2]])
+    most = jnp.max(jnp.abs(along[:, 1]))
+    kept = jnp.stack([jnp.max(jnp.abs(push)), force[1], most, most])
+    return jnp.all(jnp.isfinite(given)), in_plane(stray, kept)
+
+
 # What public functions take where nothing is given.
 NO_LOADS = Loads()
 NO_DAMPING = Damping()

@@ -13,7 +13,7 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction
-from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.loads import Damping, Loads, damping_in_range, in_plane, loads_in_range
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure
@@ -36,24 +36,16 @@ def scene_status(
 
     def one(t: Scalar, x: Seen) -> tuple[Array, Array, Array]:
         hub, tip, span = x
-        along = jnp.zeros((2, 3), t.dtype) if span is None else span
-        acting = jnp.concatenate([jnp.stack([hub.gravity, *jax.tree.leaves(tip)]), along])
-        loaded = jnp.all(jnp.isfinite(acting))
-        # All else that may be at the tip is for models in space.
-        force = tip if isinstance(tip, Array) else jnp.zeros(3, t.dtype)
-        spin, rate, push = hub.angular_velocity, hub.angular_velocity_rate, hub.acceleration
-        most = jnp.max(jnp.abs(push)), jnp.max(jnp.abs(along[:, 1]))
-        stray = jnp.array([spin[0], spin[1], rate[0], rate[1], push[2], force[2], *along[:, 2]])
-        kept = jnp.array([spin[2], spin[2], rate[2], rate[2], most[0], force[1], *2 * most[1:]])
-        planar = jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
+        spin, rate = hub.angular_velocity, hub.angular_velocity_rate
+        loaded, planar = loads_in_range(hub.gravity, hub.acceleration, tip, span)
+        planar &= in_plane(spin[:2], spin[2]) & in_plane(rate[:2], rate[2])
         moves = jnp.all(jnp.isfinite(jnp.stack(hub[:4]))) & motion.valid(t)
         return moves, loaded, planar
 
     moments = jnp.concatenate([between, times])
     inputs = jax.vmap(seen)(moments)
     moves, loaded, planar = jax.vmap(one)(moments, inputs)
-    rates = jnp.stack([jnp.zeros((), times.dtype), *jax.tree.leaves(damping)])
-    ahead, calm = increasing(times), jnp.all(jnp.isfinite(rates) & (rates >= 0))
+    ahead, calm = increasing(times), damping_in_range(damping)
     status = first_broken(
         (jnp.all(moves), Status.INVALID_MOTION),
         (jnp.all(loaded), Status.INVALID_LOAD),

@@ -8,9 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.base import AbstractModel, Equations
-from jaxbeam._models.contract.loaded import equations_under
-from jaxbeam._models.contract.spread import AbstractSpread, SpanForce
+from jaxbeam._models.contract.base import AbstractModel, Equations, Inputs
+from jaxbeam._models.contract.loaded import SpanLoad, equations_under
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._programs.lanes import total
@@ -21,9 +20,6 @@ from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
-
-# What is at the tip being a force, a `TipLoad` or None.
-Inputs = tuple[Hub, Any, SpanForce | None]
 
 
 class Scene(SecondOrderSystem):
@@ -39,8 +35,7 @@ class Scene(SecondOrderSystem):
     """
 
     equations: Equations
-    spread: AbstractSpread | None  # where a force along the span acts
-    density: Callable[[Scalar], Float[Array, "p 3"]] | None  # that force there, in N/m
+    span: SpanLoad | None  # a force along the span
     inverse_mass: Matrix | BlockInverse | None  # for solvers that ask for accelerations
     motion: Motion
     loads: Loads
@@ -54,10 +49,7 @@ class Scene(SecondOrderSystem):
     ) -> None:  # fmt: skip
         """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
         self.equations = equations_under(model, rotor, loads)
-        self.spread, self.density, self.inverse_mass = None, None, None
-        if loads.force_per_length is not None:
-            self.spread = self.equations.spread(loads.kinks)
-            self.density = _Density(loads, self.spread)
+        self.span, self.inverse_mass = SpanLoad.of(self.equations, loads), None
         self.motion, self.loads, self.damping = motion, loads, damping
         size = self.equations.length
         latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
@@ -83,11 +75,11 @@ class Scene(SecondOrderSystem):
             return None
         without: Scene = eqx.tree_at(
             lambda s: (
-                s.spread, s.density, s.inverse_mass, s.motion, s.pauses, s.last,
+                s.span, s.inverse_mass, s.motion, s.pauses, s.last,
                 s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.loads.changes,
                 s.loads.jumps,
             ),
-            self, (None,) * 11, is_leaf=lambda leaf: leaf is None,
+            self, (None,) * 10, is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 
@@ -111,13 +103,14 @@ class Scene(SecondOrderSystem):
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
         motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
         own = (_converted(part, t) for part in (loads.tip_force, loads.tip_moment))
-        density = self.density and eqx.filter_closure_convert(self.density, t)
+        span = self.span
+        if span is not None:
+            span = SpanLoad(span.integral, eqx.filter_closure_convert(span.density, t))
         scene: Scene = eqx.tree_at(
             lambda s: (
-                s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length,
-                s.density,
+                s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.span,
             ),
-            self, (motion, *own, None, density),
+            self, (motion, *own, None, span),
             is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return scene
@@ -204,12 +197,8 @@ class Scene(SecondOrderSystem):
     def inputs(self, t: Scalar) -> Inputs:
         """Motion of the hub, and what acts at the tip and along the span."""
         within = self._within(t)
-        return self.hub(t), self.loads.at_tip(within), self._along_span(within)
-
-    def _along_span(self, t: Scalar) -> SpanForce | None:
-        if self.spread is None or self.density is None:
-            return None
-        return self.spread.acting(self.density(t))
+        span = None if self.span is None else self.span(within)
+        return self.hub(t), self.loads.at_tip(within), span
 
     def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
         hub, tip_force, span = x
@@ -324,32 +313,19 @@ class Scene(SecondOrderSystem):
             end = self.equations.tip(q) + end
             push, moment = self.equations.tip_action(q, tip)
             force, couple = force - push, couple - skew(end) @ push - moment
-        if self.spread is not None and self.density is not None:
-            push, moment = self._span_action(self.spread, self.density(t), q)
+        if self.span is not None:
+            push, moment = self._span_action(self.span, t, q)
             force, couple = force - push, couple - moment
         return force, couple
 
-    def _span_action(
-        self, spread: AbstractSpread, density: Float[Array, "p 3"], q: Vector
-    ) -> tuple[Triple, Triple]:
+    def _span_action(self, span: SpanLoad, t: Scalar, q: Vector) -> tuple[Triple, Triple]:
         """Force along the span in all, and its moment about the centre of the hub."""
-        equations, (xi, weight) = self.equations, spread.points
-        force = equations.length * weight[:, None] * density
+        equations, (xi, weight) = self.equations, span.integral.points
+        force = equations.length * weight[:, None] * span.density(t)
         tip = equations.undeformed.tip
         root = (equations.tip_radius - equations.length) * jnp.eye(3, dtype=q.dtype)[0]
         place = root[None] + xi[:, None] * (tip - root)[None] + equations.displacement(q, xi)
         return jnp.sum(force, 0), jnp.sum(jnp.cross(place, force), 0)
-
-
-class _Density(eqx.Module):
-    """The force along the span at the places where it is looked at."""
-
-    loads: Loads
-    spread: AbstractSpread
-
-    def __call__(self, t: Scalar) -> Float[Array, "p 3"]:
-        density: Any = self.loads.along_span(t, self.spread.points[0])
-        return density
 
 
 class _Traced(Motion):

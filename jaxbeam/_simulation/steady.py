@@ -8,7 +8,7 @@ from jaxtyping import Array
 from jaxbeam._checks import real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.equilibrium import equilibrium
-from jaxbeam._models.contract.loaded import acting_on, equations_under
+from jaxbeam._models.contract.loaded import equations_under, loads_at
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless
 from jaxbeam._rotor.beam import AnyRotor
@@ -72,6 +72,6 @@ def _steady(
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
     equations = equations_under(model, rotor, loads)
-    q, status = equilibrium(equations, hub, *acting_on(equations, loads, t))
+    q, status = equilibrium(equations, hub, *loads_at(equations, loads, t))
     status = first_failure(given, status)
     return SteadyStart(nan_unless(status == Status.OK, q), status)

@@ -19,13 +19,14 @@ from jaxtyping import Array
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.directions import Direction, naming
+from jaxbeam._rotor.directions import naming
 from jaxbeam._rotor.loads import NO_DAMPING, Loads
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
-from jaxbeam._stability.singular import AbstractPlace, Groups, Scan, answer
+from jaxbeam._stability.singular import AbstractPlace, Groups, Scan, answer, direction_of_energy
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
@@ -141,7 +142,7 @@ def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix
     rotor, speed, loads = given
     system = Conditions(loads, NO_DAMPING).system(model, rotor, speed, factor)
     k = system.stiffness
-    return system.mass, (k + k.T) / 2 if loads.is_plain else k, system.status
+    return system.mass, symmetric_part(k) if loads.is_plain else k, system.status
 
 
 class _Unloaded(NamedTuple):
@@ -154,7 +155,7 @@ class _Unloaded(NamedTuple):
     def of(cls, model: AbstractModel, given: _Given) -> "_Unloaded":
         rotor, speed, loads = given
         _, k, _ = _loaded(model, given, jnp.zeros_like(speed))
-        k = (k + k.T) / 2
+        k = symmetric_part(k)
         equations = model.equations(rotor)
         ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
         soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
@@ -167,14 +168,6 @@ class _Unloaded(NamedTuple):
         )
         weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
         return cls(k, equations.length / (softness * jnp.where(weight > 0, weight, 1.0)))
-
-    def direction(self, model: AbstractModel, x: Vector) -> Code:
-        """The direction that takes most of the elastic energy."""
-        energy = x * (self.k @ x)
-        shares = [
-            jnp.sum(energy, where=np.equal(model.directions, direction)) for direction in Direction
-        ]
-        return jnp.argmax(jnp.stack(shares))
 
     def held(self, status: Code) -> Code:
         """A beam on a free hinge at rest buckles at once or never, as the load would have it."""
@@ -197,7 +190,12 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
     end = scan.run(_LEAST * unit, 0, jnp.ones_like(k0[0]))
     factor = jnp.where(end.found, end.value, jnp.inf)
     place = _Place(x=end.x, exists=end.found, model=model)
-    return factor, bare.direction(model, end.x), place, bare.held(scan.status(end))
+    return (
+        factor,
+        direction_of_energy(model.directions, k0, end.x),
+        place,
+        bare.held(scan.status(end)),
+    )
 
 
 def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
@@ -216,8 +214,13 @@ def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPl
         x=mode.right, exists=end.found, left=mode.left, square=mode.square,
         flutters=mode.flutters, k0=bare.k, matrices=matrices,
     )  # fmt: skip
-    exact = polished(place, given, end.lost)
-    near = jnp.abs(exact - end.lost) <= _NEAR * end.lost
+    exact = polished(place, given, end.upper)
+    near = jnp.abs(exact - end.upper) <= _NEAR * end.upper
     status = first_failure(end.status, first_broken((near | ~end.found, Status.INACCURATE)))
     factor = jnp.where(end.found, exact, jnp.inf)
-    return factor, bare.direction(model, mode.right), place, bare.held(status)
+    return (
+        factor,
+        direction_of_energy(model.directions, bare.k, mode.right),
+        place,
+        bare.held(status),
+    )

@@ -26,25 +26,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case
-from jaxbeam._models.contract.loaded import (
-    Conditions,
-    checked_conditions,
-    guarded_conditions,
-    system_of,
-)
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.loaded import Conditions, checked_potential, guarded_conditions
 from jaxbeam._numerics.linalg import dense
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, naming
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._stability.singular import (
     AbstractPlace,
     Groups,
     Scan,
     answer,
+    direction_of_energy,
     gives_way,
     groups_of,
     is_affine,
@@ -111,13 +108,7 @@ def critical_speed(
     those of an infinite speed are zero). Errors as in `modes`.
     """
     model, rotor, zero = checked_case(model, rotor)
-    conditions = checked_conditions(loads, NO_DAMPING)
-    if not loads.is_plain:
-        raise ValueError(
-            "loads: a moment, or a force that follows the tip, has no potential: take modes at the "
-            "speeds that matter, whose growth rates tell"
-        )
-    result = _critical(model, rotor, zero, conditions)
+    result = _critical(model, rotor, zero, checked_potential(loads))
     return finish(result, throw)
 
 
@@ -157,7 +148,7 @@ class _Place(AbstractPlace):
         model, (rotor, conditions) = self.model, given
         if conditions is not None:
             here = jnp.where(self.exists, value, 0.0)
-            return _symmetric(system_of(model, rotor, here, conditions))
+            return symmetric_part(conditions.system(model, rotor, here).stiffness)
         k = _undeformed(self.model, rotor, value)
         if is_affine(model, rotor):
             return k
@@ -166,16 +157,12 @@ class _Place(AbstractPlace):
         return jnp.where(tears, k, moved)
 
 
-def _symmetric(system: LinearSystem) -> Matrix:
-    return (system.stiffness + system.stiffness.T) / 2
-
-
 def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
     """K of the beam kept as it is at rest; its axial block is that of a rod of constant stiffness,
     wherever it is."""
     equations, rest = model.equations(rotor), jnp.zeros(len(model.directions), speed.dtype)
     k = dense(equations.tangents(spinning(speed), rest, rest, None)[0])
-    return (k + k.T) / 2
+    return symmetric_part(k)
 
 
 def _search(
@@ -223,7 +210,7 @@ def _search_under(
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
         system = conditions.system(model, rotor, speed)
-        return _symmetric(system), system.status
+        return symmetric_part(system.stiffness), system.status
 
     k0, status = at(zero)
     least, x = softest(every.rows[0], k0, rest)
@@ -242,11 +229,8 @@ def _search_under(
         torn = jnp.where(end.softest[0] > _HARD, jnp.inf, speed[tears])
         found, x = jnp.where(end.found, end.value, torn), end.x
         status = scan.status(end)
-    energy = x * (rest @ x)
-    shares = [
-        jnp.sum(energy, where=np.equal(model.directions, direction)) for direction in Direction
-    ]
-    return found, jnp.argmax(jnp.stack(shares)), x, first_failure(at_rest, status)
+    status = first_failure(at_rest, status)
+    return found, direction_of_energy(model.directions, rest, x), x, status
 
 
 def _held(rotor: AnyRotor) -> AnyRotor:

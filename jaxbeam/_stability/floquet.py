@@ -41,7 +41,7 @@ from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, coupling_groups, is_hinged
-from jaxbeam._rotor.loads import NO_DAMPING, Damping
+from jaxbeam._rotor.loads import NO_DAMPING, Damping, damping_in_range, in_plane
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, first_broken, first_failure
@@ -160,11 +160,10 @@ def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Da
     now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
     scale = jnp.max(jnp.abs(now))
     repeats = jnp.all(jnp.abs(later - now) <= 1e-6 * scale)  # False for NaN
-    rates = jnp.stack([jnp.zeros_like(period), *jax.tree.leaves(damping)])
-    planar = jnp.max(jnp.abs(motion.axis - np.array([0.0, 0.0, 1.0]))) < 1e-9
+    planar = in_plane(motion.axis[:2], motion.axis[2]) & (motion.axis[2] > 0)
     modulated = first_broken(
         (repeats & jnp.isfinite(period) & (period > 0), Status.INVALID_MOTION),
-        (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+        (damping_in_range(damping), Status.INVALID_DAMPING),
         (planar, Status.OUT_OF_PLANE),
     )
     return first_failure(rotor.status(jnp.zeros_like(period)), modulated)

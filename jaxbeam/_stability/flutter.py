@@ -25,7 +25,8 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 _MEETS = 1e-5  # imaginary part of 1 / mu, over its size, from which two have met
 _HALVINGS = 30
-_POLISHES = 5  # of Newton's method, or of secants that begin so far apart, relative
+_NEWTON_STEPS = 5
+_SECANTS = 5  # which begin so far apart, relative
 _APART = 1e-5
 
 # Mass and stiffness by what is given and the factor of the loads.
@@ -105,7 +106,7 @@ class LostPlace(AbstractPlace):
             return jnp.where(both, jax.jvp(h, (share,), (jnp.ones_like(share),))[1], share)
 
         def search(_: Any, share: Scalar) -> Scalar:
-            for _ in range(_POLISHES):
+            for _ in range(_NEWTON_STEPS):
                 value, rate = jax.jvp(slope, (share,), (jnp.ones_like(share),))
                 share = share - value / rate
             return share
@@ -116,13 +117,13 @@ class LostPlace(AbstractPlace):
 
 
 class Lost(NamedTuple):
-    """Where the search is: the load that is looked at, that up to which the beam is stable, and
-    the first that is known to be too large, with its weakest mode."""
+    """Where the search is: the load that is looked at, the `lower` one, up to which the beam is
+    stable, and the `upper` one, the first that is known to be too large, with its weakest mode."""
 
     tries: Array
     value: Scalar
-    stable: Scalar
-    lost: Scalar
+    lower: Scalar
+    upper: Scalar
     mode: Weakest
     status: Code
 
@@ -142,15 +143,15 @@ def first_lost(
         m, k, status = loaded(search.value)
         mode = weakest(m, k)
         lost = mode.lost == 1
-        stable = jnp.where(lost, search.stable, search.value)
-        end = jnp.where(lost, search.value, search.lost)
+        lower = jnp.where(lost, search.lower, search.value)
+        upper = jnp.where(lost, search.value, search.upper)
         mode = jax.tree.map(lambda new, old: jnp.where(lost, new, old), mode, search.mode)
         found = mode.lost == 1
-        value = jnp.where(found, (stable + end) / 2, search.value * ratio)
-        return Lost(search.tries + 1, value, stable, end, mode, status)
+        value = jnp.where(found, (lower + upper) / 2, search.value * ratio)
+        return Lost(search.tries + 1, value, lower, upper, mode, status)
 
     def goes_on(search: Lost) -> Array:
-        more = jnp.where(search.found, search.lost - search.stable > 2.0**-_HALVINGS * search.lost,
+        more = jnp.where(search.found, search.upper - search.lower > 2.0**-_HALVINGS * search.upper,
                          search.tries < looks)  # fmt: skip
         return more & (search.status == Status.OK) & (search.tries < looks + 2 * _HALVINGS)
 
@@ -174,4 +175,4 @@ def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
 
     near = value * (1 - _APART)
     start = near, place.bordered(given, near), value
-    return jax.lax.fori_loop(0, _POLISHES, body, start)[2]
+    return jax.lax.fori_loop(0, _SECANTS, body, start)[2]

@@ -208,6 +208,14 @@ def softest(rows: np.ndarray, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
     return least, x @ np.eye(len(k))[rows]
 
 
+def direction_of_energy(directions: tuple[Direction, ...], k: Matrix, x: Vector) -> Code:
+    """The direction whose coordinates take most of the elastic energy of a direction x, by the
+    stiffness K of what is not loaded."""
+    energy = x * (k @ x)
+    shares = [jnp.sum(energy, where=np.equal(directions, direction)) for direction in Direction]
+    return jnp.argmax(jnp.stack(shares))
+
+
 def is_affine(model: AbstractModel, rotor: AnyRotor) -> bool:
     """Whether nothing in the steady state changes the stiffness."""
     return model.equations(rotor).is_linear or Direction.AXIAL not in model.directions

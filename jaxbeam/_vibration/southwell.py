@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case, guarded
-from jaxbeam._models.contract.loaded import Conditions, checked_conditions, system_of
+from jaxbeam._models.contract.loaded import Conditions, checked_potential, system_of
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted, choose
@@ -20,7 +20,7 @@ from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Label, is_hinged
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar
 
@@ -59,12 +59,7 @@ def southwell(
     as in `modes`).
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    conditions = checked_conditions(loads, NO_DAMPING)
-    if not loads.is_plain:
-        raise ValueError(
-            "loads: a moment, or a force that follows the tip, has no potential, so that omega^2 "
-            "need not be even in the speed: take modes at the speeds that matter"
-        )
+    conditions = checked_potential(loads)
     result = _southwell(model, rotor, speed, choose(model, which), conditions)
     return finish(result, throw)
 

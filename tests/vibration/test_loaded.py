@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.contract.loaded import Conditions, acting_on
+from jaxbeam._models.contract.loaded import Conditions, loads_at
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
@@ -22,10 +22,6 @@ ROTOR = jb.Rotor(BEAM, hub_radius=0.4, tip_mass=0.3)
 UNIT = jb.Beam(1.0, 1.0, 1e8, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-4)
 GREENHILL = 7.837347439  # weight per length of a column that buckles under it, over EI / L^3
 BECK = 20.0509536, 11.0155745  # force and frequency of flutter: EI / L^2, (EI / m)^1/2 / L^2
-
-
-def columns(a):
-    return np.asarray(a).T
 
 
 @pytest.mark.parametrize("kind", ["stable", "unstable", "damped", "circulatory"])
@@ -41,8 +37,8 @@ def test_quadratic_eigenpairs(kind):
     if kind == "circulatory":
         k = k + 3 * (a - a.T)
     conservative = kind in ("stable", "unstable")
-    found = quadratic_eigenpairs(*map(jnp.asarray, (m, g, k)), conservative)
-    lam, x = np.asarray(found.eigenvalue), columns(found.right)
+    lam, x = quadratic_eigenpairs(*map(jnp.asarray, (m, g, k)), conservative)
+    lam, x = np.asarray(lam), np.asarray(x).T
     residual = m @ x * lam**2 + g @ x * lam + k @ x
     assert np.abs(residual).max() < 1e-10
     np.testing.assert_allclose(np.sum(x.conj() * (m @ x), 0), 1.0, rtol=1e-12)
@@ -77,7 +73,7 @@ def test_a_double_pendulum_under_a_force_that_follows():
         x=end.mode.right, exists=end.found, left=end.mode.left, square=end.mode.square,
         flutters=end.mode.flutters, k0=matrices(c, 0.0)[1], matrices=matrices,
     )  # fmt: skip
-    load = polished(place, c, end.lost)
+    load = polished(place, c, end.upper)
     assert end.mode.flutters == 1
     np.testing.assert_allclose(load, (3.5 - np.sqrt(2)) * 1.7, rtol=1e-13)
     # The product of both squares of frequencies is det K / det M = c^2 / 2, whatever the load.
@@ -328,6 +324,35 @@ def test_diagrams_and_coefficients_under_loads():
 
 
 @pytest.mark.exhaustive
+def test_a_push_along_the_tube_makes_a_particle_diverge_as_it_turns():
+    """With r = (k_T L - P) / (k_T - m Omega^2) from the axis it does where P r = k_r, before its
+    spring tears at m Omega^2 = k_T: a closed form, and its derivative, which differences give too.
+    """
+    along, hinge, length, mass = 50.0, 3.0, 1.3, 0.7
+    rotor, model = jb.models.SpringRotor(mass, length, 0.0, along, hinge), jb.models.DiscreteNC()
+
+    @jax.jit
+    @jax.value_and_grad
+    def critical(push):
+        loads = jb.Loads(tip_force=jnp.stack([-push, 0 * push, 0 * push]))
+        return jb.critical_speed(model, rotor, loads=loads, throw=False).angular_speed
+
+    step = 2e-3 * np.array([1, 2, 3])
+    push = np.concatenate([[0.5, 2.0, 2.2, 2.4], 2 * (1 + step), 2 * (1 - step)])
+    found, slope = np.array([critical(jnp.asarray(each)) for each in push]).T
+    assert np.isnan(found[3])  # which buckles at rest
+    held = np.delete(np.arange(push.size), 3)
+    push, found, slope = (each[held] for each in (push, found, slope))
+    right = np.sqrt((along - push * (along * length - push) / hinge) / mass)
+    np.testing.assert_allclose(found, right, rtol=1e-12)
+    np.testing.assert_allclose(
+        slope, (2 * push - along * length) / (2 * hinge * mass * right), rtol=1e-11
+    )
+    rate = np.array([45, -9, 1]) @ (found[3:6] - found[6:]) / (60 * 2 * step[0])
+    np.testing.assert_allclose(slope[1], rate, rtol=1e-10)
+
+
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", [jb.ExactRodANCF(4), jb.SpatialANCF(3)])
 def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in(model):
     """200 random ones, from small to far beyond buckling: loads and squares of the speed rise in a
@@ -342,10 +367,10 @@ def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in(model):
         loads = jb.Loads(tip_force=force, force_per_length=(p[3], p[4], 0.0 if flat else p[5]))
         conditions = Conditions(loads, jb.Damping())
         found, status = conditions.state(model, rotor, p[6])
-        tip, span = acting_on(equations, loads, p[6])
+        tip, span = loads_at(equations, loads, p[6])
 
         def rise(q, share):
-            hub = conditions.acting(equations, jnp.sqrt(share) * p[6])[0]
+            hub = conditions.inputs(equations, jnp.sqrt(share) * p[6])[0]
 
             def newton(q, _):
                 out = equations.force(hub, q, 0 * q, share * tip) + share * span.on(q)

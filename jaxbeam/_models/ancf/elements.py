@@ -48,7 +48,7 @@ from jaxbeam._models.ancf.nodes import (
 from jaxbeam._models.ancf.sections import Cuts, Ends, Sections, body_mass, cuts, each_element, rules
 from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.base import Equations
-from jaxbeam._models.contract.spread import ElementSpread
+from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.contract.strained import Parts, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._programs.lanes import beside, contract, total
@@ -155,8 +155,8 @@ class ElementEquations(Equations):
         k = -(spin**2) * self.mass + rate * self.skew_mass + self.elastic_tangent(q)
         return k, 2 * spin * self.skew_mass
 
-    def spread(self, kinks: tuple[float, ...]) -> ElementSpread:
-        return ElementSpread.of(self, self.element.n_elements, kinks)
+    def span_integral(self, kinks: tuple[float, ...]) -> ElementSpanIntegral:
+        return ElementSpanIntegral.of(self, self.element.n_elements, kinks)
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
         def one(law: Law, _: Array, local: Array) -> Array:

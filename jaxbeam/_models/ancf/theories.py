@@ -24,6 +24,7 @@ from jaxbeam._models.contract.elasticity import LinearElasticity
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._numerics.linalg import dense, positive_definite
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor
@@ -164,7 +165,7 @@ class _Nodal(_ANCF):
         return LinearSystem(
             mass=dense(equations.mass),
             gyroscopic=c,
-            stiffness=(k + k.T) / 2,
+            stiffness=symmetric_part(k),
             steady_strain=steady_strain(rotor, speed, equations, q),
             status=status,
             directions=self.directions,

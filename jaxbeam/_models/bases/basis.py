@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Chebyshev, legendre
 
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.span import Span
 
@@ -333,7 +334,7 @@ def coupling_integral(basis: Basis, n_bending: int, n_stretch: int) -> Float[_Ar
 def _integrals(f: Functions, xi: _Array, w: _Array, end: Functions) -> Integrals:
     def gram(table: _Array, weight: _Array) -> _Array:
         product = table.T @ (weight[:, None] * table)
-        return (product + product.T) / 2
+        return symmetric_part(product)
 
     shapes = (np.ones_like(xi), 1 - xi, (1 - xi**2) / 2)
     return Integrals(

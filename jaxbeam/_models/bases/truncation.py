@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.shapes import Counts, Profile, Shape, section_angle
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, outboard
 from jaxbeam._rotor.spanwise import along
@@ -84,7 +85,7 @@ class _Body(NamedTuple):
             inertia = inertia + excess * g[:, None] * g[None]
             if case.tensioned:
                 crossed = c * s * g[:, None] * h[None]
-                held = held + excess * ((crossed + crossed.T) / 2 + s**2 * h[:, None] * h[None])
+                held = held + excess * (symmetric_part(crossed) + s**2 * h[:, None] * h[None])
                 wound = -excess * spin2 * c * s / square
         return cls(inertia / square, spin2 * held / square, wound)
 

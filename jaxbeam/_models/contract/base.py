@@ -13,7 +13,7 @@ from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.equilibrium import equilibrium
-from jaxbeam._models.contract.spread import AbstractSpread
+from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.lanes import total
@@ -27,6 +27,8 @@ from jaxbeam._status import Status, first_failure
 from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 
 TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
+# How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
+Inputs = tuple[Hub, Any, SpanForce | None]
 
 
 class LinearSystem(eqx.Module):
@@ -188,7 +190,7 @@ class Equations(eqx.Module):
         """Force and moment of a load at the tip, in hub axes, in N and N m."""
         return tip_force, jnp.zeros_like(tip_force)
 
-    def spread(self, kinks: tuple[float, ...]) -> AbstractSpread:
+    def span_integral(self, kinks: tuple[float, ...]) -> AbstractSpanIntegral:
         """What a force along the span, smooth but for these x / L, does on the coordinates."""
         raise ValueError(
             "loads.force_per_length: discrete models take no force along the span; take Hybrid, "
@@ -290,21 +292,8 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
         `status` is that of the search for the steady state, if there is one.
         """
-        equations, hub = self.equations(rotor), spinning(speed)
-        q, status = self.steady(rotor, speed)
-        k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
-        # Generalised forces again where `force` scales them; at rest its own slope does not count.
-        scale = equations.as_force(q, jnp.ones_like(q))[:, None]
-        return LinearSystem(
-            mass=dense(equations.mass) / scale,
-            gyroscopic=dense(c) / scale,
-            stiffness=dense(k) / scale,
-            steady_strain=steady_strain(rotor, speed, equations, q),
-            status=status,
-            directions=self.directions,
-            coupling=coupling_groups(rotor),
-            shapes=equations.functions,
-        )
+        state = self.steady(rotor, speed)
+        return small_motion(self, rotor, speed, self.equations(rotor), state)
 
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
@@ -330,6 +319,35 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         Whoever derives from a model need not think of this: tables are for a class itself alone.
         """
         return None
+
+
+def small_motion(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, equations: Equations,
+    state: tuple[Vector, Code], inputs: Inputs | None = None,
+) -> LinearSystem:  # fmt: skip
+    """Matrices of small motion about a steady state (coordinates, and the status of the search)
+    under `inputs`, none by default but rotation: the tangents of the equations there."""
+    hub, tip, span = (spinning(speed), None, None) if inputs is None else inputs
+    q, status = state
+    k, c = equations.tangents(hub, q, jnp.zeros_like(q), tip)
+    if span is not None and span.stiffness is not None:
+        k = k + span.stiffness
+    return LinearSystem(
+        mass=generalised(equations, q, equations.mass),
+        gyroscopic=generalised(equations, q, c),
+        stiffness=generalised(equations, q, k),
+        steady_strain=steady_strain(rotor, speed, equations, q),
+        status=status,
+        directions=model.directions,
+        coupling=coupling_groups(rotor),
+        shapes=equations.functions,
+    )
+
+
+def generalised(equations: Equations, q: Vector, a: Any) -> Matrix:
+    """A matrix of forces as those of generalised ones again, where `force` scales them; at rest the
+    slope of the scale does not count."""
+    return dense(a) / equations.as_force(q, jnp.ones_like(q))[:, None]
 
 
 def checked_model(model: Any) -> AbstractModel:

@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxbeam._models.contract.spread import SpanForce
+from jaxbeam._models.contract.span_integrals import SpanForce
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._rotor.motion import Hub

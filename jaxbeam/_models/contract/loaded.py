@@ -1,30 +1,44 @@
 """Small motion about the state that loads deform, with damping."""
 
-from typing import Any
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of
 from jaxbeam._models.contract.base import (
     AbstractModel,
     Equations,
+    Inputs,
     LinearSystem,
+    generalised,
     guarded,
-    steady_strain,
+    small_motion,
 )
 from jaxbeam._models.contract.equilibrium import equilibrium
-from jaxbeam._models.contract.spread import SpanForce
-from jaxbeam._numerics.linalg import dense
+from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
+from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, is_hinged
-from jaxbeam._rotor.loads import NO_LOADS, Damping, Loads
-from jaxbeam._rotor.motion import Hub, spinning
+from jaxbeam._rotor.loads import (
+    NO_DAMPING,
+    NO_LOADS,
+    Damping,
+    Loads,
+    damping_in_range,
+    loads_in_range,
+)
+from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Scalar, Vector
 
 _ALL = ((tuple(Direction), tuple(Direction)),)
+Held = TypeVar("Held", bound="Conditions | None")
 
 
 class Conditions(eqx.Module):
@@ -35,32 +49,26 @@ class Conditions(eqx.Module):
 
     def status(self, model: AbstractModel, speed: Scalar) -> Code:
         """Whether these are in range, and nothing turns in the hub."""
-        zero = jnp.zeros(3, speed.dtype)
-        given: Any = (self.loads.gravity, self.loads.tip_force, self.loads.tip_moment)
-        gravity, force, moment = (zero if part is None else part for part in given)
-        rates = jnp.stack([zero[0], *jax.tree.leaves(self.damping)])
-        span = self.loads.span_moments(zero[0])
-        span = jnp.zeros((2, 3), speed.dtype) if span is None else span
-        loads = jnp.concatenate([jnp.stack([gravity, force, moment]), span])
-        planar = Direction.FLAP in model.directions or jnp.all(loads[:, 2] == 0)
+        loads, none = self.loads, jnp.zeros(3, speed.dtype)
+        gravity = none if loads.gravity is None else loads.gravity
+        tip, span = loads.at_tip(none[0]), loads.span_moments(none[0])
+        finite, planar = loads_in_range(gravity, -gravity, tip, span)
         return first_broken(
-            (jnp.all(jnp.isfinite(loads)), Status.INVALID_LOAD),
-            (jnp.all(jnp.isfinite(rates) & (rates >= 0)), Status.INVALID_DAMPING),
+            (finite, Status.INVALID_LOAD),
+            (damping_in_range(self.damping), Status.INVALID_DAMPING),
             ((speed == 0) | jnp.all(gravity[:2] == 0), Status.TURNING_GRAVITY),
-            (planar, Status.OUT_OF_PLANE),
+            (planar | (Direction.FLAP in model.directions), Status.OUT_OF_PLANE),
         )
 
     def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of the steady state, and the status of the search for it."""
         equations = equations_under(model, rotor, self.loads)
-        return equilibrium(equations, *self.acting(equations, speed))
+        return equilibrium(equations, *self.inputs(equations, speed))
 
-    def acting(
-        self, equations: Equations, speed: Scalar, factor: Scalar | None = None
-    ) -> tuple[Hub, Any, SpanForce | None]:
+    def inputs(self, equations: Equations, speed: Scalar, factor: Scalar | None = None) -> Inputs:
         """The hub that turns steadily, in gravity, and what acts at the tip and along the span; all
         loads so many times."""
-        hub, loads = spinning(speed), acting_on(equations, self.loads, jnp.zeros_like(speed))
+        hub, loads = spinning(speed), loads_at(equations, self.loads, jnp.zeros_like(speed))
         gravity = hub.gravity if self.loads.gravity is None else self.loads.gravity
         if factor is not None:
             gravity, loads = jax.tree.map(lambda part: factor * part, (gravity, loads))
@@ -72,30 +80,19 @@ class Conditions(eqx.Module):
         """Matrices of small motion about the steady state, for what is in range, under so many
         times the loads."""
         equations = equations_under(model, rotor, self.loads)
-        hub, tip, span = self.acting(equations, speed, factor)
-        q, status = equilibrium(equations, hub, tip, span)
+        inputs = self.inputs(equations, speed, factor)
+        q, status = equilibrium(equations, *inputs)
         # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
         near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
         nowhere = Status.NOT_HELD if is_hinged(rotor) else Status.DIVERGED
         status = first_failure(status, first_broken((near, nowhere)))
-        still = jnp.zeros_like(q)
-        k, c = equations.tangents(hub, q, still, tip)
-        if span is not None and span.stiffness is not None:
-            k = k + span.stiffness
-        scale = equations.as_force(q, jnp.ones_like(q))[:, None]
-        rates = self.damping.mass_coefficient, self.damping.stiffness_coefficient
-        damping = None
+        rates, damping = (self.damping.mass_coefficient, self.damping.stiffness_coefficient), None
         if rates != (None, None):
-            damping = dense(equations.damping_tangents(q, still, *rates)[1]) / scale
-        return LinearSystem(
-            mass=dense(equations.mass) / scale,
-            gyroscopic=dense(c) / scale,
-            stiffness=dense(k) / scale,
-            steady_strain=steady_strain(rotor, speed, equations, q),
-            status=status,
-            directions=model.directions,
+            _, by_rates = equations.damping_tangents(q, jnp.zeros_like(q), *rates)
+            damping = generalised(equations, q, by_rates)
+        return dataclasses.replace(
+            small_motion(model, rotor, speed, equations, (q, status), inputs),
             coupling=_ALL,
-            shapes=equations.functions,
             damping=damping,
             general=True,
             conservative=self.loads.is_plain and damping is None,
@@ -107,20 +104,51 @@ def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equa
     equations = model.equations(rotor)
     if loads.is_plain or equations.takes_moments:
         return equations
-    name = "follows" if loads.tip_moment is None else "tip_moment"
     raise ValueError(
-        f"loads.{name}: {type(model).__name__} takes a force in hub axes alone at its tip; "
-        "take jaxbeam.SpatialANCF, or leave it out"
+        f"loads.{_beyond_plain(loads)}: {type(model).__name__} takes a force in hub axes "
+        "alone at its tip; take jaxbeam.SpatialANCF, or leave it out"
     )
 
 
-def acting_on(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, SpanForce | None]:
+def _beyond_plain(loads: Loads) -> str:
+    """The argument by which loads are not `is_plain`."""
+    return "follows" if loads.tip_moment is None else "tip_moment"
+
+
+class SpanLoad(eqx.Module):
+    """A force along the span in the equations of one beam."""
+
+    integral: AbstractSpanIntegral
+    density: Callable[[Scalar], Float[Array, "p 3"]]  # the force where it is looked at, in N/m
+
+    @classmethod
+    def of(cls, equations: Equations, loads: Loads) -> "SpanLoad | None":
+        """That of the loads, if there is one."""
+        if loads.force_per_length is None:
+            return None
+        integral = equations.span_integral(loads.kinks)
+        return cls(integral, _Density(loads, tuple(integral.points[0].tolist())))
+
+    def __call__(self, t: Scalar) -> SpanForce:
+        """The generalised force at time t."""
+        return self.integral.generalised_force(self.density(t))
+
+
+class _Density(eqx.Module):
+    """The force along the span at places x / L."""
+
+    loads: Loads
+    xi: tuple[float, ...] = eqx.field(static=True)
+
+    def __call__(self, t: Scalar) -> Float[Array, "p 3"]:
+        density: Any = self.loads.along_span(t, np.array(self.xi))
+        return density
+
+
+def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, SpanForce | None]:
     """What acts at the tip, and along the span, at time t."""
-    if loads.force_per_length is None:
-        return loads.at_tip(t), None
-    spread = equations.spread(loads.kinks)
-    density: Any = loads.along_span(t, spread.points[0])
-    return loads.at_tip(t), spread.acting(density)
+    span = SpanLoad.of(equations, loads)
+    return loads.at_tip(t), None if span is None else span(t)
 
 
 def checked_damping(damping: Any) -> Damping:
@@ -148,6 +176,18 @@ def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
     return Conditions(loads, damping)
 
 
+def checked_potential(loads: Any) -> Conditions | None:
+    """Loads that have a potential, without damping; None where there are none."""
+    conditions = checked_conditions(loads, NO_DAMPING)
+    if loads.is_plain:
+        return conditions
+    raise ValueError(
+        f"loads.{_beyond_plain(loads)}: a moment, or a force that follows the tip, has no "
+        "potential; leave it out, or take jaxbeam.modes at the speeds that matter, whose "
+        "frequencies and growth rates tell"
+    )
+
+
 def system_of(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions | None
 ) -> LinearSystem:
@@ -158,14 +198,13 @@ def system_of(
 
 
 def guarded_conditions(
-    model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions | None
-) -> tuple[Code, AnyRotor, Scalar, Conditions | None]:
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Held
+) -> tuple[Code, AnyRotor, Scalar, Held]:
     """Whether all is in range, under conditions if there are any, and harmless numbers in the place
     of those that are not."""
     given, rotor, speed = guarded(rotor, speed)
     if conditions is None:
-        return given, rotor, speed, None
+        return given, rotor, speed, conditions
     status = conditions.status(model, speed)
-    fine = status == Status.OK
-    held = jax.tree.map(lambda leaf: jnp.where(fine, leaf, 0.0), conditions)
+    held = harmless(status == Status.OK, conditions)
     return first_failure(given, status), rotor, speed, held

@@ -27,7 +27,7 @@ from jaxbeam._models.bases.basis import Functions
 from jaxbeam._models.bases.shapes import Shapes, shortening
 from jaxbeam._models.contract.base import Equations, Undeformed
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
-from jaxbeam._models.contract.spread import FunctionSpread
+from jaxbeam._models.contract.span_integrals import FunctionSpanIntegral
 from jaxbeam._models.modal.cartesian_model import CartesianModel
 from jaxbeam._models.modal.shape_integrals import (
     ShapeIntegrals,
@@ -203,10 +203,10 @@ class CartesianEquations(Equations):
             k, c = k + more[0], c + more[1]
         return k, c
 
-    def spread(self, kinks: tuple[float, ...]) -> FunctionSpread:
+    def span_integral(self, kinks: tuple[float, ...]) -> FunctionSpanIntegral:
         model, edges = self.model, tuple(sorted({0.0, 0.25, 0.5, 0.75, 1.0, *kinks}))
         at = self._at(model.functions_from.rule(model.products, edges).xi)
-        return FunctionSpread(at.value, at.slope, self.length, model, edges)
+        return FunctionSpanIntegral(at.value, at.slope, self.length, model, edges)
 
     def inertial(self, b: Float[Array, "3 3"]) -> Matrix:
         """[B] G of the module's docstring."""

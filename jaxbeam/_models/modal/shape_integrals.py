@@ -21,6 +21,7 @@ from jaxbeam._models.bases.shapes import (
     all_functions,
     ends_of,
 )
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import outboard
 from jaxbeam._types import Matrix
@@ -83,7 +84,7 @@ def shape_integrals(basis: Basis, counts: Counts) -> ShapeIntegrals:
         tip_slope=ends.tip_slope,
         root=ends.root,
         elastic=elastic,
-        gram=(gram + gram.T) / 2,
+        gram=symmetric_part(gram),
         mean=w @ f,
         first=(w * xi) @ f,
         tension=tension,
@@ -155,4 +156,4 @@ def springs(root: Any, one_hot: np.ndarray, rotor: Rotor) -> Any:
 
 def _gram(f: Any, weight: Any) -> Any:
     product = f.T @ (weight[:, None] * f)
-    return (product + product.T) / 2
+    return symmetric_part(product)

@@ -24,6 +24,7 @@ import numpy as np
 
 from jaxbeam._models.bases.shapes import Shapes, section_angle
 from jaxbeam._models.modal.shape_integrals import one_hots
+from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._rotor.spanwise import along
@@ -140,7 +141,7 @@ class TipRotation(eqx.Module):
             return jnp.zeros_like(self._swept)
         p, r = self.first @ spin, self.second @ spin
         crossed = g[:, None] * h[None]
-        return r * (self.winding - (crossed + crossed.T) / 2) - p * _outer(h)
+        return r * (self.winding - symmetric_part(crossed)) - p * _outer(h)
 
 
 def _winding(rotor: Rotor, shapes: Shapes) -> Matrix:
@@ -151,7 +152,7 @@ def _winding(rotor: Rotor, shapes: Shapes) -> Matrix:
     lag, flap = one_hot[:, 1], one_hot[:, 2]
     mixed = f.slope.T @ (shapes.span.weight[:, None] * curvature)
     mixed = mixed * (np.outer(lag, flap) - np.outer(flap, lag))
-    return (mixed + mixed.T) / 2 / rotor.beam.length**2
+    return symmetric_part(mixed) / rotor.beam.length**2
 
 
 def _outer(x: Vector) -> Matrix:

@@ -29,9 +29,9 @@ from jaxtyping import Array, Float
 from jaxbeam._models.ancf.sections import body_mass
 from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.base import Undeformed
-from jaxbeam._models.contract.spread import ElementSpread
+from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.space.elasticity import SpatialElasticity
-from jaxbeam._models.space.ends import Ends, acting, push, push_tangent
+from jaxbeam._models.space.ends import Ends, in_beam_axes, push, push_tangent
 from jaxbeam._models.space.energies import elongation, section_angles
 from jaxbeam._models.space.frames import A1, axes
 from jaxbeam._models.space.nodes import (
@@ -41,8 +41,8 @@ from jaxbeam._models.space.nodes import (
     components,
     cross_matrix,
     mass_rows,
+    mixed_rows,
     of_elements,
-    spread,
 )
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
@@ -104,7 +104,9 @@ class SpatialEquations(SpatialElasticity):
         self.gram = mass_rows(mass, self.tip_mass)
         polar = mass_rows(polar, jnp.pad(self.tip_polar[None, None], ((0, 1), (0, 1))))
         kinds = np.diag([1.0, 1.0, 1.0, 0.0])
-        self.mass = self._matrix(spread(self.gram, kinds) + spread(polar, np.eye(4) - kinds))
+        self.mass = self._matrix(
+            mixed_rows(self.gram, kinds) + mixed_rows(polar, np.eye(4) - kinds)
+        )
 
     @property
     def undeformed(self) -> Undeformed:
@@ -116,9 +118,9 @@ class SpatialEquations(SpatialElasticity):
         root, first = radius * A1, first - radius * mass
         second = second - radius * (2 * first + radius * mass)
         mixed = root[:, None] * along[None]
-        spread = mass * root[:, None] * root[None] + first * (mixed + mixed.T)
-        spread = spread + second * along[:, None] * along[None]
-        inertia = jnp.trace(spread) * np.eye(3) - spread
+        second_moment = mass * root[:, None] * root[None] + first * (mixed + mixed.T)
+        second_moment = second_moment + second * along[:, None] * along[None]
+        inertia = jnp.trace(second_moment) * np.eye(3) - second_moment
         return Undeformed(mass, mass * root + first * along, inertia, root + self.length * along)
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | TipLoad | None) -> Vector:
@@ -145,14 +147,14 @@ class SpatialEquations(SpatialElasticity):
             self._four(centrifugal_matrix(hub)),
             self._four(2 * cross_matrix(hub.angular_velocity)),
         )
-        k, c = (self._matrix(spread(self.gram, skew_spin)) for skew_spin in hub_matrices)
+        k, c = (self._matrix(mixed_rows(self.gram, skew_spin)) for skew_spin in hub_matrices)
         k = k + self.elastic_tangent(q)
         if isinstance(tip_force, TipLoad):
             k = k + self._matrix(-self._pushed_tangent(tip_force, q))
         return k, c
 
-    def spread(self, kinks: tuple[float, ...]) -> ElementSpread:
-        return ElementSpread.of(self, self.sections.n_elements, kinks)
+    def span_integral(self, kinks: tuple[float, ...]) -> ElementSpanIntegral:
+        return ElementSpanIntegral.of(self, self.sections.n_elements, kinks)
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u', and for the
@@ -184,7 +186,7 @@ class SpatialEquations(SpatialElasticity):
     def tip_action(self, q: Vector, tip_force: Triple | TipLoad) -> tuple[Triple, Triple]:
         if not isinstance(tip_force, TipLoad):
             return super().tip_action(q, tip_force)
-        force, moment = acting(self._inside(tip_force), *self._tip_state(q))
+        force, moment = in_beam_axes(self._inside(tip_force), *self._tip_state(q))
         return self._outward(force), self._outward(moment)
 
     def _pushed(self, tip_force: Triple | TipLoad, q: Vector) -> Float[Array, "2 4 *#lanes"]:

@@ -55,7 +55,7 @@ def _angles(d: Triple) -> tuple[Number, Number]:
     return share * d[1] / size, share * d[2] / size
 
 
-def acting(load: TipLoad, d: Triple, angle: Number) -> tuple[Triple, Triple]:
+def in_beam_axes(load: TipLoad, d: Triple, angle: Number) -> tuple[Triple, Triple]:
     """Force and moment at the tip in axes of the beam, by the displacement gradient and the angle
     of twist there."""
     if not load.follows:
@@ -71,7 +71,7 @@ def push(load: TipLoad, d: Triple, angle: Number) -> Float[Array, "7 *#lanes"]:
     """What does the work of a load at the tip on the displacement, on its gradient and on the angle
     of twist there. The section turns by t x dt, and about t by the change of the angle and by what
     the least rotation turns there: see `space.carried`."""
-    force, moment = acting(load, d, angle)
+    force, moment = in_beam_axes(load, d, angle)
     size = 1 + elongation(d)
     t = (d + beside(A1, d.ndim - 1)) / size[None]
     about = total(moment * t)

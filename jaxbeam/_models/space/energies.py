@@ -167,7 +167,7 @@ class SpatialElement(Strained):
         """The gradient of `_turns`."""
         at = self._at(natural)
         _, moments, on_turn = self._moments(at)
-        return self._gathered(at.points.acting(moments[:, None])[:, 0], on_turn, moments[0])
+        return self._gathered(at.points.forces_of(moments[:, None])[:, 0], on_turn, moments[0])
 
     def _gathered(self, on_points: Float[Array, "6 g *lanes"], *on_turn: Array) -> Natural:
         """From what bending and torsion do at Gauss points, on the turn and its rate too."""
@@ -221,8 +221,8 @@ class SpatialElement(Strained):
             jnp.stack([none, -at.sin, at.cos]), moments,
         ], 1)  # fmt: skip
         by_angles = jnp.stack([jnp.stack([none, w, -v]), jnp.stack([one, none, none])])
-        acting = at.points.acting(ways)
-        by = jnp.concatenate([acting[:, :3], by_angles])
+        forces = at.points.forces_of(ways)
+        by = jnp.concatenate([forces[:, :3], by_angles])
         stiff = jax.vmap(lambda k, v, w: (self.torsion * k, *self._bends(v, w)))(
             by[:, 0], by[:, 1], by[:, 2]
         )
@@ -235,7 +235,7 @@ class SpatialElement(Strained):
             held = held + by[:, None, i] * stiff[i][None]
         half = _by_natural(rule, beside(rule.weights[None, None], lanes) * held)
         second = total(jnp.moveaxis(_by_natural(rule, half.swapaxes(0, 1)), 2, 0))
-        return self._gathered(acting[:, 3], on_turn, moments[0]), second
+        return self._gathered(forces[:, 3], on_turn, moments[0]), second
 
     def _stretching(self, e: Local) -> Float[Array, "13 13 *lanes"]:
         """Second derivatives of the energy of stretch, int EA (t t^T + eps (1 - t t^T)) / |r'|."""
@@ -288,7 +288,7 @@ class _Points(NamedTuple):
         second, third = (self.over * (self.q[i] - self.w * self.u[i - 1]) for i in (1, 2))
         return second, third, self.u[1] * second - self.u[0] * third
 
-    def acting(self, moments: Float[Array, "3 k g *lanes"]) -> Float[Array, "6 k g *lanes"]:
+    def forces_of(self, moments: Float[Array, "3 k g *lanes"]) -> Float[Array, "6 k g *lanes"]:
         """What k moments, of twist and about the axes before the turn, do on r' and L r''."""
         twist, m2, m3 = moments
         over, share, w, u2, u3 = (a[None] for a in (self.over, self.share, self.w, *self.u))
@@ -310,11 +310,11 @@ class _Points(NamedTuple):
         """Derivatives of what moments that do not change do, by r' and L r''."""
         p, moments = self.p, moments[:, None]
 
-        def acting(p: Array) -> Array:
-            return _Points.of(p, self.q).acting(moments)[:, 0]
+        def forces(p: Array) -> Array:
+            return _Points.of(p, self.q).forces_of(moments)[:, 0]
 
         units = jnp.broadcast_to(beside(np.eye(3), p.ndim - 1), (3, *p.shape))
-        by_p = jax.vmap(lambda unit: jax.jvp(acting, (p,), (unit,))[1], out_axes=1)(units)
+        by_p = jax.vmap(lambda unit: jax.jvp(forces, (p,), (unit,))[1], out_axes=1)(units)
         by_q = by_p[3:].swapaxes(0, 1)  # since second derivatives do not depend on their order
         return jnp.concatenate([by_p, jnp.concatenate([by_q, jnp.zeros_like(by_q)])], 1)
 

@@ -61,7 +61,9 @@ def mass_rows(local: Float[Array, "E 4 4"], at_tip: Float[Array, "2 2"]) -> Floa
     return rows + padded(tip, len(local), 0)
 
 
-def spread(gram: Float[Array, "k 2 3 2 *#lanes"], mixing: Any) -> Float[Array, "k 8 24 *#lanes"]:
+def mixed_rows(
+    gram: Float[Array, "k 2 3 2 *#lanes"], mixing: Any
+) -> Float[Array, "k 8 24 *#lanes"]:
     """Rows of blocks for all components, which `mixing` (4, 4, *lanes) mixes."""
     lanes = gram.ndim - 4
     mixing = beside(mixing, lanes - (mixing.ndim - 2))

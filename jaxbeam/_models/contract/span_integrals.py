@@ -32,8 +32,8 @@ class SpanForce(NamedTuple):
         return total(self.on(q) * v)
 
 
-class AbstractSpread(eqx.Module):
-    """Where along the span a force is looked at."""
+class AbstractSpanIntegral(eqx.Module):
+    """The work of a force along the span, by a rule of integration: where it is looked at."""
 
     @property
     @abc.abstractmethod
@@ -41,11 +41,11 @@ class AbstractSpread(eqx.Module):
         """Places x / L and weights."""
 
     @abc.abstractmethod
-    def acting(self, density: Float[Array, "p 3"]) -> SpanForce:
+    def generalised_force(self, density: Float[Array, "p 3"]) -> SpanForce:
         """The generalised force of a force per length at these places, in N/m."""
 
 
-class ElementSpread(AbstractSpread):
+class ElementSpanIntegral(AbstractSpanIntegral):
     """Elements, whose displacements are linear in the coordinates."""
 
     equations: Any
@@ -55,7 +55,7 @@ class ElementSpread(AbstractSpread):
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         return points_within(self.edges, _POINTS)
 
-    def acting(self, density: Float[Array, "p 3"]) -> SpanForce:
+    def generalised_force(self, density: Float[Array, "p 3"]) -> SpanForce:
         equations = self.equations
         xi, weight = self.points
         rest = jnp.zeros(equations.mass.shape[0], equations.length.dtype)
@@ -64,14 +64,14 @@ class ElementSpread(AbstractSpread):
         return SpanForce(force, None)
 
     @classmethod
-    def of(cls, equations: Any, n_elements: int, kinks: tuple[float, ...]) -> "ElementSpread":
+    def of(cls, equations: Any, n_elements: int, kinks: tuple[float, ...]) -> "ElementSpanIntegral":
         """With the kinks of the force, but for those that are nodes."""
         nodes = np.linspace(0.0, 1.0, n_elements + 1)
         own = [kink for kink in kinks if np.min(np.abs(nodes - kink)) > 1e-9]
         return cls(equations, tuple(sorted([*nodes.tolist(), *own])))
 
 
-class FunctionSpread(AbstractSpread):
+class FunctionSpanIntegral(AbstractSpanIntegral):
     """Functions f_a that move in directions; what shortens the beam, in theories that know of it,
     is moved by the force along it: -int_0^x u'^2 / 2."""
 
@@ -91,13 +91,13 @@ class FunctionSpread(AbstractSpread):
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         return self.span.xi, self.span.weight
 
-    def acting(self, density: Float[Array, "p 3"]) -> SpanForce:
-        span, one_hot = self.span, self.model.one_hot
+    def generalised_force(self, density: Float[Array, "p 3"]) -> SpanForce:
+        span, direction = self.span, self.model.direction
         weight = span.weight
         pull = self.size * (self.value.T @ (weight[:, None] * density))
-        force = jnp.sum(pull * one_hot, 1)
+        force = jnp.sum(pull * direction, 1)
         if not self.model.foreshortens:
             return SpanForce(force, None)
         tension = span.beyond(density[:, 0])  # over the length
-        bends = one_hot[:, 1:] @ one_hot[:, 1:].T
+        bends = direction[:, 1:] @ direction[:, 1:].T
         return SpanForce(force, self.slope.T @ ((weight * tension)[:, None] * self.slope) * bends)
