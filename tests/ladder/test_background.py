@@ -82,7 +82,7 @@ def test_ahead_keeps_its_order_and_waits_for_nothing_else():
 
 
 def readme():
-    """The question of the README about how much model."""
+    """The question in the docstring of `jaxbeam.ladder`."""
     blade = jb.Beam.from_section(
         length=8.0, youngs_modulus=6.895e10, density=2767.0, area=7.299e-5,
         in_plane_second_moment=8.214e-9,
