@@ -22,9 +22,11 @@ How much model      choose_model for one question, ladder_sweep for many cases
 What went wrong     Status: whatever can fail raises, or takes throw=False and then carries one;
                     batches (sweep, ladder_sweep, campbell) carry one a case and never raise for it
 
-The rest is by subject: jb.models, jb.motions, jb.solvers, jb.fitting, jb.ladder, jb.blades (beams
-from files), jb.results (what functions return) and jb.plot. `help(jb.simulate)` and so on tell the
-details; README.md shows all of it at work, `python -m jaxbeam --help` does without a script.
+The rest is by subject: jb.models, jb.motions, jb.blades (beams as built, and from files),
+jb.solvers, jb.ladder, jb.fitting, jb.results (what functions return) and jb.plot. `help` of each is
+a chapter of the manual with examples; the others, on vibration, loads, stability, sweeps, speed,
+start-up and limitations, are in the folder docs of the repository, with a table of all names.
+`help(jb.simulate)` and so on tell the details. `python -m jaxbeam --help` does without a script.
 """
 
 import importlib

@@ -1,7 +1,55 @@
-"""Beams from files of sectional properties, as blades of turbines are handed on.
+"""Beams as they are built: properties along the span, from tables and files, and held ends.
 
 `read_blade(path, length=61.5, axial_stiffness=1e10).beam` is a `jaxbeam.Beam` whose properties are
-`jaxbeam.Spanwise`; what else a reader returns is a `BladeTable`, also what in the file is ignored.
+`jaxbeam.Spanwise`. It reads a table of any spreadsheet with named columns and units (`read_csv`), a
+blade file of OpenFAST's ElastoDyn (`read_elastodyn`), and a section file or main file of BModes
+(`read_bmodes`), and tells them apart by what is in them. What else a reader returns is a
+`BladeTable`: it knows what the file says of the `Rotor`, and what in the file is ignored.
+`write_elastodyn` writes a blade file with a beam and the shapes of its modes.
+
+Tables can also be written in a script, and their values differentiated:
+
+```py
+import jax
+jax.config.update("jax_enable_x64", True)
+import jaxbeam as jb
+
+at = [0.0, 0.3, 0.3, 1.0]  # x / L; two equal stations are a step
+def stepped(flap):
+    return jb.Beam(
+        length=10.0, mass_per_length=jb.Spanwise(at, [60.0, 50.0, 30.0, 12.0]), axial_stiffness=1e9,
+        in_plane_bending_stiffness=jb.Spanwise(at, [9e6, 8e6, 4e6, 4e5]),
+        flap_bending_stiffness=jb.Spanwise(at, flap), twist=jb.Spanwise([0, 1], [0.2, 0.0]),
+    )
+flap = jax.numpy.array([5e6, 4e6, 1e6, 5e4])
+def stepped_flap(flap):
+    root, tip = jb.RootSprings(flap=4e6), jb.TipBody(0.1, 0.2)
+    held = jb.Rotor(stepped(flap), 1.0, 5.0, root_springs=root, tip_body=tip)
+    return jb.modes(jb.Hybrid(0, 12, 12), held, 5.0, jb.labels(flap=1)).frequency[0]
+print(stepped_flap(flap), *(flap * jax.grad(stepped_flap)(flap)))
+```
+
+```txt
+12.4283 0.963301 0.595257 2.15335 0.0399697
+```
+
+**Properties.** Every property of a `Beam` but the length may be a number, a table (`Spanwise`) or a
+function of x / L (`SpanwiseFunction`). Its values are leaves like all others, so that they are
+swept, fitted and differentiated. How many functions such a beam needs, and how `modes` estimates
+what is missing, is said in docs/vibration.md.
+
+**Ends.** A `Rotor` has a `pitch`, a `root` that yields in plane or in flap (zero is a free hinge)
+and a rigid body at its `tip`. All theories know them, in frequencies, motions, stability, fits and
+the ladder. What a model cannot do it refuses by name: planar elements have no twist, no pitch and
+no spring in flap; `SpatialANCF` has all of them. In elements a body at the tip is held by a stiff
+spring, which costs bending frequencies 1e-4 and axial frequencies some tenths of a per cent.
+
+**Cones.** Of a beam with `precone` there are frequencies in `Hybrid(n_stretch=0)`. They are about
+the deflected steady state of the beam, which is that of the exact rod: at 5 degrees, γ = 8 and EI
+ratio 16 the first two are 9.2527 and 14.4935, right to all digits. About the undeformed axis of the
+cone 9.1311 and 14.5783 would come out, which is further off than 9.2568 and 14.4872 without a cone;
+so no theory here does that. `SpatialANCF` has frequencies of coned blades that are twisted as well,
+and their motions.
 """
 
 from jaxbeam._files.any import read_blade as read_blade

@@ -1,4 +1,10 @@
-"""Figures that many studies want. Needs matplotlib; not imported by `import jaxbeam`."""
+"""Figures that many studies want: Campbell diagrams, histories, sweeps, fits, films in space.
+
+`campbell` draws a Campbell diagram with multiples of the speed, `mode_shape` a mode, `residuals`
+what a fit leaves over, `swept` any number of a table over its parameters, `history` a run, and
+`filmstrip` and `film` a beam that moves in space. Needs matplotlib; it is not imported by
+`import jaxbeam`.
+"""
 
 import dataclasses
 from collections.abc import Sequence

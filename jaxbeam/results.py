@@ -1,6 +1,21 @@
 """What the functions of `jaxbeam` return, to look up what is in it, and for annotations.
 
-What can fail has a `status` (see `jaxbeam.Status`); numbers of a case that failed are NaN.
+Each has the name of its function: `Modes`, `Southwell`, `Campbell`, `Crossing`, `CriticalSpeed`,
+`Floquet`, `Tongue`, `Simulation`, `SteadyStart`, `StableStep`, `Amplification`, `StiffeningRatio`,
+`Fit`. `ShapePolynomials` come from
+`Modes.polynomials`, a `Scene` is what a run goes through, and `Cases` come from `jaxbeam.grid` and
+`jaxbeam.points`. What is asked of a batch of results has the axes of the batch in front.
+
+**No number comes from a case that failed.** What can fail has a `status` (see `jaxbeam.Status`): it
+raises unless `throw=False` is given. `sweep`, `ladder_sweep` and `campbell` are batches by
+themselves: they have one status for each case, and never raise for it. The answers of a case that
+failed are NaN. They are also NaN where only some of them are taken into a sweep, which then says
+`NOT_FINITE`. A run that was stopped keeps its history up to there. What there is nevertheless, like
+the peak so far or the best fit, is found under the name `partial` (`run.partial.peak()`).
+
+**Look at `status` before a gradient.** Derivatives of such a NaN are NaN in forward mode, but zero
+in reverse mode: a case does not know whether it is one of a batch, and NaN would spoil the gradient
+by all parameters that its cases share.
 """
 
 from jaxbeam._fitting.result import Fit as Fit

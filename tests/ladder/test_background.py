@@ -83,7 +83,7 @@ def test_ahead_keeps_its_order_and_waits_for_nothing_else():
 
 
 def readme():
-    """The question of the README about how much model."""
+    """The question in the docstring of `jaxbeam.ladder`."""
     motion = jb.SmoothSpinUp(4.0, duration=15.0)
     return README_ROTOR, jb.ladder.PeakDeflection(motion, jnp.linspace(0.0, 20.0, 201))
 

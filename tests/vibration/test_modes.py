@@ -156,7 +156,7 @@ def test_against_power_series_where_the_boundary_layer_is_thinnest(plane, slende
         np.testing.assert_allclose(found.frequency, expected, rtol=tolerance)
 
 
-README_TABLE = [  # gamma, largest hub radius and tip mass, functions for grading 1 and 2
+ACCURACY_TABLE = [  # gamma, largest hub radius and tip mass, functions for grading 1 and 2
     (1.0, 5.0, 4.0, 12, 16),
     (10.0, 2.0, 1.0, 16, 16),
     (10.0, 5.0, 4.0, 24, 18),
@@ -166,9 +166,9 @@ README_TABLE = [  # gamma, largest hub radius and tip mass, functions for gradin
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("gamma", "hub", "tip", "plain", "graded"), README_TABLE)
-def test_accuracy_table_of_the_readme(gamma, hub, tip, plain, graded):
-    """The last row, gamma = 50 with R = 5 L and N = 4, is the test above."""
+@pytest.mark.parametrize(("gamma", "hub", "tip", "plain", "graded"), ACCURACY_TABLE)
+def test_accuracy_table_of_the_manual(gamma, hub, tip, plain, graded):
+    """In docs/vibration.md; the last row, gamma = 50 with R = 5 L and N = 4, is the test above."""
     for h in {0.0, hub / 2, hub}:
         for t in {0.0, tip / 2, tip}:
             expected = power_series.frequencies(gamma, h, t)
