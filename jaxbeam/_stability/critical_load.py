@@ -116,11 +116,11 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
     exists = jnp.isfinite(found) & (status == Status.OK)
     place = eqx.tree_at(lambda place: place.exists, place, exists)
     factor, shape = answer(place, given, found, status)
-    frequency, known = jnp.zeros_like(factor), status == Status.OK
+    frequency, there = jnp.zeros_like(factor), status == Status.OK
     if isinstance(place, LostPlace):
         square = place.flutters * place.square
-        frequency, known = jnp.sqrt(jnp.where(square > 0, square, 0.0)), exists
-    return CriticalLoad(factor, direction, shape, nan_unless(known, frequency), status)
+        frequency, there = jnp.sqrt(jnp.where(square > 0, square, 0.0)), exists
+    return CriticalLoad(factor, direction, shape, nan_unless(there, frequency), status)
 
 
 class _Place(AbstractPlace):

@@ -168,7 +168,7 @@ def test_root_that_yields_one_way():
     printed = [1.158197107, 15.86088999, 50.44763967]
     np.testing.assert_allclose(found, [clamped, *printed], rtol=1e-9)
     clamped = jb.models.SmallStrainANCF(2)
-    with pytest.raises(ValueError, match="root: there is a spring against in-plane bending"):
+    with pytest.raises(ValueError, match="root_springs: one is against in-plane bending"):
         jb.modes(clamped, jb.Rotor(rotor.beam, root_springs=jb.RootSprings(in_plane=0.5)), 0.0)
 
 
@@ -522,7 +522,7 @@ def test_a_function_is_as_its_table():
             ),
             "flap_inertia: to SpatialANCF a body at the tip has one inertia across the beam",
         ),
-        (lambda: jb.Rotor(BEAM, root_springs=3.0), "root must be a RootSprings"),
+        (lambda: jb.Rotor(BEAM, root_springs=3.0), "root_springs must be a RootSprings"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(make, message):

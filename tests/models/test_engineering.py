@@ -43,7 +43,7 @@ def test_no_motion_of_an_element_is_free_but_rigid_ones():
     @jax.jacfwd
     def strains(e):
         at = element._at(e)
-        return jnp.stack([at.strain, at.turning])
+        return jnp.stack([at.strain, at.angle_rate])
 
     for size in (0.0, 0.3):
         e = size * jnp.asarray(np.random.default_rng(2).normal(size=(2, 3)))

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxbeam as jb
-from jaxbeam._models.ancf.theories import energies as element_energies
+from jaxbeam._models.ancf import energies as element_energies
 from jaxbeam._models.space.energies import SpatialElement, SpatialRule
 from jaxbeam._models.space.frames import axes, deformation
 from jaxbeam._models.space.sections import SpatialSections

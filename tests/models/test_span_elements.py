@@ -327,7 +327,11 @@ def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
             jb.ANCF(2),
             "ANCF is planar and takes no pitch: take SpatialANCF, or Hybrid",
         ),
-        ({"root": jb.RootSprings(flap=3.0)}, jb.GreenANCF(2), "no flap spring at the root: take"),
+        (
+            {"root_springs": jb.RootSprings(flap=3.0)},
+            jb.GreenANCF(2),
+            "no flap spring at the root: take",
+        ),
     ],
 )
 def test_what_planar_elements_do_not_take_is_refused(more, model, message):

@@ -88,12 +88,12 @@ def test_rows_of_the_tape():
     for step in range(64):
         checkpoint_level = int(loop.checkpoint_level(jnp.asarray(step), rows))
         if step % 2**checkpoint_level == 0:
-            place = int(loop.place(jnp.asarray(step), rows))
+            place = int(loop.tape_row(jnp.asarray(step), rows))
             assert 0 <= place < rows
             tape[place] = step
         wanted = range(0, step + 1, 2**checkpoint_level)
         assert len(wanted) <= rows
-        assert [tape[int(loop.place(jnp.asarray(k), rows))] for k in wanted] == list(wanted)
+        assert [tape[int(loop.tape_row(jnp.asarray(k), rows))] for k in wanted] == list(wanted)
 
 
 @pytest.mark.exhaustive

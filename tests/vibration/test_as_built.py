@@ -97,7 +97,7 @@ def test_a_tongue_of_flap_with_lag_where_sections_are_turned():
     assert growth((low + high) / 2) > 1e-4
     assert growth(low - 0.2 * width) < 1e-6
     assert growth(high + 0.2 * width) < 1e-6
-    with pytest.raises(ValueError, match="one plane"):
+    with pytest.raises(ValueError, match="coupled with each other"):
         jb.tongue(jb.Hybrid(0, 3, 3), UNCOUPLED, 2.0, FIRST, [0.1])
 
 

@@ -352,7 +352,7 @@ def test_errors():
         )
     with pytest.raises(TypeError, match="damping must be"):
         jb.floquet(ONE, ROTOR, motion, damping=0.1)
-    with pytest.raises(ValueError, match="one plane"):
+    with pytest.raises(ValueError, match="coupled with each other"):
         jb.tongue(jb.Hybrid(0, 2, 2), ROTOR, 2.0, jb.labels(in_plane=1, flap=1), [0.1])
     with pytest.raises(ValueError, match="two labels"):
         jb.tongue(ONE, ROTOR, 2.0, IN_PLANE[:1], [0.1])

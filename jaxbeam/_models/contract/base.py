@@ -40,10 +40,9 @@ class LinearSystem(eqx.Module):
     nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
     straight beam that turns in its plane are such, with flap alone. `directions` names the
     direction of each coordinate, `shapes` are the functions on a beam that varies. `steady_strain`
-    is the largest axial strain of the steady state, without unit: of a uniform beam that at the
-    root, in `ANCF` of the steady state, elsewhere, and for beams that vary along the span, the
-    estimate P / EA from the tension on the undeformed beam, without loads. Unless `status` is OK
-    all numbers are NaN.
+    is the largest axial strain of the steady state: of a uniform beam that at the root, in `ANCF`
+    of the steady state, else P / EA from the tension on the undeformed beam, without loads. Unless
+    `status` is OK all numbers are NaN.
 
     About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
     q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
@@ -68,7 +67,7 @@ class LinearSystem(eqx.Module):
         return self.gyroscopic if self.damping is None else self.gyroscopic + self.damping
 
     def where(self, *directions: Direction) -> np.ndarray:
-        """Indices of the coordinates of these directions, in the order given."""
+        """Indices of the coordinates of these directions, in this order."""
         found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
         return np.concatenate(found) if found else np.zeros(0, int)
 

@@ -79,7 +79,7 @@ class SpatialANCF(AbstractModel[Rotor]):
         wanted = self.suited(rotor)
         if wanted != self:
             raise ValueError(
-                f"root: the rotor has springs {rotor.springs}: take model.suited(rotor)"
+                f"root_springs: the rotor has {rotor.springs}: take model.suited(rotor)"
             )
 
     def suited(self, rotor: Rotor) -> Self:
