@@ -92,12 +92,12 @@ class FunctionSpanIntegral(AbstractSpanIntegral):
         return self.span.xi, self.span.weight
 
     def generalised_force(self, density: Float[Array, "p 3"]) -> SpanForce:
-        span, direction = self.span, self.model.direction
+        span, one_hot = self.span, self.model.one_hot
         weight = span.weight
         pull = self.size * (self.value.T @ (weight[:, None] * density))
-        force = jnp.sum(pull * direction, 1)
+        force = jnp.sum(pull * one_hot, 1)
         if not self.model.foreshortens:
             return SpanForce(force, None)
         tension = span.beyond(density[:, 0])  # over the length
-        bends = direction[:, 1:] @ direction[:, 1:].T
+        bends = one_hot[:, 1:] @ one_hot[:, 1:].T
         return SpanForce(force, self.slope.T @ ((weight * tension)[:, None] * self.slope) * bends)
