@@ -102,7 +102,7 @@ class Fit(eqx.Module):
     @property
     @per_case
     def partial(self) -> "Fit":
-        """This fit with the best parameters found, whatever its status, and how sure they are:
+        """The fit with the best parameters found, whatever its status, and how sure they are:
         where the data cannot tell, with infinite deviations."""
         standard_deviation, covariance = spread(
             self.certainty, self.combinations, self.parameter_scale, self.scale

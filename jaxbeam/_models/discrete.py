@@ -11,8 +11,7 @@ Y Table 1 is misprinted: NC, LC and NS lack the Euler term m Omega' (d + L), wit
 hardly move; NP lacks d in the last inertia term of both equations; the stiffness in LP is
 m d L Omega^2 + k_r, not m Omega^2 + k_r. The motion must turn about the axis normal to the plane.
 
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
+Y is the paper of `_models/contract/__init__.py`.
 """
 
 import abc

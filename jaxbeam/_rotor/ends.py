@@ -8,7 +8,7 @@ from jaxbeam._types import Real, Scalar
 class RootSprings(Parameters):
     """Rotational springs between hub and root, one for each direction that yields.
 
-    | field    |                                          | unit    | allowed      |
+    | argument |                                          | unit    | allowed      |
     |----------|------------------------------------------|---------|--------------|
     | in_plane | about the axis of rotation (lag)         | N m/rad | >= 0 or None |
     | flap     | about the axis across beam and rotation  | N m/rad | >= 0 or None |
@@ -17,6 +17,8 @@ class RootSprings(Parameters):
     k phi(0)^2 / 2, phi(0) the slope at the root; None: rigid; zero: a free hinge, at the root,
     which is at the `hub_radius`. What swings there at rest has the frequency zero, of which the
     square alone has derivatives: those of the frequency are NaN, in both modes.
+
+    Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
     in_plane: Scalar | None = optional(Status.INVALID_ROOT_SPRINGS, zero=True)
@@ -29,7 +31,7 @@ class RootSprings(Parameters):
 class TipBody(Parameters):
     """What makes a rigid body of the mass at the tip: a payload, a tip brake, a tuning mass.
 
-    | field         | symbol | meaning                                          | unit   | allowed |
+    | argument      | symbol | meaning                                          | unit   | allowed |
     |---------------|--------|--------------------------------------------------|--------|---------|
     | offset        | c      | of its centre of mass, beyond the tip            | m      | any     |
     | inertia       | J      | about its centre, across the beam, as it turns   | kg m^2 | >= 0    |
@@ -41,6 +43,8 @@ class TipBody(Parameters):
     Its mass is the `tip_mass` of the rotor; with all of these zero it is a point (nearly, in
     elements, which hold a body by a stiff spring). It turns with the end of the beam; its axes are
     those of the last section, which twist and pitch turn.
+
+    Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
     offset: Scalar = parameter(Status.INVALID_TIP_BODY, zero=None)

@@ -25,11 +25,12 @@ _EPSILON = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
 
 
 class Hub(NamedTuple):
-    """Motion of the hub at one time, components in the hub frame.
+    """Motion of the hub at one time: components, shape (3,) each, in the hub frame.
 
     `velocity` (m/s) is that of the point on the axis from which the hub radius is measured,
-    `angular_velocity` (rad/s) that of the frame; the other two are the rates of these *components*.
-    `gravity` (m/s^2) enters like an acceleration of the hub the other way.
+    `angular_velocity` (rad/s) that of the frame; `velocity_rate` (m/s^2) and
+    `angular_velocity_rate` (rad/s^2) are the rates of these *components*. `gravity` (m/s^2) enters
+    like an acceleration of the hub the other way.
     """
 
     velocity: Triple
@@ -176,9 +177,13 @@ class _Declared(Motion):
 class HubVelocity(_Declared):
     """Any motion, by functions of time for velocity and angular velocity in the hub frame.
 
-    Each takes a scalar time (s) and returns shape (3,) (m/s, rad/s). Callables that are pytrees
-    (an `equinox.Module`, a `jax.tree_util.Partial`) carry their parameters as leaves. `changes` and
-    `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
+    `velocity(t)` and `angular_velocity(t)` take a scalar time (s) and return shape (3,) (m/s,
+    rad/s). Callables that are pytrees (an `equinox.Module`, a `jax.tree_util.Partial`) carry their
+    parameters as leaves. `changes` (k,) and `jumps` (j,) are times (s) as in `Motion.change_times`
+    and `Motion.jump_times`.
+
+    Raises `TypeError` for what is no function of time to real numbers, or none that JAX can trace,
+    and `ValueError` for another shape or times that are not finite.
     """
 
     velocity: Callable[[Scalar], Triple]
@@ -209,7 +214,10 @@ class HubPose(_Declared):
 
     `position(t)`, shape (3,), in m and inertial components; `rotation(t)`, shape (3, 3), proper
     orthogonal, its columns the hub axes in inertial components. v = Q^T p', omega = vee(Q^T Q').
-    `changes` and `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
+    `changes` (k,) and `jumps` (j,) are times (s) as in `Motion.change_times` and
+    `Motion.jump_times`.
+
+    Raises as `HubVelocity` does, and `ValueError` where the rotation is none at t = 0.
     """
 
     position: Callable[[Scalar], Triple]

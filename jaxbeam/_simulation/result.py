@@ -58,9 +58,11 @@ class Simulation(eqx.Module):
 
     @property
     def partial(self) -> "Simulation":
-        """This run, which answers with all that there is, whatever its status: the history up
-        to where it got, and the peak of that. NaN where parameters are out of range: then nothing
-        was simulated."""
+        """The run, which answers with all that there is, whatever its status.
+
+        That is the history up to where it got, and the peak of that; NaN where parameters are out
+        of range, since then nothing was simulated.
+        """
         return dataclasses.replace(self, is_partial=True)
 
     @per_case

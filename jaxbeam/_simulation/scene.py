@@ -105,7 +105,7 @@ class Scene(SecondOrderSystem):
         return self.motion.hub(self._within(t), self.loads.gravity)
 
     def with_closures_traced(self, t: Scalar) -> "Scene":
-        """This scene with all that motion and loads are made of as leaves, what functions of
+        """The scene with all that motion and loads are made of as leaves, what functions of
         the user close over too, and without tracing them ever again; t is any time."""
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
@@ -123,7 +123,7 @@ class Scene(SecondOrderSystem):
         return scene
 
     def with_inverse(self) -> "Scene":
-        """This scene for a solver that asks for accelerations at every stage."""
+        """The scene for a solver that asks for accelerations at every stage."""
         mass = inverse(self.mass)
         scene: Scene = eqx.tree_at(
             lambda s: s.inverse_mass, self, mass, is_leaf=lambda leaf: leaf is None

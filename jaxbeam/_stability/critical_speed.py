@@ -16,8 +16,7 @@ So the critical speed is the smallest one at which K is singular, and what is si
 transverse block, divergence; the axial one, where the centrifugal load grows as fast with stretch
 as the rod can carry: it tears.
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 import equinox as eqx
@@ -255,7 +254,7 @@ def _search_under(
 
 
 def _held(rotor: AnyRotor) -> AnyRotor:
-    """This rotor with hairs of springs where hinges are free, so that K at rest is definite."""
+    """The rotor with hairs of springs where hinges are free, so that K at rest is definite."""
     if not isinstance(rotor, Rotor) or rotor.root_springs is None:
         return rotor
     beam = rotor.beam.mean

@@ -14,8 +14,7 @@ straight beam stretched as in steady rotation. With momenta p = M q' + G q / 2 i
 but for D. Exponentials of its matrices and their commutators are then symplectic, so multipliers
 of undamped beams come in pairs mu, 1 / mu to rounding, whatever the steps are.
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 from typing import Any, NamedTuple

@@ -194,7 +194,10 @@ class Table:
                 writer.writerows(zip(*(c(lines).tolist() for c in columns.values()), strict=True))
 
     def to_xarray(self) -> Any:
-        """This table as an `xarray.Dataset`; needs the package xarray."""
+        """The table as an `xarray.Dataset`.
+
+        Raises `ImportError` without the package xarray.
+        """
         try:
             import xarray
         except ImportError as error:

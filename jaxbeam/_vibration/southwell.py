@@ -1,7 +1,6 @@
 """Southwell coefficients: how fast modes stiffen with speed.
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 from collections.abc import Sequence

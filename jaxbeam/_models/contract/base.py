@@ -280,7 +280,9 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     ) -> LinearSystem:
         """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
 
-        `throw=False` leaves failures in `LinearSystem.status` instead of raising.
+        `rotor` is one that the model takes; `throw=False` leaves failures in `LinearSystem.status`.
+
+        Raises as `jaxbeam.modes` does.
         """
         system = _linearised(*checked_case(self, rotor, angular_speed))
         return raise_unless_ok(system, system.status) if throw else system

@@ -9,10 +9,7 @@ moments int f_a dm and int X f_a dm, X = R + x: with W = w~ w~ + w~' (w~ b = ome
 where [B] G has the entries B_cd G_ab, a moving in direction c and b in d. These are Y eqs. 18-20,
 and B eq. 53 with any motion of the hub. Tables are NumPy, computed once for a unit beam.
 
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+Y and B are the papers of `_models/contract/__init__.py`.
 """
 
 from collections.abc import Callable
