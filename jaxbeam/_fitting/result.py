@@ -102,8 +102,10 @@ class Fit(eqx.Module):
     @property
     @per_case
     def partial(self) -> "Fit":
-        """The fit with the best parameters found, whatever its status, and how sure they are:
-        where the data cannot tell, with infinite deviations."""
+        """The fit with the best parameters found, whatever its status, and how sure they are.
+
+        Where the data cannot tell, deviations are infinite.
+        """
         standard_deviation, covariance = spread(
             self.certainty, self.combinations, self.parameter_scale, self.scale
         )

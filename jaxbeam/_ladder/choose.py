@@ -60,10 +60,13 @@ def evaluate(
 ) -> Answer:
     """What one model says: `Question.answer`, compiled.
 
-    `accuracy` is that of numerical integration, relative, where the largest deflection is `size`
-    times the length. Raises `ValueError` or `TypeError` for parameters out of range and
-    `RuntimeError` where the model has no answer; with `throw=False` failures of a model are left in
-    `Answer.status`, and the numbers are then NaN.
+    `model` and `rotor` are those of `modes`, `question` is a `Question`; `accuracy` > 0 is that of
+    numerical integration, relative, where the largest deflection is `size` > 0 times the length.
+    Returns an `Answer`. With `throw=False` failures of a model are left in `Answer.status`, and
+    the numbers are then NaN.
+
+    Raises `ValueError` or `TypeError` for a malformed argument or parameters out of range, and
+    `RuntimeError` where the model has no answer.
     """
     question = checked_question(question)
     model, rotor, _ = checked_case(model, rotor)
@@ -96,6 +99,9 @@ def checked_tolerance(tolerance: float) -> float:
 def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> Choice:
     """The cheapest model that answers a question about a rotor to a relative `tolerance`.
 
+    `rotor` is a `Rotor`, `question` a `Question`, `tolerance` from 1e-8 to below 1. Returns a
+    `jaxbeam.ladder.Choice`.
+
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
     a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
     do. Then elements are refined, from four on, until the last two differ by less than the
@@ -115,9 +121,11 @@ def choose_model(rotor: Rotor, question: Question, tolerance: float = 1e-3) -> C
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
     model is compiled once for all questions of a kind, side by side on the cores there are. For
-    many cases use `ladder_sweep`. Raises `ValueError` or `TypeError` for a malformed argument or
-    parameters out of range, or where elements in space alone could answer and the beam has no
-    `torsional_stiffness`; `RuntimeError` where no model gives an answer.
+    many cases use `ladder_sweep`.
+
+    Raises `ValueError` or `TypeError` for a malformed argument or parameters out of range, or where
+    elements in space alone could answer and the beam has no `torsional_stiffness`; `RuntimeError`
+    where no model gives an answer.
     """
     checked_question(question)
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)

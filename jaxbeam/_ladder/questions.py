@@ -209,9 +209,12 @@ class _AtPoint(_InTime):
 
 
 class DeflectionHistory(_AtPoint):
-    """Displacement of a point at `times` (s), in the hub frame, in m; errors over its largest.
+    """Displacement of a point over time, in the hub frame, in m; errors over its largest.
 
-    `component` 0, 1, 2: axial, in plane, flap; the point is x = xi L.
+    `motion`, `times` (T,) in s, `loads`, `damping` and `max_steps` are those of `simulate`;
+    `component` 0, 1, 2 is axial, in plane, flap, and the point is x = `xi` L, xi from 0 to 1.
+
+    Raises `ValueError` or `TypeError` for a malformed argument.
     """
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
@@ -219,19 +222,26 @@ class DeflectionHistory(_AtPoint):
 
 
 class PeakDeflection(_AtPoint):
-    """The largest displacement of a point either way (`Simulation.peak`, m), shape (1,), without
-    sign: a free vibration goes as far one way as the other. Arguments as in `DeflectionHistory`."""
+    """The largest displacement of a point either way (`Simulation.peak`, m), shape (1,).
+
+    Without sign: a free vibration goes as far one way as the other. `motion`, `times`, `component`,
+    `xi`, `loads`, `damping` and `max_steps` are those of `DeflectionHistory`.
+
+    Raises `ValueError` or `TypeError` for a malformed argument.
+    """
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
         return jnp.abs(run.peak(self.component, self.xi)[0])[None]
 
 
 class RootStrain(_InTime):
-    """Axial strain at the root, at `times` (s); errors over its largest.
+    """Axial strain at the root, at `times` (T,) in s; errors over its largest.
 
     The force of the hub along the undeformed beam over EA. Of models without stretch that is the
     quasi-static strain; of elements it converges as deflections do, which their strain at a point
-    does not.
+    does not. `motion`, `loads`, `damping` and `max_steps` are those of `simulate`.
+
+    Raises `ValueError` or `TypeError` for a malformed argument.
     """
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
@@ -247,9 +257,15 @@ class RootStrain(_InTime):
 
 
 class ModalFrequencies(Question):
-    """Frequencies of bending and torsion in steady rotation at `angular_speed` (rad/s), in rad/s,
-    by label; errors over each of them. About a state that `loads` deform (see `modes`) only
-    elements in space are asked."""
+    """Frequencies of bending and torsion in steady rotation, in rad/s, by label.
+
+    `angular_speed` is in rad/s, either sign; `which` are labels (`labels`) of bending or torsion,
+    of numbers up to 8. Errors are over each of the frequencies. About a state that `loads` deform
+    (see `modes`) only elements in space are asked.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` for loads that
+    change in time.
+    """
 
     order: ClassVar[int] = 4
     angular_speed: Scalar

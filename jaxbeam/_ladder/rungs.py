@@ -32,7 +32,7 @@ SPACE = 2.0
 
 
 class Rung(NamedTuple):
-    """A model, and what it is expected to cost, over the cheapest of the ladder."""
+    """A `model`, and what it is expected to cost, `cost`, over the cheapest of the ladder."""
 
     model: AbstractModel
     cost: float
@@ -136,7 +136,11 @@ def rungs(rotor: Rotor, question: Question) -> list[Rung]:
     In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
     being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; elements, those
     in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion and
-    loads stay in it; and only models that bear what there is. Raises `ValueError` where none does.
+    loads stay in it; and only models that bear what there is. `rotor` is a `Rotor`, `question` a
+    `Question`; returns a list of `Rung`.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` where no model
+    bears what there is.
     """
     checked_question(question)
     rotor = checked_rotor(Rotor, rotor)
@@ -181,19 +185,19 @@ def _cost(question: Question, model: AbstractModel) -> float:
 class Indicators(eqx.Module):
     """What is known of a question before it is answered.
 
-    | field            | shape |                                                                |
-    |------------------|-------|----------------------------------------------------------------|
-    | stiffening_ratio | ()    | motion-induced over elastic stiffness at the largest speed     |
-    | steady_strain    | ()    | P(0) / EA at the largest speed                                 |
-    | size             | ()    | largest deflection of the tip over the length, linear theory   |
-    |                  |       | (where none bears what is asked, the coarsest elements)        |
-    | slope            | ()    | largest slope there, of the same                               |
-    | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
-    | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
-    | stoutness        | (2,6) | share of each frequency, in plane and in flap (if that takes   |
-    |                  |       | part), that shear and rotary inertia, which no rung has, would |
-    |                  |       | take off: an estimate for solid metal. Of turned sections off  |
-    |                  |       | the lowest frequencies                                         |
+    | field                | shape |                                                              |
+    |----------------------|-------|--------------------------------------------------------------|
+    | stiffening_ratio     | ()    | motion-induced over elastic stiffness at the largest speed   |
+    | steady_strain        | ()    | P(0) / EA at the largest speed                               |
+    | size                 | ()    | largest deflection of the tip over the length, linear theory |
+    |                      |       | (where none bears what is asked, the coarsest elements)      |
+    | slope                | ()    | largest slope there, of the same                             |
+    | rest_frequency       | (6,)  | of the first bending modes in plane, rad/s                   |
+    | excited              | (6,)  | how much each takes part in what the hub's rotation excites  |
+    | timoshenko_reduction | (2,6) | share of each frequency, in plane and in flap (if that takes |
+    |                      |       | part), that shear and rotary inertia, which no rung has,     |
+    |                      |       | would take off: an estimate for solid metal. Of turned       |
+    |                      |       | sections off the lowest frequencies                          |
     """
 
     stiffening_ratio: Scalar

@@ -76,7 +76,7 @@ def ladder_sweep(
 
     `situation(**parameters)` returns a `Rotor` and a `Question`; like a function given to `sweep`
     it is written for one case and sees the parameters of `cases` as scalars. All questions must be
-    of one kind, and of equally many times.
+    of one kind, and of equally many times. `tolerance` is relative, from 1e-8 to below 1.
 
     A linear theory in bending looks at every case (or, where none bears what is asked, the coarsest
     elements in space do). Of those in the plane, and of those in space, `representatives` that
@@ -103,6 +103,7 @@ def ladder_sweep(
     `chunk`, `devices` and `progress` are those of `sweep`. Each model is compiled once, side by
     side on the cores there are; where `cases` are few that takes longer than all else, so the
     cheapest rungs of both kinds are left out, and others until they are needed.
+
     Raises `ValueError` or `TypeError` as `choose_model` does, but for what is wrong with a case.
     """
     if not callable(situation):

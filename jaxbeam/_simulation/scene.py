@@ -29,6 +29,8 @@ Inputs = tuple[Hub, Any, SpanForce | None]
 class Scene(SecondOrderSystem):
     """A model of one rotor, its motion, loads and damping: what diffrax gets as `args`.
 
+    `model`, `rotor`, `motion`, `loads`, `damping` and `times` are those of `simulate`, in range.
+
     The balance that is kept along the way is that of the energy relative to the hub,
     h = q'.dT/dq' - T + U: the Jacobi integral, constant while the hub turns steadily. It changes by
 

@@ -115,17 +115,19 @@ def stable_step(
     """Largest fixed step with which small motion about steady rotation at `angular_speed` (rad/s)
     does not grow by more than the factor `growth` in `steps` steps.
 
+    `model` and `rotor` are those of `modes`, `solver` any of diffrax that takes one step at a time;
+    `steps` is an int >= 1, `growth` > 1.
+
     It is the smallest z with amplification(solver, z)^steps > growth, over the highest frequency of
     the model: of all modes that one is the first to grow. An allowance for growth is needed because
     many methods (Euler, Heun, and some of high order) grow at any step, those of low order too fast
     to be of use, others so slowly that nobody sees it; where a method is truly stable up to some
     step, the allowance changes little. A longer run wants more `steps`. Without damping; adaptive
     explicit methods end up near this step however slow the motion. z is a number of the method:
-    derivatives are those of the frequency.
+    derivatives are those of the frequency. With `throw=False` failures are in `StableStep.status`:
+    those of `modes`, and `NO_EQUILIBRIUM` where the model itself has a mode that grows.
 
-    Raises `ValueError` or `TypeError` for a malformed argument, and what `modes` raises. With
-    `throw=False` failures are in `status`: those of `modes`, and `NO_EQUILIBRIUM` where the model
-    itself has a mode that grows.
+    Raises `ValueError` or `TypeError` for a malformed argument, and what `modes` raises.
     """
     solver = _checked(solver)
     count_functions("steps", steps, 1)

@@ -30,10 +30,14 @@ def steady_start(
 ) -> State:
     """The state in which the beam rests in the hub if the hub went on as it moves at time t.
 
-    Rates of the hub's velocities are left out. Displacements of a state are
-    `model.equations(rotor).displacement(state.q, xi)`, xi an array. Raises `RuntimeError` where
-    no such state is found; with `throw=False` its coordinates are then NaN, which `simulate`
-    reports. An equilibrium need not be stable: ask `modes`.
+    `model`, `rotor`, `motion` and `loads` are those of `simulate`, `t` in s. Rates of the hub's
+    velocities are left out. Returns a `State` without rates; displacements of it are
+    `model.equations(rotor).displacement(state.q, xi)`, xi an array. An equilibrium need not be
+    stable: ask `modes`. With `throw=False` coordinates of a state that is not found are NaN, which
+    `simulate` reports.
+
+    Raises `ValueError` or `TypeError` for what is malformed or out of range, and `RuntimeError`
+    where no such state is found.
     """
     model, rotor, _ = checked_case(model, rotor)
     t = real_scalar("t", t)

@@ -82,11 +82,12 @@ def critical_speed(
 ) -> CriticalSpeed:
     """Smallest speed at which steady rotation loses its stability (rad/s): K(Omega) is singular.
 
-    Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`)
-    this is one eigenproblem, K_0 x = -Omega^2 K_1 x. Else K, at the steady state of each speed, is
-    looked at from half the first rest frequency up to the speed at which a rod of constant axial
-    stiffness tears, and the speed at which its lowest eigenvalue changes sign is found to rounding.
-    It is also the root of the scalar f of the bordered system
+    `model`, `rotor` and `loads` are those of `modes`. Where K is affine in Omega^2 (`Hybrid`,
+    `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`) this is one eigenproblem, K_0 x = -Omega^2
+    K_1 x. Else K, at the steady state of each speed, is looked at from half the first rest
+    frequency up to the speed at which a rod of constant axial stiffness tears, and the speed at
+    which its lowest eigenvalue changes sign is found to rounding. It is also the root of the scalar
+    f of the bordered system
 
         [[K, b], [b^T, 0]] (x, f) = (0, 1),
 
@@ -107,7 +108,9 @@ def critical_speed(
     is `BUCKLED`.
 
     `throw=False` returns failures in `CriticalSpeed.status`, and NaN (derivatives: as in `modes`;
-    those of an infinite speed are zero). Errors as in `modes`.
+    those of an infinite speed are zero).
+
+    Raises as `modes` does, and `ValueError` for loads without a potential.
     """
     model, rotor, zero = checked_case(model, rotor)
     conditions = checked_conditions(loads, NO_DAMPING)

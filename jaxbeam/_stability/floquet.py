@@ -79,9 +79,10 @@ def floquet(
     steps: int = 64,
     throw: bool = True,
 ) -> Floquet:
-    """Floquet multipliers of small motions while the speed varies with `period` (s).
+    """Floquet multipliers of small motions while the speed varies with `period` (s, > 0).
 
-    `motion` turns about the axis a3 with a speed of that period; a `ModulatedSpeed` states its own.
+    `model` and `rotor` are those of `modes`, `motion` turns about the axis a3 with a speed of that
+    period (a `ModulatedSpeed` states its own), `damping` is a `Damping`, `steps` an int >= 1.
     The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
     order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping;
     double `steps` to see what is left. Many functions need many steps, for a mode that nobody asks
@@ -90,8 +91,10 @@ def floquet(
 
     `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
     of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
-    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`). Otherwise failures are
-    raised, with malformed arguments, as by `modes`.
+    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`).
+
+    Raises as `modes` does, `TypeError` for a motion that does not turn about a fixed axis or whose
+    period is not given, and `ValueError` for a coned beam.
     """
     model, rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
     count_functions("steps", steps, least=1)

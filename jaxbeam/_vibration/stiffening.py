@@ -32,19 +32,21 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real) -> Scalar:
 
         ratio = int P(x) phi'^2 dx / int EI_zz phi''^2 dx,
 
-    P(x) the tension that carries the rigid motion at `angular_speed` (rad/s; `Rotor.tension`, N),
-    phi the first bending mode of the beam at rest with its tip mass. These are the terms that Y
-    eq. 19 has and the classical theory (`Classical`) has not; Y, below eq. 20 and on Fig. 6: that
-    theory may be used while they are small beside the elastic ones, however small the deflection.
-    The ratio is Omega^2 times an affine function of the hub radius, and does not depend on the
-    axial stiffness. By Rayleigh
+    P(x) the tension that carries the rigid motion of `rotor` (a `Rotor`) at `angular_speed` (rad/s;
+    `Rotor.tension`, N), phi the first bending mode of the beam at rest with its tip mass. These are
+    the terms that Y eq. 19 has and the classical theory (`Classical`) has not; Y, below eq. 20 and
+    on Fig. 6: that theory may be used while they are small beside the elastic ones, however small
+    the deflection. The ratio is Omega^2 times an affine function of the hub radius, and does not
+    depend on the axial stiffness. By Rayleigh
 
         omega^2 = omega_0^2 (1 + ratio) - Omega^2  (`Hybrid`),  omega_0^2 - Omega^2  (`Classical`):
 
     the classical frequency is too low by ratio / 2, relative, while that is small: by 1 % at 0.02.
 
-    Derivatives of any order, those by what changes phi included. Raises `ValueError` or
-    `TypeError` for a malformed argument or a parameter out of range; NaN where a traced one is.
+    Returns a scalar, with derivatives of any order, those by what changes phi included.
+
+    Raises `ValueError` or `TypeError` for a malformed argument or a parameter out of range; NaN
+    where a traced one is.
     """
     return _ratio(checked_rotor(Rotor, rotor), checked_speed(angular_speed))
 

@@ -128,7 +128,7 @@ class SpatialElement(Strained):
         return spatial_rule(self.n_elements) if self.part is None else self.part
 
     def strains(self, e: Local) -> tuple[Array, Array]:
-        """Strains: eps at the points of stretch, and (k_1, k_v, k_w) at the Gauss points, (3, g)."""
+        """Strain eps at the points of stretch, and (k_1, k_v, k_w) at Gauss points, (3, g)."""
         strain = elongation(matvec(self.rule.strained, gradients(e)))
         return strain, self._moments(self._at(deformation(e, self.n_elements)))[0]
 
