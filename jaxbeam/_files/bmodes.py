@@ -67,12 +67,13 @@ def read_bmodes(
 ) -> BladeTable:
     """A beam from a section file of BModes, or from a main file (`.bmi`), which names one.
 
-    A section file has a title, n_secs, a line of titles, a line of units and n_secs rows of the
-    thirteen columns sec_loc (x / L), str_tw, tw_iner (deg), mass_den (kg/m), flp_iner, edge_iner
-    (kg m), flp_stff, edge_stff, tor_stff (N m^2), axial_stff (N), cg_offst, sc_offst, tc_offst (m),
-    known by their order, as in BModes; other units are converted. What follows are notes. It needs
-    `length`, in m. `axial_stiffness`, in N, takes the place of axial_stff. Where they are positive
-    everywhere tor_stff is the torsional stiffness, and flp_iner + edge_iner the polar inertia.
+    `path` is that of the file. A section file has a title, n_secs, a line of titles, a line of
+    units and n_secs rows of the thirteen columns sec_loc (x / L), str_tw, tw_iner (deg), mass_den
+    (kg/m), flp_iner, edge_iner (kg m), flp_stff, edge_stff, tor_stff (N m^2), axial_stff (N),
+    cg_offst, sc_offst, tc_offst (m), known by their order, as in BModes; other units are converted.
+    What follows are notes. It needs `length`, in m. `axial_stiffness`, in N, takes the place of
+    axial_stff. Where they are positive everywhere tor_stff is the torsional stiffness, and flp_iner
+    + edge_iner the polar inertia.
 
     A main file is read line by line, as BModes of version 3.00 or 1.03 does, or, if lines are
     missing, by the names behind the values. Its length is radius - hub_rad; its factors are
@@ -89,7 +90,8 @@ def read_bmodes(
 
     Source: G. Bir, User's Guide to BModes, NREL/TP-500-39133, 2005, and the program itself.
 
-    Raises `ValueError`, which names file, line and column of the first mistake.
+    Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
+    the file cannot be read.
     """
     path = Path(path)
     lines = read_lines(path)
