@@ -54,9 +54,10 @@ def definitions(module: str) -> dict[str, Found]:
             found[node.name] = Found(module, node)
         elif isinstance(node, ast.ImportFrom) and node.module.startswith("jaxbeam."):
             other = node.module.removeprefix("jaxbeam.")
-            for each in node.names if other in MODULES else []:
-                inside = [n for n in tree(other).body if getattr(n, "name", None) == each.name]
-                found |= {each.name: Found(other, n) for n in inside if isinstance(n, Documented)}
+            theirs = tree(other).body if other in MODULES else []
+            wanted = {each.name for each in node.names}
+            every = [n for n in theirs if isinstance(n, Documented) and n.name in wanted]
+            found |= {n.name: Found(other, n) for n in every}
     return found
 
 
@@ -64,7 +65,8 @@ def definitions(module: str) -> dict[str, Found]:
 def public() -> dict[str, Found]:
     """What users call, by the name by which they do."""
     found = {}
-    for room, name in re.findall(r"from jaxbeam\.(\S+) import (\w+) as", inspect.getsource(jaxbeam)):
+    everyday = inspect.getsource(jaxbeam)
+    for room, name in re.findall(r"from jaxbeam\.(\S+) import (\w+) as", everyday):
         found[name] = definitions(room)[name]
     for subject in SUBJECTS:
         found |= definitions(subject)

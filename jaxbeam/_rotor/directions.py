@@ -31,8 +31,7 @@ def naming(directions: Iterable[Direction]) -> Direction:
 
 
 class Label(NamedTuple):
-    """Name of a mode: its `direction` (`Direction`), and its `number` within that, an int from 1.
-    """
+    """Name of a mode: its `direction` (`Direction`), and its `number` within that, from 1."""
 
     direction: Direction
     number: int
