@@ -46,9 +46,9 @@ class BladeTable(NamedTuple):
     tip_body: TipBody | None = None  # None: a point
 
     def rotor(self, **instead: Any) -> Rotor:
-        """The rotor that the file tells of, with whatever arguments of `Rotor` are given instead.
+        """The rotor that the file tells of, with other arguments of `Rotor` given by name.
 
-        `table.rotor(hub_radius=1.5, root_springs=RootSprings(flap=1e9))`.
+        `**instead` are these: `table.rotor(hub_radius=1.5, root_springs=RootSprings(flap=1e9))`.
         """
         names = ("beam", "hub_radius", "tip_mass", "pitch", "tip_body", "precone")
         told = {name: getattr(self, name) for name in names if getattr(self, name) is not None}

@@ -55,8 +55,12 @@ class Answer(eqx.Module):
     constitutive_uncertainty: Real = 0.0
 
     def distance(self, reference: "Answer") -> np.ndarray:
-        """Largest difference from a better answer, relative; infinite where one has failed. Of
-        answers in a batch one by one."""
+        """Largest difference from the `reference`, a better answer, over `scale`.
+
+        Infinite where one has failed.
+
+        Of answers in a batch one by one.
+        """
         apart = np.abs(np.asarray(self.value) - np.asarray(reference.value))
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(apart == 0, 0.0, apart / np.asarray(reference.scale))
@@ -73,8 +77,11 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
-        """By this model, with numerical errors of the size of `accuracy` where the largest
-        deflection is `size` times the length."""
+        """What `model` answers of `rotor`, as an `Answer`.
+
+        Numerical errors are of the size of `accuracy`, relative, where the largest deflection is
+        `size` times the length.
+        """
 
     @abc.abstractmethod
     def speed(self) -> Scalar:
@@ -82,7 +89,7 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def planar(self, rotor: Rotor) -> Array:
-        """Whether motion, loads and answer stay in the plane of rotation."""
+        """Whether motion, loads and answer stay in the plane of rotation of `rotor`."""
 
     @property
     def space_alone(self) -> str:
@@ -96,8 +103,10 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
-        """A-priori: how much bending modes of these frequencies at rest take part, of what a first
-        one could at most."""
+        """How much bending modes take part, of what a first one could at most: known beforehand.
+
+        `omega` (f,) are their frequencies at rest, in rad/s.
+        """
 
 
 class _InTime(Question):

@@ -112,7 +112,10 @@ class Modes(eqx.Module):
     def twist(
         self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
     ) -> Complex[Array, "... k p"]:
-        """L times the angle of twist, as in `displacement`: zero but in `SpatialANCF`."""
+        """L times the angle of twist at `xi` of the `rotor`: zero but in `SpatialANCF`.
+
+        `tip`, units and batches are as in `displacement`.
+        """
         return _twist(self, rotor, np.atleast_1d(concrete_array("xi", xi)), tip)
 
     def polynomials(self, rotor: AnyRotor) -> ShapePolynomials:

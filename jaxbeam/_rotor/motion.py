@@ -58,17 +58,20 @@ class Motion(eqx.Module):
 
     @abc.abstractmethod
     def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
-        """Velocity and angular velocity of the hub in the hub frame at time t (s)."""
+        """Velocity (m/s) and angular velocity (rad/s) of the hub, in its frame, at time `t` (s)."""
 
     def attitude(self, t: Scalar) -> Rotation:
-        """Columns: hub axes in inertial components. Only gravity asks for it."""
+        """Columns: hub axes in inertial components at time `t` (s). Only gravity asks for it.
+
+        Raises `ValueError` unless a motion states it.
+        """
         raise ValueError(
             f"gravity needs the attitude of the hub, which {type(self).__name__} does not state; "
             "use HubPose, or one of the motions about a fixed axis"
         )
 
     def valid(self, t: Scalar) -> Array:
-        """Whether the motion makes sense at time t, beside being finite."""
+        """Whether the motion makes sense at time `t` (s), beside being finite."""
         return jnp.asarray(True)
 
     def change_times(self) -> Times:
@@ -107,10 +110,10 @@ class Spin(Motion):
 
     @abc.abstractmethod
     def angle(self, t: Scalar) -> Scalar:
-        """Angle turned since t = 0, in rad."""
+        """Angle turned from time 0 to `t` (s), in rad."""
 
     def angular_speed(self, t: Scalar) -> Scalar:
-        """Rate of the angle, in rad/s."""
+        """Rate of the angle at time `t` (s), in rad/s."""
         return jax.jvp(self.angle, (t,), (jnp.ones_like(t),))[1]
 
     def velocities(self, t: Scalar) -> tuple[Triple, Triple]:

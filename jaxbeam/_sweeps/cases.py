@@ -47,7 +47,7 @@ class Cases:
         ]
 
     def at(self, index: np.ndarray) -> dict[str, np.ndarray]:
-        """Values of the parameters in these cases, by number."""
+        """Values of the parameters, by name, in the cases of these numbers, `index`."""
         if self.of_list is not None:
             return {name: column[index] for name, column in self.of_list.items()}
         places = np.unravel_index(index, [len(axis) for axis in self.axes.values()])

@@ -264,7 +264,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
     @abc.abstractmethod
     def equations(self, rotor: TheRotor) -> Equations:
-        """Equations of motion of a rotor whose parameters are in range."""
+        """Equations of motion of a `rotor` whose parameters are in range."""
 
     @abc.abstractmethod
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: TheRotor) -> Float[Array, "3 p n"]:
