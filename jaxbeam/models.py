@@ -1,7 +1,8 @@
 """Theories of a rotating beam beyond the everyday ones, their parts, and what a model is.
 
 The everyday ones are in `jaxbeam` itself: `Hybrid`, `Classical`, `VonKarman`, `ANCF`,
-`ExactRodANCF`, `GreenANCF`. A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`.
+`ExactRodANCF`, `GreenANCF`. A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`. The
+papers that docstrings call Y and B are cited in `_models/contract/__init__.py`.
 """
 
 from jaxbeam._models.ancf.theories import ChordANCF as ChordANCF

@@ -58,7 +58,7 @@ def evaluate(
     *,
     throw: bool = True,
 ) -> Answer:
-    """What one model says: `Question.answer`, compiled.
+    """What one model answers to a question about a rotor: `Question.answer`, compiled.
 
     `model` and `rotor` are those of `modes`, `question` is a `Question`; `accuracy` > 0 is that of
     numerical integration, relative, where the largest deflection is `size` > 0 times the length.

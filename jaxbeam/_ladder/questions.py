@@ -31,7 +31,7 @@ from jaxbeam._types import Real, Scalar, Vector
 
 
 class Answer(eqx.Module):
-    """What one model says.
+    """What one model answers to a question.
 
     `value` (m,) and what its errors are relative to, `scale` (m,); `size`, the largest deflection
     of the tip on the way over the length; `slope`, the largest at the tip; `steps` in time;
@@ -55,11 +55,9 @@ class Answer(eqx.Module):
     constitutive_uncertainty: Real = 0.0
 
     def distance(self, reference: "Answer") -> np.ndarray:
-        """Largest difference from the `reference`, a better answer, over `scale`.
+        """Largest difference from the `reference`, a better answer, over the scale of that.
 
-        Infinite where one has failed.
-
-        Of answers in a batch one by one.
+        Infinite where one has failed; of answers in a batch one by one.
         """
         apart = np.abs(np.asarray(self.value) - np.asarray(reference.value))
         with np.errstate(divide="ignore", invalid="ignore"):

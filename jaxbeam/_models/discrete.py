@@ -269,7 +269,8 @@ def _polar(rotor: SpringRotor, q: Vector) -> tuple[Scalar, Scalar]:
 
 
 class DiscreteNC(_Discrete):
-    """Exact in x, y: U = k_T (|r| - L)^2 / 2 + k_r atan(y / (L + x))^2 / 2."""
+    """The discrete analogue, exact in x, y: U = k_T (|r| - L)^2 / 2 + k_r atan(y / (L + x))^2 /
+    2."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -277,7 +278,8 @@ class DiscreteNC(_Discrete):
 
 
 class DiscreteLC(_Discrete):
-    """Linear in x, y: unstable above Omega = sqrt(k_r / m) / L, whatever d is."""
+    """The discrete analogue, linear in x, y: unstable above Omega = sqrt(k_r / m) / L, whatever d
+    is."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -285,7 +287,8 @@ class DiscreteLC(_Discrete):
 
 
 class DiscreteNS(_Discrete):
-    """Stretch x + y^2 / (2 L): U = k_T (x + y^2 / (2 L))^2 / 2 + k_r (y / L)^2 / 2."""
+    """The discrete analogue with stretch x + y^2 / (2 L): U = k_T (x + y^2 / (2 L))^2 / 2 + k_r (y
+    / L)^2 / 2."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -293,7 +296,7 @@ class DiscreteNS(_Discrete):
 
 
 class DiscreteNP(_Discrete):
-    """Exact in s, theta; the same motion as `DiscreteNC`."""
+    """The discrete analogue, exact in s, theta; the same motion as `DiscreteNC`."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates s, in m, and theta, in rad."""
@@ -301,7 +304,7 @@ class DiscreteNP(_Discrete):
 
 
 class DiscreteLP(_Discrete):
-    """Linear in s, theta: stiffens with speed as it must."""
+    """The discrete analogue, linear in s, theta: stiffens with speed as it must."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates s, in m, and theta, in rad."""

@@ -112,11 +112,10 @@ def stable_step(
     growth: Real = 100.0,
     throw: bool = True,
 ) -> StableStep:
-    """Largest fixed step with which small motion about steady rotation at `angular_speed` (rad/s)
-    does not grow by more than the factor `growth` in `steps` steps.
+    """Largest fixed step of a solver with which small motion about steady rotation does not grow.
 
-    `model` and `rotor` are those of `modes`, `solver` any of diffrax that takes one step at a time;
-    `steps` is an int >= 1, `growth` > 1.
+    That is, at `angular_speed` (rad/s), by more than the factor `growth` (> 1) in `steps` (an int
+    >= 1) steps. `model` and `rotor` are those of `modes`, `solver` is any one-step one of diffrax.
 
     It is the smallest z with amplification(solver, z)^steps > growth, over the highest frequency of
     the model: of all modes that one is the first to grow. An allowance for growth is needed because

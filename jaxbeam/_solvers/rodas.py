@@ -234,12 +234,18 @@ class Rosenbrock(SecondOrderSolver):
 
 
 class Rodas4P(Rosenbrock):
-    """Order 4 with an embedded order 3, six stages; dense output of order 3."""
+    """Rosenbrock method of order 4 with an embedded one of order 3: six stages.
+
+    Dense output is of order 3. G. Steinebach, TH Darmstadt preprint 1741, 1995.
+    """
 
     tableau = _RODAS4P
 
 
 class Rodas5P(Rosenbrock):
-    """Order 5 with an embedded order 4, eight stages; dense output of order 4."""
+    """Rosenbrock method of order 5 with an embedded one of order 4: eight stages.
+
+    Dense output is of order 4. G. Steinebach, BIT 63:27, 2023.
+    """
 
     tableau = _RODAS5P

@@ -173,7 +173,7 @@ class _Nodal(_ANCF):
 
 
 class GreenANCF(_Nodal):
-    """Continuum element with an energy: Green strain, U = int EA eps^2 + EI r''.r'' dx / 2.
+    """Finite elements with an energy of Green strain, U = int EA eps^2 + EI r''.r'' dx / 2.
 
     It hardens with strain, axially and, since r''.r'' = (phi' |r'|)^2 + |r'|'^2 with phi the angle
     of the tangent, in bending; its limit is not that of `ExactRodANCF`, see there.
@@ -187,7 +187,9 @@ class GreenANCF(_Nodal):
 
 
 class ExactRodANCF(_Nodal):
-    """The shear-free rod of Reissner, geometrically exact: engineering strain |r'| - 1, and
+    """Finite elements of the shear-free rod of Reissner, geometrically exact, in a plane.
+
+    Their axial strain is the engineering strain |r'| - 1, and
 
         U = int EA (|r'| - 1)^2 + EI phi'^2 dx / 2,   phi' = (r' x r'') / r'.r',
 
@@ -287,7 +289,7 @@ def axial_bending(model: _ANCF, rotor: Rotor) -> Matrix:
 
 
 class ANCF(_Nodal):
-    """Model A of B: axial strain interpolated along the element from B eq. A-3.
+    """Model A of Berzeri and Shabana (B): axial strain interpolated along the element (B eq. A-3).
 
     Not conservative, see `Equations.nonconservative_force`.
 
