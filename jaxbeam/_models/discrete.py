@@ -269,8 +269,10 @@ def _polar(rotor: SpringRotor, q: Vector) -> tuple[Scalar, Scalar]:
 
 
 class DiscreteNC(_Discrete):
-    """The discrete analogue, exact in x, y: U = k_T (|r| - L)^2 / 2 + k_r atan(y / (L + x))^2 /
-    2."""
+    """The discrete analogue, exact in x, y.
+
+    U = k_T (|r| - L)^2 / 2 + k_r atan(y / (L + x))^2 / 2.
+    """
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -278,8 +280,10 @@ class DiscreteNC(_Discrete):
 
 
 class DiscreteLC(_Discrete):
-    """The discrete analogue, linear in x, y: unstable above Omega = sqrt(k_r / m) / L, whatever d
-    is."""
+    """The discrete analogue, linear in x, y.
+
+    Unstable above Omega = sqrt(k_r / m) / L, whatever d is.
+    """
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -287,8 +291,10 @@ class DiscreteLC(_Discrete):
 
 
 class DiscreteNS(_Discrete):
-    """The discrete analogue with stretch x + y^2 / (2 L): U = k_T (x + y^2 / (2 L))^2 / 2 + k_r (y
-    / L)^2 / 2."""
+    """The discrete analogue with the stretch x + y^2 / (2 L).
+
+    U = k_T (x + y^2 / (2 L))^2 / 2 + k_r (y / L)^2 / 2.
+    """
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
