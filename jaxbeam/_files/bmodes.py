@@ -163,7 +163,8 @@ def is_section_file(lines: Sequence[str]) -> bool:
 
 
 def _said(lines: Sequence[str]) -> Said:
-    """By line, or else by name; names of older versions are those of newer ones."""
+    """What a main file says, by line or else by name; names of older versions are those of newer
+    ones."""
     if said := _by_line(lines):
         return said
     by_name: Said = {}
@@ -225,7 +226,7 @@ def _sections(
     axial_stiffness: Real | AbstractSpanwise | None,
     factors: dict[str, float],
 ) -> BladeTable:
-    """From a section file; with factors of properties."""
+    """The blade of a section file, its properties times factors."""
     first = next((i for i in range(1, len(lines)) if lines[i].strip()), None)
     if first is None:
         raise ValueError(f"{path}: no n_secs, titles and units after the first line")

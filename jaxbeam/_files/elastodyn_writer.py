@@ -145,7 +145,7 @@ def _stations(value: Any) -> Any:
 
 
 def _values(value: Any, at: np.ndarray, side: int) -> np.ndarray:
-    """At places, or just before (-1) or behind (1) where it jumps there."""
+    """Values of a property at places, or just before (-1) or behind (1) where it jumps there."""
     if isinstance(value, Spanwise):
         places, values = np.asarray(value.stations), np.asarray(value.values)
         first = np.searchsorted(places, at, side="left")

@@ -345,7 +345,7 @@ def _alike(a: Experiment, b: Experiment) -> bool:
 def _frequencies(
     model: AbstractModel, rotor: Rotor, speeds: Float[Array, " S"], wanted: Wanted
 ) -> Float[Array, "S k"]:
-    """At each speed, NaN where the case failed."""
+    """Frequencies at each speed, NaN where the case failed."""
     return jax.vmap(lambda w: find(model, rotor, w, wanted).frequency)(speeds)
 
 

@@ -216,7 +216,7 @@ class Fit(eqx.Module):
 
     @per_case
     def excess(self) -> Scalar:
-        """By how many of its standard deviations the misfit is above 1."""
+        """The misfit less 1, over its standard deviation."""
         return excess_of(jnp, self.reduced_chi_squared, self.degrees_of_freedom)
 
 

@@ -340,7 +340,8 @@ class _Trial:
 
 
 def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung:
-    """Where none is good enough: the least estimate, else the richest that has an answer."""
+    """The rung to take where none is good enough: the least estimate, else the richest that has an
+    answer."""
     answers = [e for e in evidence if np.isfinite(e.estimate)]
     if answers:
         return min(answers, key=lambda e: e.estimate).rung

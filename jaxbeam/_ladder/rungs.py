@@ -119,8 +119,9 @@ def _at_nodes(places: tuple[float, ...], n_elements: int) -> bool:
 
 
 def _modal(theory: type[Any], n: int, rotor: Rotor, planar: bool, stretch: int = 0) -> Any:
-    """With n functions across, each way, and one more where the root yields. Those of von Karman's
-    u1 follow u2'^2."""
+    """A modal model with n functions across, each way, and one more where the root yields.
+
+    Functions of von Karman's u1 follow u2'^2."""
     # One or two modes at rest do better than as many polynomials, from three on these win; of beams
     # that vary they are not the modes.
     stretch = 2 * n + 1 if theory is VonKarman else stretch
@@ -165,7 +166,7 @@ def rungs_of(question: Question, rotor: Rotor, planar: bool) -> list[Rung]:
 
 
 def _cost(question: Question, model: AbstractModel) -> float:
-    """In us of a case in a batch on one core, roughly: of steps and unknowns.
+    """Cost in us of a case in a batch on one core, roughly: of steps and unknowns.
 
     `studies/ladder.py` measures some of these numbers: an eigenproblem of n unknowns, 200 steps of
     a linear run, 2.3 times as many where motion is not linear, five times the work where von
@@ -216,7 +217,7 @@ class Indicators(eqx.Module):
 
 @Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
-    """All but the size and the slope, which a linear theory has to say: they are infinite."""
+    """Indicators but size and slope, which a linear theory has to say: these are infinite."""
     # Of a beam in a cone as if it lay in the plane, where the tension is no less.
     rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
     speed = question.speed()

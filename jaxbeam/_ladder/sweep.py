@@ -307,7 +307,8 @@ def _chain(
     pool: Pool, sample: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
     share: float, tolerance: float,
 ) -> _Chain:  # fmt: skip
-    """From errors of all rungs below judge[i] for representative i, against the best answers."""
+    """A chain judged by the errors of all rungs below judge[i] for representative i, against the
+    best answers."""
     ratio, floor = np.full(len(models), _RATIO), np.zeros(len(models))
     start = last = len(models) - 1
     for k in range(1, min(int(judge.max()), last) + 1):
@@ -331,7 +332,7 @@ def _chain(
 
 
 def _noise(pool: Pool, sample: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
-    """By how much answers change where integration is ten times tighter."""
+    """How much answers change where integration is ten times tighter."""
     if not fine.any():
         return 0.0
     tight = pool.ask(model, sample[fine], 0.1)

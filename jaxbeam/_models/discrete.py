@@ -216,7 +216,7 @@ class _LinearPolar(_Polar):
         return jnp.stack([q[0] - length * q[1] ** 2 / 2, (length + q[0]) * q[1]])
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
-        """By the exact x, y of s, theta, as in Y."""
+        """Displacement by the exact x, y of s, theta, as in Y."""
         at = jnp.concatenate([super().place(q), jnp.zeros(1)])
         return jnp.broadcast_to(at, (np.asarray(xi).size, 3))
 
@@ -224,7 +224,7 @@ class _LinearPolar(_Polar):
         return self.rotor.mass * jnp.concatenate([self.place(q), jnp.zeros(1)])
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        """To second order in s, theta and their rates."""
+        """Kinetic energy to second order in s, theta and their rates."""
         m, length = self.rotor.mass, self.rotor.length
         end = jnp.zeros(3).at[0].set(self.tip_radius)
         rigid = velocity + cross(spin, end)

@@ -131,7 +131,7 @@ class Spin(Motion):
         return jnp.abs(self.axis @ self.axis - 1) < 1e-6
 
     def attitude(self, t: Scalar) -> Rotation:
-        """By Rodrigues' formula; hub and inertial axes coincide at angle zero."""
+        """Hub axes by Rodrigues' formula; hub and inertial axes coincide at angle zero."""
         angle, k = self.angle(t), skew(self.axis)
         return jnp.eye(3, dtype=k.dtype) + jnp.sin(angle) * k + (1 - jnp.cos(angle)) * (k @ k)
 

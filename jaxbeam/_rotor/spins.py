@@ -99,7 +99,7 @@ class _SpinUp(Spin):
 
 
 class SmoothSpinUp(_SpinUp):
-    """From rest to `angular_speed` (rad/s, either sign) in `duration` T (s, > 0), then constant.
+    """Speed from rest to `angular_speed` (rad/s, any sign) in `duration` T (s, > 0), then constant.
 
     Omega(t) = Omega_s [t / T - sin(2 pi t / T) / (2 pi)] (Y eq. 23); its integral is B eq. 13.
     `axis` as in `ConstantSpeed`.
@@ -120,7 +120,7 @@ class SmoothSpinUp(_SpinUp):
 
 
 class QuinticSpinUp(_SpinUp):
-    """From rest to `angular_speed` (rad/s, either sign) in `duration` T (s, > 0), then constant.
+    """Speed from rest to `angular_speed` (rad/s, any sign) in `duration` T (s, > 0), then constant.
 
     Omega(t) = Omega_s (6 tau^5 - 15 tau^4 + 10 tau^3), tau = t / T (Y eq. 21). `axis` as in
     `ConstantSpeed`.

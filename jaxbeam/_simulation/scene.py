@@ -54,7 +54,8 @@ class Scene(SecondOrderSystem):
         self, model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
         times: Array | None = None,
     ) -> None:  # fmt: skip
-        """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
+        """A scene of parameters in range, for a run from times[0] to times[-1] if there is to be
+        one."""
         self.equations = equations_under(model, rotor, loads)
         self.spread, self.density, self.inverse_mass = None, None, None
         if loads.force_per_length is not None:

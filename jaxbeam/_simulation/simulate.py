@@ -218,7 +218,7 @@ def _integrated(
     now: Scene, y0: State, times: Array, seen: Seen, how: tuple[Any, ...],
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> _History:  # fmt: skip
-    """By our own loop, or by diffrax where that is asked for more than ours can do."""
+    """A run by our own loop, or by diffrax where that is asked for more than ours can do."""
     solver, controller, dt0, event, max_steps, adjoint = how
     ours = isinstance(solver, SecondOrderSolver) and isinstance(adjoint, diffrax.ForwardMode | None)
     backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows

@@ -50,8 +50,8 @@ def _tableau(
     order: int, gamma: float, weight: Rows, coupling: Rows, times: tuple[float, ...],
     rate: tuple[float, ...], dense: Rows,
 ) -> Tableau:  # fmt: skip
-    """From what papers print: weights of all stages but the last ones, which start where the one
-    before ends, and no zeros."""
+    """A tableau from what papers print: weights of all stages but the last ones, which start where
+    the one before ends, and no zeros."""
     s = len(coupling) + 1
 
     def square(rows: Rows) -> np.ndarray:

@@ -216,7 +216,8 @@ class Reduced(NamedTuple):
 
     @property
     def status(self) -> Code:
-        """At the largest speed: the search for the steady state, and whether the rod bears it."""
+        """Status at the largest speed: of the search for the steady state, and whether the rod
+        bears it."""
         speeds = jnp.abs(jax.vmap(self.speed)(self.period * jnp.arange(32) / 32))
         m, _, k, _, status = without_derivatives(self.matrices(jnp.max(speeds)))
         axial = np.flatnonzero([self.model.directions[row] == Direction.AXIAL for row in self.rows])

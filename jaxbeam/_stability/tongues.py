@@ -240,13 +240,13 @@ class _Search(NamedTuple):
     order: Scalar
 
     def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
-        """At each depth both ends, the derivatives of the margin there, and a status."""
+        """Both ends at each depth, the derivatives of the margin there, and a status."""
         onset, least = self.onset, jnp.full_like(self.onset, 1e-3)
         first = _Traced(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
         return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
 
     def follow(self, last: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
-        """From one depth to the next."""
+        """One step of the search, from one depth to the next."""
         valid = jnp.isfinite(given) & (given > 0)
         depth = jnp.where(valid, given, last.depth)
         # To second order in depth the middle moves with its square, the width with its power.

@@ -165,11 +165,11 @@ class Continuum(Element):
     @property
     @abc.abstractmethod
     def stations(self) -> np.ndarray:
-        """From the local coordinates to the gradient at the stations (k, 3)."""
+        """What makes gradients at the stations of local coordinates (k, 3)."""
 
     @abc.abstractmethod
     def interpolated(self, values: Float[Array, "c k *lanes"]) -> Float[Array, "c g *lanes"]:
-        """From values at the stations to those at the Gauss points."""
+        """Values at the Gauss points from those at the stations."""
 
     @abc.abstractmethod
     def measure(

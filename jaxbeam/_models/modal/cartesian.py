@@ -142,7 +142,7 @@ class CartesianEquations(Equations):
 
     @property
     def undeformed(self) -> Undeformed:
-        """With a body whose inertia in flap is another than in plane."""
+        """The undeformed beam, with a body whose inertia in flap is another than in plane."""
         out = super().undeformed
         if self.tip_rotation is None:
             return out
@@ -271,7 +271,8 @@ class CartesianEquations(Equations):
         return out
 
     def tip(self, q: Vector) -> Triple:
-        """To second order where there is `stiffening`, as the kinetic energy has it."""
+        """Displacement of the tip, to second order with `stiffening`, as the kinetic energy has
+        it."""
         out = self.shape_integrals.tip @ (self.model.one_hot * q[:, None])
         if self.stiffening is not None:
             zero = jnp.zeros_like(self.length)
@@ -280,7 +281,7 @@ class CartesianEquations(Equations):
         return out
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
-        """For arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
+        """Displacement; of arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
         out = self._at(xi).value @ (self.model.one_hot * q[:, None])
         if not self.model.foreshortens:
             return out

@@ -71,7 +71,7 @@ class CartesianModel(AbstractModel[Rotor]):
         return sampled(self.functions_from, self.counts, self.products, rotor.beam.edges)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
-        """To first order: foreshortening is of second order."""
+        """Displacement to first order: foreshortening is of second order."""
         table = self.functions(self.shapes(rotor), np.asarray(xi, float)).value
         return jnp.einsum("pn,nc->cpn", table, self.one_hot)
 

@@ -78,8 +78,8 @@ class _Modal(CartesianModel):
         return self.basis
 
     def suited(self, rotor: Rotor) -> Self:
-        """With a root that yields where that of the rotor does; every function of the package that
-        takes a model begins with that."""
+        """The model with a root that yields where that of the rotor does; every function of the
+        package that takes a model begins with that."""
         own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
         if rotor.root_springs is not None and not follows(own, rotor):
             own = Yielding(own, *(spring is not None for spring in rotor.springs))
@@ -158,7 +158,8 @@ class Hybrid(_Linear):
         return True
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
-        """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
+        """Equations with int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and
+        20."""
         shapes = self.shapes(rotor)
         elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
         return CartesianEquations.build(self, rotor, elastic, shapes, lambda t: t.tension)
@@ -232,7 +233,7 @@ class Classical(_Linear):
         return None
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
-        """Without P: what this theory leaves out."""
+        """Equations without P: what this theory leaves out."""
         shapes = self.shapes(rotor)
         elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
         return CartesianEquations.build(self, rotor, elastic, shapes)
