@@ -35,7 +35,7 @@ _POINTS = 8  # of a segment, for the tension
 class Beam(Parameters):
     """Initially straight, slender beam: no shear, no rotary inertia.
 
-    | argument                    | symbol | unit  | allowed |
+    | field                       | symbol | unit  | allowed |
     |-----------------------------|--------|-------|---------|
     | length                      | L      | m     | > 0     |
     | mass_per_length             | rho    | kg/m  | > 0     |
@@ -189,7 +189,7 @@ class Beam(Parameters):
 class Rotor(Parameters):
     """A beam that points radially from a rigid hub, with a mass at its tip.
 
-    | argument     | symbol | unit | allowed                   |
+    | field        | symbol | unit | allowed                   |
     |--------------|--------|------|---------------------------|
     | beam         |        |      | a `Beam`                  |
     | hub_radius   | R      | m    | >= 0                      |

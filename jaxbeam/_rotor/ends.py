@@ -8,7 +8,7 @@ from jaxbeam._types import Real, Scalar
 class RootSprings(Parameters):
     """Rotational springs between hub and root, one for each direction that yields.
 
-    | argument |                                          | unit    | allowed      |
+    | field    |                                          | unit    | allowed      |
     |----------|------------------------------------------|---------|--------------|
     | in_plane | about the axis of rotation (lag)         | N m/rad | >= 0 or None |
     | flap     | about the axis across beam and rotation  | N m/rad | >= 0 or None |
@@ -31,7 +31,7 @@ class RootSprings(Parameters):
 class TipBody(Parameters):
     """What makes a rigid body of the mass at the tip: a payload, a tip brake, a tuning mass.
 
-    | argument      | symbol | meaning                                          | unit   | allowed |
+    | field         | symbol | meaning                                          | unit   | allowed |
     |---------------|--------|--------------------------------------------------|--------|---------|
     | offset        | c      | of its centre of mass, beyond the tip            | m      | any     |
     | inertia       | J      | about its centre, across the beam, as it turns   | kg m^2 | >= 0    |

@@ -47,7 +47,7 @@ def bending(load: Triple | TipLoad, length: Scalar) -> Float[Array, "2"]:
 class Loads(eqx.Module):
     """External loads, none by default.
 
-    | argument         | unit  |                                                                 |
+    | field            | unit  |                                                                 |
     |------------------|-------|-----------------------------------------------------------------|
     | gravity          | m/s^2 | shape (3,), in inertial axes: those of the hub at angle zero    |
     | tip_force        | N     | shape (3,) or a function of time to (3,), in hub axes: a1 to a3 |

@@ -16,7 +16,7 @@ class SpringRotor(Parameters):
     A particle slides in a massless tube that is hinged at the distance `hub_radius` from the axis;
     one spring acts along the tube, one at the hinge.
 
-    | argument              | symbol | unit   | allowed |
+    | field                 | symbol | unit   | allowed |
     |-----------------------|--------|--------|---------|
     | mass                  | m      | kg     | > 0     |
     | length                | L      | m      | > 0     |
