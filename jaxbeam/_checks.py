@@ -50,7 +50,7 @@ def plain(value: Any) -> Any:
 
 
 def numpy_if_concrete(value: Any) -> Any:
-    """In NumPy, whose arithmetic is not compiled, if the value is known."""
+    """A value in NumPy, whose arithmetic is not compiled, if it is known."""
     return np.asarray(value) if is_concrete(value) else value
 
 

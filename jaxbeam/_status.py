@@ -142,7 +142,7 @@ class Status(enum.IntEnum):
     NOT_IDENTIFIABLE = (
         31,
         "the data cannot tell all parameters apart: fix some, give a prior, or measure "
-        "something else (see directions)",
+        "something else (see combinations)",
     )
     FIT_NOT_CONVERGED = (
         32,

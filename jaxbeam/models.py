@@ -25,6 +25,7 @@ and `GreenANCF` in finite elements in the plane, `SpatialANCF` in space. Here ar
 
 where w is the deflection of the tip. `jaxbeam.choose_model` applies such measures to a question;
 docs/limitations.md has the limits of each theory.
+The papers that docstrings call Y and B are cited in `_models/contract/__init__.py`.
 """
 
 from jaxbeam._models.ancf.theories import ChordANCF as ChordANCF
@@ -33,7 +34,7 @@ from jaxbeam._models.ancf.theories import TangentANCF as TangentANCF
 from jaxbeam._models.bases.basis import CantileverModes as CantileverModes
 from jaxbeam._models.bases.basis import Polynomials as Polynomials
 from jaxbeam._models.contract.base import AbstractModel as AbstractModel
-from jaxbeam._models.contract.base import LinearSystem as LinearSystem
+from jaxbeam._models.contract.linear_system import LinearSystem as LinearSystem
 from jaxbeam._models.discrete import DiscreteLC as DiscreteLC
 from jaxbeam._models.discrete import DiscreteLP as DiscreteLP
 from jaxbeam._models.discrete import DiscreteNC as DiscreteNC

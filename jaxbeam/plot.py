@@ -60,9 +60,14 @@ def campbell(
     scale: float = 1.0,
     linestyle: str = "-",
 ) -> None:
-    """Frequencies over speed, both divided by `scale`; lines of harmonics and their crossings.
+    """Draw a Campbell diagram: frequencies over speed, with harmonics of it and their crossings.
 
-    One colour a direction, named in the legend; growing modes are left out.
+    `diagram` is what `jaxbeam.campbell` returns, `ax` the axes of matplotlib to draw into;
+    `harmonics` are numbers > 0, none by default. Speeds and frequencies are divided by `scale`
+    (rad/s), `linestyle` is one of matplotlib. One colour a direction, named in the legend; growing
+    modes are left out.
+
+    Raises `ValueError` for harmonics that are not > 0.
     """
     crossings = diagram.crossings(harmonics)
     factors = np.asarray(harmonics, float).tolist()
@@ -95,8 +100,14 @@ def mode_shape(
     model: AbstractModel, rotor: Rotor, found: Modes, mode: Label, ax: Axes, points: int = 201,
     **style: object,
 ) -> None:  # fmt: skip
-    """Displacement of one mode in the direction that names it over x / L, of torsion the twist;
-    the largest value is one."""
+    """Draw the shape of one mode over x / L: displacement in its own direction, twist of torsion.
+
+    `found` are `modes` of `model` and `rotor`, `mode` is the label of one of them, `ax` the axes of
+    matplotlib to draw into; the line has so many `points`, and `**style` is what `Axes.plot` takes.
+    The largest value is one.
+
+    Raises `ValueError` for a mode that is not among those found.
+    """
     if mode not in found.labels:
         there = ", ".join(map(str, found.labels))
         raise ValueError(f"mode must be one of those found, {there}, got {mode}")
@@ -112,8 +123,13 @@ def mode_shape(
 
 
 def residuals(found: Fit, ax: Axes) -> None:
-    """Residuals over the noise, number by number, one colour an experiment, with the band that
-    holds 95 % of them where noise is all there is."""
+    """Draw residuals over the noise, number by number, one colour an experiment.
+
+    `found` is what `jaxbeam.fit` returns, `ax` the axes of matplotlib to draw into. The band holds
+    95 % of them where noise is all there is.
+
+    Raises `TypeError` for a batch of fits.
+    """
     start = 0
     ax.axhspan(-1.96, 1.96, color="0.9", lw=0)
     ax.axhline(0, color="0.5", lw=0.8)
@@ -130,9 +146,12 @@ def residuals(found: Fit, ax: Axes) -> None:
 def swept(table: Table, name: str, label: str) -> Figure:
     """One result over the first dimension of a sweep, a line for each value of the others.
 
-    Of a further dimension (modes, directions) entries that are zero throughout are left out; the
-    others are lines in a sweep of one parameter, and panels in others. At most eight lines, evenly
-    chosen, are drawn. Failed cases are left out.
+    `name` is that of the result in the `table` of a `sweep`, `label` is written beside the axis;
+    returns a `Figure` of matplotlib. Of a further dimension (modes, directions) entries that are
+    zero throughout are left out; the others are lines in a sweep of one parameter, and panels in
+    others. At most eight lines, evenly chosen, are drawn. Failed cases are left out.
+
+    Raises `KeyError` where the table has no such result.
     """
     lead = table.dims["status"]
     panels, titles = [table], [""]
@@ -193,7 +212,13 @@ def _stated(dim: str, at: object) -> str:
 
 
 def history(table: Table) -> Figure:
-    """Displacement of the tip over time (`tip` in the table: time, direction), all that move."""
+    """Displacement of the tip over time, a panel for each direction in which it moves.
+
+    `table` holds it as `tip`, by the dimensions time and direction, as `python -m jaxbeam` writes
+    it; returns a `Figure` of matplotlib.
+
+    Raises `KeyError` where the table has none.
+    """
     tip, directions = table["tip"], table.coords["direction"]
     moving = [k for k in range(len(directions)) if np.nan_to_num(tip[:, k]).any()] or [1]
     figure = Figure((6.5, 1 + 1.9 * len(moving)), layout="constrained")
@@ -208,11 +233,14 @@ def history(table: Table) -> Figure:
 
 
 def filmstrip(rotor: Rotor, run: Simulation, frames: int = 12) -> Figure:
-    """The beam in three dimensions at so many of the output times of a run: in the axes of the hub
-    and, as they turn, in those of space. Each is a ribbon along the middle of its sections, half of
-    it light, so that twist shows; dotted is the path of the tip.
+    """The beam in three dimensions at some of the output times of a run, in hub axes and in space.
 
-    The motion has to state the attitude of the hub; a hub that moves along is drawn where it began.
+    `run` is what `simulate` returns for `rotor`, and `frames` how many times are drawn; returns a
+    `Figure` of matplotlib. Each is a ribbon along the middle of its sections, half of it light, so
+    that twist shows; dotted is the path of the tip. The motion has to state the attitude of the
+    hub; a hub that moves along is drawn where it began.
+
+    Raises `ValueError` for a batch of runs, or a motion that does not state the attitude.
     """
     times, ribbons = _ribbons(rotor, run)
     in_space = _in_space(run, times, ribbons)
@@ -231,8 +259,13 @@ def filmstrip(rotor: Rotor, run: Simulation, frames: int = 12) -> Figure:
 
 
 def film(rotor: Rotor, run: Simulation, figure: Figure) -> FuncAnimation:
-    """The beam as it moves in space, in a `figure` of pyplot's, a frame for each output time;
-    `film(rotor, run, plt.figure()).save("film.gif")` writes it. See `filmstrip`."""
+    """The beam as it moves in space, in a `figure` of pyplot's, a frame for each output time.
+
+    `rotor` and `run` are those of `filmstrip`; `film(rotor, run, plt.figure()).save("film.gif")`
+    writes the animation that it returns.
+
+    Raises as `filmstrip` does.
+    """
     times, ribbons = _ribbons(rotor, run)
     places = _in_space(run, times, ribbons)
     ax = figure.add_subplot(projection="3d")

@@ -8,12 +8,9 @@ from pathlib import Path
 
 import pytest
 
-import jaxbeam
+from tests.package import MODULES, SUBJECTS
 
 pytestmark = pytest.mark.release
-PACKAGE = Path(jaxbeam.__file__).parent
-# Public modules of names by subject.
-SUBJECTS = ["models", "motions", "solvers", "results", "fitting", "ladder", "blades"]
 # Rooms, folders or single modules: each may import from those above it alone.
 ROOMS = [
     "_types",
@@ -48,10 +45,6 @@ OWNERS = {  # rooms or modules that may import a package
     "diffrax": {"_solvers", "_simulation", "_fitting.experiments"},
     "optimistix": {"_simulation", "_fitting.fit"},
     "optax": {"_fitting.fit"},
-}
-MODULES = {
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
-    for path in sorted(PACKAGE.rglob("*.py"))
 }
 TESTS = Path(__file__).parent
 

@@ -2,11 +2,11 @@
 
 import io
 import tokenize
-from pathlib import Path
 
 import pytest
 
 import jaxbeam as jb
+from tests.package import MODULES
 
 # What takes their place is in the glossary of jaxbeam/README.md.
 RETIRED = {
@@ -33,7 +33,7 @@ _FOUND: dict[str, set[str]] = {}
 
 def _identifiers() -> dict[str, set[str]]:
     if not _FOUND:
-        for path in Path(jb.__file__).parent.rglob("*.py"):
+        for name, path in MODULES.items():
             tokens = tokenize.generate_tokens(io.StringIO(path.read_text()).readline)
-            _FOUND[path.name] = {token.string for token in tokens if token.type == tokenize.NAME}
+            _FOUND[name] = {token.string for token in tokens if token.type == tokenize.NAME}
     return _FOUND

@@ -22,7 +22,12 @@ def read_blade(
     A line of titles with BlFract makes it a blade file of ElastoDyn (`read_elastodyn`); a line
     that names a sec_props_file, or the lines of BModes in their order, a main file of BModes, and
     n_secs before rows of numbers a section file (`read_bmodes`); all else is a table (`read_csv`).
-    Arguments and errors are those of these readers.
+    `path` is that of the file; `length` (m) and `axial_stiffness` (N, a number or one that varies
+    along the span) are what the file does not say, as these readers want it. Returns a
+    `BladeTable`.
+
+    Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
+    the file cannot be read.
     """
     lines = read_lines(Path(path))
     if head_of_stations(lines) is not None:

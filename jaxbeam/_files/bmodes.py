@@ -67,12 +67,13 @@ def read_bmodes(
 ) -> BladeTable:
     """A beam from a section file of BModes, or from a main file (`.bmi`), which names one.
 
-    A section file has a title, n_secs, a line of titles, a line of units and n_secs rows of the
-    thirteen columns sec_loc (x / L), str_tw, tw_iner (deg), mass_den (kg/m), flp_iner, edge_iner
-    (kg m), flp_stff, edge_stff, tor_stff (N m^2), axial_stff (N), cg_offst, sc_offst, tc_offst (m),
-    known by their order, as in BModes; other units are converted. What follows are notes. It needs
-    `length`, in m. `axial_stiffness`, in N, takes the place of axial_stff. Where they are positive
-    everywhere tor_stff is the torsional stiffness, and flp_iner + edge_iner the polar inertia.
+    `path` is that of the file. A section file has a title, n_secs, a line of titles, a line of
+    units and n_secs rows of the thirteen columns sec_loc (x / L), str_tw, tw_iner (deg), mass_den
+    (kg/m), flp_iner, edge_iner (kg m), flp_stff, edge_stff, tor_stff (N m^2), axial_stff (N),
+    cg_offst, sc_offst, tc_offst (m), known by their order, as in BModes; other units are converted.
+    What follows are notes. It needs `length`, in m. `axial_stiffness`, in N, takes the place of
+    axial_stff. Where they are positive everywhere tor_stff is the torsional stiffness, and flp_iner
+    + edge_iner the polar inertia.
 
     A main file is read line by line, as BModes of version 3.00 or 1.03 does, or, if lines are
     missing, by the names behind the values. Its length is radius - hub_rad; its factors are
@@ -89,7 +90,8 @@ def read_bmodes(
 
     Source: G. Bir, User's Guide to BModes, NREL/TP-500-39133, 2005, and the program itself.
 
-    Raises `ValueError`, which names file, line and column of the first mistake.
+    Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
+    the file cannot be read.
     """
     path = Path(path)
     lines = read_lines(path)
@@ -161,7 +163,8 @@ def is_section_file(lines: Sequence[str]) -> bool:
 
 
 def _said(lines: Sequence[str]) -> Said:
-    """By line, or else by name; names of older versions are those of newer ones."""
+    """What a main file says, by line or else by name; names of older versions are those of newer
+    ones."""
     if said := _by_line(lines):
         return said
     by_name: Said = {}
@@ -223,7 +226,7 @@ def _sections(
     axial_stiffness: Real | AbstractSpanwise | None,
     factors: dict[str, float],
 ) -> BladeTable:
-    """From a section file; with factors of properties."""
+    """The blade of a section file, its properties times factors."""
     first = next((i for i in range(1, len(lines)) if lines[i].strip()), None)
     if first is None:
         raise ValueError(f"{path}: no n_secs, titles and units after the first line")

@@ -59,8 +59,9 @@ def read_csv(
 ) -> BladeTable:
     """A beam from a table with commas, semicolons or tabs between entries.
 
-    Lines that begin with # are comments. The first other line names the columns, in any order, each
-    a name and then a unit: `flap_stiffness_N_m2` or `flap stiffness [N m^2]`.
+    `path` is that of the file. Lines that begin with # are comments. The first other line names the
+    columns, in any order, each a name and then a unit: `flap_stiffness_N_m2` or `flap stiffness [N
+    m^2]`.
 
     | name                                    | unit                                           |
     |-----------------------------------------|------------------------------------------------|
@@ -89,7 +90,8 @@ def read_csv(
     file, and a pitch towards feather is a negative `Rotor.pitch`. Frequencies do not depend on the
     sense, but to which side a mode in plane moves in flap does. Zero at all stations is no twist.
 
-    Raises `ValueError`, which names file, line and column of the first mistake.
+    Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
+    the file cannot be read.
     """
     path = Path(path)
     (line, titles), *rows = _records(path)

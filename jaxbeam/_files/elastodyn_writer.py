@@ -30,9 +30,10 @@ def write_elastodyn(
 ) -> None:
     """Write a blade file of ElastoDyn (OpenFAST) with a beam and the shapes of its modes.
 
-    `flap` are two rows, of the first two flap modes, and `edge` is one, of the first in plane, of
-    coefficients of xi^2 to xi^6 that sum to one: `Modes.polynomials` of the blade at its speed.
-    `damping` are ratios of these three modes, over the critical one, without unit.
+    `path` is where, `beam` a `Beam`, `title` a line of text in the file. `flap` are two rows, of
+    the first two flap modes, and `edge` is one, of the first in plane, of coefficients of xi^2 to
+    xi^6 that sum to one: `Modes.polynomials` of the blade at its speed. `damping` are ratios of
+    these three modes, over the critical one, without unit.
 
     Stations are those of all properties together, where one is a function of x / L with 51
     equidistant ones; a step is written as two stations 1e-9 apart, since ElastoDyn wants them to
@@ -40,8 +41,10 @@ def write_elastodyn(
     `read_csv`. ElastoDyn's blades do not stretch or twist: `axial_stiffness`,
     `torsional_stiffness` and `polar_inertia` are not in the file.
 
-    `read_elastodyn` reads it back. Raises `TypeError` unless all numbers are known, and
-    `ValueError` where coefficients do not sum to one within 0.0015, which ElastoDyn refuses.
+    `read_elastodyn` reads it back.
+
+    Raises `TypeError` unless all numbers are known, and `ValueError` where damping is out of range
+    or coefficients do not sum to one within 0.0015, which ElastoDyn refuses.
     """
     if not isinstance(beam, Beam):
         raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
@@ -142,7 +145,7 @@ def _stations(value: Any) -> Any:
 
 
 def _values(value: Any, at: np.ndarray, side: int) -> np.ndarray:
-    """At places, or just before (-1) or behind (1) where it jumps there."""
+    """Values of a property at places, or just before (-1) or behind (1) where it jumps there."""
     if isinstance(value, Spanwise):
         places, values = np.asarray(value.stations), np.asarray(value.values)
         first = np.searchsorted(places, at, side="left")

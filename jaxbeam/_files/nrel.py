@@ -190,7 +190,8 @@ def _positive(row: Row, column: Column) -> bool:
 
 
 def ignoring_too(table: BladeTable, others: Iterable[Value]) -> BladeTable:
-    """With the sentences on named values, but those that change nothing; one for each array."""
+    """The table with sentences on named values, but those that change nothing; one for each
+    array."""
     left: dict[str, list[str]] = {}
     for _, name, text in others:
         array = re.sub(r"\(?\d+\)?$", "", name)

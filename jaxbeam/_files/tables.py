@@ -20,9 +20,20 @@ from jaxbeam._types import Real
 class BladeTable(NamedTuple):
     """What a file says of a blade.
 
-    `ignored` has a sentence for each thing in the file that a `Beam` does not have, unless it
-    changes nothing: offsets of zero, say. The fields after it are None but for a main file of
-    BModes, which knows more than the beam; `rotor()` puts them together.
+    | field         | unit  |                                                                   |
+    |---------------|-------|-------------------------------------------------------------------|
+    | beam          |       | the `Beam`                                                        |
+    | ignored       |       | a sentence for each thing in the file that a `Beam` does not have |
+    |               |       | and that changes something (offsets of zero do not)               |
+    | hub_radius    | m     | as in `Rotor`                                                     |
+    | tip_mass      | kg    | as in `Rotor`                                                     |
+    | pitch         | rad   | in the sense of the twist of the beam; None: zero, too            |
+    | angular_speed | rad/s |                                                                   |
+    | precone       | rad   | None: zero, too                                                   |
+    | tip_body      |       | None: a point                                                     |
+
+    From `hub_radius` on all are None but for a main file of BModes, which knows more than the beam;
+    `rotor()` puts them together.
     """
 
     beam: Beam
@@ -35,9 +46,9 @@ class BladeTable(NamedTuple):
     tip_body: TipBody | None = None  # None: a point
 
     def rotor(self, **instead: Any) -> Rotor:
-        """The rotor that the file tells of, with whatever arguments of `Rotor` are given instead.
+        """The rotor that the file tells of, with other arguments of `Rotor` given by name.
 
-        `table.rotor(hub_radius=1.5, root_springs=RootSprings(flap=1e9))`.
+        `**instead` are these: `table.rotor(hub_radius=1.5, root_springs=RootSprings(flap=1e9))`.
         """
         names = ("beam", "hub_radius", "tip_mass", "pitch", "tip_body", "precone")
         told = {name: getattr(self, name) for name in names if getattr(self, name) is not None}

@@ -59,13 +59,17 @@ class Experiment(eqx.Module):
 
 
 class FrequencyData(Experiment):
-    """Frequencies in rad/s, shape (S, k), at S angular speeds (rad/s, increasing).
+    """Frequencies measured at several angular speeds, against those of a model.
 
-    `which` labels the k columns (`jaxbeam.labels`), whatever their order; or it is k, and the
-    columns are the lowest in the plane of rotation, in order. Without it the modes are not known:
-    each row holds k frequencies in any order, and is held against the lowest `among` ones of the
-    model by the assignment of least squares in which each mode serves once. Modes that the
-    measurement missed are so passed over.
+    `model` and `rotor` are those of `modes`, `angular_speed` (S,) is in rad/s, increasing, and
+    `measured` (S, k) in rad/s, > 0, NaN where missing; `noise` > 0, its standard deviation, is a
+    number or as many. `which` labels the k columns (`jaxbeam.labels`), whatever their order; or it
+    is k, and the columns are the lowest in the plane of rotation, in order. Without it the modes
+    are not known: each row holds k frequencies in any order, and is held against the lowest `among`
+    ones of the model (2 k by default) by the assignment of least squares in which each mode serves
+    once. Modes that the measurement missed are so passed over.
+
+    Raises `ValueError` or `TypeError`, naming the argument.
     """
 
     model: AbstractModel
@@ -121,13 +125,17 @@ def _tip(run: Simulation) -> Array:
 
 
 class HistoryData(Experiment):
-    """Something that `simulate` computes, at `times` (s, increasing): deflection, strain, torque.
+    """Something that `simulate` computes over time: deflection, strain, torque.
 
-    `of(run)` takes it from a `Simulation`, in the shape of `measured` (T, ...); the in-plane
-    deflection of the tip if not given. `lambda run: run.strain(0.1)[:, 0]` and
+    `model`, `rotor`, `motion`, `loads` and `damping` are those of `simulate`; `times` (T,) in s,
+    increasing. `of(run)` takes it from a `Simulation`, in the shape of `measured` (T, ...); the
+    in-plane deflection of the tip if not given. `lambda run: run.strain(0.1)[:, 0]` and
     `lambda run: run.hub_torque[:, 2]` are others (name a function once: a new lambda compiles
-    anew). Other keywords are those of `simulate` but `adjoint` and `throw`; runs must be
+    anew). `noise` > 0 is a standard deviation, a number or one for each, in the same unit.
+    `**options` are other keywords of `simulate`, but not `adjoint` and `throw`; runs must be
     differentiable forwards.
+
+    Raises `ValueError` or `TypeError`, naming the argument.
     """
 
     model: AbstractModel
@@ -175,12 +183,18 @@ class HistoryData(Experiment):
 
 
 class StaticData(Experiment):
-    """Displacement in m of the points xi = x / L, shape (p,), at rest or in steady rotation under
-    `loads` that are constant in the hub; `component` 0, 1, 2 is axial, in plane, flap.
+    """Displacements of points of a beam, at rest or in steady rotation under constant loads.
+
+    `model`, `rotor` and `loads`, constant in the hub, are those of `modes`; `measured` (p,) in m,
+    NaN where missing, of the points `xi` = x / L, p numbers from 0 to 1 (the tip by default);
+    `noise` > 0, its standard deviation, a number or (p,); `component` is a `Direction` (axial, in
+    plane or flap); `angular_speed` in rad/s.
 
     Where the hub turns, only gravity along its axis is constant in it, and models in a plane bear
-    no loads across it: `ValueError` for any other, and NaN where it is traced. Forces and moments
-    at the tip, and forces along the span, are no functions of time.
+    no loads across it. Forces at the tip and along the span are no functions of time.
+
+    Raises `ValueError` or `TypeError`, naming the argument, and `ValueError` for any other loads;
+    where these are traced, predictions are NaN.
     """
 
     model: AbstractModel
@@ -223,11 +237,14 @@ class StaticData(Experiment):
 class ResonanceMargin(Experiment):
     """A demand in place of a measurement: no frequency within `margin` of a harmonic of the speed.
 
-    For the modes `which` and the integer `harmonics` k of the working speeds Omega (rad/s,
-    increasing, all > 0; as many as make the range dense), f / (k Omega) stays above 1 + margin or
-    below 1 - margin all along, on the side where most of it lies. `predicted`, shape
-    (modes, harmonics, S), is by how much that falls short; `slack` stands for the noise. Give
-    priors: where the demand is met it says nothing about the parameters.
+    For the modes `which` (labels) of `model` and `rotor`, and the integer `harmonics` k of the
+    working speeds Omega (`angular_speed`, shape (S,), in rad/s, increasing, all > 0; as many as
+    make the range dense), f / (k Omega) stays above 1 + margin or below 1 - margin all along, on
+    the side where most of it lies. `margin` is in (0, 1). `predicted`, shape (modes, harmonics, S),
+    is by how much that falls short; `slack` > 0 stands for the noise. Give priors: where the demand
+    is met it says nothing about the parameters.
+
+    Raises `ValueError` or `TypeError`, naming the argument.
     """
 
     model: AbstractModel
@@ -310,7 +327,7 @@ def _alike(a: Experiment, b: Experiment) -> bool:
 def _frequencies(
     model: AbstractModel, rotor: Rotor, speeds: Float[Array, " S"], wanted: Wanted
 ) -> Float[Array, "S k"]:
-    """At each speed, NaN where the case failed."""
+    """Frequencies at each speed, NaN where the case failed."""
     return jax.vmap(lambda w: find(model, rotor, w, wanted).frequency)(speeds)
 
 

@@ -35,8 +35,8 @@ _RANK = 1e-7  # of the largest singular value; frequencies and their derivatives
 class Descent(NamedTuple):
     """First-order search from many starts at once: `optimiser` of optax, for `steps`.
 
-    `starts` lie within `starts_within` of the guess in the variables of the search: a factor of e
-    each way by default, in a Latin hypercube.
+    The `starts`, so many, lie within `starts_within` of the guess in the variables of the search: a
+    factor of e each way by default, in a Latin hypercube.
     """
 
     optimiser: optax.GradientTransformation = optax.adam(0.05)
@@ -69,7 +69,8 @@ def fit(
     given that happens at once. `solver` is a least-squares solver of optimistix: it stops where
     both the sum of squares and the variables of the search change by less than 1e-10, absolute
     plus relative, or after `max_steps`, which is no failure where a step of Gauss and Newton would
-    gain less than that; a parameter that ran into a bound by then is held there.
+    gain less than that; a parameter that ran into a bound by then is held there. `seed`, an int,
+    draws the starts; `progress` (by default on a terminal) tells of each search on stderr.
 
     The covariance is that of Gauss and Newton, (J^T J)^-1. With `known_noise=False` only the
     relative size of the noise is believed and its level taken from the residuals, which priors
@@ -78,10 +79,11 @@ def fit(
     as near the guess as the search left them, their deviations large or infinite.
 
     Under `jax.vmap` and `jax.jit` (a batch of data: build the experiments from it inside) there is
-    no second search, unless `descent` asks for one. Raises `ValueError` or `TypeError` for
-    malformed arguments and fewer numbers than parameters, and `RuntimeError` unless the status is
-    `OK`. `throw=False` leaves that in `Fit.status` instead, with NaN for parameters and deviations,
-    and the best found in `Fit.partial`: use it for batches.
+    no second search, unless `descent` asks for one. `throw=False` leaves failures in `Fit.status`,
+    with NaN for parameters and deviations, and the best found in `Fit.partial`: use it for batches.
+
+    Raises `ValueError` or `TypeError` for malformed arguments and fewer numbers than parameters,
+    and `RuntimeError` unless the status is `OK`.
     """
     _check_kinds(experiments, free, max_steps, solver)
     problem = Problem(experiments, dict(sorted(free.items())))  # as jax sorts them

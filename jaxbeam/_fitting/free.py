@@ -13,9 +13,10 @@ from jaxbeam._types import Scalar, is_concrete
 
 
 class FreeParameter(eqx.Module):
-    """A parameter to be found: a guess, strict bounds, and what is known of it before.
+    """A parameter to be found: a `guess`, strict bounds, and what is known of it before.
 
-    The search runs over z, with z = 0 at the guess:
+    All are scalars in its unit, `lower` < guess < `upper`; infinite ones are no bounds. The search
+    runs over z, with z = 0 at the guess:
 
         value = lower + (guess - lower) exp(z)                   lower bound alone (0 by default)
         value = upper - (upper - guess) exp(-z)                  upper bound alone
@@ -24,6 +25,9 @@ class FreeParameter(eqx.Module):
         value = guess + |guess| z (guess + z where it is 0)      none
 
     `prior` is (mean, standard deviation) of a normal distribution: one more measurement.
+
+    Raises `TypeError` for what is no real scalar, and `ValueError` for a guess that is not between
+    the bounds or a deviation that is not > 0.
     """
 
     guess: Scalar

@@ -10,12 +10,15 @@ from jaxbeam._checks import real_array
 
 
 def match_modes(measured: Any, computed: Any) -> Array:
-    """Which of the computed frequencies, shape (n,), each measured one, (k,), belongs to.
+    """Which computed frequency each measured one belongs to: an index (int) for each of these.
 
-    The assignment of k different modes with the least sum of squares of log(measured / computed),
-    by dynamic programming: on a line the best assignment crosses nothing. NaN among the measured
-    takes no mode, and its index means nothing; NaN among the computed is a mode that is not there.
-    No derivative.
+    `measured` (k,) and `computed` (n,), k <= n, are in the same unit and any order. The assignment
+    of k different modes with the least sum of squares of log(measured / computed), by dynamic
+    programming: on a line the best assignment crosses nothing. NaN among the measured takes no
+    mode, and its index means nothing; NaN among the computed is a mode that is not there. No
+    derivative.
+
+    Raises `ValueError` for other shapes, and `TypeError` for what are no real numbers.
     """
     measured, computed = real_array("measured", measured), real_array("computed", computed)
     if measured.ndim != 1 or computed.ndim != 1 or not 0 < measured.size <= computed.size:

@@ -102,8 +102,10 @@ class Fit(eqx.Module):
     @property
     @per_case
     def partial(self) -> "Fit":
-        """This fit with the best parameters found, whatever its status, and how sure they are:
-        where the data cannot tell, with infinite deviations."""
+        """The fit with the best parameters found, whatever its status, and how sure they are.
+
+        Where the data cannot tell, deviations are infinite.
+        """
         standard_deviation, covariance = uncertainty(
             self.certainty, self.combinations, self.parameter_scale, self.scale
         )
@@ -123,8 +125,12 @@ class Fit(eqx.Module):
 
     @per_case
     def width(self, confidence: float = 0.95) -> Array:
-        """Half of an interval of this confidence, in standard deviations: of the normal
-        distribution, or of Student's where the level of noise was estimated."""
+        """Half of an interval of this `confidence` (between 0 and 1), in standard deviations.
+
+        That of the normal distribution, or of Student's where the level of noise was estimated.
+
+        Raises `ValueError` for another confidence.
+        """
         if not isinstance(confidence, int | float) or not 0 < confidence < 1:
             raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
         if self.known_noise:
@@ -133,8 +139,11 @@ class Fit(eqx.Module):
 
     @per_case
     def interval(self, confidence: float = 0.95) -> dict[str, Array]:
-        """(lower, upper) of each parameter. Symmetric in the variable of the search; where that
-        would be a factor of e or more, symmetric in the parameter and cut off at its bounds."""
+        """An interval, [lower, upper], of each parameter by name, at a `confidence` as in `width`.
+
+        Symmetric in the variable of the search; where that would be a factor of e or more,
+        symmetric in the parameter and cut off at its bounds.
+        """
         found = {}
         for z, (name, free) in zip(self.z, self.free.items(), strict=True):
             half = self.width(confidence) * self.standard_deviation[name]
@@ -148,7 +157,11 @@ class Fit(eqx.Module):
 
     @per_case
     def predict(self, function: Callable[..., Array]) -> tuple[Array, Array]:
-        """A function of the parameters, by name, and the standard deviation of its values."""
+        """Values of a function of the parameters, and their standard deviation.
+
+        `function(**parameters)` returns a number or an array, by operations of JAX; both have its
+        shape.
+        """
 
         def at(values: Array) -> Array:
             return jnp.asarray(function(**dict(zip(self.free, values, strict=True))))
@@ -203,7 +216,7 @@ class Fit(eqx.Module):
 
     @per_case
     def excess(self) -> Scalar:
-        """By how many of its standard deviations the misfit is above 1."""
+        """The misfit less 1, over its standard deviation."""
         return excess_of(jnp, self.reduced_chi_squared, self.degrees_of_freedom)
 
 

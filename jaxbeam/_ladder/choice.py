@@ -13,8 +13,11 @@ NOT_NEEDED = "not needed"
 
 
 class Evidence(NamedTuple):
-    """What became of one rung: its expected cost, the estimate of its error (NaN: not run), and
-    the verdict in words."""
+    """What became of one `rung`, in a choice between several.
+
+    `estimate` is that of its error, relative (NaN: not run), and `verdict` says in words whether it
+    meets the tolerance, misses it, failed, was ruled out or not needed.
+    """
 
     rung: Rung
     estimate: float
@@ -25,12 +28,19 @@ class Evidence(NamedTuple):
 class Choice:
     """The cheapest rung found to meet a tolerance; as text, a table of the rungs looked at.
 
-    `status` is `TOLERANCE_NOT_MET` where no rung was found to: then `rung` is the best there is,
-    and `estimate` its error. Where no rung has an answer it is the status of the last one asked, or
-    what is wrong with the rotor or the question: `rung` is then None and all numbers are NaN, the
-    estimate infinite. `partial` is what the rung says, `answer` the same where the tolerance is
-    met, else NaN. `constitutive_uncertainty` is what an axial law other than the engineering strain
-    might change (`Answer.constitutive_uncertainty`).
+    | field                    | shape |                                                          |
+    |--------------------------|-------|----------------------------------------------------------|
+    | rung                     |       | the `Rung`; where none was found to, the best there is;  |
+    |                          |       | None where none has an answer: then all numbers are NaN  |
+    | estimate                 | ()    | of its relative error; infinite where there is none      |
+    | status                   |       | `OK`; `TOLERANCE_NOT_MET`; of the last rung asked, where |
+    |                          |       | none has an answer; what is wrong with rotor or question |
+    | tolerance                | ()    | as given                                                 |
+    | partial                  | (m,)  | what the rung says; `answer` is the same, NaN unless met |
+    | constitutive_uncertainty | ()    | what an axial law other than the engineering strain      |
+    |                          |       | might change (`Answer.constitutive_uncertainty`)         |
+    | indicators               |       | what was known beforehand (`Indicators`)                 |
+    | evidence                 |       | an `Evidence` for each rung, from the cheapest on        |
     """
 
     rung: Rung | None

@@ -59,12 +59,15 @@ def evaluate(
     *,
     throw: bool = True,
 ) -> Answer:
-    """What one model says: `Question.answer`, compiled.
+    """What one model answers to a question about a rotor: `Question.answer`, compiled.
 
-    `accuracy` is that of numerical integration, relative, where the largest deflection is `size`
-    times the length. Raises `ValueError` or `TypeError` for parameters out of range and
-    `RuntimeError` where the model has no answer; with `throw=False` failures of a model are left in
-    `Answer.status`, and the numbers are then NaN.
+    `model` and `rotor` are those of `modes`, `question` is a `Question`; `accuracy` > 0 is that of
+    numerical integration, relative, where the largest deflection is `size` > 0 times the length.
+    Returns an `Answer`. With `throw=False` failures of a model are left in `Answer.status`, and
+    the numbers are then NaN.
+
+    Raises `ValueError` or `TypeError` for a malformed argument or parameters out of range, and
+    `RuntimeError` where the model has no answer.
     """
     question = checked_question(question)
     model, rotor, _ = checked_case(model, rotor)
@@ -99,6 +102,9 @@ def choose_model(
 ) -> Choice:
     """The cheapest model that answers a question about a rotor to a relative `tolerance`.
 
+    `rotor` is a `Rotor`, `question` a `Question`, `tolerance` from 1e-8 to below 1. Returns a
+    `jaxbeam.ladder.Choice`.
+
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
     a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
     do. Then elements are refined, from four on, until the last two differ by less than the
@@ -122,10 +128,11 @@ def choose_model(
 
     `throw=False` returns in `Choice.status` what depends on the numbers: that no rung was found to
     meet the tolerance (`TOLERANCE_NOT_MET`; the best answer is in `Choice.partial`), or that none
-    has an answer, and why. Raises `ValueError` or `TypeError` for a malformed argument, or where
-    elements in space alone could answer and the beam has no `torsional_stiffness`; and, with
-    `throw`, `ValueError` for parameters out of range and `RuntimeError` else, with what was found
-    as a note.
+    has an answer, and why.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, or where elements in space alone
+    could answer and the beam has no `torsional_stiffness`; and, with `throw`, `ValueError` for
+    parameters out of range and `RuntimeError` else, with what was found as a note.
     """
     checked_question(question)
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
@@ -363,8 +370,8 @@ class _Trial:
 
 
 def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung | Answer:
-    """Where none is good enough: the least estimate, else the richest that has an answer; where
-    none has one, what the richest that was asked says."""
+    """The rung to take where none is good enough: the least estimate, else the richest that has an
+    answer; where none has one, what the richest that was asked says."""
     answers = [e for e in evidence if np.isfinite(e.estimate)]
     if answers:
         return min(answers, key=lambda e: e.estimate).rung

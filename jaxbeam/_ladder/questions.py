@@ -31,7 +31,7 @@ from jaxbeam._types import Real, Scalar, Vector
 
 
 class Answer(eqx.Module):
-    """What one model says.
+    """What one model answers to a question.
 
     `value` (m,) and what its errors are relative to, `scale` (m,); `size`, the largest deflection
     of the tip on the way over the length; `slope`, the largest at the tip; `steps` in time;
@@ -55,8 +55,10 @@ class Answer(eqx.Module):
     constitutive_uncertainty: Real = 0.0
 
     def distance(self, reference: "Answer") -> np.ndarray:
-        """Largest difference from a better answer, relative; infinite where one has failed. Of
-        answers in a batch one by one."""
+        """Largest difference from the `reference`, a better answer, over the scale of that.
+
+        Infinite where one has failed; of answers in a batch one by one.
+        """
         apart = np.abs(np.asarray(self.value) - np.asarray(reference.value))
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(apart == 0, 0.0, apart / np.asarray(reference.scale))
@@ -73,8 +75,11 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
-        """By this model, with numerical errors of the size of `accuracy` where the largest
-        deflection is `size` times the length."""
+        """What `model` answers of `rotor`, as an `Answer`.
+
+        Numerical errors are of the size of `accuracy`, relative, where the largest deflection is
+        `size` times the length.
+        """
 
     @abc.abstractmethod
     def speed(self) -> Scalar:
@@ -82,7 +87,7 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def planar(self, rotor: Rotor) -> Array:
-        """Whether motion, loads and answer stay in the plane of rotation."""
+        """Whether motion, loads and answer stay in the plane of rotation of `rotor`."""
 
     @property
     def space_alone(self) -> str:
@@ -96,8 +101,10 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
-        """A-priori: how much bending modes of these frequencies at rest take part, of what a first
-        one could at most."""
+        """How much bending modes take part, of what a first one could at most: known beforehand.
+
+        `omega` (f,) are their frequencies at rest, in rad/s.
+        """
 
 
 class _InTime(Question):
@@ -209,9 +216,12 @@ class _AtPoint(_InTime):
 
 
 class DeflectionHistory(_AtPoint):
-    """Displacement of a point at `times` (s), in the hub frame, in m; errors over its largest.
+    """Displacement of a point over time, in the hub frame, in m; errors over its largest.
 
-    `component` 0, 1, 2: axial, in plane, flap; the point is x = xi L.
+    `motion`, `times` (T,) in s, `loads`, `damping` and `max_steps` are those of `simulate`;
+    `component` 0, 1, 2 is axial, in plane, flap, and the point is x = `xi` L, xi from 0 to 1.
+
+    Raises `ValueError` or `TypeError` for a malformed argument.
     """
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
@@ -219,19 +229,26 @@ class DeflectionHistory(_AtPoint):
 
 
 class PeakDeflection(_AtPoint):
-    """The largest displacement of a point either way (`Simulation.peak`, m), shape (1,), without
-    sign: a free vibration goes as far one way as the other. Arguments as in `DeflectionHistory`."""
+    """The largest displacement of a point either way (`Simulation.peak`, m), shape (1,).
+
+    Without sign: a free vibration goes as far one way as the other. `motion`, `times`, `component`,
+    `xi`, `loads`, `damping` and `max_steps` are those of `DeflectionHistory`.
+
+    Raises `ValueError` or `TypeError` for a malformed argument.
+    """
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
         return jnp.abs(run.peak(self.component, self.xi)[0])[None]
 
 
 class RootStrain(_InTime):
-    """Axial strain at the root, at `times` (s); errors over its largest.
+    """Axial strain at the root, at `times` (T,) in s; errors over its largest.
 
     The force of the hub along the undeformed beam over EA. Of models without stretch that is the
     quasi-static strain; of elements it converges as deflections do, which their strain at a point
-    does not.
+    does not. `motion`, `loads`, `damping` and `max_steps` are those of `simulate`.
+
+    Raises `ValueError` or `TypeError` for a malformed argument.
     """
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
@@ -247,9 +264,15 @@ class RootStrain(_InTime):
 
 
 class ModalFrequencies(Question):
-    """Frequencies of bending and torsion in steady rotation at `angular_speed` (rad/s), in rad/s,
-    by label; errors over each of them. About a state that `loads` deform (see `modes`) only
-    elements in space are asked."""
+    """Frequencies of bending and torsion in steady rotation, in rad/s, by label.
+
+    `angular_speed` is in rad/s, either sign; `which` are labels (`labels`) of bending or torsion,
+    of numbers up to 8. Errors are over each of the frequencies. About a state that `loads` deform
+    (see `modes`) only elements in space are asked.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` for loads that
+    change in time.
+    """
 
     order: ClassVar[int] = 4
     angular_speed: Scalar
@@ -267,7 +290,7 @@ class ModalFrequencies(Question):
             raise ValueError(f"which must be labels, see jaxbeam.labels; got {which!r}")
         for label in self.which:
             if label.direction == Direction.AXIAL or not 1 <= label.number <= 8:
-                raise ValueError(f"which: bending or torsion of order 1 to 8, got {label}")
+                raise ValueError(f"which: bending or torsion of number 1 to 8, got {label}")
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
         # Rungs are held against each other: what functions leave out is among their errors.

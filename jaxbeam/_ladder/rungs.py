@@ -32,7 +32,7 @@ SPACE = 2.0
 
 
 class Rung(NamedTuple):
-    """A model, and what it is expected to cost, over the cheapest of the ladder."""
+    """A `model`, and what it is expected to cost, `cost`, over the cheapest of the ladder."""
 
     model: AbstractModel
     cost: float
@@ -119,8 +119,9 @@ def _at_nodes(places: tuple[float, ...], n_elements: int) -> bool:
 
 
 def _modal(theory: type[Any], n: int, rotor: Rotor, planar: bool, stretch: int = 0) -> Any:
-    """With n functions across, each way, and one more where the root yields. Those of von Karman's
-    u1 follow u2'^2."""
+    """A modal model with n functions across, each way, and one more where the root yields.
+
+    Functions of von Karman's u1 follow u2'^2."""
     # One or two modes at rest do better than as many polynomials, from three on these win; of beams
     # that vary they are not the modes.
     stretch = 2 * n + 1 if theory is VonKarman else stretch
@@ -136,7 +137,11 @@ def rungs(rotor: Rotor, question: Question) -> list[Rung]:
     In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
     being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; elements, those
     in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion and
-    loads stay in it; and only models that bear what there is. Raises `ValueError` where none does.
+    loads stay in it; and only models that bear what there is. `rotor` is a `Rotor`, `question` a
+    `Question`; returns a list of `Rung`.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` where no model
+    bears what there is.
     """
     checked_question(question)
     rotor = checked_rotor(Rotor, rotor)
@@ -161,7 +166,7 @@ def rungs_of(question: Question, rotor: Rotor, planar: bool) -> list[Rung]:
 
 
 def _cost(question: Question, model: AbstractModel) -> float:
-    """In us of a case in a batch on one core, roughly: of steps and unknowns.
+    """Cost in us of a case in a batch on one core, roughly: of steps and unknowns.
 
     `studies/ladder.py` measures some of these numbers: an eigenproblem of n unknowns, 200 steps of
     a linear run, 2.3 times as many where motion is not linear, five times the work where von
@@ -181,19 +186,19 @@ def _cost(question: Question, model: AbstractModel) -> float:
 class Indicators(eqx.Module):
     """What is known of a question before it is answered.
 
-    | field            | shape |                                                                |
-    |------------------|-------|----------------------------------------------------------------|
-    | stiffening_ratio | ()    | motion-induced over elastic stiffness at the largest speed     |
-    | steady_strain    | ()    | P(0) / EA at the largest speed                                 |
-    | size             | ()    | largest deflection of the tip over the length, linear theory   |
-    |                  |       | (where none bears what is asked, the coarsest elements)        |
-    | slope            | ()    | largest slope there, of the same                               |
-    | rest_frequency   | (6,)  | of the first bending modes in plane, rad/s                     |
-    | excited          | (6,)  | how much each takes part in what the hub's rotation excites    |
-    | stoutness        | (2,6) | share of each frequency, in plane and in flap (if that takes   |
-    |                  |       | part), that shear and rotary inertia, which no rung has, would |
-    |                  |       | take off: an estimate for solid metal. Of turned sections off  |
-    |                  |       | the lowest frequencies                                         |
+    | field                | shape |                                                              |
+    |----------------------|-------|--------------------------------------------------------------|
+    | stiffening_ratio     | ()    | motion-induced over elastic stiffness at the largest speed   |
+    | steady_strain        | ()    | P(0) / EA at the largest speed                               |
+    | size                 | ()    | largest deflection of the tip over the length, linear theory |
+    |                      |       | (where none bears what is asked, the coarsest elements)      |
+    | slope                | ()    | largest slope there, of the same                             |
+    | rest_frequency       | (6,)  | of the first bending modes in plane, rad/s                   |
+    | excited              | (6,)  | how much each takes part in what the hub's rotation excites  |
+    | timoshenko_reduction | (2,6) | share of each frequency, in plane and in flap (if that takes |
+    |                      |       | part), that shear and rotary inertia, which no rung has,     |
+    |                      |       | would take off: an estimate for solid metal. Of turned       |
+    |                      |       | sections off the lowest frequencies                          |
     """
 
     stiffening_ratio: Scalar
@@ -212,7 +217,7 @@ class Indicators(eqx.Module):
 
 @Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
-    """All but the size and the slope, which a linear theory has to say: they are infinite."""
+    """Indicators but size and slope, which a linear theory has to say: these are infinite."""
     # Of a beam in a cone as if it lay in the plane, where the tension is no less.
     rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
     speed = question.speed()

@@ -76,7 +76,7 @@ def ladder_sweep(
 
     `situation(**parameters)` returns a `Rotor` and a `Question`; like a function given to `sweep`
     it is written for one case and sees the parameters of `cases` as scalars. All questions must be
-    of one kind, and of equally many times.
+    of one kind, and of equally many times. `tolerance` is relative, from 1e-8 to below 1.
 
     A linear theory in bending looks at every case (or, where none bears what is asked, the coarsest
     elements in space do). Of those in the plane, and of those in space, `representatives` that
@@ -103,6 +103,7 @@ def ladder_sweep(
     `chunk`, `devices` and `progress` are those of `sweep`. Each model is compiled once, side by
     side on the cores there are; where `cases` are few that takes longer than all else, so the
     cheapest rungs of both kinds are left out, and others until they are needed.
+
     Raises `ValueError` or `TypeError` as `choose_model` does, but never for what is wrong with a
     case: a batch has a status for each and, as `sweep`, no `throw`.
     """
@@ -307,7 +308,8 @@ def _chain(
     pool: Pool, sample: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
     share: float, tolerance: float,
 ) -> _Chain:  # fmt: skip
-    """From errors of all rungs below judge[i] for representative i, against the best answers."""
+    """A chain judged by the errors of all rungs below judge[i] for representative i, against the
+    best answers."""
     ratio, floor = np.full(len(models), _RATIO), np.zeros(len(models))
     start = last = len(models) - 1
     for k in range(1, min(int(judge.max()), last) + 1):
@@ -331,7 +333,7 @@ def _chain(
 
 
 def _noise(pool: Pool, sample: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
-    """By how much answers change where integration is ten times tighter."""
+    """How much answers change where integration is ten times tighter."""
     if not fine.any():
         return 0.0
     tight = pool.ask(model, sample[fine], 0.1)

@@ -11,8 +11,7 @@ Y Table 1 is misprinted: NC, LC and NS lack the Euler term m Omega' (d + L), wit
 hardly move; NP lacks d in the last inertia term of both equations; the stiffness in LP is
 m d L Omega^2 + k_r, not m Omega^2 + k_r. The motion must turn about the axis normal to the plane.
 
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
+Y is the paper of `_models/contract/__init__.py`.
 """
 
 import abc
@@ -217,7 +216,7 @@ class _LinearPolar(_Polar):
         return jnp.stack([q[0] - length * q[1] ** 2 / 2, (length + q[0]) * q[1]])
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
-        """By the exact x, y of s, theta, as in Y."""
+        """Displacement by the exact x, y of s, theta, as in Y."""
         at = jnp.concatenate([super().place(q), jnp.zeros(1)])
         return jnp.broadcast_to(at, (np.asarray(xi).size, 3))
 
@@ -225,7 +224,7 @@ class _LinearPolar(_Polar):
         return self.rotor.mass * jnp.concatenate([self.place(q), jnp.zeros(1)])
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        """To second order in s, theta and their rates."""
+        """Kinetic energy to second order in s, theta and their rates."""
         m, length = self.rotor.mass, self.rotor.length
         end = jnp.zeros(3).at[0].set(self.tip_radius)
         rigid = velocity + cross(spin, end)
@@ -270,7 +269,10 @@ def _polar(rotor: SpringRotor, q: Vector) -> tuple[Scalar, Scalar]:
 
 
 class DiscreteNC(_Discrete):
-    """Exact in x, y: U = k_T (|r| - L)^2 / 2 + k_r atan(y / (L + x))^2 / 2."""
+    """The discrete analogue, exact in x, y.
+
+    U = k_T (|r| - L)^2 / 2 + k_r atan(y / (L + x))^2 / 2.
+    """
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -278,7 +280,10 @@ class DiscreteNC(_Discrete):
 
 
 class DiscreteLC(_Discrete):
-    """Linear in x, y: unstable above Omega = sqrt(k_r / m) / L, whatever d is."""
+    """The discrete analogue, linear in x, y.
+
+    Unstable above Omega = sqrt(k_r / m) / L, whatever d is.
+    """
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -286,7 +291,10 @@ class DiscreteLC(_Discrete):
 
 
 class DiscreteNS(_Discrete):
-    """Stretch x + y^2 / (2 L): U = k_T (x + y^2 / (2 L))^2 / 2 + k_r (y / L)^2 / 2."""
+    """The discrete analogue with the stretch x + y^2 / (2 L).
+
+    U = k_T (x + y^2 / (2 L))^2 / 2 + k_r (y / L)^2 / 2.
+    """
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -294,7 +302,7 @@ class DiscreteNS(_Discrete):
 
 
 class DiscreteNP(_Discrete):
-    """Exact in s, theta; the same motion as `DiscreteNC`."""
+    """The discrete analogue, exact in s, theta; the same motion as `DiscreteNC`."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates s, in m, and theta, in rad."""
@@ -302,7 +310,7 @@ class DiscreteNP(_Discrete):
 
 
 class DiscreteLP(_Discrete):
-    """Linear in s, theta: stiffens with speed as it must."""
+    """The discrete analogue, linear in s, theta: stiffens with speed as it must."""
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates s, in m, and theta, in rad."""

@@ -53,8 +53,8 @@ class Bands(abc.ABC):
 
 @functools.lru_cache(maxsize=64)
 def bands_of(model: AbstractModel, most: Counts, count: int) -> Bands | None:
-    """For up to `most` modes of each direction, `count` in all; None where matrices are no bands,
-    or too small for that many."""
+    """Bands for up to `most` modes of each direction, `count` in all; None where matrices are no
+    bands, or too small for that many."""
     bands = model.bands()
     axial, in_plane, flap, _ = most
     if max(2 * axial, in_plane, flap) > MOST or in_plane == 0:

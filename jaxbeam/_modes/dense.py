@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from jaxbeam._models.contract.base import LinearSystem
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._numerics.linalg import (

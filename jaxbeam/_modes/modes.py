@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Inexact
 
-from jaxbeam._models.contract.base import AbstractModel, LinearSystem, checked_case
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.loaded import (
     Conditions,
     checked_conditions,
@@ -45,19 +46,22 @@ def modes(
     damping: Damping = NO_DAMPING,
     throw: bool = True,
 ) -> Modes:
-    """Modes of small vibration about steady rotation at `angular_speed` (rad/s).
+    """Modes of small vibration about steady rotation at `angular_speed` (rad/s, either sign).
 
-    About the state that `loads` deform, if there are any: gravity, which has to be along the axis
+    `model` is a theory such as `Hybrid()`, and `rotor` a `Rotor` (a `SpringRotor` for the discrete
+    ones). `which` is how many, lowest first (growing ones before all), six by default, or the
+    labels wanted, in that order (see `labels`).
+
+    With `loads` they are about the state that these deform: gravity, which has to be along the axis
     where the beam turns, a force along the span, and force and moment at the tip, constant in the
     hub or following (see `Loads`); with `damping`, of which `Modes.damping_ratio` tells. Anything
     may be coupled then, growing modes are found whatever the cause, and there is no
     `frequency_error`. Models that are linear know only the force along the beam.
 
-    `which` is how many, lowest first (growing ones before all), six by default, or the labels
-    wanted, in that order (see `labels`). Real symmetric computations while the stiffness is
-    positive definite, the general eigenproblem with growth rates where it is not. In a batch of 256
-    cases or more, by one `jax.vmap` or several, models that have `bands` are some ten times faster
-    a case, and compile for longer; on a GPU, which is slow with dense ones, in any batch.
+    Real symmetric computations while the stiffness is positive definite, the general eigenproblem
+    with growth rates where it is not. In a batch of 256 cases or more, by one `jax.vmap` or
+    several, models that have `bands` are some ten times faster a case, and compile for longer; on a
+    GPU, which is slow with dense ones, in any batch.
 
     Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
     both modes and to any order, wherever the eigenvalue is simple within its plane; crossings of
@@ -71,8 +75,8 @@ def modes(
     mode they are zero, lest they spoil gradients by parameters that cases of a batch share.
 
     Raises `ValueError` or `TypeError` for a malformed argument, and, with `throw`, `ValueError` for
-    a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where no steady state
-    exists or is found.
+    a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where the case fails:
+    no steady state exists or is found, or modes are not resolved (`Status`).
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     conditions = checked_conditions(loads, damping)

@@ -22,25 +22,26 @@ from jaxbeam._types import Code, Scalar, Vectors
 class Modes(eqx.Module):
     """k modes x e^(lambda t) of M q'' + G q' + K q = 0 with n coordinates, damping being part of G.
 
-    | field        | shape  | unit  |                                                            |
-    |--------------|--------|-------|------------------------------------------------------------|
-    | eigenvalue   | (k,)   | rad/s | lambda = growth_rate + i frequency, frequency >= 0         |
-    | shape        | (k, n) | *     | x, scaled to unit modal mass; while stable the axial part  |
-    |              |        |       | (of coned beams that of flap) is imaginary, the rest real; |
-    |              |        |       | under loads or with damping of any phase, x^H M x = 1      |
-    | direction    | (k,)   |       | `Direction` of the mode as an integer                      |
-    | number       | (k,)   |       | its number within the direction, from 1                    |
-    | energy_share | (k, 4) |       | share of kinetic energy by `Direction`                     |
-    | residual     | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M)        |
-    |              |        |       | + abs(lambda) norm(G) + norm(K)) norm(x))                  |
-    | status       | ()     |       | `Status`; unless OK the numbers are NaN, but for residual  |
-    | steady_strain| ()     |       | see `LinearSystem`                                         |
-    | frequency_   | (k,)   |       | estimate of what functions and quadrature leave out of     |
-    | error        |        |       | lambda, relative, on beams that vary along the span; None  |
-    |              |        |       | of uniform ones (far beyond gamma = 50 take more functions |
-    |              |        |       | and compare), of elements, of coned beams, and about       |
-    |              |        |       | loaded states                                              |
-    | model        |        |       | whose modes they are; no array, and part of no table       |
+    | field           | shape  | unit  |                                                           |
+    |-----------------|--------|-------|-----------------------------------------------------------|
+    | eigenvalue      | (k,)   | rad/s | lambda = growth_rate + i frequency, frequency >= 0        |
+    | shape           | (k, n) | *     | x, scaled to unit modal mass; while stable the axial part |
+    |                 |        |       | (of coned beams that of flap) is imaginary, the rest      |
+    |                 |        |       | real; under loads or with damping it is of any phase, and |
+    |                 |        |       | x^H M x = 1                                               |
+    | direction       | (k,)   |       | `Direction` of the mode as an integer                     |
+    | number          | (k,)   |       | its number within the direction, from 1                   |
+    | energy_share    | (k, 4) |       | share of kinetic energy by `Direction`                    |
+    | residual        | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M) +     |
+    |                 |        |       | abs(lambda) norm(G) + norm(K)) norm(x))                   |
+    | status          | ()     |       | `Status`; unless OK the numbers are NaN, but for residual |
+    | steady_strain   | ()     |       | see `LinearSystem`                                        |
+    | frequency_error | (k,)   |       | estimate of what functions and quadrature leave out of    |
+    |                 |        |       | lambda, relative, on beams that vary along the span; None |
+    |                 |        |       | of uniform ones (far beyond gamma = 50 take more          |
+    |                 |        |       | functions and compare), of elements, of coned beams, and  |
+    |                 |        |       | about loaded states                                       |
+    | model           |        |       | whose modes they are; no array, and part of no table      |
 
     (*) kg^-1/2 for coordinates in metres.
 
@@ -91,25 +92,30 @@ class Modes(eqx.Module):
     def displacement(
         self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
     ) -> Complex[Array, "... k p 3"]:
-        """Amplitudes at x = xi L (a number, or as many as p) of the rotor whose modes they are:
-        axial, in plane and flap, to first order; the motion is the real part of these times
-        e^(lambda t).
+        """Amplitudes of modes along the span: axial, in plane and flap, to first order.
+
+        They are at x = `xi` L, a number from 0 to 1 or p of them, of the `rotor` whose modes they
+        are; the motion is the real part of these times e^(lambda t).
 
         Of unit modal mass, in kg^-1/2; with `tip` such that the displacement of the tip in the
-        mode's own direction is one, of modes of torsion L times the twist there. Differentiable,
+        mode's own direction is one, of modes of torsion L times the angle there. Differentiable,
         under `jit`, and of a batch of one rotor with its axes in front; where rotors differ from
-        case to case, `jax.vmap` it over both. Raises `ValueError` for xi out of range.
+        case to case, `jax.vmap` it over both.
+
+        Raises `ValueError` for xi out of range, and `TypeError` where it is traced.
         """
-        points = np.atleast_1d(concrete_array("xi", xi))
-        if points.ndim > 1 or not np.all((points >= 0) & (points <= 1)):
-            raise ValueError(f"xi must be x / L from 0 to 1, one or several in a row, got {xi}")
-        return _displacement(self, rotor, points, tip)
+        return _displacement(self, rotor, _places(xi), tip)
 
     def torsion(
         self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
     ) -> Complex[Array, "... k p"]:
-        """L times the angle of twist, as in `displacement`: zero but in `SpatialANCF`."""
-        return _torsion(self, rotor, np.atleast_1d(concrete_array("xi", xi)), tip)
+        """L times the angle of torsion at `xi` of the `rotor`: zero but in `SpatialANCF`.
+
+        `tip`, units and batches are as in `displacement`.
+
+        Raises `ValueError` where `xi` is not within 0 and 1.
+        """
+        return _torsion(self, rotor, _places(xi), tip)
 
     def polynomials(self, rotor: AnyRotor) -> ShapePolynomials:
         """The shapes of bending modes as ElastoDyn (OpenFAST) takes them: c_2 xi^2 + ... + c_6 xi^6
@@ -119,10 +125,12 @@ class Modes(eqx.Module):
         that are turned ElastoDyn takes a shape p as a curvature p'' about their axes, and adds up
         what it does in both directions: with twist, p is the one for which that comes next to the
         deflection both ways. It turns the whole blade by its own pitch, so that shapes are those of
-        a rotor without one: `ValueError` otherwise. Value and slope at the root are zero, so that
-        shapes of a root that yields do not fit: look at `misfit`, which for clamped blades is 1e-3
-        or so. `jaxbeam.blades.write_elastodyn` writes them into a file. Batches are as in
+        a rotor without one. Value and slope at the root are zero, so that shapes of a root that
+        yields do not fit: look at `misfit`, which for clamped blades is 1e-3 or so.
+        `jaxbeam.blades.write_elastodyn` writes them into a file. `rotor` and batches are as in
         `displacement`.
+
+        Raises `ValueError` for a rotor with a pitch.
         """
         if isinstance(rotor, Rotor) and rotor.pitch is not None:
             raise ValueError(
@@ -138,6 +146,14 @@ def _displacement(
 ) -> Complex[Array, "k p 3"]:
     table = _model_of(modes).displacement(xi, rotor)
     return jnp.einsum("cpn,kn->kpc", table, _scaled(modes, rotor, tip))
+
+
+def _places(xi: Any) -> np.ndarray:
+    """The argument as places x / L."""
+    points = np.atleast_1d(concrete_array("xi", xi))
+    if points.ndim > 1 or not np.all((points >= 0) & (points <= 1)):
+        raise ValueError(f"xi must be x / L from 0 to 1, one or several in a row, got {xi}")
+    return points
 
 
 @per_case

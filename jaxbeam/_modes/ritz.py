@@ -94,7 +94,7 @@ class Axial(NamedTuple):
     def guess(
         self, values: Float[np.ndarray, "n d"], tip: Array
     ) -> tuple[Float[Array, "k *lanes"], Float[Array, "n k *lanes"]]:
-        """mu = omega^2 over EA / (rho L^2), and the modes by the values of polynomials."""
+        """Values mu = omega^2 over EA / (rho L^2), and the modes by the values of polynomials."""
         lanes, t = tip.ndim, 2 * tip / (1 + tip) - 1
         terms = [jnp.ones_like(t), t]
         while len(terms) < len(self.square):

@@ -80,7 +80,7 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Wanted:
         if not isinstance(label, Label) or not isinstance(label.direction, Direction):
             raise TypeError(f"which: not a Label: {label!r}; make them with jaxbeam.labels")
         if isinstance(label.number, bool) or not isinstance(label.number, int):
-            raise TypeError(f"which: the order of a Label must be an int, got {label.number!r}")
+            raise TypeError(f"which: the number of a Label must be an int, got {label.number!r}")
         available = model.directions.count(label.direction)
         if not 1 <= label.number <= available:
             raise ValueError(

@@ -74,8 +74,8 @@ class _Search(NamedTuple):
         return end[1], end[2]
 
     def _followed(self, start: Array, held: Array) -> tuple[Array, Array, Array]:
-        """From no load to all of it, `held` by the support if that is one and not zero: x, how far
-        that went, and whether it ended in a minimum that is not too far away."""
+        """The way from no load to all of it, `held` by the support if that is one and not zero: x,
+        how far that went, and whether it ended in a minimum that is not too far away."""
 
         def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
             x, done, step, minimum, k = state

@@ -312,8 +312,8 @@ def _is_long_sum(equation: Any) -> bool:
 
 
 def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
-    """With long sums in pieces, at any depth: XLA gives them to a library, which a function that is
-    compiled as one cannot call."""
+    """The program with long sums in pieces, at any depth: XLA gives them to a library, which a
+    function that is compiled as one cannot call."""
     if not any(_is_long_sum(equation) for equation in _equations(closed)):
         return closed
 

@@ -183,7 +183,7 @@ class _Ensemble:
         ]
 
     def together(self, fixed: _Leaves, start: _Leaves) -> _Leaves:
-        """All until the last one is done."""
+        """All cases side by side, until the last one is done."""
         return jax.lax.while_loop(
             lambda state: jnp.any(self.goes_on(fixed, state)),
             lambda state: self.step(fixed, state),
@@ -191,7 +191,7 @@ class _Ensemble:
         )
 
     def by(self, width: int) -> Step:
-        """So many at a time."""
+        """So many cases at a time."""
 
         def run(fixed: _Leaves, start: _Leaves) -> _Leaves:
             small = self.size <= width
@@ -200,7 +200,7 @@ class _Ensemble:
         return run
 
     def queue(self, width: int, fixed: _Leaves, start: _Leaves) -> _Leaves:
-        """Each as soon as there is a place for it."""
+        """Each case as soon as there is a place for it."""
         size, nobody = self.size, jnp.asarray(self.size)
 
         def exchange(now: Any) -> Any:

@@ -1,9 +1,6 @@
 """What rotates: a slender beam, and the rotor that carries it.
 
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+Y and B are the papers of `_models/contract/__init__.py`.
 """
 
 import dataclasses
@@ -56,6 +53,9 @@ class Beam(Parameters):
     Models in space want to know how it twists: `torsional_stiffness` GJ in N m^2, > 0, and
     `polar_inertia`, the moment of inertia about the beam per length, in kg m, > 0; without the
     latter that of a solid section, rho (EI_zz + EI_yy) / EA. No other model looks at them.
+
+    Raises `TypeError` for what is no real number, nor varies along the span as it may, and
+    `ValueError` for what is not allowed; numbers that are traced are told of by a `Status` instead.
     """
 
     length: Scalar = parameter(Status.INVALID_LENGTH)
@@ -91,9 +91,11 @@ class Beam(Parameters):
         in_plane_second_moment: Real,
         flap_second_moment: Real | None = None,
     ) -> Self:
-        """From material and cross-section: rho = density * area, EA, EI.
+        """A uniform beam from its material and its cross-section: rho = density * area, EA and EI.
 
-        SI units: m, Pa, kg/m^3, m^2, m^4. `flap_second_moment` defaults to the in-plane one.
+        `length` in m, `youngs_modulus` E in Pa, `density` in kg/m^3, `area` A in m^2, and I in m^4,
+        `in_plane_second_moment` and `flap_second_moment`, which is the former by default; all > 0.
+        Raises as `Beam` does.
         """
         named = {
             "youngs_modulus": youngs_modulus,
@@ -121,9 +123,10 @@ class Beam(Parameters):
     def from_slenderness(cls, slenderness: Real, *, flap_to_in_plane: Real = 1.0) -> Self:
         """Nondimensional beam: L = rho = EI_zz = 1, EA = slenderness^2.
 
-        slenderness = L sqrt(EA / EI_zz) = L sqrt(A / I_zz). Frequencies and speeds of such a beam
-        are in units of sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses
-        in units of the mass of the beam. `flap_to_in_plane` is EI_yy / EI_zz.
+        `slenderness` is L sqrt(EA / EI_zz) = L sqrt(A / I_zz), `flap_to_in_plane` EI_yy / EI_zz;
+        both are > 0 and without unit. Frequencies and speeds of such a beam are in units of
+        sqrt(EI_zz / (rho L^4)) (B eqs. 64-65), hub radii in units of L, tip masses in units of the
+        mass of the beam. Raises as `Beam` does.
         """
         ratio = numpy_if_concrete(positive("slenderness", slenderness))
         return cls(
@@ -186,21 +189,23 @@ class Beam(Parameters):
 class Rotor(Parameters):
     """A beam that points radially from a rigid hub, with a mass at its tip.
 
-    | field      | symbol | unit | allowed           |
-    |------------|--------|------|-------------------|
-    | beam       |        |      |                   |
-    | hub_radius | R      | m    | >= 0              |
-    | tip_mass   | m_t    | kg   | >= 0              |
-    | pitch      | theta  | rad  | -2 pi to 2 pi     |
-    | root       |        |      |                   |
-    | tip        |        |      |                   |
-    | precone    | beta   | rad  | -pi / 2 to pi / 2 |
+    | field        | symbol | unit | allowed                   |
+    |--------------|--------|------|---------------------------|
+    | beam         |        |      | a `Beam`                  |
+    | hub_radius   | R      | m    | >= 0                      |
+    | tip_mass     | m_t    | kg   | >= 0                      |
+    | pitch        | theta  | rad  | -2 pi to 2 pi, or None    |
+    | root_springs |        |      | `RootSprings`, or None    |
+    | tip_body     |        |      | a `TipBody`, or None      |
+    | precone      | beta   | rad  | -pi / 2 to pi / 2 or None |
 
     The hub radius is the distance from the axis of rotation to the root of the beam. The root is
-    clamped unless `root` has springs, the tip mass is a point unless `tip` makes it a body, and
-    sections are as the beam says unless `pitch` turns them all, by that angle added to the twist.
-    With a `precone` the beam leaves the hub at that angle from the plane of rotation. What is None
-    is not there: a pitch of zero counts as one, and lets models look for what it might couple.
+    clamped unless there are `root_springs`, the tip mass a point unless `tip_body` makes it a body,
+    and sections are as the beam says unless `pitch` turns them all, an angle added to the twist.
+    With a `precone` the beam leaves the hub at that angle from the plane of rotation, towards a3.
+    None is not there: a pitch of zero counts as one, and lets models look for what it might couple.
+
+    Raises `TypeError` and `ValueError` as `Beam` does.
     """
 
     beam: Beam

@@ -31,7 +31,7 @@ def naming(directions: Iterable[Direction]) -> Direction:
 
 
 class Label(NamedTuple):
-    """Name of a mode: its direction, and its number within the direction, from 1."""
+    """Name of a mode: its `direction` (`Direction`), and its `number` within that, from 1."""
 
     direction: Direction
     number: int
@@ -50,9 +50,14 @@ class Counts(TypedDict, total=False):
 
 
 def labels(**counts: Unpack[Counts]) -> tuple[Label, ...]:
-    """Labels of the first modes of each direction, `in_plane`, `flap`, `axial` and `torsion`, in
-    the order in which they are asked for: `labels(flap=1, in_plane=2)` is `flap bending 1`,
-    `in-plane bending 1`, `in-plane bending 2`."""
+    """Labels of the first modes of each direction, in the order in which they are asked for.
+
+    `**counts` are how many, ints >= 0, by the names `in_plane`, `flap`, `axial` and `torsion`:
+    `labels(flap=1, in_plane=2)` is `flap bending 1`, `in-plane bending 1`, `in-plane bending 2`.
+    Returns a tuple of `Label`.
+
+    Raises `TypeError` for any other name or kind of number, and `ValueError` for a negative one.
+    """
     named = {name: Direction[name.upper()] for name in Counts.__annotations__}
     found = []
     for name, count in counts.items():

@@ -17,6 +17,8 @@ class RootSprings(Parameters):
     k phi(0)^2 / 2, phi(0) the slope at the root; None: rigid; zero: a free hinge, at the root,
     which is at the `hub_radius`. What swings there at rest has the frequency zero, of which the
     square alone has derivatives: those of the frequency are NaN, in both modes.
+
+    Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
     in_plane: Scalar | None = optional(Status.INVALID_ROOT_SPRINGS, zero=True)
@@ -41,6 +43,8 @@ class TipBody(Parameters):
     Its mass is the `tip_mass` of the rotor; with all of these zero it is a point (nearly, in
     elements, which hold a body by a stiff spring). It turns with the end of the beam; its axes are
     those of the last section, which twist and pitch turn.
+
+    Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
     offset: Scalar = parameter(Status.INVALID_TIP_BODY, zero=None)

@@ -47,24 +47,28 @@ def bending(load: Triple | TipLoad, length: Scalar) -> Float[Array, "2"]:
 class Loads(eqx.Module):
     """External loads, none by default.
 
-    | field      | unit  |                                                                       |
-    |------------|-------|-----------------------------------------------------------------------|
-    | gravity    | m/s^2 | shape (3,), in inertial axes: those of the hub at angle zero          |
-    | tip_force  | N     | shape (3,) or a function of time to (3,), in hub axes: a1, a2, a3     |
-    | tip_moment | N m   | the same; of `SpatialANCF` alone                                      |
-    | follows    |       | whether force and moment at the tip turn with the section there, as a |
-    |            |       | thruster does: their axes are those of the section (see `TipLoad`)    |
-    | force_per_ | N/m   | along the span, by the unstretched length, in hub axes: three of      |
-    | length     |       | them, each a number, a `Spanwise` or a `SpanwiseFunction`; or a       |
-    |            |       | function of time to three such; integrated with six points of each    |
-    |            |       | element or as products of functions are, and between kinks            |
-    | changes    | s     | times at which a load begins or ends something smoothly               |
-    | jumps      | s     | times at which it jumps                                               |
+    | field            | unit  |                                                                 |
+    |------------------|-------|-----------------------------------------------------------------|
+    | gravity          | m/s^2 | shape (3,), in inertial axes: those of the hub at angle zero    |
+    | tip_force        | N     | shape (3,) or a function of time to (3,), in hub axes: a1 to a3 |
+    | changes          | s     | shape (k,): when a load begins or ends something smoothly       |
+    | jumps            | s     | shape (j,): when it jumps                                       |
+    | tip_moment       | N m   | as `tip_force`; `SpatialANCF` alone bears it                    |
+    | follows          |       | whether force and moment at the tip turn with the section       |
+    |                  |       | there, as those of a thruster do: then their axes are those of  |
+    |                  |       | the section (see `TipLoad`)                                     |
+    | force_per_length | N/m   | along the span, by the unstretched length, in hub axes: three   |
+    |                  |       | of them, each a number, a `Spanwise` or a `SpanwiseFunction`;   |
+    |                  |       | or a function of time to three such; integrated with six points |
+    |                  |       | of each element or as products of functions, and between kinks  |
 
     A force along the beam stiffens it in tension and softens it in compression in every model
     that knows of `Rotor.tension`. A callable that is a pytree carries its parameters as leaves.
     Steps end at the times declared; a pulse that is shorter than a thousandth of a run may be
     passed over if it is not declared.
+
+    Raises `TypeError` or `ValueError` for an argument of another kind or shape, and `ValueError`
+    for known numbers that are not finite.
     """
 
     gravity: Triple | None
@@ -159,6 +163,8 @@ class Damping(eqx.Module):
     at the rate c phi^T K phi / 2, K the stiffness without what tension adds to it. In theories that
     are linear B^T D B is K. The springs of a root, and of the discrete models, are such a material,
     too: a rod that swings on one is damped by the moment c k phi'. None leaves a term out.
+
+    Raises `TypeError` for what is no real number, and `ValueError` unless it is finite and >= 0.
     """
 
     mass_coefficient: Scalar | None
@@ -244,8 +250,8 @@ def in_plane(stray: Array, kept: Array) -> Array:
 def loads_in_range(
     gravity: Triple, push: Triple, tip: Any, span: Float[Array, "2 3"] | None
 ) -> tuple[Array, Array]:
-    """Of gravity, the acceleration of the hub less gravity, what is at the tip and along the span
-    (see `Loads.span_moments`): whether all is finite, and whether it is in plane."""
+    """Whether gravity, the acceleration of the hub less gravity, what is at the tip and along the
+    span (see `Loads.span_moments`) are all finite, and whether they are in plane."""
     along = jnp.zeros((2, 3), gravity.dtype) if span is None else span
     given = jnp.concatenate([jnp.stack([gravity, *jax.tree.leaves(tip)]), along])
     # All else that may be at the tip is for models in space.

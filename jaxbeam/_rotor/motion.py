@@ -25,11 +25,12 @@ _EPSILON = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
 
 
 class Hub(NamedTuple):
-    """Motion of the hub at one time, components in the hub frame.
+    """Motion of the hub at one time: components, shape (3,) each, in the hub frame.
 
     `velocity` (m/s) is that of the point on the axis from which the hub radius is measured,
-    `angular_velocity` (rad/s) that of the frame; the other two are the rates of these *components*.
-    `gravity` (m/s^2) enters like an acceleration of the hub the other way.
+    `angular_velocity` (rad/s) that of the frame; `velocity_rate` (m/s^2) and
+    `angular_velocity_rate` (rad/s^2) are the rates of these *components*. `gravity` (m/s^2) enters
+    like an acceleration of the hub the other way.
     """
 
     velocity: Triple
@@ -57,17 +58,20 @@ class Motion(eqx.Module):
 
     @abc.abstractmethod
     def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
-        """Velocity and angular velocity of the hub in the hub frame at time t (s)."""
+        """Velocity (m/s) and angular velocity (rad/s) of the hub, in its frame, at time `t` (s)."""
 
     def attitude(self, t: Scalar) -> Rotation:
-        """Columns: hub axes in inertial components. Only gravity asks for it."""
+        """Columns: hub axes in inertial components at time `t` (s). Only gravity asks for it.
+
+        Raises `ValueError` unless a motion states it.
+        """
         raise ValueError(
             f"gravity needs the attitude of the hub, which {type(self).__name__} does not state; "
             "use HubPose, or one of the motions about a fixed axis"
         )
 
     def valid(self, t: Scalar) -> Array:
-        """Whether the motion makes sense at time t, beside being finite."""
+        """Whether the motion makes sense at time `t` (s), beside being finite."""
         return jnp.asarray(True)
 
     def change_times(self) -> Times:
@@ -106,10 +110,10 @@ class Spin(Motion):
 
     @abc.abstractmethod
     def angle(self, t: Scalar) -> Scalar:
-        """Angle turned since t = 0, in rad."""
+        """Angle turned from time 0 to `t` (s), in rad."""
 
     def angular_speed(self, t: Scalar) -> Scalar:
-        """Rate of the angle, in rad/s."""
+        """Rate of the angle at time `t` (s), in rad/s."""
         return jax.jvp(self.angle, (t,), (jnp.ones_like(t),))[1]
 
     def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
@@ -127,7 +131,7 @@ class Spin(Motion):
         return jnp.abs(self.axis @ self.axis - 1) < 1e-6
 
     def attitude(self, t: Scalar) -> Rotation:
-        """By Rodrigues' formula; hub and inertial axes coincide at angle zero."""
+        """Hub axes by Rodrigues' formula; hub and inertial axes coincide at angle zero."""
         angle, k = self.angle(t), skew(self.axis)
         return jnp.eye(3, dtype=k.dtype) + jnp.sin(angle) * k + (1 - jnp.cos(angle)) * (k @ k)
 
@@ -176,9 +180,13 @@ class _Declared(Motion):
 class HubVelocity(_Declared):
     """Any motion, by functions of time for velocity and angular velocity in the hub frame.
 
-    Each takes a scalar time (s) and returns shape (3,) (m/s, rad/s). Callables that are pytrees
-    (an `equinox.Module`, a `jax.tree_util.Partial`) carry their parameters as leaves. `changes` and
-    `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
+    `velocity(t)` and `angular_velocity(t)` take a scalar time (s) and return shape (3,) (m/s,
+    rad/s). Callables that are pytrees (an `equinox.Module`, a `jax.tree_util.Partial`) carry their
+    parameters as leaves. `changes` (k,) and `jumps` (j,) are times (s) as in `Motion.change_times`
+    and `Motion.jump_times`.
+
+    Raises `TypeError` for what is no function of time to real numbers, or none that JAX can trace,
+    and `ValueError` for another shape or times that are not finite.
     """
 
     velocity: Callable[[Scalar], Triple]
@@ -209,7 +217,10 @@ class HubPose(_Declared):
 
     `position(t)`, shape (3,), in m and inertial components; `rotation(t)`, shape (3, 3), proper
     orthogonal, its columns the hub axes in inertial components. v = Q^T p', omega = vee(Q^T Q').
-    `changes` and `jumps` are times (s) as in `Motion.change_times` and `Motion.jump_times`.
+    `changes` (k,) and `jumps` (j,) are times (s) as in `Motion.change_times` and
+    `Motion.jump_times`.
+
+    Raises as `HubVelocity` does, and `ValueError` where the rotation is none at t = 0.
     """
 
     position: Callable[[Scalar], Triple]

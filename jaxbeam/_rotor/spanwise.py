@@ -66,7 +66,8 @@ class Spanwise(AbstractSpanwise):
     are a step, from the first value to the second. `values` (k,) are in the unit of the property;
     each of them can be swept, fitted or differentiated.
 
-    Raises `ValueError` or `TypeError`, naming the station.
+    Raises `ValueError`, which says where stations go wrong, and `TypeError` for what are no real
+    numbers or, of stations, not known when a program is compiled.
     """
 
     values: Float[Array, " k"]
@@ -136,6 +137,9 @@ class SpanwiseFunction(AbstractSpanwise):
     that are to be swept, fitted or differentiated are leaves of it, if it is a pytree such as an
     `equinox.Module` or a `jax.tree_util.Partial`. `kinks` names the x / L, between 0 and 1, where
     it or a derivative of it jumps, so that integrals stop there.
+
+    Raises `TypeError` for what is no function, or none that JAX can trace, and `ValueError` for
+    kinks out of range or values of another shape.
     """
 
     function: Callable[[Float[Array, " p"]], Float[Array, " p"]]

@@ -1,9 +1,6 @@
 """Rotations about a fixed axis: those of the papers, constant, modulated and tabulated speed.
 
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+Y and B are the papers of `_models/contract/__init__.py`.
 """
 
 import abc
@@ -20,10 +17,12 @@ from jaxbeam._types import Real, Scalar, Triple, is_concrete
 
 
 def inclined_axis(angle: Real) -> Triple:
-    """Axis of rotation at `angle` (rad) from the beam, in the plane of a1 and a2.
+    """Axis of rotation, shape (3,), at `angle` (rad, any) from the beam, in the plane of a1 and a2.
 
     cos(angle) a1 + sin(angle) a2, the beam on a tapered hub (Y, Figs. 7-9): then a3, and with it
     "flap", is the direction of rotation, and "in plane" the outward one. Default axes are a3.
+
+    Raises `TypeError` or `ValueError` for what is no real scalar.
     """
     angle = real_scalar("angle", angle)
     return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
@@ -43,7 +42,12 @@ def _axis(axis: Any) -> Triple:
 
 
 class ConstantSpeed(Spin):
-    """Steady rotation at `angular_speed` (rad/s)."""
+    """Steady rotation at `angular_speed` (rad/s, either sign) about `axis`.
+
+    The axis is a unit vector of shape (3,) in hub axes, a3 by default.
+
+    Raises `TypeError` or `ValueError` for a malformed argument or a number out of range.
+    """
 
     speed: Scalar
     axis: Triple
@@ -95,9 +99,12 @@ class _SpinUp(Spin):
 
 
 class SmoothSpinUp(_SpinUp):
-    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
+    """Speed from rest to `angular_speed` (rad/s, any sign) in `duration` T (s, > 0), then constant.
 
     Omega(t) = Omega_s [t / T - sin(2 pi t / T) / (2 pi)] (Y eq. 23); its integral is B eq. 13.
+    `axis` as in `ConstantSpeed`.
+
+    Raises `TypeError` or `ValueError` for a malformed argument or a number out of range.
     """
 
     def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
@@ -113,9 +120,12 @@ class SmoothSpinUp(_SpinUp):
 
 
 class QuinticSpinUp(_SpinUp):
-    """From rest to `angular_speed` (rad/s) in `duration` T (s), then constant.
+    """Speed from rest to `angular_speed` (rad/s, any sign) in `duration` T (s, > 0), then constant.
 
-    Omega(t) = Omega_s (6 tau^5 - 15 tau^4 + 10 tau^3), tau = t / T (Y eq. 21).
+    Omega(t) = Omega_s (6 tau^5 - 15 tau^4 + 10 tau^3), tau = t / T (Y eq. 21). `axis` as in
+    `ConstantSpeed`.
+
+    Raises `TypeError` or `ValueError` for a malformed argument or a number out of range.
     """
 
     def __init__(self, angular_speed: Real, duration: Real, axis: Any = None) -> None:
@@ -129,7 +139,13 @@ class QuinticSpinUp(_SpinUp):
 
 
 class ModulatedSpeed(Spin):
-    """Omega(t) = mean [1 + depth sin(frequency t)]: `mean` in rad/s, `frequency` in rad/s."""
+    """A speed that swings about its mean: Omega(t) = mean [1 + depth sin(frequency t)].
+
+    `mean` in rad/s, either sign; `depth` without unit; `frequency` in rad/s, > 0; `axis` as in
+    `ConstantSpeed`.
+
+    Raises `TypeError` or `ValueError` for a malformed argument or a number out of range.
+    """
 
     mean: Scalar
     depth: Scalar
@@ -146,7 +162,13 @@ class ModulatedSpeed(Spin):
 
 
 class SpinUpThenDown(Spin):
-    """A spin-up, undone from time `down_at` (s) on: Omega(t) = up(t) - up(t - down_at)."""
+    """A spin-up, undone later: Omega(t) = up(t) - up(t - down_at).
+
+    `up` is a motion about a fixed axis, such as `SmoothSpinUp`; `down_at` (s, > 0) is when it
+    begins to be undone.
+
+    Raises `TypeError` where `up` is none, and `ValueError` unless `down_at` is finite and > 0.
+    """
 
     up: Spin
     down_at: Scalar
@@ -178,6 +200,10 @@ class TabulatedSpeed(Spin):
     Between them the speed is linear, with corners that steps meet exactly. With `smooth=True` it is
     Hermite's cubic whose slope at each time is that of the parabola through it and its neighbours,
     and zero at both ends. Before the first time and after the last one the speed is constant.
+    `axis` as in `ConstantSpeed`.
+
+    Raises `ValueError` unless both are finite and equally many, two at least, and times increase,
+    and `TypeError` for what are no real numbers.
     """
 
     times: Times

@@ -1,8 +1,4 @@
-"""The discrete analogue of a rotating beam.
-
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
-"""
+"""The discrete analogue of a rotating beam (Y: see `_models/contract/__init__.py`)."""
 
 from typing import ClassVar
 
@@ -27,6 +23,8 @@ class SpringRotor(Parameters):
     | hub_radius            | d      | m      | >= 0    |
     | translational_spring  | k_T    | N/m    | > 0     |
     | torsional_spring      | k_r    | N m    | > 0     |
+
+    Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
     mass: Scalar = parameter(Status.INVALID_MASS)

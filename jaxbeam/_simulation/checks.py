@@ -73,7 +73,7 @@ def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
             raise TypeError(f"{name} must be {article} {kind.__name__}, got {kind_of(value)}")
     shapes = [a.shape for a in eqx.filter_eval_shape(motion.velocities, t)]
     if shapes != [(3,), (3,)]:
-        raise ValueError(f"motion.twist must return two vectors of shape (3,), got {shapes}")
+        raise ValueError(f"motion.velocities must return two vectors of shape (3,), got {shapes}")
     if loads.gravity is not None:
         eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
 

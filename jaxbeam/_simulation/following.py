@@ -84,7 +84,7 @@ class _Following(diffrax.AbstractStepSizeController):
         h = length(t0, t1)
         hub, *_ = inputs_along(args, t0, h)
         velocities = jax.vmap(args.velocities_of)(hub)
-        rate = jax.vmap(args.twist_rate_of)(hub)
+        rate = jax.vmap(args.velocity_rates_of)(hub)
         before = state.velocities
         if args.jumps.size:
             before = jnp.where(args.jumped(t0), velocities[0], before)

@@ -1,4 +1,4 @@
-"""From a scene to the solution of diffrax: by our own loop, or by that of diffrax."""
+"""The way from a scene to the solution of diffrax: by our own loop, or by that of diffrax."""
 
 from typing import Any
 

@@ -58,14 +58,19 @@ class Simulation(eqx.Module):
 
     @property
     def partial(self) -> "Simulation":
-        """This run, which answers with all that there is, whatever its status: the history up
-        to where it got, and the peak of that. NaN where parameters are out of range: then nothing
-        was simulated."""
+        """The run, which answers with all that there is, whatever its status.
+
+        That is the history up to where it got, and the peak of that; NaN where parameters are out
+        of range, since then nothing was simulated.
+        """
         return dataclasses.replace(self, is_partial=True)
 
     @per_case
     def displacement(self, xi: Any = 1.0) -> Float[Array, "T p 3"]:
-        """Displacement of the points xi, in m."""
+        """Displacement of the points x = `xi` L, one number or p of them from 0 to 1, in m.
+
+        Raises `ValueError` for points out of range, and `TypeError` for traced ones.
+        """
         return self._each(_displacement, *_points(xi))
 
     @property
@@ -76,20 +81,25 @@ class Simulation(eqx.Module):
 
     @per_case
     def strain(self, xi: Any = 0.0) -> Float[Array, "T p"]:
-        """Axial strain of the centre line."""
+        """Axial strain of the centre line at `xi`, as in `displacement`."""
         return self._each(_strain, *_points(xi))
 
     @per_case
     def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
-        """In-plane and flap curvature, in 1/m, in axes that turn with the section, but not with
-        pitch and twist that the beam has by itself: surface strain is the axial one less y times
-        it."""
+        """In-plane and flap curvature at `xi`, as in `displacement`, in 1/m.
+
+        In axes that turn with the section, but not with pitch and twist that the beam has by
+        itself: surface strain is the axial one less y times it.
+        """
         return self._each(_curvature, *_points(xi))
 
     @per_case
     def torsion(self, xi: Any = 1.0) -> Float[Array, "T p"]:
-        """Angle, in rad, by which the section has turned about the tangent from where the least
-        rotation from a1 to the tangent brings it: zero but in `SpatialANCF`."""
+        """Angle of torsion at `xi`, as in `displacement`, in rad: zero but in `SpatialANCF`.
+
+        By it the section has turned about the tangent from where the least rotation from a1 to the
+        tangent brings it.
+        """
         return self._each(_torsion, *_points(xi))
 
     @property
@@ -126,9 +136,12 @@ class Simulation(eqx.Module):
     def peak(self, component: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
         """Largest deflection either way (m, with its sign) of a point, and when (s).
 
-        Between output times by cubic interpolation with the rates, exact to fourth order.
-        Components 0, 1, 2 are axial, in plane, flap. The value is differentiable; the time carries
-        no derivative. NaN unless `status` is OK: `partial.peak()` is that of the run so far.
+        `component` 0, 1, 2 is axial, in plane, flap, and the point is x = `xi` L. Between output
+        times by cubic interpolation with the rates, exact to fourth order. The value is
+        differentiable; the time carries no derivative. NaN unless `status` is OK: `partial.peak()`
+        is that of the run so far.
+
+        Raises `ValueError` for another component or point, and for fewer than two output times.
         """
         if self.times.size < 2:
             raise ValueError("peak needs two or more output times")

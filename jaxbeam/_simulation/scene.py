@@ -25,6 +25,8 @@ from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 class Scene(SecondOrderSystem):
     """A model of one rotor, its motion, loads and damping: what diffrax gets as `args`.
 
+    `model`, `rotor`, `motion`, `loads`, `damping` and `times` are those of `simulate`, in range.
+
     The balance that is kept along the way is that of the energy relative to the hub,
     h = q'.dT/dq' - T + U: the Jacobi integral, constant while the hub turns steadily. It changes by
 
@@ -47,7 +49,8 @@ class Scene(SecondOrderSystem):
         self, model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
         times: Array | None = None,
     ) -> None:  # fmt: skip
-        """From parameters in range, for a run from times[0] to times[-1] if there is to be one."""
+        """A scene of parameters in range, for a run from times[0] to times[-1] if there is to be
+        one."""
         self.equations = equations_under(model, rotor, loads)
         self.span, self.inverse_mass = SpanLoad.of(self.equations, loads), None
         self.motion, self.loads, self.damping = motion, loads, damping
@@ -97,7 +100,7 @@ class Scene(SecondOrderSystem):
         return self.motion.hub(self._within(t), self.loads.gravity)
 
     def with_closures_traced(self, t: Scalar) -> "Scene":
-        """This scene with all that motion and loads are made of as leaves, what functions of
+        """The scene with all that motion and loads are made of as leaves, what functions of
         the user close over too, and without tracing them ever again; t is any time."""
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
@@ -116,7 +119,7 @@ class Scene(SecondOrderSystem):
         return scene
 
     def with_inverse(self) -> "Scene":
-        """This scene for a solver that asks for accelerations at every stage."""
+        """The scene for a solver that asks for accelerations at every stage."""
         mass = inverse(self.mass)
         scene: Scene = eqx.tree_at(
             lambda s: s.inverse_mass, self, mass, is_leaf=lambda leaf: leaf is None
@@ -151,7 +154,7 @@ class Scene(SecondOrderSystem):
         """Velocity of the hub and what its rotation makes of it at the tip, in m/s."""
         return jnp.concatenate([hub.velocity, self.equations.tip_radius * hub.angular_velocity])
 
-    def twist_rate_of(self, hub: Hub) -> Float[Array, " 6"]:
+    def velocity_rates_of(self, hub: Hub) -> Float[Array, " 6"]:
         """The rate of `velocities_of`, in m/s^2."""
         return jnp.concatenate(
             [hub.velocity_rate, self.equations.tip_radius * hub.angular_velocity_rate]

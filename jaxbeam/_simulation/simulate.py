@@ -65,6 +65,10 @@ def simulate(
 ) -> Simulation:
     """Integrate a model through a motion of its hub, from times[0] to times[-1] (s, increasing).
 
+    `model` is a theory such as `Hybrid()`, `rotor` a `Rotor` (a `SpringRotor` for the discrete
+    ones), `motion` how its hub moves (`SmoothSpinUp`, `jb.motions`), `times` (T,) two at least;
+    `loads` and `damping` as in `Loads` and `Damping`. Returns a `Simulation`.
+
     By default the beam starts undeformed and at rest in the hub (`start`: see `steady_start`, or
     give a `State`), `Rodas5P` integrates with tolerance 1e-6, relative to the state and to the
     deflection to expect (the largest static one under the loads), and the state is saved at
@@ -96,6 +100,9 @@ def simulate(
     - the energy is out of balance with the work done by more than `balance_tolerance` times the
       largest energy (`UNBALANCED`): a loose tolerance with an explicit solver can return a success
       that is nonsense.
+
+    Raises `ValueError` or `TypeError` for a malformed argument and, with `throw`, `ValueError` for
+    the first of these (under `jit` `RuntimeError`) and `RuntimeError` for the others.
     """
     model, rotor, _ = checked_case(model, rotor)
     times = checked_times(times)
@@ -210,7 +217,7 @@ def _integrated(
     now: Scene, y0: State, times: Array, seen: Seen, how: tuple[Any, ...],
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> _History:  # fmt: skip
-    """By our own loop, or by diffrax where that is asked for more than ours can do."""
+    """A run by our own loop, or by diffrax where that is asked for more than ours can do."""
     solver, controller, dt0, event, max_steps, adjoint = how
     ours = isinstance(solver, SecondOrderSolver) and isinstance(adjoint, diffrax.ForwardMode | None)
     backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
@@ -350,9 +357,12 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
 
 
 def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax.Event:
-    """Event that ends a run where a deflection reaches `limit` (m) either way, to rounding in time.
+    """Event that ends a run where a deflection reaches `limit` (m, > 0) either way.
 
-    `component` 0, 1, 2: axial, in plane, flap, of the point xi. The last output is at the event.
+    It does so to rounding in time. `component` 0, 1, 2: axial, in plane, flap, of the point x =
+    `xi` L, 0 to 1. The last output is at the event. Give it to `simulate` as `event`.
+
+    Raises `ValueError` or `TypeError` for a number out of range or of another kind.
     """
     return diffrax.Event(
         _Limit(positive("limit", limit), *checked_point(component, xi)),

@@ -60,9 +60,10 @@ def amplification(
 
     `angle` is () in rad, `damping_ratio` () without unit and of any sign. Returns an
     `Amplification`. `throw=False` returns failures in its status, and NaN: `STEP_FAILED` where a
-    stage is not solved, `INVALID_STEP` for traced numbers out of range, `NOT_FINITE`. Raises
-    `TypeError` or `ValueError` for a malformed argument, and, with `throw`, `ValueError` for a
-    number out of range (under `jit` `RuntimeError`) and `RuntimeError` where the step fails.
+    stage is not solved, `INVALID_STEP` for traced numbers out of range, `NOT_FINITE`.
+
+    Raises `TypeError` or `ValueError` for a malformed argument, and, with `throw`, `ValueError` for
+    a number out of range (under `jit` `RuntimeError`) and `RuntimeError` where the step fails.
 
     E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), sections IV.2, IV.3.
     """
@@ -139,8 +140,10 @@ def stable_step(
     growth: Real = 100.0,
     throw: bool = True,
 ) -> StableStep:
-    """Largest fixed step with which small motion about steady rotation at `angular_speed` (rad/s)
-    does not grow by more than the factor `growth` in `steps` steps.
+    """Largest fixed step of a solver with which small motion about steady rotation does not grow.
+
+    That is, at `angular_speed` (rad/s), by more than the factor `growth` (> 1) in `steps` (an int
+    >= 1) steps. `model` and `rotor` are those of `modes`, `solver` is any one-step one of diffrax.
 
     It is the smallest z with amplification(solver, z)^steps > growth, over the highest frequency of
     the model: of all modes that one is the first to grow. An allowance for growth is needed because
@@ -148,11 +151,11 @@ def stable_step(
     to be of use, others so slowly that nobody sees it; where a method is truly stable up to some
     step, the allowance changes little. A longer run wants more `steps`. Without damping; adaptive
     explicit methods end up near this step however slow the motion. z is a number of the method:
-    derivatives are those of the frequency.
+    derivatives are those of the frequency. With `throw=False` failures are in `StableStep.status`:
+    those of `modes`, and `NO_EQUILIBRIUM` where the model itself has a mode that grows.
 
-    Raises `ValueError` or `TypeError` for a malformed argument, and what `modes` raises. With
-    `throw=False` failures are in `status`: those of `modes`, `NO_EQUILIBRIUM` where the model
-    itself has a mode that grows, and `INVALID_STEP` for a traced `growth` out of range.
+    Raises `ValueError` or `TypeError` for a malformed argument, and what `modes` raises. A traced
+    `growth` out of range is `INVALID_STEP`.
     """
     solver = _checked(solver)
     count_functions("steps", steps, 1)

@@ -45,12 +45,14 @@ def steady_start(
     """The state in which the beam rests in the hub if the hub went on as it moves at time t.
 
     Where the forces on the beam vanish, f(q, 0) = 0, under the velocities that `motion` has at `t`
-    () in s, without their rates, and under the `loads` of that moment. An equilibrium need not be
-    stable: ask `modes`. Returns a `SteadyStart`, which is a `State` and so what `simulate` takes as
-    its `start`; displacements are `model.equations(rotor).displacement(state.q, xi)`, xi an array.
+    () in s, without their rates, and under the `loads` of that moment; `model`, `rotor`, `motion`
+    and `loads` are those of `simulate`. An equilibrium need not be stable: ask `modes`. Returns a
+    `SteadyStart`, which is a `State` and so what `simulate` takes as its `start`; displacements are
+    `model.equations(rotor).displacement(state.q, xi)`, xi an array.
 
     `throw=False` returns failures in `SteadyStart.status`, those of motion, loads and parameters
     out of range, and those of the search, and NaN; a run that begins with it is `INVALID_START`.
+
     Raises `ValueError` or `TypeError` for a malformed argument, and, with `throw`, `ValueError` for
     what is out of range (under `jit` `RuntimeError`) and `RuntimeError` where there is no such
     state, or it is not found.

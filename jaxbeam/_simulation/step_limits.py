@@ -55,7 +55,7 @@ class StepLimits(eqx.Module):
         self.speed = jnp.max(jnp.abs(twists))
         # What changes by more than its rates explain may change back within one step.
         changes = jnp.max(jnp.abs(jnp.diff(twists, axis=0)), 1)
-        rates = jnp.max(jnp.abs(jax.vmap(scene.twist_rate_of)(hub)), 1)
+        rates = jnp.max(jnp.abs(jax.vmap(scene.velocity_rates_of)(hub)), 1)
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
         self.longest_step = self.spacing * _longest_step(_signals(hub, force, span), sudden)

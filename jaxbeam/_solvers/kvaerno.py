@@ -38,8 +38,9 @@ _ERROR = np.asarray(_TABLEAU.b_error)
 
 
 class ChordKvaerno5(SecondOrderSolver):
-    """Kvaerno's L-stable method of order 5(4) for `SecondOrderSystem`, with a fixed number of
-    chord iterations per stage.
+    """Kvaerno's L-stable method of order 5(4) for `SecondOrderSystem`, by chord iterations.
+
+    Each stage has `iterations` of them, an int >= 1.
 
     With q = q~ + h g v and v = v~ + h g a, a stage solves M a = f(t, q, v) for a alone; all stages
     and iterations share one matrix M + h g C + (h g)^2 K. The embedded error is filtered by it, and
@@ -49,6 +50,8 @@ class ChordKvaerno5(SecondOrderSolver):
 
     A. Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage,
     BIT 44 (2004); coefficients from `diffrax.Kvaerno5`.
+
+    Raises `TypeError` or `ValueError` for any other number of iterations.
     """
 
     iterations: int = eqx.field(static=True, default=3)

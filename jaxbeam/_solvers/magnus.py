@@ -23,8 +23,8 @@ _SIMPSON = np.array([[1.0, 0.0, 0.0], [-1.5, 2.0, -0.5], [2 / 3, -4 / 3, 2 / 3]]
 
 
 class _Moment(NamedTuple):
-    """At one time: q'' = stiffness q + damping q' + load, and the moving equilibrium p with
-    stiffness p + load = 0, its rates, and what is left to do, damping p' - p''."""
+    """The system at one time: q'' = stiffness q + damping q' + load, and the moving equilibrium p
+    with stiffness p + load = 0, its rates, and what is left to do, damping p' - p''."""
 
     stiffness: Matrix
     damping: Matrix

@@ -50,8 +50,8 @@ def _tableau(
     order: int, gamma: float, weight: Rows, coupling: Rows, times: tuple[float, ...],
     rate: tuple[float, ...], dense: Rows,
 ) -> Tableau:  # fmt: skip
-    """From what papers print: weights of all stages but the last ones, which start where the one
-    before ends, and no zeros."""
+    """A tableau from what papers print: weights of all stages but the last ones, which start where
+    the one before ends, and no zeros."""
     s = len(coupling) + 1
 
     def square(rows: Rows) -> np.ndarray:
@@ -234,12 +234,18 @@ class Rosenbrock(SecondOrderSolver):
 
 
 class Rodas4P(Rosenbrock):
-    """Order 4 with an embedded order 3, six stages; dense output of order 3."""
+    """Rosenbrock method of order 4 with an embedded one of order 3: six stages.
+
+    Dense output is of order 3. G. Steinebach, TH Darmstadt preprint 1741, 1995.
+    """
 
     tableau = _RODAS4P
 
 
 class Rodas5P(Rosenbrock):
-    """Order 5 with an embedded order 4, eight stages; dense output of order 4."""
+    """Rosenbrock method of order 5 with an embedded one of order 4: eight stages.
+
+    Dense output is of order 4. G. Steinebach, BIT 63:27, 2023.
+    """
 
     tableau = _RODAS5P

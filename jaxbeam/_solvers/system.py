@@ -16,11 +16,13 @@ from jaxbeam._types import Matrix, Number, Scalar, Vector
 
 
 class State(eqx.Module):
-    """What is integrated: coordinates q, their rates v, and an integral along the way.
+    """What is integrated: coordinates `q`, their rates `v`, and an integral along the way, `work`.
 
-    `work` is carried by the solver like a coordinate and acts on nothing. Beam models keep in it
-    what changes their Jacobi integral (see `Scene`), in units of EI / L^2, so that it is a length
-    like q. Coordinates are lengths but for the angle of the polar discrete models.
+    `q` (n,) in m and `v` (n,) in m/s are those of a model (the angle of the polar discrete models
+    in rad); of a history or a batch they have further axes in front. `work`, a scalar, zero unless
+    it is given, is carried by the solver like a coordinate and acts on nothing. Beam models keep in
+    it what changes their Jacobi integral (see `Scene`), in units of EI / L^2, so that it is a
+    length like q.
     """
 
     q: Float[Array, "..."]  # (n,), and of a history or a batch further axes in front
@@ -91,9 +93,12 @@ def work_rate(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> Sca
 
 
 def second_order_term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
-    """The term for a `SecondOrderSystem` given as `args`.
+    """The term of diffrax for a `SecondOrderSystem` given as `args`, as `solver` takes it.
 
-    Implicit-explicit solvers (`diffrax.KenCarp4` and others) get all of it as the implicit part.
+    `solver` is any of diffrax, or of `jaxbeam.solvers`: implicit-explicit ones (`diffrax.KenCarp4`
+    and others) get all of it as the implicit part.
+
+    Raises `AttributeError` for what is no solver; the term, `TypeError` for any other `args`.
     """
     term = diffrax.ODETerm(_rate)
     if get_origin(solver.term_structure) is diffrax.MultiTerm:

@@ -41,16 +41,17 @@ _NEAR = 1e-6  # of what halving finds to what is exact, relative
 class CriticalLoad(eqx.Module):
     """Where a beam at rest in the hub buckles.
 
-    | field  | shape | unit |                                                                     |
-    |--------|-------|------|---------------------------------------------------------------------|
-    | factor | ()    |      | least factor of the loads at which the beam loses its stability;    |
-    |        |       |      | infinite where there is none                                        |
-    | direc- | ()    |      | `Direction` of the coordinates that take most of the elastic energy |
-    | tion   |       |      | of what gives way; without meaning where there is no such factor    |
-    | shape  | (n,)  |      | the shape that gives way, largest entry 1                       |
-    | freq-  | ()    |rad/s | of the flutter that begins there; zero where the beam buckles       |
-    | uency  |       |      | (divergence); without derivatives: those of it come out as zero     |
-    | status | ()    |      | `Status`                                                            |
+    | field     | shape | unit  |                                                                  |
+    |-----------|-------|-------|------------------------------------------------------------------|
+    | factor    | ()    |       | least factor of the loads at which the beam loses its stability; |
+    |           |       |       | infinite where there is none                                     |
+    | direction | ()    |       | `Direction` of the coordinates that take most of the elastic     |
+    |           |       |       | energy of what gives way; without meaning where there is no such |
+    |           |       |       | factor                                                           |
+    | shape     | (n,)  |       | the shape that gives way, largest entry 1                        |
+    | frequency | ()    | rad/s | of the flutter that begins there; zero where the beam buckles    |
+    |           |       |       | (divergence); without derivatives: those of it come out as zero  |
+    | status    | ()    |       | `Status`                                                         |
     """
 
     factor: Scalar
@@ -68,9 +69,11 @@ def critical_load(
     *,
     throw: bool = True,
 ) -> CriticalLoad:
-    """The least factor of the loads, all constant, with which the beam loses its stability: where
-    they have a potential (gravity, a force in hub axes), K at the equilibrium under them is
-    singular, and the beam buckles.
+    """The least factor of loads with which the beam loses its stability: it buckles or flutters.
+
+    `model` and `rotor` are those of `modes`; `loads` some, and constant; `angular_speed` in rad/s.
+    Where the loads have a potential (gravity, a force in hub axes), K at the equilibrium under them
+    is singular there, and the beam buckles.
 
     The lowest eigenvalue of K is looked at for 48 loads, each 16 % above the last, from 1 / 60
     up to 20 times the softest stiffness of the tip times the length (3 EI / L^2 of the softer
@@ -85,8 +88,9 @@ def critical_load(
     is found at rest alone, since with Coriolis forces the least of such loads makes some mode grow
     slowly: `NO_POTENTIAL` at speed.
 
-    `ValueError` for loads that change in time. `throw=False` returns failures in
-    `CriticalLoad.status`, and NaN.
+    `throw=False` returns failures in `CriticalLoad.status`, and NaN.
+
+    Raises as `modes` does, and `ValueError` for loads that change in time, or none.
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     conditions = checked_conditions(loads, NO_DAMPING)

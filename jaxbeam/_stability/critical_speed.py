@@ -16,8 +16,7 @@ So the critical speed is the smallest one at which K is singular, and what is si
 transverse block, divergence; the axial one, where the centrifugal load grows as fast with stretch
 as the rod can carry: it tears.
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 import equinox as eqx
@@ -80,11 +79,12 @@ def critical_speed(
 ) -> CriticalSpeed:
     """Smallest speed at which steady rotation loses its stability (rad/s): K(Omega) is singular.
 
-    Where K is affine in Omega^2 (`Hybrid`, `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`)
-    this is one eigenproblem, K_0 x = -Omega^2 K_1 x. Else K, at the steady state of each speed, is
-    looked at from half the first rest frequency up to the speed at which a rod of constant axial
-    stiffness tears, and the speed at which its lowest eigenvalue changes sign is found to rounding.
-    It is also the root of the scalar f of the bordered system
+    `model`, `rotor` and `loads` are those of `modes`. Where K is affine in Omega^2 (`Hybrid`,
+    `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`) this is one eigenproblem, K_0 x = -Omega^2
+    K_1 x. Else K, at the steady state of each speed, is looked at from half the first rest
+    frequency up to the speed at which a rod of constant axial stiffness tears, and the speed at
+    which its lowest eigenvalue changes sign is found to rounding. It is also the root of the scalar
+    f of the bordered system
 
         [[K, b], [b^T, 0]] (x, f) = (0, 1),
 
@@ -105,7 +105,9 @@ def critical_speed(
     is `BUCKLED`.
 
     `throw=False` returns failures in `CriticalSpeed.status`, and NaN (derivatives: as in `modes`;
-    those of an infinite speed are zero). Errors as in `modes`.
+    those of an infinite speed are zero).
+
+    Raises as `modes` does, and `ValueError` for loads without a potential.
     """
     model, rotor, zero = checked_case(model, rotor)
     result = _critical(model, rotor, zero, checked_potential(loads))
@@ -234,7 +236,7 @@ def _search_under(
 
 
 def _held(rotor: AnyRotor) -> AnyRotor:
-    """This rotor with hairs of springs where hinges are free, so that K at rest is definite."""
+    """The rotor with hairs of springs where hinges are free, so that K at rest is definite."""
     if not isinstance(rotor, Rotor) or rotor.root_springs is None:
         return rotor
     beam = rotor.beam.mean

@@ -14,8 +14,7 @@ straight beam stretched as in steady rotation. With momenta p = M q' + G q / 2 i
 but for D. Exponentials of its matrices and their commutators are then symplectic, so multipliers
 of undamped beams come in pairs mu, 1 / mu to rounding, whatever the steps are.
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 from typing import Any, NamedTuple
@@ -80,9 +79,10 @@ def floquet(
     steps: int = 64,
     throw: bool = True,
 ) -> Floquet:
-    """Floquet multipliers of small motions while the speed varies with `period` (s).
+    """Floquet multipliers of small motions while the speed varies with `period` (s, > 0).
 
-    `motion` turns about the axis a3 with a speed of that period; a `ModulatedSpeed` states its own.
+    `model` and `rotor` are those of `modes`, `motion` turns about the axis a3 with a speed of that
+    period (a `ModulatedSpeed` states its own), `damping` is a `Damping`, `steps` an int >= 1.
     The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
     order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping;
     double `steps` to see what is left. Many functions need many steps, for a mode that nobody asks
@@ -91,8 +91,10 @@ def floquet(
 
     `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
     of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
-    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`). Otherwise failures are
-    raised, with malformed arguments, as by `modes`.
+    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`).
+
+    Raises as `modes` does, `TypeError` for a motion that does not turn about a fixed axis or whose
+    period is not given, and `ValueError` for a coned beam.
     """
     model, rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
     count_functions("steps", steps, least=1)
@@ -211,7 +213,8 @@ class Reduced(NamedTuple):
 
     @property
     def status(self) -> Code:
-        """At the largest speed: the search for the steady state, and whether the rod bears it."""
+        """Status at the largest speed: of the search for the steady state, and whether the rod
+        bears it."""
         speeds = jnp.abs(jax.vmap(self.speed)(self.period * jnp.arange(32) / 32))
         m, _, k, _, status = without_derivatives(self.matrices(jnp.max(speeds)))
         axial = np.flatnonzero([self.model.directions[row] == Direction.AXIAL for row in self.rows])

@@ -98,7 +98,7 @@ class LostPlace(AbstractPlace):
         both = self.exists & (self.flutters > 0)
 
         def h(share: Scalar) -> Scalar:
-            """By mu over that which is known."""
+            """The scalar of the bordered system, by mu over that which is known."""
             border = jnp.block([[k - share * m, left[:, None]], [right[None], jnp.zeros((1, 1))]])
             return solve(border, jnp.zeros(len(border)).at[-1].set(1.0))[-1]
 

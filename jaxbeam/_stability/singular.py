@@ -120,8 +120,8 @@ class Scan(NamedTuple):
     looks: int  # up to the top
 
     def run(self, bottom: Scalar, first: int, x: Vector) -> Search:
-        """From the value `bottom` on; until something is found, `direction` is that of the group
-        `first` and `x` what is given."""
+        """The search from the value `bottom` on; until something is found, `direction` is that of
+        the group `first` and `x` what is given."""
         zero, one = jnp.zeros_like(bottom), jnp.ones_like(bottom)
         start = Search(
             tries=jnp.asarray(0), last=zero, value=bottom, a=jnp.stack([zero, one]),
@@ -187,8 +187,8 @@ class Groups(NamedTuple):
 
 
 def groups_of(model: AbstractModel, rotor: AnyRotor) -> Groups:
-    """In the order of directions; where axial motion is not a group of its own it comes again as
-    such, at the end, since that is how a rod tears."""
+    """Groups in the order of directions; where axial motion is not a group of its own it comes
+    again as such, at the end, since that is how a rod tears."""
     found = {}
     for group in coupling_groups(rotor):
         for directions in dict.fromkeys(group):

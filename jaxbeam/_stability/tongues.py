@@ -60,9 +60,11 @@ def tongue(
 ) -> Tongue:
     """Where `ModulatedSpeed(mean, depth, frequency)` makes the modes of `pair` grow.
 
-    The region of parametric resonance that begins at frequency (omega_i + omega_j) / order, the
-    frequencies being those at the speed `mean` (rad/s): principal where both labels are the same,
-    of combination type where they differ. `depths` are positive and increasing.
+    That is the region of parametric resonance that begins at the frequency (omega_i + omega_j) /
+    order, those of the modes at the speed `mean` (rad/s, > 0): principal where both labels are the
+    same, of combination type where they differ. `model`, `rotor`, `damping` and `steps` are those
+    of `floquet`, `pair` two labels (see `labels`) of modes that may be coupled, `depths` (D,)
+    positive and increasing, without unit, `order` an int >= 1.
 
     The two multipliers that belong to the two modes define a function that changes sign at the
     boundary. With their sum s and product p, t = s / p^1/2 and r = abs(p)^-1/2 it is
@@ -78,7 +80,9 @@ def tongue(
     The modulation is about a positive mean speed at which the beam is stable, else the status is
     `NO_EQUILIBRIUM`. `INACCURATE` where the two modes are not recognised by what they are without
     modulation, `NOT_CONVERGED` where Newton's method did not settle, because multipliers of another
-    mode pass by, say. `throw=False` returns failures in `Tongue.status`. Errors as in `floquet`.
+    mode pass by, say. `throw=False` returns failures in `Tongue.status`.
+
+    Raises as `floquet` does.
     """
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise ValueError(f"pair must be two labels, got {pair!r}")
@@ -236,13 +240,13 @@ class _Search(NamedTuple):
     order: Scalar
 
     def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
-        """At each depth both ends, the derivatives of the margin there, and a status."""
+        """Both ends at each depth, the derivatives of the margin there, and a status."""
         onset, least = self.onset, jnp.full_like(self.onset, 1e-3)
         first = _Traced(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
         return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
 
     def follow(self, last: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
-        """From one depth to the next."""
+        """One step of the search, from one depth to the next."""
         valid = jnp.isfinite(given) & (given > 0)
         depth = jnp.where(valid, given, last.depth)
         # To second order in depth the middle moves with its square, the width with its power.

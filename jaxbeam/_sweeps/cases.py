@@ -47,7 +47,7 @@ class Cases:
         ]
 
     def at(self, index: np.ndarray) -> dict[str, np.ndarray]:
-        """Values of the parameters in these cases, by number."""
+        """Values of the parameters, by name, in the cases of these numbers, `index`."""
         if self.of_list is not None:
             return {name: column[index] for name, column in self.of_list.items()}
         places = np.unravel_index(index, [len(axis) for axis in self.axes.values()])
@@ -55,7 +55,13 @@ class Cases:
 
 
 def grid(**axes: Any) -> Cases:
-    """Cartesian product, the last axis fastest: `grid(angular_speed=[0.0, 1.0], tip_mass=[0])`."""
+    """Cases in a grid: the Cartesian product of lists, the last one fastest.
+
+    `**axes` are lists of numbers (floats, or ints typed by hand) without repetition, by the name of
+    the parameter: `grid(angular_speed=[0.0, 1.0], tip_mass=[0])`. Returns `Cases`.
+
+    Raises `ValueError` or `TypeError`, naming the list, and `TypeError` where numbers are traced.
+    """
     coords = {name: _column(name, values) for name, values in _some(axes).items()}
     for name, column in coords.items():
         if len(np.unique(column)) < len(column):
@@ -64,7 +70,13 @@ def grid(**axes: Any) -> Cases:
 
 
 def points(**columns: Any) -> Cases:
-    """Explicit cases, one for each position in the equally long columns."""
+    """Explicit cases, one for each position in equally long lists.
+
+    `**columns` are lists of numbers, by the name of the parameter, as in `grid` but with
+    repetition: `points(angular_speed=[0.0, 1.0], tip_mass=[0.1, 0.1])`. Returns `Cases`.
+
+    Raises as `grid` does, and `ValueError` for lists of unequal lengths.
+    """
     values = {name: _column(name, column) for name, column in _some(columns).items()}
     if "case" in values:
         raise ValueError("case is the name of the dimension of a list, not of a parameter")

@@ -117,7 +117,7 @@ def _made(executor: Any) -> Executor:
 
 
 def _another(executor: Any, end: BaseException) -> Executor:
-    """In the place of one that ended."""
+    """An executor in the place of one that ended."""
     if isinstance(executor, Executor):
         raise RuntimeError(
             "a worker died, and the executor with it: pass a function that makes executors, and "
@@ -127,7 +127,7 @@ def _another(executor: Any, end: BaseException) -> Executor:
 
 
 def _found(future: Future[Part | str]) -> Part | BaseException:
-    """For a chunk, or how the worker died that had it."""
+    """What was found for a chunk, or how the worker died that had it."""
     if future.cancelled():
         raise RuntimeError("the executor was shut down, or lost its connection")
     death = future.exception()
@@ -174,7 +174,7 @@ def _opened(job: bytes) -> Work:
 
 
 def _answer(job: bytes, columns: Columns, deaths: int) -> Part | str:
-    """In a worker: what is found for a chunk, or what went wrong with all of it. Dask knows calls
+    """What a worker finds for a chunk, or what went wrong with all of it. Dask knows calls
     by their arguments: with the number of deaths before, another try is not the one that failed."""
     try:
         return _opened(job).on(columns, None)

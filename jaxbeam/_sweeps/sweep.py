@@ -79,6 +79,9 @@ def sweep(
     `dims` names further dimensions of a result and their coordinates, as in
     `dims={"frequency": {"mode": ["1", "2"]}}`. `progress` shows a line on stderr as chunks end;
     by default only in sweeps that last longer than two seconds.
+
+    Raises `ValueError` or `TypeError` for a malformed argument or the folder of another sweep, and
+    where numbers are traced, and `RuntimeError` where every case raised.
     """
     job = _checked(function, cases, chunk, devices, executor, folder, dims)
     specs, store = job.begin()

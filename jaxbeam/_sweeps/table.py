@@ -49,9 +49,13 @@ class Table:
     def sel(self, **at: Any) -> Self:
         """The part of the table at these coordinates, by value: `table.sel(tip_mass=0.5)`.
 
-        A number must be a coordinate to a relative 1e-9, and takes the nearest one; a list of
-        numbers keeps that dimension, a slice takes all coordinates between its ends, both included.
-        In an explicit list the parameters select cases and keep the dimension "case".
+        `**at` are numbers, lists or slices by the name of a dimension or, in an explicit list, of a
+        parameter, which selects cases and keeps the dimension "case". A number must be a coordinate
+        to a relative 1e-9, and takes the nearest one; a list of numbers keeps that dimension, a
+        slice takes all coordinates between its ends, both included.
+
+        Raises `KeyError` for a dimension or coordinate that is not there, `TypeError` for what is
+        no number, and `ValueError` for a slice with a step.
         """
         table = self
         for name, wanted in at.items():
@@ -86,7 +90,10 @@ class Table:
         return self.take(dim, index)
 
     def take(self, dim: str, index: Any) -> Self:
-        """The part at these positions along a dimension."""
+        """The part of the table at these positions, `index`, an int or a list of them, along `dim`.
+
+        Raises `KeyError` for a dimension and `IndexError` for a position that is not there.
+        """
         if dim not in self.coords:
             raise KeyError(f"no dimension named {dim!r}; there are {sorted(self.coords)}")
         places, size = np.asarray(index), len(self.coords[dim])
@@ -120,7 +127,10 @@ class Table:
         return {i: self.errors[int(n)] for i, n in enumerate(kept) if int(n) in self.errors}
 
     def message(self, **at: Any) -> str:
-        """What became of one case, in words."""
+        """What became of one case, named by its coordinates `**at` as in `sel`, in words.
+
+        Raises `ValueError` unless they name one case, and what `sel` raises.
+        """
         part = self.sel(**at)
         if part.values["status"].size != 1:
             raise ValueError("message: name one case by all its coordinates")
@@ -130,7 +140,7 @@ class Table:
         return part.errors.get(0, Status(code).message)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write all of it to a NumPy archive (.npz), without pickling."""
+        """Write all of it to a NumPy archive (.npz) at `path`, without pickling."""
         meta = {"dims": self.dims, "errors": self.errors}
         with open(path, "wb") as file:
             arrays: dict[str, Any] = {"meta": np.asarray(json.dumps(meta))}
@@ -140,7 +150,10 @@ class Table:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read what `save` wrote, or the folder of a sweep that is finished."""
+        """Read what `save` wrote to `path`, or the folder of a sweep that is finished.
+
+        Raises `ValueError` for what is neither, and `OSError` where it cannot be read.
+        """
         if os.path.isdir(path):
             store, identity, cases = reopened(Path(path))
             return cls(**vars(as_table(cases, *store.collected(), identity["dims"])))
@@ -165,7 +178,10 @@ class Table:
             raise ValueError(f"{path} is not a table: Table.save did not write it") from error
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """One line a case: its coordinates, then every value, further dimensions as columns."""
+        """Write a file at `path` of one line a case: coordinates, then every value.
+
+        Further dimensions of a value are columns, as are the parts of complex ones.
+        """
         lead = self.dims["status"]
         shape = self.values["status"].shape
         columns: dict[str, Callable[[slice], np.ndarray]] = {}  # of a block of lines
@@ -194,7 +210,10 @@ class Table:
                 writer.writerows(zip(*(c(lines).tolist() for c in columns.values()), strict=True))
 
     def to_xarray(self) -> Any:
-        """This table as an `xarray.Dataset`; needs the package xarray."""
+        """The table as an `xarray.Dataset`.
+
+        Raises `ImportError` without the package xarray.
+        """
         try:
             import xarray
         except ImportError as error:

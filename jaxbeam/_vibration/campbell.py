@@ -28,7 +28,8 @@ class Campbell(eqx.Module):
     """Frequency over speed for labelled modes of one rotor.
 
     `table` holds `frequency` and `growth_rate` (rad/s, 1/s; dimensions angular_speed, mode) and
-    `status`; `labels` names the modes.
+    `status`; `labels` names the modes. `model`, `rotor`, `loads` and `damping` are those of which
+    the diagram is.
     """
 
     model: AbstractModel
@@ -48,10 +49,13 @@ class Campbell(eqx.Module):
     ) -> list[Crossing]:
         """All speeds in the range of the diagram where frequency = harmonic * speed.
 
-        Sign changes between neighbouring speeds of the diagram, in whatever order they were given
-        and but for those that failed, refined by `crossing`; two crossings between two neighbours
-        are not seen. Where a label changes branch in a veering and the line passes through the gap,
-        there is no crossing. Ordered by speed; their numbers are those of Python.
+        `harmonics` is a list of numbers > 0. Sign changes between neighbouring speeds of the
+        diagram, in whatever order they were given and but for those that failed, refined by
+        `crossing`; two crossings between two neighbours are not seen. Where a label changes branch
+        in a veering and the line passes through the gap, there is no crossing. Ordered by speed;
+        their numbers are those of Python.
+
+        Raises `ValueError` for other harmonics.
         """
         factors = concrete_array("harmonics", harmonics)
         if factors.ndim != 1 or not (np.isfinite(factors) & (factors > 0)).all():
@@ -89,13 +93,15 @@ def campbell(
     loads: Loads = NO_LOADS,
     damping: Damping = NO_DAMPING,
 ) -> Campbell:
-    """Campbell diagram: frequencies of the labelled modes `which` at each of `angular_speeds`, (S,)
-    in rad/s and of any sign and order, about the state that `loads` deform, with `damping` (see
-    `modes`, which it is at each speed).
+    """Campbell diagram: frequencies of labelled modes over the angular speed.
 
-    Returns a `Campbell`. It is a batch, as `sweep` and `ladder_sweep` are: it never raises for a
-    speed that fails, whatever the cause, but has a status for each of them (`Campbell.status`), and
-    NaN there. Raises `ValueError` or `TypeError` for a malformed argument.
+    `model`, `rotor`, `loads` and `damping` are those of `modes`, `angular_speeds` a list of
+    different speeds (rad/s) in any order, and `which` the labels of the modes (see `labels`). At
+    every speed the modes are those about the state that the loads deform. Returns a `Campbell`. It
+    is a batch, as `sweep` and `ladder_sweep` are: it never raises for a speed that fails, but has a
+    status for each of them (`Campbell.status`), and NaN there.
+
+    Raises `ValueError` or `TypeError` for a malformed argument, also where numbers are traced.
     """
     which = (which,) if isinstance(which, Label) else which
     if not isinstance(which, Sequence):

@@ -41,14 +41,18 @@ def crossing(
     damping: Damping = NO_DAMPING,
     throw: bool = True,
 ) -> Crossing:
-    """Speed in `bracket` (rad/s) at which the frequency of `label` is `harmonic` times the speed,
-    about the state that `loads` deform, with `damping` (see `modes`).
+    """The speed at which the frequency of a mode is a multiple of the speed: a resonance.
+
+    `bracket` are two speeds (rad/s) between which it is, `label` names the mode (`labels`), and
+    `harmonic` > 0 is the multiple. `model`, `rotor`, `loads` and `damping` are those of `modes`.
 
     Newton's method with exact derivatives, kept inside the bracket by bisection, to rounding.
     Differentiable with respect to rotor and harmonic by the implicit function theorem, and works
-    under `jit` and `vmap`. If frequency - harmonic * speed does not change sign over the bracket,
-    or only jumps because the label changes branch in a veering, that is an error, or `NO_CROSSING`
-    and NaN with `throw=False` (derivatives: as in `modes`).
+    under `jit` and `vmap`. `throw=False` leaves failures in `Crossing.status`, and gives NaN
+    (derivatives: as in `modes`).
+
+    Raises what `modes` does, and `RuntimeError` (`NO_CROSSING`) if frequency - harmonic * speed
+    does not change sign over the bracket, or only jumps as the label changes branch in a veering.
     """
     if not isinstance(label, Label):
         raise TypeError(f"label must be a Label, got {label!r}")

@@ -1,7 +1,6 @@
 """Southwell coefficients: how fast modes stiffen with speed.
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 from collections.abc import Sequence
@@ -43,7 +42,9 @@ def southwell(
     loads: Loads = NO_LOADS,
     throw: bool = True,
 ) -> Southwell:
-    """Southwell coefficients phi = d(omega^2) / d(Omega^2) of the modes `which` (see `modes`).
+    """Southwell coefficients phi = d(omega^2) / d(Omega^2) of modes.
+
+    `model`, `rotor`, `angular_speed` (rad/s, either sign) and `which` are those of `modes`.
 
     At rest this is phi of omega^2 = omega_0^2 + phi Omega^2 (B eq. 67); at speed it is the local
     slope. It includes the Coriolis coupling of bending with stretch when the model has stretch.
@@ -53,10 +54,10 @@ def southwell(
 
     Under `loads` (see `modes`) it includes what the speed does to the state that they deform. They
     must have a potential: with a force that follows the tip, or a moment, omega^2 need not be even
-    in the speed, and `ValueError` is raised.
+    in the speed. `throw=False` gives NaN and a status where a case fails (derivatives: as in
+    `modes`).
 
-    Raises as `modes` does; `throw=False` gives NaN and a status where a case fails (derivatives:
-    as in `modes`).
+    Raises as `modes` does, and `ValueError` for loads without a potential.
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     conditions = checked_potential(loads)

@@ -41,24 +41,23 @@ def stiffening_ratio(rotor: Rotor, angular_speed: Real, *, throw: bool = True) -
 
         ratio = int P(x) phi'^2 dx / int EI_zz phi''^2 dx,
 
-    P(x) the tension that carries the rigid motion at `angular_speed` (rad/s; `Rotor.tension`, N),
-    phi the first bending mode of the beam at rest with its tip mass. These are the terms that Y
-    eq. 19 has and the classical theory (`Classical`) has not; Y, below eq. 20 and on Fig. 6: that
-    theory may be used while they are small beside the elastic ones, however small the deflection.
-    The ratio is Omega^2 times an affine function of the hub radius, and does not depend on the
-    axial stiffness. By Rayleigh
+    P(x) the tension that carries the rigid motion of `rotor` (a `Rotor`) at `angular_speed` (rad/s;
+    `Rotor.tension`, N), phi the first bending mode of the beam at rest with its tip mass. These are
+    the terms that Y eq. 19 has and the classical theory (`Classical`) has not; Y, below eq. 20 and
+    on Fig. 6: that theory may be used while they are small beside the elastic ones, however small
+    the deflection. The ratio is Omega^2 times an affine function of the hub radius, and does not
+    depend on the axial stiffness. By Rayleigh
 
         omega^2 = omega_0^2 (1 + ratio) - Omega^2  (`Hybrid`),  omega_0^2 - Omega^2  (`Classical`):
 
     the classical frequency is too low by ratio / 2, relative, while that is small: by 1 % at 0.02.
 
     `rotor`, any but in a cone; `angular_speed` () in rad/s, of any sign. Returns a
-    `StiffeningRatio`; derivatives of any order, those by what changes phi included.
+    `StiffeningRatio`; derivatives of any order, those by what changes phi included. `throw=False`
+    returns failures, those of `modes` for phi among them, in `StiffeningRatio.status`, and NaN.
 
-    `throw=False` returns failures, those of `modes` for phi among them, in
-    `StiffeningRatio.status`, and NaN. Raises `ValueError` or `TypeError` for a malformed argument,
-    and, with `throw`, `ValueError` for a parameter out of range (under `jit` `RuntimeError`) and
-    `RuntimeError` where phi is not found.
+    Raises `ValueError` or `TypeError` for a malformed argument, and, with `throw`, `ValueError` for
+    a parameter out of range (under `jit` `RuntimeError`) and `RuntimeError` where phi is not found.
     """
     result = _ratio(checked_rotor(Rotor, rotor), checked_speed(angular_speed))
     return finish(result, throw)
@@ -110,12 +109,12 @@ def timoshenko_reduction(rotor: Rotor) -> Float[Array, "2 6"]:
     """
     full = Hybrid(0, 14, 14).suited(rotor)
     if rotor.couples_bending:
-        return jnp.stack(2 * [_stoutness(full, rotor)])
+        return jnp.stack(2 * [_reduction(full, rotor)])
     alone = (dataclasses.replace(full, n_flap=0), dataclasses.replace(full, n_in_plane=0))
-    return jnp.stack([_stoutness(model, rotor) for model in alone])
+    return jnp.stack([_reduction(model, rotor) for model in alone])
 
 
-def _stoutness(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
+def _reduction(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
     beam, shapes, one_hot = rotor.beam, model.sampled(rotor, model.shapes(rotor)), model.one_hot
     square, shape = (a[:6] for a in _at_rest(model, rotor))
     span, at, ends = shapes.span, shapes.at, shapes.ends

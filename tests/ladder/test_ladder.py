@@ -140,7 +140,7 @@ def test_errors():
         jb.models.Label(jb.models.Direction.FLAP, 0),
         *jb.labels(axial=1),
     ):
-        with pytest.raises(ValueError, match="which: bending or torsion of order 1 to 8"):
+        with pytest.raises(ValueError, match="which: bending or torsion of number 1 to 8"):
             jb.ladder.ModalFrequencies(1.0, label)
     with pytest.raises(TypeError, match="question must be a Question"):
         jb.ladder.rungs(rotor, rotor)

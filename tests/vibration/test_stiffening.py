@@ -119,7 +119,7 @@ def timoshenko(slenderness, count):
 
 
 @pytest.mark.parametrize("slenderness", [slow(60.0), exhaustive(150.0)])
-def test_stoutness_is_what_timoshenko_takes_off(slenderness):
+def test_what_timoshenko_takes_off(slenderness):
     """In plane, and in flap of a beam that is as stout there, or turned by a right angle."""
     exact = timoshenko(slenderness, 3)
     slender = jb.Beam(1.0, 1.0, slenderness**2, 1e-4, 1.0)
@@ -141,7 +141,7 @@ CANTILEVER = np.array([1.8751040687119611, 4.694091132974174, 7.854757438237613]
 
 
 @pytest.mark.exhaustive
-def test_stoutness_of_a_body_at_the_tip():
+def test_what_timoshenko_takes_off_with_a_body_at_the_tip():
     """A body beyond the tip shears the beam by the inertia of its centre: against quadrature."""
     body = jb.TipBody(0.5, 0.1)
     rotor = jb.Rotor(jb.Beam(1.0, 1.0, 900.0, 1.0, 1.0), 0.0, 0.5, tip_body=body)

@@ -14,8 +14,7 @@ come element by element from `sections.py`.
 Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
 behind those it is said to have (see `kernel`).
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 import dataclasses
@@ -192,7 +191,7 @@ class ElementEquations(Equations):
         return by_q, by_v
 
     def _by_local(self, tangent: Float[Array, "2 3 2 3 *lanes"]) -> Array:
-        """From the tangent of a law to that by the coordinates of an element (2, 4, 2, 4)."""
+        """The tangent of a law made one by the coordinates of an element (2, 4, 2, 4)."""
         n = self.element.n_elements
         tangent = self.axial_stiffness / self.length * tangent
         rows = on_ends(n, tangent).reshape(8, *tangent.shape[2:])
@@ -319,14 +318,15 @@ class ElementEquations(Equations):
         return 2 if self.yields else 3
 
     def _reordered(self, nodes: Nodes) -> Nodes:
-        """From the order of coordinates to that of nodes and back: where the root yields, values of
-        the first node come before its slopes, so that what is absent is at the beginning."""
+        """Values in the order of nodes from that of coordinates, or back: where the root yields,
+        values of the first node come before its slopes, so that what is absent is at the
+        beginning."""
         if not self.yields:
             return nodes
         return jnp.concatenate([nodes[:1].swapaxes(1, 2), nodes[1:]])
 
     def _matrix(self, rows: Float[Array, "k 4 12 *lanes"]) -> BlockTridiagonal:
-        """From the order of nodes to that of coordinates."""
+        """The matrix in the order of coordinates, from rows in that of nodes."""
         if self.yields:
             parts = rows.reshape(len(rows), 2, 2, 3, 2, 2, *rows.shape[3:])
             first, second = parts[0].swapaxes(0, 1), parts[1]

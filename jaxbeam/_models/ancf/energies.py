@@ -19,8 +19,7 @@ Where EA and EI vary along an element, they have a number each at every point of
 Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
 behind those it is said to have (see `kernel`).
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 import abc
@@ -166,11 +165,11 @@ class Continuum(Element):
     @property
     @abc.abstractmethod
     def stations(self) -> np.ndarray:
-        """From the local coordinates to the gradient at the stations (k, 3)."""
+        """What makes gradients at the stations of local coordinates (k, 3)."""
 
     @abc.abstractmethod
     def interpolated(self, values: Float[Array, "c k *lanes"]) -> Float[Array, "c g *lanes"]:
-        """From values at the stations to those at the Gauss points."""
+        """Values at the Gauss points from those at the stations."""
 
     @abc.abstractmethod
     def measure(

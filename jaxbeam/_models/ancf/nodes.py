@@ -10,8 +10,8 @@ Nodes = Float[Array, "k 2 2 *lanes"]  # in m: value and L times slope
 
 
 def on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest"]:
-    """From what belongs to gradients, see `Element`, to what belongs to values and slopes of both
-    ends: the transpose of `_gradients`, but for the length."""
+    """Forces on values and slopes of both ends from those on gradients, see `Element`: the
+    transpose of `_gradients`, but for the length."""
     chord = n * force[:, 1:2]
     return jnp.concatenate([-chord, force[:, :1], chord, force[:, 2:]], 1)
 

@@ -2,8 +2,7 @@
 
 See `elements.py` and `_models/ancf/energies.py` for the equations.
 
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+B is the paper of `_models/contract/__init__.py`.
 """
 
 import dataclasses
@@ -19,8 +18,9 @@ from jaxbeam._models.ancf.elements import ElementEquations
 from jaxbeam._models.ancf.energies import Chord, Element, Engineering, Green, ModelA, Tangent
 from jaxbeam._models.bases.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.contract.bands import NodeByNode
-from jaxbeam._models.contract.base import LinearSystem, checked_case, steady_strain
+from jaxbeam._models.contract.base import checked_case, steady_strain
 from jaxbeam._models.contract.elasticity import LinearElasticity
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._numerics.linalg import dense, positive_definite
@@ -117,8 +117,10 @@ class _Nodal(_ANCF):
         """Axial coordinates (2 n + 1, in metres) of the steady state; the beam stays straight.
 
         L times the slope at the root, then the displacement and L times the slope of every other
-        node. Differentiable to any order by the implicit function theorem. Raises if the search
-        fails.
+        node. Differentiable to any order by the implicit function theorem. `rotor` is a `Rotor`,
+        `angular_speed` in rad/s.
+
+        Raises `RuntimeError` where no state is found, `ValueError` or `TypeError` as `modes` does.
         """
         model, rotor, speed = checked_case(self, rotor, angular_speed)
         assert isinstance(model, _Nodal)
@@ -173,17 +175,23 @@ class _Nodal(_ANCF):
 
 
 class GreenANCF(_Nodal):
-    """Continuum element with an energy: Green strain, U = int EA eps^2 + EI r''.r'' dx / 2.
+    """Finite elements with an energy of Green strain, U = int EA eps^2 + EI r''.r'' dx / 2.
 
     It hardens with strain, axially and, since r''.r'' = (phi' |r'|)^2 + |r'|'^2 with phi the angle
     of the tangent, in bending; its limit is not that of `ExactRodANCF`, see there.
+
+    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+
+    Raises as `ExactRodANCF` does.
     """
 
     element = Green
 
 
 class ExactRodANCF(_Nodal):
-    """The shear-free rod of Reissner, geometrically exact: engineering strain |r'| - 1, and
+    """Finite elements of the shear-free rod of Reissner, geometrically exact, in a plane.
+
+    Their axial strain is the engineering strain |r'| - 1, and
 
         U = int EA (|r'| - 1)^2 + EI phi'^2 dx / 2,   phi' = (r' x r'') / r'.r',
 
@@ -202,14 +210,26 @@ class ExactRodANCF(_Nodal):
 
     The straight rod is linear in its stretch: like `Hybrid` it tears at a finite speed, at
     Omega L (rho / EA)^(1/2) = pi / 2 without a tip mass, beyond which it has no steady state.
+
+    `n_elements` is how many equal elements there are, an int >= 1. `root_yields` is whether the
+    slope at the root is a coordinate: functions that take a rotor set it themselves, as its
+    springs in plane have it.
+
+    Raises `TypeError` or `ValueError` for any other number of elements.
     """
 
     element = Engineering
 
 
 class ChordANCF(_Nodal):
-    """Model 0 of B in the frame of each element's chord: unstable above a speed that grows with
-    the number of elements."""
+    """Model 0 of B, linear strain in the frame of each element's chord.
+
+    Unstable above a speed that grows with the number of elements.
+
+    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+
+    Raises as `ExactRodANCF` does.
+    """
 
     element = Chord
 
@@ -219,6 +239,10 @@ class TangentANCF(_Nodal):
 
     Fails at a lower speed than `ChordANCF`, and is far too stiff with few elements: neighbours
     measure strain along different directions. With one element it is `Classical`.
+
+    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+
+    Raises as `ExactRodANCF` does.
     """
 
     element = Tangent
@@ -232,6 +256,10 @@ class SmallStrainANCF(_ANCF):
     against `GreenANCF`): believe them while `steady_strain` is small. The tension acts on
     transverse displacement and, twice, on axial displacement (one EA eps is its own, the other is
     B eq. 52 evaluated with q_0).
+
+    `n_elements` is how many equal elements there are, an int >= 1.
+
+    Raises `TypeError` or `ValueError` for any other number of them.
     """
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
@@ -263,12 +291,16 @@ def axial_bending(model: _ANCF, rotor: Rotor) -> Matrix:
 
 
 class ANCF(_Nodal):
-    """Model A of B: axial strain interpolated along the element from B eq. A-3.
+    """Model A of Berzeri and Shabana (B): axial strain interpolated along the element (B eq. A-3).
 
     Not conservative, see `Equations.nonconservative_force`.
 
     The steady beam is straight. There u' is quadratic along an element and equals the interpolated
     strain, so the tangent is that of any non-linear strain to first order, and symmetric.
+
+    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+
+    Raises as `ExactRodANCF` does.
     """
 
     element = ModelA

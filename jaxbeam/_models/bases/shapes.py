@@ -338,7 +338,7 @@ class Shape(NamedTuple):
 
 
 def finer(kind: Kind, rotor: Rotor, mixes: Mixes, parts: Sequence[Array]) -> tuple[Profile, Shape]:
-    """At twice as many points what coordinates, by direction, are."""
+    """What coordinates, by direction, are at twice as many points."""
     loaded = Loaded.on(kind, rotor, span_of(kind, rotor, finer=2))
     both = [jnp.concatenate([q.real, q.imag], 1) for q in parts]
     at, ends = integrated(loaded, mixes, rotor, both)

@@ -216,7 +216,7 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> S
 
 
 def _curvatures(case: _Case, moment: Array) -> Array:
-    """By moments in plane and in flap (p, 2, k); where only one of the two may bend, by that."""
+    """Curvatures by moments in plane and in flap (p, 2, k), or by one where only that may bend."""
     own, across = case.profile.compliances
     if across is not None and not all(case.counts[1:]):
         # c^2 EI_zz + s^2 EI_yy is EI_zz EI_yy times the compliance across the other axis.

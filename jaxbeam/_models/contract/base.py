@@ -13,6 +13,7 @@ from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.equilibrium import equilibrium
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
@@ -20,7 +21,7 @@ from jaxbeam._programs.lanes import total
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
-from jaxbeam._rotor.directions import APART, CouplingGroup, Direction, coupling_groups
+from jaxbeam._rotor.directions import Direction, coupling_groups
 from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._status import Status, first_failure
@@ -29,47 +30,6 @@ from jaxbeam._types import Code, Matrix, Number, Real, Scalar, Triple, Vector
 TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
 Inputs = tuple[Hub, Any, SpanForce | None]
-
-
-class LinearSystem(eqx.Module):
-    """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
-
-    `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is N/m
-    when coordinates are metres. `coupling` says which directions are coupled. Within a group those
-    of the first kind are coupled with those of the second by `gyroscopic` alone, which couples
-    nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
-    straight beam that turns in its plane are such, with flap alone. `directions` names the
-    direction of each coordinate, `shapes` are the functions on a beam that varies. `steady_strain`
-    is the largest axial strain of the steady state: of a uniform beam that at the root, in `ANCF`
-    of the steady state, else P / EA from the tension on the undeformed beam, without loads. Unless
-    `status` is OK all numbers are NaN.
-
-    About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
-    q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
-    none), and stiffness is symmetric where loads have a potential (`conservative`).
-    """
-
-    mass: Matrix
-    gyroscopic: Matrix
-    stiffness: Matrix
-    steady_strain: Scalar
-    status: Code
-    directions: tuple[Direction, ...] = eqx.field(static=True)
-    coupling: tuple[CouplingGroup, ...] = eqx.field(static=True, default=APART)
-    shapes: Shapes | None = None
-    damping: Matrix | None = None
-    general: bool = eqx.field(static=True, default=False)
-    conservative: bool = eqx.field(static=True, default=True)
-
-    @property
-    def by_rates(self) -> Matrix:
-        """All that goes with q'."""
-        return self.gyroscopic if self.damping is None else self.gyroscopic + self.damping
-
-    def where(self, *directions: Direction) -> np.ndarray:
-        """Indices of the coordinates of these directions, in this order."""
-        found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
-        return np.concatenate(found) if found else np.zeros(0, int)
 
 
 class Undeformed(NamedTuple):
@@ -265,7 +225,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
     @abc.abstractmethod
     def equations(self, rotor: TheRotor) -> Equations:
-        """Equations of motion of a rotor whose parameters are in range."""
+        """Equations of motion of a `rotor` whose parameters are in range."""
 
     @abc.abstractmethod
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: TheRotor) -> Float[Array, "3 p n"]:
@@ -281,7 +241,9 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     ) -> LinearSystem:
         """Matrices of small motion about steady rotation at `angular_speed` (rad/s, any sign).
 
-        `throw=False` leaves failures in `LinearSystem.status` instead of raising.
+        `rotor` is one that the model takes; `throw=False` leaves failures in `LinearSystem.status`.
+
+        Raises as `jaxbeam.modes` does.
         """
         system = _linearised(*checked_case(self, rotor, angular_speed))
         return finish(system, throw)

@@ -22,7 +22,7 @@ class Elasticity(eqx.Module):
         return jax.grad(self.energy)(q)
 
     def nonconservative_force(self, q: Vector) -> Vector:
-        """force minus the gradient of energy."""
+        """The force minus the gradient of the energy."""
         return jnp.zeros_like(q)
 
     def tangent(self, q: Vector) -> Matrix:

@@ -15,12 +15,12 @@ from jaxbeam._models.contract.base import (
     AbstractModel,
     Equations,
     Inputs,
-    LinearSystem,
     generalised,
     guarded,
     small_motion,
 )
 from jaxbeam._models.contract.equilibrium import equilibrium
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
@@ -123,7 +123,7 @@ class SpanLoad(eqx.Module):
 
     @classmethod
     def of(cls, equations: Equations, loads: Loads) -> "SpanLoad | None":
-        """That of the loads, if there is one."""
+        """The force along the span of some loads, if there is one."""
         if loads.force_per_length is None:
             return None
         integral = equations.span_integral(loads.kinks)

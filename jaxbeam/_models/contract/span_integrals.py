@@ -65,7 +65,7 @@ class ElementSpanIntegral(AbstractSpanIntegral):
 
     @classmethod
     def of(cls, equations: Any, n_elements: int, kinks: tuple[float, ...]) -> "ElementSpanIntegral":
-        """With the kinks of the force, but for those that are nodes."""
+        """The integral over elements, cut at the kinks of the force that are no nodes."""
         nodes = np.linspace(0.0, 1.0, n_elements + 1)
         own = [kink for kink in kinks if np.min(np.abs(nodes - kink)) > 1e-9]
         return cls(equations, tuple(sorted([*nodes.tolist(), *own])))

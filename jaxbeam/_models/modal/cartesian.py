@@ -9,10 +9,7 @@ moments int f_a dm and int X f_a dm, X = R + x: with W = w~ w~ + w~' (w~ b = ome
 where [B] G has the entries B_cd G_ab, a moving in direction c and b in d. These are Y eqs. 18-20,
 and B eq. 53 with any motion of the hub. Tables are NumPy, computed once for a unit beam.
 
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
-B: M. Berzeri, A. A. Shabana, A finite element study of the geometric centrifugal stiffening effect,
-Technical Report MBS99-5-UIC, 1999.
+Y and B are the papers of `_models/contract/__init__.py`.
 """
 
 from collections.abc import Callable
@@ -145,7 +142,7 @@ class CartesianEquations(Equations):
 
     @property
     def undeformed(self) -> Undeformed:
-        """With a body whose inertia in flap is another than in plane."""
+        """The undeformed beam, with a body whose inertia in flap is another than in plane."""
         out = super().undeformed
         if self.tip_rotation is None:
             return out
@@ -274,7 +271,8 @@ class CartesianEquations(Equations):
         return out
 
     def tip(self, q: Vector) -> Triple:
-        """To second order where there is `stiffening`, as the kinetic energy has it."""
+        """Displacement of the tip, to second order with `stiffening`, as the kinetic energy has
+        it."""
         out = self.shape_integrals.tip @ (self.model.one_hot * q[:, None])
         if self.stiffening is not None:
             zero = jnp.zeros_like(self.length)
@@ -283,7 +281,7 @@ class CartesianEquations(Equations):
         return out
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
-        """For arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
+        """Displacement; of arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
         out = self._at(xi).value @ (self.model.one_hot * q[:, None])
         if not self.model.foreshortens:
             return out

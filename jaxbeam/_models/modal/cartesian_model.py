@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, Functions
 from jaxbeam._models.bases.shapes import COMPONENTS, Counts, Shapes, all_functions, sampled
-from jaxbeam._models.contract.base import AbstractModel, LinearSystem
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.modal.shape_integrals import (
     ShapeIntegrals,
     linear_stiffness,
@@ -71,7 +72,7 @@ class CartesianModel(AbstractModel[Rotor]):
         return sampled(self.functions_from, self.counts, self.products, rotor.beam.edges)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
-        """To first order: foreshortening is of second order."""
+        """Displacement to first order: foreshortening is of second order."""
         table = self.functions(self.shapes(rotor), np.asarray(xi, float)).value
         return jnp.einsum("pn,nc->cpn", table, self.one_hot)
 

@@ -31,7 +31,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Functions
 from jaxbeam._models.bases.shapes import Shapes
-from jaxbeam._models.contract.base import LinearSystem
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction, coupling_groups

@@ -11,8 +11,7 @@ stiffness, plus for bending the stiffness of the tension P(x) that carries the u
 (primes are time derivatives), with the tip mass as a point in the mass measure. The theories below
 differ in two things: whether P is there, and what stretches the beam.
 
-Y: H. H. Yoo, R. R. Ryan, R. A. Scott, Dynamics of flexible beams undergoing overall motions,
-Journal of Sound and Vibration, 1995.
+Y is the paper of `_models/contract/__init__.py`.
 """
 
 import abc
@@ -39,8 +38,8 @@ from jaxbeam._models.bases.shapes import (
 )
 from jaxbeam._models.bases.truncation import frequency_error, tension
 from jaxbeam._models.contract.bands import BandTables
-from jaxbeam._models.contract.base import LinearSystem
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.strained import viscous
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
@@ -54,7 +53,11 @@ from jaxbeam._types import Matrix, Number, Scalar, Vector
 class _Modal(CartesianModel):
     """Ritz coordinates q in metres: s or u1 = psi.q_1, u2 = phi.q_2, u3 = phi.q_3, in this order.
 
-    `n_stretch`, `n_in_plane`, `n_flap` functions of `basis`; zero leaves a direction out.
+    `n_stretch`, `n_in_plane`, `n_flap` are how many functions of `basis`, `Polynomials()` by
+    default, there are of each; zero leaves a direction out.
+
+    Raises `TypeError` for what are no ints or no basis, and `ValueError` for negative numbers, or
+    zeros throughout.
     """
 
     n_stretch: int = eqx.field(static=True, default=10)
@@ -75,8 +78,8 @@ class _Modal(CartesianModel):
         return self.basis
 
     def suited(self, rotor: Rotor) -> Self:
-        """With a root that yields where that of the rotor does; every function of the package that
-        takes a model begins with that."""
+        """The model with a root that yields where that of the rotor does; every function of the
+        package that takes a model begins with that."""
         own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
         if rotor.root_springs is not None and not follows(own, rotor):
             own = Yielding(own, *(spring is not None for spring in rotor.springs))
@@ -143,6 +146,11 @@ class Hybrid(_Linear):
     wrong by up to 0.9 of the steady strain, relative, and motions are right to second order in
     deflection over length: compare `ExactRodANCF` where those are not small.
     `Hybrid(n_stretch=0)` is the inextensible (prestressed, bending-only) beam.
+
+    `n_stretch`, `n_in_plane` and `n_flap` (10, 16 and 16) are numbers of functions, ints >= 0 of
+    which zero leaves a direction out, of `basis` (`Polynomials()`, or another of `jb.models`).
+
+    Raises `TypeError` or `ValueError` for any other numbers, zeros throughout, or no basis.
     """
 
     @property
@@ -150,7 +158,8 @@ class Hybrid(_Linear):
         return True
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
-        """With int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and 20."""
+        """Equations with int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and
+        20."""
         shapes = self.shapes(rotor)
         elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
         return CartesianEquations.build(self, rotor, elastic, shapes, lambda t: t.tension)
@@ -214,13 +223,17 @@ class Classical(_Linear):
     Offered because it is widely used and wrong: in plane it diverges at the first rest frequency
     of bending whatever the hub radius, and it never stiffens. Where its numbers may be trusted is
     where the tension is small against the bending stiffness.
+
+    `n_stretch`, `n_in_plane`, `n_flap` and `basis` as in `Hybrid`.
+
+    Raises as `Hybrid` does.
     """
 
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> None:
         return None
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
-        """Without P: what this theory leaves out."""
+        """Equations without P: what this theory leaves out."""
         shapes = self.shapes(rotor)
         elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
         return CartesianEquations.build(self, rotor, elastic, shapes)
@@ -232,6 +245,10 @@ class VonKarman(_Modal):
     The non-linear counterpart of `Hybrid`: no motion-induced stiffness, but the stretching energy
     is quartic and gives it back. Functions for u1 must follow u2'^2, so take at least twice as
     many (less one) of them as for bending, or the beam locks.
+
+    `n_stretch`, `n_in_plane`, `n_flap` (16, 8 and 8) and `basis` as in `Hybrid`.
+
+    Raises as `Hybrid` does.
     """
 
     n_stretch: int = eqx.field(static=True, default=16)

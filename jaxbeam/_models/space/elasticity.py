@@ -95,8 +95,8 @@ class SpatialElasticity(Equations):
         return jnp.concatenate([gradient.reshape(9, *twist.shape[1:]), twist]) / self.length
 
     def _on_nodes(self, e: Float[Array, "13 *#lanes"]) -> Float[Array, "2 2 4 *#lanes"]:
-        """From what belongs to these to what belongs to nodes: the transpose of `_strains`, but for
-        the length."""
+        """Forces on nodes from those on local coordinates: the transpose of `_strains`, but for the
+        length."""
         by = e[:9].reshape(3, 3, *e.shape[1:])
         first, chord, last = (self._ordered(by[:, j], e[9] * 0) for j in range(3))
         chord = self.sections.n_elements * chord
@@ -111,7 +111,7 @@ class SpatialElasticity(Equations):
         return jnp.stack([node[self.ways.index(c)] for c in range(3)])
 
     def _ordered(self, vector: Triple, twist: Number) -> Float[Array, "4 *#lanes"]:
-        """In the order of a node."""
+        """A vector and a twist in the order of a node."""
         return jnp.stack([*(vector[c] for c in self.ways[:3]), twist])
 
     def _four(self, matrix: Float[Array, "3 3 *#lanes"]) -> Float[Array, "4 4 *#lanes"]:
@@ -141,7 +141,7 @@ class SpatialElasticity(Equations):
         return padded(row, -i * more, (1 + i) * more)
 
     def _by_local(self, tangent: Float[Array, "13 13 *#lanes"]) -> Array:
-        """From the tangent of a law to that by the coordinates of an element (16, 16)."""
+        """The tangent of a law made one by the coordinates of an element (16, 16)."""
         tangent = self.sections.axial_stiffness / self.length * tangent
         half = jax.vmap(self._on_nodes)(tangent)
         both = jax.vmap(self._on_nodes)(half.reshape(13, 16, *half.shape[4:]).swapaxes(0, 1))

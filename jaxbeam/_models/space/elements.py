@@ -210,7 +210,7 @@ class SpatialEquations(SpatialElasticity):
         return padded(row[None], len(self.straight) - 1, 0)
 
     def _inside(self, load: TipLoad) -> TipLoad:
-        """In axes of the beam, if it is in axes of the hub."""
+        """A load in axes of the beam, if it is in axes of the hub."""
         if load.follows:
             return load
         return TipLoad(self._inward(load.force), self._inward(load.moment), load.follows)
@@ -275,11 +275,11 @@ class SpatialEquations(SpatialElasticity):
         return hub if self.axes is None else Hub(*(self._inward(vector) for vector in hub))
 
     def _inward(self, vector: Triple) -> Triple:
-        """In axes of the beam what is in axes of the hub."""
+        """A vector in axes of the beam, from one in axes of the hub."""
         return vector if self.axes is None else applied(self.axes, vector)
 
     def _outward(self, vector: Triple) -> Triple:
-        """In axes of the hub what is in axes of the beam."""
+        """A vector in axes of the hub, from one in axes of the beam."""
         return vector if self.axes is None else applied(self.axes.swapaxes(0, 1), vector)
 
     def _nodal(self, vectors: Float[Array, "k 2 3"]) -> Nodes:

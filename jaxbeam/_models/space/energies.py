@@ -87,7 +87,7 @@ def spatial_rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> Spati
 
 
 def _angles(s: np.ndarray, h: float) -> Float[np.ndarray, "p 3"]:
-    """From the rates of turn at both ends, and the turn between, to the turn at points s."""
+    """The turn at points s by its rates at both ends, and by what it is between these."""
     return np.stack([h * (s - 2 * s**2 + s**3), 3 * s**2 - 2 * s**3, h * (s**3 - s**2)], 1)
 
 
@@ -128,7 +128,7 @@ class SpatialElement(Strained):
         return spatial_rule(self.n_elements) if self.part is None else self.part
 
     def strains(self, e: Local) -> tuple[Array, Array]:
-        """eps at the points of stretch, and (k_1, k_v, k_w) at the Gauss points, (3, g)."""
+        """Strain eps at the points of stretch, and (k_1, k_v, k_w) at Gauss points, (3, g)."""
         strain = elongation(matvec(self.rule.strained, gradients(e)))
         return strain, self._moments(self._at(deformation(e, self.n_elements)))[0]
 
@@ -170,7 +170,7 @@ class SpatialElement(Strained):
         return self._gathered(at.points.forces_of(moments[:, None])[:, 0], on_turn, moments[0])
 
     def _gathered(self, on_points: Float[Array, "6 g *lanes"], *on_turn: Array) -> Natural:
-        """From what bending and torsion do at Gauss points, on the turn and its rate too."""
+        """Forces by what bending and torsion do at Gauss points, on the turn and its rate too."""
         loads = jnp.concatenate([on_points, jnp.stack(on_turn)])
         loads = beside(self.rule.weights[None], loads.ndim - 2) * loads
         return total(jnp.moveaxis(_by_natural(self.rule, loads[None])[0], 1, 0))
@@ -338,7 +338,7 @@ class _Rotated(NamedTuple):
 
 
 def _by_natural(rule: SpatialRule, rows: Float[Array, "k 8 g *lanes"]) -> Array:
-    """From derivatives by r', L r'', turn and its rate to those by `Natural`, (k, 10, g)."""
+    """Derivatives by `Natural`, (k, 10, g), from those by r', L r'', turn and its rate."""
 
     def by(table: Any, one: Array) -> Array:
         return beside(table.T[None], one.ndim - 2) * one[:, None]

@@ -251,5 +251,5 @@ def gradients(e: Local) -> Float[Array, "3 3 *lanes"]:
 
 
 def stretched(d: Float[Array, "3 k *lanes"]) -> Array:
-    """With a1."""
+    """The gradient r' from that of displacements, d + a1."""
     return d + beside(A1[:, None], d.ndim - 2)

@@ -16,7 +16,7 @@ from jaxbeam._models.space.nodes import components
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 
-_FAMILIES = Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP, Direction.TORSION
+_COMPONENTS = Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP, Direction.TORSION
 
 
 class SpatialANCF(AbstractModel[Rotor]):
@@ -37,8 +37,11 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
     number, errors with the fourth power of an element's length; those by the inertia of twist, in
-    beams that are bent both ways, with the square. Roots that yield have more: take
-    `suited(rotor)`. Formulation and sources: the docstring of `_models/space/energies.py`.
+    beams that are bent both ways, with the square. Roots that yield have more, a slope in plane
+    with `in_plane_yields` and one in flap with `flap_yields`: functions that take a rotor set both
+    themselves, as its springs have it. Formulation and sources: see `_models/space/energies.py`.
+
+    Raises `TypeError` or `ValueError` unless `n_elements` is an int >= 1.
     """
 
     n_elements: int = eqx.field(static=True, default=10)
@@ -59,7 +62,7 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     @property
     def directions(self) -> tuple[Direction, ...]:
-        return tuple(_FAMILIES[way] for way, _ in self._coordinates)
+        return tuple(_COMPONENTS[way] for way, _ in self._coordinates)
 
     def equations(self, rotor: Rotor) -> SpatialEquations:
         """Equations of motion."""

@@ -1,0 +1,49 @@
+"""Matrices of small motion about a steady state."""
+
+import equinox as eqx
+import numpy as np
+
+from jaxbeam._models.bases.shapes import Shapes
+from jaxbeam._rotor.directions import APART, CouplingGroup, Direction
+from jaxbeam._types import Code, Matrix, Scalar
+
+
+class LinearSystem(eqx.Module):
+    """Small motion about steady rotation: mass q'' + gyroscopic q' + stiffness q = 0.
+
+    `mass` is symmetric positive definite, `gyroscopic` skew, `stiffness` symmetric; its unit is N/m
+    when coordinates are metres. `coupling` says which directions are coupled. Within a group those
+    of the first kind are coupled with those of the second by `gyroscopic` alone, which couples
+    nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
+    straight beam that turns in its plane are such, with flap alone. `directions` names the
+    direction of each coordinate, `shapes` are the functions on a beam that varies. `steady_strain`
+    is the largest axial strain of the steady state: of a uniform beam that at the root, in `ANCF`
+    of the steady state, else P / EA from the tension on the undeformed beam, without loads. Unless
+    `status` is OK all numbers are NaN.
+
+    About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
+    q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
+    none), and stiffness is symmetric where loads have a potential (`conservative`).
+    """
+
+    mass: Matrix
+    gyroscopic: Matrix
+    stiffness: Matrix
+    steady_strain: Scalar
+    status: Code
+    directions: tuple[Direction, ...] = eqx.field(static=True)
+    coupling: tuple[CouplingGroup, ...] = eqx.field(static=True, default=APART)
+    shapes: Shapes | None = None
+    damping: Matrix | None = None
+    general: bool = eqx.field(static=True, default=False)
+    conservative: bool = eqx.field(static=True, default=True)
+
+    @property
+    def by_rates(self) -> Matrix:
+        """All that goes with q'."""
+        return self.gyroscopic if self.damping is None else self.gyroscopic + self.damping
+
+    def where(self, *directions: Direction) -> np.ndarray:
+        """Indices of the coordinates of these directions, in this order."""
+        found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
+        return np.concatenate(found) if found else np.zeros(0, int)
