@@ -13,8 +13,7 @@ from tests.studies.common import rows_of, study
 @pytest.mark.exhaustive
 def test_speed_accuracy(tmp_path):
     """Every scene has a front, failures are kept, and errors are what theory says."""
-    printed = study("speed_accuracy", tmp_path)
-    assert printed.count("the front alone") == 3
+    study("speed_accuracy", tmp_path)
     for name in ("speed_accuracy", "speed_accuracy_frequencies"):
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
     rows = rows_of(tmp_path / "speed_accuracy.csv")
@@ -25,7 +24,7 @@ def test_speed_accuracy(tmp_path):
         ours = [r for r in rows if r["scene"] == scene and r["model"] == "hybrid, 16 + 8 functions"]
         if ours:
             assert {r["integrator"] for r in ours} == {"modes"}
-            assert all(float(r["error"]) < 1e-9 for r in ours)
+            assert all(1e-5 < float(r["error"]) < 3e-4 for r in ours)  # 0.9 of the steady strain
     for setting, least in (("0.0001", 1e-3), ("1e-06", 3e-4)):  # what eight elements leave
         row = error["B Ref. 21, 4 rad/s", "exact, 8 elements", "Rodas5P", setting]
         assert 1e-5 < float(row["error"]) < least
@@ -34,6 +33,10 @@ def test_speed_accuracy(tmp_path):
     assert all(float(r["error"]) == np.inf for r in rows if r["status"] != "OK")
     linear = [float(r["error"]) for r in abrupt if r["model"].startswith("hybrid")]
     assert min(linear) > 0.15  # it moves three quarters of its length
+    for row in rows_of(tmp_path / "cheapest.csv"):  # nothing that is good enough costs less
+        here = [r for r in rows if r["scene"] == row["scene"]]
+        enough = [float(r["alone"]) for r in here if float(r["error"]) <= float(row["error"])]
+        assert enough == [] or min(enough) == float(row["alone_ms"])
 
 
 @pytest.mark.exhaustive
