@@ -267,7 +267,7 @@ def panel(ax: Any, here: Sequence[Point], cost: Callable[[Point], float]) -> Non
     left, right = min(p.error for p in good), max(p.error for p in good)
     width = max(np.log10(right / left), 1.0)
     # Names stand left of the front, where nothing can be: nothing beats it in both.
-    low, band = left / 10 ** (0.75 * width), right * 10 ** (0.14 * width)
+    low, band = left / 10 ** (0.6 + 0.6 * width), right * 10 ** (0.14 * width)
     ax.set(xscale="log", yscale="log", xlim=(low, band * 10 ** (0.1 * width)))
     ax.axvspan(band / 10 ** (0.07 * width), ax.get_xlim()[1], color="0.93", zorder=0)
     for p in here:
@@ -301,7 +301,8 @@ def panel(ax: Any, here: Sequence[Point], cost: Callable[[Point], float]) -> Non
     ax.set_xlabel("largest error / peak (-)" if timed else "largest relative error (-)")
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_minor_formatter(NullFormatter())
     ax.grid(alpha=0.3)
 
 
