@@ -1,8 +1,9 @@
 """Arguments of public functions: numbers as arrays of real floats, or errors that name them."""
 
 import contextlib
-from collections.abc import Iterator
-from typing import Any
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,8 @@ from jaxtyping import Array
 
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_concrete
+
+Init = TypeVar("Init", bound=Callable[..., None])
 
 
 def _default_float() -> Any:
@@ -50,7 +53,7 @@ def plain(value: Any) -> Any:
 
 
 def numpy_if_concrete(value: Any) -> Any:
-    """A value in NumPy, whose arithmetic is not compiled, if it is known."""
+    """A value in NumPy, whose arithmetic is not compiled, if it is concrete."""
     return np.asarray(value) if is_concrete(value) else value
 
 
@@ -114,7 +117,7 @@ def is_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
     return fine if zero is None else fine & ((value >= 0) if zero else (value > 0))
 
 
-def is_known_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
+def is_concrete_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
     """Whether a number that is concrete is in range, by NumPy: under `jit` jax would trace
     constants."""
     number = np.asarray(value)
@@ -133,7 +136,7 @@ def positive(name: str, value: Any) -> Scalar:
     if not is_concrete(value):
         # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
         return jnp.where(is_valid(value, False), value, jnp.nan)
-    if not is_known_valid(value, False):
+    if not is_concrete_valid(value, False):
         raise ValueError(f"{name} must be finite and > 0, got {value}")
     return value
 
@@ -152,3 +155,18 @@ def count_functions(name: str, value: int, least: int = 0) -> None:
         raise TypeError(f"{name} must be an int, got {type(value).__name__}")
     if value < least:
         raise ValueError(f"{name} must be >= {least}, got {value}")
+
+
+def renamed(**new: str) -> Callable[[Init], Init]:
+    """A constructor that says the new name of an argument which is given by its old one."""
+
+    def telling(init: Init) -> Init:
+        @functools.wraps(init)
+        def told(*args: Any, **kwargs: Any) -> None:
+            for old in new.keys() & kwargs.keys():
+                raise TypeError(f"{old} is {new[old]} now")
+            init(*args, **kwargs)
+
+        return told  # type: ignore[return-value]
+
+    return telling

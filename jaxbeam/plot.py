@@ -100,7 +100,7 @@ def mode_shape(
     model: AbstractModel, rotor: Rotor, found: Modes, mode: Label, ax: Axes, points: int = 201,
     **style: object,
 ) -> None:  # fmt: skip
-    """Draw the shape of one mode over x / L: displacement in its own direction, twist of torsion.
+    """Draw the shape of one mode over x / L: its own displacement, of a mode of torsion the angle.
 
     `found` are `modes` of `model` and `rotor`, `mode` is the label of one of them, `ax` the axes of
     matplotlib to draw into; the line has so many `points`, and `**style` is what `Axes.plot` takes.

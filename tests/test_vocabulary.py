@@ -28,6 +28,19 @@ def test_an_old_name_says_the_new_one(old, new):
         getattr(jb, old)
 
 
+@pytest.mark.parametrize(
+    ("make", "old", "new"),
+    [
+        (jb.Rotor, "root", "root_springs"), (jb.Rotor, "tip", "tip_body"),
+        (jb.Damping, "mass", "mass_coefficient"),
+        (jb.Damping, "stiffness", "stiffness_coefficient"),
+    ],
+)  # fmt: skip
+def test_an_old_argument_says_the_new_one(make, old, new):
+    with pytest.raises(TypeError, match=f"{old} is {new} now"):
+        make(**{old: None})
+
+
 _FOUND: dict[str, set[str]] = {}
 
 

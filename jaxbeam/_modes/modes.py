@@ -64,10 +64,10 @@ def modes(
     GPU, which is slow with dense ones, in any batch.
 
     Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
-    both modes and to any order, wherever the eigenvalue is simple within its plane; crossings of
-    flap with in-plane modes are harmless. Where pitch or twist couple the two a label goes to the
-    mode that has most of the uncoupled one in it, and `energy_share` says how mixed it is. First
-    derivatives of eigenvalues cost no linear solve:
+    both modes and to any order, wherever the eigenvalue is simple among modes that are coupled;
+    crossings of flap with in-plane modes are harmless. Where pitch or twist couple the two a label
+    goes to the mode that has most of the uncoupled one in it, and `energy_share` says how mixed it
+    is. First derivatives of eigenvalues cost no linear solve:
     d lambda = -y^T (lambda^2 dM + lambda dG + dK) x / y^T (2 lambda M + G) x.
 
     `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps. The
@@ -178,13 +178,19 @@ def _as_found(model: AbstractModel, found: Lowest) -> Modes:
     omega, x, direction, number, along, residual, _ = found.entries
     axial = np.array([direction == Direction.AXIAL for direction in model.directions])
     shape = jax.lax.complex(jnp.where(axial, 0.0, x), jnp.where(axial, -x, 0.0))
-    flat = jnp.where(direction == Direction.FLAP, 1.0, 0.0)
+    flap = jnp.where(direction == Direction.FLAP, 1.0, 0.0)
+    share = {
+        Direction.AXIAL: along,
+        Direction.IN_PLANE: 1 - flap - along,
+        Direction.FLAP: flap,
+        Direction.TORSION: 0 * flap,
+    }
     return Modes(
         eigenvalue=jax.lax.complex(0 * omega, omega),
         shape=shape,
         direction=direction.astype(int),
         number=number.astype(int),
-        energy_share=jnp.stack([1 - flat - along, flat, along, 0 * flat], -1),
+        energy_share=jnp.stack([share[direction] for direction in Direction], -1),
         residual=residual,
         status=jnp.asarray(Status.OK).astype(int),
         steady_strain=found.strain,
@@ -296,7 +302,7 @@ def _eigenpairs_jvp(
         force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
         slope = 2 * lam * (m @ x) + g @ x
         # [Q, Q'x; (S M x)^T, 0] [dx; dlam] = [-dQ x; -x^T S dM x / 2], Q = lam^2 M + lam G + K,
-        # regular for a simple eigenvalue. Rows of the other plane are replaced by dx = 0, since
+        # regular for a simple eigenvalue. Rows of other groups are replaced by dx = 0, since
         # there Q may be singular: flap and in-plane frequencies of a square section coincide.
         within = group[:, None] * group[None]
         q = jnp.where(within > 0, lam**2 * m + lam * g + k, jnp.diag(1 - group))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, numpy_if_concrete, positive
+from jaxbeam._checks import kind_of, numpy_if_concrete, positive, renamed
 from jaxbeam._numerics.linalg import largest
 from jaxbeam._rotor.ends import RootSprings, TipBody
 from jaxbeam._rotor.parameters import FULL_TURN, Parameters, along_span, angle, optional, parameter
@@ -216,6 +216,7 @@ class Rotor(Parameters):
     tip_body: TipBody | None = None
     precone: Scalar | None = angle(Status.INVALID_PRECONE, FULL_TURN / 4)
 
+    @renamed(root="root_springs", tip="tip_body")
     def __init__(
         self,
         beam: Beam,

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import is_there, kind_of, real_array, real_scalar, require, traceable
+from jaxbeam._checks import is_there, kind_of, real_array, real_scalar, renamed, require, traceable
 from jaxbeam._rotor.motion import (
     Times,
     check_function_of_time,
@@ -170,6 +170,7 @@ class Damping(eqx.Module):
     mass_coefficient: Scalar | None
     stiffness_coefficient: Scalar | None
 
+    @renamed(mass="mass_coefficient", stiffness="stiffness_coefficient")
     def __init__(
         self, mass_coefficient: Real | None = None, stiffness_coefficient: Real | None = None
     ) -> None:

@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 
 from jaxbeam._checks import (
     concrete_array,
-    is_known_valid,
+    is_concrete_valid,
     kind_of,
     real_array,
     real_scalar,
@@ -253,7 +253,7 @@ def check(status: Status, value: Property, zero: bool | None, most: float | None
     if not is_concrete(numbers):  # a closure over what is not known
         return
     numbers = np.asarray(numbers)
-    fine = is_known_valid(numbers, zero, most)
+    fine = is_concrete_valid(numbers, zero, most)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))
         place = f"{numbers[i]} at station {i + 1}, x / L = {value.stations[i]:g}"

@@ -37,8 +37,8 @@ ARGUMENTS = [
         {"down_at": 1.0},
         "down_at",
     ),
-    (jb.Damping, {"mass": 1.0}, "mass"),
-    (jb.Damping, {"stiffness": 1.0}, "stiffness"),
+    (jb.Damping, {"mass_coefficient": 1.0}, "mass_coefficient"),
+    (jb.Damping, {"stiffness_coefficient": 1.0}, "stiffness_coefficient"),
     (jb.Beam.from_slenderness, {"slenderness": 1.0}, "slenderness"),
 ]
 STRICT = [

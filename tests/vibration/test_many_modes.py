@@ -52,7 +52,7 @@ def alone(model, which, cases):
 
 
 def assert_alike(many, single):
-    for name in ("direction", "order", "status"):
+    for name in ("direction", "number", "status"):
         np.testing.assert_array_equal(getattr(many, name), getattr(single, name), name)
     np.testing.assert_allclose(many.eigenvalue, single.eigenvalue, rtol=1e-9, atol=1e-9)
     scale = np.nanmax(np.abs(single.shape))
@@ -134,6 +134,8 @@ def test_frequencies_of_the_continuum(model):
         exact = power_series.frequencies(*case)
         np.testing.assert_allclose(ours.frequency[row], exact, rtol=1e-8)
         np.testing.assert_array_equal(ours.frequency[row + 3], ours.frequency[row])
+    np.testing.assert_array_equal(np.argmax(ours.energy_share, -1), ours.direction)
+    assert np.all(ours.direction == jb.models.Direction.IN_PLANE)
 
 
 @pytest.mark.exhaustive
