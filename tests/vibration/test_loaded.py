@@ -274,7 +274,7 @@ def test_they_are_those_of_small_free_motion(model):
         state = jb.steady_start(model, ROTOR, motion, loads=loads)
         for lam, x in zip(found.eigenvalue, found.shape, strict=True):
             x = 1e-6 * x / jnp.abs(x).max()
-            start = type(state)(state.q + x.real, (lam * x).real, state.work)
+            start = jb.solvers.State(state.q + x.real, (lam * x).real)
             run = jb.simulate(
                 model, ROTOR, motion, jnp.array([0.0, end]), loads=loads, damping=damping,
                 start=start, stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-12),
