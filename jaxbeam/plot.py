@@ -48,7 +48,8 @@ UNITS = {
     "density": "kg/m³", "mass_per_length": "kg/m", "youngs_modulus": "Pa", "axial_stiffness": "N",
     "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
     "angular_speed": "rad/s", "frequency": "rad/s", "translational_spring": "N/m",
-    "torsional_spring": "N m",
+    "torsional_spring": "N m", "mass": "kg", "mass_coefficient": "1/s",
+    "stiffness_coefficient": "s",
 }  # fmt: skip
 
 
