@@ -24,6 +24,7 @@ INPUT = True  # is to blame
 _RADIANS = ", in rad (4 degrees are np.deg2rad(4.0))"
 
 
+@enum.unique  # a number that is taken would make one name of two
 class Status(enum.IntEnum):
     """Outcome of one case. Zero means that the numbers beside it may be used.
 

@@ -30,6 +30,7 @@ from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple
 
 _POINTS = 8  # of a segment, for the tension
+_OF_TORSION = {"torsional_stiffness", "polar_inertia"}  # models in space alone look at these
 
 
 class Beam(Parameters):
@@ -239,9 +240,14 @@ class Rotor(Parameters):
     @property
     def is_plain(self) -> bool:
         """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip:
-        nothing is given that need not be there."""
-        optional = [field.name for field in dataclasses.fields(self) if field.default is None]
-        return self.beam.is_uniform and all(getattr(self, name) is None for name in optional)
+        nothing is given that need not be there, but for what torsion is made of."""
+        given = [
+            field.name
+            for part in (self, self.beam)
+            for field in dataclasses.fields(part)
+            if field.default is None and getattr(part, field.name) is not None
+        ]
+        return self.beam.is_uniform and {*given} <= _OF_TORSION
 
     @property
     def springs(self) -> tuple[Scalar | None, Scalar | None]:

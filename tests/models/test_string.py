@@ -1,7 +1,9 @@
 """The shortest model of your own: a rotating string, with frequencies in closed form."""
 
 import dataclasses
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -23,7 +25,7 @@ class String(jb.Hybrid):
 
     def linear_stiffness(self, rotor, shapes):
         rigidity = rotor.beam.axial_stiffness / rotor.beam.length
-        return jnp.asarray(rigidity * self.tables.elastic[0])
+        return jnp.asarray(rigidity * self.shape_integrals.elastic[0])
 
 
 @pytest.mark.slow
@@ -38,3 +40,31 @@ def test_frequencies_of_a_rotating_string():
     np.testing.assert_allclose(found, flap, rtol=1e-12)
     found = jb.modes(model, rotor, speed, jb.labels(in_plane=6)).frequency
     np.testing.assert_allclose(found**2, flap**2 - speed**2, rtol=1e-12, atol=1e-12)
+
+
+class _Sprung(jb.Hybrid):
+    """A spring between tip and hub in plane, as stiff as the model says: in N/m."""
+
+    spring: Any = 0.0
+
+    def linear_stiffness(self, rotor, shapes):
+        way = self.one_hot[:, 1] * self.shape_integrals.tip
+        return super().linear_stiffness(rotor, shapes) + self.spring * np.outer(way, way)
+
+
+def test_what_adds_a_term_refuses_the_cone_whose_equations_have_none():
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, 1.0, 1.0), 0.1, precone=0.1)
+    with pytest.raises(ValueError, match="precone: _Sprung has no motion of a coned beam"):
+        jb.modes(_Sprung(0, 4, 4, spring=7.3), rotor, 2.0, jb.labels(in_plane=1))
+
+
+def test_a_model_holds_no_array():
+    """A float is a static choice; a number that is traced could not tell programs apart."""
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, 1.0, 1.0))
+
+    def first(spring):
+        return jb.modes(_Sprung(0, 2, 0, spring=spring), rotor, 0.0, 1).frequency[0]
+
+    for function in (first, jax.grad(first)):
+        with pytest.raises(TypeError, match="_Sprung holds an array, and a model holds static"):
+            function(jnp.asarray(7.3))

@@ -1,5 +1,6 @@
 """Parameters: meaning, checks, errors that name the argument."""
 
+import dataclasses
 import re
 import subprocess
 import sys
@@ -235,3 +236,10 @@ def test_values_put_into_a_table_are_as_many_as_its_stations(values):
     other = eqx.tree_at(lambda beam: beam.mass_per_length.values, beam, jnp.array(values))
     with pytest.raises(ValueError, match="values must be as many as stations, 3"):
         jb.modes(jb.Hybrid(0, 4, 0), jb.Rotor(other), 0.0)
+
+
+@pytest.mark.parametrize("name", [f.name for f in dataclasses.fields(jb.Beam) if f.default is None])
+def test_what_a_beam_need_not_have_takes_a_rotor_off_the_bands(name):
+    """Tables of bands know no more than a plain rotor has; of torsion they need to know nothing."""
+    rotor = jb.Rotor(jb.Beam(**GOOD, **{name: 0.3}))
+    assert rotor.is_plain == (name in ("torsional_stiffness", "polar_inertia"))

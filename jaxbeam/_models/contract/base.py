@@ -315,6 +315,11 @@ def checked_model(model: Any) -> AbstractModel:
     """The argument, if it is a model; else an error that says what is."""
     if not isinstance(model, AbstractModel):
         raise TypeError(f"model must be a model, such as jaxbeam.Hybrid(), got {kind_of(model)}")
+    if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(model)):
+        raise TypeError(
+            f"model: {kind_of(model)} holds an array, and a model holds static choices alone: make "
+            "it a Python number, for which programs are compiled anew, or a parameter of the rotor"
+        )
     return model
 
 

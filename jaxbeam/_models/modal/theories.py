@@ -166,8 +166,8 @@ class Hybrid(_Linear):
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion; about the deflected steady state of a coned
-        beam (`coned.py`)."""
-        if rotor.precone is None:
+        beam (`coned.py`), which what derives from this is not taught: it refuses cones."""
+        if rotor.precone is None or type(self) is not Hybrid:
             return super().matrices(rotor, speed)
         if self.n_stretch or not self.n_in_plane or not self.n_flap:
             raise ValueError(
