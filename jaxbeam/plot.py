@@ -48,7 +48,8 @@ UNITS = {
     "density": "kg/m³", "mass_per_length": "kg/m", "youngs_modulus": "Pa", "axial_stiffness": "N",
     "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
     "angular_speed": "rad/s", "frequency": "rad/s", "translational_spring": "N/m",
-    "torsional_spring": "N m",
+    "torsional_spring": "N m", "mass": "kg", "mass_coefficient": "1/s",
+    "stiffness_coefficient": "s",
 }  # fmt: skip
 
 
@@ -100,7 +101,7 @@ def mode_shape(
     model: AbstractModel, rotor: Rotor, found: Modes, mode: Label, ax: Axes, points: int = 201,
     **style: object,
 ) -> None:  # fmt: skip
-    """Draw the shape of one mode over x / L: displacement in its own direction, twist of torsion.
+    """Draw the shape of one mode over x / L: its own displacement, of a mode of torsion the angle.
 
     `found` are `modes` of `model` and `rotor`, `mode` is the label of one of them, `ax` the axes of
     matplotlib to draw into; the line has so many `points`, and `**style` is what `Axes.plot` takes.

@@ -265,7 +265,10 @@ def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
     """The folder of some sweep, what sweep it is, and its cases."""
     identity, cases = _identity(folder), _cases(folder)
     if identity["format"] != _FORMAT:
-        raise ValueError(f"{folder} has format {identity['format']}, which is not {_FORMAT}")
+        raise ValueError(
+            f"{folder} is of another version, whose folders have the format {identity['format']}, "
+            f"while this one reads {_FORMAT}: run the sweep again, with another folder"
+        )
     if cases is None or not _whole(cases, identity):
         raise ValueError(f"{folder}: cases.npz is missing or damaged; run the same sweep again")
     specs = {n: Spec(np.dtype(d), tuple(s)) for n, (d, s) in identity["results"].items()}

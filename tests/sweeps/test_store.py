@@ -155,7 +155,7 @@ def test_results_of_other_circumstances_are_refused(name, there, tmp_path):
     with pytest.raises(ValueError, match=f"belongs to another sweep, of .*different in {name}"):
         run(tmp_path / "kept")
     if name == "format":
-        with pytest.raises(ValueError, match="has format 0"):
+        with pytest.raises(ValueError, match="have the format 0"):
             jb.Table.load(tmp_path / "kept")
 
 
