@@ -23,7 +23,7 @@ class String(jb.Hybrid):
 
     def linear_stiffness(self, rotor, shapes):
         rigidity = rotor.beam.axial_stiffness / rotor.beam.length
-        return jnp.asarray(rigidity * self.tables.elastic[0])
+        return jnp.asarray(rigidity * self.shape_integrals.elastic[0])
 
 
 @pytest.mark.slow
