@@ -79,7 +79,7 @@ def nan_unless(valid: Bool[Array, "..."], values: Any) -> Any:
 
     def one(value: Array) -> Array:
         beside = valid.reshape(valid.shape + (1,) * (value.ndim - valid.ndim))
-        # 0 / 1 or 0 / 0: where all is known there is no NaN at all, which `jax_debug_nans` and
+        # 0 / 1 or 0 / 0: where all is valid there is no NaN at all, which `jax_debug_nans` and
         # whoever looks for one would find among what reverse mode keeps.
         hole = 0.0 / jnp.where(beside, 1.0, 0.0).astype(value.real.dtype)
         if jnp.iscomplexobj(value):
@@ -90,7 +90,7 @@ def nan_unless(valid: Bool[Array, "..."], values: Any) -> Any:
 
 
 @nan_unless.defjvp
-def _where_known_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+def _nan_unless_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
     valid, _ = primals
     # Through the function itself: then second derivatives are NaN, too.
     return nan_unless(*primals), nan_unless(valid, tangents[1])

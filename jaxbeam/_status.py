@@ -325,13 +325,13 @@ def _raise_unless_ok(status: Any, *, short: bool) -> None:
         raise RuntimeError(_explained(ended, short))
 
 
-# The status itself, if it is OK. Where values are known (in `vmap` and `grad` without `jit`) it
+# The status itself, if it is OK. Where values are concrete (in `vmap` and `grad` without `jit`) it
 # raises as it does without them; in a compiled program by a call back to Python.
 _passed = Primitive("passed")
 
 
 @_passed.def_impl
-def _passed_known(status: Any, *, short: bool) -> Any:
+def _passed_concrete(status: Any, *, short: bool) -> Any:
     _raise_unless_ok(status, short=short)
     return status
 

@@ -1,4 +1,4 @@
-"""Shapes that recur in signatures, under one name each; and whether numbers are known."""
+"""Shapes that recur in signatures, under one name each; and whether numbers are concrete."""
 
 from typing import Any
 
@@ -16,5 +16,5 @@ Triple = Float[Array, "3 *lanes"]  # components along a1 (the beam), a2 (in plan
 
 
 def is_concrete(tree: Any) -> bool:
-    """Whether the numbers of a pytree are known now: under `jit`, `vmap` or `grad` they may not."""
+    """Whether the numbers of a pytree can be seen; under `jit`, `vmap`, `grad` they may not."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))

@@ -38,11 +38,12 @@ function of x / L (`SpanwiseFunction`). Its values are leaves like all others, s
 swept, fitted and differentiated. How many functions such a beam needs, and how `modes` estimates
 what is missing, is said in docs/vibration.md.
 
-**Ends.** A `Rotor` has a `pitch`, a `root` that yields in plane or in flap (zero is a free hinge)
-and a rigid body at its `tip`. All theories know them, in frequencies, motions, stability, fits and
-the ladder. What a model cannot do it refuses by name: planar elements have no twist, no pitch and
-no spring in flap; `SpatialANCF` has all of them. In elements a body at the tip is held by a stiff
-spring, which costs bending frequencies 1e-4 and axial frequencies some tenths of a per cent.
+**Ends.** A `Rotor` has a `pitch`, `root_springs` where its root yields in plane or in flap (zero is
+a free hinge) and a `tip_body` where the mass at its tip is no point. All theories know them, in
+frequencies, motions, stability, fits and the ladder. What a model cannot do it refuses by name:
+planar elements have no twist, no pitch and no spring in flap; `SpatialANCF` has all of them. In
+elements a body at the tip is held by a stiff spring, which costs bending frequencies 1e-4 and axial
+frequencies some tenths of a per cent.
 
 **Cones.** Of a beam with `precone` there are frequencies in `Hybrid(n_stretch=0)`. They are about
 the deflected steady state of the beam, which is that of the exact rod: at 5 degrees, γ = 8 and EI

@@ -40,13 +40,13 @@ _NAMES: dict[str, tuple[str, Mapping[str, float]]] = {
     }.items()
     for name in names.split()
 } | {"x": (PLACE, LENGTHS)}
-for _name, _planes in (
+for _name, _words in (
     (IN_PLANE, ("in_plane", "edge", "edgewise", "lag")),
     (FLAP, ("flap", "flapwise")),
 ):
-    for _plane in _planes:
+    for _word in _words:
         for _what in ("stiffness", "bending_stiffness"):
-            _NAMES[f"{_plane}_{_what}"] = _name, UNITS[_name]
+            _NAMES[f"{_word}_{_what}"] = _name, UNITS[_name]
 # Blanks that do not break, which part thousands in numbers.
 _GROUPED = re.compile("(?<=\\d)[\u00a0\u202f](?=\\d{3})")
 

@@ -216,7 +216,7 @@ class Fit(eqx.Module):
 
     @per_case
     def excess(self) -> Scalar:
-        """The misfit less 1, over its standard deviation."""
+        """`reduced_chi_squared` less 1, over its standard deviation."""
         return excess_of(jnp, self.reduced_chi_squared, self.degrees_of_freedom)
 
 

@@ -67,12 +67,12 @@ def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, 
         if system.where(*dict.fromkeys(transverse + axial)).size
     ]
     rows = np.concatenate([group.rows for group in groups])
-    direction_of_energy, number_of = _labels(system.directions, rows)
+    direction_of, number_of = _labels(system.directions, rows)
     eigenvalue = jnp.concatenate([group.eigenvalue for group in groups])
     shape = jax.scipy.linalg.block_diag(*[group.shape for group in groups])
     starts = np.cumsum([0, *(group.rows.size for group in groups)])
     label = jnp.concatenate([a.label + i for a, i in zip(groups, starts[:-1], strict=True)])
-    direction, number = direction_of_energy[label], number_of[label]
+    direction, number = direction_of[label], number_of[label]
     if wanted.named is None:
         square = -(eigenvalue**2).real
         if system.general:  # they come in order
@@ -129,7 +129,7 @@ def _group(
         eigenvalue, shape, positive = planar_eigenpairs(m, g, k, nt, free)
     sizes = [size for direction in directions if (size := system.where(direction).size)]
     label = jnp.arange(n)
-    if len(sizes) > 1:  # in one direction alone the rank is the order
+    if len(sizes) > 1:  # in one direction alone the rank is the number
         own = symmetric_part(k) if system.general else k
         here = [direction for direction in directions if system.where(direction).size]
         # What moves in quadrature to bending alone does not follow it.

@@ -29,7 +29,7 @@ class _Followed(eqx.Module):
     wanted: Scalar  # end of the step that the controller wants
     inner: Any
     velocities: Float[Array, " 6"]  # at the end of the last step that was kept
-    missed: Float[Array, " 6"]  # of the change of the twist so far, by the integral of its rate
+    missed: Float[Array, " 6"]  # of their change so far, by the integral of their rates
     speed: Scalar
 
 

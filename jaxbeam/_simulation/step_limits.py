@@ -51,10 +51,10 @@ class StepLimits(eqx.Module):
         """`seen` is what acts at `SAMPLES` + 1 times `during` the run."""
         scene, times, (hub, force, span) = without_derivatives((scene, times, seen))
         self.start, self.spacing = times[0], (times[-1] - times[0]) / SAMPLES
-        twists = jax.vmap(scene.velocities_of)(hub)
-        self.speed = jnp.max(jnp.abs(twists))
+        velocities = jax.vmap(scene.velocities_of)(hub)
+        self.speed = jnp.max(jnp.abs(velocities))
         # What changes by more than its rates explain may change back within one step.
-        changes = jnp.max(jnp.abs(jnp.diff(twists, axis=0)), 1)
+        changes = jnp.max(jnp.abs(jnp.diff(velocities, axis=0)), 1)
         rates = jnp.max(jnp.abs(jax.vmap(scene.velocity_rates_of)(hub)), 1)
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)

@@ -138,14 +138,14 @@ def integrate_steps(
     settings: Settings, inputs: Inputs, tape: Tape | None = None
 ) -> tuple[Run, Tape | None]:
     """Runs the task; with an empty `tape` that is filled."""
-    marching, now = _begin(settings, inputs, tape)
-    now = loop(_March.goes_on, _March.step, marching, now)
-    run, unfinished = now.run, marching.unfinished(now)
+    stepping, now = _begin(settings, inputs, tape)
+    now = loop(_Stepping.goes_on, _Stepping.step, stepping, now)
+    run, unfinished = now.run, stepping.unfinished(now)
     result = diffrax.RESULTS.where(unfinished, diffrax.RESULTS.max_steps_reached, run.result)
     return run._replace(outputs=run.outputs[:-1], result=result), now.tape
 
 
-def _begin(settings: Settings, inputs: Inputs, tape: Tape | None) -> tuple["_March", LoopState]:
+def _begin(settings: Settings, inputs: Inputs, tape: Tape | None) -> tuple["_Stepping", LoopState]:
     """Chooses the first step, and finds what holds before it."""
     solver, end = settings.solver, inputs.times[-1]
     order: Any = solver.error_order(settings.term)
@@ -172,7 +172,7 @@ def _begin(settings: Settings, inputs: Inputs, tape: Tape | None) -> tuple["_Mar
         inputs.start, t1, inputs.y0, no if settings.jumps else False, solver_state,
         as_arrays(controller_state), values, tape, run,
     )  # fmt: skip
-    return _March(settings, inputs, order, end, nearly, events), now
+    return _Stepping(settings, inputs, order, end, nearly, events), now
 
 
 def _no_step(settings: Settings, inputs: Inputs, t1: Scalar, solver_state: Any) -> Step:
@@ -191,7 +191,7 @@ def _no_step(settings: Settings, inputs: Inputs, t1: Scalar, solver_state: Any) 
     return Step(inputs.start, t1, info)
 
 
-class _March(NamedTuple):
+class _Stepping(NamedTuple):
     """What stays as it is from step to step, and how a step is made."""
 
     settings: Settings

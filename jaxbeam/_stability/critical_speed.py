@@ -170,7 +170,7 @@ def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
 def _search(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar
 ) -> tuple[Scalar, Code, Vector, Code]:
-    """Critical speed, direction and direction, and a status."""
+    """Critical speed, the direction and the shape that give way, and a status."""
     groups, free = groups_of(model, rotor), rotor
     rotor = _held(rotor)
     k0, speed, shape = _alone(model, rotor, zero, groups)
@@ -262,7 +262,7 @@ def _freed(
 def _alone(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar, groups: Groups
 ) -> tuple[Matrix, Float[Array, " f"], Float[Array, "f n"]]:
-    """K at rest, and the speed and the direction in which each group alone would give way, were the
+    """K at rest, and the speed and the shape with which each group alone would give way, were the
     beam kept as it is at rest."""
     k0, k1 = _with_speed(model, rotor, zero)
     squares, shapes = zip(*(gives_way(rows, k1, k0) for rows in groups.rows), strict=True)

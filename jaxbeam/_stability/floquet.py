@@ -56,8 +56,8 @@ class Floquet(eqx.Module):
     | field       | shape | unit |                                                              |
     |-------------|-------|------|--------------------------------------------------------------|
     | multipliers | (2n,) |      | largest modulus first; NaN, as the rate, unless status is OK |
-    | direction   | (2n,) |      | `Direction.IN_PLANE` (with axial motion) or `FLAP`, of each; of |
-    |             |       |      | turned sections, which couple them, the first for all        |
+    | direction   | (2n,) |      | `Direction` of each: `IN_PLANE` (with axial motion) or       |
+    |             |       |      | `FLAP`; `IN_PLANE` for all where turned sections couple them |
     | growth_rate | ()    | 1/s  | log(largest modulus) / period; of undamped stable beams zero |
     |             |       |      | to rounding (1e-8 / period where two multipliers are close)  |
     | status      | ()    |      | `Status`; being unstable is no failure                       |

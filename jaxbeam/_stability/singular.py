@@ -81,7 +81,7 @@ def _is_none(x: Any) -> bool:
 
 def answer(place: AbstractPlace, given: Any, value: Scalar, status: Code) -> tuple[Scalar, Vector]:
     """The critical value, differentiable by all that is `given`, infinite where there is none, and
-    the direction that gives way, largest entry 1; NaN where the status is not OK."""
+    the shape that gives way, largest entry 1; NaN where the status is not OK."""
     x, exists = place.x, place.exists
     value = root(place, given, jnp.where(exists, value, 1.0))
     value = nan_unless(status == Status.OK, jnp.where(exists, value, jnp.inf))
@@ -209,7 +209,7 @@ def softest(rows: np.ndarray, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
 
 
 def direction_of_energy(directions: tuple[Direction, ...], k: Matrix, x: Vector) -> Code:
-    """The direction whose coordinates take most of the elastic energy of a direction x, by the
+    """The direction whose coordinates take most of the elastic energy of a shape x, by the
     stiffness K of what is not loaded."""
     energy = x * (k @ x)
     shares = [jnp.sum(energy, where=np.equal(directions, direction)) for direction in Direction]
@@ -225,7 +225,7 @@ def gives_way(
     rows: np.ndarray, k1: Matrix, k0: Matrix
 ) -> tuple[Float[Array, ""], Float[Array, " n"]]:
     """The least s > 0 at which K_0 + s K_1 is singular in some coordinates, infinite where there is
-    none, and the direction among all."""
+    none, and the shape among all."""
     least, x = softest(rows, k1, k0)  # K_1 x = least K_0 x
     own = np.ix_(rows, rows)
     soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])

@@ -74,8 +74,8 @@ CRITICAL = [
 @examples(16)
 @given(data=st.data())
 def test_critical_speeds(model, data, watched):
-    """There the stiffness is singular, in the direction and direction that are named; and halfway
-    there it is positive definite."""
+    """There the stiffness is singular, in the direction and shape that are named; and halfway there
+    it is positive definite."""
     p = spoiled(data.draw, data.draw(rotors(model), "rotor")[0])
     with watched(p):
         found = evaluated(critical(model), p)

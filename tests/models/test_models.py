@@ -11,7 +11,7 @@ import jaxbeam as jb
 from tests.helpers import slender
 from tests.tiers import exhaustive
 
-FAMILY = jb.models.Direction
+DIRECTION = jb.models.Direction
 MODELS = [
     jb.Hybrid(4, 5, 6),
     jb.Hybrid(4, 5, 0, jb.models.CantileverModes()),
@@ -50,7 +50,7 @@ def test_structure(model):
     other = kinds[:, None] != kinds
     assert not m[other].any()
     assert not k[other].any()
-    coupled = {FAMILY.AXIAL, FAMILY.IN_PLANE}
+    coupled = {DIRECTION.AXIAL, DIRECTION.IN_PLANE}
     allowed = other & np.array([[{a, b} == coupled for b in kinds] for a in kinds])
     assert not g[~allowed].any()
     opposite = model.linearise(ROTOR, -1.7)
@@ -191,7 +191,7 @@ def test_small_strain_tends_to_exact_as_strain_vanishes():
         a = jb.models.SmallStrainANCF(6).linearise(rotor, 3.0)
         b = jb.ANCF(6).linearise(rotor, 3.0)
         bent = [
-            s.stiffness[np.ix_(i, i)] for s, i in ((s, s.where(FAMILY.IN_PLANE)) for s in (a, b))
+            s.stiffness[np.ix_(i, i)] for s, i in ((s, s.where(DIRECTION.IN_PLANE)) for s in (a, b))
         ]
         gap = bent[0] - bent[1]
         gaps.append(float(jnp.abs(gap).max()))

@@ -172,7 +172,7 @@ def test_reference_is_converged(exact):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    ("direction", "counts", "order", "peak_order", "peak_error"),
+    ("theory", "counts", "order", "peak_order", "peak_error"),
     [
         (jb.GreenANCF, (4, 16), 4, 4, 1e-5),
         # the chord is shorter than the arc by h^2, and so is the mean strain that it stands for
@@ -182,11 +182,9 @@ def test_reference_is_converged(exact):
     ],
     ids=lambda v: getattr(v, "__name__", None),
 )
-def test_elements_converge_to_the_exact_beam(
-    exact, direction, counts, order, peak_order, peak_error
-):
+def test_elements_converge_to_the_exact_beam(exact, theory, counts, order, peak_order, peak_error):
     for speed in (2.0, 4.0):
-        errors = np.array([deviation(direction(n), speed, exact) for n in counts])
+        errors = np.array([deviation(theory(n), speed, exact) for n in counts])
         found, found_peak = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
         assert order - 0.1 < found < order + 0.6
         assert found_peak > peak_order - 0.1

@@ -364,7 +364,7 @@ def test_labels_are_in_the_order_in_which_they_are_asked_for():
 
 
 @pytest.mark.slow
-def test_labels_count_within_families():
+def test_labels_count_within_directions():
     found = jb.modes(jb.Hybrid(6, 8, 8), slender(216.0), 0.0, 9)
     titles = [str(label) for label in found.labels]
     for k in (1, 2, 3, 4):  # flap and in-plane coincide at rest, so either may be first

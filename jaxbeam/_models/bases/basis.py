@@ -46,7 +46,7 @@ class Integrals(NamedTuple):
 
 
 class Basis(abc.ABC):
-    """Families of functions for bending (f(0) = f'(0) = 0) and for stretch (f(0) = 0).
+    """Functions for bending (f(0) = f'(0) = 0) and for stretch (f(0) = 0).
 
     A basis is hashable and holds no arrays, so that it can be a static part of a model.
     """

@@ -134,7 +134,7 @@ class Equations(eqx.Module):
         return self.displacement(q, np.ones(1))[0]
 
     def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
-        """Angle of twist at x = xi L, in rad: none, but in space."""
+        """Angle of torsion at x = xi L, in rad: none, but in space."""
         return jnp.zeros(len(xi), q.dtype)
 
     def is_in_range(self, q: Vector) -> Array:
@@ -233,7 +233,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         coordinate."""
 
     def torsion(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
-        """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
+        """Angle of torsion at x = xi L per unit of each coordinate, in rad over the length."""
         return jnp.zeros((len(xi), len(self.directions)))
 
     def linearise(

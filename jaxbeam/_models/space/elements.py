@@ -247,7 +247,7 @@ class SpatialEquations(SpatialElasticity):
         return jnp.einsum("kcp,cp->pk", axes(t, self.torsion(q, xi))[1:], rate)
 
     def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
-        """The angle of twist at x = xi L, from where the least rotation brings the section."""
+        """The angle of torsion at x = xi L, from where the least rotation brings the section."""
         n, (index, s) = self.sections.n_elements, self._place(xi)
         local = jax.vmap(self._strains)(of_elements(self._nodes(q))[index])
         return section_angles(local, s, n)

@@ -94,7 +94,7 @@ class SpatialANCF(AbstractModel[Rotor]):
         return self._shapes(xi)[:3]
 
     def torsion(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
-        """Angle of twist at x = xi L per unit of each coordinate, in rad over the length."""
+        """Angle of torsion at x = xi L per unit of each coordinate, in rad over the length."""
         return self._shapes(xi)[3]
 
     def _shapes(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "4 p n"]:
