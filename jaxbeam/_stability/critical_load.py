@@ -23,7 +23,7 @@ from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.directions import naming
+from jaxbeam._rotor.directions import is_hinged, naming
 from jaxbeam._rotor.loads import NO_DAMPING, Loads
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
 from jaxbeam._stability.singular import AbstractPlace, Groups, Scan, answer, direction_of_energy
@@ -173,13 +173,15 @@ class _Unloaded(NamedTuple):
         weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
         return cls(k, equations.length / (softness * jnp.where(weight > 0, weight, 1.0)))
 
-    def held(self, status: Code) -> Code:
-        """A beam on a free hinge at rest buckles at once or never, as the load would have it."""
+    def held(self, rotor: AnyRotor, status: Code) -> Code:
+        """The status of a search, if the unloaded beam is held at all: on a free hinge at rest it
+        buckles at once or never, as the load would have it, and at some speed it tears."""
+        nowhere = Status.NOT_HELD if is_hinged(rotor) else Status.NO_EQUILIBRIUM
         size = jnp.sqrt(jnp.abs(jnp.diag(self.k)))
         size = jnp.where(size > 0, size, 1.0)
         scaled = self.k / (size[None] * size[:, None])
         least, _ = lowest_eigenpair(scaled, jnp.eye(len(scaled), dtype=scaled.dtype))
-        return jnp.where(least > _HELD, status, Status.NOT_HELD)
+        return jnp.where(least > _HELD, status, nowhere)
 
 
 def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
@@ -198,7 +200,7 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
         factor,
         direction_of_energy(model.directions, k0, end.x),
         place,
-        bare.held(scan.status(end)),
+        bare.held(given[0], scan.status(end)),
     )
 
 
@@ -226,5 +228,5 @@ def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPl
         factor,
         direction_of_energy(model.directions, bare.k, mode.right),
         place,
-        bare.held(status),
+        bare.held(given[0], status),
     )

@@ -160,6 +160,9 @@ def test_what_loads_may_be():
     for function in (jb.southwell, jb.critical_speed):
         with pytest.raises(ValueError, match="no potential"):
             function(model, ROTOR, loads=jb.Loads(tip_force=[1.0, 0, 0], follows=True))
+    across = jb.Loads(gravity=[0.0, 1.0, 0.0])
+    found = jb.critical_speed(plane, ROTOR, loads=across, throw=False)
+    assert found.status == Status.TURNING_GRAVITY
     for given, said in (
         ((0.0, 1.0), "three parts"),
         ((0.0, np.nan, 0.0), "must be finite"),
