@@ -184,7 +184,7 @@ def _as_found(model: AbstractModel, found: Lowest) -> Modes:
         shape=shape,
         direction=direction.astype(int),
         number=number.astype(int),
-        energy_share=jnp.stack([1 - flat - along, flat, along, 0 * flat], -1),
+        energy_share=jnp.stack([along, 1 - flat - along, flat, 0 * flat], -1),
         residual=residual,
         status=jnp.asarray(Status.OK).astype(int),
         steady_strain=found.strain,

@@ -52,7 +52,7 @@ def alone(model, which, cases):
 
 
 def assert_alike(many, single):
-    for name in ("direction", "order", "status"):
+    for name in ("direction", "number", "status"):
         np.testing.assert_array_equal(getattr(many, name), getattr(single, name), name)
     np.testing.assert_allclose(many.eigenvalue, single.eigenvalue, rtol=1e-9, atol=1e-9)
     scale = np.nanmax(np.abs(single.shape))
