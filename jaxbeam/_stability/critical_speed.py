@@ -122,7 +122,7 @@ def _critical(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions | None
 ) -> CriticalSpeed:
     one = jnp.ones_like(zero)  # what turns in the hub does so at any speed, though not at rest
-    turning = jnp.asarray(0) if conditions is None else conditions.status(model, one)
+    at_speed = jnp.asarray(0) if conditions is None else conditions.status(model, one)
     given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
     fixed = without_derivatives((rotor, zero))
     if conditions is None:
@@ -130,7 +130,7 @@ def _critical(
     else:
         searched = _search_under(model, *fixed, without_derivatives(conditions))
     found, direction, x, status = searched
-    status = first_failure(given, turning, status)
+    status = first_failure(given, at_speed, status)
     exists = jnp.isfinite(found) & (status == Status.OK)
     place = _Place(x=x, exists=exists, model=model, direction=direction)
     speed, shape = answer(place, (rotor, conditions), found, status)
