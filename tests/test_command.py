@@ -187,7 +187,7 @@ def test_swept_spin_up(command, tmp_path):
 
 @pytest.mark.slow
 def test_no_case_is_ok(command):
-    code, said, _ = command(SPRINGS + "[sweep]\nmass_coefficient = [-1, 0]")
+    code, said, _ = command(SPRINGS + "[sweep]\nmass = [-1, 0]")
     assert code == 1
     assert "0 of 2 ok\n2 INVALID_MASS: mass must be finite and > 0" in said
 

@@ -204,7 +204,7 @@ def books(scene, t, y):
         power += of(force, equations.tip, equations.tip_radius)
     lost = equations.nonconservative_force(y.q)
     damped = jnp.zeros_like(lost)
-    if (damping := scene.damping).mass is not None:
+    if (damping := scene.damping).mass_coefficient is not None:
         damped += damping.mass_coefficient * jax.grad(equations.kinetic_energy, 1)(
             y.q, y.v, none, none
         )

@@ -15,9 +15,9 @@ WHICH = jb.labels(in_plane=2, flap=3)
 LAG, FLAP = 0, slice(2, 5)  # among these
 
 
-def hinged(hub_radius=0.0, flap_stiffness=400.0, root=FREE, tip_mass=0.0, **more):
+def hinged(hub_radius=0.0, flap_stiffness=400.0, root_springs=FREE, tip_mass=0.0, **more):
     beam = jb.Beam(LENGTH, 0.2, 5e6, 566.0, flap_stiffness, torsional_stiffness=300.0)
-    return jb.Rotor(beam, hub_radius, tip_mass, root_springs=root, **more)
+    return jb.Rotor(beam, hub_radius, tip_mass, root_springs=root_springs, **more)
 
 
 MODEL = jb.Hybrid(0, 4, 8)
