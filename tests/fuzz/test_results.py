@@ -234,7 +234,8 @@ def test_fits(data, watched):
     with watched(p):
         status, parameters, deviation, misfit = evaluated(fits, p)
         status = Status(int(status))
-        sound = all(math.isfinite(p[key]) and p[key] > 0 for key in (*ROTOR, "unit", "noise"))
+        sound = all(math.isfinite(p[key]) and p[key] > 0 for key in (*ROTOR, "noise"))
+        sound = sound and math.isfinite(p["unit"])  # speeds may have any sign
         event(f"{status.name}, {'sound' if sound else 'spoiled'}")
         numbers = np.array([[found[key] for key in FITTED] for found in (parameters, deviation)])
         if status != Status.OK:
