@@ -37,10 +37,10 @@ class Modes(eqx.Module):
     | status          | ()     |       | `Status`; unless OK the numbers are NaN, but for residual |
     | steady_strain   | ()     |       | see `LinearSystem`                                        |
     | frequency_error | (k,)   |       | estimate of what functions and quadrature leave out of    |
-    |                 |        |       | lambda, relative, on beams that vary along the span; None |
-    |                 |        |       | of uniform ones (far beyond gamma = 50 take more          |
-    |                 |        |       | functions and compare), of elements, of coned beams, and  |
-    |                 |        |       | about loaded states                                       |
+    |                 |        |       | lambda, relative; above 1e-3 on a beam that varies along  |
+    |                 |        |       | the span the status says so. None of elements, of coned   |
+    |                 |        |       | beams, about loaded states, and on uniform beams but for  |
+    |                 |        |       | `Hybrid` and `Classical` with `Polynomials`               |
     | model           |        |       | whose modes they are; no array, and part of no table      |
 
     (*) kg^-1/2 for coordinates in metres.

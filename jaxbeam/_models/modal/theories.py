@@ -41,6 +41,7 @@ from jaxbeam._models.contract.bands import BandTables
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.strained import viscous
+from jaxbeam._models.modal import higher_functions
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.modal.coned import coned_system
@@ -137,6 +138,19 @@ class _Linear(_Modal):
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion."""
         return linear_system(self, rotor, speed)
+
+    def frequency_error(
+        self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
+    ) -> Float[Array, " k"] | None:
+        """Of uniform beams what the next functions would add: `higher_functions.py`."""
+        if not rotor.beam.is_uniform or rotor.precone is not None:
+            return super().frequency_error(system, rotor, speed, eigenvalue, shape)
+        # Whoever changes the equations of a theory has terms that are not known there.
+        if type(self).equations not in (Hybrid.equations, Classical.equations):
+            return None
+        return higher_functions.frequency_error(
+            self, rotor, speed, eigenvalue, shape, tensioned=self.foreshortens
+        )
 
 
 class Hybrid(_Linear):
