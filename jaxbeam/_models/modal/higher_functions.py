@@ -31,6 +31,12 @@ def _polynomials(basis: Basis) -> Polynomials | None:
     return own if isinstance(own, Polynomials) else None
 
 
+def _slopes(basis: Basis, counts: Counts) -> list[int]:
+    """How many functions of each direction are for a root that yields."""
+    yields = (False, basis.in_plane, basis.flap) if isinstance(basis, Yielding) else (False,) * 3
+    return [int(y and n > 0) for y, n in zip(yields, counts, strict=True)]
+
+
 class _Higher(NamedTuple):
     """Tables of a unit beam, for the next e functions of one direction."""
 
@@ -46,13 +52,11 @@ class _Higher(NamedTuple):
 def _higher(basis: Basis, counts: Counts, mixed: bool) -> tuple[_Higher | None, ...]:
     """Tables of each direction, None where a model has no functions; `mixed`: sections are turned,
     so that both directions of bending have stiffness in common."""
-    polynomials, yields = _polynomials(basis), (False, False, False)
+    polynomials = _polynomials(basis)
     assert polynomials is not None
-    if isinstance(basis, Yielding):
-        yields = False, basis.in_plane, basis.flap
     # In bending inertia is integrated twice, so that it is four degrees higher than curvature.
     width = 4 * polynomials.grading
-    slopes = [int(y and n > 0) for y, n in zip(yields, counts, strict=True)]
+    slopes = _slopes(basis, counts)
     own = [n - slope for n, slope in zip(counts, slopes, strict=True)]
     here = np.cumsum([0, *counts])[:3] + slopes
     many = tuple(max(own) + width if n else 0 for n in counts)
@@ -84,10 +88,11 @@ def frequency_error(
     model: Any, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, *, tensioned: bool
 ) -> Float[Array, " k"] | None:
     """Estimate for each eigenvalue, relative; zero for zero ones. None where functions are not
-    `Polynomials`, or one alone bends, where those beyond it see what is at the tip. `shape` (k, n)
+    `Polynomials`, or one alone bends, since the next one sees what is at the tip then. `shape` (k, n)
     are modes with unit modal mass; `tensioned` is whether the theory knows the tension."""
     basis = model.basis
-    if _polynomials(basis) is None or 1 in model.counts[1:]:
+    own = [n - slope for n, slope in zip(model.counts, _slopes(basis, model.counts), strict=True)]
+    if _polynomials(basis) is None or 1 in own[1:]:
         return None
     beam, length, square = rotor.beam, rotor.beam.length, eigenvalue**2
     bends, across = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness], 0.0

@@ -142,7 +142,8 @@ class _Linear(_Modal):
     def frequency_error(
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """Of uniform beams what the next functions would add: `higher_functions.py`."""
+        """The estimate for uniform beams, by what the next functions would add:
+        `higher_functions.py`; for others as in `_Modal`."""
         if not rotor.beam.is_uniform or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
         # Whoever changes the equations of a theory has terms that are not known there.
