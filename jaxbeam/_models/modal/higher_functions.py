@@ -88,8 +88,11 @@ def frequency_error(
     model: Any, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, *, tensioned: bool
 ) -> Float[Array, " k"] | None:
     """Estimate for each eigenvalue, relative; zero for zero ones. None where functions are not
-    `Polynomials`, or one alone bends, since the next one sees what is at the tip then. `shape` (k, n)
-    are modes with unit modal mass; `tensioned` is whether the theory knows the tension."""
+    `Polynomials`, or one alone bends, since the next one sees what is at the tip then.
+
+    `shape` (k, n) are modes with unit modal mass; `tensioned` is whether the theory knows the
+    tension.
+    """
     basis = model.basis
     own = [n - slope for n, slope in zip(model.counts, _slopes(basis, model.counts), strict=True)]
     if _polynomials(basis) is None or 1 in own[1:]:
