@@ -53,7 +53,7 @@ so no theory here does that. `SpatialANCF` has frequencies of coned blades that 
 and their motions.
 """
 
-from jaxbeam._files.any import read_blade as read_blade
+from jaxbeam._files.blade import read_blade as read_blade
 from jaxbeam._files.bmodes import read_bmodes as read_bmodes
 from jaxbeam._files.csv import read_csv as read_csv
 from jaxbeam._files.elastodyn import read_elastodyn as read_elastodyn

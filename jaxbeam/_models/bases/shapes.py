@@ -39,7 +39,7 @@ from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
 
 Counts = tuple[int, int, int]  # of axial, in-plane and flap functions
-COMPONENTS = (Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP)  # of displacements
+COMPONENTS = tuple(Direction)[:3]  # of displacements
 _FALLS = 6.0  # the share of a load with the power of its number
 _MORE = 5  # points of a segment, besides those that polynomials need
 

@@ -16,8 +16,6 @@ from jaxbeam._models.space.nodes import components
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 
-_COMPONENTS = Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP, Direction.TORSION
-
 
 class SpatialANCF(AbstractModel[Rotor]):
     """Finite elements that bend both ways, twist and stretch, geometrically exact and free of
@@ -62,7 +60,7 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     @property
     def directions(self) -> tuple[Direction, ...]:
-        return tuple(_COMPONENTS[way] for way, _ in self._coordinates)
+        return tuple(Direction(way) for way, _ in self._coordinates)
 
     def equations(self, rotor: Rotor) -> SpatialEquations:
         """Equations of motion."""
