@@ -30,7 +30,7 @@ from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple
 
 _POINTS = 8  # of a segment, for the tension
-_OF_TORSION = {"torsional_stiffness", "polar_inertia"}  # models in space alone look at these
+CONED_AND_MORE = "precone beside pitch, twist or a body at the tip"  # a feature of its own
 
 
 class Beam(Parameters):
@@ -65,8 +65,12 @@ class Beam(Parameters):
     in_plane_bending_stiffness: Property = along_span(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
     flap_bending_stiffness: Property = along_span(Status.INVALID_FLAP_BENDING_STIFFNESS)
     twist: Property | None = angle(Status.INVALID_TWIST, FULL_TURN, varies=True)
-    torsional_stiffness: Property | None = optional(Status.INVALID_TORSIONAL_STIFFNESS, varies=True)
-    polar_inertia: Property | None = optional(Status.INVALID_POLAR_INERTIA, varies=True)
+    torsional_stiffness: Property | None = optional(
+        Status.INVALID_TORSIONAL_STIFFNESS, varies=True, of_torsion=True
+    )
+    polar_inertia: Property | None = optional(
+        Status.INVALID_POLAR_INERTIA, varies=True, of_torsion=True
+    )
 
     def __init__(
         self,
@@ -238,16 +242,15 @@ class Rotor(Parameters):
         self._take(locals())
 
     @property
-    def is_plain(self) -> bool:
-        """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip:
-        nothing is given that need not be there, but for what torsion is made of."""
-        given = [
-            field.name
-            for part in (self, self.beam)
-            for field in dataclasses.fields(part)
-            if field.default is None and getattr(part, field.name) is not None
-        ]
-        return self.beam.is_uniform and {*given} <= _OF_TORSION
+    def features(self) -> tuple[str, ...]:
+        """What a model has to know: names of all that is given and need not be, but for what
+        torsion is made of, and what of it goes together."""
+        more = self.couples_bending or self.tip_body is not None
+        return (
+            *(CONED_AND_MORE,) * (more and self.precone is not None),
+            *("spanwise",) * bool(self.beam._varying()),
+            *super().features,
+        )
 
     @property
     def springs(self) -> tuple[Scalar | None, Scalar | None]:

@@ -325,12 +325,12 @@ def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
         (
             {"pitch": 0.1},
             jb.ANCF(2),
-            "ANCF is planar and takes no pitch: take SpatialANCF, or Hybrid",
+            "pitch: ANCF has no turned sections: take Hybrid or SpatialANCF",
         ),
         (
             {"root_springs": jb.RootSprings(flap=3.0)},
             jb.GreenANCF(2),
-            "no flap spring at the root: take",
+            "root_springs.flap: GreenANCF has no root that yields in flap: take",
         ),
     ],
 )
@@ -341,5 +341,5 @@ def test_what_planar_elements_do_not_take_is_refused(more, model, message):
 
 def test_twist_is_refused():
     rotor = jb.Rotor(short(4e3, twist=0.2))
-    with pytest.raises(ValueError, match="ExactRodANCF is planar and takes no twist"):
+    with pytest.raises(ValueError, match="twist: ExactRodANCF has no turned sections"):
         jb.ExactRodANCF(2).linearise(rotor, 1.0)

@@ -21,6 +21,7 @@ from jaxbeam._models.contract.bands import NodeByNode
 from jaxbeam._models.contract.base import checked_case, steady_strain
 from jaxbeam._models.contract.elasticity import LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, check_supported
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._numerics.linalg import dense, positive_definite
@@ -36,6 +37,7 @@ from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 
 class _ANCF(CartesianModel):
+    supports = AS_BUILT | {"tip_body.flap_inertia"}
     n_elements: int = eqx.field(static=True, default=10)
 
     def __check_init__(self) -> None:
@@ -58,6 +60,7 @@ class _Nodal(_ANCF):
     root, and the rotor says how stiff it is.
     """
 
+    supports = _ANCF.supports | ROOT_SPRINGS - {"root_springs.flap"}
     element: ClassVar[type[Element]]
     root_yields: bool = eqx.field(static=True, default=False)
 
@@ -71,28 +74,8 @@ class _Nodal(_ANCF):
 
     def equations(self, rotor: Rotor) -> ElementEquations:
         """Equations of motion with the law of strain of `element`."""
-        self._refuse(rotor)
+        check_supported(self, rotor)
         return ElementEquations(rotor, self.n_elements, self.element)
-
-    def _refuse(self, rotor: Rotor) -> None:
-        """Raise `ValueError` where a rotor has what elements in the plane of rotation have not."""
-        name, springs = type(self).__name__, rotor.springs
-        for there, what in (
-            (rotor.beam.twist is not None, "twist"),
-            (rotor.pitch is not None, "pitch"),
-            (rotor.precone is not None, "precone"),
-            (springs[1] is not None, "flap spring at the root"),
-        ):
-            if there:
-                raise ValueError(
-                    f"{name} is planar and takes no {what}: take SpatialANCF, or Hybrid"
-                )
-        if self.root_yields != (springs[0] is not None):
-            has = "no spring" if self.root_yields else "a spring"
-            raise ValueError(
-                f"the root of the rotor has {has} in the plane of rotation: take "
-                f"{name}(root_yields={not self.root_yields})"
-            )
 
     def suited(self, rotor: Rotor) -> Self:
         """A model of as many elements, with a root that yields if that of the rotor does."""

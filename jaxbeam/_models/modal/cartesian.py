@@ -25,6 +25,7 @@ from jaxbeam._models.bases.shapes import Shapes, shortening
 from jaxbeam._models.contract.base import Equations, Undeformed
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.span_integrals import FunctionSpanIntegral
+from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._models.modal.cartesian_model import CartesianModel
 from jaxbeam._models.modal.shape_integrals import (
     ShapeIntegrals,
@@ -84,7 +85,7 @@ class CartesianEquations(Equations):
         stiffened: Callable[[ShapeIntegrals], Array | np.ndarray] | None = None,
     ) -> Self:
         """Scale the tables of `model` to a rotor; `stiffened` says which are `stiffening`."""
-        model.check(rotor)
+        check_supported(model, rotor)
         own = None
         if shapes is not None and not rotor.beam.is_uniform:
             own = weighted(shapes, rotor)

@@ -41,11 +41,11 @@ from jaxbeam._models.contract.bands import BandTables
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.strained import viscous
+from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, TURNED, check_supported
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.modal.coned import coned_system
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.span import on, shortened
 from jaxbeam._types import Matrix, Number, Scalar, Vector
 
@@ -60,6 +60,7 @@ class _Modal(CartesianModel):
     zeros throughout.
     """
 
+    supports = AS_BUILT | ROOT_SPRINGS | TURNED | {"tip_body.flap_inertia"}
     n_stretch: int = eqx.field(static=True, default=10)
     n_in_plane: int = eqx.field(static=True, default=16)
     n_flap: int = eqx.field(static=True, default=16)
@@ -122,9 +123,6 @@ class _Modal(CartesianModel):
             return shapes_on(self._kind, rotor)
         return super().shapes(rotor)
 
-    def yields_where(self, rotor: Rotor, direction: Direction) -> bool:
-        return follows(self.basis, rotor) or super().yields_where(rotor, direction)
-
     @property
     def counts(self) -> Counts:
         return self.n_stretch, self.n_in_plane, self.n_flap
@@ -153,6 +151,8 @@ class Hybrid(_Linear):
     Raises `TypeError` or `ValueError` for any other numbers, zeros throughout, or no basis.
     """
 
+    supports_in_matrices = frozenset({"precone"})
+
     @property
     def foreshortens(self) -> bool:
         return True
@@ -166,18 +166,14 @@ class Hybrid(_Linear):
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion; about the deflected steady state of a coned
-        beam (`coned.py`), which what derives from this is not taught: it refuses cones."""
-        if rotor.precone is None or type(self) is not Hybrid:
+        beam (`coned.py`)."""
+        if rotor.precone is None:
             return super().matrices(rotor, speed)
+        check_supported(self, rotor, moving=False)
         if self.n_stretch or not self.n_in_plane or not self.n_flap:
             raise ValueError(
                 "precone: take Hybrid(n_stretch=0), with functions in plane and in flap, for the "
                 "frequencies of a coned beam"
-            )
-        if rotor.couples_bending or rotor.tip_body is not None:
-            raise ValueError(
-                "precone: here it goes neither with pitch and twist nor with a body at the tip; "
-                "take SpatialANCF"
             )
         return coned_system(rotor, speed, self.sampled(rotor, self.shapes(rotor)), self.directions)
 

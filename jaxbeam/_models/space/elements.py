@@ -71,7 +71,6 @@ class SpatialEquations(SpatialElasticity):
     axes: Float[Array, "3 3 *#lanes"] | None  # rows: of the beam in those of the hub
 
     takes_lanes: ClassVar[bool] = True
-    takes_moments: ClassVar[bool] = True
 
     def __init__(self, rotor: Rotor, n_elements: int) -> None:
         length = rotor.beam.length

@@ -11,9 +11,10 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import count_functions
 from jaxbeam._models.bases.basis import HermiteElements
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, TURNED, check_supported
 from jaxbeam._models.space.elements import SpatialEquations
 from jaxbeam._models.space.nodes import components
-from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
 
 _COMPONENTS = Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP, Direction.TORSION
@@ -44,6 +45,11 @@ class SpatialANCF(AbstractModel[Rotor]):
     Raises `TypeError` or `ValueError` unless `n_elements` is an int >= 1.
     """
 
+    supports = (
+        AS_BUILT | ROOT_SPRINGS | TURNED
+        | {"precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows"}
+    )  # fmt: skip
+    needs = frozenset({"torsional_stiffness"})
     n_elements: int = eqx.field(static=True, default=10)
     in_plane_yields: bool = eqx.field(static=True, default=False)
     flap_yields: bool = eqx.field(static=True, default=False)
@@ -66,24 +72,8 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     def equations(self, rotor: Rotor) -> SpatialEquations:
         """Equations of motion."""
-        self._check(rotor)
+        check_supported(self, rotor)
         return SpatialEquations(rotor, self.n_elements)
-
-    def _check(self, rotor: Rotor) -> None:
-        if rotor.beam.torsional_stiffness is None:
-            raise ValueError(
-                "SpatialANCF twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
-            )
-        if rotor.tip_body is not None and rotor.tip_body.flap_inertia is not None:
-            raise ValueError(
-                "flap_inertia: to SpatialANCF a body at the tip has one inertia across the beam: "
-                "leave flap_inertia out, or take a model like Hybrid"
-            )
-        wanted = self.suited(rotor)
-        if wanted != self:
-            raise ValueError(
-                f"root_springs: the rotor has {rotor.springs}: take model.suited(rotor)"
-            )
 
     def suited(self, rotor: Rotor) -> Self:
         in_plane, flap = (spring is not None for spring in rotor.springs)
