@@ -15,7 +15,7 @@ from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
-from jaxbeam._models.contract.supports import check_supported
+from jaxbeam._models.contract.supports import Neglects, check_supported
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.lanes import total
@@ -220,6 +220,27 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     supports: ClassVar[frozenset[str]] = frozenset()
     supports_in_matrices: ClassVar[frozenset[str]] = frozenset()
     needs: ClassVar[frozenset[str]] = frozenset()
+    # What the ladder asks. `called` is of the class itself, the name of the theory in words.
+    called: ClassVar[str]
+    is_linear: ClassVar[bool] = False  # whether its equations of motion are
+    # Whether it converges to the exact rod of the engineering strain, to which errors refer.
+    is_reference: ClassVar[bool] = False
+    neglects: ClassVar[Neglects] = Neglects()
+
+    @property
+    def title(self) -> str:
+        """Theory and size in words."""
+        return self._titled(f"{len(self.directions)} coordinates")
+
+    def _titled(self, size: str) -> str:
+        name = vars(type(self)).get("called", type(self).__name__)
+        return f"{name}, {size}" if name else size
+
+    @property
+    def step_cost(self) -> float:
+        """Cost of a step in time in a batch on one core, in us, roughly; times the number of steps
+        over those of linear motion."""
+        return 2 + 1.2 * len(self.directions)
 
     @property
     @abc.abstractmethod

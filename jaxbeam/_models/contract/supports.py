@@ -5,7 +5,7 @@ its equations of motion know (`supports`), what its matrices of small motion kno
 (`supports_in_matrices`), and what it cannot do without (`needs`).
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from jaxbeam._rotor.beam import CONED_AND_MORE, AnyRotor
 from jaxbeam._rotor.loads import NO_LOADS, Loads
@@ -44,10 +44,19 @@ ROOT_SPRINGS = frozenset({"root_springs", "root_springs.in_plane", "root_springs
 TURNED = frozenset({"twist", "pitch"})
 
 
-def unsupported(
+class Neglects(NamedTuple):
+    """What a theory leaves out, as a rule: its relative error over three numbers. All are zero
+    where nothing is known."""
+
+    stiffening: float = 0.0  # over the stiffening ratio
+    deflection: float = 0.0  # over the square of deflection over length
+    strain: float = 0.0  # over the steady strain
+
+
+def missing(
     model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, *, moving: bool = True
-) -> str:
-    """Why models of a class do not bear a rotor and loads, in a sentence; empty where they do.
+) -> list[str]:
+    """Features of a rotor and loads that models of a class do not know.
 
     `moving` is whether equations of motion are asked for, not matrices alone. What derives from a
     class inherits `supports`, as its equations; matrices of their own it has to declare again.
@@ -55,10 +64,16 @@ def unsupported(
     borne: frozenset[str] = model.supports
     if not moving:
         borne |= vars(model).get("supports_in_matrices", frozenset())
-    for feature in (*rotor.features, *loads.features):
-        if feature not in borne:
-            what, advice = _REFUSED.get(feature, ("such thing", "leave it out"))
-            return f"{feature}: {model.__name__} has no {what}: {advice}"
+    return [feature for feature in (*rotor.features, *loads.features) if feature not in borne]
+
+
+def unsupported(
+    model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, *, moving: bool = True
+) -> str:
+    """Why models of a class do not bear a rotor and loads, in a sentence; empty where they do."""
+    for feature in missing(model, rotor, loads, moving=moving):
+        what, advice = _REFUSED.get(feature, ("such thing", "leave it out"))
+        return f"{feature}: {model.__name__} has no {what}: {advice}"
     for need in sorted(model.needs - {*rotor.given}):
         return f"{need}: {model.__name__} needs it, since {_NEEDED[need]}"
     return ""

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, kind_of
-from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
+from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
 from jaxbeam._models.bases.shapes import (
     Counts,
     Kind,
@@ -41,7 +41,13 @@ from jaxbeam._models.contract.bands import BandTables
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.strained import viscous
-from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, TURNED, check_supported
+from jaxbeam._models.contract.supports import (
+    AS_BUILT,
+    ROOT_SPRINGS,
+    TURNED,
+    Neglects,
+    check_supported,
+)
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.modal.coned import coned_system
@@ -73,6 +79,23 @@ class _Modal(CartesianModel):
             raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
         if not isinstance(self.basis, Basis):
             raise TypeError(f"basis must be a Basis, got {kind_of(self.basis)}")
+
+    @classmethod
+    def of_size(cls, n: int, rotor: Rotor, planar: bool, n_stretch: int = 0) -> Self:
+        """The model with n functions across, each way, and one more where the root yields, for a
+        rotor and others that are like it; in flap, unless all stays in the plane."""
+        # One or two modes at rest do better than as many polynomials, from three on these win; of
+        # beams that vary they are not the modes.
+        few = n <= 2 and not n_stretch and rotor.beam.is_uniform
+        basis = CantileverModes() if few else Polynomials()
+        in_plane, flap = (n + (spring is not None) for spring in rotor.springs)
+        return cls(n_stretch, in_plane, 0 if planar else flap, basis=basis).suited(rotor)
+
+    @property
+    def title(self) -> str:
+        n, flap, unit = self.n_in_plane, self.n_flap, self.basis.unit
+        count = f"{n} and {flap} {unit}s" if flap else f"{n} {unit}{'s' * (n > 1)}"
+        return self._titled(count + f", stretch {self.n_stretch}" * (self.n_stretch > 0))
 
     @property
     def functions_from(self) -> Basis:
@@ -132,6 +155,8 @@ class _Modal(CartesianModel):
 
 
 class _Linear(_Modal):
+    is_linear = True
+
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion."""
         return linear_system(self, rotor, speed)
@@ -152,6 +177,8 @@ class Hybrid(_Linear):
     """
 
     supports_in_matrices = frozenset({"precone"})
+    called = "hybrid"
+    neglects = Neglects(deflection=0.3, strain=0.4)
 
     @property
     def foreshortens(self) -> bool:
@@ -225,6 +252,13 @@ class Classical(_Linear):
     Raises as `Hybrid` does.
     """
 
+    called = "classical"
+    neglects = Neglects(stiffening=0.5, deflection=0.3, strain=0.4)
+
+    @property
+    def step_cost(self) -> float:
+        return super().step_cost - 0.1
+
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> None:
         return None
 
@@ -247,9 +281,20 @@ class VonKarman(_Modal):
     Raises as `Hybrid` does.
     """
 
+    called = "von Karman"
+    neglects = Neglects(deflection=1.0)
     n_stretch: int = eqx.field(static=True, default=16)
     n_in_plane: int = eqx.field(static=True, default=8)
     n_flap: int = eqx.field(static=True, default=8)
+
+    @classmethod
+    def of_size(cls, n: int, rotor: Rotor, planar: bool, n_stretch: int = 0) -> Self:
+        """The same; functions of u1 follow u2'^2."""
+        return super().of_size(n, rotor, planar, 2 * n + 1)
+
+    @property
+    def step_cost(self) -> float:
+        return 5 * super().step_cost  # its strain is integrated
 
     @property
     def products(self) -> int:

@@ -50,12 +50,22 @@ class SpatialANCF(AbstractModel[Rotor]):
         | {"precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows"}
     )  # fmt: skip
     needs = frozenset({"torsional_stiffness"})
+    called = ""
+    is_reference = True
     n_elements: int = eqx.field(static=True, default=10)
     in_plane_yields: bool = eqx.field(static=True, default=False)
     flap_yields: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self) -> None:
         count_functions("n_elements", self.n_elements, least=1)
+
+    @property
+    def title(self) -> str:
+        return self._titled(f"{self.n_elements} element{'s' * (self.n_elements > 1)} in space")
+
+    @property
+    def step_cost(self) -> float:
+        return 4 * 2.3 * (2 + 2.2 * self.n_elements)  # blocks of eight, four times those in a plane
 
     @property
     def _coordinates(self) -> list[tuple[int, int]]:
