@@ -13,6 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 import jaxbeam as jb
+from jaxbeam._rotor.ends import PointMass
 from tests.beams import AS_BUILT, AS_BUILT_IN_SPACE
 from tests.compilation import xla_flags
 
@@ -24,8 +25,9 @@ def rules(kind: type) -> dict[str, Mapping[str, Any]]:
     return {name: rule for name, rule in own.items() if "optional" not in rule}
 
 
+OF_ROTOR = rules(jb.Rotor) | {"tip_mass": rules(PointMass)["mass"]}
 BEAM, SPRINGS = tuple(rules(jb.Beam)), tuple(rules(jb.models.SpringRotor))
-ROTOR = *BEAM, *rules(jb.Rotor)
+ROTOR = *BEAM, *OF_ROTOR
 NAMES = *ROTOR, "angular_speed"
 
 # One of each kind of equations: linear modal, non-linear modal, elements with an energy and

@@ -44,6 +44,11 @@ def angle(status: Status, most: float, *, varies: bool = False) -> Any:
     return _optional(status=status, zero=None, varies=varies, most=most)
 
 
+def part() -> Any:
+    """Field of parameters that are always there."""
+    return eqx.field()
+
+
 def _optional(**rule: Any) -> Any:
     return eqx.field(default=None, metadata={**rule, "optional": True})
 
@@ -86,16 +91,14 @@ class Parameters(eqx.Module):
                 yield value, field.metadata
 
     def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
-        """Name and rule of each field that need not be there and is; names within a part that need
-        not be there begin with its own."""
+        """Name and rule of each field that need not be there and is; names within a part begin with
+        its own."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            may_lack = field.default is None
-            if may_lack and value is not None:
+            if field.default is None and value is not None:
                 yield field.name, field.metadata
             if isinstance(value, Parameters):
-                prefix = f"{field.name}." * may_lack
-                yield from ((prefix + name, rule) for name, rule in value._given())
+                yield from ((f"{field.name}.{name}", rule) for name, rule in value._given())
 
     @property
     def given(self) -> frozenset[str]:
@@ -115,6 +118,8 @@ class Parameters(eqx.Module):
 
     def checked(self) -> Self:
         """Rebuilt, so that what comes from `eqx.tree_at` or `vmap` meets the checks as well."""
-        values = [getattr(self, field.name) for field in dataclasses.fields(self)]
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         parts = Parameters | AbstractSpanwise
-        return type(self)(*(v.checked() if isinstance(v, parts) else v for v in values))
+        return type(self)(
+            **{n: v.checked() if isinstance(v, parts) else v for n, v in values.items()}
+        )

@@ -20,7 +20,7 @@ from tests.references import blade as blade_reference
 from tests.tiers import exhaustive, slow
 
 AT_NODES, BETWEEN = (0.0, 0.5, 0.5, 1.0), (0.0, 0.3, 0.3, 0.45, 1.0)
-BODY, SPRING = jb.TipBody(0.3, 0.2, 0.1), jb.RootSprings(in_plane=9.0)
+BODY, SPRING = jb.TipBody(0.9, 0.3, 0.2, 0.1), jb.RootSprings(in_plane=9.0)
 
 
 def some(slow_ones):
@@ -42,7 +42,7 @@ def varying(**more):
         2.0, table(1.3, BETWEEN, 1.0, 0.8, 0.6, 0.7, 0.5),
         table(4e3, (0.0, 0.8, 1.0), 1.0, 0.7, 0.8), stiffness, 7.0,
     )  # fmt: skip
-    return jb.Rotor(beam, 0.4, 0.9, **more)
+    return jb.Rotor(beam, 0.4, None if "tip_body" in more else 0.9, **more)
 
 
 def test_parts_of_elements_end_at_kinks():
@@ -174,8 +174,8 @@ def errors(blade, n, speed, body=False, spring=None):
         for p in BLADES[blade]
     )
     rotor = jb.Rotor(
-        jb.Beam(1.0, mass, 1e10, stiffness, 1.0), HUB, TIP.mass if body else 0.0,
-        tip_body=jb.TipBody(TIP.offset, TIP.inertia) if body else None,
+        jb.Beam(1.0, mass, 1e10, stiffness, 1.0), HUB,
+        tip_body=jb.TipBody(TIP.mass, TIP.offset, TIP.inertia) if body else None,
         root_springs=None if spring is None else jb.RootSprings(spring),
     )  # fmt: skip
     model = jb.ExactRodANCF(n, root_yields=spring is not None)
@@ -215,7 +215,7 @@ def test_a_step_within_an_element_costs_the_order():
 def test_axial_frequencies_with_a_body_converge_by_the_first_order():
     """The end that the body holds is not strained, other than that of the rod."""
     rotor = jb.Rotor(
-        jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0), HUB, 0.3, tip_body=jb.TipBody(TIP.offset, TIP.inertia)
+        jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0), HUB, tip_body=jb.TipBody(0.3, TIP.offset, TIP.inertia)
     )
     blade = blade_reference.Blade(stretch=1e4, hub=HUB, tip=TIP)
     [exact] = blade_reference.frequencies(blade, 0.0, 1, "axial")
@@ -229,10 +229,10 @@ def test_a_body_without_extent_is_a_point():
     """But for the strain of the end, which the body holds: an element's length of it."""
     frequencies = [
         jb.modes(
-            jb.ExactRodANCF(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, 0.3, tip_body=tip),
+            jb.ExactRodANCF(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, **tip),
             6.0, jb.labels(in_plane=2),
         ).frequency
-        for tip in (None, jb.TipBody())
+        for tip in ({"tip_mass": 0.3}, {"tip_body": jb.TipBody(0.3)})
     ]  # fmt: skip
     at_tip = 0.3 * 6.0**2 * 1.2 / 1e4
     np.testing.assert_allclose(*frequencies, rtol=at_tip / 16)
@@ -272,7 +272,7 @@ def of_stations(values):
         2.0, jb.Spanwise(STATIONS, values), jb.Spanwise(STATIONS, 4e3 * values),
         jb.Spanwise(STATIONS, 11 * values**2), 7.0,
     )  # fmt: skip
-    return jb.Rotor(beam, 0.4, 0.9, tip_body=BODY)
+    return jb.Rotor(beam, 0.4, tip_body=BODY)
 
 
 def lowest(values):
@@ -302,11 +302,13 @@ def test_batches_over_the_values_at_stations_are_single_runs():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("tip", [None, jb.TipBody()], ids=["table", "table and body"])
+@pytest.mark.parametrize(
+    "tip", [{"tip_mass": 0.2}, {"tip_body": jb.TipBody(0.2)}], ids=["table", "table and body"]
+)
 def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
     """A constant table does so where a uniform rod does; a point that is called a body, too."""
     constant = [table(value, STATIONS) for value in (1.0, 400.0, 1.0)]
-    rotor = jb.Rotor(jb.Beam(1.0, *constant, 1.0), 0.3, 0.2, tip_body=tip)
+    rotor = jb.Rotor(jb.Beam(1.0, *constant, 1.0), 0.3, **tip)
     plain = jb.Rotor(jb.Beam(1.0, 1.0, 400.0, 1.0, 1.0), 0.3, 0.2)
     speeds = jnp.linspace(0.9, 1.1, 21) * 26.0
     torn = np.asarray([bool(plain.tears(speed)) for speed in speeds])
@@ -341,5 +343,5 @@ def test_what_planar_elements_do_not_take_is_refused(more, model, message):
 
 def test_twist_is_refused():
     rotor = jb.Rotor(short(4e3, twist=0.2))
-    with pytest.raises(ValueError, match="twist: ExactRodANCF has no turned sections"):
+    with pytest.raises(ValueError, match=r"beam\.twist: ExactRodANCF has no turned sections"):
         jb.ExactRodANCF(2).linearise(rotor, 1.0)

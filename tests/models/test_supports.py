@@ -17,24 +17,24 @@ TWISTING = jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, torsional_stiffness=3.0)
 VARYING = jb.Beam(1.0, jb.Spanwise([0.0, 1.0], [1.0, 0.9]), 1e4, 16.0, 1.0, torsional_stiffness=3.0)
 HAVING = {  # a rotor and loads with each of the features, and what goes before it
     "spanwise": (jb.Rotor(VARYING), {}),
-    "twist": (jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, 0.1, 3.0)), {}),
+    "beam.twist": (jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, 0.1, 3.0)), {}),
     "pitch": (jb.Rotor(TWISTING, pitch=0.0), {}),
     "precone": (jb.Rotor(TWISTING, precone=0.0), {}),
     "precone beside": (jb.Rotor(TWISTING, precone=0.1, pitch=0.1), {}),
     "root_springs.in_plane": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(0.0)), {}),
     "root_springs.flap": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(flap=1.0)), {}),
-    "tip_body": (jb.Rotor(TWISTING, 0.0, 0.1, tip_body=jb.TipBody()), {}),
+    "tip_body": (jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1)), {}),
     "tip_body.flap_inertia": (
-        jb.Rotor(TWISTING, 0.0, 0.1, tip_body=jb.TipBody(flap_inertia=0.0)),
+        jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1, flap_inertia=0.0)),
         {},
     ),
     "loads.tip_moment": (jb.Rotor(TWISTING), {"tip_moment": [0, 0, 1.0]}),
     "loads.follows": (jb.Rotor(TWISTING), {"tip_force": [0, 1.0, 0], "follows": True}),
     "loads.force_per_length": (jb.Rotor(TWISTING), {"force_per_length": [0, 1.0, 0]}),
 }
-BOTH_WAYS = {"spanwise", "twist", "pitch", "root_springs.in_plane", "root_springs.flap",
+BOTH_WAYS = {"spanwise", "beam.twist", "pitch", "root_springs.in_plane", "root_springs.flap",
              "tip_body", "tip_body.flap_inertia", "loads.force_per_length"}  # fmt: skip
-FLAT = BOTH_WAYS - {"twist", "pitch", "root_springs.flap"}
+FLAT = BOTH_WAYS - {"beam.twist", "pitch", "root_springs.flap"}
 KNOWN = {
     jb.Hybrid: BOTH_WAYS,
     jb.Classical: BOTH_WAYS,
@@ -80,7 +80,7 @@ def test_the_door_is_shut():
             ask()
     with pytest.raises(ValueError, match=r"^precone: Hybrid has no motion of a coned beam: take"):
         jb.Hybrid(0, 2, 2).equations(coned)
-    with pytest.raises(ValueError, match=r"^torsional_stiffness: SpatialANCF needs it"):
+    with pytest.raises(ValueError, match=r"^beam\.torsional_stiffness: SpatialANCF needs it"):
         jb.simulate(jb.SpatialANCF(2), jb.Rotor(BEAM), jb.ConstantSpeed(1.0), [0.0, 1.0])
 
 
@@ -113,7 +113,8 @@ class _Founded(jb.Rotor):
 
     def __init__(self, beam, foundation):
         names = [field.name for field in dataclasses.fields(self)]
-        given = {"beam": beam, "hub_radius": 0.0, "tip_mass": 0.0, "foundation": foundation}
+        given = {"beam": beam, "hub_radius": 0.0, "foundation": foundation}
+        given |= {"tip_body": jb.Rotor(beam).tip_body}
         self._take({**dict.fromkeys(names), **given})
 
 

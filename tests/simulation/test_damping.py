@@ -18,8 +18,8 @@ LONG = jb.Rotor(BEAM, 0.5)
 SHORT = jb.Rotor(short(4e3, torsional_stiffness=6.0), 0.4)
 # As `AS_BUILT`, without what elements in the plane have not.
 STEPPED = jb.Rotor(
-    jb.Beam(2.0, 1.3, jb.Spanwise([0, 0.3, 0.3, 1], [4e3, 4e3, 3e3, 2e3]), 11.0, 7.0), 0.4, 0.3,
-    root_springs=jb.RootSprings(in_plane=40.0), tip_body=jb.TipBody(offset=0.1, inertia=0.02),
+    jb.Beam(2.0, 1.3, jb.Spanwise([0, 0.3, 0.3, 1], [4e3, 4e3, 3e3, 2e3]), 11.0, 7.0), 0.4,
+    root_springs=jb.RootSprings(in_plane=40.0), tip_body=jb.TipBody(0.3, 0.1, 0.02),
 )  # fmt: skip
 C, SPEEDS = jnp.array(2e-3), np.array([0.0, 10.0, 20.0])
 

@@ -13,7 +13,7 @@ from jaxbeam._rotor.loads import NO_LOADS, Loads
 # Of each feature: what a model that does not know it has not, and what to do.
 _REFUSED = {
     "spanwise": ("property that varies along the span", "take Hybrid or ExactRodANCF"),
-    "twist": ("turned sections", "take Hybrid or SpatialANCF"),
+    "beam.twist": ("turned sections", "take Hybrid or SpatialANCF"),
     "pitch": ("turned sections", "take Hybrid or SpatialANCF"),
     "precone": (
         "motion of a coned beam",
@@ -37,11 +37,11 @@ _REFUSED = {
     ),
 }
 _NEEDED = {
-    "torsional_stiffness": "it twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
+    "beam.torsional_stiffness": "it twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
 }
 AS_BUILT = frozenset({"spanwise", "tip_body", "loads.force_per_length"})  # what all beams know
 ROOT_SPRINGS = frozenset({"root_springs", "root_springs.in_plane", "root_springs.flap"})
-TURNED = frozenset({"twist", "pitch"})
+TURNED = frozenset({"beam.twist", "pitch"})
 
 
 class Neglects(NamedTuple):

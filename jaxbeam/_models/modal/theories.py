@@ -327,7 +327,7 @@ class VonKarman(_Modal):
             one_hot=jnp.asarray(self.one_hot),
         )
         # The centre of a body at the tip comes nearer when the end of the beam turns.
-        short = None if rotor.tip_body is None else lambda t: jnp.zeros_like(t.tension)
+        short = (lambda t: jnp.zeros_like(t.tension)) if rotor.tip_body.is_body else None
         return CartesianEquations.build(self, rotor, elastic, shapes, short)
 
 

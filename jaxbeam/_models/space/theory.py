@@ -49,7 +49,7 @@ class SpatialANCF(AbstractModel[Rotor]):
         AS_BUILT | ROOT_SPRINGS | TURNED
         | {"precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows"}
     )  # fmt: skip
-    needs = frozenset({"torsional_stiffness"})
+    needs = frozenset({"beam.torsional_stiffness"})
     called = ""
     is_reference = True
     n_elements: int = eqx.field(static=True, default=10)
