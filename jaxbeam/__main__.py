@@ -270,7 +270,7 @@ def _is_real(parameter: inspect.Parameter | None) -> bool:
 def _keys(maker: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Arguments that come from the maker's own table."""
     every = inspect.signature(maker).parameters
-    return {name: p for name, p in every.items() if name not in TABLES}
+    return {name: p for name, p in every.items() if name not in TABLES and name[0] != "_"}
 
 
 def _class(table: str, name: Any, base: type) -> type:

@@ -57,7 +57,7 @@ YIELDING = [
     jb.Hybrid(3, 4, 3),
     jb.Classical(3, 4, 3),
     jb.VonKarman(5, 3, 2),
-    jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True),
+    jb.SpatialANCF(2).suited(AS_BUILT_IN_SPACE),
 ]
 BUILT = [(m, AS_BUILT_IN_SPACE if isinstance(m, jb.SpatialANCF) else AS_BUILT) for m in YIELDING]
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import checked_speed, count_functions, kind_of
+from jaxbeam._checks import check_kind, checked_speed, count_functions
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import checked_conditions
 from jaxbeam._models.modal.theories import Hybrid
@@ -337,6 +337,5 @@ class ModalFrequencies(Question):
 
 def checked_question(question: Question) -> Question:
     """The argument, if it is a question; else an error that says what is."""
-    if not isinstance(question, Question):
-        raise TypeError(f"question must be a Question, got {kind_of(question)}")
+    check_kind("question", question, Question)
     return question

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import check_kind, kind_of, numpy_if_concrete, positive, renamed
+from jaxbeam._checks import check_kind, numpy_if_concrete, positive, renamed
 from jaxbeam._numerics.linalg import largest
 from jaxbeam._rotor.ends import RootSprings, Tip, tip_of
 from jaxbeam._rotor.parameters import (
@@ -395,6 +395,5 @@ def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
             "jax.config.update('jax_enable_x64', True) before anything else.",
             stacklevel=4,
         )
-    if not isinstance(rotor, kind):
-        raise TypeError(f"rotor must be a {kind.__name__}, got {kind_of(rotor)}")
+    check_kind("rotor", rotor, kind)
     return rotor.checked()

@@ -87,8 +87,8 @@ def test_constant_tables_are_a_uniform_beam(theory):
 )
 def test_equations_of_varying_beams_follow_from_the_energies(theory, yields):
     """Tangents, too."""
-    model = theory(2, root_yields=yields)
     rotor = varying(tip_body=BODY, root_springs=SPRING if yields else None)
+    model = theory(2).suited(rotor)
     hub, q, v = random_state(model, 1, True)
     force = jnp.array([3.0, -2.0, 0.0])
 
@@ -120,8 +120,8 @@ def test_inertia_of_the_rigid_beam_with_its_body():
     np.testing.assert_allclose(equations.rigid_moments, moments, rtol=1e-14)
     # Of a turn by a small angle, as the elements see it: they hold rigid motions.
     turn = jnp.asarray([0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])  # w = x, clamped slope aside
-    model = jb.ExactRodANCF(2, root_yields=True)
-    equations = model.equations(varying(tip_body=BODY, root_springs=SPRING))
+    rotor = varying(tip_body=BODY, root_springs=SPRING)
+    equations = jb.ExactRodANCF(2).suited(rotor).equations(rotor)
     turn = jnp.asarray([2.0, 0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])
     mass, first, second = moments
     about_root = second - 2 * 0.4 * first + 0.4**2 * mass
@@ -178,8 +178,7 @@ def errors(blade, n, speed, body=False, spring=None):
         tip_body=jb.TipBody(TIP.mass, TIP.offset, TIP.inertia) if body else None,
         root_springs=None if spring is None else jb.RootSprings(spring),
     )  # fmt: skip
-    model = jb.ExactRodANCF(n, root_yields=spring is not None)
-    found = jb.modes(model, rotor, speed, jb.labels(in_plane=2)).frequency
+    found = jb.modes(jb.ExactRodANCF(n), rotor, speed, jb.labels(in_plane=2)).frequency
     return np.abs(found / np.asarray(blade_reference.in_plane(reference, speed, 2)) - 1)
 
 
@@ -252,9 +251,11 @@ def test_spin_up_with_a_root_that_yields():
     """Softly: the tip goes further than that of a clamped beam."""
     times, farthest = jnp.linspace(0.0, 1.5, 7), []
     for spring in (None, jb.RootSprings(9.0), jb.RootSprings(1e7)):
-        model = jb.ExactRodANCF(2, root_yields=spring is not None)
         run = jb.simulate(
-            model, varying(tip_body=BODY, root_springs=spring), jb.SmoothSpinUp(2.0, 1.0), times
+            jb.ExactRodANCF(2),
+            varying(tip_body=BODY, root_springs=spring),
+            jb.SmoothSpinUp(2.0, 1.0),
+            times,
         )
         assert jb.Status(int(run.status)) is jb.Status.OK
         farthest.append(float(np.abs(run.tip[:, 1]).max()))

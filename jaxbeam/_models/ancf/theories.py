@@ -60,19 +60,19 @@ class _Nodal(_ANCF):
     """Geometrically non-linear elements, whose coordinates are ordered node by node.
 
     Properties may vary along the span, and a body may be at the tip: as far as that is stretched
-    with the end of the beam, see `Ends`, it is rigid. With `root_yields` there is a spring at the
-    root, and the rotor says how stiff it is.
+    with the end of the beam, see `Ends`, it is rigid. Where `_yields` is set there is a spring at
+    the root, and the rotor says how stiff it is.
     """
 
     supports = _ANCF.supports | ROOT_SPRINGS - {"root_springs.flap"}
     element: ClassVar[type[Element]]
-    root_yields: bool = eqx.field(static=True, default=False)
+    _yields: bool = eqx.field(static=True, default=False, kw_only=True)  # which `suited` sets
 
     @property
     def directions(self) -> tuple[Direction, ...]:
         """L u' of the first node, L w' before it if the root yields, then w, L w', u, L u' of each
         other node."""
-        first = (Direction.IN_PLANE, Direction.AXIAL)[0 if self.root_yields else 1 :]
+        first = (Direction.IN_PLANE, Direction.AXIAL)[0 if self._yields else 1 :]
         node = (Direction.IN_PLANE, Direction.IN_PLANE, Direction.AXIAL, Direction.AXIAL)
         return (*first, *self.n_elements * node)
 
@@ -87,11 +87,11 @@ class _Nodal(_ANCF):
 
     def suited(self, rotor: Rotor) -> Self:
         """A model of as many elements, with a root that yields if that of the rotor does."""
-        return dataclasses.replace(self, root_yields=rotor.springs[0] is not None)
+        return dataclasses.replace(self, _yields=rotor.springs[0] is not None)
 
     def bands(self) -> NodeByNode | None:
         """The order of the coordinates, whatever the equations are."""
-        return None if self.root_yields else NodeByNode(self.n_elements)
+        return None if self._yields else NodeByNode(self.n_elements)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
@@ -102,7 +102,7 @@ class _Nodal(_ANCF):
         node = 2 + 4 * np.arange(n)[:, None] + np.arange(2)
         for component, columns in ((1, np.append(0, node)), (0, np.append(1, node + 2))):
             out[component][:, columns] = shapes
-        return jnp.asarray(out[:, :, 0 if self.root_yields else 1 :])
+        return jnp.asarray(out[:, :, 0 if self._yields else 1 :])
 
     def steady_state(self, rotor: Rotor, angular_speed: Real) -> Array:
         """Axial coordinates (2 n + 1, in metres) of the steady state; the beam stays straight.
@@ -171,7 +171,7 @@ class GreenANCF(_Nodal):
     It hardens with strain, axially and, since r''.r'' = (phi' |r'|)^2 + |r'|'^2 with phi the angle
     of the tangent, in bending; its limit is not that of `ExactRodANCF`, see there.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """
@@ -202,9 +202,7 @@ class ExactRodANCF(_Nodal):
     The straight rod is linear in its stretch: like `Hybrid` it tears at a finite speed, at
     Omega L (rho / EA)^(1/2) = pi / 2 without a tip mass, beyond which it has no steady state.
 
-    `n_elements` is how many equal elements there are, an int >= 1. `root_yields` is whether the
-    slope at the root is a coordinate: functions that take a rotor set it themselves, as its
-    springs in plane have it.
+    `n_elements` is how many equal elements there are, an int >= 1.
 
     Raises `TypeError` or `ValueError` for any other number of elements.
     """
@@ -219,7 +217,7 @@ class ChordANCF(_Nodal):
 
     Unstable above a speed that grows with the number of elements.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """
@@ -233,7 +231,7 @@ class TangentANCF(_Nodal):
     Fails at a lower speed than `ChordANCF`, and is far too stiff with few elements: neighbours
     measure strain along different directions. With one element it is `Classical`.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """
@@ -293,7 +291,7 @@ class ANCF(_Nodal):
     The steady beam is straight. There u' is quadratic along an element and equals the interpolated
     strain, so the tangent is that of any non-linear strain to first order, and symmetric.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """

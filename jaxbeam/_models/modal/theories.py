@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import count_functions, kind_of
+from jaxbeam._checks import check_kind, count_functions
 from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
 from jaxbeam._models.bases.shapes import (
     Counts,
@@ -77,8 +77,7 @@ class _Modal(CartesianModel):
             count_functions(name, getattr(self, name))
         if self.n_stretch + self.n_in_plane + self.n_flap == 0:
             raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
-        if not isinstance(self.basis, Basis):
-            raise TypeError(f"basis must be a Basis, got {kind_of(self.basis)}")
+        check_kind("basis", self.basis, Basis)
 
     @classmethod
     def of_size(cls, n: int, rotor: Rotor, planar: bool, n_stretch: int = 0) -> Self:

@@ -38,9 +38,8 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
     number, errors with the fourth power of an element's length; those by the inertia of twist, in
-    beams that are bent both ways, with the square. Roots that yield have more, a slope in plane
-    with `in_plane_yields` and one in flap with `flap_yields`: functions that take a rotor set both
-    themselves, as its springs have it. Formulation and sources: see `_models/space/energies.py`.
+    beams that are bent both ways, with the square. Roots that yield have a slope more each way.
+    Formulation and sources: see `_models/space/energies.py`.
 
     Raises `TypeError` or `ValueError` unless `n_elements` is an int >= 1.
     """
@@ -53,8 +52,8 @@ class SpatialANCF(AbstractModel[Rotor]):
     called = ""
     is_reference = True
     n_elements: int = eqx.field(static=True, default=10)
-    in_plane_yields: bool = eqx.field(static=True, default=False)
-    flap_yields: bool = eqx.field(static=True, default=False)
+    # Whether the root yields in plane and in flap, which `suited` sets.
+    _yields: tuple[bool, bool] = eqx.field(static=True, default=(False, False), kw_only=True)
 
     def __check_init__(self) -> None:
         count_functions("n_elements", self.n_elements, least=1)
@@ -70,7 +69,7 @@ class SpatialANCF(AbstractModel[Rotor]):
     @property
     def _coordinates(self) -> list[tuple[int, int]]:
         """Component of each coordinate, and its place among values and slopes of all nodes."""
-        ways, absent = components(self.in_plane_yields, self.flap_yields)
+        ways, absent = components(*self._yields)
         places = [
             (way, 2 * k + d) for k in range(self.n_elements + 1) for d in (0, 1) for way in ways
         ]
@@ -87,7 +86,7 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     def suited(self, rotor: Rotor) -> Self:
         in_plane, flap = (spring is not None for spring in rotor.springs)
-        return dataclasses.replace(self, in_plane_yields=in_plane, flap_yields=flap)
+        return dataclasses.replace(self, _yields=(in_plane, flap))
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
