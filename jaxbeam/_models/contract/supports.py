@@ -36,9 +36,7 @@ _REFUSED = {
         "take Hybrid or ExactRodANCF, or leave it out",
     ),
 }
-_NEEDED = {
-    "beam.torsional_stiffness": "it twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
-}
+_NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N m^2, to the Beam"}
 AS_BUILT = frozenset({"spanwise", "tip_body", "loads.force_per_length"})  # what all beams know
 ROOT_SPRINGS = frozenset({"root_springs", "root_springs.in_plane", "root_springs.flap"})
 TURNED = frozenset({"beam.twist", "pitch"})
@@ -75,7 +73,7 @@ def unsupported(
         what, advice = _REFUSED.get(feature, ("such thing", "leave it out"))
         return f"{feature}: {model.__name__} has no {what}: {advice}"
     for need in sorted(model.needs - {*rotor.given}):
-        return f"{need}: {model.__name__} needs it, since {_NEEDED[need]}"
+        return f"{need}: {model.__name__} needs it{_NEEDED.get(need, '')}"
     return ""
 
 
