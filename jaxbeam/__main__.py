@@ -72,7 +72,7 @@ Frequencies over speed, for three tip masses (--example prints it, and the other
 {EXAMPLES["frequencies"]}
 A [beam] may have file = "blade.csv", any file of blades.read_blade beside it, of which what it says
 of the rotor holds unless [rotor] says otherwise. [root_springs] are those of jaxbeam.RootSprings,
-and [tip_body] makes a body of the tip mass (jaxbeam.TipBody).
+and a [tip_body] is in the place of a tip_mass (jaxbeam.TipBody).
 A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
 
 {EXAMPLES["spin_up"]}
@@ -270,7 +270,7 @@ def _is_real(parameter: inspect.Parameter | None) -> bool:
 def _keys(maker: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Arguments that come from the maker's own table."""
     every = inspect.signature(maker).parameters
-    return {name: p for name, p in every.items() if name not in TABLES}
+    return {name: p for name, p in every.items() if name not in TABLES and name[0] != "_"}
 
 
 def _class(table: str, name: Any, base: type) -> type:

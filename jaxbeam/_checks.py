@@ -62,6 +62,12 @@ def kind_of(value: Any) -> str:
     return f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
 
 
+def check_kind(name: str, value: Any, kind: type, *others: type) -> None:
+    """Raise `TypeError` unless an argument is of a kind, or of others that need no mention."""
+    if not isinstance(value, (kind, *others)):
+        raise TypeError(f"{name} must be a {kind.__name__}, got {kind_of(value)}")
+
+
 def real_array(name: str, value: Any) -> Array:
     """`value` as an array of real floats of any shape, or an error that names the argument.
 
@@ -155,6 +161,21 @@ def count_functions(name: str, value: int, least: int = 0) -> None:
         raise TypeError(f"{name} must be an int, got {type(value).__name__}")
     if value < least:
         raise ValueError(f"{name} must be >= {least}, got {value}")
+
+
+def needs(name: str, why: str) -> Callable[[Init], Init]:
+    """A constructor that says why it needs its first argument, where that is not given."""
+
+    def telling(init: Init) -> Init:
+        @functools.wraps(init)
+        def told(self: Any, *args: Any, **kwargs: Any) -> None:
+            if not args and name not in kwargs:
+                raise TypeError(f"{name}: {why}")
+            init(self, *args, **kwargs)
+
+        return told  # type: ignore[return-value]
+
+    return telling
 
 
 def renamed(**new: str) -> Callable[[Init], Init]:

@@ -23,8 +23,8 @@ def stepped(flap):
     )
 flap = jax.numpy.array([5e6, 4e6, 1e6, 5e4])
 def stepped_flap(flap):
-    root, tip = jb.RootSprings(flap=4e6), jb.TipBody(0.1, 0.2)
-    held = jb.Rotor(stepped(flap), 1.0, 5.0, root_springs=root, tip_body=tip)
+    root, tip = jb.RootSprings(flap=4e6), jb.TipBody(5.0, 0.1, 0.2)
+    held = jb.Rotor(stepped(flap), 1.0, root_springs=root, tip_body=tip)
     return jb.modes(jb.Hybrid(0, 12, 12), held, 5.0, jb.labels(flap=1)).frequency[0]
 print(stepped_flap(flap), *(flap * jax.grad(stepped_flap)(flap)))
 ```
@@ -39,8 +39,9 @@ swept, fitted and differentiated. How many functions such a beam needs, and how 
 what is missing, is said in docs/vibration.md.
 
 **Ends.** A `Rotor` has a `pitch`, `root_springs` where its root yields in plane or in flap (zero is
-a free hinge) and a `tip_body` where the mass at its tip is no point. All theories know them, in
-frequencies, motions, stability, fits and the ladder. What a model cannot do it refuses by name:
+a free hinge) and, where what is at its tip is no point, a `tip_body` in the place of a `tip_mass`.
+All theories know them, in frequencies, motions, stability, fits and the ladder. What a model cannot
+do it refuses by name:
 planar elements have no twist, no pitch and no spring in flap; `SpatialANCF` has all of them. In
 elements a body at the tip is held by a stiff spring, which costs bending frequencies 1e-4 and axial
 frequencies some tenths of a per cent.

@@ -34,7 +34,7 @@ still, and cheaper rungs are held against them. What the elements converge to is
 that of the engineering strain (`ExactRodANCF`). What another law that agrees at small strains
 may change is part of the estimate of every rung that has one, and the text says so where it is more
 than the tolerance: it is some 1e-5 of the peak on Kane's spin-up, and thousandths where beams
-strain by one per cent.
+strain by one per cent. Theories of your own stand beside these: `choose_model(..., models=[...])`.
 
 **Many cases.** `ladder_sweep` does this for a few cases of many, and answers the others on the rung
 that suffices, with an estimate each. Cases that outgrow their rung go on to the next.

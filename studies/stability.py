@@ -62,7 +62,7 @@ def growth(model: Any, at: Any, speed: Any, push: Any, duration: Any) -> Any:
     small push; infinite where the run was given up, far away."""
     linear = model.equations(at).is_linear
     rest, _ = model.steady(at, speed)
-    size = model.equations(at).size
+    size = model.equations(at).length
     start = jb.solvers.State(rest + KICK * size * push, jnp.zeros_like(rest))
     run = jb.simulate(
         model, at, jb.ConstantSpeed(speed), jnp.linspace(0.0, 1.0, 101) * duration, start=start,

@@ -182,16 +182,16 @@ def closed_forms() -> Iterator[Line]:
         found = one_rotor(rotor, 4, model=SHARP)
         yield from single(f"{name}, to a point", "closed form", exact, found)
     spring = jb.RootSprings(flap=0.5)
-    body = jb.TipBody(0.1, 0.05)
+    body = jb.TipBody(0.5, 0.1, 0.05)
     for case, values, rotor, model in (
         ("spring at the root", (0.5, 0.0, 0.0, 0.0), jb.Rotor(beam(), root_springs=spring), FLAP),
         (
             "rigid body at the tip", (np.inf, 0.5, 0.1, 0.05),
-            jb.Rotor(beam(), 0.0, 0.5, tip_body=body), FLAP,
+            jb.Rotor(beam(), tip_body=body), FLAP,
         ),
         (
             "spring and body", (0.5, 0.5, 0.1, 0.05),
-            jb.Rotor(beam(), 0.0, 0.5, root_springs=spring, tip_body=body), FLAP,
+            jb.Rotor(beam(), root_springs=spring, tip_body=body), FLAP,
         ),
     ):  # fmt: skip
         exact = tuple(

@@ -49,10 +49,9 @@ AS_BUILT = jb.Rotor(
         polar_inertia=jb.Spanwise([0, 1], [0.02, 0.01]),
     ),
     hub_radius=0.4,
-    tip_mass=0.3,
     pitch=0.2,
     root_springs=jb.RootSprings(in_plane=40.0, flap=25.0),
-    tip_body=jb.TipBody(offset=0.1, inertia=0.02, axial_inertia=0.005, flap_inertia=0.03),
+    tip_body=jb.TipBody(0.3, offset=0.1, inertia=0.02, axial_inertia=0.005, flap_inertia=0.03),
 )
 # The same as elements in space have it, whose bodies have one inertia across the beam.
-AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip_body=jb.TipBody(0.1, 0.02, 0.005))
+AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip_body=jb.TipBody(0.3, 0.1, 0.02, 0.005))

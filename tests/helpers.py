@@ -13,6 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 import jaxbeam as jb
+from jaxbeam._rotor.ends import PointMass
 from tests.beams import AS_BUILT, AS_BUILT_IN_SPACE
 from tests.compilation import xla_flags
 
@@ -24,8 +25,9 @@ def rules(kind: type) -> dict[str, Mapping[str, Any]]:
     return {name: rule for name, rule in own.items() if "optional" not in rule}
 
 
+OF_ROTOR = rules(jb.Rotor) | {"tip_mass": rules(PointMass)["mass"]}
 BEAM, SPRINGS = tuple(rules(jb.Beam)), tuple(rules(jb.models.SpringRotor))
-ROTOR = *BEAM, *rules(jb.Rotor)
+ROTOR = *BEAM, *OF_ROTOR
 NAMES = *ROTOR, "angular_speed"
 
 # One of each kind of equations: linear modal, non-linear modal, elements with an energy and
@@ -55,7 +57,7 @@ YIELDING = [
     jb.Hybrid(3, 4, 3),
     jb.Classical(3, 4, 3),
     jb.VonKarman(5, 3, 2),
-    jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True),
+    jb.SpatialANCF(2).suited(AS_BUILT_IN_SPACE),
 ]
 BUILT = [(m, AS_BUILT_IN_SPACE if isinstance(m, jb.SpatialANCF) else AS_BUILT) for m in YIELDING]
 

@@ -295,9 +295,10 @@ def test_mistakes_in_spin_ups(old, new, complaint, command):
 def test_no_two_tables_have_a_number_of_one_name():
     """So that a sweep can name a number alone."""
     beam = _numbers_of(jb.Beam) | set(inspect.signature(jb.Beam.from_section).parameters)
-    more = [_numbers_of(kind) for kind in (jb.RootSprings, jb.TipBody, jb.Damping)]
+    more = [_numbers_of(jb.Damping)]
     more += [set().union(*map(_numbers_of, jb.motions.Spin.__subclasses__()))]
-    for rotor in ([beam, _numbers_of(jb.Rotor)], [_numbers_of(jb.models.SpringRotor)]):
+    beam = [beam, *map(_numbers_of, (jb.Rotor, jb.RootSprings, jb.TipBody))]
+    for rotor in (beam, [_numbers_of(jb.models.SpringRotor)]):
         for one, other in itertools.combinations([*rotor, *more], 2):
             assert not one & other
 
@@ -368,10 +369,10 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
         axial_stiffness = 1e9
         [rotor]
         hub_radius = 1.0
-        tip_mass = 5.0
         [root_springs]
         flap = 4e6
         [tip_body]
+        mass = 5.0
         offset = 0.1
         [frequencies]
         angular_speed = 0.0
@@ -387,7 +388,7 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
         columns[1], 1e9, columns[2], columns[3],
     )))  # fmt: skip
     rotor = jb.Rotor(
-        beam, 1.0, 5.0, root_springs=jb.RootSprings(flap=4e6), tip_body=jb.TipBody(0.1)
+        beam, 1.0, root_springs=jb.RootSprings(flap=4e6), tip_body=jb.TipBody(5.0, 0.1)
     )
     model = jb.Hybrid(0)
     wanted = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=2)).frequency

@@ -116,10 +116,10 @@ def arguments(found: Found) -> list[str]:
 
 
 def fields(node: ast.ClassDef) -> list[str]:
-    """Fields of a class that its constructor takes."""
+    """Fields of a class that its constructor takes of its users."""
     own = [n for n in node.body if isinstance(n, ast.AnnAssign)]
     named = [n for n in own if not re.search("ClassVar|AbstractVar", ast.unparse(n.annotation))]
-    return [ast.unparse(n.target) for n in named]
+    return [name for n in named if not (name := ast.unparse(n.target)).startswith("_")]
 
 
 def told(found: Found) -> str:

@@ -131,11 +131,11 @@ def read_bmodes(
         pitch=pitch * DEGREES if pitch else None,
         angular_speed=rpm * multiple * math.pi / 30,
         precone=math.radians(cone) if cone else None,
-        tip_body=_body(path, said),
+        tip_body=_body(path, said, tip_mass),
     )
 
 
-def _body(path: Path, said: Said) -> TipBody | None:
+def _body(path: Path, said: Said, mass: float) -> TipBody | None:
     """What a main file makes of the tip mass; None for a point."""
     lag, flap, axial = (
         number(path, said, name, True) if name in said else 0.0
@@ -144,7 +144,7 @@ def _body(path: Path, said: Said) -> TipBody | None:
     offset = number(path, said, "cm_axial") if "cm_axial" in said else 0.0
     if not (offset or lag or flap or axial):
         return None
-    return TipBody(offset, lag, axial, None if flap == lag else flap)
+    return TipBody(mass, offset, lag, axial, None if flap == lag else flap)
 
 
 def is_main_file(lines: Sequence[str]) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxbeam._checks import concrete_array, kind_of
+from jaxbeam._checks import check_kind, concrete_array
 from jaxbeam._files.tables import DEGREES
 from jaxbeam._files.texts import FilePath
 from jaxbeam._rotor.beam import Beam
@@ -46,8 +46,7 @@ def write_elastodyn(
     Raises `TypeError` unless all numbers are known, and `ValueError` where damping is out of range
     or coefficients do not sum to one within 0.0015, which ElastoDyn refuses.
     """
-    if not isinstance(beam, Beam):
-        raise TypeError(f"beam must be a Beam, got {kind_of(beam)}")
+    check_kind("beam", beam, Beam)
     if not is_concrete(beam):
         raise TypeError("beam must be known: write the file outside of jax.jit, vmap and grad")
     shapes = {

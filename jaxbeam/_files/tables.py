@@ -30,7 +30,7 @@ class BladeTable(NamedTuple):
     | pitch         | rad   | in the sense of the twist of the beam; None: zero, too            |
     | angular_speed | rad/s |                                                                   |
     | precone       | rad   | None: zero, too                                                   |
-    | tip_body      |       | None: a point                                                     |
+    | tip_body      |       | of the tip mass; None: it is a point                              |
 
     From `hub_radius` on all are None but for a main file of BModes, which knows more than the beam;
     `rotor()` puts them together.
@@ -48,9 +48,11 @@ class BladeTable(NamedTuple):
     def rotor(self, **instead: Any) -> Rotor:
         """The rotor that the file tells of, with other arguments of `Rotor` given by name.
 
-        `**instead` are these: `table.rotor(hub_radius=1.5, root_springs=RootSprings(flap=1e9))`.
+        `**instead` are these: `table.rotor(hub_radius=1.5, root_springs=RootSprings(flap=1e9))`. A
+        `tip_mass` or a `tip_body` takes the place of all that the file has at the tip.
         """
-        names = ("beam", "hub_radius", "tip_mass", "pitch", "tip_body", "precone")
+        tip = () if {"tip_mass", "tip_body"} & instead.keys() else ("tip_mass", "tip_body")
+        names = ("beam", "hub_radius", "pitch", "precone", *tip[self.tip_body is not None :][:1])
         told = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return Rotor(**{**told, **instead})
 

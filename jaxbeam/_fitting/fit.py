@@ -11,7 +11,7 @@ import optax
 import optimistix
 from jaxtyping import Array
 
-from jaxbeam._checks import count_functions, kind_of, real_scalar
+from jaxbeam._checks import check_kind, count_functions, kind_of, real_scalar
 from jaxbeam._fitting.experiments import Experiment
 from jaxbeam._fitting.free import FreeParameter, values_of
 from jaxbeam._fitting.result import (
@@ -135,8 +135,7 @@ def _check_problem(problem: Problem, known_noise: bool, descent: Any) -> None:
 
 
 def _check_descent(descent: Any) -> None:
-    if not isinstance(descent, Descent):
-        raise TypeError(f"descent must be a Descent, got {kind_of(descent)}")
+    check_kind("descent", descent, Descent)
     count_functions("descent.starts", descent.starts, least=1)
     count_functions("descent.steps", descent.steps, least=1)
     real_scalar("descent.starts_within", descent.starts_within)

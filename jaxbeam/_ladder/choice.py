@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxbeam._ladder.rungs import Indicators, Rung, is_of_elements
+from jaxbeam._ladder.rungs import Indicators, Rung
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._status import Status
 
@@ -97,7 +97,7 @@ class Choice:
         if self.met:
             lines.append(f"{self.rung.name}: error {self.estimate:.2g}, asked {self.tolerance:.2g}")
         else:
-            if not any(is_of_elements(each.rung.model) for each in self.evidence):
+            if not any(each.rung.model.is_reference for each in self.evidence):
                 lines.append(
                     "von Karman beams judge, to second order in deflection: the beam's "
                     "torsional_stiffness would give elements in space to judge by"

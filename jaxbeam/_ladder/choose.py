@@ -9,6 +9,7 @@ asked is compiled side by side, and what cannot matter is not.
 import dataclasses
 import functools
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -25,8 +26,6 @@ from jaxbeam._ladder.rungs import (
     chains,
     check_answerable,
     convergence_factor,
-    describe,
-    has_other_law,
     indicators,
     is_planar,
     judges,
@@ -36,10 +35,10 @@ from jaxbeam._ladder.rungs import (
     scout_of,
 )
 from jaxbeam._models.contract.base import AbstractModel, checked_case
-from jaxbeam._models.modal.theories import Classical, Hybrid
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish
 from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar
 
@@ -98,11 +97,13 @@ def checked_tolerance(tolerance: float) -> float:
 
 
 def choose_model(
-    rotor: Rotor, question: Question, tolerance: float = 1e-3, *, throw: bool = True
-) -> Choice:
+    rotor: Rotor, question: Question, tolerance: float = 1e-3, *,
+    models: Sequence[AbstractModel] = (), throw: bool = True,
+) -> Choice:  # fmt: skip
     """The cheapest model that answers a question about a rotor to a relative `tolerance`.
 
-    `rotor` is a `Rotor`, `question` a `Question`, `tolerance` from 1e-8 to below 1. Returns a
+    `rotor` is a `Rotor`, `question` a `Question`, `tolerance` from 1e-8 to below 1. `models` are
+    some of your own, each one more rung beside those there are (`jaxbeam.ladder.rungs`). Returns a
     `jaxbeam.ladder.Choice`.
 
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
@@ -138,15 +139,16 @@ def choose_model(
     rotor, tolerance = checked_rotor(Rotor, rotor), checked_tolerance(tolerance)
     check_answerable(question, rotor)
     with BackgroundCompiler() as compiler:
-        choice = _chosen(_Asker(question, rotor, INTEGRATION * tolerance, compiler), tolerance)
+        asker = _Asker(question, rotor, INTEGRATION * tolerance, compiler)
+        choice = _chosen(asker, tolerance, models)
     return finish(choice, throw, noted=True)
 
 
-def _chosen(ask: "_Asker", tolerance: float) -> Choice:
+def _chosen(ask: "_Asker", tolerance: float, own: Sequence[AbstractModel]) -> Choice:
     question, rotor = ask.question, ask.rotor
     planar = bool(is_planar(question, rotor))
     linear, nonlinear = chains(question, rotor, planar)
-    rungs, elements = rungs_of(question, rotor, planar), judges(nonlinear, rotor)
+    rungs, elements = rungs_of(question, rotor, planar, own), judges(nonlinear, rotor)
     scout = scout_of(linear, elements)
     seen, beforehand = _scouted(ask, scout, elements)
     given = Status(int(seen.status))
@@ -300,12 +302,13 @@ class _Trial:
     def estimate(self, model: AbstractModel) -> float:
         """The error of a rung, which is asked for it."""
         apart = self.ask.apart(model, self.judge)
-        return apart + self.left + (self.constitutive_uncertainty if has_other_law(model) else 0.0)
+        # If its law is another one what that may change counts, even if it agrees by chance.
+        return apart + self.left + (0.0 if model.is_reference else self.constitutive_uncertainty)
 
     def look_at(self, rung: Rung, may_ask: bool) -> None:
         """Give the verdict on a rung, which is asked only while none is chosen, and not in vain."""
         model = rung.model
-        before = self.tried.setdefault((type(model), getattr(model, "n_stretch", 0) > 0), [])
+        before = self.tried.setdefault((type(model), _stretches(model)), [])
         if may_ask and self.chosen is None and model not in self.estimates:
             if why := self.in_vain(model, before):
                 self.verdicts[model] = f"ruled out: {why}"
@@ -335,16 +338,17 @@ class _Trial:
             finer = self.nonlinear[self.nonlinear.index(model) :]
             better = next(m for m in finer if m in self.estimates)
             if self.estimates[better] > self.tolerance / 4:
-                return f"{describe(better)}: {self.estimates[better]:.2g}"
+                return f"{better.title}: {self.estimates[better]:.2g}"
         scout = self.scout
         poor = 3 * self.tolerance
-        if not isinstance(model, Classical | Hybrid) or not isinstance(scout, Hybrid):
+        if not (model.is_linear and scout.is_linear):
             return ""
         if self.ask.apart(scout, self.judge) > poor:
             # Another linear theory is no better, but by more functions, or in its stretch.
-            less = model.n_in_plane <= scout.n_in_plane and not model.n_stretch
+            bends = [m.directions.count(Direction.IN_PLANE) for m in (model, scout)]
+            less = bends[0] <= bends[1] and not _stretches(model)
             if less or 0.1 * self.beforehand.size**2 > self.tolerance:
-                return f"{describe(scout)}: {self.estimates[scout]:.2g}"
+                return f"{scout.title}: {self.estimates[scout]:.2g}"
         return ""
 
     def choice(self, rungs: list[Rung]) -> Choice:
@@ -367,6 +371,10 @@ class _Trial:
             indicators=self.beforehand,
             evidence=evidence,
         )
+
+
+def _stretches(model: AbstractModel) -> bool:
+    return Direction.AXIAL in model.directions
 
 
 def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung | Answer:

@@ -8,21 +8,23 @@ in the plane, `SpatialANCF` in space. That needs to know how the beam twists; wh
 of deflection over length.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._ladder.questions import ModalFrequencies, Question, checked_question
+from jaxbeam._ladder.questions import Question, checked_question
 from jaxbeam._models.ancf.theories import ExactRodANCF
-from jaxbeam._models.bases.basis import CantileverModes, Polynomials, Yielding
-from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.supports import check_supported, missing, unsupported
 from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
 from jaxbeam._models.space.theory import SpatialANCF
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.directions import Direction
 from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
@@ -40,52 +42,22 @@ class Rung(NamedTuple):
     @property
     def name(self) -> str:
         """The name of the rung in words: its theory and its size."""
-        return describe(self.model)
-
-
-def describe(model: AbstractModel) -> str:
-    """A rung in words: theory and size."""
-    if isinstance(model, ExactRodANCF | SpatialANCF):
-        where = " in space" if isinstance(model, SpatialANCF) else ""
-        return f"{model.n_elements} element{'s' * (model.n_elements > 1)}{where}"
-    assert isinstance(model, Classical | Hybrid | VonKarman)
-    n, flap = model.n_in_plane, model.n_flap
-    basis = model.basis.basis if isinstance(model.basis, Yielding) else model.basis
-    kind = "mode" if isinstance(basis, CantileverModes) else "function"
-    count = f"{n} and {flap} {kind}s" if flap else f"{n} {kind}{'s' * (n > 1)}"
-    stretch = f", stretch {model.n_stretch}" if model.n_stretch else ""
-    title = {Classical: "classical", Hybrid: "hybrid", VonKarman: "von Karman"}[type(model)]
-    return f"{title}, {count}{stretch}"
+        return self.model.title
 
 
 def space_alone(question: Question, rotor: Rotor) -> str:
     """What of a question or a rotor elements in space alone bear, in words, or nothing."""
-    if question.space_alone or rotor.precone is None:
-        return question.space_alone
-    if not isinstance(question, ModalFrequencies):
-        return "precone in motion"
-    # About the deflected beam in a cone `Hybrid` has frequencies, but not of all rotors.
-    beyond = rotor.couples_bending or rotor.tip_body is not None
-    return "precone beside pitch, twist or a body at the tip" if beyond else ""
+    return question.space_alone or next(iter(missing(Hybrid, rotor, moving=question.moving)), "")
 
 
 def check_answerable(question: Question, rotor: Rotor) -> None:
-    """Raise `ValueError` where elements in space are needed, and how the beam twists is not said.
+    """Raise `ValueError` where elements in space are needed, and do not bear the rotor.
 
     That does not depend on numbers.
     """
-    needed = space_alone(question, rotor) or ("precone" if rotor.precone is not None else "")
-    if needed and not _in_space(rotor):
-        raise ValueError(
-            f"{needed}: of this SpatialANCF alone is the judge, which twists: give "
-            "torsional_stiffness=..., GJ in N m^2, to the Beam, and no flap_inertia to a TipBody"
-        )
-
-
-def _in_space(rotor: Rotor) -> bool:
-    """Whether elements in space know all that the rotor has."""
-    uneven = rotor.tip_body is not None and rotor.tip_body.flap_inertia is not None
-    return rotor.beam.torsional_stiffness is not None and not uneven
+    needed = question.space_alone or next(iter(missing(VonKarman, rotor)), "")
+    if needed and (why := unsupported(SpatialANCF, rotor)):
+        raise ValueError(f"{needed}: of this SpatialANCF alone is the judge. {why}")
 
 
 def chains(
@@ -95,12 +67,12 @@ def chains(
     to others that are like it. There may be no linear ones.
     """
     counts = () if space_alone(question, rotor) else question.functions
-    linear: list[AbstractModel] = [_modal(Hybrid, n, rotor, planar) for n in counts]
-    if planar or _in_space(rotor):
+    linear: list[AbstractModel] = [Hybrid.of_size(n, rotor, planar) for n in counts]
+    if planar or not unsupported(SpatialANCF, rotor):
         sizes = [n for n in sizes_for(rotor) if 2 * n >= question.functions[0]]
         theory = ExactRodANCF if planar else SpatialANCF
         return linear, [theory(n).suited(rotor) for n in sizes]
-    return linear, [_modal(VonKarman, n, rotor, planar) for n in counts if n > 1]
+    return linear, [VonKarman.of_size(n, rotor, planar) for n in counts if n > 1]
 
 
 def sizes_for(rotor: Rotor) -> tuple[int, ...]:
@@ -118,27 +90,14 @@ def _at_nodes(places: tuple[float, ...], n_elements: int) -> bool:
     return bool(np.all(np.abs(along - np.round(along)) < 1e-7))
 
 
-def _modal(theory: type[Any], n: int, rotor: Rotor, planar: bool, stretch: int = 0) -> Any:
-    """A modal model with n functions across, each way, and one more where the root yields.
-
-    Functions of von Karman's u1 follow u2'^2."""
-    # One or two modes at rest do better than as many polynomials, from three on these win; of beams
-    # that vary they are not the modes.
-    stretch = 2 * n + 1 if theory is VonKarman else stretch
-    few = n <= 2 and theory is not VonKarman and rotor.beam.is_uniform
-    basis = CantileverModes() if few else Polynomials()
-    in_plane, flap = (n + (spring is not None) for spring in rotor.springs)
-    return theory(stretch, in_plane, 0 if planar else flap, basis=basis).suited(rotor)
-
-
-def rungs(rotor: Rotor, question: Question) -> list[Rung]:
+def rungs(rotor: Rotor, question: Question, models: Sequence[AbstractModel] = ()) -> list[Rung]:
     """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
 
     In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
     being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; elements, those
     in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion and
     loads stay in it; and only models that bear what there is. `rotor` is a `Rotor`, `question` a
-    `Question`; returns a list of `Rung`.
+    `Question`, `models` are some of your own, which stand beside these; returns a list of `Rung`.
 
     Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` where no model
     bears what there is.
@@ -146,41 +105,33 @@ def rungs(rotor: Rotor, question: Question) -> list[Rung]:
     checked_question(question)
     rotor = checked_rotor(Rotor, rotor)
     check_answerable(question, rotor)
-    return rungs_of(question, rotor, bool(is_planar(question, rotor)))
+    return rungs_of(question, rotor, bool(is_planar(question, rotor)), models)
 
 
-def rungs_of(question: Question, rotor: Rotor, planar: bool) -> list[Rung]:
+def rungs_of(
+    question: Question, rotor: Rotor, planar: bool, own: Sequence[AbstractModel] = ()
+) -> list[Rung]:
     """`rungs` where it is known whether all stays in the plane."""
     linear, nonlinear = chains(question, rotor, planar)
-    judged = is_of_elements(nonlinear[0])  # else von Karman beams are there already
+    judged = nonlinear[0].is_reference  # else von Karman beams are there already
     # In a cone there is `Hybrid` without stretch alone, beside elements.
     counts = question.functions if linear and rotor.precone is None else ()
-    models = [_modal(Classical, n, rotor, planar) for n in counts if n < 8]
+    models: list[AbstractModel] = [Classical.of_size(n, rotor, planar) for n in counts if n < 8]
     models += [*linear, *nonlinear]
     for n in counts:
-        models += [_modal(Hybrid, n, rotor, planar, n)] * (n >= 4)
-        models += [_modal(VonKarman, n, rotor, planar)] * (n in (2, 4) and judged)
-    costs = [_cost(question, model) for model in models]
+        models += [Hybrid.of_size(n, rotor, planar, n)] * (n >= 4)
+        models += [VonKarman.of_size(n, rotor, planar)] * (n in (2, 4) and judged)
+    models += [_suited(model, question, rotor) for model in own]
+    costs = [question.cost(model) for model in models]
     found = [Rung(m, cost / min(costs)) for m, cost in zip(models, costs, strict=True)]
     return sorted(found, key=lambda rung: rung.cost)
 
 
-def _cost(question: Question, model: AbstractModel) -> float:
-    """Cost in us of a case in a batch on one core, roughly: of steps and unknowns.
-
-    `studies/ladder.py` measures some of these numbers: an eigenproblem of n unknowns, 200 steps of
-    a linear run, 2.3 times as many where motion is not linear, five times the work where von
-    Karman's strain is integrated. They say only which of two rungs is tried first.
-    """
-    n = len(model.directions)
-    if isinstance(question, ModalFrequencies):
-        return 40 + 5e-3 * n**3
-    if isinstance(model, ExactRodANCF | SpatialANCF):
-        # More than twice as many steps as linear motion; of blocks of eight in place of four.
-        dearer = 4 if isinstance(model, SpatialANCF) else 1
-        return dearer * 2.3 * 200 * (2 + 2.2 * model.n_elements)
-    step = (1.9 if isinstance(model, Classical) else 2) + 1.2 * n
-    return 200 * step * (5 if isinstance(model, VonKarman) else 1)
+def _suited(model: AbstractModel, question: Question, rotor: Rotor) -> AbstractModel:
+    """A model of the user's as it suits a rotor, if it bears that."""
+    model, rotor, _ = checked_case(model, rotor)
+    check_supported(model, rotor, moving=question.moving)
+    return model
 
 
 class Indicators(eqx.Module):
@@ -250,7 +201,7 @@ def scout_of(linear: list[AbstractModel], elements: list[AbstractModel]) -> Abst
 def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     """Rungs that may judge: coarser ones seldom do, and each would have to be compiled."""
     coarse = 2
-    if not rotor.beam.is_uniform and is_of_elements(nonlinear[0]):
+    if not rotor.beam.is_uniform and nonlinear[0].is_reference:
         coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 
@@ -258,19 +209,22 @@ def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
 def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) -> str:
     """Why it need not be tried: a tenth of what it leaves out as a rule (`studies/validity.py`; of
     a mode, its share) is too much."""
-    if is_of_elements(model):
+    if model.is_reference:
         return ""
-    assert isinstance(model, Classical | Hybrid | VonKarman)
-    if isinstance(model, Classical) and 0.05 * beforehand.stiffening_ratio > tolerance:
-        return f"stiffening ratio {float(beforehand.stiffening_ratio):.2g}"
-    if not isinstance(model, VonKarman):
-        if 0.03 * beforehand.size**2 > tolerance:
-            return f"deflection {float(beforehand.size):.2g} L, slope {float(beforehand.slope):.2g}"
-        if 0.04 * beforehand.steady_strain > tolerance:
-            return f"steady strain {float(beforehand.steady_strain):.2g}"
-    elif 0.05 * SPACE * beforehand.size**2 > tolerance:
-        return f"deflection {float(beforehand.size):.2g} L, slope {float(beforehand.slope):.2g}"
-    n = model.n_in_plane
+    ratio, size, slope, strain = (
+        float(number)
+        for number in (
+            beforehand.stiffening_ratio, beforehand.size, beforehand.slope, beforehand.steady_strain
+        )
+    )  # fmt: skip
+    for error, why in (
+        (model.neglects.stiffening * ratio, f"stiffening ratio {ratio:.2g}"),
+        (model.neglects.deflection * size**2, f"deflection {size:.2g} L, slope {slope:.2g}"),
+        (model.neglects.strain * strain, f"steady strain {strain:.2g}"),
+    ):
+        if 0.1 * error > tolerance:
+            return why
+    n = model.directions.count(Direction.IN_PLANE)
     if n < len(beforehand.excited) and beforehand.excited[n] > 10 * tolerance:
         return (
             f"mode {n + 1} takes part, {float(beforehand.excited[n]):.1g} of what the first could"
@@ -278,21 +232,9 @@ def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) ->
     return ""
 
 
-def has_other_law(model: AbstractModel) -> bool:
-    """Whether its material is not that of the engineering strain, to which errors refer. Then what
-    the law may change (`Answer.constitutive_uncertainty`) is part of its error, even if it agrees
-    by chance."""
-    return not is_of_elements(model)
-
-
-def is_of_elements(model: AbstractModel) -> bool:
-    """Whether it is a rung of geometrically exact elements."""
-    return isinstance(model, ExactRodANCF | SpatialANCF)
-
-
 def left_out_by(judge: AbstractModel, beforehand: Indicators) -> float:
     """What a judge may be off however fine it is."""
-    return 0.0 if is_of_elements(judge) else SPACE * float(beforehand.nonlinearity)
+    return 0.0 if judge.is_reference else SPACE * float(beforehand.nonlinearity)
 
 
 def convergence_factor(question: Question, rotor: Rotor) -> float:

@@ -20,9 +20,6 @@ from jaxbeam._ladder.rungs import (
     chains,
     check_answerable,
     convergence_factor,
-    describe,
-    has_other_law,
-    is_of_elements,
     judges,
     scout_of,
 )
@@ -215,13 +212,13 @@ def _swept(
             coarse, here = (pool(model, cases[which]) for model in chain.models[k - 1 : k + 1])
             own = np.maximum(chain.ratio[k] * here.distance(coarse), chain.floor[k])
             error = _SAFETY * (own + left_out[which] + chain.noise)
-            if has_other_law(chain.models[k]):  # models without stretch know no strain
+            if not chain.models[k].is_reference:  # models without stretch know no strain
                 error = error + np.maximum(here.constitutive_uncertainty, strain[cases[which]])
             nothing = out["rung"][which] == ""  # then any answer is better
             better = (error < estimate[which]) | (nothing & (here.status == Status.OK))
             best = which[better]
             estimate[best], out["partial"][best] = error[better], here.value[better]
-            out["rung"][best] = describe(chain.models[k])
+            out["rung"][best] = chain.models[k].title
             status[which] = here.status
             which = which[~(error <= tolerance)]
             if k + 1 < len(chain.models) or chain is not rich:
@@ -260,7 +257,7 @@ def _calibrated(
     chain = _chain(pool, sample, elements, truth, judge, share, tolerance)
     middle = elements[int(np.median(judge))]
     noise = _noise(pool, sample, middle, np.asarray(truth.status == Status.OK))
-    return chain._replace(theory=0.0 if is_of_elements(middle) else SPACE, noise=noise), truth
+    return chain._replace(theory=0.0 if middle.is_reference else SPACE, noise=noise), truth
 
 
 def _linear(

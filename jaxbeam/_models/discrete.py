@@ -285,6 +285,8 @@ class DiscreteLC(_Discrete):
     Unstable above Omega = sqrt(k_r / m) / L, whatever d is.
     """
 
+    is_linear = True
+
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
         return _particle(_Cartesian, rotor, _quadratic)
@@ -311,6 +313,8 @@ class DiscreteNP(_Discrete):
 
 class DiscreteLP(_Discrete):
     """The discrete analogue, linear in s, theta: stiffens with speed as it must."""
+
+    is_linear = True
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates s, in m, and theta, in rad."""

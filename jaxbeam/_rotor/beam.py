@@ -12,10 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, numpy_if_concrete, positive, renamed
+from jaxbeam._checks import check_kind, numpy_if_concrete, positive, renamed
 from jaxbeam._numerics.linalg import largest
-from jaxbeam._rotor.ends import RootSprings, TipBody
-from jaxbeam._rotor.parameters import FULL_TURN, Parameters, along_span, angle, optional, parameter
+from jaxbeam._rotor.ends import RootSprings, Tip, tip_of
+from jaxbeam._rotor.parameters import (
+    FULL_TURN,
+    Parameters,
+    along_span,
+    angle,
+    optional,
+    parameter,
+    part,
+)
 from jaxbeam._rotor.span import Span, on, outboard
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
@@ -30,7 +38,7 @@ from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple
 
 _POINTS = 8  # of a segment, for the tension
-_OF_TORSION = {"torsional_stiffness", "polar_inertia"}  # models in space alone look at these
+CONED_AND_MORE = "precone beside pitch, twist or a body at the tip"  # a feature of its own
 
 
 class Beam(Parameters):
@@ -65,8 +73,12 @@ class Beam(Parameters):
     in_plane_bending_stiffness: Property = along_span(Status.INVALID_IN_PLANE_BENDING_STIFFNESS)
     flap_bending_stiffness: Property = along_span(Status.INVALID_FLAP_BENDING_STIFFNESS)
     twist: Property | None = angle(Status.INVALID_TWIST, FULL_TURN, varies=True)
-    torsional_stiffness: Property | None = optional(Status.INVALID_TORSIONAL_STIFFNESS, varies=True)
-    polar_inertia: Property | None = optional(Status.INVALID_POLAR_INERTIA, varies=True)
+    torsional_stiffness: Property | None = optional(
+        Status.INVALID_TORSIONAL_STIFFNESS, varies=True, of_torsion=True
+    )
+    polar_inertia: Property | None = optional(
+        Status.INVALID_POLAR_INERTIA, varies=True, of_torsion=True
+    )
 
     def __init__(
         self,
@@ -188,7 +200,7 @@ class Beam(Parameters):
 
 
 class Rotor(Parameters):
-    """A beam that points radially from a rigid hub, with a mass at its tip.
+    """A beam that points radially from a rigid hub, with a mass at its tip, a point or a body.
 
     | field        | symbol | unit | allowed                   |
     |--------------|--------|------|---------------------------|
@@ -197,24 +209,25 @@ class Rotor(Parameters):
     | tip_mass     | m_t    | kg   | >= 0                      |
     | pitch        | theta  | rad  | -2 pi to 2 pi, or None    |
     | root_springs |        |      | `RootSprings`, or None    |
-    | tip_body     |        |      | a `TipBody`, or None      |
+    | tip_body     |        |      | a `TipBody`               |
     | precone      | beta   | rad  | -pi / 2 to pi / 2 or None |
 
     The hub radius is the distance from the axis of rotation to the root of the beam. The root is
-    clamped unless there are `root_springs`, the tip mass a point unless `tip_body` makes it a body,
-    and sections are as the beam says unless `pitch` turns them all, an angle added to the twist.
-    With a `precone` the beam leaves the hub at that angle from the plane of rotation, towards a3.
-    None is not there: a pitch of zero counts as one, and lets models look for what it might couple.
+    clamped unless there are `root_springs`. What is at the tip is a point, of the `tip_mass`, or a
+    `tip_body`, which has a mass of its own: one of them is given, or none, and `tip_mass` reads the
+    mass of either. Sections are as the beam says unless `pitch` turns them all, an angle added to
+    the twist. With a `precone` the beam leaves the hub at that angle from the plane of rotation,
+    towards a3. None is not there: a pitch of zero counts as one, and lets models look for what it
+    might couple.
 
-    Raises `TypeError` and `ValueError` as `Beam` does.
+    Raises `TypeError` and `ValueError` as `Beam` does, and `ValueError` for both masses at the tip.
     """
 
     beam: Beam
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
-    tip_mass: Scalar = parameter(Status.INVALID_TIP_MASS, zero=True)
+    tip_body: Tip = part()
     pitch: Scalar | None = angle(Status.INVALID_PITCH, FULL_TURN)
     root_springs: RootSprings | None = None
-    tip_body: TipBody | None = None
     precone: Scalar | None = angle(Status.INVALID_PRECONE, FULL_TURN / 4)
 
     @renamed(root="root_springs", tip="tip_body")
@@ -222,32 +235,33 @@ class Rotor(Parameters):
         self,
         beam: Beam,
         hub_radius: Real = 0.0,
-        tip_mass: Real = 0.0,
+        tip_mass: Real | None = None,
         pitch: Real | None = None,
         root_springs: RootSprings | None = None,
-        tip_body: TipBody | None = None,
+        tip_body: Tip | None = None,
         precone: Real | None = None,
     ) -> None:
-        for value, kind, name in (
-            (beam, Beam, "beam"), (root_springs, RootSprings | None, "root_springs"),
-            (tip_body, TipBody | None, "tip_body"),
-        ):  # fmt: skip
-            if not isinstance(value, kind):
-                wanted = getattr(kind, "__name__", None) or str(kind).split(".")[-1]
-                raise TypeError(f"{name} must be a {wanted}, got {kind_of(value)}")
+        check_kind("beam", beam, Beam)
+        check_kind("root_springs", root_springs, RootSprings, type(None))
+        tip_body = tip_of(tip_mass, tip_body)
         self._take(locals())
 
     @property
-    def is_plain(self) -> bool:
-        """Whether it is a uniform beam clamped to the hub, with no more than a point at its tip:
-        nothing is given that need not be there, but for what torsion is made of."""
-        given = [
-            field.name
-            for part in (self, self.beam)
-            for field in dataclasses.fields(part)
-            if field.default is None and getattr(part, field.name) is not None
-        ]
-        return self.beam.is_uniform and {*given} <= _OF_TORSION
+    def features(self) -> tuple[str, ...]:
+        """What a model has to know: names of all that is given and need not be, but for what
+        torsion is made of, and what of it goes together."""
+        more = self.couples_bending or self.tip_body.is_body
+        return (
+            *(CONED_AND_MORE,) * (more and self.precone is not None),
+            *("spanwise",) * bool(self.beam._varying()),
+            *("tip_body",) * self.tip_body.is_body,
+            *super().features,
+        )
+
+    @property
+    def tip_mass(self) -> Scalar:
+        """The mass at the tip, in kg."""
+        return self.tip_body.mass
 
     @property
     def springs(self) -> tuple[Scalar | None, Scalar | None]:
@@ -279,8 +293,8 @@ class Rotor(Parameters):
     @property
     def tip_mass_radius(self) -> Number:
         """Distance of the centre of the tip mass from the axis, in m."""
-        end = self.hub_radius + self.beam.length
-        return end if self.tip_body is None else end + self.tip_body.offset
+        radius: Number = self.tip_body.centre(self.hub_radius + self.beam.length, 1.0)
+        return radius
 
     @property
     def rigid_moments(self) -> Triple:
@@ -295,14 +309,11 @@ class Rotor(Parameters):
             share: Any = weight * along(beam.mass_per_length, xi) * length / mass
             first = length * (share @ xi)
             second = share @ (radius + length * xi) ** 2
-        at_tip = tip_mass * tip_mass_radius**2
-        if self.tip_body is not None:
-            at_tip = at_tip + self.tip_body.inertia
         return jnp.stack(
             [
                 mass + tip_mass,
                 mass * (radius + first) + tip_mass * tip_mass_radius,
-                mass * second + at_tip,
+                mass * second + self.tip_body.second_moment(tip_mass_radius),
             ]
         )
 
@@ -337,7 +348,7 @@ class Rotor(Parameters):
         `ValueError` for a beam that varies along the span, or has a body at its tip.
         """
         beam = self.beam
-        if not beam.is_uniform or self.tip_body is not None:
+        if not beam.is_uniform or self.tip_body.is_body:
             raise ValueError("tears knows uniform beams with a point at their tip alone")
         beta = jnp.abs(angular_speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
         holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
@@ -384,6 +395,5 @@ def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
             "jax.config.update('jax_enable_x64', True) before anything else.",
             stacklevel=4,
         )
-    if not isinstance(rotor, kind):
-        raise TypeError(f"rotor must be a {kind.__name__}, got {kind_of(rotor)}")
+    check_kind("rotor", rotor, kind)
     return rotor.checked()

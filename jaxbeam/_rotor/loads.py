@@ -105,6 +105,14 @@ class Loads(eqx.Module):
         """Whether all there is at the tip is a force in hub axes."""
         return self.tip_moment is None and not (self.follows and self.tip_force is not None)
 
+    @property
+    def features(self) -> tuple[str, ...]:
+        """What a model has to know, beyond gravity and a force in hub axes at its tip."""
+        follows = self.follows and not (self.tip_force is self.tip_moment is None)
+        there = self.tip_moment is not None, follows, self.force_per_length is not None
+        names = "tip_moment", "follows", "force_per_length"
+        return tuple(f"loads.{name}" for name, it in zip(names, there, strict=True) if it)
+
     def at_tip(self, t: Scalar) -> Triple | TipLoad | None:
         """What acts at the tip at time t: its force, where that is all."""
         force, moment = (

@@ -27,18 +27,26 @@ def along_span(status: Status) -> Any:
     return eqx.field(metadata={"status": status, "zero": False, "varies": True})
 
 
-def optional(status: Status, *, zero: bool | None = False, varies: bool = False) -> Any:
+def optional(
+    status: Status, *, zero: bool | None = False, varies: bool = False, of_torsion: bool = False
+) -> Any:
     """Field of a number that need not be there: without it the program has nothing of the kind.
 
-    With `zero=None` it may have any sign.
+    With `zero=None` it may have any sign. At what is `of_torsion` models without torsion do not
+    look.
     """
-    return _optional(status=status, zero=zero, varies=varies)
+    return _optional(status=status, zero=zero, varies=varies, of_torsion=of_torsion)
 
 
 def angle(status: Status, most: float, *, varies: bool = False) -> Any:
     """Field of an angle in rad that need not be there, of no more than that either way: larger
     ones are most often degrees."""
     return _optional(status=status, zero=None, varies=varies, most=most)
+
+
+def part() -> Any:
+    """Field of parameters that are always there."""
+    return eqx.field()
 
 
 def _optional(**rule: Any) -> Any:
@@ -82,8 +90,36 @@ class Parameters(eqx.Module):
             elif value is not None:
                 yield value, field.metadata
 
+    def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        """Name and rule of each field that need not be there and is; names within a part begin with
+        its own."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.default is None and value is not None:
+                yield field.name, field.metadata
+            if isinstance(value, Parameters):
+                yield from ((f"{field.name}.{name}", rule) for name, rule in value._given())
+
+    @property
+    def given(self) -> frozenset[str]:
+        """Names of all that is there and need not be."""
+        return frozenset(name for name, _ in self._given())
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of what a model has to know, beyond what is always there."""
+        return tuple(name for name, rule in self._given() if not rule.get("of_torsion"))
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it has no features: of a rotor, whether its beam is uniform and clamped to the
+        hub, with no more than a point at its tip."""
+        return not self.features
+
     def checked(self) -> Self:
         """Rebuilt, so that what comes from `eqx.tree_at` or `vmap` meets the checks as well."""
-        values = [getattr(self, field.name) for field in dataclasses.fields(self)]
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         parts = Parameters | AbstractSpanwise
-        return type(self)(*(v.checked() if isinstance(v, parts) else v for v in values))
+        return type(self)(
+            **{n: v.checked() if isinstance(v, parts) else v for n, v in values.items()}
+        )

@@ -1,7 +1,5 @@
 """The discrete analogue of a rotating beam (Y: see `_models/contract/__init__.py`)."""
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -32,7 +30,6 @@ class SpringRotor(Parameters):
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
     translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
     torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
-    is_plain: ClassVar[bool] = True
 
     def __init__(
         self,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._checks import kind_of, real_array, require
+from jaxbeam._checks import check_kind, kind_of, real_array, require
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
@@ -91,8 +91,7 @@ def checked_times(times: Any) -> Array:
 
 def checked_start(model: AbstractModel, start: Any) -> State:
     """The state, if it is one of this model, without work done."""
-    if not isinstance(start, State):
-        raise TypeError(f"start must be a State, got {kind_of(start)}")
+    check_kind("start", start, State)
     n = len(model.directions)
     parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
     for name, part in zip(("q", "v"), parts, strict=True):

@@ -123,9 +123,7 @@ def _reduction(model: Hybrid, rotor: Rotor) -> Float[Array, " 6"]:
     first, second = profile.in_section_axes(*(at.slope @ way.T / beam.length for way in ways))
     dm = span.weight * profile.mass / profile.axial
     rotary = (dm * profile.in_plane) @ first**2 + (dm * profile.flap) @ second**2
-    tip = ends.tip
-    if rotor.tip_body is not None:
-        tip = tip + rotor.tip_body.offset / beam.length * ends.tip_slope
+    tip = rotor.tip_body.centre(ends.tip, ends.tip_slope, beam.length)
     force = [
         span.beyond(profile.mass[:, None] * (at.value @ way.T)).T
         + rotor.tip_mass * (way @ tip)[:, None]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import jaxbeam as jb
 from jaxbeam import Status
 from tests import tiers
-from tests.helpers import BEAM, ROTOR, SPRINGS, rules
+from tests.helpers import BEAM, OF_ROTOR, ROTOR, SPRINGS, rules
 
 FACTOR = float(os.environ.get("FUZZ_FACTOR", "1"))
 
@@ -33,7 +33,7 @@ def examples(number):
 
 BAD = 0.0, -1.0, math.nan, math.inf, -math.inf
 ABSURD = 1e-300, 1e-30, 1e30, 1e300  # and yet in range
-RULES = rules(jb.Beam) | rules(jb.Rotor) | rules(jb.models.SpringRotor)
+RULES = rules(jb.Beam) | OF_ROTOR | rules(jb.models.SpringRotor)
 TWISTING = "torsional_stiffness", "polar_inertia"  # of elements in space
 # What a parameter's status is called follows from its name.
 NAMED = {key: Status[f"INVALID_{key.upper()}"] for key in (*RULES, *TWISTING)}

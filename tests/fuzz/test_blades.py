@@ -79,10 +79,12 @@ class Kind:
             k if there else None for k, there in zip(v["springs"], self.springs, strict=True)
         ]
         offset, inertia, axial = v["body"]
-        body = jb.TipBody(offset, inertia, axial) if self.has_body else None
+        tip = {"tip_mass": v["tip"]}
+        if self.has_body:
+            tip = {"tip_body": jb.TipBody(v["tip"], offset, inertia, axial)}
         root = jb.RootSprings(*springs) if any(self.springs) else None
         beam = jb.Beam(1.0, parts[0], 1e6, *parts[1:], twist)
-        return jb.Rotor(beam, v["hub"], v["tip"], root_springs=root, tip_body=body)
+        return jb.Rotor(beam, v["hub"], root_springs=root, **tip)
 
     def theirs(self, v):
         offset, inertia, axial = v["body"].tolist()
@@ -208,10 +210,8 @@ def frequencies(springs, size):
         tables = {key: jb.Spanwise(STATIONS, p[key]) for key in TABLES}
         beam = jb.Beam(1.0, axial_stiffness=1e6, **tables)
         root = jb.RootSprings(p["lag"], p["flap"]) if springs else None
-        body = jb.TipBody(p["offset"], p["inertia"])
-        rotor = jb.Rotor(
-            beam, p["hub_radius"], p["tip_mass"], pitch=p["pitch"], tip_body=body, root_springs=root
-        )
+        body = jb.TipBody(p["tip_mass"], p["offset"], p["inertia"])
+        rotor = jb.Rotor(beam, p["hub_radius"], pitch=p["pitch"], tip_body=body, root_springs=root)
         found = jb.modes(jb.Hybrid(0, size, size), rotor, p["angular_speed"], 4, throw=False)
         return {
             "status": found.status, "value": found.eigenvalue, "error": found.frequency_error

@@ -77,7 +77,7 @@ def test_rungs_in_the_plane_do_not_ask_how_the_beam_twists(question):
 ALONE = [
     (MOMENT, {}, "loads.tip_moment"),
     (FOLLOWING, {}, "loads.follows"),
-    (jb.ladder.PeakDeflection(UP, TIMES), {"precone": 0.1}, "precone in motion"),
+    (jb.ladder.PeakDeflection(UP, TIMES), {"precone": 0.1}, "precone"),
     (BENDING, {"precone": 0.1, "pitch": 0.2}, "precone beside pitch"),
     (TORSION, {}, "torsion 1"),
 ]

@@ -168,7 +168,7 @@ def test_root_that_yields_one_way():
     printed = [1.158197107, 15.86088999, 50.44763967]
     np.testing.assert_allclose(found, [clamped, *printed], rtol=1e-9)
     clamped = jb.models.SmallStrainANCF(2)
-    with pytest.raises(ValueError, match="root_springs: one is against in-plane bending"):
+    with pytest.raises(ValueError, match="root_springs: SmallStrainANCF has no root that yields"):
         jb.modes(clamped, jb.Rotor(rotor.beam, root_springs=jb.RootSprings(in_plane=0.5)), 0.0)
 
 
@@ -177,17 +177,17 @@ def test_root_that_yields_one_way():
     [slow(4.0, 0), *(exhaustive(w, 6) for w in (0.0, 4.0))],
 )
 def test_tip_bodies(speed, stretch):
-    body = jb.TipBody(0.1, 0.03, 0.01)
+    body = jb.TipBody(0.5, 0.1, 0.03, 0.01)
     ours = jb.Beam(1.0, 1.0, 400.0, 16.0, 1.0)
     theirs = reference.Blade(
         lag=16.0, hub=0.3, tip=reference.Body(0.5, 0.1, 0.03, 0.03 - 0.01),
         stretch=400.0 if stretch else None,
     )  # fmt: skip
     model = jb.Hybrid(stretch, 14, 14)
-    found = lowest(model, jb.Rotor(ours, 0.3, 0.5, tip_body=body), speed)
+    found = lowest(model, jb.Rotor(ours, 0.3, tip_body=body), speed)
     np.testing.assert_allclose(found, reference.frequencies(theirs, speed, 6), rtol=1e-9)
     point = jb.Rotor(ours, 0.3, 0.5)
-    none = jb.Rotor(ours, 0.3, 0.5, tip_body=jb.TipBody())
+    none = jb.Rotor(ours, 0.3, tip_body=jb.TipBody(0.5))
     np.testing.assert_allclose(lowest(model, none, speed), lowest(model, point, speed), rtol=1e-12)
 
 
@@ -200,8 +200,8 @@ def test_tip_bodies_of_two_inertias():
     body = reference.Body(0.5, 0.1, 0.05, 0.03 - 0.01)
     theirs = reference.Blade(lag=1e6, hub=0.3, tip=body)
     even, uneven = (
-        jb.modes(model, jb.Rotor(ours, 0.3, 0.5, tip_body=tip), 4.0, labels).frequency
-        for tip in (jb.TipBody(0.1, 0.03, 0.01), jb.TipBody(0.1, 0.03, 0.01, 0.05))
+        jb.modes(model, jb.Rotor(ours, 0.3, tip_body=tip), 4.0, labels).frequency
+        for tip in (jb.TipBody(0.5, 0.1, 0.03, 0.01), jb.TipBody(0.5, 0.1, 0.03, 0.01, 0.05))
     )
     np.testing.assert_allclose(uneven[:2], even[:2], rtol=1e-12)
     np.testing.assert_allclose(uneven[2:], reference.frequencies(theirs, 4.0, 2), rtol=1e-9)
@@ -215,8 +215,8 @@ def test_a_body_at_the_tip_moves_as_one(pitch):
     beam = jb.Beam(2.0, 1e-9, 4e3, 11.0, 7.0, twist)
     arms, mass, offset = np.array([0.5, 0.4, 0.9]), 0.9, 0.3
     along, across, up = mass * arms**2 / 3  # second moments
-    body = jb.TipBody(offset, along + across, across + up, along + up)
-    rotor, model = jb.Rotor(beam, 0.4, mass, pitch, tip_body=body), jb.Hybrid(2, 3, 3)
+    body = jb.TipBody(mass, offset, along + across, across + up, along + up)
+    rotor, model = jb.Rotor(beam, 0.4, pitch=pitch, tip_body=body), jb.Hybrid(2, 3, 3)
     equations = model.equations(rotor)
     hub, q, v = random_state(model, 3, False)
     end = model.displacement(np.ones(1), rotor)[:, 0]
@@ -327,7 +327,7 @@ def test_what_coned_beams_cannot_do_is_named():
         lambda: jb.modes(jb.Hybrid(), rotor, 1.0),
         lambda: jb.modes(jb.VonKarman(), rotor, 1.0),
         lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, pitch=0.1), 1.0),
-        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, tip_body=jb.TipBody()), 1.0),
+        lambda: jb.modes(small, jb.Rotor(BEAM, precone=0.1, tip_body=jb.TipBody(0.0)), 1.0),
         lambda: jb.critical_speed(small, rotor),
         lambda: jb.floquet(small, rotor, modulated),
         lambda: jb.stiffening_ratio(rotor, 1.0),
@@ -358,7 +358,7 @@ def test_constant_tables_are_the_uniform_beam(model):
     flat = jb.models.Direction.FLAP not in model.directions
     built = jb.Rotor(
         jb.Beam(2.0, same(1.3), same(4e3), same(11.0), same(7.0), None if flat else same(0.0)),
-        0.4, 0.9, tip_body=jb.TipBody(),
+        0.4, tip_body=jb.TipBody(0.9),
     )  # fmt: skip
     hub, q, v = random_state(model, 4, flat)
     force = jnp.array([3.0, -2.0, 0.0])
@@ -426,8 +426,8 @@ def built_from(values):
     )  # fmt: skip
     hub, tip, pitch, first, second, offset, inertia, axial_inertia, flap_inertia = rest
     return jb.Rotor(
-        beam, hub, tip, pitch, jb.RootSprings(first, second),
-        jb.TipBody(offset, inertia, axial_inertia, flap_inertia),
+        beam, hub, pitch=pitch, root_springs=jb.RootSprings(first, second),
+        tip_body=jb.TipBody(tip, offset, inertia, axial_inertia, flap_inertia),
     )  # fmt: skip
 
 
@@ -512,15 +512,15 @@ def test_a_function_is_as_its_table():
         (lambda: jb.Beam(1, 1, 1, 1, jnp.sin), "wrap a function in SpanwiseFunction"),
         (lambda: jb.Beam(jb.Spanwise([0, 1], [1, 1]), 1, 1, 1, 1), "length must be"),
         (lambda: jb.RootSprings(-1e-9), "springs at the root"),
-        (lambda: jb.TipBody(0.0, -1.0), "tip body"),
-        (lambda: jb.TipBody(flap_inertia=-1.0), "tip body"),
+        (lambda: jb.TipBody(1.0, 0.0, -1.0), "tip body"),
+        (lambda: jb.TipBody(1.0, flap_inertia=-1.0), "tip body"),
         (
             lambda: jb.modes(
                 jb.SpatialANCF(2),
-                jb.Rotor(jb.Beam(*5 * [1.0], None, 1.0), tip_body=jb.TipBody(flap_inertia=1.0)),
+                jb.Rotor(jb.Beam(*5 * [1.0], None, 1.0), tip_body=jb.TipBody(1, 0, 0, 0, 1)),
                 0.0,
             ),
-            "flap_inertia: to SpatialANCF a body at the tip has one inertia across the beam",
+            "tip_body.flap_inertia: SpatialANCF has no body at the tip of two inertias",
         ),
         (lambda: jb.Rotor(BEAM, root_springs=3.0), "root_springs must be a RootSprings"),
     ],

@@ -43,8 +43,8 @@ def test_against_power_series():
 def test_of_coupled_directions():
     """Stretch, which the Coriolis force couples with bending in plane; sections that are turned; a
     body at the tip; errors from 5e-10 to 8e-4."""
-    body = jb.TipBody(0.1, 0.05, 0.01, 0.02)
-    rotor = jb.Rotor(BEAM, 0.05, 0.1, pitch=0.5, tip_body=body)
+    body = jb.TipBody(0.1, offset=0.1, inertia=0.05, axial_inertia=0.01, flap_inertia=0.02)
+    rotor = jb.Rotor(BEAM, 0.05, pitch=0.5, tip_body=body)
     labels = jb.labels(in_plane=3, flap=2, axial=2)
     is_right(*estimates(jb.Hybrid(4, 7, 6), jb.Hybrid(8, 12, 12), rotor, 5.0, labels))
 

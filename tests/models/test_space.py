@@ -257,13 +257,13 @@ def test_what_it_cannot_do_it_says():
     rotor = jb.Rotor(BEAM, root_springs=jb.RootSprings(flap=3.0))
     with pytest.raises(ValueError, match=r"take model\.suited"):
         jb.SpatialANCF(2).equations(rotor)
-    assert jb.SpatialANCF(2).suited(rotor) == jb.SpatialANCF(2, flap_yields=True)
-    with pytest.raises(ValueError, match=r"loads\.tip_moment: ExactRodANCF takes a force"):
+    assert len(jb.SpatialANCF(2).suited(rotor).directions) == 1 + len(jb.SpatialANCF(2).directions)
+    with pytest.raises(ValueError, match=r"loads\.tip_moment: ExactRodANCF has no moment"):
         jb.steady_start(
             jb.ExactRodANCF(2), jb.Rotor(stiff), STILL, loads=jb.Loads(tip_moment=[0, 0, 1])
         )
     loads = jb.Loads(tip_force=[0, 1, 0], follows=True)
-    with pytest.raises(ValueError, match=r"loads\.follows: Hybrid takes a force"):
+    with pytest.raises(ValueError, match=r"loads\.follows: Hybrid has no load that follows"):
         jb.simulate(jb.Hybrid(), jb.Rotor(stiff), STILL, [0.0, 1.0], loads=loads)
     with pytest.raises(TypeError, match="follows must be True or False"):
         jb.Loads(tip_force=[0, 1, 0], follows=1)

@@ -20,7 +20,7 @@ from tests.references import blade as blade_reference
 from tests.tiers import exhaustive, slow
 
 AT_NODES, BETWEEN = (0.0, 0.5, 0.5, 1.0), (0.0, 0.3, 0.3, 0.45, 1.0)
-BODY, SPRING = jb.TipBody(0.3, 0.2, 0.1), jb.RootSprings(in_plane=9.0)
+BODY, SPRING = jb.TipBody(0.9, 0.3, 0.2, 0.1), jb.RootSprings(in_plane=9.0)
 
 
 def some(slow_ones):
@@ -42,7 +42,7 @@ def varying(**more):
         2.0, table(1.3, BETWEEN, 1.0, 0.8, 0.6, 0.7, 0.5),
         table(4e3, (0.0, 0.8, 1.0), 1.0, 0.7, 0.8), stiffness, 7.0,
     )  # fmt: skip
-    return jb.Rotor(beam, 0.4, 0.9, **more)
+    return jb.Rotor(beam, 0.4, None if "tip_body" in more else 0.9, **more)
 
 
 def test_parts_of_elements_end_at_kinks():
@@ -87,8 +87,8 @@ def test_constant_tables_are_a_uniform_beam(theory):
 )
 def test_equations_of_varying_beams_follow_from_the_energies(theory, yields):
     """Tangents, too."""
-    model = theory(2, root_yields=yields)
     rotor = varying(tip_body=BODY, root_springs=SPRING if yields else None)
+    model = theory(2).suited(rotor)
     hub, q, v = random_state(model, 1, True)
     force = jnp.array([3.0, -2.0, 0.0])
 
@@ -120,8 +120,8 @@ def test_inertia_of_the_rigid_beam_with_its_body():
     np.testing.assert_allclose(equations.rigid_moments, moments, rtol=1e-14)
     # Of a turn by a small angle, as the elements see it: they hold rigid motions.
     turn = jnp.asarray([0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])  # w = x, clamped slope aside
-    model = jb.ExactRodANCF(2, root_yields=True)
-    equations = model.equations(varying(tip_body=BODY, root_springs=SPRING))
+    rotor = varying(tip_body=BODY, root_springs=SPRING)
+    equations = jb.ExactRodANCF(2).suited(rotor).equations(rotor)
     turn = jnp.asarray([2.0, 0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])
     mass, first, second = moments
     about_root = second - 2 * 0.4 * first + 0.4**2 * mass
@@ -174,12 +174,11 @@ def errors(blade, n, speed, body=False, spring=None):
         for p in BLADES[blade]
     )
     rotor = jb.Rotor(
-        jb.Beam(1.0, mass, 1e10, stiffness, 1.0), HUB, TIP.mass if body else 0.0,
-        tip_body=jb.TipBody(TIP.offset, TIP.inertia) if body else None,
+        jb.Beam(1.0, mass, 1e10, stiffness, 1.0), HUB,
+        tip_body=jb.TipBody(TIP.mass, TIP.offset, TIP.inertia) if body else None,
         root_springs=None if spring is None else jb.RootSprings(spring),
     )  # fmt: skip
-    model = jb.ExactRodANCF(n, root_yields=spring is not None)
-    found = jb.modes(model, rotor, speed, jb.labels(in_plane=2)).frequency
+    found = jb.modes(jb.ExactRodANCF(n), rotor, speed, jb.labels(in_plane=2)).frequency
     return np.abs(found / np.asarray(blade_reference.in_plane(reference, speed, 2)) - 1)
 
 
@@ -215,7 +214,7 @@ def test_a_step_within_an_element_costs_the_order():
 def test_axial_frequencies_with_a_body_converge_by_the_first_order():
     """The end that the body holds is not strained, other than that of the rod."""
     rotor = jb.Rotor(
-        jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0), HUB, 0.3, tip_body=jb.TipBody(TIP.offset, TIP.inertia)
+        jb.Beam(1.0, 1.0, 1e4, 1.0, 1.0), HUB, tip_body=jb.TipBody(0.3, TIP.offset, TIP.inertia)
     )
     blade = blade_reference.Blade(stretch=1e4, hub=HUB, tip=TIP)
     [exact] = blade_reference.frequencies(blade, 0.0, 1, "axial")
@@ -229,10 +228,10 @@ def test_a_body_without_extent_is_a_point():
     """But for the strain of the end, which the body holds: an element's length of it."""
     frequencies = [
         jb.modes(
-            jb.ExactRodANCF(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, 0.3, tip_body=tip),
+            jb.ExactRodANCF(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, **tip),
             6.0, jb.labels(in_plane=2),
         ).frequency
-        for tip in (None, jb.TipBody())
+        for tip in ({"tip_mass": 0.3}, {"tip_body": jb.TipBody(0.3)})
     ]  # fmt: skip
     at_tip = 0.3 * 6.0**2 * 1.2 / 1e4
     np.testing.assert_allclose(*frequencies, rtol=at_tip / 16)
@@ -252,9 +251,11 @@ def test_spin_up_with_a_root_that_yields():
     """Softly: the tip goes further than that of a clamped beam."""
     times, farthest = jnp.linspace(0.0, 1.5, 7), []
     for spring in (None, jb.RootSprings(9.0), jb.RootSprings(1e7)):
-        model = jb.ExactRodANCF(2, root_yields=spring is not None)
         run = jb.simulate(
-            model, varying(tip_body=BODY, root_springs=spring), jb.SmoothSpinUp(2.0, 1.0), times
+            jb.ExactRodANCF(2),
+            varying(tip_body=BODY, root_springs=spring),
+            jb.SmoothSpinUp(2.0, 1.0),
+            times,
         )
         assert jb.Status(int(run.status)) is jb.Status.OK
         farthest.append(float(np.abs(run.tip[:, 1]).max()))
@@ -272,7 +273,7 @@ def of_stations(values):
         2.0, jb.Spanwise(STATIONS, values), jb.Spanwise(STATIONS, 4e3 * values),
         jb.Spanwise(STATIONS, 11 * values**2), 7.0,
     )  # fmt: skip
-    return jb.Rotor(beam, 0.4, 0.9, tip_body=BODY)
+    return jb.Rotor(beam, 0.4, tip_body=BODY)
 
 
 def lowest(values):
@@ -302,11 +303,13 @@ def test_batches_over_the_values_at_stations_are_single_runs():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("tip", [None, jb.TipBody()], ids=["table", "table and body"])
+@pytest.mark.parametrize(
+    "tip", [{"tip_mass": 0.2}, {"tip_body": jb.TipBody(0.2)}], ids=["table", "table and body"]
+)
 def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
     """A constant table does so where a uniform rod does; a point that is called a body, too."""
     constant = [table(value, STATIONS) for value in (1.0, 400.0, 1.0)]
-    rotor = jb.Rotor(jb.Beam(1.0, *constant, 1.0), 0.3, 0.2, tip_body=tip)
+    rotor = jb.Rotor(jb.Beam(1.0, *constant, 1.0), 0.3, **tip)
     plain = jb.Rotor(jb.Beam(1.0, 1.0, 400.0, 1.0, 1.0), 0.3, 0.2)
     speeds = jnp.linspace(0.9, 1.1, 21) * 26.0
     torn = np.asarray([bool(plain.tears(speed)) for speed in speeds])
@@ -325,12 +328,12 @@ def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
         (
             {"pitch": 0.1},
             jb.ANCF(2),
-            "ANCF is planar and takes no pitch: take SpatialANCF, or Hybrid",
+            "pitch: ANCF has no turned sections: take Hybrid or SpatialANCF",
         ),
         (
             {"root_springs": jb.RootSprings(flap=3.0)},
             jb.GreenANCF(2),
-            "no flap spring at the root: take",
+            "root_springs.flap: GreenANCF has no root that yields in flap: take",
         ),
     ],
 )
@@ -341,5 +344,5 @@ def test_what_planar_elements_do_not_take_is_refused(more, model, message):
 
 def test_twist_is_refused():
     rotor = jb.Rotor(short(4e3, twist=0.2))
-    with pytest.raises(ValueError, match="ExactRodANCF is planar and takes no twist"):
+    with pytest.raises(ValueError, match=r"beam\.twist: ExactRodANCF has no turned sections"):
         jb.ExactRodANCF(2).linearise(rotor, 1.0)

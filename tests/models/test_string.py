@@ -52,12 +52,6 @@ class _Sprung(jb.Hybrid):
         return super().linear_stiffness(rotor, shapes) + self.spring * np.outer(way, way)
 
 
-def test_what_adds_a_term_refuses_the_cone_whose_equations_have_none():
-    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, 1.0, 1.0), 0.1, precone=0.1)
-    with pytest.raises(ValueError, match="precone: _Sprung has no motion of a coned beam"):
-        jb.modes(_Sprung(0, 4, 4, spring=7.3), rotor, 2.0, jb.labels(in_plane=1))
-
-
 def test_a_model_holds_no_array():
     """A float is a static choice; a number that is traced could not tell programs apart."""
     rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, 1.0, 1.0))

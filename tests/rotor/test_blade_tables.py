@@ -276,14 +276,16 @@ def test_main_file_of_bmodes(tmp_path):
     rotor = table.rotor(tip_mass=3.0)
     assert isinstance(rotor, jb.Rotor)
     assert (rotor.tip_mass, rotor.pitch, rotor.precone) == (3.0, table.pitch, table.precone)
-    assert [float(leaf) for leaf in jax.tree.leaves(rotor.tip_body)] == [0.2, 0.0, 0.0]
+    assert not rotor.tip_body.is_body
+    rotor = table.rotor()
+    assert [float(leaf) for leaf in jax.tree.leaves(rotor.tip_body)] == [40.0, 0.2, 0.0, 0.0]
     whole = {"cm_loc": 0.05, "ixx_tip": 10.0, "iyy_tip": 1.75, "izz_tip": 2.5, "ixy_tip": 1.0}
     table = blades.read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
     assert table.ignored[2:] == (
         "cm_loc is ignored: the tip mass is on the axis of the beam (in the file 0.05).",
         "ixy_tip is ignored: axes of the tip body are those of the last section (in the file 1).",
     )
-    assert eqx.tree_equal(table.rotor().tip_body, jb.TipBody(0.0, 10.0, 2.5, 1.75))
+    assert eqx.tree_equal(table.rotor().tip_body, jb.TipBody(40.0, 0.0, 10.0, 2.5, 1.75))
     whole["iyy_tip"] = 10.0
     table = blades.read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
     assert table.rotor().tip_body.flap_inertia is None

@@ -18,8 +18,8 @@ LONG = jb.Rotor(BEAM, 0.5)
 SHORT = jb.Rotor(short(4e3, torsional_stiffness=6.0), 0.4)
 # As `AS_BUILT`, without what elements in the plane have not.
 STEPPED = jb.Rotor(
-    jb.Beam(2.0, 1.3, jb.Spanwise([0, 0.3, 0.3, 1], [4e3, 4e3, 3e3, 2e3]), 11.0, 7.0), 0.4, 0.3,
-    root_springs=jb.RootSprings(in_plane=40.0), tip_body=jb.TipBody(offset=0.1, inertia=0.02),
+    jb.Beam(2.0, 1.3, jb.Spanwise([0, 0.3, 0.3, 1], [4e3, 4e3, 3e3, 2e3]), 11.0, 7.0), 0.4,
+    root_springs=jb.RootSprings(in_plane=40.0), tip_body=jb.TipBody(0.3, 0.1, 0.02),
 )  # fmt: skip
 C, SPEEDS = jnp.array(2e-3), np.array([0.0, 10.0, 20.0])
 
@@ -98,7 +98,7 @@ def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
     coordinate."""
     n, spring, spin = 3, 40.0, 0.7
     rotor = jb.Rotor(SHORT.beam, 0.4, root_springs=jb.RootSprings(in_plane=spring))
-    model = kind(n, root_yields=True)
+    model = kind(n).suited(rotor)
     _, q, _ = random_state(model, 3, True)
     # L w' and L u' of the root, then w, L w', u, L u' of the other nodes, about the root.
     along = np.append([2.0], np.stack([2.0 * np.arange(1, n + 1) / n, np.full(n, 2.0)], 1))
@@ -116,8 +116,8 @@ def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
 def test_rigid_motions_in_space_are_not_damped():
     """Of a rod bent both ways and twisted, on springs of no strength: it can turn two ways about
     its root, which does not twist, and the third is the sum of turns of its sections."""
-    model = jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True)
     rotor = jb.Rotor(SHORT.beam, 0.4, root_springs=jb.RootSprings(in_plane=1e-9, flap=1e-9))
+    model = jb.SpatialANCF(2).suited(rotor)
     _, q, v = random_state(model, 3, False)
 
     @jax.jit
@@ -158,7 +158,7 @@ def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
 
 
 EVERY = [(model, SHORT) for model in [jb.VonKarman(5, 3, 2), *ELEMENTS[1:], jb.SpatialANCF(2)]]
-EVERY += [(kind(2, root_yields=True), STEPPED) for kind in THEORIES] + [
+EVERY += [(kind(2).suited(STEPPED), STEPPED) for kind in THEORIES] + [
     (m, SOFT_SPRINGS) for m in DISCRETE
 ]
 EVERY += BUILT

@@ -32,7 +32,7 @@ def turning(t):
 
 
 DEAD = jb.Loads(GRAVITY, rising, tip_moment=turning)
-SOFT = jb.SpatialANCF(2, in_plane_yields=True, flap_yields=True)
+SOFT = jb.SpatialANCF(2).suited(AS_BUILT_IN_SPACE)
 
 
 @pytest.mark.exhaustive

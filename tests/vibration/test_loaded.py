@@ -133,7 +133,7 @@ def test_what_loads_may_be():
     for loads, said in (
         (jb.Loads(tip_force=lambda t: jnp.array([0, 1.0, 0])), "tip_force must be constant"),
         (jb.Loads(force_per_length=lambda t: (0.0, t, 0.0)), "force_per_length must be constant"),
-        (jb.Loads(tip_moment=[0, 0, 1.0]), "takes a force in hub axes alone"),
+        (jb.Loads(tip_moment=[0, 0, 1.0]), "Hybrid has no moment at its tip"),
     ):
         with pytest.raises(ValueError, match=said):
             jb.modes(model, ROTOR, 1.0, 1, loads=loads)

@@ -123,10 +123,10 @@ def _found(given, n, body, follows):
         torsional_stiffness=given["torsion"],
         polar_inertia=given["polar"],
     )
-    at_tip = (given[name] for name in ("offset", "inertia", "axial_inertia"))
+    at_tip = (given[name] for name in ("tip_mass", "offset", "inertia", "axial_inertia"))
     rotor = jb.Rotor(
-        beam, given["hub"], given["tip_mass"], pitch=given["pitch"], precone=given["cone"],
-        tip_body=jb.TipBody(*at_tip) if body else None,
+        beam, given["hub"], pitch=given["pitch"], precone=given["cone"],
+        **({"tip_body": jb.TipBody(*at_tip)} if body else {"tip_mass": given["tip_mass"]}),
     )  # fmt: skip
     loads = jb.Loads(
         given["gravity"], given["force"], tip_moment=given["moment"], follows=follows,

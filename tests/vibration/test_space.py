@@ -44,12 +44,12 @@ def test_bending_of_a_straight_beam_is_that_of_the_planar_element_and_of_the_mod
 @pytest.mark.exhaustive
 def test_torsion_is_that_of_a_bar_with_a_body_at_its_end():
     """cot(l) = l I / (j L): polar inertia j per length, I at the tip, w = l (GJ / j)^1/2 / L."""
-    tip = jb.TipBody(offset=0.0, inertia=0.0, axial_inertia=0.06)
-    for body, roots in (
-        (None, np.pi / 2 * np.array([1, 3])),
-        (tip, [0.8603335890193797, 3.4256184594817]),
+    body = {"tip_body": jb.TipBody(0.3, axial_inertia=0.06)}
+    for at_end, roots in (
+        ({"tip_mass": 0.3}, np.pi / 2 * np.array([1, 3])),
+        (body, [0.8603335890193797, 3.4256184594817]),
     ):
-        rotor = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.3, tip_body=body)
+        rotor = jb.Rotor(BLADE, hub_radius=0.4, **at_end)
         found = frequencies(jb.SpatialANCF(10), rotor, 0.0, jb.labels(torsion=2))
         np.testing.assert_allclose(found, np.array(roots) * np.sqrt(6.0 / 0.03) / 2, rtol=1e-5)
 

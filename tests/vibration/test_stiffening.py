@@ -143,8 +143,8 @@ CANTILEVER = np.array([1.8751040687119611, 4.694091132974174, 7.854757438237613]
 @pytest.mark.exhaustive
 def test_what_timoshenko_takes_off_with_a_body_at_the_tip():
     """A body beyond the tip shears the beam by the inertia of its centre: against quadrature."""
-    body = jb.TipBody(0.5, 0.1)
-    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 900.0, 1.0, 1.0), 0.0, 0.5, tip_body=body)
+    body = jb.TipBody(0.5, 0.5, 0.1)
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 900.0, 1.0, 1.0), tip_body=body)
     model = jb.Hybrid(0, 14, 0)
     mode = jb.modes(model, rotor, 0.0, 1)
     x, w = np.polynomial.legendre.leggauss(200)

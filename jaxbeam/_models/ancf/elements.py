@@ -52,6 +52,7 @@ from jaxbeam._models.contract.strained import Parts, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._programs.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Number, Triple, Vector
 
@@ -93,7 +94,9 @@ class ElementEquations(Equations):
             radius + length,
             rotor.rigid_moments,
         )
-        self.tip_mass, self.tip_body = rotor.tip_mass, body_mass(rotor)
+        body = rotor.tip_body
+        self.tip_mass = body.mass
+        self.tip_body = body_mass(body, length) if isinstance(body, TipBody) else None
         along = radius + length * beside(np.linspace(0.0, 1.0, n_elements + 1), length.ndim)
         along = jnp.stack([along, length + jnp.zeros_like(along)], 1)
         self.straight = jnp.stack([jnp.zeros_like(along), along], 1)

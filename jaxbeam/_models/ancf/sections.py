@@ -19,9 +19,10 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.ancf.energies import POINTS, WEIGHTS, Element, elongation
 from jaxbeam._models.bases.basis import hermite
-from jaxbeam._models.contract.strained import EndSprings
+from jaxbeam._models.contract.strained import EndSprings, holding
 from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._rotor.beam import Beam, Rotor
+from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.spanwise import Property, along
 from jaxbeam._types import Number
 
@@ -115,19 +116,15 @@ class Sections(eqx.Module):
         self.element = element(bending, n, stretching)
 
 
-def body_mass(rotor: Rotor) -> Float[Array, "2 2"] | None:
-    """Mass matrix of the tip body that belongs to the position of the tip and to L r' there; None
-    for a point.
+def body_mass(body: TipBody, length: Number) -> Float[Array, "2 2"]:
+    """Mass matrix of a body that belongs to the position of the tip and to L r' there.
 
     Its centre is at r + c r' and its kinetic energy m_t |d(r + c r')/dt|^2 / 2 + J |dr'/dt|^2 / 2,
     which are those of a rigid body as far as r' of the end is a unit vector: see `Ends`.
     """
-    if rotor.tip_body is None:
-        return None
-    mass, length = rotor.tip_mass, rotor.beam.length
-    arm = mass * rotor.tip_body.offset / length
-    own = arm * rotor.tip_body.offset / length + rotor.tip_body.inertia / length**2
-    return jnp.stack([mass, arm, arm, own]).reshape(2, 2)
+    arm = body.mass * body.offset / length
+    own = arm * body.offset / length + body.inertia / length**2
+    return jnp.stack([body.mass, arm, arm, own]).reshape(2, 2)
 
 
 class Ends(EndSprings):
@@ -147,9 +144,7 @@ class Ends(EndSprings):
 
     def __init__(self, rotor: Rotor, axial_stiffness: Number) -> None:
         self.spring, _ = rotor.springs
-        self.hold = None
-        if rotor.tip_body is not None:
-            self.hold = 10 * axial_stiffness * rotor.beam.length
+        self.hold = holding(rotor, axial_stiffness)
 
     @property
     def stiffness(self) -> list[Number]:

@@ -21,6 +21,7 @@ from jaxbeam._models.contract.bands import NodeByNode
 from jaxbeam._models.contract.base import checked_case, steady_strain
 from jaxbeam._models.contract.elasticity import LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, check_supported
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._numerics.linalg import dense, positive_definite
@@ -36,10 +37,15 @@ from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 
 class _ANCF(CartesianModel):
+    supports = AS_BUILT | {"tip_body.flap_inertia"}
     n_elements: int = eqx.field(static=True, default=10)
 
     def __check_init__(self) -> None:
         count_functions("n_elements", self.n_elements, least=1)
+
+    @property
+    def title(self) -> str:
+        return self._titled(f"{self.n_elements} element{'s' * (self.n_elements > 1)}")
 
     @property
     def functions_from(self) -> HermiteElements:
@@ -54,53 +60,38 @@ class _Nodal(_ANCF):
     """Geometrically non-linear elements, whose coordinates are ordered node by node.
 
     Properties may vary along the span, and a body may be at the tip: as far as that is stretched
-    with the end of the beam, see `Ends`, it is rigid. With `root_yields` there is a spring at the
-    root, and the rotor says how stiff it is.
+    with the end of the beam, see `Ends`, it is rigid. Where `_yields` is set there is a spring at
+    the root, and the rotor says how stiff it is.
     """
 
+    supports = _ANCF.supports | ROOT_SPRINGS - {"root_springs.flap"}
     element: ClassVar[type[Element]]
-    root_yields: bool = eqx.field(static=True, default=False)
+    _yields: bool = eqx.field(static=True, default=False, kw_only=True)  # which `suited` sets
 
     @property
     def directions(self) -> tuple[Direction, ...]:
         """L u' of the first node, L w' before it if the root yields, then w, L w', u, L u' of each
         other node."""
-        first = (Direction.IN_PLANE, Direction.AXIAL)[0 if self.root_yields else 1 :]
+        first = (Direction.IN_PLANE, Direction.AXIAL)[0 if self._yields else 1 :]
         node = (Direction.IN_PLANE, Direction.IN_PLANE, Direction.AXIAL, Direction.AXIAL)
         return (*first, *self.n_elements * node)
 
+    @property
+    def step_cost(self) -> float:
+        return 2.3 * (2 + 2.2 * self.n_elements)  # more than twice as many steps as linear motion
+
     def equations(self, rotor: Rotor) -> ElementEquations:
         """Equations of motion with the law of strain of `element`."""
-        self._refuse(rotor)
+        check_supported(self, rotor)
         return ElementEquations(rotor, self.n_elements, self.element)
-
-    def _refuse(self, rotor: Rotor) -> None:
-        """Raise `ValueError` where a rotor has what elements in the plane of rotation have not."""
-        name, springs = type(self).__name__, rotor.springs
-        for there, what in (
-            (rotor.beam.twist is not None, "twist"),
-            (rotor.pitch is not None, "pitch"),
-            (rotor.precone is not None, "precone"),
-            (springs[1] is not None, "flap spring at the root"),
-        ):
-            if there:
-                raise ValueError(
-                    f"{name} is planar and takes no {what}: take SpatialANCF, or Hybrid"
-                )
-        if self.root_yields != (springs[0] is not None):
-            has = "no spring" if self.root_yields else "a spring"
-            raise ValueError(
-                f"the root of the rotor has {has} in the plane of rotation: take "
-                f"{name}(root_yields={not self.root_yields})"
-            )
 
     def suited(self, rotor: Rotor) -> Self:
         """A model of as many elements, with a root that yields if that of the rotor does."""
-        return dataclasses.replace(self, root_yields=rotor.springs[0] is not None)
+        return dataclasses.replace(self, _yields=rotor.springs[0] is not None)
 
     def bands(self) -> NodeByNode | None:
         """The order of the coordinates, whatever the equations are."""
-        return None if self.root_yields else NodeByNode(self.n_elements)
+        return None if self._yields else NodeByNode(self.n_elements)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
@@ -111,7 +102,7 @@ class _Nodal(_ANCF):
         node = 2 + 4 * np.arange(n)[:, None] + np.arange(2)
         for component, columns in ((1, np.append(0, node)), (0, np.append(1, node + 2))):
             out[component][:, columns] = shapes
-        return jnp.asarray(out[:, :, 0 if self.root_yields else 1 :])
+        return jnp.asarray(out[:, :, 0 if self._yields else 1 :])
 
     def steady_state(self, rotor: Rotor, angular_speed: Real) -> Array:
         """Axial coordinates (2 n + 1, in metres) of the steady state; the beam stays straight.
@@ -147,7 +138,7 @@ class _Nodal(_ANCF):
         q = u @ along
         status = jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
         if self.element.tears:
-            if rotor.beam.is_uniform and rotor.tip_body is None:
+            if rotor.beam.is_uniform and not rotor.tip_body.is_body:
                 torn = rotor.tears(speed)
             else:
                 k, _ = equations.tangents(hub, q, zero, None)
@@ -180,7 +171,7 @@ class GreenANCF(_Nodal):
     It hardens with strain, axially and, since r''.r'' = (phi' |r'|)^2 + |r'|'^2 with phi the angle
     of the tangent, in bending; its limit is not that of `ExactRodANCF`, see there.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """
@@ -211,14 +202,14 @@ class ExactRodANCF(_Nodal):
     The straight rod is linear in its stretch: like `Hybrid` it tears at a finite speed, at
     Omega L (rho / EA)^(1/2) = pi / 2 without a tip mass, beyond which it has no steady state.
 
-    `n_elements` is how many equal elements there are, an int >= 1. `root_yields` is whether the
-    slope at the root is a coordinate: functions that take a rotor set it themselves, as its
-    springs in plane have it.
+    `n_elements` is how many equal elements there are, an int >= 1.
 
     Raises `TypeError` or `ValueError` for any other number of elements.
     """
 
     element = Engineering
+    called = ""
+    is_reference = True
 
 
 class ChordANCF(_Nodal):
@@ -226,7 +217,7 @@ class ChordANCF(_Nodal):
 
     Unstable above a speed that grows with the number of elements.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """
@@ -240,7 +231,7 @@ class TangentANCF(_Nodal):
     Fails at a lower speed than `ChordANCF`, and is far too stiff with few elements: neighbours
     measure strain along different directions. With one element it is `Classical`.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """
@@ -261,6 +252,8 @@ class SmallStrainANCF(_ANCF):
 
     Raises `TypeError` or `ValueError` for any other number of them.
     """
+
+    is_linear = True
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """Linear, with the tension P(x) of the rigid motion."""
@@ -298,7 +291,7 @@ class ANCF(_Nodal):
     The steady beam is straight. There u' is quadratic along an element and equals the interpolated
     strain, so the tangent is that of any non-linear strain to first order, and symmetric.
 
-    `n_elements` (int >= 1, 10 by default) and `root_yields` as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
 
     Raises as `ExactRodANCF` does.
     """

@@ -72,6 +72,11 @@ class Basis(abc.ABC):
         xi, weight = self.quadrature(n)
         return end * xi, end * weight
 
+    @property
+    def unit(self) -> str:
+        """What one of the functions is called."""
+        return "function"
+
     def towards(self, direction: Direction) -> "Basis":
         """The basis of the bending functions in one direction."""
         return self
@@ -184,6 +189,10 @@ class CantileverModes(Basis):
     convergence is algebraic once tension, tip mass or hub radius enter: prefer `Polynomials`.
     """
 
+    @property
+    def unit(self) -> str:
+        return "mode"
+
     def bending(self, n: int, xi: _Array) -> Functions:
         b = clamped_free_roots(n)
         z = np.outer(xi, b)
@@ -224,6 +233,10 @@ class Yielding(Basis):
     basis: Basis
     in_plane: bool = True
     flap: bool = True
+
+    @property
+    def unit(self) -> str:
+        return self.basis.unit
 
     def towards(self, direction: Direction) -> Basis:
         yields = self.in_plane if direction == Direction.IN_PLANE else self.flap

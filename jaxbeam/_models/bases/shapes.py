@@ -215,7 +215,7 @@ class Loaded(eqx.Module):
         most = max(*kind.counts, 1)
         shapes = once(polynomials(span.xi ** (1 / kind.grading), most).T).T
         force = span.beyond(share[:, None] * shapes)
-        moments = _ordered(span.beyond(force), 1 - span.xi, rotor.tip_body is not None)
+        moments = _ordered(span.beyond(force), 1 - span.xi, rotor.tip_body.is_body)
         beside = rotor.tip_mass / beam.mass * rotor.tip_mass_radius / length
         tension = beside + rotor.hub_radius / length * outside + moment
         profile = Profile.of(rotor, span)

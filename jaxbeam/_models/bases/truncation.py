@@ -24,6 +24,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.bases.shapes import Counts, Profile, Shape, section_angle
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.span import Span, outboard
 from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Number, Scalar
@@ -54,8 +55,8 @@ class _Case(NamedTuple):
 
     def tip(self, x: Shape) -> Array:
         """Displacements (3, k) of the centre of the mass at the tip."""
-        body = self.rotor.tip_body
-        return x.tip if body is None else x.tip + body.offset / self.rotor.beam.length * x.tip_slope
+        at: Array = self.rotor.tip_body.centre(x.tip, x.tip_slope, self.rotor.beam.length)
+        return at
 
 
 class _Body(NamedTuple):
@@ -69,7 +70,7 @@ class _Body(NamedTuple):
     @classmethod
     def of(cls, case: _Case) -> "_Body | None":
         rotor, tip = case.rotor, case.rotor.tip_body
-        if tip is None:
+        if not isinstance(tip, TipBody):
             return None
         square, spin2 = rotor.beam.length**2, case.speed**2
         held = jnp.eye(2) * rotor.tip_mass * tip.offset * rotor.tip_mass_radius * case.tensioned
@@ -185,11 +186,11 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> S
     at_tip = case.rotor.tip_mass * inertia(case.tip(x))
     # Of displacements times the mass, of which forces are the sums over what is farther out.
     carried = span.beyond(_times(profile.mass[:, None, None], x.value))
-    arm: Any = 0.0 if case.rotor.tip_body is None else case.rotor.tip_body.offset / length
+    arm = case.rotor.tip_body.centre(1 - span.xi, 1.0, length)
     bends = x.slope[:, 1:]
     moment = (
         length * inertia(span.beyond(carried))[:, 1:]
-        + length * at_tip[None, 1:] * (1 - span.xi + arm)[:, None, None]
+        + length * at_tip[None, 1:] * arm[:, None, None]
         - span.beyond(_times(case.pull[:, None, None], bends))
     )
     if body is not None:

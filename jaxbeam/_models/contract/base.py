@@ -15,6 +15,7 @@ from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
+from jaxbeam._models.contract.supports import Neglects, check_supported
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.lanes import total
@@ -57,7 +58,6 @@ class Equations(eqx.Module):
     """
 
     takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
-    takes_moments: ClassVar[bool] = False  # whether it bears a `TipLoad` as `tip_force`
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
     rigid_moments: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X the distance from the axis
     length: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
@@ -150,11 +150,9 @@ class Equations(eqx.Module):
         return tip_force, jnp.zeros_like(tip_force)
 
     def span_integral(self, kinks: tuple[float, ...]) -> AbstractSpanIntegral:
-        """What a force along the span, smooth but for these x / L, does on the coordinates."""
-        raise ValueError(
-            "loads.force_per_length: discrete models take no force along the span; take Hybrid, "
-            "elements, or leave it out"
-        )
+        """What a force along the span, smooth but for these x / L, does on the coordinates; of
+        models that support `loads.force_per_length`."""
+        raise NotImplementedError
 
     def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
         """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
@@ -217,6 +215,32 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     """
 
     rotor_type: ClassVar[type[Rotor] | type[SpringRotor]] = Rotor
+    # Names of what it knows beyond a plain rotor and a force at its tip, and of what it must have:
+    # see `supports.py`. What derives from a model inherits all but `supports_in_matrices`.
+    supports: ClassVar[frozenset[str]] = frozenset()
+    supports_in_matrices: ClassVar[frozenset[str]] = frozenset()
+    needs: ClassVar[frozenset[str]] = frozenset()
+    # What the ladder asks. `called` is of the class itself, the name of the theory in words.
+    called: ClassVar[str]
+    is_linear: ClassVar[bool] = False  # whether its equations of motion are
+    # Whether it converges to the exact rod of the engineering strain, to which errors refer.
+    is_reference: ClassVar[bool] = False
+    neglects: ClassVar[Neglects] = Neglects()
+
+    @property
+    def title(self) -> str:
+        """Theory and size in words."""
+        return self._titled(f"{len(self.directions)} coordinates")
+
+    def _titled(self, size: str) -> str:
+        name = vars(type(self)).get("called", type(self).__name__)
+        return f"{name}, {size}" if name else size
+
+    @property
+    def step_cost(self) -> float:
+        """Cost of a step in time in a batch on one core, in us, roughly; times the number of steps
+        over those of linear motion."""
+        return 2 + 1.2 * len(self.directions)
 
     @property
     @abc.abstractmethod
@@ -326,9 +350,14 @@ def checked_model(model: Any) -> AbstractModel:
 def checked_case(
     model: Any, rotor: Any, angular_speed: Any = 0.0
 ) -> tuple[AbstractModel[Any], Any, Scalar]:
-    """A model as it suits a rotor, the rotor that it takes, and the angular speed, all checked."""
+    """A model as it suits a rotor, the rotor that it takes, and the angular speed, all checked.
+
+    Public functions begin with that: rotors that a model does not know are refused here.
+    """
     rotor = checked_rotor(checked_model(model).rotor_type, rotor)
-    return model.suited(rotor), rotor, checked_speed(angular_speed)
+    model = model.suited(rotor)
+    check_supported(model, rotor, moving=False)
+    return model, rotor, checked_speed(angular_speed)
 
 
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:

@@ -22,6 +22,7 @@ from jaxbeam._models.contract.base import (
 from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
+from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, is_hinged
@@ -100,19 +101,9 @@ class Conditions(eqx.Module):
 
 
 def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equations:
-    """Equations of motion, if they can bear what is at the tip."""
-    equations = model.equations(rotor)
-    if loads.is_plain or equations.takes_moments:
-        return equations
-    raise ValueError(
-        f"loads.{_beyond_plain(loads)}: {type(model).__name__} takes a force in hub axes "
-        "alone at its tip; take jaxbeam.SpatialANCF, or leave it out"
-    )
-
-
-def _beyond_plain(loads: Loads) -> str:
-    """The argument by which loads are not `is_plain`."""
-    return "follows" if loads.tip_moment is None else "tip_moment"
+    """Equations of motion, if they can bear the loads."""
+    check_supported(model, rotor, loads)
+    return model.equations(rotor)
 
 
 class SpanLoad(eqx.Module):
@@ -182,7 +173,7 @@ def checked_potential(loads: Any) -> Conditions | None:
     if loads.is_plain:
         return conditions
     raise ValueError(
-        f"loads.{_beyond_plain(loads)}: a moment, or a force that follows the tip, has no "
+        f"{loads.features[0]}: a moment, or a force that follows the tip, has no "
         "potential; leave it out, or take jaxbeam.modes at the speeds that matter, whose "
         "frequencies and growth rates tell"
     )

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._types import Number
 
 
@@ -111,6 +112,11 @@ def viscous(
 def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]:
     """Gradient of a function whose value is one scalar, or one for each lane."""
     return jax.grad(lambda x: jnp.sum(function(x)))
+
+
+def holding(rotor: Rotor, axial_stiffness: Number) -> Number | None:
+    """Stiffness, in J, that holds the end of the beam unstretched where a body is; None else."""
+    return 10 * axial_stiffness * rotor.beam.length if rotor.tip_body.is_body else None
 
 
 class EndSprings(Strained):

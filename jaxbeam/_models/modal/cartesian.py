@@ -25,6 +25,7 @@ from jaxbeam._models.bases.shapes import Shapes, shortening
 from jaxbeam._models.contract.base import Equations, Undeformed
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.span_integrals import FunctionSpanIntegral
+from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._models.modal.cartesian_model import CartesianModel
 from jaxbeam._models.modal.shape_integrals import (
     ShapeIntegrals,
@@ -32,7 +33,7 @@ from jaxbeam._models.modal.shape_integrals import (
 )
 from jaxbeam._models.modal.tip_bodies import TipRotation
 from jaxbeam._rotor.beam import Rotor, tension
-from jaxbeam._rotor.ends import TipBody
+from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, skew
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
@@ -63,10 +64,10 @@ class CartesianEquations(Equations):
     length: Number
     tip_radius: Number
     energy_scale: Number
-    masses: tuple[Number, Number]  # of the beam and at the tip
+    beam_mass: Number
     hub_radius: Number
     tip_mass_radius: Number
-    body: TipBody | None
+    tip_body: Tip
     tip_rotation: TipRotation | None
     elasticity: Elasticity
     stiffening: Float[Array, "k n n"] | None
@@ -84,31 +85,26 @@ class CartesianEquations(Equations):
         stiffened: Callable[[ShapeIntegrals], Array | np.ndarray] | None = None,
     ) -> Self:
         """Scale the tables of `model` to a rotor; `stiffened` says which are `stiffening`."""
-        model.check(rotor)
+        check_supported(model, rotor)
         own = None
         if shapes is not None and not rotor.beam.is_uniform:
             own = weighted(shapes, rotor)
         beam, t, body = rotor.beam, model.shape_integrals if own is None else own, rotor.tip_body
         radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass
-        end, tip = radius + length, t.centre(rotor)
+        end, tip = radius + length, body.centre(t.tip, t.tip_slope, length)
         stiffening = None if stiffened is None else stiffened(t)
         gram = mass * t.gram + tip_mass * _outer(tip)
         first = mass * (radius * t.mean + length * t.first) + tip_mass * rotor.tip_mass_radius * tip
-        if body is not None:
+        tip_rotation = None
+        if isinstance(body, TipBody):
             slope_there = t.tip_slope / length
-            gram, first = (
-                gram + body.inertia * _outer(slope_there),
-                first + body.inertia * slope_there,
-            )
+            gram = gram + body.inertia * _outer(slope_there)
+            first = first + body.inertia * slope_there
             if stiffening is not None:
                 alike = _outer(t.tip_slope) * (t.one_hot @ t.one_hot.T)
                 stiffening = jnp.concatenate([stiffening, alike[None]])
-        second_order = stiffening is not None
-        tip_rotation = None
-        if body is not None:
-            tip_rotation = TipRotation.of(
-                rotor, model.sampled(rotor, shapes), to_second_order=second_order
-            )
+            sampled = model.sampled(rotor, shapes)
+            tip_rotation = TipRotation.of(rotor, body, sampled, stiffening is not None)
         inertia = gram * (t.one_hot @ t.one_hot.T)
         return cls(
             mass=inertia if tip_rotation is None else inertia + tip_rotation.mass,
@@ -119,10 +115,10 @@ class CartesianEquations(Equations):
             length=length,
             tip_radius=end,
             energy_scale=beam.mean.in_plane_bending_stiffness / length,
-            masses=(mass, tip_mass),
+            beam_mass=mass,
             hub_radius=radius,
             tip_mass_radius=rotor.tip_mass_radius,
-            body=body,
+            tip_body=body,
             tip_rotation=tip_rotation,
             elasticity=elasticity,
             stiffening=None if stiffening is None else jnp.asarray(stiffening),
@@ -151,15 +147,16 @@ class CartesianEquations(Equations):
     def motion_stiffness(self, axial: Scalar, spin2: Scalar, tip_force: Triple | None) -> Matrix:
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
         assert self.stiffening is not None
-        mass, tip_mass = self.masses
-        coefficients = list(
-            tension(
-                spin2, self.hub_radius, tip_mass, mass, self.length, axial, self.tip_mass_radius
+        body = self.tip_body
+        coefficients = [
+            *tension(
+                spin2, self.hub_radius, body.mass, self.beam_mass, self.length, axial,
+                self.tip_mass_radius,
             )
-        )
-        if self.body is not None:
+        ]  # fmt: skip
+        if isinstance(body, TipBody):
             # What its centre and its own particle do when the end of the beam turns.
-            own = self.body.offset * coefficients[0] + self.body.inertia * spin2
+            own = body.offset * coefficients[0] + body.inertia * spin2
             coefficients.append(own / self.length)
         if tip_force is not None:
             coefficients[0] = coefficients[0] + tip_force[0]

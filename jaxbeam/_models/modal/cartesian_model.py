@@ -93,29 +93,6 @@ class CartesianModel(AbstractModel[Rotor]):
             return linear_stiffness(self.functions_from, self.counts, rotor)
         return varying_stiffness(shapes, rotor)
 
-    def check(self, rotor: Rotor) -> None:
-        """Raise `ValueError` where a rotor has what the model has not."""
-        name = type(self).__name__
-        if rotor.precone is not None:
-            raise ValueError(
-                f"precone: {name} has no motion of a coned beam: take SpatialANCF, or for "
-                "frequencies Hybrid(n_stretch=0); else leave it out, which for soft beams is the "
-                "smaller error"
-            )
-        ways = zip(COMPONENTS[1:], rotor.springs, self.counts[1:], strict=True)
-        for direction, spring, count in ways:
-            if count and spring is not None and not self.yields_where(rotor, direction):
-                raise ValueError(
-                    f"root_springs: one is against {direction.title}, and functions of {name} are "
-                    "clamped: take Hybrid or ExactRodANCF"
-                )
-
-    def yields_where(self, rotor: Rotor, direction: Direction) -> bool:
-        """Whether functions in this direction may have a slope at the root."""
-        slope = self.functions_from.towards(direction).bending
-        count = dict(zip(COMPONENTS, self.counts, strict=True))[direction]
-        return bool(np.any(slope(count, np.zeros(1)).slope))
-
 
 def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
     """Matrices of a model whose equations are linear: their coefficients, whatever the state."""

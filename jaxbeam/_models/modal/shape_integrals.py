@@ -41,12 +41,6 @@ class ShapeIntegrals(NamedTuple):
     tension: Any  # (3, n, n), bending alone: int t_k f' f', see `Integrals`
     axial_tension: Any  # (3, n, n), the same for the axial coordinates
 
-    def centre(self, rotor: Rotor) -> Any:
-        """Values of the functions at the centre of the tip mass, (n,)."""
-        if rotor.tip_body is None:
-            return self.tip
-        return self.tip + rotor.tip_body.offset / rotor.beam.length * self.tip_slope
-
 
 def one_hots(counts: Counts) -> Float[np.ndarray, "n 3"]:
     """One-hot: which way a coordinate moves, axially, in plane or in flap."""

@@ -23,8 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import count_functions, kind_of
-from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
+from jaxbeam._checks import check_kind, count_functions
+from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
 from jaxbeam._models.bases.shapes import (
     Counts,
     Kind,
@@ -41,12 +41,18 @@ from jaxbeam._models.contract.bands import BandTables
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.strained import viscous
+from jaxbeam._models.contract.supports import (
+    AS_BUILT,
+    ROOT_SPRINGS,
+    TURNED,
+    Neglects,
+    check_supported,
+)
 from jaxbeam._models.modal import higher_functions
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.modal.coned import coned_system
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.span import on, shortened
 from jaxbeam._types import Matrix, Number, Scalar, Vector
 
@@ -61,6 +67,7 @@ class _Modal(CartesianModel):
     zeros throughout.
     """
 
+    supports = AS_BUILT | ROOT_SPRINGS | TURNED | {"tip_body.flap_inertia"}
     n_stretch: int = eqx.field(static=True, default=10)
     n_in_plane: int = eqx.field(static=True, default=16)
     n_flap: int = eqx.field(static=True, default=16)
@@ -71,8 +78,24 @@ class _Modal(CartesianModel):
             count_functions(name, getattr(self, name))
         if self.n_stretch + self.n_in_plane + self.n_flap == 0:
             raise ValueError("n_stretch, n_in_plane, n_flap: at least one must be > 0")
-        if not isinstance(self.basis, Basis):
-            raise TypeError(f"basis must be a Basis, got {kind_of(self.basis)}")
+        check_kind("basis", self.basis, Basis)
+
+    @classmethod
+    def of_size(cls, n: int, rotor: Rotor, planar: bool, n_stretch: int = 0) -> Self:
+        """The model with n functions across, each way, and one more where the root yields, for a
+        rotor and others that are like it; in flap, unless all stays in the plane."""
+        # One or two modes at rest do better than as many polynomials, from three on these win; of
+        # beams that vary they are not the modes.
+        few = n <= 2 and not n_stretch and rotor.beam.is_uniform
+        basis = CantileverModes() if few else Polynomials()
+        in_plane, flap = (n + (spring is not None) for spring in rotor.springs)
+        return cls(n_stretch, in_plane, 0 if planar else flap, basis=basis).suited(rotor)
+
+    @property
+    def title(self) -> str:
+        n, flap, unit = self.n_in_plane, self.n_flap, self.basis.unit
+        count = f"{n} and {flap} {unit}s" if flap else f"{n} {unit}{'s' * (n > 1)}"
+        return self._titled(count + f", stretch {self.n_stretch}" * (self.n_stretch > 0))
 
     @property
     def functions_from(self) -> Basis:
@@ -123,9 +146,6 @@ class _Modal(CartesianModel):
             return shapes_on(self._kind, rotor)
         return super().shapes(rotor)
 
-    def yields_where(self, rotor: Rotor, direction: Direction) -> bool:
-        return follows(self.basis, rotor) or super().yields_where(rotor, direction)
-
     @property
     def counts(self) -> Counts:
         return self.n_stretch, self.n_in_plane, self.n_flap
@@ -135,6 +155,8 @@ class _Modal(CartesianModel):
 
 
 class _Linear(_Modal):
+    is_linear = True
+
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion."""
         return linear_system(self, rotor, speed)
@@ -168,6 +190,10 @@ class Hybrid(_Linear):
     Raises `TypeError` or `ValueError` for any other numbers, zeros throughout, or no basis.
     """
 
+    supports_in_matrices = frozenset({"precone"})
+    called = "hybrid"
+    neglects = Neglects(deflection=0.3, strain=0.4)
+
     @property
     def foreshortens(self) -> bool:
         return True
@@ -181,18 +207,14 @@ class Hybrid(_Linear):
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """The coefficients of the equations of motion; about the deflected steady state of a coned
-        beam (`coned.py`), which what derives from this is not taught: it refuses cones."""
-        if rotor.precone is None or type(self) is not Hybrid:
+        beam (`coned.py`)."""
+        if rotor.precone is None:
             return super().matrices(rotor, speed)
+        check_supported(self, rotor, moving=False)
         if self.n_stretch or not self.n_in_plane or not self.n_flap:
             raise ValueError(
                 "precone: take Hybrid(n_stretch=0), with functions in plane and in flap, for the "
                 "frequencies of a coned beam"
-            )
-        if rotor.couples_bending or rotor.tip_body is not None:
-            raise ValueError(
-                "precone: here it goes neither with pitch and twist nor with a body at the tip; "
-                "take SpatialANCF"
             )
         return coned_system(rotor, speed, self.sampled(rotor, self.shapes(rotor)), self.directions)
 
@@ -244,6 +266,13 @@ class Classical(_Linear):
     Raises as `Hybrid` does.
     """
 
+    called = "classical"
+    neglects = Neglects(stiffening=0.5, deflection=0.3, strain=0.4)
+
+    @property
+    def step_cost(self) -> float:
+        return super().step_cost - 0.1
+
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> None:
         return None
 
@@ -266,9 +295,20 @@ class VonKarman(_Modal):
     Raises as `Hybrid` does.
     """
 
+    called = "von Karman"
+    neglects = Neglects(deflection=1.0)
     n_stretch: int = eqx.field(static=True, default=16)
     n_in_plane: int = eqx.field(static=True, default=8)
     n_flap: int = eqx.field(static=True, default=8)
+
+    @classmethod
+    def of_size(cls, n: int, rotor: Rotor, planar: bool, n_stretch: int = 0) -> Self:
+        """The same; functions of u1 follow u2'^2."""
+        return super().of_size(n, rotor, planar, 2 * n + 1)
+
+    @property
+    def step_cost(self) -> float:
+        return 5 * super().step_cost  # its strain is integrated
 
     @property
     def products(self) -> int:
@@ -301,7 +341,7 @@ class VonKarman(_Modal):
             one_hot=jnp.asarray(self.one_hot),
         )
         # The centre of a body at the tip comes nearer when the end of the beam turns.
-        short = None if rotor.tip_body is None else lambda t: jnp.zeros_like(t.tension)
+        short = (lambda t: jnp.zeros_like(t.tension)) if rotor.tip_body.is_body else None
         return CartesianEquations.build(self, rotor, elastic, shapes, short)
 
 

@@ -26,6 +26,7 @@ from jaxbeam._models.bases.shapes import Shapes, section_angle
 from jaxbeam._models.modal.shape_integrals import one_hots
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
@@ -45,10 +46,9 @@ class TipRotation(eqx.Module):
     winding: Matrix | None  # phi = q . winding q / 2; None in a theory of first order
 
     @classmethod
-    def of(cls, rotor: Rotor, shapes: Shapes, to_second_order: bool) -> Self:
-        """What a body at the tip of a rotor adds, by the functions along its beam."""
-        body, length = rotor.tip_body, rotor.beam.length
-        assert body is not None
+    def of(cls, rotor: Rotor, body: TipBody, shapes: Shapes, to_second_order: bool) -> Self:
+        """What the body at the tip of a rotor adds, by the functions along its beam."""
+        length = rotor.beam.length
         angle = section_angle(rotor, lambda angle: along(angle, np.ones(1)))
         one_hot = one_hots(shapes.counts)
         zero = jnp.zeros_like(length)

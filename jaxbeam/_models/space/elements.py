@@ -48,6 +48,7 @@ from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._programs.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Number, Triple, Vector
@@ -71,7 +72,6 @@ class SpatialEquations(SpatialElasticity):
     axes: Float[Array, "3 3 *#lanes"] | None  # rows: of the beam in those of the hub
 
     takes_lanes: ClassVar[bool] = True
-    takes_moments: ClassVar[bool] = True
 
     def __init__(self, rotor: Rotor, n_elements: int) -> None:
         length = rotor.beam.length
@@ -94,12 +94,11 @@ class SpatialEquations(SpatialElasticity):
         place = root[None] + along[:, None] * A1[None]
         slope = jnp.broadcast_to(length * A1[None], place.shape)
         self.straight = self._nodal(jnp.stack([place, slope], 1))
-        body = body_mass(rotor)
-        point = jnp.pad(rotor.tip_mass[None, None], ((0, 1), (0, 1)))
-        self.tip_mass = point if body is None else body
-        self.tip_polar = none
-        if rotor.tip_body is not None:
-            self.tip_polar = rotor.tip_body.axial_inertia / length**2
+        body = rotor.tip_body
+        if isinstance(body, TipBody):
+            self.tip_mass, self.tip_polar = body_mass(body, length), body.axial_inertia / length**2
+        else:
+            self.tip_mass, self.tip_polar = jnp.pad(body.mass[None, None], ((0, 1), (0, 1))), none
         mass, polar = self.sections.grams()
         self.gram = mass_rows(mass, self.tip_mass)
         polar = mass_rows(polar, jnp.pad(self.tip_polar[None, None], ((0, 1), (0, 1))))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.strained import EndSprings
+from jaxbeam._models.contract.strained import EndSprings, holding
 from jaxbeam._models.space.energies import elongation
 from jaxbeam._models.space.frames import A1, axes, carried
 from jaxbeam._programs.lanes import beside, contract, total
@@ -27,9 +27,7 @@ class Ends(EndSprings):
 
     def __init__(self, rotor: Rotor, axial_stiffness: Number) -> None:
         self.springs = rotor.springs
-        self.hold = None
-        if rotor.tip_body is not None:
-            self.hold = 10 * axial_stiffness * rotor.beam.length
+        self.hold = holding(rotor, axial_stiffness)
 
     @property
     def stiffness(self) -> list[Number]:

@@ -11,9 +11,10 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import count_functions
 from jaxbeam._models.bases.basis import HermiteElements
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, TURNED, check_supported
 from jaxbeam._models.space.elements import SpatialEquations
 from jaxbeam._models.space.nodes import components
-from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
 
 
@@ -35,24 +36,38 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
     number, errors with the fourth power of an element's length; those by the inertia of twist, in
-    beams that are bent both ways, with the square. Roots that yield have more, a slope in plane
-    with `in_plane_yields` and one in flap with `flap_yields`: functions that take a rotor set both
-    themselves, as its springs have it. Formulation and sources: see `_models/space/energies.py`.
+    beams that are bent both ways, with the square. Roots that yield have a slope more each way.
+    Formulation and sources: see `_models/space/energies.py`.
 
     Raises `TypeError` or `ValueError` unless `n_elements` is an int >= 1.
     """
 
+    supports = (
+        AS_BUILT | ROOT_SPRINGS | TURNED
+        | {"precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows"}
+    )  # fmt: skip
+    needs = frozenset({"beam.torsional_stiffness"})
+    called = ""
+    is_reference = True
     n_elements: int = eqx.field(static=True, default=10)
-    in_plane_yields: bool = eqx.field(static=True, default=False)
-    flap_yields: bool = eqx.field(static=True, default=False)
+    # Whether the root yields in plane and in flap, which `suited` sets.
+    _yields: tuple[bool, bool] = eqx.field(static=True, default=(False, False), kw_only=True)
 
     def __check_init__(self) -> None:
         count_functions("n_elements", self.n_elements, least=1)
 
     @property
+    def title(self) -> str:
+        return self._titled(f"{self.n_elements} element{'s' * (self.n_elements > 1)} in space")
+
+    @property
+    def step_cost(self) -> float:
+        return 4 * 2.3 * (2 + 2.2 * self.n_elements)  # blocks of eight, four times those in a plane
+
+    @property
     def _coordinates(self) -> list[tuple[int, int]]:
         """Component of each coordinate, and its place among values and slopes of all nodes."""
-        ways, absent = components(self.in_plane_yields, self.flap_yields)
+        ways, absent = components(*self._yields)
         places = [
             (way, 2 * k + d) for k in range(self.n_elements + 1) for d in (0, 1) for way in ways
         ]
@@ -64,28 +79,12 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     def equations(self, rotor: Rotor) -> SpatialEquations:
         """Equations of motion."""
-        self._check(rotor)
+        check_supported(self, rotor)
         return SpatialEquations(rotor, self.n_elements)
-
-    def _check(self, rotor: Rotor) -> None:
-        if rotor.beam.torsional_stiffness is None:
-            raise ValueError(
-                "SpatialANCF twists: give torsional_stiffness=..., GJ in N m^2, to the Beam"
-            )
-        if rotor.tip_body is not None and rotor.tip_body.flap_inertia is not None:
-            raise ValueError(
-                "flap_inertia: to SpatialANCF a body at the tip has one inertia across the beam: "
-                "leave flap_inertia out, or take a model like Hybrid"
-            )
-        wanted = self.suited(rotor)
-        if wanted != self:
-            raise ValueError(
-                f"root_springs: the rotor has {rotor.springs}: take model.suited(rotor)"
-            )
 
     def suited(self, rotor: Rotor) -> Self:
         in_plane, flap = (spring is not None for spring in rotor.springs)
-        return dataclasses.replace(self, in_plane_yields=in_plane, flap_yields=flap)
+        return dataclasses.replace(self, _yields=(in_plane, flap))
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""

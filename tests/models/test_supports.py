@@ -1,0 +1,129 @@
+"""What a model does not know is refused, by name and before anything is compiled."""
+
+import dataclasses
+import re
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import jaxbeam as jb
+from jaxbeam._models.contract.supports import _REFUSED, unsupported
+from jaxbeam._rotor.parameters import optional
+from tests.helpers import DISCRETE, ELEMENTS
+
+BEAM = jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0)
+TWISTING = jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, torsional_stiffness=3.0)
+VARYING = jb.Beam(1.0, jb.Spanwise([0.0, 1.0], [1.0, 0.9]), 1e4, 16.0, 1.0, torsional_stiffness=3.0)
+HAVING = {  # a rotor and loads with each of the features, and what goes before it
+    "spanwise": (jb.Rotor(VARYING), {}),
+    "beam.twist": (jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, 0.1, 3.0)), {}),
+    "pitch": (jb.Rotor(TWISTING, pitch=0.0), {}),
+    "precone": (jb.Rotor(TWISTING, precone=0.0), {}),
+    "precone beside": (jb.Rotor(TWISTING, precone=0.1, pitch=0.1), {}),
+    "root_springs.in_plane": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(0.0)), {}),
+    "root_springs.flap": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(flap=1.0)), {}),
+    "tip_body": (jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1)), {}),
+    "tip_body.flap_inertia": (
+        jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1, flap_inertia=0.0)),
+        {},
+    ),
+    "loads.tip_moment": (jb.Rotor(TWISTING), {"tip_moment": [0, 0, 1.0]}),
+    "loads.follows": (jb.Rotor(TWISTING), {"tip_force": [0, 1.0, 0], "follows": True}),
+    "loads.force_per_length": (jb.Rotor(TWISTING), {"force_per_length": [0, 1.0, 0]}),
+}
+BOTH_WAYS = {"spanwise", "beam.twist", "pitch", "root_springs.in_plane", "root_springs.flap",
+             "tip_body", "tip_body.flap_inertia", "loads.force_per_length"}  # fmt: skip
+FLAT = BOTH_WAYS - {"beam.twist", "pitch", "root_springs.flap"}
+KNOWN = {
+    jb.Hybrid: BOTH_WAYS,
+    jb.Classical: BOTH_WAYS,
+    jb.VonKarman: BOTH_WAYS,
+    **dict.fromkeys((type(model) for model in ELEMENTS), FLAT),
+    jb.models.SmallStrainANCF: FLAT - {"root_springs.in_plane"},
+    jb.SpatialANCF: {*HAVING} - {"tip_body.flap_inertia"},
+}
+
+
+def refused_by(model, feature, moving=True):
+    rotor, loads = HAVING[feature]
+    return unsupported(model, rotor, jb.Loads(**loads), moving=moving)
+
+
+@pytest.mark.parametrize("model", KNOWN, ids=lambda model: model.__name__)
+def test_what_each_model_knows(model):
+    for feature in HAVING:
+        assert (not refused_by(model, feature)) == (feature in KNOWN[model]), feature
+    still = {feature for feature in HAVING if not refused_by(model, feature, moving=False)}
+    assert still - KNOWN[model] == ({"precone"} if model is jb.Hybrid else set())
+
+
+def test_what_is_refused_is_named_with_models_that_know_it():
+    for feature in HAVING:
+        why = refused_by(jb.models.AbstractModel, feature)
+        assert why.startswith(feature.split(".")[0]), why
+    for feature, (_, advice) in _REFUSED.items():
+        for named in re.findall(r"Hybrid|\w+ANCF", advice):
+            supports = {*getattr(jb, named).supports, *getattr(jb, named).supports_in_matrices}
+            assert feature in supports, (feature, named)
+
+
+def test_the_door_is_shut():
+    """At once, where compiling would take its time; and at the equations, which have doors too."""
+    coned, pitched = (HAVING[feature][0] for feature in ("precone", "pitch"))
+    for ask in (
+        lambda: jb.modes(jb.ExactRodANCF(2), pitched, 1.0, 1),
+        lambda: jb.ExactRodANCF(2).equations(pitched),
+        lambda: jb.critical_speed(jb.ANCF(2), pitched),
+    ):
+        with pytest.raises(ValueError, match=r"^pitch: \w*ANCF has no turned sections: take"):
+            ask()
+    with pytest.raises(ValueError, match=r"^precone: Hybrid has no motion of a coned beam: take"):
+        jb.Hybrid(0, 2, 2).equations(coned)
+    with pytest.raises(ValueError, match=r"^beam\.torsional_stiffness: SpatialANCF needs it"):
+        jb.simulate(jb.SpatialANCF(2), jb.Rotor(BEAM), jb.ConstantSpeed(1.0), [0.0, 1.0])
+
+
+class _Plain(jb.Hybrid):
+    """Says nothing of cones."""
+
+
+class _Coned(jb.Hybrid):
+    """Says that cones are its own affair."""
+
+    supports_in_matrices = frozenset({"precone"})
+
+
+def test_what_derives_from_hybrid_has_to_declare_cones():
+    rotor = jb.Rotor(BEAM, 0.1, precone=0.1)
+    for refused in (
+        lambda: jb.modes(_Plain(0, 3, 3), rotor, 2.0, 1),
+        lambda: _Plain(0, 3, 3).matrices(rotor, jnp.asarray(2.0)),
+    ):
+        with pytest.raises(ValueError, match="precone: _Plain has no motion of a coned beam"):
+            refused()
+    found = jax.eval_shape(lambda speed: _Coned(0, 2, 2).matrices(rotor, speed), 2.0)
+    assert found.stiffness.shape == (4, 4)
+
+
+class _Founded(jb.Rotor):
+    """A rotor with a parameter more, of which no model knows."""
+
+    foundation: jnp.ndarray | None = optional(jb.Status.INVALID_ROOT_SPRINGS)
+
+    def __init__(self, beam, foundation):
+        names = [field.name for field in dataclasses.fields(self)]
+        given = {"beam": beam, "hub_radius": 0.0, "foundation": foundation}
+        given |= {"tip_body": jb.Rotor(beam).tip_body}
+        self._take({**dict.fromkeys(names), **given})
+
+
+@pytest.mark.parametrize("model", KNOWN, ids=lambda model: model.__name__)
+def test_a_parameter_that_a_model_does_not_declare_is_refused(model):
+    assert unsupported(model, _Founded(TWISTING, None)) == ""
+    why = unsupported(model, _Founded(TWISTING, 3.0))
+    assert why == f"foundation: {model.__name__} has no such thing: leave it out"
+
+
+def test_discrete_models_declare_nothing():
+    assert all(not model.supports for model in DISCRETE)
