@@ -72,19 +72,23 @@ def unsupported(
     for feature in missing(model, rotor, loads, moving=moving):
         what, advice = _REFUSED.get(feature, ("such thing", "leave it out"))
         return f"{feature}: {model.__name__} has no {what}: {advice}"
-    for need in sorted(model.needs - {*rotor.given}):
-        return f"{need}: {model.__name__} needs it{_NEEDED.get(need, '')}"
+    for need in sorted(model.needs):
+        if need not in rotor.given:
+            return f"{need}: {model.__name__} needs it{_NEEDED.get(need, '')}"
     return ""
 
 
 def check_supported(
     model: Any, rotor: AnyRotor, loads: Loads = NO_LOADS, *, moving: bool = True
 ) -> None:
-    """Raise `ValueError` where a model does not bear what there is, or its root yields otherwise
-    than that of the rotor. All functions pass here: `checked_case` at the door, equations of motion
-    and matrices of their own as they are built."""
+    """Raise `ValueError` where a model does not bear what there is, or in motion its root yields
+    otherwise than that of the rotor.
+
+    All functions pass here: `checked_case` at the door, equations of motion and matrices of their
+    own as they are built.
+    """
     why = unsupported(type(model), rotor, loads, moving=moving)
-    if not why and model.suited(rotor) != model:
+    if not why and moving and model.suited(rotor) != model:
         why = (
             f"root_springs: the root of the rotor yields otherwise than that of this "
             f"{type(model).__name__}: take model.suited(rotor)"
