@@ -200,58 +200,122 @@ class Profile(eqx.Module):
         return in_plane * cos + flap * sin, flap * cos - in_plane * sin
 
 
-class Loaded(eqx.Module):
-    """Curvatures, or strains, by loads on a rotor's beam at the points of a span."""
+class Loads(eqx.Module):
+    """Loads on a rotor's beam at the points of a span, and what they do there.
+
+    In each direction that bends, of n functions, they are n moments, n // 2 pulls of the tension
+    and, where sections are turned, n moments across.
+    """
 
     profile: Profile
-    raw: tuple[Array, Array, Array]  # of each direction, (p, loads)
-    stiffness: tuple[Array, Array, Array]  # what curvatures and strains are weighed with, (p,)
+    shapes: Array  # (p, k) polynomials
+    share: Array  # of the mass, (p,)
+    tension: Array  # at unit speed, over the mass and the length
+    own: tuple[Array, Array]  # compliances of both directions, over that of the mean, (p,)
+    across: tuple[Array, Array] | None
+    axial: Array  # stiffness, over that of the mean
+    kind: Kind = eqx.field(static=True)
+    bent: tuple[int, ...] = eqx.field(static=True)  # functions that bend, in plane and in flap
+    yields: tuple[bool, ...] = eqx.field(static=True)
+    body: bool = eqx.field(static=True)
 
     @classmethod
     def on(cls, kind: Kind, rotor: Rotor, span: Span) -> Self:
         beam, length = rotor.beam, rotor.beam.length
-        mean = beam.mean
+        mean, profile = beam.mean, Profile.of(rotor, span)
         share, outside, moment = outboard(beam.mass_per_length, span)
-        most = max(*kind.counts, 1)
-        shapes = once(polynomials(span.xi ** (1 / kind.grading), most).T).T
-        force = span.beyond(share[:, None] * shapes)
-        moments = _ordered(span.beyond(force), 1 - span.xi, rotor.tip_body is not None)
         beside = rotor.tip_mass / beam.mass * rotor.tip_mass_radius / length
-        tension = beside + rotor.hub_radius / length * outside + moment
-        profile = Profile.of(rotor, span)
-        own, across = profile.compliances
-        scales = mean.in_plane_bending_stiffness, mean.flap_bending_stiffness
-        own = [c * scale for c, scale in zip(own, scales, strict=True)]
-        held = [spring is not None for spring in rotor.springs]
-        sizes = kind.bent(rotor)
-        bent = span.up_to(jnp.concatenate([c[:, None] * shapes for c in own], 1))
-        slopes = [
-            jnp.concatenate([jnp.ones_like(part[:, :1]), part], 1) if yields else part
-            for part, yields in zip(jnp.split(bent, 2, 1), held, strict=True)
-        ]
-        pulled = [part[:, : n // 2] for part, n in zip(slopes, sizes, strict=True)]
-        both = span.beyond(tension[:, None] * jnp.concatenate(pulled, 1))
-        pulls = jnp.split(both, [sizes[0] // 2], 1)
-        raw = []
-        for n, c, scale, pull in zip(sizes, own, scales, pulls, strict=True):
-            columns = [c[:, None] * moments[:, :n], c[:, None] * pull]
-            if across is not None:
-                columns.append((scale * across)[:, None] * moments[:, :n])
-            raw.append(jnp.concatenate(columns, 1))
-        stretches, weight = shapes[:, : kind.counts[0]], jnp.ones_like(span.xi)
-        if kind.arc_length:
-            weight = profile.axial / mean.axial_stiffness
-            loads = _ordered(force, jnp.ones_like(span.xi), False)[:, : kind.counts[0]]
-            stretches = loads / weight[:, None]
-        in_plane, flap = raw
-        return cls(profile, (stretches, in_plane, flap), (weight, 1 / own[0], 1 / own[1]))
-
-    def mixes(self, kind: Kind, rotor: Rotor) -> Mixes:
-        """Combinations that are orthonormal in their strain energy."""
-        in_plane, flap = (
-            _mix(self, way, n) for way, n in zip((1, 2), kind.bent(rotor), strict=True)
+        (first, second), across = profile.compliances
+        in_plane, flap = mean.in_plane_bending_stiffness, mean.flap_bending_stiffness
+        one = jnp.ones_like(span.xi)
+        return cls(
+            profile=profile,
+            shapes=polynomials(span.xi ** (1 / kind.grading), max(*kind.counts, 1)),
+            share=share,
+            tension=beside + rotor.hub_radius / length * outside + moment,
+            own=(in_plane * first, flap * second),
+            across=None if across is None else (in_plane * across, flap * across),
+            axial=profile.axial / mean.axial_stiffness if kind.arc_length else one,
+            kind=kind,
+            bent=tuple(kind.bent(rotor)),
+            yields=tuple(spring is not None for spring in rotor.springs),
+            body=rotor.tip_body is not None,
         )
-        return _mix(self, 0, kind.counts[0]), in_plane, flap
+
+    @property
+    def stiffness(self) -> tuple[Array, Array, Array]:
+        """What strains and curvatures are weighed with, (p,) each."""
+        return self.axial, 1 / self.own[0], 1 / self.own[1]
+
+    def raw(self) -> tuple[Array, Array, Array]:
+        """Strains, and curvatures in plane and in flap, by each load, (p, loads)."""
+        span, stretches = self.profile.span, self.shapes
+        force = span.beyond(self.share[:, None] * self.shapes)
+        if self.kind.arc_length:
+            stretches = _ordered(force, jnp.ones_like(span.xi), False) / self.axial[:, None]
+        moments = _ordered(span.beyond(force), 1 - span.xi, self.body)
+        pulls = self._pulls([jnp.eye(n // 2, dtype=force.dtype) for n in self.bent])
+        raw = []
+        for way, (n, pull) in enumerate(zip(self.bent, pulls, strict=True)):
+            columns = [self.own[way][:, None] * jnp.concatenate([moments[:, :n], pull], 1)]
+            if self.across is not None:
+                columns.append(self.across[way][:, None] * moments[:, :n])
+            raw.append(jnp.concatenate(columns, 1))
+        return stretches[:, : self.kind.counts[0]], raw[0], raw[1]
+
+    def strains(self, mixes: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """The same by k combinations of loads, (loads, k) of each direction: much less than by all
+        loads where there are few."""
+        groups, halves = [], []
+        for n, mix in zip(self.bent, mixes[1:], strict=True):
+            moments, pulls, across = jnp.split(mix, [n, n + n // 2])
+            groups += [moments] if self.across is None else [moments, across]
+            halves.append(pulls)
+        bent = jnp.split(self._moments(groups), len(groups), 1)
+        each, raw = len(groups) // 2, []
+        for way, pull in enumerate(self._pulls(halves)):
+            curvature = self.own[way][:, None] * (bent[each * way] + pull)
+            if self.across is not None:
+                curvature = curvature + self.across[way][:, None] * bent[each * way + 1]
+            raw.append(curvature)
+        return self._stretches(mixes[0]), raw[0], raw[1]
+
+    def _stretches(self, mix: Array) -> Array:
+        if not self.kind.arc_length or not len(mix):
+            return self.shapes[:, : len(mix)] @ mix
+        by_mass, by_tip = self._sorted(mix, 1)
+        force = self.profile.span.beyond(self.share[:, None] * (self.shapes @ by_mass))
+        return (force + by_tip) / self.axial[:, None]
+
+    def _moments(self, groups: Sequence[Array]) -> Array:
+        span, body = self.profile.span, 2 if self.body else 1
+        both = (self._sorted(group, body) for group in groups)
+        by_mass, by_tip = (jnp.concatenate(same, 1) for same in zip(*both, strict=True))
+        force = span.beyond(self.share[:, None] * (self.shapes @ by_mass))
+        moments = span.beyond(force) + (1 - span.xi)[:, None] * by_tip[:1]
+        return moments + by_tip[1:] if self.body else moments
+
+    def _sorted(self, mix: Array, ends: int) -> tuple[Array, Array]:
+        """Of `_ordered` loads those by polynomials, and those at the tip."""
+        by_mass, by_tip = jnp.concatenate([mix[:1], mix[1 + ends :]]), mix[1 : 1 + ends]
+        sizes = (self.shapes.shape[1], ends)
+        whole = (
+            jnp.pad(part[:size], ((0, size - len(part[:size])), (0, 0)))
+            for part, size in zip((by_mass, by_tip), sizes, strict=True)
+        )
+        first, second = whole
+        return first, second
+
+    def _pulls(self, halves: Sequence[Array]) -> list[Array]:
+        """Moments of the tension on slopes, in plane and in flap."""
+        span, bent, turned = self.profile.span, [], []
+        for own, half, yields in zip(self.own, halves, self.yields, strict=True):
+            at_root = half[:1] if yields else half[:0]
+            rest = half[len(at_root) :]
+            bent.append(own[:, None] * (self.shapes[:, : len(rest)] @ rest))
+            turned.append(jnp.sum(at_root, 0))
+        slopes = span.up_to(jnp.concatenate(bent, 1)) + jnp.concatenate(turned)[None]
+        return jnp.split(span.beyond(self.tension[:, None] * slopes), [halves[0].shape[1]], 1)
 
 
 def _ordered(by_mass: Array, by_tip: Array, body: bool) -> Array:
@@ -260,19 +324,27 @@ def _ordered(by_mass: Array, by_tip: Array, body: bool) -> Array:
     return jnp.concatenate([by_mass[:, :1], *tip, by_mass[:, 1:]], 1)
 
 
-def _mix(loaded: Loaded, way: int, n: int) -> Array:
-    """Combinations of raw columns (loads, by tension, across), so many, for which they do most.
+def mixed(loads: Loads, raw: tuple[Array, Array, Array]) -> Mixes:
+    """Combinations that are orthonormal in their strain energy."""
+    weight, each = loads.profile.span.weight, zip(raw, loads.stiffness, strict=True)
+    stretch, *bent = (
+        jax.lax.stop_gradient(jnp.sqrt(weight * stiffness)[:, None] * columns)
+        for columns, stiffness in each
+    )
+    in_plane, flap = (_mix(columns, n, n // 2) for columns, n in zip(bent, loads.bent, strict=True))
+    return _mix(stretch, loads.kind.counts[0], 0), in_plane, flap
+
+
+def _mix(columns: Array, n: int, pulled: int) -> Array:
+    """Combinations of columns (loads, by tension, across), so many, for which they do most.
 
     A load counts the less the higher its polynomial, and what tension does, or a moment across, as
     its polynomial would. Of what loads do already (of a uniform beam all that tension does is that)
     little is left, so that there are always as many functions that are independent.
     """
-    root = jnp.sqrt(loaded.profile.span.weight * loaded.stiffness[way])[:, None]
-    columns = jax.lax.stop_gradient(root * loaded.raw[way])
     if not n:
-        return jnp.zeros((columns.shape[1], 0))
+        return jnp.zeros((columns.shape[1], 0), columns.dtype)
     size = jnp.linalg.norm(columns, axis=0)
-    pulled = n // 2 if way else 0
     # A moment across has the size of the same moment's own curvature: it may be next to nothing.
     size = jnp.concatenate([size[: n + pulled], size[: columns.shape[1] - n - pulled]])
     rank = np.concatenate([np.arange(k) for k in (n, pulled, columns.shape[1] - n - pulled)])
@@ -293,36 +365,44 @@ def section_angle(rotor: Rotor, at: Callable[[Property], Array]) -> Any:
 
 def shapes_on(kind: Kind, rotor: Rotor) -> Shapes:
     """The functions on a rotor's beam."""
-    loaded = Loaded.on(kind, rotor, span_of(kind, rotor))
-    mixes = loaded.mixes(kind, rotor)
-    at, ends = integrated(loaded, mixes, rotor, [jnp.eye(n) for n in kind.counts])
-    return Shapes(loaded.profile.span, at, ends, mixes, kind.counts)
+    loads = Loads.on(kind, rotor, span_of(kind, rotor))
+    raw = loads.raw()
+    mixes = mixed(loads, raw)
+    unit = [jnp.eye(n) for n in kind.counts]
+    # What turns the root has no curvature.
+    turns = [((0, 0), (len(root), 0)) for root in _at_root(loads, unit)]
+    each = zip(raw, mixes, turns, strict=True)
+    strains = [columns @ jnp.pad(mix, first) for columns, mix, first in each]
+    at, ends = _integrated(loads, strains, unit)
+    return Shapes(loads.profile.span, at, ends, mixes, kind.counts)
 
 
-def integrated(
-    loaded: Loaded, mixes: Mixes, rotor: Rotor, coordinates: Sequence[Array]
+def _at_root(loads: Loads, coordinates: Sequence[Array]) -> list[Array]:
+    """Of coordinates those that turn the root, (0 or 1, k) of each direction."""
+    yields = (False, *loads.yields)
+    return [q[: int(turns)] for q, turns in zip(coordinates, yields, strict=True)]
+
+
+def _integrated(
+    loads: Loads, strains: Sequence[Array], coordinates: Sequence[Array]
 ) -> tuple[Functions, Ends]:
-    """What coordinates of functions, (n, k) by direction, are along the beam: k axially, k in plane
-    and k in flap, side by side."""
-    span = loaded.profile.span
-    held = [False, *(spring is not None for spring in rotor.springs)]
-    bent, roots = [], []
-    for raw, mix, q, yields in zip(loaded.raw, mixes, coordinates, held, strict=True):
-        yields = yields and len(q) > 0
-        bent.append(raw @ (mix @ q[1 if yields else 0 :]))
-        roots.append(q[0] if yields else jnp.zeros_like(bent[-1][0]))
+    """What coordinates of functions, (n, k) by direction, are along the beam, from their strains:
+    k axially, k in plane and k in flap, side by side."""
+    span, (stretch, *bent) = loads.profile.span, strains
+    root = jnp.concatenate([jnp.sum(q, 0) for q in _at_root(loads, coordinates)])
     # Strains are slopes, curvatures become such.
-    curvature, root = jnp.concatenate(bent[1:], 1), jnp.concatenate(roots)
-    slope = jnp.concatenate([bent[0], span.up_to(curvature)], 1) + root[None]
-    tip_slope = jnp.concatenate([0 * roots[0], span.total(curvature)]) + root
-    curvature = jnp.concatenate([jnp.zeros_like(bent[0]), curvature], 1)
+    curvature = jnp.concatenate(bent, 1)
+    slope = jnp.concatenate([stretch, span.up_to(curvature)], 1) + root[None]
+    tip_slope = jnp.concatenate([jnp.zeros_like(stretch[0]), span.total(curvature)]) + root
+    curvature = jnp.concatenate([jnp.zeros_like(stretch), curvature], 1)
     at = Functions(span.up_to(slope), slope, curvature)
     return at, Ends(span.total(slope), tip_slope, root)
 
 
 class Shape(NamedTuple):
     """k shapes along a beam axially, in plane and in flap: (p, 3, k), and (3, k) at the ends; by
-    x / L, in metres, complex. Strains are slopes."""
+    x / L, in metres, real or complex. Strains are slopes. Where nothing moves axially, that may be
+    left out: (p, 2, k)."""
 
     value: Array
     slope: Array
@@ -332,22 +412,34 @@ class Shape(NamedTuple):
     root: Array
 
     @classmethod
-    def of(cls, at: Functions, ends: Ends) -> Self:
-        """Shapes in three directions, side by side."""
-        return cls(*(a.reshape(len(a), 3, -1) for a in at), *(a.reshape(3, -1) for a in ends))
+    def of(cls, at: Functions, ends: Ends, ways: int) -> Self:
+        """Shapes in so many directions, side by side."""
+        return cls(*(a.reshape(*a.shape[:-1], ways, -1) for a in (*at, *ends)))
 
 
-def finer(kind: Kind, rotor: Rotor, mixes: Mixes, parts: Sequence[Array]) -> tuple[Profile, Shape]:
-    """What coordinates, by direction, are at twice as many points."""
-    loaded = Loaded.on(kind, rotor, span_of(kind, rotor, finer=2))
-    both = [jnp.concatenate([q.real, q.imag], 1) for q in parts]
-    at, ends = integrated(loaded, mixes, rotor, both)
+def shape_of(
+    kind: Kind, rotor: Rotor, mixes: Mixes, parts: Sequence[Array], finer: int = 1
+) -> tuple[Profile, Shape]:
+    """What coordinates, by direction, are at the points of integration, or so many times as many;
+    those of models without axial functions have to be real."""
+    loads = Loads.on(kind, rotor, span_of(kind, rotor, finer))
+    if kind.counts[0]:
+        parts = [jnp.concatenate([q.real, q.imag], 1) for q in parts]
+    turned = _at_root(loads, parts)
+    rest = [q[len(root) :] for q, root in zip(parts, turned, strict=True)]
+    strains = loads.strains([mix @ q for mix, q in zip(mixes, rest, strict=True)])
+    if not kind.counts[0]:
+        # All is real, and nothing moves axially: half of the work, or less.
+        strains = (strains[0][:, :0], *strains[1:])
+        turned = [turned[0][:, :0], *turned[1:]]
+        return loads.profile, Shape.of(*_integrated(loads, strains, turned), 2)
+    at, ends = _integrated(loads, strains, turned)
 
     def joined(a: Array) -> Array:
         sides = a.reshape(*a.shape[:-1], 3, 2, -1)
         return jax.lax.complex(sides[..., 0, :], sides[..., 1, :])
 
-    return loaded.profile, Shape(*map(joined, (*at, *ends)))
+    return loads.profile, Shape(*map(joined, (*at, *ends)))
 
 
 def of_basis(basis: Basis, counts: Counts, span: Span, parts: Sequence[Array]) -> Shape:
@@ -357,7 +449,7 @@ def of_basis(basis: Basis, counts: Counts, span: Span, parts: Sequence[Array]) -
     # Axial functions may have no curvature at the clamp: nobody asks for it.
     bends = np.repeat(np.arange(3), counts) > 0
     at = at._replace(curvature=np.where(bends, at.curvature, 0.0))
-    return Shape.of(Functions(*(a @ q for a in at)), Ends(*(a @ q for a in ends)))
+    return Shape.of(Functions(*(a @ q for a in at)), Ends(*(a @ q for a in ends)), 3)
 
 
 def follows(basis: Basis, rotor: Rotor) -> bool:
