@@ -198,7 +198,10 @@ def _eigenvalue_jvp(forms: _Forms, primals: Any, tangents: Any) -> tuple[Array, 
         return forms(rotor, speed, shape, mixes)
 
     (m, g, _), (dm, dg, dk) = jax.jvp(at, (rotor, speed), tangents[:2])
-    return lam, -quotient(lam**2 * dm + lam * dg + dk, 2 * lam * m + g)
+    change, slope = lam**2 * dm + lam * dg + dk, 2 * lam * m + g
+    if mixes is None:
+        return lam, -change / slope
+    return lam, -jax.vmap(quotient)(change, slope)  # hinges may leave a zero
 
 
 @jax.custom_jvp

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Inexact
 
-from jaxbeam._models.bases.shapes import Mixes
+from jaxbeam._models.bases.loads import Mixes
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.modal.cartesian_model import CartesianModel

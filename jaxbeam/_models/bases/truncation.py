@@ -21,7 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.bases.shapes import Counts, Profile, Shape, section_angle
+from jaxbeam._models.bases.loads import Counts, Profile, section_angle
+from jaxbeam._models.bases.shapes import Shape
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, outboard

@@ -25,11 +25,8 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, kind_of
 from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
+from jaxbeam._models.bases.loads import Counts, Kind, Mixes, Profile
 from jaxbeam._models.bases.shapes import (
-    Counts,
-    Kind,
-    Mixes,
-    Profile,
     Shapes,
     all_functions,
     follows,
@@ -188,14 +185,14 @@ class Hybrid(_Linear):
         return coned_system(rotor, speed, self.sampled(rotor, self.shapes(rotor)), self.directions)
 
     def mixes(self, system: LinearSystem, rotor: Rotor) -> Mixes | None:
-        """Those of a model without stretch, which what derives from this need not have."""
+        """Combinations of loads, of a model without stretch; what derives from this has none."""
         alone = type(self) is Hybrid and not self.n_stretch and rotor.precone is None
         return system.shapes.mixes if alone and system.shapes is not None else None
 
     def forms(
         self, rotor: Rotor, speed: Scalar, shape: Array, mixes: Mixes
     ) -> tuple[Array, Array, Array]:
-        """By the integrals of the shapes themselves, which are much fewer than the functions."""
+        """Forms by integrals of the shapes themselves, much fewer than those of functions."""
         profile, x = shape_of(self._kind, rotor, mixes, self._by_direction(shape.real))
         pull = self.tension(rotor, profile, speed)
         assert pull is not None
