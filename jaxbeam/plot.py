@@ -24,7 +24,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from jaxbeam._fitting.result import Fit
-from jaxbeam._models.bases.shapes import section_angle
+from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.space.frames import axes as section_axes
 from jaxbeam._modes.result import Modes

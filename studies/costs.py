@@ -1,7 +1,8 @@
 """What things cost: gradients, elements, and the first result of a fresh process.
 
-Reverse mode against the forward run (the peak of a spin-up, a sweep of frequencies); a step
-against the number of elements, in the plane and in space, with slopes on logarithmic scales; and
+Reverse mode against the forward run (the peak of a spin-up, a sweep of frequencies); modes of a
+blade beside those of a uniform beam, a case of a batch; a step against the number of elements, in
+the plane and in space, with slopes on logarithmic scales; and
 from the start of a new process to its first result, beside what diffrax alone takes for ten linear
 oscillators, and in the next process where JAX keeps programs in a cache. It measures the Python
 that runs it.
@@ -19,6 +20,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import blade
 import common
 import diffrax
 import jax
@@ -143,6 +145,31 @@ def gradients(quick: bool) -> list[Row]:
     return rows
 
 
+def batches() -> Iterator[Row]:
+    """A case of `modes` in a batch of 256: of a uniform beam, and of a blade all of whose stations
+    vary, five modes with estimates; then with the gradients of the sum of its frequencies."""
+    draw = np.random.default_rng(4)
+    names, beam = tuple(blade.PROPERTIES), blade.BEAM
+    stations = len(beam.mass_per_length.stations)
+    factors = draw.uniform(0.9, 1.1, (256, len(names), stations))
+
+    def vary(v: Any) -> Any:
+        varied = blade.scaled(beam, dict(zip(names, v, strict=True)))
+        return blade.hertz(blade.few(12), varied, blade.RATED)
+
+    def uniform(v: Any) -> Any:
+        return jb.modes(jb.Hybrid(8, 16, 0), *common.rotating(v), 3, throw=False).frequency
+
+    for name, one, cases in (
+        ("uniform, 16 + 8 polynomials", uniform, common.random_cases(256, seed=2)),
+        ("a blade, 12 + 12 functions", vary, factors),
+    ):
+        v = jnp.asarray(cases)
+        slopes = jax.jit(jax.vmap(jax.value_and_grad(lambda v, one=one: jnp.sum(one(v)))))
+        yield "modes, a case of 256", name, 1e6 * seconds(5, jax.jit(jax.vmap(one)), v) / 256, "us"
+        yield "the same with gradients", name, 1e6 * seconds(5, slopes, v) / 256, "us"
+
+
 def elements(quick: bool, out: Path) -> Iterator[Row]:
     """A step of `Rodas5P`, alone, of elements in the plane and in space: the first 200 of a spin-up
     of a beam that bends alike both ways."""
@@ -241,6 +268,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     print(f"Python {platform.python_version()}, jax {jax.__version__}", flush=True)
     for part in (
         lambda: gradients(quick),
+        lambda: () if quick else batches(),
         lambda: elements(quick, out),
         lambda: fresh_processes(quick),
     ):

@@ -1,13 +1,13 @@
 """Frequencies, growth rates and mode shapes about steady rotation, labelled and differentiable."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Inexact
+from jaxtyping import Array
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.linear_system import LinearSystem
@@ -17,23 +17,21 @@ from jaxbeam._models.contract.loaded import (
     guarded_conditions,
     system_of,
 )
-from jaxbeam._modes.banded import Bands, Lowest, bands_of
-from jaxbeam._modes.dense import TOLERANCE, coupled_with, dense_modes, energy_share
-from jaxbeam._modes.result import Modes, own_tip
+from jaxbeam._modes.banded import Bands, bands_of
+from jaxbeam._modes.dense import coupled_with, energy_share
+from jaxbeam._modes.result import Modes
+from jaxbeam._modes.search import in_quadrature, mixed, search
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._numerics.linalg import quotient, solve
-from jaxbeam._programs.batches import batchable, mended
-from jaxbeam._programs.platforms import by_platform
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
-from jaxbeam._rotor.directions import CouplingGroup, Direction, Label, is_hinged
+from jaxbeam._rotor.directions import Direction, Label, is_hinged
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Real, Scalar, Vectors
+from jaxbeam._types import Real, Scalar
 
 RESOLVED = 1e-3  # the largest error of a frequency, relative, that is not a failure
-MANY = 256  # cases from which it pays to compile what is fast for a CPU
 
 
 def modes(
@@ -96,10 +94,8 @@ def find(
     bands = bands_of(model, wanted.most, wanted.count) if alone and rotor.is_plain else None
     system = system_of(model, rotor, speed, conditions)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
-    free = is_hinged(rotor)
-    found = dense_modes(fixed[0], wanted, free) if bands is None else _search(model, bands, *fixed)
-    status = first_failure(given, found.status)
-    error = _error(model, *fixed, found) if judged and alone else None
+    found, mixes = search(model, bands, *fixed, is_hinged(rotor), judged and alone)
+    status, error = first_failure(given, found.status), found.frequency_error
     # How few functions are enough on a uniform beam is for its user to say.
     if error is not None and isinstance(rotor, Rotor) and not rotor.beam.is_uniform:
         resolved = jnp.max(error) <= RESOLVED
@@ -107,11 +103,13 @@ def find(
     ok = status == Status.OK
     eigenvalue, shape = _differentiable(system, ok, found)
     if bands is not None and bands.has_forms:
-        eigenvalue = _eigenvalue(bands, rotor, speed, eigenvalue, shape)
+        eigenvalue = _eigenvalue(_banded(bands), rotor, speed, eigenvalue, shape, None)
+    elif mixes is not None:
+        eigenvalue = _eigenvalue(model.forms, rotor, speed, eigenvalue, shape, mixes)
     share = _valued(found.energy_share, energy_share(system.mass, shape, system.directions))
     return Modes(
         eigenvalue=nan_unless(ok, eigenvalue),
-        shape=nan_unless(ok, shape * _sign(model, rotor, system, shape, found.direction)[:, None]),
+        shape=nan_unless(ok, shape),
         direction=found.direction,
         number=found.number,
         energy_share=nan_unless(ok, share),
@@ -123,81 +121,6 @@ def find(
     )
 
 
-def _error(
-    model: AbstractModel, system: LinearSystem, case: tuple[AnyRotor, Scalar, Wanted], found: Modes
-) -> Array | None:
-    rotor, speed, _ = case
-    return model.frequency_error(system, rotor, speed, found.eigenvalue, found.shape)
-
-
-def _search(
-    model: AbstractModel, bands: Bands, system: LinearSystem, case: tuple[AnyRotor, Scalar, Wanted]
-) -> Modes:
-    """The modes: by dense matrices, which compile soon; of many cases by bands, and by dense
-    matrices where that is not certain."""
-    leaves, tree = jax.tree.flatten((system, case))
-
-    def dense(leaves: list[Array]) -> Modes:
-        system, (_, _, wanted) = jax.tree.unflatten(tree, leaves)
-        return dense_modes(system, wanted)
-
-    def quick(leaves: list[Array]) -> tuple[Modes, Array]:
-        _, (rotor, speed, wanted) = jax.tree.unflatten(tree, leaves)
-        named = wanted.named and tuple(a.astype(speed.dtype) for a in wanted.named)
-        found = bands.lowest(rotor, speed, named)
-        return _as_found(model, found), is_certain(found)
-
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Modes:
-        axes = [0 if varies else None for varies in own]
-
-        def by_bands(leaves: list[Array]) -> Modes:
-            def again(which: Array) -> Modes:
-                here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
-                _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
-                # Not the matrices that are there: they need not be made of all cases then.
-                return dense_modes(model.matrices(rotor, speed), wanted)
-
-            return mended(*jax.vmap(quick, (axes,))(leaves), again)
-
-        if size >= MANY:
-            return by_bands(leaves)
-        # Elsewhere libraries take one case at a time for much longer than bands take all.
-        return by_platform(leaves, cpu=jax.vmap(dense, (axes,)), default=by_bands)
-
-    return batchable(dense, many)(leaves)
-
-
-def is_certain(found: Lowest) -> Array:
-    """Whether a search in bands can be relied on."""
-    entries = found.entries
-    small = TOLERANCE * jnp.finfo(entries.residual.dtype).eps
-    numbers = jnp.isfinite(entries.omega) & jnp.all(jnp.isfinite(entries.x), 1)
-    return jnp.all((entries.certain > 0) & (entries.residual <= small) & numbers)
-
-
-def _as_found(model: AbstractModel, found: Lowest) -> Modes:
-    omega, x, direction, number, along, residual, _ = found.entries
-    axial = np.array([direction == Direction.AXIAL for direction in model.directions])
-    shape = jax.lax.complex(jnp.where(axial, 0.0, x), jnp.where(axial, -x, 0.0))
-    flap = jnp.where(direction == Direction.FLAP, 1.0, 0.0)
-    share = {
-        Direction.AXIAL: along,
-        Direction.IN_PLANE: 1 - flap - along,
-        Direction.FLAP: flap,
-        Direction.TORSION: 0 * flap,
-    }
-    return Modes(
-        eigenvalue=jax.lax.complex(0 * omega, omega),
-        shape=shape,
-        direction=direction.astype(int),
-        number=number.astype(int),
-        energy_share=jnp.stack([share[direction] for direction in Direction], -1),
-        residual=residual,
-        status=jnp.asarray(Status.OK).astype(int),
-        steady_strain=found.strain,
-    )
-
-
 def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Array, Array]:
     """Eigenvalues and shapes, with derivatives by all that the matrices depend on."""
     dtype = system.mass.dtype
@@ -205,8 +128,8 @@ def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Arra
     if system.general:
         inside = coupled_with(system, found.direction).astype(dtype)
         return _pairs(system, ok, found, inside, None)
-    signature = np.where(_in_quadrature(system.coupling)[kinds], -1.0, 1.0)
-    signature = np.where(_mixed(system.coupling)[kinds], 0.0, signature)
+    signature = np.where(in_quadrature(system.coupling)[kinds], -1.0, 1.0)
+    signature = np.where(mixed(system.coupling)[kinds], 0.0, signature)
     place = np.array(
         [[f in first + second for f in Direction] for first, second in system.coupling]
     )
@@ -244,9 +167,18 @@ def _valued_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[An
     return _valued(*primals), tangents[1]
 
 
+_Forms = Callable[[Rotor, Scalar, Array, Any], tuple[Array, Array, Array]]
+
+
+@functools.lru_cache(maxsize=64)
+def _banded(bands: Bands) -> _Forms:
+    """Forms of matrices that are bands, whose functions are always the same."""
+    return lambda rotor, speed, shape, _: bands.forms(rotor, speed, shape)
+
+
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _eigenvalue(
-    bands: Bands, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
+    forms: _Forms, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, mixes: Any
 ) -> Array:
     """Eigenvalues that know their derivatives by rotor and speed,
 
@@ -258,16 +190,19 @@ def _eigenvalue(
 
 
 @_eigenvalue.defjvp
-def _eigenvalue_jvp(bands: Bands, primals: Any, tangents: Any) -> tuple[Array, Array]:
-    rotor, speed, _, shape = primals
+def _eigenvalue_jvp(forms: _Forms, primals: Any, tangents: Any) -> tuple[Array, Array]:
+    rotor, speed, _, shape, mixes = primals
     # Through the function itself, not its arguments: then this rule can be differentiated again.
-    lam = _eigenvalue(bands, *primals)
+    lam = _eigenvalue(forms, *primals)
 
-    def forms(rotor: Rotor, speed: Scalar) -> Any:
-        return bands.forms(rotor, speed, shape)
+    def at(rotor: Rotor, speed: Scalar) -> Any:
+        return forms(rotor, speed, shape, mixes)
 
-    (m, g, _), (dm, dg, dk) = jax.jvp(forms, (rotor, speed), tangents[:2])
-    return lam, -(lam**2 * dm + lam * dg + dk) / (2 * lam * m + g)
+    (m, g, _), (dm, dg, dk) = jax.jvp(at, (rotor, speed), tangents[:2])
+    change, slope = lam**2 * dm + lam * dg + dk, 2 * lam * m + g
+    if mixes is None:
+        return lam, -change / slope
+    return lam, -jax.vmap(quotient)(change, slope)  # hinges may leave a zero
 
 
 @jax.custom_jvp
@@ -319,33 +254,3 @@ def _eigenpairs_jvp(
         return -quotient(left @ force, left @ slope), solve(bordered, right)[:-1]
 
     return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, inside)
-
-
-def _in_quadrature(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
-    """Whether each direction moves in quadrature to others."""
-    return np.array(
-        [any(f in second and f not in first for first, second in coupling) for f in Direction]
-    )
-
-
-def _mixed(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
-    """Whether all may be coupled with each direction."""
-    return np.array(
-        [any(f in first and f in second for first, second in coupling) for f in Direction]
-    )
-
-
-def _sign(
-    model: AbstractModel, rotor: AnyRotor, system: LinearSystem, shape: Vectors, direction: Array
-) -> Inexact[Array, " k"]:
-    """Sign that makes the tip move the positive way in the direction that names the mode."""
-    own = whole = own_tip(model, rotor, shape, direction, system.shapes)
-    # Stable parts in quadrature are imaginary: x = (w, -i u).
-    own = jnp.where(jnp.asarray(_in_quadrature(system.coupling))[direction], -own.imag, own.real)
-    sign = jnp.where(own < 0, -1.0, 1.0)
-    if _mixed(system.coupling).any():  # then any phase is a sign
-        moving = jnp.where(whole == 0, 1.0, whole)
-        sign = jnp.where(
-            jnp.asarray(_mixed(system.coupling))[direction], jnp.abs(moving) / moving, sign
-        )
-    return jax.lax.stop_gradient(sign)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.bases.shapes import section_angle
+from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._numerics.linalg import largest, solve
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.span import Span, on

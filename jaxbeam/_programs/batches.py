@@ -127,6 +127,30 @@ def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None)
     return function
 
 
+def in_rows(
+    one: Callable[[list[Array]], Any], size: int, width: int, own: tuple[bool, ...],
+    leaves: list[Array],
+) -> Any:  # fmt: skip
+    """A batch of so many cases of a function, of which only so many are worked on together: for
+    what has more numbers than a cache bears. `own` says which leaves are of each case."""
+    rows = -(-size // width)
+    extra = rows * width - size
+
+    def cut(a: Array) -> Array:
+        # The last case fills up the last row.
+        a = jnp.concatenate([a, jnp.broadcast_to(a[-1:], (extra, *a.shape[1:]))])
+        return a.reshape(rows, width, *a.shape[1:])
+
+    def row(moving: list[Array]) -> Any:
+        rest = iter(moving)
+        here = [next(rest) if moves else a for a, moves in zip(leaves, own, strict=True)]
+        return jax.vmap(one, ([0 if moves else None for moves in own],))(here)
+
+    moving = [cut(a) for a, moves in zip(leaves, own, strict=True) if moves]
+    out = jax.lax.map(row, moving)
+    return jax.tree.map(lambda a: a.reshape(rows * width, *a.shape[2:])[:size], out)
+
+
 def mended(found: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
     """What was found of a batch; what is not certain is found `again`, case by case."""
     doubtful = jnp.argsort(certain)

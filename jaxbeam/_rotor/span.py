@@ -240,6 +240,11 @@ def _inside(points: int) -> np.ndarray:
 
 
 def polynomials(t: Any, count: int) -> Array:
-    """Chebyshev polynomials of 2 t - 1, (..., count): one operation, whatever their number is."""
-    angle = jnp.arccos(jnp.clip(2 * jnp.asarray(t) - 1, -1.0, 1.0))
-    return jnp.cos(angle[..., None] * np.arange(count).reshape(*(1,) * angle.ndim, -1))
+    """Chebyshev polynomials of 2 t - 1, (..., count), by T_(m+k) = 2 T_m T_k - T_(m-k)."""
+    x = (2 * jnp.asarray(t) - 1)[..., None]
+    out = jnp.concatenate([jnp.ones_like(x), x], -1)
+    while (m := out.shape[-1]) < count:
+        more = 2 * x * out[..., -1:] - out[..., -2:-1]
+        rest = 2 * more * out[..., 1:] - out[..., :0:-1]
+        out = jnp.concatenate([out, more, rest], -1)[..., : max(count, m + 1)]
+    return out[..., :count]

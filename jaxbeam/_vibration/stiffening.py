@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
-from jaxbeam._models.bases.shapes import Profile
+from jaxbeam._models.bases.loads import Profile
 from jaxbeam._models.contract.base import guarded
 from jaxbeam._models.modal.theories import Hybrid
 from jaxbeam._modes.modes import find

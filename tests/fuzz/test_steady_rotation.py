@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import jaxbeam as jb
 from jaxbeam import Status
-from jaxbeam._modes.modes import MANY
+from jaxbeam._modes.search import MANY
 from jaxbeam.models import Direction
 from tests.fuzz.scenes import absurd, build, evaluated, examples, judged_at_speed, spinning
 from tests.helpers import name

@@ -176,7 +176,7 @@ def test_choice_of_a_model():
 
 @pytest.mark.slow
 def test_a_large_batch_is_single_cases():
-    """Three hundred blades at once: no fast way, and the same numbers."""
+    """Three hundred blades at once, in rows, and the same numbers."""
 
     def frequency(stiffness):
         return jb.modes(FITTED, built(stiff=stiffness), 4.0, 2, throw=False).frequency
@@ -184,6 +184,48 @@ def test_a_large_batch_is_single_cases():
     stiffness = jnp.linspace(4.0, 6.0, 300)
     many = jax.jit(jax.vmap(frequency))(stiffness)
     np.testing.assert_allclose(many[17], frequency(stiffness[17]), rtol=1e-11)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("stretch", [0, 3])
+def test_blades_of_a_large_batch_fail_alone(stretch):
+    """Three hundred random blades at once, some of which fail: numbers, labels, estimates and
+    derivatives of single cases, in rows the last of which is not full. Without stretch derivatives
+    are by forms, with it by matrices."""
+    model, stations = jb.Hybrid(stretch, 6, 6), [0.0, 0.4, 0.4, 1.0]
+    draw = np.random.default_rng(8).uniform(0.7, 1.3, (300, 9))
+    draw[[3, 77], 0] = -1.0
+
+    def found(v):
+        taper = np.array([4.0, 3.0, 2.0, 1.0])
+        mass, flap = (jb.Spanwise(stations, s * taper) for s in (v[0], 300.0 * v[1:5]))
+        beam = jb.Beam(10.0, mass, 1e7, 3e3 * v[5], flap, twist=jb.Spanwise([0, 1], v[6:8]))
+        return jb.modes(model, jb.Rotor(beam, 1.0, 2.0 * v[8]), 3.0 * v[5], 4, throw=False)
+
+    def both(v):
+        return found(v), jax.jacrev(lambda v: found(v).frequency)(v)
+
+    many, slopes = jax.jit(jax.vmap(both))(jnp.asarray(draw))
+    one = jax.jit(both)
+    for i in (0, 3, 77, 123, 299):
+        single, slope = one(jnp.asarray(draw[i]))
+        mine = jax.tree.map(lambda a, i=i: a[i], many)
+        assert mine.status == single.status
+        if mine.status == jb.Status.OK:  # else numbers that are harmless have labels
+            assert mine.labels == single.labels
+            errors = mine.frequency_error, single.frequency_error
+            np.testing.assert_allclose(*errors, rtol=1e-2, atol=1e-12)
+        np.testing.assert_allclose(mine.frequency, single.frequency, rtol=1e-9)
+        np.testing.assert_allclose(mine.shape, single.shape, atol=1e-6)
+        np.testing.assert_allclose(slopes[i], slope, rtol=1e-7, atol=1e-9)
+    failed = np.asarray(many.status) != jb.Status.OK
+    invalid = np.asarray(many.status) == jb.Status.INVALID_MASS_PER_LENGTH
+    assert np.flatnonzero(invalid).tolist() == [3, 77]
+    assert np.isnan(many.frequency[failed]).all()
+    fine, step = np.flatnonzero(~failed)[0], 1e-5 * np.eye(9)[3]
+    ends = [one(jnp.asarray(draw[fine] + s * step))[0].frequency for s in (1, -1)]
+    # But for what six functions leave out.
+    np.testing.assert_allclose(slopes[fine][:, 3], (ends[0] - ends[1]) / 2e-5, atol=4e-3)
 
 
 @pytest.mark.exhaustive

@@ -9,7 +9,7 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._models.contract.base import checked_case
 from jaxbeam._modes.banded import bands_of
-from jaxbeam._modes.modes import MANY, is_certain
+from jaxbeam._modes.search import MANY, is_certain
 from jaxbeam._modes.wanted import choose
 from tests.references import power_series
 from tests.tiers import slow

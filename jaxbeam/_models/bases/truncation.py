@@ -21,7 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.bases.shapes import Counts, Profile, Shape, section_angle
+from jaxbeam._models.bases.loads import Counts, Profile, section_angle
+from jaxbeam._models.bases.shapes import Shape
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import TipBody
@@ -50,7 +51,7 @@ class _Case(NamedTuple):
         """int weight x^H y by x / L; without y x^H x, which is real."""
         weight = weight.reshape(-1, *(1,) * (x.ndim - 1))
         if y is None:
-            return self.span.total(weight * (x.real**2 + x.imag**2))
+            return self.span.total(weight * _square(x))
         return self.span.total(_times(weight, x.conj() * y))
 
     def tip(self, x: Shape) -> Array:
@@ -96,21 +97,35 @@ def frequency_error(
     pull: Array | None,
 ) -> Float[Array, " k"]:  # fmt: skip
     """Estimate for each eigenvalue, of which x are the shapes, relative; zero for zero ones. `pull`
-    is the tension of steady rotation, in N, None in a theory that does not know it."""
+    is the tension of steady rotation, in N, None in a theory that does not know it. Where shapes
+    are real, as without axial motion they are, squares of eigenvalues have to be so."""
     none = jnp.zeros_like(profile.mass)
     has_strain = pull is not None
     case = _Case(profile, rotor, speed, counts, none if pull is None else pull, has_strain)
     body, k = _Body.of(case), eigenvalue.size
-    d = _left_out(case, body, x, eigenvalue)
+    square = eigenvalue**2 if jnp.iscomplexobj(x.value) else (eigenvalue**2).real
+    d = _left_out(case, body, x, square, eigenvalue)
     both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], -1), x, d)
     m, g, stiffness, energy = _forms(case, body, both)
-    value = eigenvalue**2 * m[:k] + eigenvalue * g[:k] + stiffness[:k]
-    other = (eigenvalue**2 * m[k:] + eigenvalue * g[k:] + stiffness[k:]).real
+    forms = jnp.tile(square, 2) * m + stiffness
+    if g is not None:
+        forms = forms + jnp.tile(eigenvalue, 2) * g
+    value, other = forms[:k], forms[k:].real
     energy = energy[k:]
     safe = jnp.where(energy > 0, jnp.maximum(other, energy / 4), 1.0)
     error = energy**2 / safe + _MISSED * jnp.abs(value)
-    scale = jnp.abs(2 * eigenvalue * m[:k] + g[:k]) * jnp.abs(eigenvalue)
+    slope = 2 * eigenvalue * m[:k] + (0.0 if g is None else g[:k])
+    scale = jnp.abs(slope) * jnp.abs(eigenvalue)
     return jnp.where(scale > 0, error / jnp.where(scale > 0, scale, 1.0), 0.0)
+
+
+def forms(
+    x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, counts: Counts, pull: Array
+) -> tuple[Array, Array, Array]:
+    """x^H M x, x^H G x and x^H K x of shapes, with the tension `pull`."""
+    case = _Case(profile, rotor, speed, counts, pull, True)
+    m, g, k, _ = _forms(case, _Body.of(case), x)
+    return m, jnp.zeros_like(m) if g is None else g, k
 
 
 def tension(profile: Profile, rotor: Rotor, speed: Scalar, rounds: int = 0) -> Array:
@@ -129,57 +144,68 @@ def tension(profile: Profile, rotor: Rotor, speed: Scalar, rounds: int = 0) -> A
 
 def _times(real: Array, x: Array) -> Array:
     """The product, for which compilers would make the real factor complex."""
-    return jax.lax.complex(real * x.real, real * x.imag)
+    return jax.lax.complex(real * x.real, real * x.imag) if jnp.iscomplexobj(x) else real * x
+
+
+def _square(x: Array) -> Array:
+    """|x|^2."""
+    return x.real**2 + x.imag**2 if jnp.iscomplexobj(x) else x**2
 
 
 def _winding(case: _Case, x: Shape) -> Array:
     """int (v' w'' - w' v'') by x / L, of k shapes."""
-    v, w = x.slope[:, 1].conj(), x.slope[:, 2].conj()
-    wound: Array = case.span.total(v * x.curvature[:, 2] - w * x.curvature[:, 1]).real
+    v, w = x.slope[:, -2].conj(), x.slope[:, -1].conj()
+    wound: Array = case.span.total(v * x.curvature[:, -1] - w * x.curvature[:, -2]).real
     return wound
 
 
-def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array, Array, Array]:
-    """x^H M x, x^H G x and x^H K x of k shapes, and of this the strain energy without springs."""
+def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array | None, Array, Array]:
+    """x^H M x, x^H G x (None for zero) and x^H K x of k shapes, and of this the strain energy
+    without springs."""
     profile, length, mass, at_tip = (
         case.profile, case.rotor.beam.length, case.rotor.tip_mass, case.tip(x)
     )  # fmt: skip
-    carried = case.total(profile.mass, x.value) + mass * jnp.abs(at_tip) ** 2
-    swept = case.total(profile.mass, x.value[:, 1], x.value[:, 0])
-    swept = swept + mass * at_tip[1].conj() * at_tip[0]
-    strain = x.slope[:, 0]
-    first, second = profile.in_section_axes(x.curvature[:, 1], x.curvature[:, 2])
-    energy = (
-        case.total(profile.axial / length, strain)
-        + case.total(profile.in_plane / length**3, first)
-        + case.total(profile.flap / length**3, second)
+    carried, moves_axially = (
+        case.total(profile.mass, x.value) + mass * _square(at_tip),
+        x.value.shape[1] > 2,
     )
-    geometric = case.total(case.pull / length, x.slope[:, 1:]).sum(0)
-    m, k = carried.sum(0), energy - case.speed**2 * carried[:2].sum(0) + geometric
+    first, second = profile.in_section_axes(x.curvature[:, -2], x.curvature[:, -1])
+    energy = case.total(profile.in_plane / length**3, first) + case.total(
+        profile.flap / length**3, second
+    )
+    gyroscopic = None
+    if moves_axially:
+        energy = energy + case.total(profile.axial / length, x.slope[:, 0])
+        swept = case.total(profile.mass, x.value[:, 1], x.value[:, 0])
+        swept = swept + mass * at_tip[1].conj() * at_tip[0]
+        gyroscopic = 2 * case.speed * (swept - swept.conj())
+    geometric = case.total(case.pull / length, x.slope[:, -2:]).sum(0)
+    m, k = carried.sum(0), energy - case.speed**2 * carried[:-1].sum(0) + geometric
     if body is not None:
-        slope_there = x.tip_slope[1:]
+        slope_there = x.tip_slope[-2:]
         m = m + jnp.einsum("ik,ij,jk->k", slope_there.conj(), body.inertia, slope_there)
         k = k + jnp.einsum("ik,ij,jk->k", slope_there.conj(), body.stiffness, slope_there)
         if body.wound is not None:
             k = k + body.wound * _winding(case, x)
-    for root, spring in zip(x.root[1:], case.rotor.springs, strict=True):
+    for root, spring in zip(x.root[-2:], case.rotor.springs, strict=True):
         if spring is not None:
-            k = k + spring / length**2 * jnp.abs(root) ** 2
-    return m, 2 * case.speed * (swept - swept.conj()), k, energy
+            k = k + spring / length**2 * _square(root)
+    return m, gyroscopic, k, energy
 
 
-def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> Shape:
+def _left_out(case: _Case, body: _Body | None, x: Shape, square: Array, eigenvalue: Array) -> Shape:
     """d of the module's docstring."""
     profile, span, length = case.profile, case.span, case.rotor.beam.length
-    square, spin = eigenvalue**2, case.speed
-    swings, drags = square - spin**2, 2 * spin * eigenvalue
+    swings, drags = square - case.speed**2, 2 * case.speed * eigenvalue
 
     def inertia(moved: Array) -> Array:
-        """Forces over the mass, of displacements (..., 3, k)."""
-        along, in_plane, flap = (moved[..., way, :] for way in range(3))
+        """Forces over the mass, of displacements (..., 3 or 2, k)."""
         swing, drag, own = (
-            a.reshape(*(1,) * (along.ndim - 1), -1) for a in (swings, drags, square)
+            a.reshape(*(1,) * (moved.ndim - 2), -1) for a in (swings, drags, square)
         )
+        if moved.shape[-2] == 2:
+            return -jnp.stack([swing, own], -2) * moved
+        along, in_plane, flap = (moved[..., way, :] for way in range(3))
         rows = [drag * in_plane - swing * along, -drag * along - swing * in_plane]
         return jnp.stack([*rows, -own * flap], -2)
 
@@ -187,32 +213,35 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, eigenvalue: Array) -> S
     # Of displacements times the mass, of which forces are the sums over what is farther out.
     carried = span.beyond(_times(profile.mass[:, None, None], x.value))
     arm = case.rotor.tip_body.centre(1 - span.xi, 1.0, length)
-    bends = x.slope[:, 1:]
+    bends = x.slope[:, -2:]
     moment = (
-        length * inertia(span.beyond(carried))[:, 1:]
-        + length * at_tip[None, 1:] * arm[:, None, None]
+        length * inertia(span.beyond(carried))[:, -2:]
+        + length * at_tip[None, -2:] * arm[:, None, None]
         - span.beyond(_times(case.pull[:, None, None], bends))
     )
     if body is not None:
-        slope_there = x.tip_slope[1:]
+        slope_there = x.tip_slope[-2:]
         held = body.inertia @ (square[None] * slope_there) + body.stiffness @ slope_there
         moment = moment - length * held[None]
         if body.wound is not None:
             winding = (bends - slope_there[None] / 2)[:, ::-1] * np.array([[[1.0], [-1.0]]])
             moment = moment + length * body.wound * winding
-    bent = length**2 * _curvatures(case, moment) - x.curvature[:, 1:]
+    bent = length**2 * _curvatures(case, moment) - x.curvature[:, -2:]
     bent = bent * np.sign(case.counts[1:])[None, :, None]
-    strain = moved = jnp.zeros_like(bent[:, :1])
-    if case.counts[0]:
-        pulled = inertia(carried)[:, :1] + at_tip[None, :1]
-        strain = length / profile.axial[:, None, None] * pulled - x.slope[:, :1]
-        moved = span.up_to(strain)
     in_section_axes = span.up_to(bent)
-    slope = jnp.concatenate([strain, in_section_axes], 1)
     none = jnp.zeros_like(x.tip)
-    slope_there = none.at[1:].set(span.total(bent))
-    curvature = jnp.concatenate([0 * strain, bent], 1)
-    value = jnp.concatenate([moved, span.up_to(in_section_axes)], 1)
+    slope_there = none.at[-2:].set(span.total(bent))
+    slope, curvature, value = in_section_axes, bent, span.up_to(in_section_axes)
+    if x.value.shape[1] > 2:
+        strain = moved = jnp.zeros_like(bent[:, :1])
+        if case.counts[0]:
+            pulled = inertia(carried)[:, :1] + at_tip[None, :1]
+            strain = length / profile.axial[:, None, None] * pulled - x.slope[:, :1]
+            moved = span.up_to(strain)
+        slope, curvature, value = (
+            jnp.concatenate(both, 1)
+            for both in ((strain, slope), (0 * strain, curvature), (moved, value))
+        )
     return Shape(value, slope, curvature, span.total(slope), slope_there, none)
 
 

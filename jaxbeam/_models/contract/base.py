@@ -298,6 +298,18 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         that is not estimated."""
         return None
 
+    def mixes(self, system: LinearSystem, rotor: TheRotor) -> Any:
+        """What functions on a beam that varies are made of, where `forms` are known of them; else
+        None."""
+        return None
+
+    def forms(
+        self, rotor: TheRotor, speed: Scalar, shape: Array, mixes: Any
+    ) -> tuple[Array, Array, Array]:
+        """x^T M x, x^T G x and x^T K x of shapes, by which eigenvalues have derivatives for less
+        than by matrices: where `mixes` are known."""
+        raise NotImplementedError
+
     def bands(self) -> BandTables | NodeByNode | None:
         """How matrices of small motion are bands, which makes `modes` fast; None: they are not.
 

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, Functions
-from jaxbeam._models.bases.shapes import COMPONENTS, Counts, Shapes, all_functions, sampled
+from jaxbeam._models.bases.loads import Counts
+from jaxbeam._models.bases.shapes import COMPONENTS, Shapes, all_functions, sampled
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.modal.shape_integrals import (

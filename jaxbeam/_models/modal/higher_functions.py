@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
-from jaxbeam._models.bases.shapes import Counts
+from jaxbeam._models.bases.loads import Counts
 from jaxbeam._models.modal.shape_integrals import shape_integrals
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._types import Scalar

@@ -13,14 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxbeam._models.bases.basis import Basis, bending_integrals, stretch_integrals
-from jaxbeam._models.bases.shapes import (
-    COMPONENTS,
-    Counts,
-    Profile,
-    Shapes,
-    all_functions,
-    ends_of,
-)
+from jaxbeam._models.bases.loads import Counts, Profile
+from jaxbeam._models.bases.shapes import COMPONENTS, Shapes, all_functions, ends_of
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import outboard

@@ -25,18 +25,16 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import check_kind, count_functions
 from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
+from jaxbeam._models.bases.loads import Counts, Kind, Mixes, Profile
 from jaxbeam._models.bases.shapes import (
-    Counts,
-    Kind,
-    Profile,
     Shapes,
     all_functions,
-    finer,
     follows,
     of_basis,
+    shape_of,
     shapes_on,
 )
-from jaxbeam._models.bases.truncation import frequency_error, tension
+from jaxbeam._models.bases.truncation import forms, frequency_error, tension
 from jaxbeam._models.contract.bands import BandTables
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
@@ -120,16 +118,21 @@ class _Modal(CartesianModel):
         `truncation.py`."""
         if rotor.beam.is_uniform or rotor.precone is not None:
             return None
-        places = np.split(np.arange(sum(self.counts)), np.cumsum(self.counts)[:-1])
-        parts = [shape.T[place] for place in places]
+        # Without axial motion all shapes are real.
+        shape = shape if self.n_stretch else shape.real
+        parts = self._by_direction(shape)
         if system.shapes is not None and system.shapes.mixes is not None:
-            profile, found = finer(self._kind, rotor, system.shapes.mixes, parts)
+            profile, found = shape_of(self._kind, rotor, system.shapes.mixes, parts, 2)
         else:
             span = self.basis.rule(2 * self.products, shortened(rotor.beam.edges))
             profile = Profile.of(rotor, span)
             found = of_basis(self.basis, self.counts, span, parts)
         pull = self.tension(rotor, profile, speed)
         return frequency_error(found, profile, rotor, speed, eigenvalue, self.counts, pull)
+
+    def _by_direction(self, shape: Array) -> list[Array]:
+        """Coordinates (k, n) as (n, k) of each direction."""
+        return jnp.split(shape.T, np.cumsum(self.counts)[:-1])
 
     @property
     def stretch_follows(self) -> bool:
@@ -217,6 +220,20 @@ class Hybrid(_Linear):
                 "frequencies of a coned beam"
             )
         return coned_system(rotor, speed, self.sampled(rotor, self.shapes(rotor)), self.directions)
+
+    def mixes(self, system: LinearSystem, rotor: Rotor) -> Mixes | None:
+        """Combinations of loads, of a model without stretch; what derives from this has none."""
+        alone = type(self) is Hybrid and not self.n_stretch and rotor.precone is None
+        return system.shapes.mixes if alone and system.shapes is not None else None
+
+    def forms(
+        self, rotor: Rotor, speed: Scalar, shape: Array, mixes: Mixes
+    ) -> tuple[Array, Array, Array]:
+        """Forms by integrals of the shapes themselves, much fewer than those of functions."""
+        profile, x = shape_of(self._kind, rotor, mixes, self._by_direction(shape.real))
+        pull = self.tension(rotor, profile, speed)
+        assert pull is not None
+        return forms(x, profile, rotor, speed, self.counts, pull)
 
     def bands(self) -> BandTables | None:
         """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""

@@ -22,7 +22,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxbeam._models.bases.shapes import Shapes, section_angle
+from jaxbeam._models.bases.loads import section_angle
+from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.modal.shape_integrals import one_hots
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor

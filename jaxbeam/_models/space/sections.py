@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.ancf.sections import Cuts, at_points, cuts, each_element, gauss_points, rules
 from jaxbeam._models.bases.basis import hermite
-from jaxbeam._models.bases.shapes import section_angle
+from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._models.contract.strained import Parts
 from jaxbeam._models.space.energies import GAUSS, SIMPSON, SpatialElement, spatial_rule
 from jaxbeam._programs.lanes import contract

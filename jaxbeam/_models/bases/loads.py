@@ -1,0 +1,286 @@
+"""Functions that suit a beam as built: what loads do to it.
+
+A dozen polynomials cannot follow the curvature of a blade, which has every kink and step of 1 / EI,
+and of the mass. What they can follow is the load. So functions on a beam that varies are its own
+deflections: by loads that are its mass per length times polynomials, by a force at the tip, by a
+moment there if it has a body, and by the pull of the tension on slopes, which has the steps of the
+curvature. Nothing is divided by the length of a segment, or approximated but by quadrature.
+
+With c the compliance, m the mass per length and T the tension at unit speed, bending moments are
+
+    int_x^1 (y - x) m p_k dy,   1 - x,   1,   int_x^1 T g_k' dy with g_k'' = c p_k
+
+(and g' = 1 where the root yields), curvatures are c times that, all over x / L. With twist or pitch
+the same moments bend the beam across, too. Of these more than twice as many are made as functions
+are asked for; a singular value decomposition keeps what counts most, each being given the share of
+motion that its polynomial has.
+
+Without tension they are one step of inverse iteration from polynomials, the Ritz vectors of E. L.
+Wilson, M. Yuan, J. M. Dickens, Earthquake Engineering and Structural Dynamics 10, 1982.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxbeam._models.bases.basis import Polynomials
+from jaxbeam._numerics.linalg import principal_rows
+from jaxbeam._programs.platforms import once
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
+from jaxbeam._rotor.spanwise import Property
+
+Counts = tuple[int, int, int]  # of axial, in-plane and flap functions
+_FALLS = 6.0  # the share of a load with the power of its number
+_MORE = 5  # points of a segment, besides those that polynomials need
+
+
+# Of each direction, how functions are made of what loads do; without derivatives. What loads do to
+# the beam has them; that the choice of combinations moves as well changes a derivative by no more
+# than the functions that are left out do.
+Mixes = tuple[Array, Array, Array]
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """What functions are asked for: as static as the model that asks."""
+
+    counts: Counts
+    grading: int  # of polynomials
+    points: int  # products of so many functions are integrated
+    arc_length: bool  # stretch has N / EA for strain; else polynomials, which follow bending, too
+
+    def bent(self, rotor: Rotor) -> list[int]:
+        """How many functions bend, in plane and in flap: where the root yields, one turns there."""
+        counts = zip(self.counts[1:], rotor.springs, strict=True)
+        return [max(n - (spring is not None), 0) for n, spring in counts]
+
+
+def span_of(kind: Kind, rotor: Rotor, finer: int = 1) -> Span:
+    """Points of integration; `finer` cuts segments into so many."""
+    beam = rotor.beam
+    cut = shortened(beam.edges, kind.grading > 1)
+    more = _MORE + 3 * (kind.grading > 1)  # towards the root powers are not whole
+    points = Polynomials(kind.grading).points(kind.points, cut, more)
+    if finer > 1:
+        inner = np.linspace(cut[:-1], cut[1:], finer, endpoint=False).T.ravel()
+        cut = (*inner.tolist(), 1.0)
+    stiffnesses = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
+    stiffnesses += [beam.axial_stiffness] if kind.counts[0] else []
+    return Span.following(stiffnesses, cut, points)
+
+
+class Profile(eqx.Module):
+    """Properties of a rotor's beam at the points of a span."""
+
+    span: Span
+    mass: Array  # by x / L, kg
+    axial: Array
+    in_plane: Array
+    flap: Array
+    section_axes: tuple[Array, Array] | None  # cosine and sine of their angle, where turned
+
+    @classmethod
+    def of(cls, rotor: Rotor, span: Span) -> Self:
+        beam = rotor.beam
+        mass, axial, in_plane, flap = (
+            on(value, span)
+            for value in (
+                beam.mass_per_length, beam.axial_stiffness, beam.in_plane_bending_stiffness,
+                beam.flap_bending_stiffness,
+            )
+        )  # fmt: skip
+        angle = section_angle(rotor, functools.partial(on, span=span))
+        section_axes = None
+        if angle is not None:
+            cos, sin = once(jnp.stack([jnp.cos(angle), jnp.sin(angle)]))
+            section_axes = cos, sin
+        return cls(span, beam.length * mass, axial, in_plane, flap, section_axes)
+
+    @property
+    def compliances(self) -> tuple[list[Array], Array | None]:
+        """1 / EI in plane and in flap, and of moments about the one axis on curvature about the
+        other: c^2 / EI_zz + s^2 / EI_yy and so on, and (1 / EI_zz - 1 / EI_yy) s c."""
+        zz, yy = 1 / self.in_plane, 1 / self.flap
+        if self.section_axes is None:
+            return [zz, yy], None
+        cos, sin = self.section_axes
+        return [cos**2 * zz + sin**2 * yy, cos**2 * yy + sin**2 * zz], (zz - yy) * sin * cos
+
+    def in_section_axes(self, in_plane: Array, flap: Array) -> tuple[Array, Array]:
+        """Curvatures or slopes (p, n) in the axes of sections, which twist and pitch turn: about
+        that of the stiffness in plane, and across."""
+        if self.section_axes is None:
+            return in_plane, flap
+        cos, sin = (a[:, None] for a in self.section_axes)
+        return in_plane * cos + flap * sin, flap * cos - in_plane * sin
+
+
+class Loads(eqx.Module):
+    """Loads on a rotor's beam at the points of a span, and what they do there.
+
+    In each direction that bends, of n functions, they are n moments, n // 2 pulls of the tension
+    and, where sections are turned, n moments across.
+    """
+
+    profile: Profile
+    shapes: Array  # (p, k) polynomials
+    share: Array  # of the mass, (p,)
+    tension: Array  # at unit speed, over the mass and the length
+    own: tuple[Array, Array]  # compliances of both directions, over that of the mean, (p,)
+    across: tuple[Array, Array] | None
+    axial: Array  # stiffness, over that of the mean
+    kind: Kind = eqx.field(static=True)
+    bent: tuple[int, ...] = eqx.field(static=True)  # functions that bend, in plane and in flap
+    yields: tuple[bool, ...] = eqx.field(static=True)
+    body: bool = eqx.field(static=True)
+
+    @classmethod
+    def on(cls, kind: Kind, rotor: Rotor, span: Span) -> Self:
+        beam, length = rotor.beam, rotor.beam.length
+        mean, profile = beam.mean, Profile.of(rotor, span)
+        share, outside, moment = outboard(beam.mass_per_length, span)
+        beside = rotor.tip_mass / beam.mass * rotor.tip_mass_radius / length
+        (first, second), across = profile.compliances
+        in_plane, flap = mean.in_plane_bending_stiffness, mean.flap_bending_stiffness
+        one = jnp.ones_like(span.xi)
+        return cls(
+            profile=profile,
+            shapes=polynomials(span.xi ** (1 / kind.grading), max(*kind.counts, 1)),
+            share=share,
+            tension=beside + rotor.hub_radius / length * outside + moment,
+            own=(in_plane * first, flap * second),
+            across=None if across is None else (in_plane * across, flap * across),
+            axial=profile.axial / mean.axial_stiffness if kind.arc_length else one,
+            kind=kind,
+            bent=tuple(kind.bent(rotor)),
+            yields=tuple(spring is not None for spring in rotor.springs),
+            body=rotor.tip_body.is_body,
+        )
+
+    @property
+    def stiffness(self) -> tuple[Array, Array, Array]:
+        """What strains and curvatures are weighed with, (p,) each."""
+        return self.axial, 1 / self.own[0], 1 / self.own[1]
+
+    def raw(self) -> tuple[Array, Array, Array]:
+        """Strains, and curvatures in plane and in flap, by each load, (p, loads)."""
+        span, stretches = self.profile.span, self.shapes
+        force = span.beyond(self.share[:, None] * self.shapes)
+        if self.kind.arc_length:
+            stretches = _ordered(force, jnp.ones_like(span.xi), False) / self.axial[:, None]
+        moments = _ordered(span.beyond(force), 1 - span.xi, self.body)
+        pulls = self._pulls([jnp.eye(n // 2, dtype=force.dtype) for n in self.bent])
+        raw = []
+        for way, (n, pull) in enumerate(zip(self.bent, pulls, strict=True)):
+            columns = [self.own[way][:, None] * jnp.concatenate([moments[:, :n], pull], 1)]
+            if self.across is not None:
+                columns.append(self.across[way][:, None] * moments[:, :n])
+            raw.append(jnp.concatenate(columns, 1))
+        return stretches[:, : self.kind.counts[0]], raw[0], raw[1]
+
+    def strains(self, mixes: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Strains and curvatures by k combinations of loads, (loads, k) of each direction: for few
+        of them it takes much less."""
+        groups, halves = [], []
+        for n, mix in zip(self.bent, mixes[1:], strict=True):
+            moments, pulls, across = jnp.split(mix, [n, n + n // 2])
+            groups += [moments] if self.across is None else [moments, across]
+            halves.append(pulls)
+        bent = jnp.split(self._moments(groups), len(groups), 1)
+        each, raw = len(groups) // 2, []
+        for way, pull in enumerate(self._pulls(halves)):
+            curvature = self.own[way][:, None] * (bent[each * way] + pull)
+            if self.across is not None:
+                curvature = curvature + self.across[way][:, None] * bent[each * way + 1]
+            raw.append(curvature)
+        return self._stretches(mixes[0]), raw[0], raw[1]
+
+    def _stretches(self, mix: Array) -> Array:
+        if not self.kind.arc_length or not len(mix):
+            return self.shapes[:, : len(mix)] @ mix
+        by_mass, by_tip = self._sorted(mix, 1)
+        force = self.profile.span.beyond(self.share[:, None] * (self.shapes @ by_mass))
+        return (force + by_tip) / self.axial[:, None]
+
+    def _moments(self, groups: Sequence[Array]) -> Array:
+        span, body = self.profile.span, 2 if self.body else 1
+        both = (self._sorted(group, body) for group in groups)
+        by_mass, by_tip = (jnp.concatenate(same, 1) for same in zip(*both, strict=True))
+        force = span.beyond(self.share[:, None] * (self.shapes @ by_mass))
+        moments = span.beyond(force) + (1 - span.xi)[:, None] * by_tip[:1]
+        return moments + by_tip[1:] if self.body else moments
+
+    def _sorted(self, mix: Array, ends: int) -> tuple[Array, Array]:
+        """Combinations of `_ordered` loads: those by polynomials, and those at the tip."""
+        by_mass, by_tip = jnp.concatenate([mix[:1], mix[1 + ends :]]), mix[1 : 1 + ends]
+        sizes = (self.shapes.shape[1], ends)
+        whole = (
+            jnp.pad(part[:size], ((0, size - len(part[:size])), (0, 0)))
+            for part, size in zip((by_mass, by_tip), sizes, strict=True)
+        )
+        first, second = whole
+        return first, second
+
+    def _pulls(self, halves: Sequence[Array]) -> list[Array]:
+        """Moments of the tension on slopes, in plane and in flap."""
+        span, bent, at_root = self.profile.span, [], []
+        for own, half, yields in zip(self.own, halves, self.yields, strict=True):
+            first = half[:1] if yields else half[:0]
+            rest = half[len(first) :]
+            bent.append(own[:, None] * (self.shapes[:, : len(rest)] @ rest))
+            at_root.append(jnp.sum(first, 0))
+        slopes = span.up_to(jnp.concatenate(bent, 1)) + jnp.concatenate(at_root)[None]
+        return jnp.split(span.beyond(self.tension[:, None] * slopes), [halves[0].shape[1]], 1)
+
+
+def _ordered(by_mass: Array, by_tip: Array, body: bool) -> Array:
+    """Loads in the order in which they count: the first polynomial, the tip, all others."""
+    tip = [by_tip[:, None]] + [jnp.ones_like(by_tip[:, None])] * body
+    return jnp.concatenate([by_mass[:, :1], *tip, by_mass[:, 1:]], 1)
+
+
+def mixed(loads: Loads, raw: tuple[Array, Array, Array]) -> Mixes:
+    """Combinations that are orthonormal in their strain energy."""
+    weight, each = loads.profile.span.weight, zip(raw, loads.stiffness, strict=True)
+    stretch, *bent = (
+        jax.lax.stop_gradient(jnp.sqrt(weight * stiffness)[:, None] * columns)
+        for columns, stiffness in each
+    )
+    in_plane, flap = (_mix(columns, n, n // 2) for columns, n in zip(bent, loads.bent, strict=True))
+    return _mix(stretch, loads.kind.counts[0], 0), in_plane, flap
+
+
+def _mix(columns: Array, n: int, pulled: int) -> Array:
+    """Combinations of columns (loads, by tension, across), so many, for which they do most.
+
+    A load counts the less the higher its polynomial, and what tension does, or a moment across, as
+    its polynomial would. Of what loads do already (of a uniform beam all that tension does is that)
+    little is left, so that there are always as many functions that are independent.
+    """
+    if not n:
+        return jnp.zeros((columns.shape[1], 0), columns.dtype)
+    size = jnp.linalg.norm(columns, axis=0)
+    # A moment across has the size of the same moment's own curvature: it may be next to nothing.
+    size = jnp.concatenate([size[: n + pulled], size[: columns.shape[1] - n - pulled]])
+    rank = np.concatenate([np.arange(k) for k in (n, pulled, columns.shape[1] - n - pulled)])
+    share: Any = (1.0 + rank) ** -_FALLS / size
+    value, rows = principal_rows(columns * share[None])
+    value = jnp.maximum(value, jnp.finfo(value.dtype).eps * value[0])
+    return share[:, None] * (rows[:n] / value[:n, None]).T
+
+
+def section_angle(rotor: Rotor, at: Callable[[Property], Array]) -> Any:
+    """The angle by which twist and pitch turn sections, `at` some places; None where they are not
+    turned."""
+    if not rotor.couples_bending:
+        return None
+    angles = [at(angle) for angle in (rotor.beam.twist, rotor.pitch) if angle is not None]
+    return functools.reduce(jnp.add, angles)

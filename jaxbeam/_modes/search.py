@@ -1,0 +1,169 @@
+"""The search for modes: case by case, or of many cases side by side, without derivatives."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Inexact
+
+from jaxbeam._models.bases.loads import Mixes
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.modal.cartesian_model import CartesianModel
+from jaxbeam._modes.banded import Bands, Lowest
+from jaxbeam._modes.dense import TOLERANCE, dense_modes
+from jaxbeam._modes.result import Modes, own_tip
+from jaxbeam._modes.wanted import Wanted
+from jaxbeam._programs.batches import batchable, in_rows, mended
+from jaxbeam._programs.platforms import by_platform
+from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.directions import CouplingGroup, Direction
+from jaxbeam._status import Status
+from jaxbeam._types import Scalar
+
+MANY = 256  # cases from which it pays to compile what is fast for a CPU
+_ROW = 16  # cases of beams that vary whose integrals stay in the cache of a CPU
+_Case = tuple[AnyRotor, Scalar, Wanted]  # and its speed
+
+
+def search(
+    model: AbstractModel, bands: Bands | None, system: LinearSystem, case: _Case, free: bool,
+    judged: bool,
+) -> tuple[Modes, Mixes | None]:  # fmt: skip
+    """The modes, with signs that make tips move the positive way, and, if they are to be `judged`,
+    the estimate of their errors; and what functions are made of where `forms` of the model bear
+    derivatives. By dense matrices, which compile soon; of many cases by bands, and by dense
+    matrices where that is not certain."""
+    if bands is not None:
+        found = _by_bands(model, bands, system, case)
+        sign = _sign(model, case[0], system, found)
+        return dataclasses.replace(found, shape=found.shape * sign[:, None]), None
+    leaves, tree = jax.tree.flatten((system, case))
+
+    def complete(system: LinearSystem, case: _Case) -> tuple[Modes, Mixes | None]:
+        rotor, speed, wanted = case
+        found = dense_modes(system, wanted, free)
+        shape = found.shape * _sign(model, rotor, system, found)[:, None]
+        error = None
+        if judged:
+            error = model.frequency_error(system, rotor, speed, found.eigenvalue, shape)
+        found = dataclasses.replace(found, shape=shape, frequency_error=error)
+        return found, model.mixes(system, rotor) if judged else None
+
+    def one(leaves: list[Array]) -> tuple[Modes, Mixes | None]:
+        return complete(*jax.tree.unflatten(tree, leaves))
+
+    def alone(leaves: list[Array]) -> tuple[Modes, Mixes | None]:
+        _, case = jax.tree.unflatten(tree, leaves)
+        # Not the matrices that are there: they need not be made of all cases then.
+        return complete(model.matrices(case[0], case[1]), case)
+
+    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Any:
+        def rows(leaves: list[Array]) -> Any:
+            return in_rows(alone, size, _ROW, own, leaves)
+
+        at_once = jax.vmap(one, ([0 if varies else None for varies in own],))
+        return by_platform(leaves, cpu=rows if size > _ROW else at_once, default=at_once)
+
+    rotor = case[0]
+    varies = isinstance(rotor, Rotor) and not rotor.beam.is_uniform
+    if judged and varies and isinstance(model, CartesianModel):
+        return batchable(one, many)(leaves)
+    return one(leaves)
+
+
+def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Case) -> Modes:
+    leaves, tree = jax.tree.flatten((system, case))
+
+    def dense(leaves: list[Array]) -> Modes:
+        system, (_, _, wanted) = jax.tree.unflatten(tree, leaves)
+        return dense_modes(system, wanted)
+
+    def quick(leaves: list[Array]) -> tuple[Modes, Array]:
+        _, (rotor, speed, wanted) = jax.tree.unflatten(tree, leaves)
+        named = wanted.named and tuple(a.astype(speed.dtype) for a in wanted.named)
+        found = bands.lowest(rotor, speed, named)
+        return _as_found(model, found), is_certain(found)
+
+    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Modes:
+        axes = [0 if varies else None for varies in own]
+
+        def by_bands(leaves: list[Array]) -> Modes:
+            def again(which: Array) -> Modes:
+                here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
+                _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
+                # Not the matrices that are there: they need not be made of all cases then.
+                return dense_modes(model.matrices(rotor, speed), wanted)
+
+            return mended(*jax.vmap(quick, (axes,))(leaves), again)
+
+        if size >= MANY:
+            return by_bands(leaves)
+        # Elsewhere libraries take one case at a time for much longer than bands take all.
+        return by_platform(leaves, cpu=jax.vmap(dense, (axes,)), default=by_bands)
+
+    return batchable(dense, many)(leaves)
+
+
+def is_certain(found: Lowest) -> Array:
+    """Whether a search in bands can be relied on."""
+    entries = found.entries
+    small = TOLERANCE * jnp.finfo(entries.residual.dtype).eps
+    numbers = jnp.isfinite(entries.omega) & jnp.all(jnp.isfinite(entries.x), 1)
+    return jnp.all((entries.certain > 0) & (entries.residual <= small) & numbers)
+
+
+def _as_found(model: AbstractModel, found: Lowest) -> Modes:
+    omega, x, direction, number, along, residual, _ = found.entries
+    axial = np.array([direction == Direction.AXIAL for direction in model.directions])
+    shape = jax.lax.complex(jnp.where(axial, 0.0, x), jnp.where(axial, -x, 0.0))
+    flap = jnp.where(direction == Direction.FLAP, 1.0, 0.0)
+    share = {
+        Direction.AXIAL: along,
+        Direction.IN_PLANE: 1 - flap - along,
+        Direction.FLAP: flap,
+        Direction.TORSION: 0 * flap,
+    }
+    return Modes(
+        eigenvalue=jax.lax.complex(0 * omega, omega),
+        shape=shape,
+        direction=direction.astype(int),
+        number=number.astype(int),
+        energy_share=jnp.stack([share[direction] for direction in Direction], -1),
+        residual=residual,
+        status=jnp.asarray(Status.OK).astype(int),
+        steady_strain=found.strain,
+    )
+
+
+def in_quadrature(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
+    """Whether each direction moves in quadrature to others."""
+    return np.array(
+        [any(f in second and f not in first for first, second in coupling) for f in Direction]
+    )
+
+
+def mixed(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
+    """Whether all may be coupled with each direction."""
+    return np.array(
+        [any(f in first and f in second for first, second in coupling) for f in Direction]
+    )
+
+
+def _sign(
+    model: AbstractModel, rotor: AnyRotor, system: LinearSystem, found: Modes
+) -> Inexact[Array, " k"]:
+    """Sign that makes the tip move the positive way in the direction that names the mode."""
+    shape, direction = found.shape, found.direction
+    own = whole = own_tip(model, rotor, shape, direction, system.shapes)
+    # Stable parts in quadrature are imaginary: x = (w, -i u).
+    own = jnp.where(jnp.asarray(in_quadrature(system.coupling))[direction], -own.imag, own.real)
+    sign = jnp.where(own < 0, -1.0, 1.0)
+    if mixed(system.coupling).any():  # then any phase is a sign
+        moving = jnp.where(whole == 0, 1.0, whole)
+        sign = jnp.where(
+            jnp.asarray(mixed(system.coupling))[direction], jnp.abs(moving) / moving, sign
+        )
+    return jax.lax.stop_gradient(sign)
