@@ -40,7 +40,9 @@ _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
 _FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
 
 
-def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., Any]:
+def kernel(
+    function: Callable[..., Any], shared: bool = True, adjoint: Callable[..., Any] | None = None
+) -> Callable[..., Any]:
     """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
 
     Reverse mode may be asked for once: higher derivatives are forward over that.
@@ -48,13 +50,17 @@ def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., A
     alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
     its first argument has lanes of length one if `shared`, to be broadcast as NumPy does.
 
+    In `reverse_mode` an `adjoint` takes the place of the transpose: from which leaves of the
+    arguments move, the arguments, and what belongs to the result, to what belongs to the arguments,
+    None for those that do not move.
+
     On a CPU it and its first derivatives are compiled to one function each, where they consist of
     operations that allow it. Keep what this returns: it is traced once.
     """
     plain = _jitted(function)
     fast = _batched(plain, shared)
     maps = functools.cache(functools.partial(_maps, plain))
-    pulled, both_ways = _in_reverse(fast, maps), _both_ways(fast, maps)
+    pulled, both_ways = _in_reverse(fast, maps, adjoint), _both_ways(fast, maps)
 
     def call(*args: Any) -> Any:
         return (pulled if _IN_REVERSE.get() else both_ways)(*args)
@@ -73,6 +79,11 @@ def reverse_mode() -> Iterator[None]:
         yield
     finally:
         _IN_REVERSE.reset(token)
+
+
+def in_reverse_mode() -> bool:
+    """Whether this is called within `reverse_mode`."""
+    return _IN_REVERSE.get()
 
 
 def _is_zero(rate: Any) -> bool:
@@ -110,12 +121,21 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
     return push, pull
 
 
-def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
+def _in_reverse(
+    fast: Callable[..., Any], maps: _Maps, adjoint: Callable[..., Any] | None
+) -> Callable[..., Any]:
     """Returns `fast` with derivatives in reverse mode alone."""
 
     @functools.cache
     def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
-        return kernel(maps(tree, moving)[1], shared=False)
+        def pull(still: list[Array], at: list[Array], out: Any) -> list[Array]:
+            rest, moved = iter(still), iter(at)
+            leaves = [next(moved) if moves else next(rest) for moves in moving]
+            which, args = (jax.tree.unflatten(tree, part) for part in (moving, leaves))
+            assert adjoint is not None
+            return jax.tree.leaves(adjoint(which, args, out))
+
+        return kernel(maps(tree, moving)[1] if adjoint is None else pull, shared=False)
 
     @jax.custom_vjp
     def pulled(*args: Any) -> Any:

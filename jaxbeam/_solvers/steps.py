@@ -6,12 +6,13 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.kernel import kernel
+from jaxbeam._programs.kernel import in_reverse_mode, kernel
 from jaxbeam._programs.lanes import beside, contract
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
@@ -81,20 +82,61 @@ Core = Callable[..., Any]
 
 
 def run_core(
-    core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any
-) -> Any:
+    core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any,
+    adjoint: Core | None = None,
+) -> Any:  # fmt: skip
     """core(solver, system, *arrays), a `kernel` where the system allows it; then the core must not
-    ask the system for its inputs."""
+    ask the system for its inputs.
+
+    In `reverse_mode` an adjoint, if there is one, takes the place of the transpose: see
+    `kernel`. Its arguments have the system, not its leaves, and the solver comes before them.
+    """
     part = system.kernel
     if part is None:
-        return core(solver, system, *arrays)
+        if adjoint is None or not in_reverse_mode():
+            return core(solver, system, *arrays)
+        return _with_adjoint((system, *arrays), core, adjoint, solver)
     leaves, tree = jax.tree.flatten(part)
-    return _kernel(core, solver, tree)(leaves, *arrays)
+    return _kernel(core, solver, tree, adjoint)(leaves, *arrays)
 
 
 @functools.lru_cache(maxsize=100)
-def _kernel(core: Core, solver: SecondOrderSolver | None, tree: Any) -> Callable[..., Any]:
-    return kernel(lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays))
+def _kernel(
+    core: Core, solver: SecondOrderSolver | None, tree: Any, adjoint: Core | None
+) -> Callable[..., Any]:
+    def function(leaves: Any, *arrays: Any) -> Any:
+        return core(solver, jax.tree.unflatten(tree, leaves), *arrays)
+
+    def back(moving: Any, args: Any, out: Any) -> Any:
+        assert adjoint is not None
+        moving, args = ((jax.tree.unflatten(tree, a[0]), *a[1:]) for a in (moving, args))
+        system, *rest = adjoint(solver, moving, args, out)
+        return system, *rest
+
+    return kernel(function, adjoint=None if adjoint is None else back)
+
+
+@eqx.filter_custom_vjp
+def _with_adjoint(args: Any, core: Core, adjoint: Core, solver: SecondOrderSolver | None) -> Any:
+    return core(solver, *args)
+
+
+@_with_adjoint.def_fwd
+def _forwards(perturbed: Any, args: Any, core: Core, *rest: Any) -> tuple[Any, None]:
+    return core(rest[1], *args), None
+
+
+@_with_adjoint.def_bwd
+def _backwards(
+    residuals: None, out: Any, perturbed: Any, args: Any, core: Core, adjoint: Core,
+    solver: SecondOrderSolver | None,
+) -> Any:  # fmt: skip
+    shapes = eqx.filter_eval_shape(core, solver, *args)
+    out = jax.tree.map(
+        lambda o, s: jnp.zeros(s.shape, s.dtype) if o is None else o, out, shapes,
+        is_leaf=lambda o: o is None,
+    )  # fmt: skip
+    return adjoint(solver, perturbed, args, out)
 
 
 def inputs_along(system: SecondOrderSystem, t0: Number, h: Number) -> Any:
@@ -105,10 +147,12 @@ def inputs_along(system: SecondOrderSystem, t0: Number, h: Number) -> Any:
 def step_inputs(
     system: SecondOrderSystem, stages: Float[Array, " s"], t0: Number, h: Number
 ) -> tuple[Any, Any]:
-    """Inputs at the times of the stages, and at those where `work_along` wants them."""
+    """Inputs at the times of the stages, and at those where `work_along` wants them, which carry no
+    derivatives."""
     found = jax.vmap(system.inputs)(jnp.concatenate([stages, t0 + h * _NODES]))
     s = stages.size
-    return jax.tree.map(lambda a: a[:s], found), jax.tree.map(lambda a: a[s:], found)
+    between = without_derivatives(jax.tree.map(lambda a: a[s:], found))
+    return jax.tree.map(lambda a: a[:s], found), between
 
 
 def work_along(

@@ -1,0 +1,176 @@
+"""The stages of a Rosenbrock method for second-order systems, and their adjoint.
+
+With g = gamma h, S_i = y + sum_j weight_ij U_j and P_i = sum_j coupling_ij U_j / h, each with a part
+in q and one in v, a stage U_i = (g (f_i + z_i), z_i), f_i = S_i,v + P_i,q, solves
+
+    A z_i = F(x_i, S_i) + M P_i,v + h rate_i F' - g K f_i,   A = M / g + C + g K.
+
+Its adjoint goes through the stages backwards. What belongs to U_i, (a_i, b_i), is known when all
+later ones are done; then
+
+    A^T y_i = g a_i + b_i,  and what belongs to f_i is e_i = g (a_i - K^T y_i),
+    to S_i: (dF/dq^T y_i, dF/dv^T y_i + e_i),   to P_i: (e_i, M^T y_i).
+
+By all else, M, C, K, F' and g, the derivative is that of
+
+    sum_i y_i . (F(x_i, S_i) + h rate_i F' + M (P_i,v - z_i / g) - C z_i - K U_i,q)
+
+with stages as they are: K and C get sums of y_i U_i^T, and are differentiated once. So a step back
+asks for first derivatives of the force at every stage, and for those of its tangents at the start,
+in place of the transpose of every operation.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._numerics.blocks import padded
+from jaxbeam._numerics.linalg import inverse, outer
+from jaxbeam._programs.lanes import total
+from jaxbeam._solvers.steps import combined
+from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._types import Number, Vector
+
+
+class Tableau(NamedTuple):
+    """Coefficients of a Rosenbrock method in the form that saves products with the Jacobian J,
+
+        (1 / (h gamma) - J) U_i = f(t + times_i h, y + sum_j weight_ij U_j)
+                                  + sum_j coupling_ij U_j / h + h rate_i df/dt,
+
+    ending at y + weight_last U + U_last with the error U_last (stiffly accurate); `dense` gives
+    D = dense U of y0 + s (y1 - y0) + s (1 - s) (D_1 + s D_2 + s^2 D_3).
+    """
+
+    order: int
+    gamma: float
+    weight: Float[np.ndarray, "s s"]
+    coupling: Float[np.ndarray, "s s"]
+    times: Float[np.ndarray, " s"]
+    rate: Float[np.ndarray, " s"]
+    dense: Float[np.ndarray, "3 s"]
+
+    @property
+    def of_stages(self) -> Float[np.ndarray, "4 s"]:
+        """The change over a step, and D, from the stages."""
+        return np.stack([np.append(self.weight[-1, :-1], 1.0), *self.dense])
+
+
+class Stages(NamedTuple):
+    """What a step is made of."""
+
+    k: Any
+    solve: Any  # A^-1
+    force_rate: Vector  # F'
+    done: Float[Array, "s m *lanes"]  # U of q and v side by side
+    at: Float[Array, "s m *lanes"] | None  # S
+    past: Float[Array, "s m *lanes"] | None  # P
+
+
+def stages(
+    table: Tableau, system: SecondOrderSystem, h: Number, y0: State, start: Any, inputs: Any,
+    *, every: bool = False,
+) -> Stages:  # fmt: skip
+    """The stages of a step, with what `every` one begins with if that is asked for."""
+    q, v, g = y0.q, y0.v, table.gamma * h
+    n, both = len(q), jnp.concatenate([q, v])
+    k, c, force_rate = _beginning(system, *start, q, v)
+    solve = inverse(system.mass / g + c + g * k)
+
+    def stage(done: Array, row: Any) -> tuple[Array, Any]:
+        i, rows, d, now = row
+        step, past = combined(rows, done)
+        step, past = both + step, past / h
+        at = step[:n], step[n:]
+        first = at[1] + past[:n]
+        right = system.force(now, *at) + system.mass @ past[n:] + h * d * force_rate
+        z = solve @ (right - g * (k @ first))
+        new = jnp.concatenate([g * (first + z), z])
+        done = jax.lax.dynamic_update_index_in_dim(done, new, i, 0)
+        return done, (step, past) if every else None
+
+    rows = jnp.asarray(np.stack([table.weight, table.coupling], 1), q.dtype)
+    count = len(table.times)
+    done, began = jax.lax.scan(
+        stage,
+        jnp.zeros((count, *both.shape), q.dtype),
+        (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
+    )
+    return Stages(k, solve, force_rate, done, *(began if every else (None, None)))
+
+
+def _beginning(
+    system: SecondOrderSystem, x0: Any, input_rate: Any, q: Vector, v: Vector
+) -> tuple[Any, Any, Vector]:
+    """K, C and F' where a step begins."""
+    k, c = system.tangents(x0, q, v)
+    _, force_rate = jax.jvp(lambda x: system.force(x, q, v), (x0,), (input_rate,))
+    return k, c, force_rate
+
+
+def back_through_stages(table: Tableau, moving: Any, args: Any, out: Any) -> Any:
+    """What belongs to those of the arguments (system, h, y0, start, inputs) that are `moving`, from
+    what belongs to the end, the error and the polynomial of a step."""
+    own, still = eqx.partition(args, moving)
+    system, h, y0, start, inputs = args[:5]
+    n, g, mass = len(y0.q), table.gamma * h, system.mass
+    found = stages(table, system, h, y0, start, inputs, every=True)
+    done, past = found.done, found.past
+    assert past is not None
+    end, error, (c0, c1, c2, c3) = out[:3]
+    to_done = combined(table.of_stages.T, jnp.stack([end + c0, c0 - c1, c1 - c2, c2 - c3]))
+    to_done = to_done + padded(error[None], len(done) - 1, 0)
+
+    def force(system: Any, x: Any, q: Vector, v: Vector, fixed_x: Any) -> Vector:
+        whole: SecondOrderSystem = eqx.combine(system, still[0])
+        return whole.force(eqx.combine(x, fixed_x), q, v)
+
+    def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
+        later, to_system = state
+        i, columns, to_u, at, x, fixed_x = row
+        to_u = to_u + combined(columns[None], later.reshape(-1, *later.shape[2:]))[0]
+        to_q, to_v = to_u[:n], to_u[n:]
+        y = (g * to_q + to_v) @ found.solve
+        to_first = g * (to_q - y @ found.k)
+        _, pull = jax.vjp(lambda *a: force(*a, fixed_x), own[0], x, at[:n], at[n:])
+        more, to_x, by_q, by_v = pull(y)
+        to_at = jnp.concatenate([by_q, by_v + to_first])
+        to_past = jnp.concatenate([to_first, y @ mass]) / h
+        later = jax.lax.dynamic_update_index_in_dim(later, jnp.stack([to_at, to_past]), i, 0)
+        return (later, jax.tree.map(jnp.add, to_system, more)), (y, to_x)
+
+    columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0)
+    columns = jnp.asarray(columns.reshape(len(columns), -1), done.dtype)
+    rows = (jnp.arange(len(done)), columns, to_done, found.at, own[4], still[4])
+    zero = jnp.zeros((len(done), 2, *done.shape[1:]), done.dtype), _zeros(own[0])
+    (later, to_system), (y, to_inputs) = jax.lax.scan(stage, zero, rows, reverse=True)
+
+    # By what stages have in common
+    z, by_mass = done[:, n:], past[:, n:] - done[:, n:] / g
+
+    def beginning(system: Any, start: Any, q: Vector, v: Vector) -> Any:
+        whole: SecondOrderSystem = eqx.combine(system, still[0])
+        return whole.mass, *_beginning(whole, *eqx.combine(start, still[3]), q, v)
+
+    _, pull = jax.vjp(beginning, own[0], own[3], y0.q, y0.v)
+    by_rate = combined(table.rate[None], y)[0]
+    more, to_start, by_q, by_v = pull(
+        (outer(mass, y, by_mass), outer(mass, -y, done[:, :n]), outer(mass, -y, z), h * by_rate)
+    )
+    to_y = end + total(later[:, 0])
+    to_y0 = State(to_y[:n] + by_q, to_y[n:] + by_v, jnp.zeros_like(y0.work))
+    to_h = None
+    if own[1] is not None:
+        by_past = later[:, 1] * (done / g - past)
+        to_h = total(by_rate * found.force_rate) + total(by_past.reshape(-1, *done.shape[2:]))
+    to_system = jax.tree.map(jnp.add, to_system, more)
+    whole = (to_system, to_h, eqx.filter(to_y0, moving[2]), to_start, to_inputs)
+    return *whole, *(_zeros(a) for a in own[5:])
+
+
+def _zeros(tree: Any) -> Any:
+    return jax.tree.map(jnp.zeros_like, tree)
