@@ -9,7 +9,7 @@ import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,8 +40,18 @@ _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
 _FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
 
 
+class Adjoint(NamedTuple):
+    """A transpose of one's own."""
+
+    # From the arguments to the result and what is kept for the way back.
+    forwards: Callable[..., tuple[Any, Any]]
+    # From which leaves of the arguments move, the arguments, what was kept, and what belongs to the
+    # result, to what belongs to the arguments; None for those that do not move.
+    backwards: Callable[[Any, Any, Any, Any], Any]
+
+
 def kernel(
-    function: Callable[..., Any], shared: bool = True, adjoint: Callable[..., Any] | None = None
+    function: Callable[..., Any], shared: bool = True, adjoint: Adjoint | None = None
 ) -> Callable[..., Any]:
     """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
 
@@ -50,9 +60,7 @@ def kernel(
     alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
     its first argument has lanes of length one if `shared`, to be broadcast as NumPy does.
 
-    In `reverse_mode` an `adjoint` takes the place of the transpose: from which leaves of the
-    arguments move, the arguments, and what belongs to the result, to what belongs to the arguments,
-    None for those that do not move.
+    In `reverse_mode` an `adjoint` takes the place of the function and its transpose.
 
     On a CPU it and its first derivatives are compiled to one function each, where they consist of
     operations that allow it. Keep what this returns: it is traced once.
@@ -60,7 +68,12 @@ def kernel(
     plain = _jitted(function)
     fast = _batched(plain, shared)
     maps = functools.cache(functools.partial(_maps, plain))
-    pulled, both_ways = _in_reverse(fast, maps, adjoint), _both_ways(fast, maps)
+    if adjoint is None:
+        pulled = _in_reverse(lambda *args: (fast(*args), ()), maps)
+    else:
+        forwards = _batched(_jitted(adjoint.forwards), shared)
+        pulled = _in_reverse(forwards, functools.partial(_own_maps, adjoint.backwards))
+    both_ways = _both_ways(fast, maps)
 
     def call(*args: Any) -> Any:
         return (pulled if _IN_REVERSE.get() else both_ways)(*args)
@@ -115,31 +128,37 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
     def push(still: list[Array], at: list[Array], rates: list[Array]) -> Any:
         return jax.jvp(lambda *at: partial(still, list(at)), at, rates)[1]
 
-    def pull(still: list[Array], at: list[Array], out: Any) -> Any:
+    def pull(still: list[Array], at: list[Array], out: Any, kept: Any = ()) -> Any:
         return list(jax.vjp(lambda *at: partial(still, list(at)), *at)[1](out))
 
     return push, pull
 
 
-def _in_reverse(
-    fast: Callable[..., Any], maps: _Maps, adjoint: Callable[..., Any] | None
-) -> Callable[..., Any]:
-    """Returns `fast` with derivatives in reverse mode alone."""
+def _own_maps(
+    back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]
+) -> tuple[None, Callable[..., Any]]:
+    """As `_maps`, with a transpose that is given."""
+
+    def pull(still: list[Array], at: list[Array], out: Any, kept: Any) -> list[Array]:
+        rest, moved = iter(still), iter(at)
+        leaves = [next(moved) if moves else next(rest) for moves in moving]
+        which, args = (jax.tree.unflatten(tree, part) for part in (moving, leaves))
+        return jax.tree.leaves(back(which, args, kept, out))
+
+    return None, pull
+
+
+def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
+    """Returns a function with derivatives in reverse mode alone, from one that returns besides what
+    is kept for these."""
 
     @functools.cache
     def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
-        def pull(still: list[Array], at: list[Array], out: Any) -> list[Array]:
-            rest, moved = iter(still), iter(at)
-            leaves = [next(moved) if moves else next(rest) for moves in moving]
-            which, args = (jax.tree.unflatten(tree, part) for part in (moving, leaves))
-            assert adjoint is not None
-            return jax.tree.leaves(adjoint(which, args, out))
-
-        return kernel(maps(tree, moving)[1] if adjoint is None else pull, shared=False)
+        return kernel(maps(tree, moving)[1], shared=False)
 
     @jax.custom_vjp
     def pulled(*args: Any) -> Any:
-        return fast(*args)
+        return fast(*args)[0]
 
     def forwards(*args: Any) -> tuple[Any, Any]:
         values = jax.tree.map(lambda a: a.value, args)
@@ -148,10 +167,11 @@ def _in_reverse(
         at = [a if m else None for a, m in zip(flat, moves, strict=True)]
         still = [None if m else a for a, m in zip(flat, moves, strict=True)]
         structure = jax.tree_util.Partial(tree.unflatten)  # type: ignore[attr-defined]
-        return fast(*values), (structure, at, still)
+        out, kept = fast(*values)
+        return out, (structure, at, still, kept)
 
     def backwards(residuals: Any, out: Any) -> Any:
-        structure, at, still = residuals
+        structure, at, still, kept = residuals
         unflatten = structure.func
         moving = tuple(a is not None for a in at)
         out = jax.tree.map(
@@ -159,7 +179,7 @@ def _in_reverse(
         )
         some = ([a for a in part if a is not None] for part in (still, at))
         tree = jax.tree.structure(unflatten(range(len(at))))
-        found = iter(transpose(tree, moving)(*some, out))
+        found = iter(transpose(tree, moving)(*some, out, kept))
         return unflatten([next(found) if moves else None for moves in moving])
 
     pulled.defvjp(forwards, backwards, symbolic_zeros=True)
@@ -275,7 +295,13 @@ def _in_rows(
         out = one([next(rest) if own else a for a, own in zip(moved, moves, strict=True)])
         return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
 
-    out = jax.lax.map(row, [a for a, own in zip(moved, moves, strict=True) if own])
+    some = [a for a, own in zip(moved, moves, strict=True) if own]
+    if rows == 1:
+        # Without a loop, so that what comes from one kernel and goes into the next is not turned
+        # around twice.
+        out = jax.tree.map(lambda a: a[None], row([a[0] for a in some]))
+    else:
+        out = jax.lax.map(row, some)
     return jax.tree.map(
         lambda a: jnp.moveaxis(a, -1, 1).reshape(rows * width, *a.shape[1:-1])[:size], out
     )

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._solvers.stages import Tableau, back_through_stages, stages
+from jaxbeam._programs.kernel import Adjoint
+from jaxbeam._solvers.stages import Stages, Tableau, back_through_stages, stages
 from jaxbeam._solvers.steps import (
     SecondOrderSolver,
     StepPolynomial,
@@ -171,7 +172,7 @@ class Rosenbrock(SecondOrderSolver):
         inputs, between = step_inputs(args, jnp.minimum(t0 + h * self.tableau.times, t1), t0, h)
         end, error, coefficients, work = run_core(
             Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, between,
-            adjoint=Rosenbrock._adjoint,
+            adjoint=Adjoint(Rosenbrock._forwards, Rosenbrock._backwards),
         )  # fmt: skip
         return *step_result(y0, end, error, coefficients, work), None, diffrax.RESULTS.successful
 
@@ -180,14 +181,24 @@ class Rosenbrock(SecondOrderSolver):
     ) -> tuple[Array, Array, Array, Array]:
         """End, error and polynomial of q and v side by side, and the work."""
         done = stages(self.tableau, system, h, y0, start, inputs).done
+        end, error, coefficients = self._result(y0, done)
+        return end, error, coefficients, work_along(system, between, h, y0, coefficients)
+
+    def _result(self, y0: State, done: Array) -> tuple[Array, Array, Array]:
         change, d1, d2, d3 = combined(self.tableau.of_stages, done)
         coefficients = jnp.stack([change + d1, d2 - d1, d3 - d2, -d3])
-        work = work_along(system, between, h, y0, coefficients)
-        return jnp.concatenate([y0.q, y0.v]) + change, done[-1], coefficients, work
+        return jnp.concatenate([y0.q, y0.v]) + change, done[-1], coefficients
 
-    def _adjoint(self, moving: Any, args: Any, out: Any) -> Any:
-        """What belongs to the arguments of `_core`, from what belongs to its results."""
-        return back_through_stages(self.tableau, moving, args, out)
+    def _forwards(
+        self, system: SecondOrderSystem, h: Number, y0: State, start: Any, inputs: Any, between: Any
+    ) -> tuple[Any, Stages]:
+        """The result, and the stages for the way back, on which nobody asks for the work."""
+        found = stages(self.tableau, system, h, y0, start, inputs, every=True)
+        result = self._result(y0, found.done)
+        return (*result, jnp.zeros_like(result[2][:, 0])), found
+
+    def _backwards(self, moving: Any, args: Any, found: Stages, out: Any) -> Any:
+        return back_through_stages(self.tableau, moving, args, found, out)
 
 
 class Rodas4P(Rosenbrock):

@@ -112,13 +112,12 @@ def _beginning(
     return k, c, force_rate
 
 
-def back_through_stages(table: Tableau, moving: Any, args: Any, out: Any) -> Any:
-    """What belongs to those of the arguments (system, h, y0, start, inputs) that are `moving`, from
-    what belongs to the end, the error and the polynomial of a step."""
+def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> Any:
+    """What belongs to those of the arguments (system, h, y0, start, inputs) of a step that are
+    `moving`, from what belongs to its end, error and polynomial."""
     own, still = eqx.partition(args, moving)
-    system, h, y0, start, inputs = args[:5]
+    system, h, y0 = args[:3]
     n, g, mass = len(y0.q), table.gamma * h, system.mass
-    found = stages(table, system, h, y0, start, inputs, every=True)
     done, past = found.done, found.past
     assert past is not None
     end, error, (c0, c1, c2, c3) = out[:3]

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.kernel import in_reverse_mode, kernel
+from jaxbeam._programs.kernel import Adjoint, in_reverse_mode, kernel
 from jaxbeam._programs.lanes import beside, contract
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
@@ -83,60 +83,64 @@ Core = Callable[..., Any]
 
 def run_core(
     core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any,
-    adjoint: Core | None = None,
+    adjoint: Adjoint | None = None,
 ) -> Any:  # fmt: skip
     """core(solver, system, *arrays), a `kernel` where the system allows it; then the core must not
     ask the system for its inputs.
 
-    In `reverse_mode` an adjoint, if there is one, takes the place of the transpose: see
-    `kernel`. Its arguments have the system, not its leaves, and the solver comes before them.
+    The functions of an `adjoint`, if there is one, take the solver before what `Adjoint` says; the
+    arguments are (system, *arrays).
     """
     part = system.kernel
-    if part is None:
-        if adjoint is None or not in_reverse_mode():
-            return core(solver, system, *arrays)
-        return _with_adjoint((system, *arrays), core, adjoint, solver)
-    leaves, tree = jax.tree.flatten(part)
-    return _kernel(core, solver, tree, adjoint)(leaves, *arrays)
+    if part is not None:
+        leaves, tree = jax.tree.flatten(part)
+        return _kernel(core, solver, tree, adjoint)(leaves, *arrays)
+    if adjoint is None or not in_reverse_mode():
+        return core(solver, system, *arrays)
+    return _with_adjoint((system, *arrays), solver, adjoint)
 
 
 @functools.lru_cache(maxsize=100)
 def _kernel(
-    core: Core, solver: SecondOrderSolver | None, tree: Any, adjoint: Core | None
+    core: Core, solver: SecondOrderSolver | None, tree: Any, adjoint: Adjoint | None
 ) -> Callable[..., Any]:
-    def function(leaves: Any, *arrays: Any) -> Any:
-        return core(solver, jax.tree.unflatten(tree, leaves), *arrays)
+    def of(function: Core) -> Core:
+        return lambda leaves, *arrays: function(solver, jax.tree.unflatten(tree, leaves), *arrays)
 
-    def back(moving: Any, args: Any, out: Any) -> Any:
-        assert adjoint is not None
+    if adjoint is None:
+        return kernel(of(core))
+    forwards, backwards = adjoint
+
+    def back(moving: Any, args: Any, kept: Any, out: Any) -> Any:
         moving, args = ((jax.tree.unflatten(tree, a[0]), *a[1:]) for a in (moving, args))
-        system, *rest = adjoint(solver, moving, args, out)
-        return system, *rest
+        return backwards(solver, moving, args, kept, out)
 
-    return kernel(function, adjoint=None if adjoint is None else back)
+    return kernel(of(core), adjoint=Adjoint(of(forwards), back))
 
 
 @eqx.filter_custom_vjp
-def _with_adjoint(args: Any, core: Core, adjoint: Core, solver: SecondOrderSolver | None) -> Any:
-    return core(solver, *args)
+def _with_adjoint(args: Any, solver: SecondOrderSolver | None, adjoint: Adjoint) -> Any:
+    return adjoint.forwards(solver, *args)[0]
 
 
 @_with_adjoint.def_fwd
-def _forwards(perturbed: Any, args: Any, core: Core, *rest: Any) -> tuple[Any, None]:
-    return core(rest[1], *args), None
+def _forwards(
+    perturbed: Any, args: Any, solver: SecondOrderSolver | None, adjoint: Adjoint
+) -> tuple[Any, Any]:
+    out, kept = adjoint.forwards(solver, *args)
+    return out, (kept, jax.tree.map(jnp.zeros_like, out))
 
 
 @_with_adjoint.def_bwd
 def _backwards(
-    residuals: None, out: Any, perturbed: Any, args: Any, core: Core, adjoint: Core,
-    solver: SecondOrderSolver | None,
+    residuals: Any, out: Any, perturbed: Any, args: Any, solver: SecondOrderSolver | None,
+    adjoint: Adjoint,
 ) -> Any:  # fmt: skip
-    shapes = eqx.filter_eval_shape(core, solver, *args)
+    kept, zeros = residuals
     out = jax.tree.map(
-        lambda o, s: jnp.zeros(s.shape, s.dtype) if o is None else o, out, shapes,
-        is_leaf=lambda o: o is None,
-    )  # fmt: skip
-    return adjoint(solver, perturbed, args, out)
+        lambda o, zero: zero if o is None else o, out, zeros, is_leaf=lambda o: o is None
+    )
+    return adjoint.backwards(solver, perturbed, args, kept, out)
 
 
 def inputs_along(system: SecondOrderSystem, t0: Number, h: Number) -> Any:
