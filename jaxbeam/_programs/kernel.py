@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
-from jax.extend.core import ClosedJaxpr, JaxprEqn, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun
 from jaxtyping import Array
 
 from jaxbeam._programs.batches import CPU_LANES, batchable
@@ -28,10 +28,11 @@ from jaxbeam._programs.platforms import by_platform
 # fmt: off
 _ALLOWED = frozenset({
     "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "concatenate",
-    "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
+    "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve",
+    "custom_vjp_call", "div",
     "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
     "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reduce_and", "reduce_or", "reduce_sum", "reshape", "rev", "round", "rsqrt", "scan", "select_n",
+    "reduce_and", "reduce_or", "reduce_sum", "remat2", "reshape", "rev", "round", "rsqrt", "scan", "select_n",
     "sign", "sin", "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub",
     "transpose", "unstack", "while", "zeros_like",
 })
@@ -333,9 +334,9 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-def _equations(closed: ClosedJaxpr) -> Iterator[JaxprEqn]:
+def _equations(closed: ClosedJaxpr | Jaxpr) -> Iterator[JaxprEqn]:
     """All equations that a program runs, at any depth."""
-    for equation in closed.jaxpr.eqns:
+    for equation in closed.eqns:
         yield equation
         inner = equation.params
         if equation.primitive.name == "custom_linear_solve":
@@ -346,7 +347,7 @@ def _equations(closed: ClosedJaxpr) -> Iterator[JaxprEqn]:
 
 
 def _is_jaxpr(value: Any) -> bool:
-    return isinstance(value, ClosedJaxpr)
+    return isinstance(value, ClosedJaxpr | Jaxpr)
 
 
 def _is_allowed(equation: JaxprEqn) -> bool:
@@ -360,22 +361,27 @@ def _is_long_sum(equation: Any) -> bool:
 def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
     """The program with long sums in pieces, at any depth: XLA gives them to a library, which a
     function that is compiled as one cannot call."""
-    if not any(_is_long_sum(equation) for equation in _equations(closed)):
-        return closed
+    return ClosedJaxpr(_short_body(closed.jaxpr), closed.consts)
+
+
+def _short_body(body: Jaxpr) -> Jaxpr:
+    if not any(_is_long_sum(equation) for equation in _equations(body)):
+        return body
+
+    def inside(value: Any) -> Any:
+        if isinstance(value, ClosedJaxpr):
+            return _shortened(value)
+        return _short_body(value) if isinstance(value, Jaxpr) else value
 
     def mended(equation: JaxprEqn) -> JaxprEqn:
         if _is_long_sum(equation):
             pieces = jax.jit(functools.partial(_short_sum, axes=equation.params["axes"]))
             [call] = jax.make_jaxpr(pieces)(equation.invars[0].aval).jaxpr.eqns
             return call.replace(invars=equation.invars, outvars=equation.outvars)
-        inner = jax.tree.map(
-            lambda value: _shortened(value) if _is_jaxpr(value) else value,
-            equation.params, is_leaf=_is_jaxpr,
-        )  # fmt: skip
+        inner = jax.tree.map(inside, equation.params, is_leaf=_is_jaxpr)
         return equation.replace(params=inner)
 
-    equations = [mended(equation) for equation in closed.jaxpr.eqns]
-    return ClosedJaxpr(closed.jaxpr.replace(eqns=equations), closed.consts)
+    return body.replace(eqns=[mended(equation) for equation in body.eqns])
 
 
 def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:

@@ -30,7 +30,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._numerics.linalg import inverse, outer
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import total, transposed
 from jaxbeam._solvers.steps import combined
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number, Vector
@@ -128,24 +128,29 @@ def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, o
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         return whole.force(eqx.combine(x, fixed_x), q, v)
 
+    def of_later(columns: Array, later: Array) -> Array:
+        # In a loop of its own: what is a part of other sums is read while it is written over, and
+        # copied for that.
+        return jax.lax.map(lambda half: combined(columns[None], half)[0], later)
+
     def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
         later, to_system = state
         i, columns, to_u, at, x, fixed_x = row
-        to_u = to_u + combined(columns[None], later.reshape(-1, *later.shape[2:]))[0]
-        to_q, to_v = to_u[:n], to_u[n:]
+        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + of_later(columns, later)
         y = (g * to_q + to_v) @ found.solve
         to_first = g * (to_q - y @ found.k)
-        _, pull = jax.vjp(lambda *a: force(*a, fixed_x), own[0], x, at[:n], at[n:])
+        with transposed():
+            _, pull = jax.vjp(lambda *a: force(*a, fixed_x), own[0], x, at[:n], at[n:])
         more, to_x, by_q, by_v = pull(y)
-        to_at = jnp.concatenate([by_q, by_v + to_first])
-        to_past = jnp.concatenate([to_first, y @ mass]) / h
-        later = jax.lax.dynamic_update_index_in_dim(later, jnp.stack([to_at, to_past]), i, 0)
+        to_past = to_first / h, (y @ mass) / h
+        new = jnp.stack([jnp.stack(pair) for pair in zip((by_q, by_v + to_first), to_past)])
+        later = jax.lax.dynamic_update_slice_in_dim(later, new, 2 * i, 1)
         return (later, jax.tree.map(jnp.add, to_system, more)), (y, to_x)
 
     columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0)
     columns = jnp.asarray(columns.reshape(len(columns), -1), done.dtype)
     rows = (jnp.arange(len(done)), columns, to_done, found.at, own[4], still[4])
-    zero = jnp.zeros((len(done), 2, *done.shape[1:]), done.dtype), _zeros(own[0])
+    zero = jnp.zeros((2, 2 * len(done), n, *done.shape[2:]), done.dtype), _zeros(own[0])
     (later, to_system), (y, to_inputs) = jax.lax.scan(stage, zero, rows, reverse=True)
 
     # By what stages have in common
@@ -160,11 +165,12 @@ def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, o
     more, to_start, by_q, by_v = pull(
         (outer(mass, y, by_mass), outer(mass, -y, done[:, :n]), outer(mass, -y, z), h * by_rate)
     )
-    to_y = end + total(later[:, 0])
+    by_at, by_past = (jnp.concatenate(list(later[:, i::2]), 1) for i in (0, 1))
+    to_y = end + total(by_at)
     to_y0 = State(to_y[:n] + by_q, to_y[n:] + by_v, jnp.zeros_like(y0.work))
     to_h = None
     if own[1] is not None:
-        by_past = later[:, 1] * (done / g - past)
+        by_past = by_past * (done / g - past)
         to_h = total(by_rate * found.force_rate) + total(by_past.reshape(-1, *done.shape[2:]))
     to_system = jax.tree.map(jnp.add, to_system, more)
     whole = (to_system, to_h, eqx.filter(to_y0, moving[2]), to_start, to_inputs)

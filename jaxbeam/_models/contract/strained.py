@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import beside, contract, is_transposed, total
 from jaxbeam._types import Number
 
 
@@ -111,6 +111,33 @@ def viscous(
 def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]:
     """Gradient of a function whose value is one scalar, or one for each lane."""
     return jax.grad(lambda x: jnp.sum(function(x)))
+
+
+def force_of(law: Any, e: Array, symmetric: bool) -> Array:
+    """law.force(e). If its derivative by e is `symmetric`, so much as it pulls back it pushes
+    forward, in a shorter program."""
+    return _symmetric((law, e)) if symmetric and is_transposed() else law.force(e)
+
+
+@eqx.filter_custom_vjp
+def _symmetric(both: tuple[Any, Array]) -> Array:
+    force: Array = both[0].force(both[1])
+    return force
+
+
+@_symmetric.def_fwd
+def _forwards(perturbed: Any, both: tuple[Any, Array]) -> tuple[Array, None]:
+    return _symmetric(both), None
+
+
+@_symmetric.def_bwd
+def _backwards(
+    residuals: None, out: Array, perturbed: Any, both: tuple[Any, Array]
+) -> tuple[Any, Array]:
+    law, e = both
+    own, still = eqx.partition(law, perturbed[0])
+    _, pull = jax.vjp(lambda own: eqx.combine(own, still).force(e), own)
+    return pull(out)[0], jax.jvp(law.force, (e,), (out,))[1]
 
 
 class EndSprings(Strained):
