@@ -24,10 +24,11 @@ _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
 
 @contextlib.contextmanager
-def transposed() -> Iterator[None]:
-    """What is traced herein bears `jax.vjp` alone. Products then have transposes of their own: that
-    of the parts that they are written out in would put arrays together from slices."""
-    token = _TRANSPOSED.set(True)
+def transposed(on: bool = True) -> Iterator[None]:
+    """What is traced herein bears `jax.vjp` alone, but where this is not `on` again. Products then
+    have transposes of their own: that of the parts that they are written out in would put arrays
+    together from slices."""
+    token = _TRANSPOSED.set(on)
     try:
         yield
     finally:

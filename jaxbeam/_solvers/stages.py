@@ -31,7 +31,7 @@ from jaxtyping import Array, Float
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._numerics.linalg import inverse, outer
 from jaxbeam._programs.lanes import total, transposed
-from jaxbeam._solvers.steps import combined
+from jaxbeam._solvers.steps import combined, combined_apart
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number, Vector
 
@@ -83,7 +83,7 @@ def stages(
 
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
         i, rows, d, now = row
-        step, past = combined(rows, done)
+        step, past = combined_apart(rows, jnp.broadcast_to(done, (2, *done.shape)))
         step, past = both + step, past / h
         at = step[:n], step[n:]
         first = at[1] + past[:n]
@@ -108,7 +108,8 @@ def _beginning(
 ) -> tuple[Any, Any, Vector]:
     """K, C and F' where a step begins."""
     k, c = system.tangents(x0, q, v)
-    _, force_rate = jax.jvp(lambda x: system.force(x, q, v), (x0,), (input_rate,))
+    with transposed(on=False):
+        _, force_rate = jax.jvp(lambda x: system.force(x, q, v), (x0,), (input_rate,))
     return k, c, force_rate
 
 
@@ -128,15 +129,10 @@ def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, o
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         return whole.force(eqx.combine(x, fixed_x), q, v)
 
-    def of_later(columns: Array, later: Array) -> Array:
-        # In a loop of its own: what is a part of other sums is read while it is written over, and
-        # copied for that.
-        return jax.lax.map(lambda half: combined(columns[None], half)[0], later)
-
     def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
         later, to_system = state
         i, columns, to_u, at, x, fixed_x = row
-        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + of_later(columns, later)
+        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + combined_apart(columns, later)
         y = (g * to_q + to_v) @ found.solve
         to_first = g * (to_q - y @ found.k)
         with transposed():
@@ -148,7 +144,8 @@ def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, o
         return (later, jax.tree.map(jnp.add, to_system, more)), (y, to_x)
 
     columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0)
-    columns = jnp.asarray(columns.reshape(len(columns), -1), done.dtype)
+    columns = columns.reshape(len(columns), 1, -1)
+    columns = jnp.asarray(np.concatenate([columns, columns], 1), done.dtype)
     rows = (jnp.arange(len(done)), columns, to_done, found.at, own[4], still[4])
     zero = jnp.zeros((2, 2 * len(done), n, *done.shape[2:]), done.dtype), _zeros(own[0])
     (later, to_system), (y, to_inputs) = jax.lax.scan(stage, zero, rows, reverse=True)
@@ -160,7 +157,8 @@ def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, o
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         return whole.mass, *_beginning(whole, *eqx.combine(start, still[3]), q, v)
 
-    _, pull = jax.vjp(beginning, own[0], own[3], y0.q, y0.v)
+    with transposed():
+        _, pull = jax.vjp(beginning, own[0], own[3], y0.q, y0.v)
     by_rate = combined(table.rate[None], y)[0]
     more, to_start, by_q, by_v = pull(
         (outer(mass, y, by_mass), outer(mass, -y, done[:, :n]), outer(mass, -y, z), h * by_rate)

@@ -302,6 +302,26 @@ class Engineering(Element):
         by_slope = pull[None] * at.along + couple[None] * at.curved_normal
         return matvec(self.slopes.T, by_slope) + matvec(self.curvatures.T, couple[None] * at.back)
 
+    def pushed(self, e: Local, rate: Local) -> Local:
+        """With the rates a = r'.d r' / s of stretch and c = (t.d r'' + J r''.d r') / s, those of
+        phi' are c - 2 phi' a, and those of what the force has before r' and J r'' as below."""
+        at, lanes = self._at(e), e.ndim - 2
+        turned, bent = matvec(self.slopes, rate), matvec(self.curvatures, rate)
+        stretch = (at.along[0] * turned[0] + at.along[1] * turned[1]) / at.square
+        turn = at.back[0] * bent[0] + at.back[1] * bent[1]
+        turn = turn + at.curved_normal[0] * turned[0] + at.curved_normal[1] * turned[1]
+        turn, b, w = turn / at.square, self.bending, beside(self.weights, lanes)
+        couple = w * b * at.angle_rate / at.square
+        pull = w * (self.pulled(at.strain * at.size) - 2 * b * at.angle_rate**2) / at.square
+        twist = at.angle_rate * stretch
+        couple_rate = w * b * (turn - 4 * twist) / at.square
+        pull_rate = self.pulled(at.size * stretch) - 4 * b * at.angle_rate * (turn - 3 * twist)
+        pull_rate = w * pull_rate / at.square
+        by_slope = pull_rate[None] * at.along + couple_rate[None] * at.curved_normal
+        by_slope = by_slope + pull[None] * turned + couple[None] * jnp.stack([-bent[1], bent[0]])
+        by_bend = couple_rate[None] * at.back + couple[None] * jnp.stack([turned[1], -turned[0]])
+        return matvec(self.slopes.T, by_slope) + matvec(self.curvatures.T, by_bend)
+
     def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
 
