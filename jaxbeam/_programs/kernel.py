@@ -27,7 +27,7 @@ from jaxbeam._programs.platforms import by_platform
 # (they go to libraries), scattering, sorting or calls of any other kind.
 # fmt: off
 _ALLOWED = frozenset({
-    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "concatenate",
+    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "closed_call", "concatenate",
     "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve",
     "custom_vjp_call", "div",
     "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",

@@ -34,6 +34,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.strained import Strained, gradient_of
 from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._types import Number
 
 Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, mean, at the last end
@@ -49,6 +50,16 @@ def matvec(
     """The product sum_b table_ab x_cb, with axes of lanes behind."""
     lanes = x.ndim - 2
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
+
+
+def apart(
+    table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
+) -> Array:
+    """As `matvec`, where there are lanes in a loop of its own: the sums are computed once, and not
+    anew for every number that is made of them."""
+    if x.ndim == 2 or loops_are_dear():
+        return matvec(table, x)
+    return jax.lax.map(lambda row: matvec(table, row[None])[0], x)
 
 
 def along_element(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
@@ -300,13 +311,13 @@ class Engineering(Element):
         couple = self.bending * at.angle_rate * over
         pull = (self.pulled(at.strain * at.size) - 2 * self.bending * at.angle_rate**2) * over
         by_slope = pull[None] * at.along + couple[None] * at.curved_normal
-        return matvec(self.slopes.T, by_slope) + matvec(self.curvatures.T, couple[None] * at.back)
+        return self._projected(by_slope, couple[None] * at.back)
 
     def pushed(self, e: Local, rate: Local) -> Local:
         """With the rates a = r'.d r' / s of stretch and c = (t.d r'' + J r''.d r') / s, those of
         phi' are c - 2 phi' a, and those of what the force has before r' and J r'' as below."""
         at, lanes = self._at(e), e.ndim - 2
-        turned, bent = matvec(self.slopes, rate), matvec(self.curvatures, rate)
+        turned, bent = self._gradients(rate)
         stretch = (at.along[0] * turned[0] + at.along[1] * turned[1]) / at.square
         turn = at.back[0] * bent[0] + at.back[1] * bent[1]
         turn = turn + at.curved_normal[0] * turned[0] + at.curved_normal[1] * turned[1]
@@ -320,7 +331,7 @@ class Engineering(Element):
         by_slope = pull_rate[None] * at.along + couple_rate[None] * at.curved_normal
         by_slope = by_slope + pull[None] * turned + couple[None] * jnp.stack([-bent[1], bent[0]])
         by_bend = couple_rate[None] * at.back + couple[None] * jnp.stack([turned[1], -turned[0]])
-        return matvec(self.slopes.T, by_slope) + matvec(self.curvatures.T, by_bend)
+        return self._projected(by_slope, by_bend)
 
     def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
@@ -354,12 +365,29 @@ class Engineering(Element):
 
     def _at(self, e: Local) -> "_Bent":
         """The strain and its derivatives at the Gauss points."""
-        d, curved = matvec(self.slopes, e), matvec(self.curvatures, e)
+        d, curved = self._gradients(e)
         strain, along = self.strain(d), _stretched(d)
         size = 1 + strain
         back, curved_normal = jnp.stack([along[1], -along[0]]), jnp.stack([-curved[1], curved[0]])
         angle_rate = (along[1] * curved[0] - along[0] * curved[1]) / size**2
         return _Bent(strain, size, size**2, along, back, curved_normal, angle_rate)
+
+
+    @property
+    def _tables(self) -> Any:
+        """`slopes` and `curvatures`."""
+        tables = self.slopes, self.curvatures
+        constant = isinstance(tables[0], np.ndarray)
+        return np.concatenate(tables) if constant else jnp.concatenate(tables)
+
+    def _gradients(self, e: Local) -> tuple[Array, Array]:
+        """d and r'' at the Gauss points, (2, g, *lanes)."""
+        both, g = apart(self._tables, e), len(self.weights)
+        return both[:, :g], both[:, g:]
+
+    def _projected(self, by_slope: Array, by_bend: Array) -> Local:
+        """The transpose of `_gradients`."""
+        return apart(self._tables.T, jnp.concatenate([by_slope, by_bend], 1))
 
 
 class _Bent(NamedTuple):
