@@ -345,23 +345,31 @@ class Engineering(Element):
         """
         # A compiler that fuses computes products anew for each number that is made of them, but
         # keeps sums and what was divided: these come last here.
-        at, slopes, weights = self._at(e), self.slopes, self.weights
-        lanes, square, moment = e.ndim - 2, at.square, self.bending * at.angle_rate
+        at, bending, turn = self._at(e), self.bending, QUARTER_TURN
+        square, moment = at.square, bending * at.angle_rate
         bent = moment * at.angle_rate
-        p = _rows(slopes, at.along)
-        k = _rows(slopes, (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None])
-        k = k + _rows(self.curvatures, at.back / square[None])
-        both, w = jnp.concatenate([p, k], 1), beside(weights, lanes)
-        by = w * (self.pulled(at.size) - 4 * bent) / square**2
-        by = jnp.concatenate([by, w * self.bending + 0 * square])
-        material = contract(both[:, None], (by[None] * both)[None], 2, lanes)
-
+        k = (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None]
+        l = at.back / square[None]  # of k, what goes with S''
+        by_p = (self.pulled(at.size) - 4 * bent) / square**2
         along = (self.pulled(at.strain * at.size) - 2 * bent) / square
-        along = _weighted(weights, slopes, slopes, along[None])
-        across = _weighted(weights, self.curvatures, slopes, (moment / square)[None])
-        across = across - across.swapaxes(0, 1)
-        curved_normal = beside(QUARTER_TURN[:, None, :, None], lanes) * across[None, :, None]
-        return material.reshape(2, 3, *e.shape) + _both(along) + curved_normal
+        across = moment / square
+
+        def second(c: int, d: int) -> Array:
+            """By the components c and d of r' and of r'', (2 2 g), as one row."""
+            own = by_p * at.along[c] * at.along[d] + bending * k[c] * k[d]
+            turned = turn[c, d] * across
+            mixed = bending * k[c] * l[d] - turned, bending * l[c] * k[d] + turned
+            own = own + along if c == d else own
+            return jnp.concatenate([own, *mixed, bending * l[c] * l[d]])
+
+        tables = jnp if self.part is not None else np
+        both = tables.stack([self.slopes, self.curvatures])
+        table = self.weights * both[:, None].transpose(3, 0, 1, 2)[:, None] * (
+            both[None].transpose(3, 0, 1, 2)
+        )
+        rows = jnp.stack([second(c, d) for c in (0, 1) for d in (0, 1)])
+        found = apart(table.reshape(9, -1), rows)
+        return found.reshape(2, 2, 3, 3, *e.shape[2:]).swapaxes(1, 2)
 
     def _at(self, e: Local) -> "_Bent":
         """The strain and its derivatives at the Gauss points."""
