@@ -69,7 +69,9 @@ class BlockTridiagonal(eqx.Module):
         low, own, up = each[1:, :b], each[:, b : 2 * b], each[:-1, 2 * b :]
         return self.flat(own + padded(low, 0, 1) + padded(up, 1, 0))
 
-    def outer(self, x: Float[Array, "s n *lanes"], y: Float[Array, "s n *lanes"]) -> "BlockTridiagonal":
+    def outer(
+        self, x: Float[Array, "s n *lanes"], y: Float[Array, "s n *lanes"]
+    ) -> "BlockTridiagonal":
         """The sum of x_i y_i^T where this matrix is not zero, as a matrix of its kind."""
         lanes = x.ndim - 2
         own = jax.vmap(self.blocked)(x)

@@ -27,14 +27,13 @@ from jaxbeam._programs.platforms import by_platform
 # (they go to libraries), scattering, sorting or calls of any other kind.
 # fmt: off
 _ALLOWED = frozenset({
-    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "closed_call", "concatenate",
-    "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve",
-    "custom_vjp_call", "div",
-    "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
-    "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reduce_and", "reduce_or", "reduce_sum", "remat2", "reshape", "rev", "round", "rsqrt", "scan", "select_n",
-    "sign", "sin", "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub",
-    "transpose", "unstack", "while", "zeros_like",
+    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "closed_call",
+    "concatenate", "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve",
+    "custom_vjp_call", "div", "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt",
+    "integer_pow", "iota", "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
+    "pad", "pow", "reduce_and", "reduce_or", "reduce_sum", "remat2", "reshape", "rev", "round",
+    "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt", "square", "squeeze",
+    "stack", "stop_gradient", "sub", "transpose", "unstack", "while", "zeros_like",
 })
 # fmt: on
 _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
@@ -48,7 +47,7 @@ class Adjoint(NamedTuple):
     forwards: Callable[..., tuple[Any, Any]]
     # From which leaves of the arguments move, the arguments, what was kept, and what belongs to the
     # result, to what belongs to the arguments; None for those that do not move.
-    backwards: Callable[[Any, Any, Any, Any], Any]
+    backwards: Callable[..., Any]
 
 
 def kernel(
@@ -137,7 +136,7 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
 
 def _own_maps(
     back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]
-) -> tuple[None, Callable[..., Any]]:
+) -> tuple[Any, Callable[..., Any]]:
     """As `_maps`, with a transpose that is given."""
 
     def pull(still: list[Array], at: list[Array], out: Any, kept: Any) -> list[Array]:

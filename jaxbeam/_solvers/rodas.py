@@ -24,7 +24,6 @@ from jaxbeam._solvers.steps import (
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number
 
-
 Rows = tuple[tuple[float, ...], ...]
 
 
@@ -172,7 +171,7 @@ class Rosenbrock(SecondOrderSolver):
         inputs, between = step_inputs(args, jnp.minimum(t0 + h * self.tableau.times, t1), t0, h)
         end, error, coefficients, work = run_core(
             Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, between,
-            adjoint=Adjoint(Rosenbrock._forwards, Rosenbrock._backwards),
+            adjoint=_ADJOINT,
         )  # fmt: skip
         return *step_result(y0, end, error, coefficients, work), None, diffrax.RESULTS.successful
 
@@ -199,6 +198,9 @@ class Rosenbrock(SecondOrderSolver):
 
     def _backwards(self, moving: Any, args: Any, found: Stages, out: Any) -> Any:
         return back_through_stages(self.tableau, moving, args, found, out)
+
+
+_ADJOINT = Adjoint(Rosenbrock._forwards, Rosenbrock._backwards)
 
 
 class Rodas4P(Rosenbrock):

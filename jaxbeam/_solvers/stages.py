@@ -1,7 +1,7 @@
 """The stages of a Rosenbrock method for second-order systems, and their adjoint.
 
-With g = gamma h, S_i = y + sum_j weight_ij U_j and P_i = sum_j coupling_ij U_j / h, each with a part
-in q and one in v, a stage U_i = (g (f_i + z_i), z_i), f_i = S_i,v + P_i,q, solves
+With g = gamma h, S_i = y + sum_j weight_ij U_j and P_i = sum_j coupling_ij U_j / h, each with a
+part in q and one in v, a stage U_i = (g (f_i + z_i), z_i), f_i = S_i,v + P_i,q, solves
 
     A z_i = F(x_i, S_i) + M P_i,v + h rate_i F' - g K f_i,   A = M / g + C + g K.
 
@@ -67,8 +67,8 @@ class Stages(NamedTuple):
     solve: Any  # A^-1
     force_rate: Vector  # F'
     done: Float[Array, "s m *lanes"]  # U of q and v side by side
-    at: Float[Array, "s m *lanes"] | None  # S
-    past: Float[Array, "s m *lanes"] | None  # P
+    at: Any  # S (s, m, *lanes), and P, if they are kept
+    past: Any
 
 
 def stages(
@@ -78,7 +78,8 @@ def stages(
     """The stages of a step, with what `every` one begins with if that is asked for."""
     q, v, g = y0.q, y0.v, table.gamma * h
     n, both = len(q), jnp.concatenate([q, v])
-    k, c, force_rate = _beginning(system, *start, q, v)
+    x0, input_rate = start
+    k, c, force_rate = _beginning(system, x0, input_rate, q, v)
     solve = inverse(system.mass / g + c + g * k)
 
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
@@ -114,55 +115,32 @@ def _beginning(
 
 
 def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> Any:
-    """What belongs to those of the arguments (system, h, y0, start, inputs) of a step that are
-    `moving`, from what belongs to its end, error and polynomial."""
+    """What belongs to those of the arguments (system, h, y0, start, inputs, ...) of a step that are
+    `moving`, from what belongs to its end, error and polynomial. That of others is None."""
     own, still = eqx.partition(args, moving)
-    system, h, y0 = args[:3]
-    n, g, mass = len(y0.q), table.gamma * h, system.mass
-    done, past = found.done, found.past
-    assert past is not None
+    _, h, y0 = args[:3]
+    n, g, done, past = len(y0.q), table.gamma * h, found.done, found.past
     end, error, (c0, c1, c2, c3) = out[:3]
     to_done = combined(table.of_stages.T, jnp.stack([end + c0, c0 - c1, c1 - c2, c2 - c3]))
     to_done = to_done + padded(error[None], len(done) - 1, 0)
-
-    def force(system: Any, x: Any, q: Vector, v: Vector, fixed_x: Any) -> Vector:
-        whole: SecondOrderSystem = eqx.combine(system, still[0])
-        return whole.force(eqx.combine(x, fixed_x), q, v)
-
-    def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
-        later, to_system = state
-        i, columns, to_u, at, x, fixed_x = row
-        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + combined_apart(columns, later)
-        y = (g * to_q + to_v) @ found.solve
-        to_first = g * (to_q - y @ found.k)
-        with transposed():
-            _, pull = jax.vjp(lambda *a: force(*a, fixed_x), own[0], x, at[:n], at[n:])
-        more, to_x, by_q, by_v = pull(y)
-        to_past = to_first / h, (y @ mass) / h
-        new = jnp.stack([jnp.stack(pair) for pair in zip((by_q, by_v + to_first), to_past)])
-        later = jax.lax.dynamic_update_slice_in_dim(later, new, 2 * i, 1)
-        return (later, jax.tree.map(jnp.add, to_system, more)), (y, to_x)
-
-    columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0)
-    columns = columns.reshape(len(columns), 1, -1)
-    columns = jnp.asarray(np.concatenate([columns, columns], 1), done.dtype)
-    rows = (jnp.arange(len(done)), columns, to_done, found.at, own[4], still[4])
-    zero = jnp.zeros((2, 2 * len(done), n, *done.shape[2:]), done.dtype), _zeros(own[0])
-    (later, to_system), (y, to_inputs) = jax.lax.scan(stage, zero, rows, reverse=True)
+    (later, to_system), (y, to_inputs) = _backwards(table, own, still, args, found, to_done)
 
     # By what stages have in common
-    z, by_mass = done[:, n:], past[:, n:] - done[:, n:] / g
+    mass, by_rate = args[0].mass, combined(table.rate[None], y)[0]
+    to_matrices = (
+        outer(mass, y, past[:, n:] - done[:, n:] / g),
+        outer(mass, -y, done[:, :n]),
+        outer(mass, -y, done[:, n:]),
+    )
 
     def beginning(system: Any, start: Any, q: Vector, v: Vector) -> Any:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
-        return whole.mass, *_beginning(whole, *eqx.combine(start, still[3]), q, v)
+        x0, input_rate = eqx.combine(start, still[3])
+        return whole.mass, *_beginning(whole, x0, input_rate, q, v)
 
     with transposed():
         _, pull = jax.vjp(beginning, own[0], own[3], y0.q, y0.v)
-    by_rate = combined(table.rate[None], y)[0]
-    more, to_start, by_q, by_v = pull(
-        (outer(mass, y, by_mass), outer(mass, -y, done[:, :n]), outer(mass, -y, z), h * by_rate)
-    )
+    more, to_start, by_q, by_v = pull((*to_matrices, h * by_rate))
     by_at, by_past = (jnp.concatenate(list(later[:, i::2]), 1) for i in (0, 1))
     to_y = end + total(by_at)
     to_y0 = State(to_y[:n] + by_q, to_y[n:] + by_v, jnp.zeros_like(y0.work))
@@ -173,6 +151,44 @@ def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, o
     to_system = jax.tree.map(jnp.add, to_system, more)
     whole = (to_system, to_h, eqx.filter(to_y0, moving[2]), to_start, to_inputs)
     return *whole, *(_zeros(a) for a in own[5:])
+
+
+def _backwards(
+    table: Tableau, own: Any, still: Any, args: Any, found: Stages, to_done: Array
+) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
+    """What belongs to S_i and P_i / h, two rows for each stage, of q (0) and of v (1), and to the
+    system by the forces of all; y_i, and what belongs to the inputs, of each."""
+    system, h, y0 = args[:3]
+    n, g, s = len(y0.q), table.gamma * h, len(to_done)
+
+    def force(own_system: Any, own_x: Any, q: Vector, v: Vector, other_x: Any) -> Vector:
+        whole: SecondOrderSystem = eqx.combine(own_system, still[0])
+        return whole.force(eqx.combine(own_x, other_x), q, v)
+
+    def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
+        later, to_system = state
+        i, columns, to_u, at, x, other_x = row
+        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + combined_apart(columns, later)
+        y = (g * to_q + to_v) @ found.solve
+        to_first = g * (to_q - y @ found.k)
+        with transposed():
+            _, pull = jax.vjp(
+                lambda system, x, q, v: force(system, x, q, v, other_x),
+                own[0], x, at[:n], at[n:],
+            )  # fmt: skip
+        more, to_x, by_q, by_v = pull(y)
+        by_past_q, by_past_v = to_first / h, (y @ system.mass) / h
+        new = jnp.stack([jnp.stack([by_q, by_past_q]), jnp.stack([by_v + to_first, by_past_v])])
+        later = jax.lax.dynamic_update_slice_in_dim(later, new, 2 * i, 1)
+        return (later, jax.tree.map(jnp.add, to_system, more)), (y, to_x)
+
+    columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0).reshape(s, 1, 2 * s)
+    columns = np.concatenate([columns, columns], 1)
+    rows = (
+        jnp.arange(s), jnp.asarray(columns, to_done.dtype), to_done, found.at, own[4], still[4],
+    )  # fmt: skip
+    zero = jnp.zeros((2, 2 * s, n, *to_done.shape[2:]), to_done.dtype), _zeros(own[0])
+    return jax.lax.scan(stage, zero, rows, reverse=True)
 
 
 def _zeros(tree: Any) -> Any:

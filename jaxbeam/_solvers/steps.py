@@ -79,7 +79,7 @@ def length(t0: Any, t1: Any) -> Array:
     return jnp.where(t1 == t0, 1e-9, t1 - t0)
 
 
-Core = Callable[..., Any]
+Core = Any  # a function of a solver, a system and arrays
 
 
 def run_core(

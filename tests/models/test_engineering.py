@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxbeam as jb
-from jaxbeam._models.ancf.energies import Engineering
+from jaxbeam._models.ancf.exact import Engineering
 from tests.helpers import slender
 from tests.references.elastica import tip_at_rest
 

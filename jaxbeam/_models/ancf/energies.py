@@ -9,6 +9,7 @@ axial strain:
                    int EA eps S'^T r' dx that are not the gradient of an energy
     Green          d_1 + d.d / 2, forces from int [EA eps^2 + EI r''.r''] dx / 2
     Engineering    |r'| - 1, forces from int [EA eps^2 + EI phi'^2] dx / 2, phi the tangent's angle
+                   (`exact.py`)
     Model 0        t.r' - 1 and curvature n.r'' in a frame that moves with the element
 
 Viscous forces follow from the rates of the same strains and curvatures: see `strained.py`.
@@ -34,7 +35,6 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.strained import Strained, gradient_of
 from jaxbeam._programs.lanes import beside, contract, total
-from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._types import Number
 
 Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, mean, at the last end
@@ -52,16 +52,6 @@ def matvec(
     return contract(beside(table[None], lanes), x[:, None], 2, lanes)
 
 
-def apart(
-    table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
-) -> Array:
-    """As `matvec`, where there are lanes in a loop of its own: the sums are computed once, and not
-    anew for every number that is made of them."""
-    if x.ndim == 2 or loops_are_dear():
-        return matvec(table, x)
-    return jax.lax.map(lambda row: matvec(table, row[None])[0], x)
-
-
 def along_element(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
     """The gradient by its three values at points s, or its derivative by s."""
     if derivative:
@@ -73,7 +63,7 @@ def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Number:
     return matvec(weights[None], x[None])[0, 0]
 
 
-def _stretched(d: Float[Array, "2 *lanes"]) -> Array:
+def axis_of(d: Float[Array, "2 *lanes"]) -> Array:
     """The tangent a1 + d of the deformed axis."""
     return jnp.concatenate([d[:1], 1 + d[1:]])
 
@@ -189,7 +179,7 @@ class Continuum(Element):
         """Strain at the stations, and its derivative by d."""
 
     def strains(self, e: Local) -> Strains:
-        along, curved = _stretched(matvec(self.slopes, e)), matvec(self.curvatures, e)
+        along, curved = axis_of(matvec(self.slopes, e)), matvec(self.curvatures, e)
         size = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
         stretching = (along[0] * curved[0] + along[1] * curved[1]) / size
         return self._strain(e), (along[1] * curved[0] - along[0] * curved[1]) / size, stretching
@@ -204,7 +194,7 @@ class Continuum(Element):
 
     def force(self, e: Local) -> Local:
         """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
-        pull = self.pulled(self._strain(e))[None] * _stretched(matvec(self.slopes, e))
+        pull = self.pulled(self._strain(e))[None] * axis_of(matvec(self.slopes, e))
         pull = matvec((self.weights[:, None] * self.slopes).T, pull)
         if self.stretching is None:
             return pull + self.bending * matvec(self._bend, e)
@@ -219,7 +209,7 @@ class Continuum(Element):
     def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         slopes, stations = self.slopes, self.stations
         strain, stretched = self.measure(matvec(stations, e))
-        pull = _rows(slopes, _stretched(matvec(slopes, e)))
+        pull = _rows(slopes, axis_of(matvec(slopes, e)))
         # By the derivative of the strain
         by_gradient = jax.vmap(self.pulled)(self.interpolated(_rows(stations, stretched)))
         terms = [w * pull[:, None, g] * by_gradient[None, :, g] for g, w in enumerate(self.weights)]
@@ -270,7 +260,7 @@ class ModelA(Continuum):
 
     def measure(self, d: Array) -> tuple[Array, Array]:
         strain = elongation(d)
-        return strain, _stretched(d) / (1 + strain)[None]
+        return strain, axis_of(d) / (1 + strain)[None]
 
 
 class Green(Continuum):
@@ -284,130 +274,10 @@ class Green(Continuum):
         return values
 
     def measure(self, d: Array) -> tuple[Array, Array]:
-        return self.strain(d), _stretched(d)
+        return self.strain(d), axis_of(d)
 
     def strain(self, d: Array) -> Array:
         return d[1] + (d[0] ** 2 + d[1] ** 2) / 2
-
-
-class Engineering(Element):
-    """U = int EA (|r'| - 1)^2 + EI phi'^2 dx / 2, phi' = (r' x r'') / r'.r' the rate of the angle.
-
-    With s = r'.r', J a turn by a right angle and t = r' turned back by one, phi' = t.r'' / s, and
-    its derivatives are (J r'' - 2 phi' r') / s by r' and t / s by r''.
-    """
-
-    # Three points would do for the order of convergence, and halve the error of few elements; but
-    # then two coarse meshes agree by chance, and the ladder takes that for convergence.
-    tears = True
-
-    def strains(self, e: Local) -> Strains:
-        at = self._at(e)
-        return at.strain, at.angle_rate
-
-    def force(self, e: Local) -> Local:
-        at = self._at(e)
-        over = beside(self.weights, e.ndim - 2) / at.square
-        couple = self.bending * at.angle_rate * over
-        pull = (self.pulled(at.strain * at.size) - 2 * self.bending * at.angle_rate**2) * over
-        by_slope = pull[None] * at.along + couple[None] * at.curved_normal
-        return self._projected(by_slope, couple[None] * at.back)
-
-    def pushed(self, e: Local, rate: Local) -> Local:
-        """With the rates a = r'.d r' / s of stretch and c = (t.d r'' + J r''.d r') / s, those of
-        phi' are c - 2 phi' a, and those of what the force has before r' and J r'' as below."""
-        at, lanes = self._at(e), e.ndim - 2
-        turned, bent = self._gradients(rate)
-        stretch = (at.along[0] * turned[0] + at.along[1] * turned[1]) / at.square
-        turn = at.back[0] * bent[0] + at.back[1] * bent[1]
-        turn = turn + at.curved_normal[0] * turned[0] + at.curved_normal[1] * turned[1]
-        turn, b, w = turn / at.square, self.bending, beside(self.weights, lanes)
-        couple = w * b * at.angle_rate / at.square
-        pull = w * (self.pulled(at.strain * at.size) - 2 * b * at.angle_rate**2) / at.square
-        twist = at.angle_rate * stretch
-        couple_rate = w * b * (turn - 4 * twist) / at.square
-        pull_rate = self.pulled(at.size * stretch) - 4 * b * at.angle_rate * (turn - 3 * twist)
-        pull_rate = w * pull_rate / at.square
-        by_slope = pull_rate[None] * at.along + couple_rate[None] * at.curved_normal
-        by_slope = by_slope + pull[None] * turned + couple[None] * jnp.stack([-bent[1], bent[0]])
-        by_bend = couple_rate[None] * at.back + couple[None] * jnp.stack([turned[1], -turned[0]])
-        return self._projected(by_slope, by_bend)
-
-    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
-        """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
-
-            int (|r'| - 4 b phi'^2) / s^2 p p^T + b k k^T dx, with
-            p = S'^T r' and k = S'^T (J r'' - 4 phi' r') / s + S''^T t / s,
-
-        and, from the second derivatives of r'.r' and of r' x r'',
-
-            int (eps |r'| - 2 b phi'^2) / s S'^T S' + b phi' / s (S'^T J S'' + its transpose) dx.
-        """
-        # A compiler that fuses computes products anew for each number that is made of them, but
-        # keeps sums and what was divided: these come last here.
-        at, bending, turn = self._at(e), self.bending, QUARTER_TURN
-        square, moment = at.square, bending * at.angle_rate
-        bent = moment * at.angle_rate
-        k = (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None]
-        l = at.back / square[None]  # of k, what goes with S''
-        by_p = (self.pulled(at.size) - 4 * bent) / square**2
-        along = (self.pulled(at.strain * at.size) - 2 * bent) / square
-        across = moment / square
-
-        def second(c: int, d: int) -> Array:
-            """By the components c and d of r' and of r'', (2 2 g), as one row."""
-            own = by_p * at.along[c] * at.along[d] + bending * k[c] * k[d]
-            turned = turn[c, d] * across
-            mixed = bending * k[c] * l[d] - turned, bending * l[c] * k[d] + turned
-            own = own + along if c == d else own
-            return jnp.concatenate([own, *mixed, bending * l[c] * l[d]])
-
-        tables = jnp if self.part is not None else np
-        both = tables.stack([self.slopes, self.curvatures])
-        table = self.weights * both[:, None].transpose(3, 0, 1, 2)[:, None] * (
-            both[None].transpose(3, 0, 1, 2)
-        )
-        rows = jnp.stack([second(c, d) for c in (0, 1) for d in (0, 1)])
-        found = apart(table.reshape(9, -1), rows)
-        return found.reshape(2, 2, 3, 3, *e.shape[2:]).swapaxes(1, 2)
-
-    def _at(self, e: Local) -> "_Bent":
-        """The strain and its derivatives at the Gauss points."""
-        d, curved = self._gradients(e)
-        strain, along = self.strain(d), _stretched(d)
-        size = 1 + strain
-        back, curved_normal = jnp.stack([along[1], -along[0]]), jnp.stack([-curved[1], curved[0]])
-        angle_rate = (along[1] * curved[0] - along[0] * curved[1]) / size**2
-        return _Bent(strain, size, size**2, along, back, curved_normal, angle_rate)
-
-
-    @property
-    def _tables(self) -> Any:
-        """`slopes` and `curvatures`."""
-        tables = self.slopes, self.curvatures
-        constant = isinstance(tables[0], np.ndarray)
-        return np.concatenate(tables) if constant else jnp.concatenate(tables)
-
-    def _gradients(self, e: Local) -> tuple[Array, Array]:
-        """d and r'' at the Gauss points, (2, g, *lanes)."""
-        both, g = apart(self._tables, e), len(self.weights)
-        return both[:, :g], both[:, g:]
-
-    def _projected(self, by_slope: Array, by_bend: Array) -> Local:
-        """The transpose of `_gradients`."""
-        return apart(self._tables.T, jnp.concatenate([by_slope, by_bend], 1))
-
-
-class _Bent(NamedTuple):
-    """eps, |r'|, s, r', t, J r'' and phi' of `Engineering`."""
-
-    strain: Float[Array, "g *lanes"]
-    size: Float[Array, "g *lanes"]
-    square: Float[Array, "g *lanes"]
-    along: Float[Array, "2 g *lanes"]
-    back: Float[Array, "2 g *lanes"]
-    curved_normal: Float[Array, "2 g *lanes"]
-    angle_rate: Float[Array, "g *lanes"]
 
 
 class ModelZero(Element):
@@ -424,8 +294,8 @@ class ModelZero(Element):
         size = 1 + elongation(axis)
         # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
         lean = jnp.stack([axis[0], axis[1] - (size - 1)]) / size[None]
-        d, tangent = matvec(self.slopes, e), _stretched(lean)
-        stretched, curved = _stretched(d), matvec(self.curvatures, e)
+        d, tangent = matvec(self.slopes, e), axis_of(lean)
+        stretched, curved = axis_of(d), matvec(self.curvatures, e)
         strain = lean[0] * stretched[0] + lean[1] * stretched[1] + d[1]
         return strain, tangent[1] * curved[0] - tangent[0] * curved[1]
 
