@@ -103,8 +103,9 @@ def test_step_back():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("lanes", [0, 3])
-@pytest.mark.parametrize("model", [jb.ExactRodANCF(2), jb.ANCF(2), jb.SpatialANCF(2)], ids=str)
+@pytest.mark.parametrize(
+    ("model", "lanes"), [(jb.ExactRodANCF(2), 3), (jb.ANCF(2), 0), (jb.SpatialANCF(1), 0)], ids=str
+)
 def test_step_back_of_elements(model, lanes):
     """Also under loads and damping, and with a body at the tip."""
 
