@@ -29,11 +29,11 @@ from jaxbeam._programs.platforms import by_platform
 _ALLOWED = frozenset({
     "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "closed_call",
     "concatenate", "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve",
-    "custom_vjp_call", "div", "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt",
-    "integer_pow", "iota", "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
-    "pad", "pow", "reduce_and", "reduce_or", "reduce_sum", "remat2", "reshape", "rev", "round",
-    "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt", "square", "squeeze",
-    "stack", "stop_gradient", "sub", "transpose", "unstack", "while", "zeros_like",
+    "custom_vjp_call", "div", "dynamic_slice", "dynamic_update_slice", "eq", "eval_jaxpr", "exp",
+    "ge", "gt", "integer_pow", "iota", "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg",
+    "not", "or", "pad", "pow", "reduce_and", "reduce_or", "reduce_sum", "remat2", "reshape", "rev",
+    "round", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt", "square",
+    "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while", "zeros_like",
 })
 # fmt: on
 _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
