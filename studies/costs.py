@@ -108,6 +108,42 @@ def seconds(repeats: int, function: Callable[..., Any], *args: Any) -> float:
     return common.timed(repeats, function, *args)[0]
 
 
+def by_tip_mass(model: jb.models.AbstractModel) -> Callable[[Any], Any]:
+    """The peak of a spin-up, as a function of the tip mass."""
+
+    def peak(tip_mass: Any) -> Any:
+        rotor = jb.Rotor(REF_21, 0.0, tip_mass)
+        return jb.simulate(model, rotor, jb.SmoothSpinUp(4.0, 15.0), TIMES, throw=False).peak()[0]
+
+    return peak
+
+
+def gradients_of_runs() -> Iterator[Row]:
+    """Derivatives of the peak of a spin-up by the tip mass, of one run and of batches of 256, over
+    the same runs alone: ratios of CPU time, all settings as they are by default."""
+    masses, one = jnp.linspace(0.05, 0.3, 256), jnp.asarray(0.1)
+    for name, model in (("8 elements", jb.ExactRodANCF(8)), ("6 polynomials", jb.Hybrid(0, 6, 0))):
+        peak = by_tip_mass(model)
+        grad = jax.grad(peak)
+        for what, forward, reverse, at in (
+            ("a run", peak, grad, one),
+            ("256 runs", jax.vmap(peak), jax.vmap(grad), masses),
+        ):
+            price = cpu_seconds(jax.jit(reverse), at) / cpu_seconds(jax.jit(forward), at)
+            yield "reverse mode over forward run", f"spin-ups, {name}: {what}", price, "-"
+
+
+def cpu_seconds(function: Callable[..., Any], *args: Any) -> float:
+    """CPU time, the least of three after compilation."""
+    jax.block_until_ready(function(*args))
+    taken = []
+    for _ in range(3):
+        start = time.process_time()
+        jax.block_until_ready(function(*args))
+        taken.append(time.process_time() - start)
+    return min(taken)
+
+
 def gradients(quick: bool) -> list[Row]:
     """Value and derivatives by four or five parameters by reverse mode, over the value alone."""
     repeats = 3 if quick else 15
@@ -269,6 +305,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     for part in (
         lambda: gradients(quick),
         lambda: () if quick else batches(),
+        lambda: () if quick else gradients_of_runs(),
         lambda: elements(quick, out),
         lambda: fresh_processes(quick),
     ):

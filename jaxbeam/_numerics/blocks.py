@@ -54,6 +54,32 @@ class BlockTridiagonal(eqx.Module):
             return self.flat(jax.lax.map(lambda row: _apply(*row), (self.rows, window)))
         return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
 
+    def __rmatmul__(self, x: _Vector) -> _Vector:
+        """The product x^T A."""
+        b, lanes = self.rows.shape[1], x.ndim - 1
+
+        def one(row: Array, own: Array) -> Array:
+            return contract(row, own[:, None], 0, lanes)
+
+        of = self.rows, self.blocked(x)
+        if lanes and not loops_are_dear():
+            each = jax.lax.map(lambda row: one(*row), of)
+        else:
+            each = jax.vmap(one)(*of)
+        low, own, up = each[1:, :b], each[:, b : 2 * b], each[:-1, 2 * b :]
+        return self.flat(own + padded(low, 0, 1) + padded(up, 1, 0))
+
+    def outer(
+        self, x: Float[Array, "s n *lanes"], y: Float[Array, "s n *lanes"]
+    ) -> "BlockTridiagonal":
+        """The sum of x_i y_i^T where this matrix is not zero, as a matrix of its kind."""
+        lanes = x.ndim - 2
+        own = jax.vmap(self.blocked)(x)
+        beside = jax.vmap(lambda y: padded(self.blocked(y), 1, 1))(y)
+        window = jnp.concatenate([beside[:, :-2], beside[:, 1:-1], beside[:, 2:]], 2)
+        rows = contract(own[:, :, :, None], window[:, :, None], 0, lanes)
+        return BlockTridiagonal(rows, self.absent)
+
     def dense(self) -> Float[Array, "n n"]:
         """The whole matrix as an array; not where there are lanes."""
         k, b, _ = self.rows.shape
@@ -125,6 +151,18 @@ class BlockInverse(eqx.Module):
             b,
             solve=lambda _, b: a.flat(_solve(*parts, a.blocked(b))),
             transpose_solve=lambda _, b: a.flat(_solve_transposed(*parts, a.blocked(b))),
+        )
+        return x
+
+    def __rmatmul__(self, b: _Vector) -> _Vector:
+        """The product b^T A^-1."""
+        parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
+        a = self.matrix
+        x: Array = jax.lax.custom_linear_solve(
+            lambda x: x @ a,
+            b,
+            solve=lambda _, b: a.flat(_solve_transposed(*parts, a.blocked(b))),
+            transpose_solve=lambda _, b: a.flat(_solve(*parts, a.blocked(b))),
         )
         return x
 

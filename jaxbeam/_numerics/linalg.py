@@ -9,7 +9,7 @@ libraries take batches, all lanes go at once.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
@@ -86,6 +86,13 @@ def inverse(a: BlockTridiagonal) -> BlockInverse: ...
 def inverse(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"] | BlockInverse:
     """Inverse of a matrix that is used many times: what multiplies (`@`) right-hand sides."""
     return a.inverse() if isinstance(a, BlockTridiagonal) else _dense_inverse(a)
+
+
+def outer(
+    like: Float[Array, "n n"] | BlockTridiagonal, x: Float[Array, "s n"], y: Float[Array, "s n"]
+) -> Any:
+    """The sum of x_i y_i^T as a matrix like this one, where that is not zero."""
+    return like.outer(x, y) if isinstance(like, BlockTridiagonal) else x.T @ y
 
 
 @jax.custom_jvp

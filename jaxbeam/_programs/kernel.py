@@ -9,14 +9,14 @@ import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
-from jax.extend.core import ClosedJaxpr, JaxprEqn, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun
 from jaxtyping import Array
 
 from jaxbeam._programs.batches import CPU_LANES, batchable
@@ -27,20 +27,32 @@ from jaxbeam._programs.platforms import by_platform
 # (they go to libraries), scattering, sorting or calls of any other kind.
 # fmt: off
 _ALLOWED = frozenset({
-    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "concatenate",
-    "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve", "div",
-    "dynamic_slice", "dynamic_update_slice", "eq", "exp", "ge", "gt", "integer_pow", "iota",
-    "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pad", "pow",
-    "reduce_and", "reduce_or", "reduce_sum", "reshape", "rev", "round", "rsqrt", "scan", "select_n",
-    "sign", "sin", "slice", "split", "sqrt", "square", "squeeze", "stack", "stop_gradient", "sub",
-    "transpose", "unstack", "while", "zeros_like",
+    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "closed_call",
+    "concatenate", "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve",
+    "custom_vjp_call", "div", "dynamic_slice", "dynamic_update_slice", "eq", "eval_jaxpr", "exp",
+    "ge", "gt", "integer_pow", "iota", "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg",
+    "not", "or", "pad", "pow", "reduce_and", "reduce_or", "reduce_sum", "remat2", "reshape", "rev",
+    "round", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt", "square",
+    "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while", "zeros_like",
 })
 # fmt: on
 _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
 _FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
 
 
-def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., Any]:
+class Adjoint(NamedTuple):
+    """A transpose of one's own."""
+
+    # From the arguments to the result and what is kept for the way back.
+    forwards: Callable[..., tuple[Any, Any]]
+    # From which leaves of the arguments move, the arguments, what was kept, and what belongs to the
+    # result, to what belongs to the arguments; None for those that do not move.
+    backwards: Callable[..., Any]
+
+
+def kernel(
+    function: Callable[..., Any], shared: bool = True, adjoint: Adjoint | None = None
+) -> Callable[..., Any]:
     """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
 
     Reverse mode may be asked for once: higher derivatives are forward over that.
@@ -48,13 +60,20 @@ def kernel(function: Callable[..., Any], shared: bool = True) -> Callable[..., A
     alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
     its first argument has lanes of length one if `shared`, to be broadcast as NumPy does.
 
+    In `reverse_mode` an `adjoint` takes the place of the function and its transpose.
+
     On a CPU it and its first derivatives are compiled to one function each, where they consist of
     operations that allow it. Keep what this returns: it is traced once.
     """
     plain = _jitted(function)
     fast = _batched(plain, shared)
     maps = functools.cache(functools.partial(_maps, plain))
-    pulled, both_ways = _in_reverse(fast, maps), _both_ways(fast, maps)
+    if adjoint is None:
+        pulled = _in_reverse(lambda *args: (fast(*args), ()), maps)
+    else:
+        forwards = _batched(_jitted(adjoint.forwards), shared)
+        pulled = _in_reverse(forwards, functools.partial(_own_maps, adjoint.backwards))
+    both_ways = _both_ways(fast, maps)
 
     def call(*args: Any) -> Any:
         return (pulled if _IN_REVERSE.get() else both_ways)(*args)
@@ -73,6 +92,11 @@ def reverse_mode() -> Iterator[None]:
         yield
     finally:
         _IN_REVERSE.reset(token)
+
+
+def in_reverse_mode() -> bool:
+    """Whether this is called within `reverse_mode`."""
+    return _IN_REVERSE.get()
 
 
 def _is_zero(rate: Any) -> bool:
@@ -104,14 +128,29 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
     def push(still: list[Array], at: list[Array], rates: list[Array]) -> Any:
         return jax.jvp(lambda *at: partial(still, list(at)), at, rates)[1]
 
-    def pull(still: list[Array], at: list[Array], out: Any) -> Any:
+    def pull(still: list[Array], at: list[Array], out: Any, kept: Any = ()) -> Any:
         return list(jax.vjp(lambda *at: partial(still, list(at)), *at)[1](out))
 
     return push, pull
 
 
+def _own_maps(
+    back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]
+) -> tuple[Any, Callable[..., Any]]:
+    """As `_maps`, with a transpose that is given."""
+
+    def pull(still: list[Array], at: list[Array], out: Any, kept: Any) -> list[Array]:
+        rest, moved = iter(still), iter(at)
+        leaves = [next(moved) if moves else next(rest) for moves in moving]
+        which, args = (jax.tree.unflatten(tree, part) for part in (moving, leaves))
+        return jax.tree.leaves(back(which, args, kept, out))
+
+    return None, pull
+
+
 def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
-    """Returns `fast` with derivatives in reverse mode alone."""
+    """Returns a function with derivatives in reverse mode alone, from one that returns besides what
+    is kept for these."""
 
     @functools.cache
     def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
@@ -119,7 +158,7 @@ def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
 
     @jax.custom_vjp
     def pulled(*args: Any) -> Any:
-        return fast(*args)
+        return fast(*args)[0]
 
     def forwards(*args: Any) -> tuple[Any, Any]:
         values = jax.tree.map(lambda a: a.value, args)
@@ -128,10 +167,11 @@ def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
         at = [a if m else None for a, m in zip(flat, moves, strict=True)]
         still = [None if m else a for a, m in zip(flat, moves, strict=True)]
         structure = jax.tree_util.Partial(tree.unflatten)  # type: ignore[attr-defined]
-        return fast(*values), (structure, at, still)
+        out, kept = fast(*values)
+        return out, (structure, at, still, kept)
 
     def backwards(residuals: Any, out: Any) -> Any:
-        structure, at, still = residuals
+        structure, at, still, kept = residuals
         unflatten = structure.func
         moving = tuple(a is not None for a in at)
         out = jax.tree.map(
@@ -139,7 +179,7 @@ def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
         )
         some = ([a for a in part if a is not None] for part in (still, at))
         tree = jax.tree.structure(unflatten(range(len(at))))
-        found = iter(transpose(tree, moving)(*some, out))
+        found = iter(transpose(tree, moving)(*some, out, kept))
         return unflatten([next(found) if moves else None for moves in moving])
 
     pulled.defvjp(forwards, backwards, symbolic_zeros=True)
@@ -255,7 +295,13 @@ def _in_rows(
         out = one([next(rest) if own else a for a, own in zip(moved, moves, strict=True)])
         return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
 
-    out = jax.lax.map(row, [a for a, own in zip(moved, moves, strict=True) if own])
+    some = [a for a, own in zip(moved, moves, strict=True) if own]
+    if rows == 1:
+        # Without a loop, so that what comes from one kernel and goes into the next is not turned
+        # around twice.
+        out = jax.tree.map(lambda a: a[None], row([a[0] for a in some]))
+    else:
+        out = jax.lax.map(row, some)
     return jax.tree.map(
         lambda a: jnp.moveaxis(a, -1, 1).reshape(rows * width, *a.shape[1:-1])[:size], out
     )
@@ -287,9 +333,9 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-def _equations(closed: ClosedJaxpr) -> Iterator[JaxprEqn]:
+def _equations(closed: ClosedJaxpr | Jaxpr) -> Iterator[JaxprEqn]:
     """All equations that a program runs, at any depth."""
-    for equation in closed.jaxpr.eqns:
+    for equation in closed.eqns:
         yield equation
         inner = equation.params
         if equation.primitive.name == "custom_linear_solve":
@@ -300,7 +346,7 @@ def _equations(closed: ClosedJaxpr) -> Iterator[JaxprEqn]:
 
 
 def _is_jaxpr(value: Any) -> bool:
-    return isinstance(value, ClosedJaxpr)
+    return isinstance(value, ClosedJaxpr | Jaxpr)
 
 
 def _is_allowed(equation: JaxprEqn) -> bool:
@@ -314,22 +360,27 @@ def _is_long_sum(equation: Any) -> bool:
 def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
     """The program with long sums in pieces, at any depth: XLA gives them to a library, which a
     function that is compiled as one cannot call."""
-    if not any(_is_long_sum(equation) for equation in _equations(closed)):
-        return closed
+    return ClosedJaxpr(_short_body(closed.jaxpr), closed.consts)
+
+
+def _short_body(body: Jaxpr) -> Jaxpr:
+    if not any(_is_long_sum(equation) for equation in _equations(body)):
+        return body
+
+    def inside(value: Any) -> Any:
+        if isinstance(value, ClosedJaxpr):
+            return _shortened(value)
+        return _short_body(value) if isinstance(value, Jaxpr) else value
 
     def mended(equation: JaxprEqn) -> JaxprEqn:
         if _is_long_sum(equation):
             pieces = jax.jit(functools.partial(_short_sum, axes=equation.params["axes"]))
             [call] = jax.make_jaxpr(pieces)(equation.invars[0].aval).jaxpr.eqns
             return call.replace(invars=equation.invars, outvars=equation.outvars)
-        inner = jax.tree.map(
-            lambda value: _shortened(value) if _is_jaxpr(value) else value,
-            equation.params, is_leaf=_is_jaxpr,
-        )  # fmt: skip
+        inner = jax.tree.map(inside, equation.params, is_leaf=_is_jaxpr)
         return equation.replace(params=inner)
 
-    equations = [mended(equation) for equation in closed.jaxpr.eqns]
-    return ClosedJaxpr(closed.jaxpr.replace(eqns=equations), closed.consts)
+    return body.replace(eqns=[mended(equation) for equation in body.eqns])
 
 
 def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:

@@ -10,16 +10,43 @@ of every product which of its axes are lanes once `jax.vmap` has put them in fro
 say so where it is known.
 """
 
+import contextlib
 import functools
+from collections.abc import Iterator
+from contextvars import ContextVar
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+_TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
+
+
+@contextlib.contextmanager
+def transposed(on: bool = True) -> Iterator[None]:
+    """What is traced herein bears `jax.vjp` alone, but where this is not `on` again. Products then
+    have transposes of their own: that of the parts that they are written out in would put arrays
+    together from slices."""
+    token = _TRANSPOSED.set(on)
+    try:
+        yield
+    finally:
+        _TRANSPOSED.reset(token)
+
+
+def is_transposed() -> bool:
+    """Whether this is called within `transposed`."""
+    return _TRANSPOSED.get()
 
 
 def contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
     """Sum over an axis of a * x, which broadcast: the form of a product that a kernel bears. Where
     there are axes of lanes it is written out, so that they fill vector units."""
+    return _transposable((a, x), axis, lanes) if is_transposed() else _contract(a, x, axis, lanes)
+
+
+def _contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
     if not lanes:
         return jnp.sum(a * x, axis)
 
@@ -28,6 +55,39 @@ def contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
 
     terms = [part(a, i) * part(x, i) for i in range(max(a.shape[axis], x.shape[axis]))]
     return functools.reduce(jnp.add, terms)
+
+
+@eqx.filter_custom_vjp
+def _transposable(both: tuple[Any, Any], axis: int, lanes: int) -> Array:
+    return _contract(*both, axis, lanes)
+
+
+@_transposable.def_fwd
+def _forwards(perturbed: Any, both: tuple[Any, Any], axis: int, lanes: int) -> tuple[Array, None]:
+    return _contract(*both, axis, lanes), None
+
+
+@_transposable.def_bwd
+def _backwards(
+    residuals: None, out: Array, perturbed: Any, both: tuple[Any, Any], axis: int, lanes: int
+) -> tuple[Any, Any]:
+    out = jnp.expand_dims(out, axis)
+
+    def pulled(own: Any, other: Any) -> Array:
+        """Sum of the other factor times `out` over the axes along which this one is repeated."""
+        whole = jnp.broadcast_shapes(own.shape, other.shape)
+        repeated = [i for i, n in enumerate(whole) if own.shape[i] != n]
+        if not repeated:
+            return jnp.broadcast_to(other * out, whole)
+        found = jnp.expand_dims(_contract(other, out, repeated[0], lanes), repeated[0])
+        for i in repeated[1:]:
+            found = total(jnp.moveaxis(found, i, 0))[None]
+            found = jnp.moveaxis(found, 0, i)
+        return jnp.broadcast_to(found, own.shape)
+
+    a, x = both
+    moves = [p is True for p in perturbed]
+    return pulled(a, x) if moves[0] else None, pulled(x, a) if moves[1] else None
 
 
 def beside(table: Any, axes: int) -> Any:

@@ -116,7 +116,12 @@ class _Sweep(NamedTuple):
                 lambda moving, row: self.advance(moving, row, k), self.moving, row
             )
         i, at_step, at_times = self.gather(back.output, k, down, step)
-        to_given, to_row = pull((back.row, at_step))
+        # Where all lanes go up there is nothing to be pulled back.
+        to_given, to_row = jax.lax.cond(
+            anywhere.bind(down),
+            lambda: pull((back.row, at_step)),
+            lambda: jax.tree.map(jnp.zeros_like, (self.moving, row)),
+        )
         if at_times is not None:
             to_given = eqx.tree_at(lambda g: g.times, to_given, to_given.times + at_times)
         # Where a lane failed, states may not be finite, but then nothing depends on them.

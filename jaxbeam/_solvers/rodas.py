@@ -1,15 +1,16 @@
 """Linearly implicit (Rosenbrock) integration of second-order systems."""
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from jaxbeam._numerics.linalg import inverse
+from jaxbeam._programs.kernel import Adjoint
+from jaxbeam._solvers.stages import Stages, Tableau, back_through_stages, stages
 from jaxbeam._solvers.steps import (
     SecondOrderSolver,
     StepPolynomial,
@@ -22,26 +23,6 @@ from jaxbeam._solvers.steps import (
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number
-
-
-class Tableau(NamedTuple):
-    """Coefficients of a Rosenbrock method in the form that saves products with the Jacobian J,
-
-        (1 / (h gamma) - J) U_i = f(t + times_i h, y + sum_j weight_ij U_j)
-                                  + sum_j coupling_ij U_j / h + h rate_i df/dt,
-
-    ending at y + weight_last U + U_last with the error U_last (stiffly accurate); `dense` gives
-    D = dense U of y0 + s (y1 - y0) + s (1 - s) (D_1 + s D_2 + s^2 D_3).
-    """
-
-    order: int
-    gamma: float
-    weight: Float[np.ndarray, "s s"]
-    coupling: Float[np.ndarray, "s s"]
-    times: Float[np.ndarray, " s"]
-    rate: Float[np.ndarray, " s"]
-    dense: Float[np.ndarray, "3 s"]
-
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -189,48 +170,37 @@ class Rosenbrock(SecondOrderSolver):
         # Rounding must not take the last stage past a jump at t1.
         inputs, between = step_inputs(args, jnp.minimum(t0 + h * self.tableau.times, t1), t0, h)
         end, error, coefficients, work = run_core(
-            Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, between
-        )
+            Rosenbrock._core, self, args, h, y0, (x0, rate), inputs, between,
+            adjoint=_ADJOINT,
+        )  # fmt: skip
         return *step_result(y0, end, error, coefficients, work), None, diffrax.RESULTS.successful
 
     def _core(
         self, system: SecondOrderSystem, h: Number, y0: State, start: Any, inputs: Any, between: Any
     ) -> tuple[Array, Array, Array, Array]:
         """End, error and polynomial of q and v side by side, and the work."""
-        table = self.tableau
-        q, v, g = y0.q, y0.v, table.gamma * h
-        x0, input_rate = start
-        k, c = system.tangents(x0, q, v)
-        solve = inverse(system.mass / g + c + g * k)
-        _, force_rate = jax.jvp(lambda x: system.force(x, q, v), (x0,), (input_rate,))
+        done = stages(self.tableau, system, h, y0, start, inputs).done
+        end, error, coefficients = self._result(y0, done)
+        return end, error, coefficients, work_along(system, between, h, y0, coefficients)
 
-        # Stages of q and v side by side: one product serves both.
-        n = len(q)
-        both = jnp.concatenate([q, v])
-
-        def stage(done: Array, row: Any) -> tuple[Array, None]:
-            i, rows, d, now = row
-            step, past = combined(rows, done)
-            step, past = both + step, past / h
-            at = step[:n], step[n:]
-            first = at[1] + past[:n]
-            right = system.force(now, *at) + system.mass @ past[n:] + h * d * force_rate
-            z = solve @ (right - g * (k @ first))
-            new = jnp.concatenate([g * (first + z), z])
-            return jax.lax.dynamic_update_index_in_dim(done, new, i, 0), None
-
-        rows = jnp.asarray(np.stack([table.weight, table.coupling], 1), q.dtype)
-        count = len(table.times)
-        done, _ = jax.lax.scan(
-            stage,
-            jnp.zeros((count, *both.shape), q.dtype),
-            (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
-        )
-        last = np.append(table.weight[-1, :-1], 1.0)
-        change, d1, d2, d3 = combined(np.stack([last, *table.dense]), done)
+    def _result(self, y0: State, done: Array) -> tuple[Array, Array, Array]:
+        change, d1, d2, d3 = combined(self.tableau.of_stages, done)
         coefficients = jnp.stack([change + d1, d2 - d1, d3 - d2, -d3])
-        work = work_along(system, between, h, y0, coefficients)
-        return both + change, done[-1], coefficients, work
+        return jnp.concatenate([y0.q, y0.v]) + change, done[-1], coefficients
+
+    def _forwards(
+        self, system: SecondOrderSystem, h: Number, y0: State, start: Any, inputs: Any, between: Any
+    ) -> tuple[Any, Stages]:
+        """The result, and the stages for the way back, on which nobody asks for the work."""
+        found = stages(self.tableau, system, h, y0, start, inputs, every=True)
+        result = self._result(y0, found.done)
+        return (*result, jnp.zeros_like(result[2][:, 0])), found
+
+    def _backwards(self, moving: Any, args: Any, found: Stages, out: Any) -> Any:
+        return back_through_stages(self.tableau, moving, args, found, out)
+
+
+_ADJOINT = Adjoint(Rosenbrock._forwards, Rosenbrock._backwards)
 
 
 class Rodas4P(Rosenbrock):

@@ -6,13 +6,15 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.kernel import kernel
+from jaxbeam._programs.kernel import Adjoint, in_reverse_mode, kernel
 from jaxbeam._programs.lanes import beside, contract
+from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number
@@ -77,24 +79,69 @@ def length(t0: Any, t1: Any) -> Array:
     return jnp.where(t1 == t0, 1e-9, t1 - t0)
 
 
-Core = Callable[..., Any]
+Core = Any  # a function of a solver, a system and arrays
 
 
 def run_core(
-    core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any
-) -> Any:
+    core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any,
+    adjoint: Adjoint | None = None,
+) -> Any:  # fmt: skip
     """core(solver, system, *arrays), a `kernel` where the system allows it; then the core must not
-    ask the system for its inputs."""
+    ask the system for its inputs.
+
+    The functions of an `adjoint`, if there is one, take the solver before what `Adjoint` says; the
+    arguments are (system, *arrays).
+    """
     part = system.kernel
-    if part is None:
+    if part is not None:
+        leaves, tree = jax.tree.flatten(part)
+        return _kernel(core, solver, tree, adjoint)(leaves, *arrays)
+    if adjoint is None or not in_reverse_mode():
         return core(solver, system, *arrays)
-    leaves, tree = jax.tree.flatten(part)
-    return _kernel(core, solver, tree)(leaves, *arrays)
+    return _with_adjoint((system, *arrays), solver, adjoint)
 
 
 @functools.lru_cache(maxsize=100)
-def _kernel(core: Core, solver: SecondOrderSolver | None, tree: Any) -> Callable[..., Any]:
-    return kernel(lambda leaves, *arrays: core(solver, jax.tree.unflatten(tree, leaves), *arrays))
+def _kernel(
+    core: Core, solver: SecondOrderSolver | None, tree: Any, adjoint: Adjoint | None
+) -> Callable[..., Any]:
+    def of(function: Core) -> Core:
+        return lambda leaves, *arrays: function(solver, jax.tree.unflatten(tree, leaves), *arrays)
+
+    if adjoint is None:
+        return kernel(of(core))
+    forwards, backwards = adjoint
+
+    def back(moving: Any, args: Any, kept: Any, out: Any) -> Any:
+        moving, args = ((jax.tree.unflatten(tree, a[0]), *a[1:]) for a in (moving, args))
+        return backwards(solver, moving, args, kept, out)
+
+    return kernel(of(core), adjoint=Adjoint(of(forwards), back))
+
+
+@eqx.filter_custom_vjp
+def _with_adjoint(args: Any, solver: SecondOrderSolver | None, adjoint: Adjoint) -> Any:
+    return adjoint.forwards(solver, *args)[0]
+
+
+@_with_adjoint.def_fwd
+def _forwards(
+    perturbed: Any, args: Any, solver: SecondOrderSolver | None, adjoint: Adjoint
+) -> tuple[Any, Any]:
+    out, kept = adjoint.forwards(solver, *args)
+    return out, (kept, jax.tree.map(jnp.zeros_like, out))
+
+
+@_with_adjoint.def_bwd
+def _backwards(
+    residuals: Any, out: Any, perturbed: Any, args: Any, solver: SecondOrderSolver | None,
+    adjoint: Adjoint,
+) -> Any:  # fmt: skip
+    kept, zeros = residuals
+    out = jax.tree.map(
+        lambda o, zero: zero if o is None else o, out, zeros, is_leaf=lambda o: o is None
+    )
+    return adjoint.backwards(solver, perturbed, args, kept, out)
 
 
 def inputs_along(system: SecondOrderSystem, t0: Number, h: Number) -> Any:
@@ -105,10 +152,12 @@ def inputs_along(system: SecondOrderSystem, t0: Number, h: Number) -> Any:
 def step_inputs(
     system: SecondOrderSystem, stages: Float[Array, " s"], t0: Number, h: Number
 ) -> tuple[Any, Any]:
-    """Inputs at the times of the stages, and at those where `work_along` wants them."""
+    """Inputs at the times of the stages, and at those where `work_along` wants them, which carry no
+    derivatives."""
     found = jax.vmap(system.inputs)(jnp.concatenate([stages, t0 + h * _NODES]))
     s = stages.size
-    return jax.tree.map(lambda a: a[:s], found), jax.tree.map(lambda a: a[s:], found)
+    between = without_derivatives(jax.tree.map(lambda a: a[s:], found))
+    return jax.tree.map(lambda a: a[:s], found), between
 
 
 def work_along(
@@ -135,6 +184,21 @@ def work_along(
 def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r n *lanes"]:
     """Sums of s rows with weights (r, s)."""
     return contract(beside(weights, rows.ndim - 1), rows[None], 1, rows.ndim - 2)
+
+
+def combined_apart(
+    weights: Float[Array, "r s"], rows: Float[Array, "r s n *lanes"]
+) -> Float[Array, "r n *lanes"]:
+    """Sums of rows, each with weights and rows of its own; with lanes in a loop of their own. Else
+    what is a part of others is computed anew with each of them, and rows of which one is replaced
+    by these are copied for that."""
+
+    def one(both: tuple[Array, Array]) -> Array:
+        return combined(both[0][None], both[1])[0]
+
+    if rows.ndim > 3 and not loops_are_dear():
+        return jax.lax.map(one, (weights, rows))
+    return jax.vmap(one)((weights, rows))
 
 
 def step_result(

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxbeam as jb
-from jaxbeam._models.ancf.energies import Engineering
+from jaxbeam._models.ancf.exact import Engineering
 from tests.helpers import slender
 from tests.references.elastica import tip_at_rest
 
@@ -22,12 +22,14 @@ def test_force_and_tangent_are_derivatives_of_the_energy():
     @jax.jit
     def both(one):
         energy = jax.grad(element.energy)
-        return element.force(one), element.tangent(one), energy(one), jax.jacfwd(energy)(one)
+        first = element.force(one), element.tangent(one), energy(one), jax.jacfwd(energy)(one)
+        return *first, element.pushed(one, jnp.cos(one))
 
     e = 0.3 * jnp.asarray(np.random.default_rng(0).normal(size=(2, 3, 2)))
     lanes = jax.jit(lambda e: (element.force(e), element.tangent(e)))(e)
     for i in range(2):
-        force, tangent, slope, hessian = both(e[..., i])
+        force, tangent, slope, hessian, pushed = both(e[..., i])
+        np.testing.assert_allclose(pushed, np.tensordot(hessian, np.cos(e[..., i])), atol=1e-12)
         np.testing.assert_allclose(force, slope, atol=1e-13)
         np.testing.assert_allclose(tangent, hessian, atol=1e-12)
         np.testing.assert_allclose(tangent, tangent.transpose(2, 3, 0, 1), atol=1e-13)

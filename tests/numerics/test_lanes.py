@@ -1,10 +1,11 @@
 """What works on arrays with lanes says the same in each lane as on one case."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import beside, contract, total, transposed
 
 RNG = np.random.default_rng(3)
 TABLE = RNG.normal(size=(4, 5))
@@ -30,6 +31,21 @@ def test_contract_broadcasts():
     x = RNG.normal(size=(5, LANES))
     found = contract(beside(TABLE, 1), jnp.asarray(x)[None], 1, 1)
     np.testing.assert_allclose(found, TABLE @ x, rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("shapes", [((4, 5, 1), (1, 5, 7)), ((1, 5, 7), (4, 5, 7))])
+def test_transposes_of_contract(shapes):
+    """By both factors, where one or two of their axes are repeated."""
+    a, x = (jnp.asarray(RNG.normal(size=shape)) for shape in shapes)
+
+    def pulled(a, x):
+        out, pull = jax.vjp(lambda a, x: contract(a, x, 1, 1), a, x)
+        return pull(jnp.cos(jnp.arange(out.size).reshape(out.shape)))
+
+    with transposed():
+        found = pulled(a, x)
+    for own, other in zip(found, pulled(a, x), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.parametrize("axes", [0, 1, 2])

@@ -33,7 +33,11 @@ def test_sums_and_products_are_those_of_dense_matrices(blocks, size, absent):
     assert a.shape == full.shape == (x.size, x.size)
     corner = full[size - absent :, : size - absent]  # first column of blocks, below its own
     assert not corner[size:].any()
-    np.testing.assert_allclose((2 * a + a / 4) @ x, 2.25 * full @ x, rtol=1e-12)
+    xs, ys = np.stack([x, 2 * x, x**2]), np.stack([x**3, x, 1 + x])
+    found = jax.jit(lambda a, x: ((2 * a + a / 4) @ x, x @ a, a.outer(xs, ys).dense()))(a, x)
+    near = np.asarray(BlockTridiagonal(jnp.ones_like(rows), absent).dense())
+    for own, expected in zip(found, (2.25 * full @ x, x @ full, near * (xs.T @ ys)), strict=True):
+        np.testing.assert_allclose(own, expected, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -44,11 +48,11 @@ def test_solutions_and_their_derivatives(blocks, size, absent):
 
     def fast(rows, x):
         inverse = BlockTridiagonal(rows, absent).inverse()
-        return inverse @ (inverse @ x)
+        return inverse @ (inverse @ x) + x @ inverse
 
     def slow(rows, x):
         a = BlockTridiagonal(rows, absent).dense()
-        return jnp.linalg.solve(a, jnp.linalg.solve(a, x))
+        return jnp.linalg.solve(a, jnp.linalg.solve(a, x)) + jnp.linalg.solve(a.T, x)
 
     weight = jnp.cos(jnp.arange(x.size))
     direction = case(blocks, size, absent, 2)[0]

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._programs.kernel import reverse_mode as kernels_reverse_mode
+from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers import run as loop
+from jaxbeam._solvers.system import State
 from tests.helpers import reverse_mode
 
 TIMES = jnp.linspace(0.0, 1.2, 13)
@@ -40,6 +43,82 @@ def check(ours, other, tolerance=1e-10):
     scale = np.abs(other).max(-1, keepdims=True)
     assert (scale > 0).all()
     np.testing.assert_array_less(np.abs(ours - other) / scale, tolerance)
+
+
+def step_of(system_of, n):
+    """Of a step of `Rodas5P`: some number by parameters, the state before it, and both times."""
+    solver = jb.solvers.Rodas5P()
+    term = jb.solvers.second_order_term(solver)
+
+    def number(p, q, v, t):
+        y, error, info, _, _ = solver.step(term, t[0], t[1], State(q, v), system_of(p), None, False)
+        weight = jnp.cos(jnp.arange(1.0, n + 1))
+        parts = [y.q, y.v**2, error.q, error.v, *info["coefficients"].q, *info["coefficients"].v]
+        return sum(i * (weight**i @ part) for i, part in enumerate(parts, 1))
+
+    return number
+
+
+def check_step(system_of, n, p, lanes=0):
+    """The adjoint of a step is the transpose of its operations by JAX, by all arguments."""
+    number = step_of(system_of, n)
+    state = 0.01 * np.random.default_rng(1).normal(size=(2, n))
+    args = (p, *jnp.asarray(state), jnp.array([0.7, 0.72]))
+    grad = jax.grad(number, (0, 1, 2, 3))
+
+    def by_adjoint(*args):
+        with kernels_reverse_mode():
+            return jax.grad(number, (0, 1, 2, 3))(*args)
+
+    if lanes:
+        factors = 1 + 0.01 * jnp.arange(lanes)
+        args = jax.tree.map(lambda a: factors.reshape(-1, *(1,) * a.ndim) * a, args)
+        grad, by_adjoint = jax.vmap(grad), jax.vmap(by_adjoint)
+    found, expected = jax.jit(lambda *args: (by_adjoint(*args), grad(*args)))(*args)
+    for own, other in zip(found, expected, strict=True):
+        check(own, other, 1e-11)
+
+
+class Pendulum(jb.solvers.SecondOrderSystem):
+    """Something not linear in anything, with a matrix that is not symmetric."""
+
+    mass: jax.Array
+    p: jax.Array
+
+    def inputs(self, t):
+        return jnp.sin(self.p[2] * t)
+
+    def force(self, x, q, v):
+        turned = jnp.stack([q[1], -(q[0] ** 3)])
+        return x * self.p[:2] - jnp.sin(q) * (1 + q[0]) + self.p[1] * turned - q * v**2
+
+
+def test_step_back():
+    """Of dense matrices."""
+
+    def system_of(p):
+        return Pendulum(jnp.array([[2.0, 0.4], [0.3, 1.0]]) * p[0], p)
+
+    check_step(system_of, 2, jnp.array([1.1, 0.7, 3.0]))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("model", "lanes"), [(jb.ExactRodANCF(2), 3), (jb.ANCF(2), 0), (jb.SpatialANCF(1), 0)], ids=str
+)
+def test_step_back_of_elements(model, lanes):
+    """Also under loads and damping, and with a body at the tip."""
+
+    def system_of(p):
+        body = jb.TipBody(0.1 * p[4], 0.2 * p[5])
+        beam = jb.Beam(p[0], p[1], p[2], p[3], p[3], torsional_stiffness=p[3])
+        loads = jb.Loads(tip_force=lambda t: p[3] * jnp.sin(t) * jnp.array([1.0, 1.0, 0.0]))
+        return Scene(
+            model, jb.Rotor(beam, p[4], p[5], tip_body=body), jb.SmoothSpinUp(p[6], p[7]), loads,
+            jb.Damping(0.1 * p[4], 0.01 * p[5]), TIMES,
+        )  # fmt: skip
+
+    check_step(system_of, len(model.directions), P, lanes)
 
 
 CASES = {

@@ -48,7 +48,7 @@ from jaxbeam._models.ancf.sections import Cuts, Ends, Sections, body_mass, cuts,
 from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.base import Equations
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
-from jaxbeam._models.contract.strained import Parts, gradient_of
+from jaxbeam._models.contract.strained import Parts, force_of, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._programs.lanes import beside, contract, total
 from jaxbeam._rotor.beam import Rotor
@@ -203,7 +203,8 @@ class ElementEquations(Equations):
 
     def _elastic(self, law: Law, local: Float[Array, "2 4 *lanes"]) -> Array:
         """Elastic force of an element, (2, 4, *lanes)."""
-        force = self.axial_stiffness * law.force(self._gradients(local))
+        force = force_of(law, self._gradients(local), self.element.is_conservative)
+        force = self.axial_stiffness * force
         return on_ends(self.element.n_elements, force)
 
     def _weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:

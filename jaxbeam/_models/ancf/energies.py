@@ -9,6 +9,7 @@ axial strain:
                    int EA eps S'^T r' dx that are not the gradient of an energy
     Green          d_1 + d.d / 2, forces from int [EA eps^2 + EI r''.r''] dx / 2
     Engineering    |r'| - 1, forces from int [EA eps^2 + EI phi'^2] dx / 2, phi the tangent's angle
+                   (`exact.py`)
     Model 0        t.r' - 1 and curvature n.r'' in a frame that moves with the element
 
 Viscous forces follow from the rates of the same strains and curvatures: see `strained.py`.
@@ -62,7 +63,7 @@ def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Number:
     return matvec(weights[None], x[None])[0, 0]
 
 
-def _stretched(d: Float[Array, "2 *lanes"]) -> Array:
+def axis_of(d: Float[Array, "2 *lanes"]) -> Array:
     """The tangent a1 + d of the deformed axis."""
     return jnp.concatenate([d[:1], 1 + d[1:]])
 
@@ -178,7 +179,7 @@ class Continuum(Element):
         """Strain at the stations, and its derivative by d."""
 
     def strains(self, e: Local) -> Strains:
-        along, curved = _stretched(matvec(self.slopes, e)), matvec(self.curvatures, e)
+        along, curved = axis_of(matvec(self.slopes, e)), matvec(self.curvatures, e)
         size = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
         stretching = (along[0] * curved[0] + along[1] * curved[1]) / size
         return self._strain(e), (along[1] * curved[0] - along[0] * curved[1]) / size, stretching
@@ -193,7 +194,7 @@ class Continuum(Element):
 
     def force(self, e: Local) -> Local:
         """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
-        pull = self.pulled(self._strain(e))[None] * _stretched(matvec(self.slopes, e))
+        pull = self.pulled(self._strain(e))[None] * axis_of(matvec(self.slopes, e))
         pull = matvec((self.weights[:, None] * self.slopes).T, pull)
         if self.stretching is None:
             return pull + self.bending * matvec(self._bend, e)
@@ -208,7 +209,7 @@ class Continuum(Element):
     def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         slopes, stations = self.slopes, self.stations
         strain, stretched = self.measure(matvec(stations, e))
-        pull = _rows(slopes, _stretched(matvec(slopes, e)))
+        pull = _rows(slopes, axis_of(matvec(slopes, e)))
         # By the derivative of the strain
         by_gradient = jax.vmap(self.pulled)(self.interpolated(_rows(stations, stretched)))
         terms = [w * pull[:, None, g] * by_gradient[None, :, g] for g, w in enumerate(self.weights)]
@@ -259,7 +260,7 @@ class ModelA(Continuum):
 
     def measure(self, d: Array) -> tuple[Array, Array]:
         strain = elongation(d)
-        return strain, _stretched(d) / (1 + strain)[None]
+        return strain, axis_of(d) / (1 + strain)[None]
 
 
 class Green(Continuum):
@@ -273,85 +274,10 @@ class Green(Continuum):
         return values
 
     def measure(self, d: Array) -> tuple[Array, Array]:
-        return self.strain(d), _stretched(d)
+        return self.strain(d), axis_of(d)
 
     def strain(self, d: Array) -> Array:
         return d[1] + (d[0] ** 2 + d[1] ** 2) / 2
-
-
-class Engineering(Element):
-    """U = int EA (|r'| - 1)^2 + EI phi'^2 dx / 2, phi' = (r' x r'') / r'.r' the rate of the angle.
-
-    With s = r'.r', J a turn by a right angle and t = r' turned back by one, phi' = t.r'' / s, and
-    its derivatives are (J r'' - 2 phi' r') / s by r' and t / s by r''.
-    """
-
-    # Three points would do for the order of convergence, and halve the error of few elements; but
-    # then two coarse meshes agree by chance, and the ladder takes that for convergence.
-    tears = True
-
-    def strains(self, e: Local) -> Strains:
-        at = self._at(e)
-        return at.strain, at.angle_rate
-
-    def force(self, e: Local) -> Local:
-        at = self._at(e)
-        over = beside(self.weights, e.ndim - 2) / at.square
-        couple = self.bending * at.angle_rate * over
-        pull = (self.pulled(at.strain * at.size) - 2 * self.bending * at.angle_rate**2) * over
-        by_slope = pull[None] * at.along + couple[None] * at.curved_normal
-        return matvec(self.slopes.T, by_slope) + matvec(self.curvatures.T, couple[None] * at.back)
-
-    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
-        """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
-
-            int (|r'| - 4 b phi'^2) / s^2 p p^T + b k k^T dx, with
-            p = S'^T r' and k = S'^T (J r'' - 4 phi' r') / s + S''^T t / s,
-
-        and, from the second derivatives of r'.r' and of r' x r'',
-
-            int (eps |r'| - 2 b phi'^2) / s S'^T S' + b phi' / s (S'^T J S'' + its transpose) dx.
-        """
-        # A compiler that fuses computes products anew for each number that is made of them, but
-        # keeps sums and what was divided: these come last here.
-        at, slopes, weights = self._at(e), self.slopes, self.weights
-        lanes, square, moment = e.ndim - 2, at.square, self.bending * at.angle_rate
-        bent = moment * at.angle_rate
-        p = _rows(slopes, at.along)
-        k = _rows(slopes, (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None])
-        k = k + _rows(self.curvatures, at.back / square[None])
-        both, w = jnp.concatenate([p, k], 1), beside(weights, lanes)
-        by = w * (self.pulled(at.size) - 4 * bent) / square**2
-        by = jnp.concatenate([by, w * self.bending + 0 * square])
-        material = contract(both[:, None], (by[None] * both)[None], 2, lanes)
-
-        along = (self.pulled(at.strain * at.size) - 2 * bent) / square
-        along = _weighted(weights, slopes, slopes, along[None])
-        across = _weighted(weights, self.curvatures, slopes, (moment / square)[None])
-        across = across - across.swapaxes(0, 1)
-        curved_normal = beside(QUARTER_TURN[:, None, :, None], lanes) * across[None, :, None]
-        return material.reshape(2, 3, *e.shape) + _both(along) + curved_normal
-
-    def _at(self, e: Local) -> "_Bent":
-        """The strain and its derivatives at the Gauss points."""
-        d, curved = matvec(self.slopes, e), matvec(self.curvatures, e)
-        strain, along = self.strain(d), _stretched(d)
-        size = 1 + strain
-        back, curved_normal = jnp.stack([along[1], -along[0]]), jnp.stack([-curved[1], curved[0]])
-        angle_rate = (along[1] * curved[0] - along[0] * curved[1]) / size**2
-        return _Bent(strain, size, size**2, along, back, curved_normal, angle_rate)
-
-
-class _Bent(NamedTuple):
-    """eps, |r'|, s, r', t, J r'' and phi' of `Engineering`."""
-
-    strain: Float[Array, "g *lanes"]
-    size: Float[Array, "g *lanes"]
-    square: Float[Array, "g *lanes"]
-    along: Float[Array, "2 g *lanes"]
-    back: Float[Array, "2 g *lanes"]
-    curved_normal: Float[Array, "2 g *lanes"]
-    angle_rate: Float[Array, "g *lanes"]
 
 
 class ModelZero(Element):
@@ -368,8 +294,8 @@ class ModelZero(Element):
         size = 1 + elongation(axis)
         # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
         lean = jnp.stack([axis[0], axis[1] - (size - 1)]) / size[None]
-        d, tangent = matvec(self.slopes, e), _stretched(lean)
-        stretched, curved = _stretched(d), matvec(self.curvatures, e)
+        d, tangent = matvec(self.slopes, e), axis_of(lean)
+        stretched, curved = axis_of(d), matvec(self.curvatures, e)
         strain = lean[0] * stretched[0] + lean[1] * stretched[1] + d[1]
         return strain, tangent[1] * curved[0] - tangent[0] * curved[1]
 

@@ -70,7 +70,9 @@ def each_element(function: Callable[..., Array], of: tuple[Any, ...], axes: int)
     after the other, so that what is needed on the way stays in the cache, and loops over lanes are
     not mixed up with what becomes of the results; but all at once where loops are dear."""
     if of[-1].ndim > axes and not loops_are_dear():
-        return jax.lax.map(lambda of: function(*of), of)
+        # The way back makes anew what is needed of an element, and keeps nothing of it.
+        one = jax.checkpoint(lambda of: function(*of), prevent_cse=False)
+        return jax.lax.map(one, of)
     return jax.vmap(function)(*of)
 
 

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions
 from jaxbeam._models.ancf.elements import ElementEquations
-from jaxbeam._models.ancf.energies import Chord, Element, Engineering, Green, ModelA, Tangent
+from jaxbeam._models.ancf.energies import Chord, Element, Green, ModelA, Tangent
+from jaxbeam._models.ancf.exact import Engineering
 from jaxbeam._models.bases.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.contract.bands import NodeByNode
 from jaxbeam._models.contract.base import checked_case, steady_strain

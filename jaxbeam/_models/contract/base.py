@@ -18,7 +18,7 @@ from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanFo
 from jaxbeam._models.contract.supports import Neglects, check_supported
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import total, transposed
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
@@ -154,6 +154,7 @@ class Equations(eqx.Module):
         models that support `loads.force_per_length`."""
         raise NotImplementedError
 
+    @transposed(on=False)
     def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
         """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
@@ -163,6 +164,7 @@ class Equations(eqx.Module):
         """d elastic_force / dq, of the kind of `mass`."""
         return jax.jacfwd(self.elastic_force)(q)
 
+    @transposed(on=False)
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Any, Any]:
         """Derivatives of `viscous_force` by q and q', of the kind of `mass`."""
         by: tuple[Any, Any] = jax.jacfwd(self.viscous_force, (0, 1))(q, v)

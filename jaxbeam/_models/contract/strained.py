@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import beside, contract, is_transposed, total, transposed
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._types import Number
 
@@ -37,10 +37,20 @@ class Strained(eqx.Module):
     def stresses(self, strains: Any) -> Any:
         """D s, of the same kind."""
 
+    @abc.abstractmethod
+    def force(self, e: Array) -> Array:
+        """The elastic force."""
+
+    @transposed(on=False)
+    def pushed(self, e: Array, rate: Array) -> Array:
+        """The rate of the force, (d force / de) e'."""
+        return jax.jvp(self.force, (e,), (rate,))[1]
+
     def viscous(self, e: Array, rate: Array) -> Array:
         """Viscous force B^T D B e'."""
         return viscous(self.strains, self.stresses, e, rate)
 
+    @transposed(on=False)
     def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
         """Derivatives of `viscous_force` by e, B^T D d(B e')/de and that of B^T alone, and by e',
         B^T D B."""
@@ -58,6 +68,7 @@ class Strained(eqx.Module):
         by_e, by_rate = (contract(b, pull(a, e)[None], 2, lanes).reshape(held.shape) for a in by)
         return held + by_e, by_rate
 
+    @transposed(on=False)
     def by(self, function: Callable[[Array], Array], e: Array) -> Array:
         """The derivative of a force by the coordinates: axes of the force, of these, of lanes."""
         push = jax.linearize(function, e)[1]
@@ -92,6 +103,9 @@ class Parts(eqx.Module):
     def tangent(self, e: Array) -> Array:
         return total(jax.vmap(lambda part: part.tangent(e))(self.each))
 
+    def pushed(self, e: Array, rate: Array) -> Array:
+        return total(jax.vmap(lambda part: part.pushed(e, rate))(self.each))
+
     def viscous(self, e: Array, rate: Array) -> Array:
         return total(jax.vmap(lambda part: part.viscous(e, rate))(self.each))
 
@@ -100,6 +114,7 @@ class Parts(eqx.Module):
         return total(by_e), total(by_rate)
 
 
+@transposed(on=False)
 def viscous(
     strains: Callable[[Array], Any], stresses: Callable[[Any], Any], q: Array, rate: Array
 ) -> Array:
@@ -117,6 +132,33 @@ def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]
 def holding(rotor: Rotor, axial_stiffness: Number) -> Number | None:
     """Stiffness, in J, that holds the end of the beam unstretched where a body is; None else."""
     return 10 * axial_stiffness * rotor.beam.length if rotor.tip_body.is_body else None
+
+
+def force_of(law: Any, e: Array, symmetric: bool) -> Array:
+    """law.force(e). If its derivative by e is `symmetric`, so much as it pulls back it pushes
+    forward, in a shorter program."""
+    return _symmetric((law, e)) if symmetric and is_transposed() else law.force(e)
+
+
+@eqx.filter_custom_vjp
+def _symmetric(both: tuple[Any, Array]) -> Array:
+    force: Array = both[0].force(both[1])
+    return force
+
+
+@_symmetric.def_fwd
+def _forwards(perturbed: Any, both: tuple[Any, Array]) -> tuple[Array, None]:
+    return _symmetric(both), None
+
+
+@_symmetric.def_bwd
+def _backwards(
+    residuals: None, out: Array, perturbed: Any, both: tuple[Any, Array]
+) -> tuple[Any, Array]:
+    law, e = both
+    own, still = eqx.partition(law, perturbed[0])
+    _, pull = jax.vjp(lambda own: eqx.combine(own, still).force(e), own)
+    return pull(out)[0], law.pushed(e, out)
 
 
 class EndSprings(Strained):
@@ -161,6 +203,7 @@ class EndSprings(Strained):
             self.by(lambda rate: self.viscous(e, rate), rate),
         )
 
+    @transposed(on=False)
     def by(self, function: Callable[[Array], Array], e: Array) -> Float[Array, "2 c c *lanes"]:
         """The derivative of each force by its own gradient; there is none by the other."""
         push, units = jax.linearize(function, e)[1], jnp.eye(e.shape[1], dtype=e.dtype)[:, None]

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import Equations
+from jaxbeam._models.contract.strained import force_of
 from jaxbeam._models.space.ends import Ends
 from jaxbeam._models.space.frames import deformation
 from jaxbeam._models.space.nodes import Nodes, Ways, assembled, of_elements
@@ -84,7 +85,8 @@ class SpatialElasticity(Equations):
 
     def _elastic(self, part: Any, local: Float[Array, "2 2 4 *#lanes"]) -> Array:
         """Elastic force of an element, (2, 2, 4, *lanes)."""
-        return self.sections.axial_stiffness * self._on_nodes(part.law.force(self._strains(local)))
+        force = force_of(part.law, self._strains(local), symmetric=True)
+        return self.sections.axial_stiffness * self._on_nodes(force)
 
     def _strains(self, local: Float[Array, "2 2 4 *#lanes"]) -> Float[Array, "13 *#lanes"]:
         """The local coordinates of `_models/space/energies.py`."""

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.strained import EndSprings, holding
 from jaxbeam._models.space.energies import elongation
 from jaxbeam._models.space.frames import A1, axes, carried
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import beside, contract, total, transposed
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import cross
@@ -77,6 +77,7 @@ def push(load: TipLoad, d: Triple, angle: Number) -> Float[Array, "7 *#lanes"]:
     return jnp.concatenate([force, slope, about[None]])
 
 
+@transposed(on=False)
 def push_tangent(load: TipLoad, d: Triple, angle: Number) -> Float[Array, "7 4 *#lanes"]:
     """Derivatives of `push` by the gradient and the angle."""
     at: Any = jnp.concatenate([d, angle[None]])

@@ -49,7 +49,7 @@ from jaxbeam._models.space.frames import (
     pulled_back_tangent,
     stretched,
 )
-from jaxbeam._programs.lanes import beside, total
+from jaxbeam._programs.lanes import beside, total, transposed
 from jaxbeam._types import Number
 
 # Gauss points of an element and their weights, exact to degree 5, as small bending and twist want
@@ -306,6 +306,7 @@ class _Points(NamedTuple):
             by_u3 - along * t3 - across * q3, by_q1, by_q2, by_q3,
         ])  # fmt: skip
 
+    @transposed(on=False)
     def second(self, moments: Float[Array, "3 g *lanes"]) -> Float[Array, "6 6 g *lanes"]:
         """Derivatives of what moments that do not change do, by r' and L r''."""
         p, moments = self.p, moments[:, None]

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import beside, contract, total, transposed
 from jaxbeam._rotor.motion import cross
 from jaxbeam._types import Number, Triple
 
@@ -139,6 +139,7 @@ def _on_first(frame: Frames, acting: _Acting) -> Array:
     return jnp.concatenate([acting.size, across[1:], -across[:1]])
 
 
+@transposed(on=False)
 def pulled_back_tangent(
     frame: Frames, force: Natural, second: Float[Array, "10 10 *lanes"], n_elements: int
 ) -> Float[Array, "13 13 *lanes"]:

@@ -1,0 +1,140 @@
+"""Elements of the exact rod without shear, whose axial strain is the engineering strain.
+
+Compilers that fuse operations compute sums of few products anew for every number that is made of
+them, unless they are `apart`; what was divided is computed once.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.ancf.energies import QUARTER_TURN, Element, Local, Strains, axis_of, matvec
+from jaxbeam._programs.lanes import beside
+from jaxbeam._programs.platforms import loops_are_dear
+
+
+def apart(
+    table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
+) -> Array:
+    """As `matvec`, where there are lanes in a loop of its own: the sums are computed once, and not
+    anew for every number that is made of them."""
+    if x.ndim == 2 or loops_are_dear():
+        return matvec(table, x)
+    return jax.lax.map(lambda row: matvec(table, row[None])[0], x)
+
+
+class Engineering(Element):
+    """U = int EA (|r'| - 1)^2 + EI phi'^2 dx / 2, phi' = (r' x r'') / r'.r' the rate of the angle.
+
+    With s = r'.r', J a turn by a right angle and t = r' turned back by one, phi' = t.r'' / s, and
+    its derivatives are (J r'' - 2 phi' r') / s by r' and t / s by r''.
+    """
+
+    # Three points would do for the order of convergence, and halve the error of few elements; but
+    # then two coarse meshes agree by chance, and the ladder takes that for convergence.
+    tears = True
+
+    def strains(self, e: Local) -> Strains:
+        at = self._at(e)
+        return at.strain, at.angle_rate
+
+    def force(self, e: Local) -> Local:
+        at = self._at(e)
+        over = beside(self.weights, e.ndim - 2) / at.square
+        couple = self.bending * at.angle_rate * over
+        pull = (self.pulled(at.strain * at.size) - 2 * self.bending * at.angle_rate**2) * over
+        by_slope = pull[None] * at.along + couple[None] * at.curved_normal
+        return self._projected(by_slope, couple[None] * at.back)
+
+    def pushed(self, e: Local, rate: Local) -> Local:
+        """With the rates a = r'.d r' / s of stretch and c = (t.d r'' + J r''.d r') / s, those of
+        phi' are c - 2 phi' a, and those of what the force has before r' and J r'' as below."""
+        at, lanes = self._at(e), e.ndim - 2
+        turned, bent = self._gradients(rate)
+        stretch = (at.along[0] * turned[0] + at.along[1] * turned[1]) / at.square
+        turn = at.back[0] * bent[0] + at.back[1] * bent[1]
+        turn = turn + at.curved_normal[0] * turned[0] + at.curved_normal[1] * turned[1]
+        turn, b, w = turn / at.square, self.bending, beside(self.weights, lanes)
+        couple = w * b * at.angle_rate / at.square
+        pull = w * (self.pulled(at.strain * at.size) - 2 * b * at.angle_rate**2) / at.square
+        twist = at.angle_rate * stretch
+        couple_rate = w * b * (turn - 4 * twist) / at.square
+        pull_rate = self.pulled(at.size * stretch) - 4 * b * at.angle_rate * (turn - 3 * twist)
+        pull_rate = w * pull_rate / at.square
+        by_slope = pull_rate[None] * at.along + couple_rate[None] * at.curved_normal
+        by_slope = by_slope + pull[None] * turned + couple[None] * jnp.stack([-bent[1], bent[0]])
+        by_bend = couple_rate[None] * at.back + couple[None] * jnp.stack([turned[1], -turned[0]])
+        return self._projected(by_slope, by_bend)
+
+    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+        """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
+
+            int (|r'| - 4 b phi'^2) / s^2 p p^T + b k k^T dx, with
+            p = S'^T r' and k = S'^T (J r'' - 4 phi' r') / s + S''^T t / s,
+
+        and, from the second derivatives of r'.r' and of r' x r'',
+
+            int (eps |r'| - 2 b phi'^2) / s S'^T S' + b phi' / s (S'^T J S'' + its transpose) dx.
+        """
+        at, bending, turn = self._at(e), self.bending, QUARTER_TURN
+        square, moment = at.square, bending * at.angle_rate
+        bent = moment * at.angle_rate
+        k = (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None]
+        bend = at.back / square[None]  # of k, what goes with S''
+        by_p = (self.pulled(at.size) - 4 * bent) / square**2
+        along = (self.pulled(at.strain * at.size) - 2 * bent) / square
+        across = moment / square
+
+        def second(c: int, d: int) -> Array:
+            """By the components c and d of r' and of r'', (2 2 g), as one row."""
+            own = by_p * at.along[c] * at.along[d] + bending * k[c] * k[d]
+            turned = turn[c, d] * across
+            mixed = bending * k[c] * bend[d] - turned, bending * bend[c] * k[d] + turned
+            own = own + along if c == d else own
+            return jnp.concatenate([own, *mixed, bending * bend[c] * bend[d]])
+
+        both = self._tables.reshape(2, -1, 3).transpose(2, 0, 1)
+        table = self.weights * both[:, None, :, None] * both[None, :, None]
+        rows = jnp.stack([second(c, d) for c in (0, 1) for d in (0, 1)])
+        found = apart(table.reshape(9, -1), rows)
+        return found.reshape(2, 2, 3, 3, *e.shape[2:]).swapaxes(1, 2)
+
+    def _at(self, e: Local) -> "_Bent":
+        """The strain and its derivatives at the Gauss points."""
+        d, curved = self._gradients(e)
+        strain, along = self.strain(d), axis_of(d)
+        size = 1 + strain
+        back, curved_normal = jnp.stack([along[1], -along[0]]), jnp.stack([-curved[1], curved[0]])
+        angle_rate = (along[1] * curved[0] - along[0] * curved[1]) / size**2
+        return _Bent(strain, size, size**2, along, back, curved_normal, angle_rate)
+
+    @property
+    def _tables(self) -> Any:
+        """`slopes` and `curvatures`."""
+        tables = self.slopes, self.curvatures
+        constant = isinstance(tables[0], np.ndarray)
+        return np.concatenate(tables) if constant else jnp.concatenate(tables)
+
+    def _gradients(self, e: Local) -> tuple[Array, Array]:
+        """d and r'' at the Gauss points, (2, g, *lanes)."""
+        both, g = apart(self._tables, e), len(self.weights)
+        return both[:, :g], both[:, g:]
+
+    def _projected(self, by_slope: Array, by_bend: Array) -> Local:
+        """The transpose of `_gradients`."""
+        return apart(self._tables.T, jnp.concatenate([by_slope, by_bend], 1))
+
+
+class _Bent(NamedTuple):
+    """eps, |r'|, s, r', t, J r'' and phi' of `Engineering`."""
+
+    strain: Float[Array, "g *lanes"]
+    size: Float[Array, "g *lanes"]
+    square: Float[Array, "g *lanes"]
+    along: Float[Array, "2 g *lanes"]
+    back: Float[Array, "2 g *lanes"]
+    curved_normal: Float[Array, "2 g *lanes"]
+    angle_rate: Float[Array, "g *lanes"]

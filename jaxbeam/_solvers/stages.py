@@ -1,0 +1,195 @@
+"""The stages of a Rosenbrock method for second-order systems, and their adjoint.
+
+With g = gamma h, S_i = y + sum_j weight_ij U_j and P_i = sum_j coupling_ij U_j / h, each with a
+part in q and one in v, a stage U_i = (g (f_i + z_i), z_i), f_i = S_i,v + P_i,q, solves
+
+    A z_i = F(x_i, S_i) + M P_i,v + h rate_i F' - g K f_i,   A = M / g + C + g K.
+
+Its adjoint goes through the stages backwards. What belongs to U_i, (a_i, b_i), is known when all
+later ones are done; then
+
+    A^T y_i = g a_i + b_i,  and what belongs to f_i is e_i = g (a_i - K^T y_i),
+    to S_i: (dF/dq^T y_i, dF/dv^T y_i + e_i),   to P_i: (e_i, M^T y_i).
+
+By all else, M, C, K, F' and g, the derivative is that of
+
+    sum_i y_i . (F(x_i, S_i) + h rate_i F' + M (P_i,v - z_i / g) - C z_i - K U_i,q)
+
+with stages as they are: K and C get sums of y_i U_i^T, and are differentiated once. So a step back
+asks for first derivatives of the force at every stage, and for those of its tangents at the start,
+in place of the transpose of every operation.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._numerics.blocks import padded
+from jaxbeam._numerics.linalg import inverse, outer
+from jaxbeam._programs.lanes import total, transposed
+from jaxbeam._solvers.steps import combined, combined_apart
+from jaxbeam._solvers.system import SecondOrderSystem, State
+from jaxbeam._types import Number, Vector
+
+
+class Tableau(NamedTuple):
+    """Coefficients of a Rosenbrock method in the form that saves products with the Jacobian J,
+
+        (1 / (h gamma) - J) U_i = f(t + times_i h, y + sum_j weight_ij U_j)
+                                  + sum_j coupling_ij U_j / h + h rate_i df/dt,
+
+    ending at y + weight_last U + U_last with the error U_last (stiffly accurate); `dense` gives
+    D = dense U of y0 + s (y1 - y0) + s (1 - s) (D_1 + s D_2 + s^2 D_3).
+    """
+
+    order: int
+    gamma: float
+    weight: Float[np.ndarray, "s s"]
+    coupling: Float[np.ndarray, "s s"]
+    times: Float[np.ndarray, " s"]
+    rate: Float[np.ndarray, " s"]
+    dense: Float[np.ndarray, "3 s"]
+
+    @property
+    def of_stages(self) -> Float[np.ndarray, "4 s"]:
+        """The change over a step, and D, from the stages."""
+        return np.stack([np.append(self.weight[-1, :-1], 1.0), *self.dense])
+
+
+class Stages(NamedTuple):
+    """What a step is made of."""
+
+    k: Any
+    solve: Any  # A^-1
+    force_rate: Vector  # F'
+    done: Float[Array, "s m *lanes"]  # U of q and v side by side
+    at: Any  # S (s, m, *lanes), and P, if they are kept
+    past: Any
+
+
+def stages(
+    table: Tableau, system: SecondOrderSystem, h: Number, y0: State, start: Any, inputs: Any,
+    *, every: bool = False,
+) -> Stages:  # fmt: skip
+    """The stages of a step, with what `every` one begins with if that is asked for."""
+    q, v, g = y0.q, y0.v, table.gamma * h
+    n, both = len(q), jnp.concatenate([q, v])
+    x0, input_rate = start
+    k, c, force_rate = _beginning(system, x0, input_rate, q, v)
+    solve = inverse(system.mass / g + c + g * k)
+
+    def stage(done: Array, row: Any) -> tuple[Array, Any]:
+        i, rows, d, now = row
+        step, past = combined_apart(rows, jnp.broadcast_to(done, (2, *done.shape)))
+        step, past = both + step, past / h
+        at = step[:n], step[n:]
+        first = at[1] + past[:n]
+        right = system.force(now, *at) + system.mass @ past[n:] + h * d * force_rate
+        z = solve @ (right - g * (k @ first))
+        new = jnp.concatenate([g * (first + z), z])
+        done = jax.lax.dynamic_update_index_in_dim(done, new, i, 0)
+        return done, (step, past) if every else None
+
+    rows = jnp.asarray(np.stack([table.weight, table.coupling], 1), q.dtype)
+    count = len(table.times)
+    done, began = jax.lax.scan(
+        stage,
+        jnp.zeros((count, *both.shape), q.dtype),
+        (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
+    )
+    return Stages(k, solve, force_rate, done, *(began if every else (None, None)))
+
+
+def _beginning(
+    system: SecondOrderSystem, x0: Any, input_rate: Any, q: Vector, v: Vector
+) -> tuple[Any, Any, Vector]:
+    """K, C and F' where a step begins."""
+    k, c = system.tangents(x0, q, v)
+    with transposed(on=False):
+        _, force_rate = jax.jvp(lambda x: system.force(x, q, v), (x0,), (input_rate,))
+    return k, c, force_rate
+
+
+def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> Any:
+    """What belongs to those of the arguments (system, h, y0, start, inputs, ...) of a step that are
+    `moving`, from what belongs to its end, error and polynomial. That of others is None."""
+    own, still = eqx.partition(args, moving)
+    _, h, y0 = args[:3]
+    n, g, done, past = len(y0.q), table.gamma * h, found.done, found.past
+    end, error, (c0, c1, c2, c3) = out[:3]
+    to_done = combined(table.of_stages.T, jnp.stack([end + c0, c0 - c1, c1 - c2, c2 - c3]))
+    to_done = to_done + padded(error[None], len(done) - 1, 0)
+    (later, to_system), (y, to_inputs) = _backwards(table, own, still, args, found, to_done)
+
+    # By what stages have in common
+    mass, by_rate = args[0].mass, combined(table.rate[None], y)[0]
+    to_matrices = (
+        outer(mass, y, past[:, n:] - done[:, n:] / g),
+        outer(mass, -y, done[:, :n]),
+        outer(mass, -y, done[:, n:]),
+    )
+
+    def beginning(system: Any, start: Any, q: Vector, v: Vector) -> Any:
+        whole: SecondOrderSystem = eqx.combine(system, still[0])
+        x0, input_rate = eqx.combine(start, still[3])
+        return whole.mass, *_beginning(whole, x0, input_rate, q, v)
+
+    with transposed():
+        _, pull = jax.vjp(beginning, own[0], own[3], y0.q, y0.v)
+    more, to_start, by_q, by_v = pull((*to_matrices, h * by_rate))
+    by_at, by_past = (jnp.concatenate(list(later[:, i::2]), 1) for i in (0, 1))
+    to_y = end + total(by_at)
+    to_y0 = State(to_y[:n] + by_q, to_y[n:] + by_v, jnp.zeros_like(y0.work))
+    to_h = None
+    if own[1] is not None:
+        by_past = by_past * (done / g - past)
+        to_h = total(by_rate * found.force_rate) + total(by_past.reshape(-1, *done.shape[2:]))
+    to_system = jax.tree.map(jnp.add, to_system, more)
+    whole = (to_system, to_h, eqx.filter(to_y0, moving[2]), to_start, to_inputs)
+    return *whole, *(_zeros(a) for a in own[5:])
+
+
+def _backwards(
+    table: Tableau, own: Any, still: Any, args: Any, found: Stages, to_done: Array
+) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
+    """What belongs to S_i and P_i / h, two rows for each stage, of q (0) and of v (1), and to the
+    system by the forces of all; y_i, and what belongs to the inputs, of each."""
+    system, h, y0 = args[:3]
+    n, g, s = len(y0.q), table.gamma * h, len(to_done)
+
+    def force(own_system: Any, own_x: Any, q: Vector, v: Vector, other_x: Any) -> Vector:
+        whole: SecondOrderSystem = eqx.combine(own_system, still[0])
+        return whole.force(eqx.combine(own_x, other_x), q, v)
+
+    def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
+        later, to_system = state
+        i, columns, to_u, at, x, other_x = row
+        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + combined_apart(columns, later)
+        y = (g * to_q + to_v) @ found.solve
+        to_first = g * (to_q - y @ found.k)
+        with transposed():
+            _, pull = jax.vjp(
+                lambda system, x, q, v: force(system, x, q, v, other_x),
+                own[0], x, at[:n], at[n:],
+            )  # fmt: skip
+        more, to_x, by_q, by_v = pull(y)
+        by_past_q, by_past_v = to_first / h, (y @ system.mass) / h
+        new = jnp.stack([jnp.stack([by_q, by_past_q]), jnp.stack([by_v + to_first, by_past_v])])
+        later = jax.lax.dynamic_update_slice_in_dim(later, new, 2 * i, 1)
+        return (later, jax.tree.map(jnp.add, to_system, more)), (y, to_x)
+
+    columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0).reshape(s, 1, 2 * s)
+    columns = np.concatenate([columns, columns], 1)
+    rows = (
+        jnp.arange(s), jnp.asarray(columns, to_done.dtype), to_done, found.at, own[4], still[4],
+    )  # fmt: skip
+    zero = jnp.zeros((2, 2 * s, n, *to_done.shape[2:]), to_done.dtype), _zeros(own[0])
+    return jax.lax.scan(stage, zero, rows, reverse=True)
+
+
+def _zeros(tree: Any) -> Any:
+    return jax.tree.map(jnp.zeros_like, tree)
