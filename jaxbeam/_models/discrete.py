@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.base import AbstractModel, Equations
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.strained import viscous
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import Hub, cross, skew

@@ -12,7 +12,8 @@ from jaxtyping import Array, Complex, Float
 
 from jaxbeam._models.bases.basis import Functions, Polynomials
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
-from jaxbeam._models.contract.base import AbstractModel, Equations
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._modes import ritz
 from jaxbeam._modes.ritz import combined
 from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes, transverse

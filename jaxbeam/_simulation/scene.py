@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.base import AbstractModel, Equations, Inputs
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.equations import Equations, Inputs
 from jaxbeam._models.contract.loaded import SpanLoad, equations_under
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.linalg import inverse

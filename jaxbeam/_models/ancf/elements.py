@@ -46,7 +46,7 @@ from jaxbeam._models.ancf.nodes import (
 )
 from jaxbeam._models.ancf.sections import Cuts, Ends, Sections, body_mass, cuts, each_element, rules
 from jaxbeam._models.bases.basis import Functions, hermite
-from jaxbeam._models.contract.base import Equations
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.contract.strained import Parts, force_of, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded

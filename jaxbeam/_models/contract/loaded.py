@@ -11,14 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of
-from jaxbeam._models.contract.base import (
-    AbstractModel,
-    Equations,
-    Inputs,
-    generalised,
-    guarded,
-    small_motion,
-)
+from jaxbeam._models.contract.base import AbstractModel, generalised, guarded, small_motion
+from jaxbeam._models.contract.equations import Equations, Inputs
 from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce

@@ -22,8 +22,8 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Functions
 from jaxbeam._models.bases.shapes import Shapes, shortening
-from jaxbeam._models.contract.base import Equations, Undeformed
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
+from jaxbeam._models.contract.equations import Equations, Undeformed
 from jaxbeam._models.contract.span_integrals import FunctionSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._models.modal.cartesian_model import CartesianModel

@@ -36,9 +36,8 @@ from jaxbeam._models.bases.shapes import (
 )
 from jaxbeam._models.bases.truncation import forms, frequency_error, tension
 from jaxbeam._models.contract.bands import BandTables
-from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
+from jaxbeam._models.contract.elasticity import LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
-from jaxbeam._models.contract.strained import viscous
 from jaxbeam._models.contract.supports import (
     AS_BUILT,
     ROOT_SPRINGS,
@@ -50,9 +49,10 @@ from jaxbeam._models.modal import higher_functions
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.modal.coned import coned_system
+from jaxbeam._models.modal.von_karman import VonKarmanElasticity
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import on, shortened
-from jaxbeam._types import Matrix, Number, Scalar, Vector
+from jaxbeam._types import Scalar
 
 
 class _Modal(CartesianModel):
@@ -349,7 +349,7 @@ class VonKarman(_Modal):
             slope, stiffness = shapes.at.slope, beam.mean.axial_stiffness
             along_it = shapes.span.weight * on(beam.axial_stiffness, shapes.span) / stiffness
         bends = self.one_hot[:, 1:].sum(1)
-        elastic = _VonKarman(
+        elastic = VonKarmanElasticity(
             bending=self.linear_stiffness(rotor, shapes) * np.outer(bends, bends),
             axial_stiffness=stiffness,
             length=beam.length,
@@ -360,45 +360,3 @@ class VonKarman(_Modal):
         # The centre of a body at the tip comes nearer when the end of the beam turns.
         short = (lambda t: jnp.zeros_like(t.tension)) if rotor.tip_body.is_body else None
         return CartesianEquations.build(self, rotor, elastic, shapes, short)
-
-
-class _VonKarman(Elasticity):
-    bending: Matrix
-    axial_stiffness: Number
-    length: Number
-    slope: Float[Array, "p n"]
-    weight: Float[Array, " p"]  # of a point, over the axial stiffness times that which is there
-    one_hot: Float[Array, "n 3"]
-
-    def energy(self, q: Vector) -> Scalar:
-        stretch = jnp.sum(self.weight * self.strain(self._gradient(q)) ** 2)
-        return self.axial_stiffness * self.length * stretch / 2 + q @ self.bending @ q / 2
-
-    def force(self, q: Vector) -> Vector:
-        gradient = self._gradient(q)
-        tension = self.axial_stiffness * self.weight * self.strain(gradient)
-        along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
-        pull = self.slope.T @ (tension[:, None] * along)  # (n, 3): work along each direction
-        return jnp.sum(pull * self.one_hot, 1) + self.bending @ q
-
-    def tangent(self, q: Vector) -> Matrix:
-        gradient = self._gradient(q)
-        along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
-        rows = self.slope * (along @ self.one_hot.T)  # d strain / dq, times length
-        weight = self.axial_stiffness / self.length * self.weight
-        geometric = self.slope.T @ ((weight * self.strain(gradient))[:, None] * self.slope)
-        bends = self.one_hot[:, 1:] @ self.one_hot[:, 1:].T
-        return rows.T @ (weight[:, None] * rows) + geometric * bends + self.bending
-
-    def viscous(self, q: Vector, v: Vector) -> Vector:
-        def strain(q: Vector) -> Array:
-            return self.strain(self._gradient(q))
-
-        stiffness = self.axial_stiffness * self.length * self.weight
-        return viscous(strain, lambda rate: stiffness * rate, q, v) + self.bending @ v
-
-    def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
-        return gradient[:, 0] + jnp.sum(gradient[:, 1:] ** 2, 1) / 2
-
-    def _gradient(self, q: Vector) -> Float[Array, "p 3"]:
-        return self.slope @ (self.one_hot * q[:, None]) / self.length

@@ -28,7 +28,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.ancf.sections import body_mass
 from jaxbeam._models.bases.basis import Functions, hermite
-from jaxbeam._models.contract.base import Undeformed
+from jaxbeam._models.contract.equations import Undeformed
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.space.elasticity import SpatialElasticity
 from jaxbeam._models.space.ends import Ends, in_beam_axes, push, push_tangent

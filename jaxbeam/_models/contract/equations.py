@@ -1,0 +1,197 @@
+"""Equations of motion, which every model has of its own."""
+
+import abc
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.bases.shapes import Shapes
+from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
+from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._programs.lanes import total, transposed
+from jaxbeam._rotor.motion import Hub
+from jaxbeam._types import Matrix, Number, Triple, Vector
+
+# How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
+Inputs = tuple[Hub, Any, SpanForce | None]
+
+
+class Undeformed(NamedTuple):
+    """The beam with its tip mass before it deforms, in hub axes from the centre of the hub."""
+
+    mass: Number  # kg
+    first: Triple  # int r dm, kg m
+    inertia: Matrix  # int r.r - r r^T dm, kg m^2
+    tip: Triple  # m
+
+
+class Equations(eqx.Module):
+    """A model of one rotor in motion: M q'' = force(hub, q, q'), in the hub frame.
+
+    Coordinates q (n,) are metres, rates m/s, forces N; the angle of the polar discrete models, in
+    rad, has moments for forces.
+
+    Forces derive from the kinetic energy T(q, q', v, omega), v and omega being the velocity and
+    angular velocity of the hub, and from elastic forces:
+
+        d/dt dT/dq' - dT/dq + elastic_force(q) = external forces.
+
+    Then T also gives what the hub feels, the momentum dT/dv and the angular momentum dT/domega,
+    and for any T the total energy changes by exactly what hub and external forces do.
+    """
+
+    takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
+    mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
+    rigid_moments: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X the distance from the axis
+    length: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
+    tip_radius: eqx.AbstractVar[Number]  # distance of the undeformed tip from the axis, m
+    energy_scale: eqx.AbstractVar[Number]  # a natural unit of energy, J
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether `force` is linear in q and v."""
+        return False
+
+    @property
+    def functions(self) -> Shapes | None:
+        """Functions on a beam that varies, where they are its own."""
+        return None
+
+    @property
+    def undeformed(self) -> Undeformed:
+        """The beam that points from the hub along a1."""
+        mass, first, second = self.rigid_moments
+        along, across = np.eye(3)[0], np.diag([0.0, 1.0, 1.0])
+        return Undeformed(mass, first * along, second * across, self.tip_radius * along)
+
+    @abc.abstractmethod
+    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
+        """Right-hand side, all but damping; `tip_force` in hub axes, in N, or where it is borne a
+        `TipLoad`."""
+
+    def as_force(self, q: Vector, generalised: Vector) -> Vector:
+        """A generalised force (its power, in W, is that times q') as it enters `force`."""
+        return generalised
+
+    @abc.abstractmethod
+    def elastic_force(self, q: Vector) -> Vector:
+        """Generalised elastic forces; zero at q = 0, the undeformed beam."""
+
+    @abc.abstractmethod
+    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+        """B^T D B q', B = d strain/dq and D the stiffness of strains: what stresses do that are the
+        stiffness times the rates of strain. See `strained.py`."""
+
+    @abc.abstractmethod
+    def strain_energy(self, q: Vector) -> Number:
+        """U, in J; zero at q = 0."""
+
+    def nonconservative_force(self, q: Vector) -> Vector:
+        """elastic_force minus the gradient of strain_energy: zero, but for Model A."""
+        return jnp.zeros_like(q)
+
+    @abc.abstractmethod
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+        """T without that of the rigid undeformed beam, T(0, 0, v, omega), in J."""
+
+    @abc.abstractmethod
+    def first_moment(self, q: Vector) -> Triple:
+        """int u dm: mass times the displacement of its centre, kg m."""
+
+    @abc.abstractmethod
+    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """Axial, in-plane and flap displacement in the hub frame at x = xi L, in m."""
+
+    @abc.abstractmethod
+    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        """Axial strain of the centre line at x = xi L."""
+
+    @abc.abstractmethod
+    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+        """In-plane and flap curvature at x = xi L, in 1/m: how fast the tangent turns by the
+        unstretched length, in axes that turn with the section, but not with pitch and twist that
+        the beam has by itself."""
+
+    def tip(self, q: Vector) -> Triple:
+        """Displacement of the tip, in m: shape (3,), axial, in plane, flap."""
+        return self.displacement(q, np.ones(1))[0]
+
+    def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        """Angle of torsion at x = xi L, in rad: none, but in space."""
+        return jnp.zeros(len(xi), q.dtype)
+
+    def is_in_range(self, q: Vector) -> Array:
+        """Whether the beam is deformed by no more than what the model is made for."""
+        return jnp.asarray(True)
+
+    def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
+        """What a load at the tip does, in W."""
+        return total(tip_force * jax.jvp(self.tip, (q,), (v,))[1])
+
+    def tip_action(self, q: Vector, tip_force: Any) -> tuple[Triple, Triple]:
+        """Force and moment of a load at the tip, in hub axes, in N and N m."""
+        return tip_force, jnp.zeros_like(tip_force)
+
+    def span_integral(self, kinks: tuple[float, ...]) -> AbstractSpanIntegral:
+        """What a force along the span, smooth but for these x / L, does on the coordinates; of
+        models that support `loads.force_per_length`."""
+        raise NotImplementedError
+
+    @transposed(on=False)
+    def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
+        """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
+        k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
+        return -k, -c
+
+    def elastic_tangent(self, q: Vector) -> Any:
+        """d elastic_force / dq, of the kind of `mass`."""
+        return jax.jacfwd(self.elastic_force)(q)
+
+    @transposed(on=False)
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Any, Any]:
+        """Derivatives of `viscous_force` by q and q', of the kind of `mass`."""
+        by: tuple[Any, Any] = jax.jacfwd(self.viscous_force, (0, 1))(q, v)
+        return by
+
+    def damping(
+        self,
+        q: Vector,
+        v: Vector,
+        mass_coefficient: Number | None,
+        stiffness_coefficient: Number | None,
+    ) -> Vector:
+        """mass_coefficient dT/dq' + stiffness_coefficient viscous_force(q, q'), T seen from the
+        hub; see `Damping`."""
+        out = jnp.zeros_like(q)
+        if mass_coefficient is not None:
+            still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
+
+            def kinetic(v: Array) -> Array:
+                return jnp.sum(self.kinetic_energy(q, v, still, still))
+
+            out = out + mass_coefficient * jax.grad(kinetic)(v)
+        if stiffness_coefficient is not None:
+            out = out + stiffness_coefficient * self.viscous_force(q, v)
+        return out
+
+    def damping_tangents(
+        self,
+        q: Vector,
+        v: Vector,
+        mass_coefficient: Number | None,
+        stiffness_coefficient: Number | None,
+    ) -> tuple[Any, Any]:
+        """Derivatives of `damping`, as it enters `force`, by q and q'; here for inertia that does
+        not depend on q."""
+        own: Any = self.mass
+        k, c = 0 * own, 0 * own
+        if mass_coefficient is not None:
+            c = c + mass_coefficient * own
+        if stiffness_coefficient is not None:
+            by_q, by_v = self.viscous_tangents(q, v)
+            k, c = k + stiffness_coefficient * by_q, c + stiffness_coefficient * by_v
+        return k, c
