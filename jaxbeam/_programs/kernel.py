@@ -137,7 +137,7 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
 def _own_maps(
     back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]
 ) -> tuple[Any, Callable[..., Any]]:
-    """As `_maps`, with a transpose that is given."""
+    """Returns what `_maps` does, with a transpose that is given."""
 
     def pull(still: list[Array], at: list[Array], out: Any, kept: Any) -> list[Array]:
         rest, moved = iter(still), iter(at)

@@ -19,8 +19,8 @@ from jaxbeam._programs.platforms import loops_are_dear
 def apart(
     table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
 ) -> Array:
-    """As `matvec`, where there are lanes in a loop of its own: the sums are computed once, and not
-    anew for every number that is made of them."""
+    """Returns what `matvec` does, where there are lanes in a loop of its own: sums are then
+    computed once, and not anew for every number that is made of them."""
     if x.ndim == 2 or loops_are_dear():
         return matvec(table, x)
     return jax.lax.map(lambda row: matvec(table, row[None])[0], x)
@@ -50,23 +50,30 @@ class Engineering(Element):
         return self._projected(by_slope, couple[None] * at.back)
 
     def pushed(self, e: Local, rate: Local) -> Local:
-        """With the rates a = r'.d r' / s of stretch and c = (t.d r'' + J r''.d r') / s, those of
-        phi' are c - 2 phi' a, and those of what the force has before r' and J r'' as below."""
+        """The rate of the force.
+
+        With the rates a = r'.d r' / s of stretch and c = (t.d r'' + J r''.d r') / s, those of phi'
+        are c - 2 phi' a, and those of what the force has before r' and J r'' as below.
+        """
         at, lanes = self._at(e), e.ndim - 2
-        turned, bent = self._gradients(rate)
-        stretch = (at.along[0] * turned[0] + at.along[1] * turned[1]) / at.square
-        turn = at.back[0] * bent[0] + at.back[1] * bent[1]
-        turn = turn + at.curved_normal[0] * turned[0] + at.curved_normal[1] * turned[1]
-        turn, b, w = turn / at.square, self.bending, beside(self.weights, lanes)
+        slope_rate, bent = self._gradients(rate)
+        stretch = (at.along[0] * slope_rate[0] + at.along[1] * slope_rate[1]) / at.square
+        spun = at.back[0] * bent[0] + at.back[1] * bent[1]
+        spun = spun + at.curved_normal[0] * slope_rate[0] + at.curved_normal[1] * slope_rate[1]
+        spun, b, w = spun / at.square, self.bending, beside(self.weights, lanes)
         couple = w * b * at.angle_rate / at.square
         pull = w * (self.pulled(at.strain * at.size) - 2 * b * at.angle_rate**2) / at.square
         twist = at.angle_rate * stretch
-        couple_rate = w * b * (turn - 4 * twist) / at.square
-        pull_rate = self.pulled(at.size * stretch) - 4 * b * at.angle_rate * (turn - 3 * twist)
+        couple_rate = w * b * (spun - 4 * twist) / at.square
+        pull_rate = self.pulled(at.size * stretch) - 4 * b * at.angle_rate * (spun - 3 * twist)
         pull_rate = w * pull_rate / at.square
         by_slope = pull_rate[None] * at.along + couple_rate[None] * at.curved_normal
-        by_slope = by_slope + pull[None] * turned + couple[None] * jnp.stack([-bent[1], bent[0]])
-        by_bend = couple_rate[None] * at.back + couple[None] * jnp.stack([turned[1], -turned[0]])
+        by_slope = (
+            by_slope + pull[None] * slope_rate + couple[None] * jnp.stack([-bent[1], bent[0]])
+        )
+        by_bend = couple_rate[None] * at.back + couple[None] * jnp.stack(
+            [slope_rate[1], -slope_rate[0]]
+        )
         return self._projected(by_slope, by_bend)
 
     def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
@@ -79,7 +86,7 @@ class Engineering(Element):
 
             int (eps |r'| - 2 b phi'^2) / s S'^T S' + b phi' / s (S'^T J S'' + its transpose) dx.
         """
-        at, bending, turn = self._at(e), self.bending, QUARTER_TURN
+        at, bending, spun = self._at(e), self.bending, QUARTER_TURN
         square, moment = at.square, bending * at.angle_rate
         bent = moment * at.angle_rate
         k = (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None]
@@ -89,10 +96,10 @@ class Engineering(Element):
         across = moment / square
 
         def second(c: int, d: int) -> Array:
-            """By the components c and d of r' and of r'', (2 2 g), as one row."""
+            """Returns what is by the components c and d of r' and of r'', (2 2 g), as one row."""
             own = by_p * at.along[c] * at.along[d] + bending * k[c] * k[d]
-            turned = turn[c, d] * across
-            mixed = bending * k[c] * bend[d] - turned, bending * bend[c] * k[d] + turned
+            slope_rate = spun[c, d] * across
+            mixed = bending * k[c] * bend[d] - slope_rate, bending * bend[c] * k[d] + slope_rate
             own = own + along if c == d else own
             return jnp.concatenate([own, *mixed, bending * bend[c] * bend[d]])
 
