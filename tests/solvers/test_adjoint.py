@@ -89,8 +89,8 @@ class Pendulum(jb.solvers.SecondOrderSystem):
         return jnp.sin(self.p[2] * t)
 
     def force(self, x, q, v):
-        turned = jnp.stack([q[1], -(q[0] ** 3)])
-        return x * self.p[:2] - jnp.sin(q) * (1 + q[0]) + self.p[1] * turned - q * v**2
+        rotated = jnp.stack([q[1], -(q[0] ** 3)])
+        return x * self.p[:2] - jnp.sin(q) * (1 + q[0]) + self.p[1] * rotated - q * v**2
 
 
 def test_step_back():
