@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxbeam as jb
 from jaxbeam._models.ancf import energies as element_energies
+from jaxbeam._models.ancf.exact import Engineering
 from jaxbeam._models.space.energies import SpatialElement, SpatialRule
 from jaxbeam._models.space.frames import axes, deformation
 from jaxbeam._models.space.sections import SpatialSections
@@ -97,7 +98,7 @@ def test_in_a_plane_it_is_the_planar_element_but_for_the_number_of_points():
     e[:9] = np.stack([d[1], d[0], 0 * d[0]]).ravel()
     stiff = jnp.asarray(2e-4), None, jnp.asarray(1.0)
     law, e = SpatialElement(stiff, jnp.asarray(1.0), N, part=rule), jnp.asarray(e)
-    planar = element_energies.Engineering(jnp.asarray(2e-4), N)
+    planar = Engineering(jnp.asarray(2e-4), N)
     np.testing.assert_allclose(law.energy(e), planar.energy(jnp.asarray(d)), rtol=1e-14)
     force = np.asarray(law.force(e))[:9].reshape(3, 3)
     np.testing.assert_allclose(force[:2][::-1], planar.force(jnp.asarray(d)), atol=1e-16)

@@ -98,7 +98,7 @@ class Engineering(Element):
             return jnp.concatenate([own, *mixed, bending * bend[c] * bend[d]])
 
         both = self._tables.reshape(2, -1, 3).transpose(2, 0, 1)
-        table = self.weights * both[:, None, :, None] * both[None, :, None]
+        table = self.weights[(None,) * 4] * both[:, None, :, None] * both[None, :, None]
         rows = jnp.stack([second(c, d) for c in (0, 1) for d in (0, 1)])
         found = apart(table.reshape(9, -1), rows)
         return found.reshape(2, 2, 3, 3, *e.shape[2:]).swapaxes(1, 2)
