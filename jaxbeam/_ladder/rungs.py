@@ -25,6 +25,7 @@ from jaxbeam._models.space.theory import SpatialANCF
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._rotor.directions import Direction
+from jaxbeam._rotor.loads import NO_LOADS
 from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
@@ -130,7 +131,8 @@ def rungs_of(
 def _suited(model: AbstractModel, question: Question, rotor: Rotor) -> AbstractModel:
     """A model of the user's as it suits a rotor, if it bears that."""
     model, rotor, _ = checked_case(model, rotor)
-    check_supported(model, rotor, moving=question.moving)
+    loads = getattr(question, "loads", NO_LOADS)
+    check_supported(model, rotor, loads, moving=question.moving)
     return model
 
 
@@ -225,7 +227,7 @@ def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) ->
         if 0.1 * error > tolerance:
             return why
     n = model.directions.count(Direction.IN_PLANE)
-    if n < len(beforehand.excited) and beforehand.excited[n] > 10 * tolerance:
+    if 0 < n < len(beforehand.excited) and beforehand.excited[n] > 10 * tolerance:
         return (
             f"mode {n + 1} takes part, {float(beforehand.excited[n]):.1g} of what the first could"
         )

@@ -38,8 +38,10 @@ def search(
     matrices where that is not certain."""
     if bands is not None:
         found = _by_bands(model, bands, system, case)
-        sign = _sign(model, case[0], system, found)
-        return dataclasses.replace(found, shape=found.shape * sign[:, None]), None
+        shape, error = found.shape * _sign(model, case[0], system, found)[:, None], None
+        if judged:
+            error = model.frequency_error(system, *case[:2], found.eigenvalue, shape)
+        return dataclasses.replace(found, shape=shape, frequency_error=error), None
     leaves, tree = jax.tree.flatten((system, case))
 
     def complete(system: LinearSystem, case: _Case) -> tuple[Modes, Mixes | None]:

@@ -11,11 +11,12 @@ later ones are done; then
     A^T y_i = g a_i + b_i,  and what belongs to f_i is e_i = g (a_i - K^T y_i),
     to S_i: (dF/dq^T y_i, dF/dv^T y_i + e_i),   to P_i: (e_i, M^T y_i).
 
-By all else, M, C, K, F' and g, the derivative is that of
+By all else, M, C, K and F', the derivative is that of
 
     sum_i y_i . (F(x_i, S_i) + h rate_i F' + M (P_i,v - z_i / g) - C z_i - K U_i,q)
 
-with stages as they are: K and C get sums of y_i U_i^T, and are differentiated once. So a step back
+with stages as they are; by h it is sum_i (p_i . (U_i / g - P_i) / h + rate_i y_i . F'), p_i being
+what belongs to P_i. K and C get sums of y_i U_i^T, and are differentiated once. So a step back
 asks for first derivatives of the force at every stage, and for those of its tangents at the start,
 in place of the transpose of every operation.
 """

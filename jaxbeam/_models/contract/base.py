@@ -43,9 +43,14 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     # What the ladder asks. `called` is of the class itself, the name of the theory in words.
     called: ClassVar[str]
     is_linear: ClassVar[bool] = False  # whether its equations of motion are
-    # Whether it converges to the exact rod of the engineering strain, to which errors refer.
+    # Whether it converges to the exact rod of the engineering strain, to which errors refer; what
+    # derives from such a model does not by that.
     is_reference: ClassVar[bool] = False
     neglects: ClassVar[Neglects] = Neglects()
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        cls.is_reference = vars(cls).get("is_reference", False)
 
     @property
     def title(self) -> str:

@@ -148,7 +148,10 @@ def _symmetric(both: tuple[Any, Array]) -> Array:
 
 @_symmetric.def_fwd
 def _forwards(perturbed: Any, both: tuple[Any, Array]) -> tuple[Array, None]:
-    return _symmetric(both), None
+    # No rule of its own stays in what is differentiated once more.
+    with transposed(on=False):
+        force: Array = both[0].force(both[1])
+    return force, None
 
 
 @_symmetric.def_bwd

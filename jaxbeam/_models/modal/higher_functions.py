@@ -6,8 +6,9 @@ tension are polynomials of low degree times the mode, and elastic forces of diff
 nothing to do with each other; what is at the tip or at the root meets only the first functions. Of
 x, too, only the last coefficients matter. To second order the next functions j change l by
 
-    |d l| = sum_j |r_j|^2 / |Q_jj| / |x^H (2 l M + G) x|,
+    |d l| = sum_j |r_j|^2 / |Q_jj| / |x^H (2 l M + G) x|
 
+(with pitch the two of one number, in plane and in flap, have stiffness in common, which counts),
 where |x^H (2 l M + G) x| is 2 |l| for unit modal mass, but for what the Coriolis force does in it.
 This is the estimate of `_models/bases/truncation.py` for beams on which all is known beforehand.
 """
@@ -28,7 +29,18 @@ from jaxbeam._types import Scalar
 
 def _polynomials(basis: Basis) -> Polynomials | None:
     own = basis.basis if isinstance(basis, Yielding) else basis
-    return own if isinstance(own, Polynomials) else None
+    return own if type(own) is Polynomials else None
+
+
+def _are_enough(basis: Basis, counts: Counts) -> bool:
+    """Whether the next functions see nothing of what is at the tip, and none for a slope at the
+    root."""
+    polynomials, slopes = _polynomials(basis), _slopes(basis, counts)
+    if polynomials is None:
+        return False
+    least = [(4 if any(slopes) else 1), *(4 if slope else 2 for slope in slopes[1:])]
+    own = zip(counts, slopes, least, strict=True)
+    return all(not n or n - slope >= most * polynomials.grading for n, slope, most in own)
 
 
 def _slopes(basis: Basis, counts: Counts) -> list[int]:
@@ -84,18 +96,41 @@ def _higher(basis: Basis, counts: Counts, mixed: bool) -> tuple[_Higher | None, 
     return tuple(next_ones(k) if n else None for k, n in enumerate(counts))
 
 
+class _Left(NamedTuple):
+    """What is left in the next functions of one direction, and what holds these."""
+
+    left: Float[Array, "2 k e"]  # real and imaginary parts
+    held: Float[Array, "k e"]
+    alone: int  # how many the other direction of bending has among its own
+
+    @property
+    def energy(self) -> Float[Array, "k e"]:
+        """Twice the strain energy that it makes."""
+        return jnp.sum(self.left**2, 0) / self.held
+
+    def with_common(self, other: "_Left", common: Any) -> Float[Array, "k e"]:
+        """What a stiffness in common adds to the energies of the functions that neither has."""
+        n = min(self.left.shape[2] - self.alone, other.left.shape[2] - other.alone)
+        (r, h), (s, g) = (
+            (a.left[:, :, a.alone : a.alone + n], a.held[:, a.alone : a.alone + n])
+            for a in (self, other)
+        )
+        both = jnp.maximum(h * g - common**2, h * g / 1e8)
+        whole = jnp.sum(r**2, 0) * g - 2 * common * jnp.sum(r * s, 0) + jnp.sum(s**2, 0) * h
+        return whole / both - jnp.sum(r**2, 0) / h - jnp.sum(s**2, 0) / g
+
+
 def frequency_error(
     model: Any, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, *, tensioned: bool
 ) -> Float[Array, " k"] | None:
     """Estimate for each eigenvalue, relative; zero for zero ones. None where functions are not
-    `Polynomials`, or one alone bends, since the next one sees what is at the tip then.
+    `Polynomials`, or so few that the next ones see what is at the ends.
 
     `shape` (k, n) are modes with unit modal mass; `tensioned` is whether the theory knows the
     tension.
     """
     basis = model.basis
-    own = [n - slope for n, slope in zip(model.counts, _slopes(basis, model.counts), strict=True)]
-    if _polynomials(basis) is None or 1 in own[1:]:
+    if not _are_enough(basis, model.counts):
         return None
     beam, length, square = rotor.beam, rotor.beam.length, eigenvalue**2
     bends, across = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness], 0.0
@@ -108,19 +143,20 @@ def frequency_error(
     swing = [square - speed**2, square - speed**2, square]
     drag = 2 * beam.mass * speed * eigenvalue
     parts = jnp.stack([shape.real, shape.imag])
-    energy: Any = 0.0
+    found: list[_Left | None] = []
     every = _higher(basis, model.counts, rotor.pitch is not None)
     for k, (tables, stiff) in enumerate(zip(every, elastic, strict=True)):
         if tables is None:
+            found.append(None)
             continue
         _, e, c = tables.same.shape
-        found = parts[:, :, tables.places] @ tables.same.reshape(-1, c).T
-        found = found.reshape(2, -1, 4, e)
+        at = parts[:, :, tables.places] @ tables.same.reshape(-1, c).T
+        at = at.reshape(2, -1, 4, e)
         re, im = swing[k].real * beam.mass, swing[k].imag * beam.mass
-        left = _product((re, im), found[:, :, 0])
+        left = _product((re, im), at[:, :, 0])
         held = stiff + re[:, None] * tables.own[0][None]
         if k and tensioned:
-            left = left + sum(c * found[:, :, i + 1] for i, c in enumerate(pull))
+            left = left + sum(c * at[:, :, i + 1] for i, c in enumerate(pull))
             held = held + sum(c * tables.own[i + 1] for i, c in enumerate(pull))[None]
         if tables.dragging.size:
             sign = 1.0 if k == 1 else -1.0
@@ -128,8 +164,10 @@ def frequency_error(
             left = left + sign * _product((drag.real, drag.imag), dragged)
         if tables.alike.size:
             left = left.at[:, :, : tables.alike.size].add(across * parts[:, :, tables.alike])
-        held = jnp.maximum(jnp.abs(held), stiff / 4)
-        energy = energy + jnp.sum(jnp.sum(left**2, 0) / held, 1)
+        found.append(_Left(left, jnp.maximum(jnp.abs(held), stiff / 4), tables.alike.size))
+    energy = sum(jnp.sum(each.energy, 1) for each in found if each is not None)
+    if rotor.pitch is not None and found[1] is not None and found[2] is not None:
+        energy = energy + jnp.sum(found[1].with_common(found[2], across), 1)
     scale = 2 * (eigenvalue.real**2 + eigenvalue.imag**2)
     return jnp.where(scale > 0, energy / jnp.where(scale > 0, scale, 1.0), 0.0)
 

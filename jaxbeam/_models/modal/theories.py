@@ -171,8 +171,8 @@ class _Linear(_Modal):
         `higher_functions.py`; for others as in `_Modal`."""
         if not rotor.beam.is_uniform or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
-        # Whoever changes the equations of a theory has terms that are not known there.
-        if type(self).equations not in (Hybrid.equations, Classical.equations):
+        # What derives from these may have terms that are not known there.
+        if type(self) not in (Hybrid, Classical):
             return None
         return higher_functions.frequency_error(
             self, rotor, speed, eigenvalue, shape, tensioned=self.foreshortens
