@@ -69,10 +69,11 @@ def kernel(
     fast = _batched(plain, shared)
     maps = functools.cache(functools.partial(_maps, plain))
     if adjoint is None:
-        pulled = _in_reverse(lambda *args: (fast(*args), ()), maps)
+        own = lambda *which: kernel(maps(*which)[1], shared=False)  # noqa: E731
+        pulled = _in_reverse(lambda *args: (fast(*args), ()), own)
     else:
-        forwards = _batched(_jitted(adjoint.forwards), shared)
-        pulled = _in_reverse(forwards, functools.partial(_own_maps, adjoint.backwards))
+        own = lambda *which: _batched(_jitted(_own_pull(adjoint.backwards, *which)))  # noqa: E731
+        pulled = _in_reverse(_batched(_jitted(adjoint.forwards), shared), own)
     both_ways = _both_ways(fast, maps)
 
     def call(*args: Any) -> Any:
@@ -134,10 +135,8 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
     return push, pull
 
 
-def _own_maps(
-    back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]
-) -> tuple[Any, Callable[..., Any]]:
-    """The maps of `_maps`, with a transpose that is given."""
+def _own_pull(back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
+    """The second map of `_maps`, with a transpose that is given."""
 
     def pull(still: list[Array], at: list[Array], out: Any, kept: Any) -> list[Array]:
         rest, moved = iter(still), iter(at)
@@ -145,16 +144,15 @@ def _own_maps(
         which, args = (jax.tree.unflatten(tree, part) for part in (moving, leaves))
         return jax.tree.leaves(back(which, args, kept, out))
 
-    return None, pull
+    return pull
 
 
-def _in_reverse(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
+def _in_reverse(
+    fast: Callable[..., Any], transposed: Callable[..., Callable[..., Any]]
+) -> Callable[..., Any]:
     """Returns a function with derivatives in reverse mode alone, from one that returns besides what
-    is kept for these."""
-
-    @functools.cache
-    def transpose(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
-        return kernel(maps(tree, moving)[1], shared=False)
+    is kept for these, and what makes the transpose for a structure and the leaves that move."""
+    transpose = functools.cache(transposed)
 
     @jax.custom_vjp
     def pulled(*args: Any) -> Any:
@@ -308,8 +306,14 @@ def _in_rows(
 
 
 def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compiled to one function on a CPU, if all its operations are allowed."""
+    """Compiled to one function on a CPU, if all its operations are allowed. Its own derivatives are
+    not: XLA's emitter may end the process over what forward mode makes of an adjoint."""
 
+    @functools.cache
+    def pushed() -> Callable[..., Any]:
+        return jax.jit(lambda at, rates: jax.jvp(function, at, rates))
+
+    @jax.custom_jvp
     @jax.jit
     def run(*args: Any) -> Any:
         closed, out = jax.make_jaxpr(function, return_shape=True)(*args)
@@ -330,6 +334,7 @@ def _as_one(function: Callable[..., Any]) -> Callable[..., Any]:
 
         return by_platform(*args, cpu=fast, default=function)
 
+    run.defjvp(lambda at, rates: pushed()(at, rates))
     return run
 
 

@@ -273,6 +273,24 @@ def test_second_derivatives():
         jax.grad(lambda p: jnp.sum(jax.grad(value)(p)))(p)
 
 
+@pytest.mark.exhaustive
+def test_second_derivatives_of_elements():
+    """The same along one direction, where steps and their adjoints are kernels."""
+
+    def value(p):
+        rotor = jb.Rotor(jb.Beam(8.0, 0.2, 5e5, p, 566.0), 0.5, 0.1)
+        run = jb.simulate(
+            jb.ExactRodANCF(1), rotor, jb.SmoothSpinUp(4.0, 1.0), [0.0, 0.3], max_steps=256,
+            throw=False,
+        )  # fmt: skip
+        return run.tip[-1, 1]
+
+    p, h = 566.0, 0.1
+    slope = jax.jit(jax.grad(value))
+    _, curved = jax.jit(lambda p: jax.jvp(jax.grad(value), (p,), (1.0,)))(p)
+    np.testing.assert_allclose(curved, (slope(p + h) - slope(p - h)) / (2 * h), rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_bounds_of_memory():
     """The tape has a fixed number of rows, and max_steps=None none that would do."""
