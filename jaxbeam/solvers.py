@@ -13,9 +13,11 @@ controller, adjoint, `SaveAt`, event or progress meter passes through `simulate`
 **Gradients.** Reverse mode is one sweep backwards over the steps that a solver of ours has made,
 with any controller and event: it is the derivative of what was computed, to rounding. It keeps 1024
 states of a run at most (and a number or three for each of `max_steps`), and computes those between
-once more where there are more steps. Forward mode wants `adjoint=diffrax.ForwardMode()`, second
-derivatives go forward over reverse (`jax.jacfwd(jax.grad(f))`), and `BacksolveAdjoint` wants a
-solver of diffrax itself. docs/speed.md says what gradients cost.
+once more where there are more steps. Forward mode wants `adjoint=diffrax.ForwardMode()`, and
+`BacksolveAdjoint` a solver of diffrax itself. Second derivatives go forward over reverse:
+`jax.jacfwd(jax.grad(f))`, and with elements one direction at a time, `jax.jvp(jax.grad(f), (p,),
+(direction,))`, since `jax.jacfwd` ends in a RecursionError there. docs/speed.md says what gradients
+cost.
 
 **Balance of energy.** A run that the solver calls a success, but whose energy is not balanced by
 the work done, is reported as `UNBALANCED`, and its answers are NaN: an explicit solver at loose
