@@ -77,6 +77,17 @@ def span_of(kind: Kind, rotor: Rotor, finer: int = 1) -> Span:
     return Span.following(stiffnesses, cut, points)
 
 
+def in_beam_axes(
+    zz: Array, yy: Array, section_axes: tuple[Array, Array] | None
+) -> tuple[list[Array], Array | None]:
+    """Stiffnesses or compliances of bending in plane and in flap by those about both axes of
+    sections, c^2 zz + s^2 yy and c^2 yy + s^2 zz, and the one that couples both, (zz - yy) s c."""
+    if section_axes is None:
+        return [zz, yy], None
+    cos, sin = section_axes
+    return [cos**2 * zz + sin**2 * yy, cos**2 * yy + sin**2 * zz], (zz - yy) * sin * cos
+
+
 class Profile(eqx.Module):
     """Properties of a rotor's beam at the points of a span."""
 
@@ -107,12 +118,8 @@ class Profile(eqx.Module):
     @property
     def compliances(self) -> tuple[list[Array], Array | None]:
         """1 / EI in plane and in flap, and of moments about the one axis on curvature about the
-        other: c^2 / EI_zz + s^2 / EI_yy and so on, and (1 / EI_zz - 1 / EI_yy) s c."""
-        zz, yy = 1 / self.in_plane, 1 / self.flap
-        if self.section_axes is None:
-            return [zz, yy], None
-        cos, sin = self.section_axes
-        return [cos**2 * zz + sin**2 * yy, cos**2 * yy + sin**2 * zz], (zz - yy) * sin * cos
+        other."""
+        return in_beam_axes(1 / self.in_plane, 1 / self.flap, self.section_axes)
 
     def in_section_axes(self, in_plane: Array, flap: Array) -> tuple[Array, Array]:
         """Curvatures or slopes (p, n) in the axes of sections, which twist and pitch turn: about

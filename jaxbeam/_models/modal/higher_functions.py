@@ -16,14 +16,16 @@ This is the estimate of `_models/bases/truncation.py` for beams on which all is 
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
-from jaxbeam._models.bases.loads import Counts
+from jaxbeam._models.bases.loads import Counts, in_beam_axes
 from jaxbeam._models.modal.shape_integrals import shape_integrals
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.directions import Direction
 from jaxbeam._types import Scalar
 
 
@@ -50,74 +52,55 @@ def _slopes(basis: Basis, counts: Counts) -> list[int]:
 
 
 class _Higher(NamedTuple):
-    """Tables of a unit beam, for the next e functions of one direction."""
+    """Tables of a unit beam, for the next e functions of all directions, by the c functions of the
+    model that they meet."""
 
-    same: Float[np.ndarray, "4 e c"]  # gram and tension by the last functions of this direction
-    own: Float[np.ndarray, "4 e"]  # the same by themselves
-    places: np.ndarray  # (c,), of the last functions among the coordinates
-    dragged: Float[np.ndarray, "e b"]  # gram by functions that the Coriolis force couples with them
-    dragging: np.ndarray  # (b,), of these
-    alike: np.ndarray  # functions across that are the same as the first of the e
+    places: np.ndarray  # (c,), of these among the coordinates
+    direction: np.ndarray  # (e,)
+    met: Float[np.ndarray, "t e c"]  # gram, three parts of tension, Coriolis force, turned sections
+    own: Float[np.ndarray, "4 e"]  # gram and tension of the next functions by themselves
+    pairs: np.ndarray  # (2, p), of next functions in plane and in flap with stiffness in common
 
 
 @functools.lru_cache(maxsize=64)
-def _higher(basis: Basis, counts: Counts, mixed: bool) -> tuple[_Higher | None, ...]:
-    """Tables of each direction, None where a model has no functions; `mixed`: sections are turned,
-    so that both directions of bending have stiffness in common."""
+def _higher(basis: Basis, counts: Counts, mixed: bool) -> _Higher:
+    """`mixed`: sections are turned, so that functions of one number in plane and in flap have
+    stiffness in common."""
     polynomials = _polynomials(basis)
     assert polynomials is not None
     # In bending inertia is integrated twice, so that it is four degrees higher than curvature.
     width = 4 * polynomials.grading
     slopes = _slopes(basis, counts)
-    own = [n - slope for n, slope in zip(counts, slopes, strict=True)]
-    here = np.cumsum([0, *counts])[:3] + slopes
-    many = tuple(max(own) + width if n else 0 for n in counts)
-    wide, start = shape_integrals(polynomials, many), np.cumsum([0, *many])[:3]
+    own = np.subtract(counts, slopes)
+    size = max(own) + width
+    wide = shape_integrals(polynomials, tuple(size if n else 0 for n in counts))
 
-    def next_ones(k: int) -> _Higher:
-        n, (drags, across) = own[k], ((1, 0), (0, 2), (2, 1))[k]
-        most = max(n, own[drags] * (drags != k), own[across] * (mixed and k > 0))
-        beyond = np.arange(n, min(most + width, many[k]))
-        last = np.arange(max(0, n - width), n)
-        tables = np.stack([wide.gram, *(wide.axial_tension if k == 0 else wide.tension)])
-        others = np.arange(own[drags] * (drags != k))
-        dragged = wide.gram[np.ix_(start[k] + beyond, start[drags] + others)]
-        meet = np.abs(dragged).max(0, initial=0.0) > 1e-13 * np.abs(wide.gram).max()
-        alike = np.arange(n, own[across] if mixed and k > 0 else n)
-        return _Higher(
-            same=tables[:, (start[k] + beyond)[:, None], start[k] + last],
-            own=tables[:, start[k] + beyond, start[k] + beyond],
-            places=here[k] + last,
-            dragged=dragged[:, meet],
-            dragging=here[drags] + others[meet],
-            alike=here[across] + alike,
-        )
+    def numbered(ranges: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Direction, number, and place in the tables."""
+        direction = np.repeat(np.arange(3), [each.size for each in ranges])
+        before = size * np.cumsum([0, *(n > 0 for n in counts)])[direction]
+        return direction, np.concatenate(ranges), before + np.concatenate(ranges)
 
-    return tuple(next_ones(k) if n else None for k, n in enumerate(counts))
-
-
-class _Left(NamedTuple):
-    """What is left in the next functions of one direction, and what holds these."""
-
-    left: Float[Array, "2 k e"]  # real and imaginary parts
-    held: Float[Array, "k e"]
-    alone: int  # how many the other direction of bending has among its own
-
-    @property
-    def energy(self) -> Float[Array, "k e"]:
-        """Twice the strain energy that it makes."""
-        return jnp.sum(self.left**2, 0) / self.held
-
-    def with_common(self, other: "_Left", common: Any) -> Float[Array, "k e"]:
-        """What a stiffness in common adds to the energies of the functions that neither has."""
-        n = min(self.left.shape[2] - self.alone, other.left.shape[2] - other.alone)
-        (r, h), (s, g) = (
-            (a.left[:, :, a.alone : a.alone + n], a.held[:, a.alone : a.alone + n])
-            for a in (self, other)
-        )
-        both = jnp.maximum(h * g - common**2, h * g / 1e8)
-        whole = jnp.sum(r**2, 0) * g - 2 * common * jnp.sum(r * s, 0) + jnp.sum(s**2, 0) * h
-        return whole / both - jnp.sum(r**2, 0) / h - jnp.sum(s**2, 0) / g
+    most = [own[0], *([max(own[1:])] * 2 if mixed else own[1:])]
+    ahead = [np.arange(a, (b + width) * (n > 0)) for a, b, n in zip(own, most, counts, strict=True)]
+    direction, number, row = numbered(ahead)
+    to, other, column = numbered([np.arange(n) for n in own])
+    pair = 4 * direction[:, None] + to
+    # The Coriolis force is that of the velocity in plane on the stretch, and the other way round.
+    dragged = 1.0 * (pair == 4) - (pair == 1)
+    in_common = ((pair == 6) | (pair == 9)) & (number[:, None] == other)
+    gram, tension = wide.gram[np.ix_(row, column)], wide.tension[:, row[:, None], column]
+    met = np.stack([gram * (direction[:, None] == to), *tension, gram * dragged, in_common])
+    met = np.where(np.abs(met) > 1e-13 * np.abs(met).max(), met, 0.0)[: 6 if mixed else 5]
+    meet = np.flatnonzero(met.any((0, 1)))
+    neither = [(direction == k) & (number >= most[k]) & mixed for k in (1, 2)]
+    return _Higher(
+        places=(np.arange(own.sum()) + np.cumsum(slopes)[to])[meet],
+        direction=direction,
+        met=met[:, :, meet],
+        own=np.stack([table[row, row] for table in (wide.gram, *wide.tension)]),
+        pairs=np.stack([np.flatnonzero(each) for each in neither]),
+    )
 
 
 def frequency_error(
@@ -129,50 +112,48 @@ def frequency_error(
     `shape` (k, n) are modes with unit modal mass; `tensioned` is whether the theory knows the
     tension.
     """
-    basis = model.basis
-    if not _are_enough(basis, model.counts):
+    if not _are_enough(model.basis, model.counts):
         return None
-    beam, length, square = rotor.beam, rotor.beam.length, eigenvalue**2
-    bends, across = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness], 0.0
-    if rotor.pitch is not None:
-        cos, sin = jnp.cos(rotor.pitch), jnp.sin(rotor.pitch)
-        across = (bends[0] - bends[1]) * cos * sin / length**3
-        bends = [a * cos**2 + b * sin**2 for a, b in (bends, bends[::-1])]
-    elastic = [beam.axial_stiffness / length, *(a / length**3 for a in bends)]
-    pull = [c / length for c in rotor.tension(speed)]
-    swing = [square - speed**2, square - speed**2, square]
-    drag = 2 * beam.mass * speed * eigenvalue
-    parts = jnp.stack([shape.real, shape.imag])
-    found: list[_Left | None] = []
-    every = _higher(basis, model.counts, rotor.pitch is not None)
-    for k, (tables, stiff) in enumerate(zip(every, elastic, strict=True)):
-        if tables is None:
-            found.append(None)
-            continue
-        _, e, c = tables.same.shape
-        at = parts[:, :, tables.places] @ tables.same.reshape(-1, c).T
-        at = at.reshape(2, -1, 4, e)
-        re, im = swing[k].real * beam.mass, swing[k].imag * beam.mass
-        left = _product((re, im), at[:, :, 0])
-        held = stiff + re[:, None] * tables.own[0][None]
-        if k and tensioned:
-            left = left + sum(c * at[:, :, i + 1] for i, c in enumerate(pull))
-            held = held + sum(c * tables.own[i + 1] for i, c in enumerate(pull))[None]
-        if tables.dragging.size:
-            sign = 1.0 if k == 1 else -1.0
-            dragged = parts[:, :, tables.dragging] @ tables.dragged.T
-            left = left + sign * _product((drag.real, drag.imag), dragged)
-        if tables.alike.size:
-            left = left.at[:, :, : tables.alike.size].add(across * parts[:, :, tables.alike])
-        found.append(_Left(left, jnp.maximum(jnp.abs(held), stiff / 4), tables.alike.size))
-    energy = sum(jnp.sum(each.energy, 1) for each in found if each is not None)
-    if rotor.pitch is not None and found[1] is not None and found[2] is not None:
-        energy = energy + jnp.sum(found[1].with_common(found[2], across), 1)
-    scale = 2 * (eigenvalue.real**2 + eigenvalue.imag**2)
-    return jnp.where(scale > 0, energy / jnp.where(scale > 0, scale, 1.0), 0.0)
+    mixed = rotor.pitch is not None and min(model.counts[1:]) > 0
+    higher = _higher(model.basis, model.counts, mixed)
+    tables, own = higher.met, higher.own
+    mass, eigenvalues = rotor.beam.mass, eigenvalue[:, None]
+    elastic, across = _stiffness(rotor)
+    elastic = (np.eye(3)[higher.direction] @ elastic)[None]
+    carried = speed**2 * np.where(higher.direction == Direction.FLAP, 0.0, 1.0)
+    swing = mass * (eigenvalues**2 - carried[None])
+    pull = jnp.stack(rotor.tension(speed)) / rotor.beam.length
+
+    # Products with tables in real numbers, which are the faster ones.
+    parts = jnp.stack([shape.real, shape.imag])[:, :, higher.places]
+    met = jax.lax.complex(*jnp.tensordot(parts, tables, (2, 2)))
+    left = swing * met[:, 0] + 2 * mass * speed * eigenvalues * met[:, 4]
+    held = elastic + swing.real * own[:1]
+    if tensioned:
+        left = left + jnp.sum(met[:, 1:4] * pull[None, :, None], 1)
+        held = held + (pull @ own[1:])[None]
+    if mixed:
+        left = left + across * met[:, 5]
+    held = jnp.maximum(jnp.abs(held), elastic / 4)
+
+    energy = jnp.abs(left) ** 2 / held
+    whole = jnp.sum(energy, 1)
+    if mixed:  # and of pairs what they have in common
+        (r, t), (h, g) = (jnp.moveaxis(a[:, higher.pairs], 1, 0) for a in (left, held))
+        both = jnp.maximum(h * g - across**2, h * g / 1e8)
+        crossed = 2 * across * (r * t.conj()).real
+        of_pairs = (jnp.abs(r) ** 2 * g - crossed + jnp.abs(t) ** 2 * h) / both
+        whole = whole + jnp.sum(of_pairs - jnp.sum(energy[:, higher.pairs], 1), 1)
+    scale = 2 * jnp.abs(eigenvalue) ** 2
+    positive = scale > 0
+    return jnp.where(positive, whole / jnp.where(positive, scale, 1.0), 0.0)
 
 
-def _product(a: tuple[Array, Array], b: Float[Array, "2 k e"]) -> Float[Array, "2 k e"]:
-    """Complex numbers times others, by real and imaginary parts."""
-    re, im = a[0][:, None], a[1][:, None]
-    return jnp.stack([re * b[0] - im * b[1], re * b[1] + im * b[0]])
+def _stiffness(rotor: Rotor) -> tuple[Float[Array, " 3"], Any]:
+    """Of functions of a unit beam: in each direction, and what both of bending have in common."""
+    beam, cubed = rotor.beam, rotor.beam.length**3
+    in_plane, flap = beam.in_plane_bending_stiffness / cubed, beam.flap_bending_stiffness / cubed
+    axes = None if rotor.pitch is None else (jnp.cos(rotor.pitch), jnp.sin(rotor.pitch))
+    bending, across = in_beam_axes(in_plane, flap, axes)
+    own = jnp.broadcast_arrays(beam.axial_stiffness / beam.length, *bending)
+    return jnp.stack(own), 0.0 if across is None else across

@@ -1,0 +1,132 @@
+"""Functions that are compiled as a whole, by an emitter of XLA for CPUs that joins all loops."""
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun
+from jax.interpreters.partial_eval import dce_jaxpr
+from jaxtyping import Array
+
+from jaxbeam._programs.lanes import total
+from jaxbeam._programs.platforms import by_platform
+
+# What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
+# (they go to libraries), scattering, sorting or calls of any other kind.
+# fmt: off
+_ALLOWED = frozenset({
+    "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "closed_call",
+    "concatenate", "convert_element_type", "copy", "cos", "custom_jvp_call", "custom_linear_solve",
+    "custom_vjp_call", "div", "dynamic_slice", "dynamic_update_slice", "eq", "eval_jaxpr", "exp",
+    "ge", "gt", "integer_pow", "iota", "jit", "le", "log", "lt", "max", "min", "mul", "ne", "neg",
+    "not", "or", "pad", "pow", "reduce_and", "reduce_or", "reduce_sum", "remat2", "reshape", "rev",
+    "round", "rsqrt", "scan", "select_n", "sign", "sin", "slice", "split", "sqrt", "square",
+    "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while", "zeros_like",
+})
+# fmt: on
+_REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
+_FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
+
+
+def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiled to one function on a CPU, if all its operations are allowed. Its own derivatives are
+    not: XLA's emitter may end the process over what forward mode makes of an adjoint."""
+
+    @functools.cache
+    def pushed() -> Callable[..., Any]:
+        return jax.jit(lambda at, rates: jax.jvp(function, at, rates))
+
+    @jax.custom_jvp
+    @jax.jit
+    def run(*args: Any) -> Any:
+        closed, out = jax.make_jaxpr(function, return_shape=True)(*args)
+        short = _shortened(_without_dead_parts(closed))
+        if not all(_is_allowed(equation) for equation in _equations(short)):
+            return function(*args)
+
+        @jax.jit
+        def whole(*args: Any) -> tuple[Any, Array]:
+            leaves = jax.tree.leaves(args)
+            # The emitter does not bear operands that nothing uses.
+            used = sum(a[(0,) * a.ndim] if a.ndim else a for a in leaves if a.size)
+            return jax.tree.unflatten(jax.tree.structure(out), jaxpr_as_fun(short)(*leaves)), used
+
+        def fast(*args: Any) -> Any:
+            how = {"xla_cpu_small_call": "true", "inlineable": "false"}
+            return set_xla_metadata(whole(*args), **how)[0]
+
+        return by_platform(*args, cpu=fast, default=function)
+
+    run.defjvp(lambda at, rates: pushed()(at, rates))
+    return run
+
+
+def _equations(closed: ClosedJaxpr | Jaxpr) -> Iterator[JaxprEqn]:
+    """All equations that a program runs, at any depth."""
+    for equation in closed.eqns:
+        yield equation
+        inner = equation.params
+        if equation.primitive.name == "custom_linear_solve":
+            inner = inner["jaxprs"].solve
+        for value in jax.tree.leaves(inner, is_leaf=_is_jaxpr):
+            if _is_jaxpr(value):
+                yield from _equations(value)
+
+
+def _is_jaxpr(value: Any) -> bool:
+    return isinstance(value, ClosedJaxpr | Jaxpr)
+
+
+def _is_allowed(equation: JaxprEqn) -> bool:
+    return equation.primitive.name in _ALLOWED and not _is_long_sum(equation)
+
+
+def _is_long_sum(equation: Any) -> bool:
+    return equation.primitive.name == "reduce_sum" and equation.invars[0].aval.size > _REDUCED
+
+
+def _without_dead_parts(closed: ClosedJaxpr) -> ClosedJaxpr:
+    """The program without what its results do not need, at any depth."""
+    body, _ = dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
+    return ClosedJaxpr(body, closed.consts)
+
+
+def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
+    """The program with long sums in pieces, at any depth: XLA gives them to a library, which a
+    function that is compiled as one cannot call."""
+    return ClosedJaxpr(_short_body(closed.jaxpr), closed.consts)
+
+
+def _short_body(body: Jaxpr) -> Jaxpr:
+    if not any(_is_long_sum(equation) for equation in _equations(body)):
+        return body
+
+    def inside(value: Any) -> Any:
+        if isinstance(value, ClosedJaxpr):
+            return _shortened(value)
+        return _short_body(value) if isinstance(value, Jaxpr) else value
+
+    def mended(equation: JaxprEqn) -> JaxprEqn:
+        if _is_long_sum(equation):
+            pieces = jax.jit(functools.partial(_short_sum, axes=equation.params["axes"]))
+            [call] = jax.make_jaxpr(pieces)(equation.invars[0].aval).jaxpr.eqns
+            return call.replace(invars=equation.invars, outvars=equation.outvars)
+        inner = jax.tree.map(inside, equation.params, is_leaf=_is_jaxpr)
+        return equation.replace(params=inner)
+
+    return body.replace(eqns=[mended(equation) for equation in body.eqns])
+
+
+def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
+    for axis in sorted(axes, reverse=True):
+        if x.size <= _REDUCED:
+            x = jnp.sum(x, axis)
+        elif x.shape[axis] <= _FEW:
+            terms = [jax.lax.index_in_dim(x, i, axis, False) for i in range(x.shape[axis])]
+            x = functools.reduce(jnp.add, terms)
+        else:
+            x = total(jnp.moveaxis(x, axis, 0))
+    return x
