@@ -18,7 +18,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from jaxbeam._programs.batches import CPU_LANES, batchable
-from jaxbeam._programs.one_function import one_function
+from jaxbeam._programs.one_function import as_one_function
 from jaxbeam._programs.platforms import by_platform
 
 
@@ -231,7 +231,7 @@ def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[
 
 def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
     """Lanes go last, with copies of all that they share but, if `shared`, the first argument."""
-    one = one_function(function)
+    one = as_one_function(function)
 
     def call(*args: Any) -> Any:
         flat, tree = jax.tree.flatten(args)

@@ -31,7 +31,7 @@ _REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
 _FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
 
 
-def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
+def as_one_function(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compiled to one function on a CPU, if all its operations are allowed. Its own derivatives are
     not: XLA's emitter may end the process over what forward mode makes of an adjoint."""
 
@@ -48,7 +48,7 @@ def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
             return function(*args)
 
         @jax.jit
-        def whole(*args: Any) -> tuple[Any, Array]:
+        def one_function(*args: Any) -> tuple[Any, Array]:
             leaves = jax.tree.leaves(args)
             # The emitter does not bear operands that nothing uses.
             used = sum(a[(0,) * a.ndim] if a.ndim else a for a in leaves if a.size)
@@ -56,7 +56,7 @@ def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
 
         def fast(*args: Any) -> Any:
             how = {"xla_cpu_small_call": "true", "inlineable": "false"}
-            return set_xla_metadata(whole(*args), **how)[0]
+            return set_xla_metadata(one_function(*args), **how)[0]
 
         return by_platform(*args, cpu=fast, default=function)
 
