@@ -203,7 +203,7 @@ def scout_of(linear: list[AbstractModel], elements: list[AbstractModel]) -> Abst
 def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     """Rungs that may judge: coarser ones seldom do, and each would have to be compiled."""
     coarse = 2
-    if not rotor.beam.is_uniform and nonlinear[0].is_reference:
+    if rotor.varies and nonlinear[0].is_reference:
         coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 

@@ -20,9 +20,10 @@ from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
 from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import beside, total
-from jaxbeam._rotor.beam import Rotor, tension
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import spinning
+from jaxbeam._rotor.span import tension
 from jaxbeam._types import Number, Scalar, Vector
 
 MOST = 6  # modes of a direction that are found this way; of axial ones half as many

@@ -97,7 +97,7 @@ def find(
     found, mixes = search(model, bands, *fixed, is_hinged(rotor), judged and alone)
     status, error = first_failure(given, found.status), found.frequency_error
     # How few functions are enough on a uniform beam is for its user to say.
-    if error is not None and isinstance(rotor, Rotor) and not rotor.beam.is_uniform:
+    if error is not None and rotor.varies:
         resolved = jnp.max(error) <= RESOLVED
         status = first_failure(status, first_broken((resolved, Status.TOO_FEW_FUNCTIONS)))
     ok = status == Status.OK

@@ -12,7 +12,7 @@ from numpy.polynomial import chebyshev
 from jaxbeam._models.modal.theories import Hybrid
 from jaxbeam._numerics.band import congruent, full, largest, polished
 from jaxbeam._programs.lanes import beside, contract
-from jaxbeam._rotor.beam import tension
+from jaxbeam._rotor.span import tension
 
 DEGREE = 24  # polynomials in which functions are given
 

@@ -18,7 +18,7 @@ from jaxbeam._modes.result import Modes, own_tip
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._programs.batches import batchable, in_rows, mended
 from jaxbeam._programs.platforms import by_platform
-from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import CouplingGroup, Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar
@@ -70,8 +70,7 @@ def search(
         return by_platform(leaves, cpu=rows if size > _ROW else at_once, default=at_once)
 
     rotor = case[0]
-    varies = isinstance(rotor, Rotor) and not rotor.beam.is_uniform
-    if judged and varies and isinstance(model, CartesianModel):
+    if judged and rotor.varies and isinstance(model, CartesianModel):
         return batchable(one, many)(leaves)
     return one(leaves)
 

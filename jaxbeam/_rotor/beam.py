@@ -24,7 +24,7 @@ from jaxbeam._rotor.parameters import (
     parameter,
     part,
 )
-from jaxbeam._rotor.span import Span, on, outboard
+from jaxbeam._rotor.span import Span, on, outboard, tension
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
     Property,
@@ -273,6 +273,11 @@ class Rotor(Parameters):
         )
 
     @property
+    def varies(self) -> bool:
+        """Whether properties of the beam vary along the span, its sections are twisted, or both."""
+        return not self.beam.is_uniform
+
+    @property
     def couples_bending(self) -> bool:
         """Whether sections are turned, so that flap bending and bending in plane are coupled."""
         return self.pitch is not None or self.beam.twist is not None
@@ -353,32 +358,6 @@ class Rotor(Parameters):
         beta = jnp.abs(angular_speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
         holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
         return ~holds
-
-
-def tension(
-    spin2: Any, hub_radius: Any, tip_mass: Any, mass: Any = 1.0, length: Any = 1.0,
-    axial: Any = 0.0, tip_mass_radius: Any = None,
-) -> tuple[Any, Any, Any]:  # fmt: skip
-    """Axial force that carries the undeformed beam along, as three coefficients c in N:
-
-    P(x) = -int_x^L a1 dm = c_0 + c_1 (1 - xi) + c_2 (1 - xi^2) / 2,  xi = x / L,
-
-    where a1(X) = axial - spin2 X is the acceleration along the beam at the distance X = R + x from
-    the axis. P of Y eqs. 19-20, with the tip mass in the mass measure; in steady rotation, spin2 =
-    Omega^2 and axial = 0, EA times the strains of B eqs. 41-43:
-
-    P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
-
-    Where the mass varies along the span, int_x^L dm and int_x^L x dm over the mass and its product
-    with L take the place of 1 - xi and (1 - xi^2) / 2: see `beyond`. `tip_mass_radius` is that of
-    the tip mass where it is not R + L.
-    """
-    tip_mass_radius = hub_radius + length if tip_mass_radius is None else tip_mass_radius
-    return (
-        tip_mass * (spin2 * tip_mass_radius - axial),
-        mass * (spin2 * hub_radius - axial),
-        mass * spin2 * length,
-    )
 
 
 AnyRotor = Rotor | SpringRotor  # whichever a model takes, its `rotor_type`

@@ -1,6 +1,7 @@
 """Points of integration along a beam, and integrals from them, segment by segment.
 
-All costs grow with the number of points, not with its square.
+All costs grow with the number of points, not with its square. Y and B are the papers of
+`_models/contract/__init__.py`.
 """
 
 import functools
@@ -169,6 +170,32 @@ def outboard(mass: Property, span: Span) -> tuple[Array, Array, Array]:
     value = on(mass, span)
     share = value / span.total(value)
     return share, span.beyond(share), span.beyond(span.xi * share)
+
+
+def tension(
+    spin2: Any, hub_radius: Any, tip_mass: Any, mass: Any = 1.0, length: Any = 1.0,
+    axial: Any = 0.0, tip_mass_radius: Any = None,
+) -> tuple[Any, Any, Any]:  # fmt: skip
+    """Axial force that carries the undeformed beam along, as three coefficients c in N:
+
+    P(x) = -int_x^L a1 dm = c_0 + c_1 (1 - xi) + c_2 (1 - xi^2) / 2,  xi = x / L,
+
+    where a1(X) = axial - spin2 X is the acceleration along the beam at the distance X = R + x from
+    the axis. P of Y eqs. 19-20, with the tip mass in the mass measure; in steady rotation, spin2 =
+    Omega^2 and axial = 0, EA times the strains of B eqs. 41-43:
+
+    P(x) = Omega^2 { m_t (R + L) + rho R (L - x) + rho (L^2 - x^2) / 2 }
+
+    Where the mass varies along the span, int_x^L dm and int_x^L x dm over the mass and its product
+    with L take the place of 1 - xi and (1 - xi^2) / 2: see `outboard`. `tip_mass_radius` is that of
+    the tip mass where it is not R + L.
+    """
+    tip_mass_radius = hub_radius + length if tip_mass_radius is None else tip_mass_radius
+    return (
+        tip_mass * (spin2 * tip_mass_radius - axial),
+        mass * (spin2 * hub_radius - axial),
+        mass * spin2 * length,
+    )
 
 
 def _steepness(stiffness: Property, edges: tuple[float, ...]) -> Array:

@@ -1,5 +1,7 @@
 """The discrete analogue of a rotating beam (Y: see `_models/contract/__init__.py`)."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -25,6 +27,7 @@ class SpringRotor(Parameters):
     Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
+    varies: ClassVar[bool] = False  # there is nothing along which it could
     mass: Scalar = parameter(Status.INVALID_MASS)
     length: Scalar = parameter(Status.INVALID_LENGTH)
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)

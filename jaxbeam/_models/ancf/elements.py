@@ -8,8 +8,8 @@ are block-tridiagonal; of the clamped node only the last is free (B eqs. 18-20):
 for n elements, all in metres. Where the root yields L w' of the first node is one more, before L
 u'.
 
-A uniform beam has one table of inertia and one law for all elements; where properties vary, both
-come element by element from `sections.py`.
+Mass and law of elements, one for all of a uniform beam and one for each where properties vary, are
+those of `sections.py`.
 
 Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
 behind those it is said to have (see `kernel`).
@@ -17,7 +17,6 @@ behind those it is said to have (see `kernel`).
 B is the paper of `_models/contract/__init__.py`.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -28,13 +27,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.ancf.energies import (
-    POINTS,
     QUARTER_TURN,
-    WEIGHTS,
     Element,
     Local,
-    matvec,
-    rule,
 )
 from jaxbeam._models.ancf.nodes import (
     Nodes,
@@ -44,7 +39,7 @@ from jaxbeam._models.ancf.nodes import (
     on_ends,
     quarter_turned,
 )
-from jaxbeam._models.ancf.sections import Cuts, Ends, Sections, body_mass, cuts, each_element, rules
+from jaxbeam._models.ancf.sections import Ends, Sections, body_mass
 from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
@@ -75,13 +70,10 @@ class ElementEquations(Equations):
     energy_scale: Number
     skew_mass: BlockTridiagonal  # M times a turn by a right angle
     straight: Nodes  # of X a1
-    element_mass: Number  # where it varies, int N N^T dm of each (E, 4, 4, *lanes)
     tip_mass: Number
     tip_body: Float[Array, "2 2 *lanes"] | None
-    axial_stiffness: Number
-    element: Element
+    sections: Sections
     ends: Ends
-    cuts: Cuts | None = eqx.field(static=True)  # None: a uniform beam
     yields: bool = eqx.field(static=True)  # whether the slope at the root is a coordinate
 
     takes_lanes: ClassVar[bool] = True
@@ -100,32 +92,26 @@ class ElementEquations(Equations):
         along = radius + length * beside(np.linspace(0.0, 1.0, n_elements + 1), length.ndim)
         along = jnp.stack([along, length + jnp.zeros_like(along)], 1)
         self.straight = jnp.stack([jnp.zeros_like(along), along], 1)
-        self.cuts = None if beam.is_uniform else cuts(beam.edges, n_elements)
-        if self.cuts is None:
-            self.element_mass = beam.mass / n_elements
-            self.axial_stiffness = beam.axial_stiffness
-            self.energy_scale = beam.in_plane_bending_stiffness / length
-            ratio = beam.in_plane_bending_stiffness / (beam.axial_stiffness * length**2)
-            self.element = element(ratio, n_elements)
-        else:
-            sections = Sections(beam, self.cuts, element)
-            self.element_mass, self.element = sections.mass, sections.element
-            self.axial_stiffness = sections.axial_stiffness
-            self.energy_scale = sections.bending_stiffness / length
+        self.sections = Sections(beam, n_elements, element)
+        self.energy_scale = self.sections.bending_stiffness / length
         self.ends = Ends(rotor, self.axial_stiffness)
         self.yields = self.ends.spring is not None
         self.mass, self.skew_mass = self._inertial(np.eye(2)), self._inertial(QUARTER_TURN)
 
+    @property
+    def element(self) -> Element:
+        """The law of the elements, or of one for all."""
+        return self.sections.law
+
+    @property
+    def axial_stiffness(self) -> Number:
+        """The mean of EA, in N."""
+        return self.sections.axial_stiffness
+
     def _inertial(self, matrix: np.ndarray) -> BlockTridiagonal:
         """Mass matrix times `matrix`."""
         lanes = self.tip_mass.ndim
-        if self.cuts is None:
-            local = np.einsum("cd,ij->cidj", matrix, self._gram)[None]
-            own = assembled(jnp.repeat(local, self.element.n_elements, 0))
-            rows = self.element_mass * beside(own, lanes)
-        else:
-            rotated = beside(matrix[None, :, None, :, None], lanes)
-            rows = assembled(rotated * self.element_mass[:, None, :, None])
+        rows = self.sections.inertial(matrix, lanes)
         if self.tip_body is None:
             at_tip = np.zeros((len(self.straight), 4, 12))
             at_tip[-1, ::2, 4:8:2] = matrix
@@ -140,10 +126,11 @@ class ElementEquations(Equations):
         place = self.straight + self._nodes(q)
         field = quarter_turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
         field = field + constant(hub.acceleration)
-        own = self._by_element(
-            lambda law, mass, local, field: self._elastic(law, local) + self._weighed(mass, field),
-            of_elements(self._nodes(q)), of_elements(field),
-        )  # fmt: skip
+
+        def one(law: Law, mass: Array, local: Array, field: Array) -> Array:
+            return self._elastic(law, local) + self.sections.weighed(mass, field)
+
+        own = self.sections.by_element(one, of_elements(self._nodes(q)), of_elements(field))
         at_tip = self._borne(field[-1])
         if tip_force is not None:
             at_tip = at_tip - constant(tip_force)[0]
@@ -164,11 +151,11 @@ class ElementEquations(Equations):
         def one(law: Law, _: Array, local: Array) -> Array:
             return self._by_local(law.tangent(self._gradients(local)))
 
-        own = self._by_element(one, of_elements(self._nodes(q)))
+        own = self.sections.by_element(one, of_elements(self._nodes(q)))
         return self._gathered_tangent(own, self._at_ends(self.ends.tangent, q))
 
     def elastic_force(self, q: Vector) -> Vector:
-        own = self._by_element(
+        own = self.sections.by_element(
             lambda law, _, local: self._elastic(law, local), of_elements(self._nodes(q))
         )
         none = jnp.zeros_like(own[-1, :, 0])
@@ -179,7 +166,9 @@ class ElementEquations(Equations):
             force = law.viscous(self._gradients(local), self._gradients(rate))
             return on_ends(self.element.n_elements, self.axial_stiffness * force)
 
-        own = self._by_element(one, of_elements(self._nodes(q)), of_elements(self._nodes(v)))
+        own = self.sections.by_element(
+            one, of_elements(self._nodes(q)), of_elements(self._nodes(v))
+        )
         none = jnp.zeros_like(own[-1, :, 0])
         return self._gathered(own, none, self._at_ends(self.ends.viscous, q, v))
 
@@ -188,7 +177,9 @@ class ElementEquations(Equations):
             both = law.viscous_tangents(self._gradients(local), self._gradients(rate))
             return jnp.stack([self._by_local(tangent) for tangent in both])
 
-        own = self._by_element(one, of_elements(self._nodes(q)), of_elements(self._nodes(v)))
+        own = self.sections.by_element(
+            one, of_elements(self._nodes(q)), of_elements(self._nodes(v))
+        )
         ends = self._at_ends(self.ends.viscous_tangents, q, v) or (None, None)
         by_q, by_v = (self._gathered_tangent(own[:, i], ends[i]) for i in (0, 1))
         return by_q, by_v
@@ -207,12 +198,6 @@ class ElementEquations(Equations):
         force = self.axial_stiffness * force
         return on_ends(self.element.n_elements, force)
 
-    def _weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
-        """int N N^T dm of an element times a field, (2, 4, *lanes)."""
-        if self.cuts is None:
-            return mass * matvec(self._gram, field)
-        return contract(mass[None], field[:, None], 2, field.ndim - 2)
-
     def _borne(self, field: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 *lanes"]:
         """Mass matrix at the tip times a field there; of a point only values count."""
         if self.tip_body is None:
@@ -220,11 +205,9 @@ class ElementEquations(Equations):
         return contract(self.tip_body[None], field[:, None], 2, field.ndim - 2)
 
     def strain_energy(self, q: Vector) -> Number:
-        local = of_elements(self._nodes(q))
-        if self.cuts is None:
-            each = jax.vmap(lambda e: self.element.energy(self._gradients(e)))(local)
-        else:
-            each = jax.vmap(lambda law, e: law.energy(self._gradients(e)))(self._laws, local)
+        each = self.sections.by_element(
+            lambda law, _, local: law.energy(self._gradients(local)), of_elements(self._nodes(q))
+        )
         energy = total(each)
         energy = self.axial_stiffness * self.length * energy
         return energy if self.ends.are_plain else energy + self._at_ends(self.ends.energy, q)
@@ -250,23 +233,15 @@ class ElementEquations(Equations):
 
     def _product(self, a: Nodes, b: Nodes) -> Number:
         """int a . b dm of two fields."""
-        if self.cuts is None:
-            own = of_elements(a) * jax.vmap(lambda x: matvec(self._gram, x))(of_elements(b))
-        else:
-            own = of_elements(a) * jax.vmap(self._weighed)(self.element_mass, of_elements(b))
+        weighed = self.sections.by_element(
+            lambda _, mass, field: self.sections.weighed(mass, field), of_elements(b)
+        )
+        own = of_elements(a) * weighed
         own = total(own.reshape(-1, *own.shape[3:]))
-        if self.cuts is None:
-            own = self.element_mass * own
         if self.tip_body is None:
             return own + self.tip_mass * total(a[-1, :, 0] * b[-1, :, 0])
         at_tip = a[-1] * self._borne(b[-1])
         return own + total(at_tip.reshape(4, *at_tip.shape[2:]))
-
-    @property
-    def _gram(self) -> np.ndarray:
-        """int N N^T over an element of unit mass (4, 4)."""
-        value = hermite(POINTS, 1 / self.element.n_elements).value
-        return np.einsum("g,gi,gj->ij", WEIGHTS, value, value)
 
     def tip(self, q: Vector) -> Triple:
         return jnp.stack([q[-2], q[-4], jnp.zeros_like(q[-1])])
@@ -375,19 +350,3 @@ class ElementEquations(Equations):
             slopes = jnp.stack([jnp.zeros_like(slopes), slopes], 2)
             own = own + padded(slopes[:1], 0, len(local)) + padded(slopes[1:], len(local), 0)
         return self._reordered(own).reshape(-1, *local.shape[3:])[self._absent :]
-
-    @property
-    def _laws(self) -> Law:
-        """Energies of elements whose properties vary, with an axis of elements before all
-        others."""
-        parts = None if self.cuts is None else rules(self.cuts, rule)
-        if parts is None:
-            return self.element
-        return Parts(dataclasses.replace(self.element, part=parts))
-
-    def _by_element(self, function: Callable[..., Array], *local: Array) -> Array:
-        """What a function of law, mass and coordinates (2, 4, *lanes) makes of every element."""
-        if self.cuts is None:
-            law, mass = self.element, self.element_mass
-            return each_element(lambda *local: function(law, mass, *local), local, 3)
-        return each_element(function, (self._laws, self.element_mass, *local), 3)

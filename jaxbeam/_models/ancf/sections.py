@@ -6,6 +6,7 @@ table of stations that are not nodes is integrated as it is, and costs as much a
 Any array may have further axes, of lanes, behind those it is said to have (see `kernel`).
 """
 
+import dataclasses
 import functools
 import itertools
 from collections.abc import Callable
@@ -17,9 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.ancf.energies import POINTS, WEIGHTS, Element, elongation
+from jaxbeam._models.ancf.energies import POINTS, WEIGHTS, Element, elongation, matvec, rule
+from jaxbeam._models.ancf.nodes import assembled
 from jaxbeam._models.bases.basis import hermite
-from jaxbeam._models.contract.strained import EndSprings, holding
+from jaxbeam._models.contract.strained import EndSprings, Parts, holding
+from jaxbeam._programs.lanes import beside, contract
 from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.ends import TipBody
@@ -91,15 +94,27 @@ def at_points(value: Property, xi: Float[np.ndarray, "E m g"]) -> Float[Array, "
 
 
 class Sections(eqx.Module):
-    """Properties at the points of integration of elements."""
+    """Mass and law of elements. Where all are alike, those of one do for all of them, and tables
+    are constants; where properties vary, arrays have a first axis of elements, and in the law one
+    of parts if these are cut."""
 
-    mass: Float[Array, "E 4 4"]  # int N N^T dm
+    mass: Number  # int N N^T dm of each (E, 4, 4, *lanes); where all are alike, int dm of one
     axial_stiffness: Number  # mean of EA
     bending_stiffness: Number  # mean of EI
-    element: Element  # whose arrays have axes of elements and, if these are cut, of parts
+    law: Element
+    n_elements: int = eqx.field(static=True)
+    parts: Cuts | None = eqx.field(static=True)  # None: all are alike
 
-    def __init__(self, beam: Beam, parts: Cuts, element: type[Element]) -> None:
-        n, (s, weight) = len(parts), gauss_points(parts)
+    def __init__(self, beam: Beam, n_elements: int, law: type[Element]) -> None:
+        self.n_elements = n = n_elements
+        if beam.is_uniform:
+            self.parts, self.mass = None, beam.mass / n
+            self.axial_stiffness = beam.axial_stiffness
+            self.bending_stiffness = beam.in_plane_bending_stiffness
+            self.law = law(self.bending_stiffness / (self.axial_stiffness * beam.length**2), n)
+            return
+        self.parts = parts = cuts(beam.edges, n)
+        s, weight = gauss_points(parts)
         xi = (np.arange(n)[:, None, None] + s) / n
         shapes = hermite(s.ravel(), 1 / n).value.reshape(*s.shape, 4)
         gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes)
@@ -115,7 +130,38 @@ class Sections(eqx.Module):
         bending = bending / (self.axial_stiffness * beam.length**2)
         if s.shape[1] == 1:
             stretching, bending = stretching[:, 0], bending[:, 0]
-        self.element = element(bending, n, stretching)
+        self.law = law(bending, n, stretching)
+
+    def by_element(self, function: Callable[..., Array], *local: Array) -> Array:
+        """What a function of law, mass and coordinates (2, 4, *lanes) makes of every element."""
+        if self.parts is None:
+            return each_element(lambda *local: function(self.law, self.mass, *local), local, 3)
+        # Attached here, since lanes are behind the axes of the law's numbers only.
+        rule_of_parts = rules(self.parts, rule)
+        law: Any = self.law
+        if rule_of_parts is not None:
+            law = Parts(dataclasses.replace(law, part=rule_of_parts))
+        return each_element(function, (law, self.mass, *local), 3)
+
+    def weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
+        """int N N^T dm of an element times a field, (2, 4, *lanes)."""
+        if self.parts is None:
+            return mass * matvec(self._gram, field)
+        return contract(mass[None], field[:, None], 2, field.ndim - 2)
+
+    def inertial(self, matrix: np.ndarray, lanes: int) -> Float[Array, "k 4 12 *lanes"]:
+        """Rows of blocks of int N (matrix N)^T dm over all elements."""
+        if self.parts is None:
+            local = np.einsum("cd,ij->cidj", matrix, self._gram)[None]
+            return self.mass * beside(assembled(jnp.repeat(local, self.n_elements, 0)), lanes)
+        rotated = beside(matrix[None, :, None, :, None], lanes)
+        return assembled(rotated * self.mass[:, None, :, None])
+
+    @property
+    def _gram(self) -> np.ndarray:
+        """int N N^T over an element of unit mass (4, 4)."""
+        value = hermite(POINTS, 1 / self.n_elements).value
+        return np.einsum("g,gi,gj->ij", WEIGHTS, value, value)
 
 
 def body_mass(body: TipBody, length: Number) -> Float[Array, "2 2"]:

@@ -139,7 +139,7 @@ class _Nodal(_ANCF):
         q = u @ along
         status = jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
         if self.element.tears:
-            if rotor.beam.is_uniform and not rotor.tip_body.is_body:
+            if not rotor.varies and not rotor.tip_body.is_body:
                 torn = rotor.tears(speed)
             else:
                 k, _ = equations.tangents(hub, q, zero, None)

@@ -185,4 +185,4 @@ def of_basis(basis: Basis, counts: Counts, span: Span, parts: Sequence[Array]) -
 
 def follows(basis: Basis, rotor: Rotor) -> bool:
     """Whether functions are those that suit the beam: polynomials, where it varies."""
-    return type(basis) is Polynomials and not rotor.beam.is_uniform
+    return type(basis) is Polynomials and rotor.varies

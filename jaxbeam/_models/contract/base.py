@@ -200,7 +200,7 @@ def checked_case(
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
     """The largest axial strain of a steady state: at the root of a uniform beam; of one that varies
     P / EA, since functions that are smooth do not follow its steps."""
-    if isinstance(rotor, Rotor) and not rotor.beam.is_uniform:
+    if isinstance(rotor, Rotor) and rotor.varies:
         return rotor.steady_strain(speed)
     return equations.strain(q, np.zeros(1))[0]
 

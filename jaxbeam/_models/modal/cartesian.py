@@ -32,9 +32,10 @@ from jaxbeam._models.modal.shape_integrals import (
     weighted,
 )
 from jaxbeam._models.modal.tip_bodies import TipRotation
-from jaxbeam._rotor.beam import Rotor, tension
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, skew
+from jaxbeam._rotor.span import tension
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
 
@@ -87,7 +88,7 @@ class CartesianEquations(Equations):
         """Scale the tables of `model` to a rotor; `stiffened` says which are `stiffening`."""
         check_supported(model, rotor)
         own = None
-        if shapes is not None and not rotor.beam.is_uniform:
+        if shapes is not None and rotor.varies:
             own = weighted(shapes, rotor)
         beam, t, body = rotor.beam, model.shape_integrals if own is None else own, rotor.tip_body
         radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass

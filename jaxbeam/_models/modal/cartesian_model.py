@@ -63,7 +63,7 @@ class CartesianModel(AbstractModel[Rotor]):
     def shapes(self, rotor: Rotor) -> Shapes | None:
         """The functions along the beam of a rotor; None where all is known of them, in
         `shape_integrals`."""
-        plain = rotor.beam.is_uniform and rotor.pitch is None
+        plain = not rotor.varies and rotor.pitch is None
         return None if plain else self.sampled(rotor, None)
 
     def sampled(self, rotor: Rotor, shapes: Shapes | None) -> Shapes:

@@ -150,7 +150,7 @@ def frequency_error(
 
 
 def _stiffness(rotor: Rotor) -> tuple[Float[Array, " 3"], Any]:
-    """Of functions of a unit beam: in each direction, and what both of bending have in common."""
+    """The stiffness of functions of a unit beam in each direction, and what couples bending."""
     beam, cubed = rotor.beam, rotor.beam.length**3
     in_plane, flap = beam.in_plane_bending_stiffness / cubed, beam.flap_bending_stiffness / cubed
     axes = None if rotor.pitch is None else (jnp.cos(rotor.pitch), jnp.sin(rotor.pitch))

@@ -84,7 +84,7 @@ class _Modal(CartesianModel):
         rotor and others that are like it; in flap, unless all stays in the plane."""
         # One or two modes at rest do better than as many polynomials, from three on these win; of
         # beams that vary they are not the modes.
-        few = n <= 2 and not n_stretch and rotor.beam.is_uniform
+        few = n <= 2 and not n_stretch and not rotor.varies
         basis = CantileverModes() if few else Polynomials()
         in_plane, flap = (n + (spring is not None) for spring in rotor.springs)
         return cls(n_stretch, in_plane, 0 if planar else flap, basis=basis).suited(rotor)
@@ -116,7 +116,7 @@ class _Modal(CartesianModel):
     ) -> Float[Array, " k"] | None:
         """The estimate for beams that vary along the span, by the differential equation:
         `truncation.py`."""
-        if rotor.beam.is_uniform or rotor.precone is not None:
+        if not rotor.varies or rotor.precone is not None:
             return None
         # Without axial motion all shapes are real.
         shape = shape if self.n_stretch else shape.real
@@ -169,7 +169,7 @@ class _Linear(_Modal):
     ) -> Float[Array, " k"] | None:
         """The estimate for uniform beams, by what the next functions would add:
         `higher_functions.py`; for others as in `_Modal`."""
-        if not rotor.beam.is_uniform or rotor.precone is not None:
+        if rotor.varies or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
         # What derives from these may have terms that are not known there.
         if type(self) not in (Hybrid, Classical):
@@ -341,7 +341,7 @@ class VonKarman(_Modal):
     def equations(self, rotor: Rotor) -> CartesianEquations:
         """U = int EA (u1' + (u2'^2 + u3'^2) / 2)^2 + EI_zz u2''^2 + EI_yy u3''^2 dx / 2."""
         beam, shapes = rotor.beam, self.shapes(rotor)
-        if shapes is None or beam.is_uniform:
+        if shapes is None or not rotor.varies:
             xi, weight = self.basis.quadrature(self.products)
             stiffness, along_it = beam.axial_stiffness, jnp.asarray(weight)
             slope: Any = all_functions(self.basis, self.counts, xi).slope
