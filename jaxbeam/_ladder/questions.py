@@ -72,6 +72,7 @@ class Question(eqx.Module):
     question with batched leaves."""
 
     order: eqx.AbstractClassVar[int]  # of convergence with the number of elements
+    loads: eqx.AbstractVar[Loads]
     moving: ClassVar[bool] = True  # whether equations of motion are asked, not matrices alone
 
     @abc.abstractmethod

@@ -25,7 +25,6 @@ from jaxbeam._models.space.theory import SpatialANCF
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor, checked_rotor
 from jaxbeam._rotor.directions import Direction
-from jaxbeam._rotor.loads import NO_LOADS
 from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
@@ -131,8 +130,7 @@ def rungs_of(
 def _suited(model: AbstractModel, question: Question, rotor: Rotor) -> AbstractModel:
     """A model of the user's as it suits a rotor, if it bears that."""
     model, rotor, _ = checked_case(model, rotor)
-    loads = getattr(question, "loads", NO_LOADS)
-    check_supported(model, rotor, loads, moving=question.moving)
+    check_supported(model, rotor, question.loads, moving=question.moving)
     return model
 
 

@@ -1,5 +1,7 @@
 """Block-tridiagonal matrices: products, sums and elimination at a cost linear in their size."""
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -144,25 +146,23 @@ class BlockInverse(eqx.Module):
         self.fore, self.back = each(self.pivots, low), each(self.pivots, up)
 
     def __matmul__(self, b: _Vector) -> _Vector:
-        parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
-        a = self.matrix
-        x: Array = jax.lax.custom_linear_solve(
-            lambda x: a @ x,
-            b,
-            solve=lambda _, b: a.flat(_solve(*parts, a.blocked(b))),
-            transpose_solve=lambda _, b: a.flat(_solve_transposed(*parts, a.blocked(b))),
-        )
-        return x
+        return self._solved(b, lambda x: self.matrix @ x, _solve, _solve_transposed)
 
     def __rmatmul__(self, b: _Vector) -> _Vector:
         """The product b^T A^-1."""
+        return self._solved(b, lambda x: x @ self.matrix, _solve_transposed, _solve)
+
+    def _solved(
+        self, b: _Vector, product: Callable[[_Vector], _Vector], *ways: Callable[..., Array]
+    ) -> _Vector:
+        """The x of which a product is b, by one of two ways; the other one is of its transpose."""
         parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
-        a = self.matrix
+
+        def solve(way: Callable[..., Array], _: Any, b: _Vector) -> _Vector:
+            return self.matrix.flat(way(*parts, self.matrix.blocked(b)))
+
         x: Array = jax.lax.custom_linear_solve(
-            lambda x: x @ a,
-            b,
-            solve=lambda _, b: a.flat(_solve_transposed(*parts, a.blocked(b))),
-            transpose_solve=lambda _, b: a.flat(_solve(*parts, a.blocked(b))),
+            product, b, *(functools.partial(solve, way) for way in ways)
         )
         return x
 

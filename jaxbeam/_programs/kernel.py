@@ -27,8 +27,8 @@ class Adjoint(NamedTuple):
 
     # From the arguments to the result and what is kept for the way back.
     forwards: Callable[..., tuple[Any, Any]]
-    # From which leaves of the arguments move, the arguments, what was kept, and what belongs to the
-    # result, to what belongs to the arguments; None for those that do not move.
+    # From which leaves of the arguments move, the arguments, what was kept, and the result's
+    # cotangent, to cotangents of the arguments; None for those that do not move.
     backwards: Callable[..., Any]
 
 

@@ -63,8 +63,8 @@ class _Back(NamedTuple):
     up: Array
     span: Float[Array, "S r"]  # states before its steps
     output: Array  # the last one that was not yet looked at
-    row: Float[Array, " r"]  # what belongs to the state after step k
-    inputs: Any  # what belongs to the arguments, so far
+    row: Float[Array, " r"]  # cotangent of the state after step k
+    inputs: Any  # cotangent of the arguments, so far
 
 
 class _Sweep(NamedTuple):
@@ -78,8 +78,8 @@ class _Sweep(NamedTuple):
     unpack: Callable[[Array], tuple[State, Any]]  # y and the solver's state, from a row
     steps: Array  # that were kept
     finished: Array  # whether the last one ended at the last time
-    at_outputs: Float[Array, "T m"]  # what belongs to the outputs
-    at_last: Step | None  # what belongs to the last step
+    at_outputs: Float[Array, "T m"]  # cotangent of the outputs
+    at_last: Step | None  # cotangent of the last step
     longest: int  # span that may be
     stride: Array  # steps from row to row
 
@@ -135,7 +135,7 @@ class _Sweep(NamedTuple):
     def gather(self, i: Array, k: Array, down: Array, step: Step) -> tuple[Array, Step, Any]:
         """Takes the outputs within step k, from the i-th one downwards, if the sweep goes down.
 
-        Returns the last one before the step, what belongs to the step, and what to the times.
+        Returns the last one before the step, and the cotangents of the step and of the times.
         """
         before = jnp.where(k > 0, self.tape.ends[k - 1, 0], -jnp.inf)
 

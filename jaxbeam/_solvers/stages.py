@@ -5,18 +5,18 @@ part in q and one in v, a stage U_i = (g (f_i + z_i), z_i), f_i = S_i,v + P_i,q,
 
     A z_i = F(x_i, S_i) + M P_i,v + h rate_i F' - g K f_i,   A = M / g + C + g K.
 
-Its adjoint goes through the stages backwards. What belongs to U_i, (a_i, b_i), is known when all
+Its adjoint goes through the stages backwards. The cotangent of U_i, (a_i, b_i), is known when all
 later ones are done; then
 
-    A^T y_i = g a_i + b_i,  and what belongs to f_i is e_i = g (a_i - K^T y_i),
-    to S_i: (dF/dq^T y_i, dF/dv^T y_i + e_i),   to P_i: (e_i, M^T y_i).
+    A^T y_i = g a_i + b_i,  and cotangents are, of f_i: e_i = g (a_i - K^T y_i),
+    of S_i: (dF/dq^T y_i, dF/dv^T y_i + e_i),   of P_i: (e_i, M^T y_i).
 
 By all else, M, C, K and F', the derivative is that of
 
     sum_i y_i . (F(x_i, S_i) + h rate_i F' + M (P_i,v - z_i / g) - C z_i - K U_i,q)
 
 with stages as they are; by h it is sum_i (p_i . (U_i / g - P_i) / h + rate_i y_i . F'), p_i being
-what belongs to P_i. K and C get sums of y_i U_i^T, and are differentiated once. So a step back
+the cotangent of P_i. K and C get sums of y_i U_i^T, and are differentiated once. So a step back
 asks for first derivatives of the force at every stage, and for those of its tangents at the start,
 in place of the transpose of every operation.
 """
@@ -116,8 +116,8 @@ def _beginning(
 
 
 def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> Any:
-    """What belongs to those of the arguments (system, h, y0, start, inputs, ...) of a step that are
-    `moving`, from what belongs to its end, error and polynomial. That of others is None."""
+    """Cotangents of those of the arguments (system, h, y0, start, inputs, ...) of a step that are
+    `moving`, from those of its end, error and polynomial. Those of others are None."""
     own, still = eqx.partition(args, moving)
     _, h, y0 = args[:3]
     n, g, done, past = len(y0.q), table.gamma * h, found.done, found.past
@@ -157,8 +157,8 @@ def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, o
 def _backwards(
     table: Tableau, own: Any, still: Any, args: Any, found: Stages, to_done: Array
 ) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
-    """What belongs to S_i and P_i / h, two rows for each stage, of q (0) and of v (1), and to the
-    system by the forces of all; y_i, and what belongs to the inputs, of each."""
+    """Cotangents of S_i and P_i / h, two rows for each stage, of q (0) and of v (1), and of the
+    system by the forces of all; y_i, and the cotangent of the inputs, of each."""
     system, h, y0 = args[:3]
     n, g, s = len(y0.q), table.gamma * h, len(to_done)
 

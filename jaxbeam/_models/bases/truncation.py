@@ -165,16 +165,12 @@ def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array | No
     profile, length, mass, at_tip = (
         case.profile, case.rotor.beam.length, case.rotor.tip_mass, case.tip(x)
     )  # fmt: skip
-    carried, moves_axially = (
-        case.total(profile.mass, x.value) + mass * _square(at_tip),
-        x.value.shape[1] > 2,
-    )
+    carried = case.total(profile.mass, x.value) + mass * _square(at_tip)
     first, second = profile.in_section_axes(x.curvature[:, -2], x.curvature[:, -1])
-    energy = case.total(profile.in_plane / length**3, first) + case.total(
-        profile.flap / length**3, second
-    )
+    energy = case.total(profile.in_plane / length**3, first)
+    energy = energy + case.total(profile.flap / length**3, second)
     gyroscopic = None
-    if moves_axially:
+    if x.value.shape[1] > 2:  # it moves axially, too
         energy = energy + case.total(profile.axial / length, x.slope[:, 0])
         swept = case.total(profile.mass, x.value[:, 1], x.value[:, 0])
         swept = swept + mass * at_tip[1].conj() * at_tip[0]
