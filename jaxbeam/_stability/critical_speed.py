@@ -215,9 +215,10 @@ def _search_under(
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
         system = conditions.system(model, rotor, speed)
-        # A pull stretches a rod that is about to tear by any number of lengths.
-        far = system.status == Status.DIVERGED
-        return symmetric_part(system.stiffness), jnp.where(far, Status.OK, system.status)
+        k = symmetric_part(system.stiffness)
+        # A pull stretches a rod that is about to tear by any number of lengths, but none at rest.
+        far = (system.status == Status.DIVERGED) & (speed > 0) & jnp.all(jnp.isfinite(k))
+        return k, jnp.where(far, Status.OK, system.status)
 
     k0, status = at(zero)
     least, x = softest(every.rows[0], k0, rest)
