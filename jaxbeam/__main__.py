@@ -71,8 +71,8 @@ Frequencies over speed, for three tip masses (--example prints it, and the other
 
 {EXAMPLES["frequencies"]}
 A [beam] may have file = "blade.csv", any file of blades.read_blade beside it, of which what it says
-of the rotor holds unless [rotor] says otherwise. [root_springs] are those of jaxbeam.RootSprings,
-and a [tip_body] is in the place of a tip_mass (jaxbeam.TipBody).
+of rotor and angular_speed holds unless the scene has others. [root_springs] are jaxbeam's
+RootSprings, and a [tip_body] (TipBody) is in the place of a tip_mass.
 A spin-up, which may have [loads] (gravity = [0.0, -9.81, 0.0]) and [damping] as well:
 
 {EXAMPLES["spin_up"]}
@@ -86,17 +86,20 @@ Dims = dict[str, dict[str, list[Any]]]
 Labels = tuple[jb.models.Label, ...]
 TABLES = ("model", "beam", "rotor", "root_springs", "tip_body", "motion", "loads", "damping")
 BASES = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}
-PARTS: dict[str, list[Any]] = {
-    "root_springs": [jb.RootSprings],
-    "tip_body": [jb.TipBody],
-    "loads": [jb.Loads],
-}
+PARTS: Any = {"root_springs": [jb.RootSprings], "tip_body": [jb.TipBody], "loads": [jb.Loads]}
 
 
 def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> Any:
     table = jb.blades.read_blade(file, length=length, axial_stiffness=axial_stiffness)
     _note("\n".join(f"{file}: {ignored}" for ignored in table.ignored))
     return table
+
+
+def _speed_in(beam: Any) -> dict[str, float]:
+    """The speed that the file of a beam states, if it does, for where a scene has none."""
+    speed = getattr(beam, "angular_speed", None)
+    _note("" if speed is None else f"angular_speed is {speed:.6g} rad/s, as the beam's file says")
+    return {} if speed is None else {"angular_speed": speed}
 
 
 _note = functools.cache(lambda text: text and print(text, file=sys.stderr))  # once, not every time
@@ -106,8 +109,7 @@ _note = functools.cache(lambda text: text and print(text, file=sys.stderr))  # o
 def _frequencies(
     model: Any, rotor: Any, angular_speed: Real, in_plane: int = 0, flap: int = 0, axial: int = 0
 ) -> dict[str, Any]:
-    which = _which(in_plane, flap, axial)
-    found = jb.modes(model, rotor, angular_speed, which, throw=False)
+    found = jb.modes(model, rotor, angular_speed, _which(in_plane, flap, axial), throw=False)
     names = ("frequency", "growth_rate", "steady_strain", "status")
     return {name: getattr(found, name) for name in names}
 
@@ -124,14 +126,12 @@ def _spin_up(
     model: Any, rotor: Any, motion: Any, until: float, points: int = 201,
     max_steps: int = 100_000, loads: Any = None, damping: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
-    acting = {"loads": loads, "damping": damping}
-    given = {name: value for name, value in acting.items() if value is not None}
+    given = {n: v for n, v in (("loads", loads), ("damping", damping)) if v is not None}
     times = _times(until, points)
     run = jb.simulate(model, rotor, motion, times, max_steps=max_steps, throw=False, **given)
     value, when = jax.numpy.array([run.peak(component) for component in range(3)]).T
-    names = ("tip", "hub_force", "hub_torque", "strain_energy", "energy", "imbalance")
-    found = {"peak": value, "peak_time": when, **{name: getattr(run, name) for name in names}}
-    return {**found, "status": run.status}
+    names = ("tip", "hub_force", "hub_torque", "strain_energy", "energy", "imbalance", "status")
+    return {"peak": value, "peak_time": when, **{name: getattr(run, name) for name in names}}
 
 
 def _which(in_plane: int = 0, flap: int = 0, axial: int = 0, **_: Any) -> Labels:
@@ -185,12 +185,12 @@ def read(tables: Mapping[str, Any]) -> Job:
         _unless_among(key, (*TABLES, *QUESTIONS, "sweep"), f"there is no table {key}", "but")
         if not isinstance(value, dict):
             raise ValueError(f"{key} must be a table: [{key}], and its keys below")
+    tables = {name: dict(given) for name, given in tables.items()}
     asked = [question for question in QUESTIONS if question in tables]
     if len(asked) != 1:
         got = " and ".join(f"[{question}]" for question in asked) or "none"
         raise ValueError(f"must ask one of [{'], ['.join(QUESTIONS)}], there is {got}")
-    (question,) = asked
-    ask, over, _ = QUESTIONS[question]
+    ask, over, _ = QUESTIONS[question := asked[0]]
     axes = {name: _values(name, given) for name, given in tables.get("sweep", {}).items()}
     beams = [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness, _beam_in]
     makers = {**PARTS, "damping": [jb.Damping], "beam": beams, question: [ask]}
@@ -203,12 +203,14 @@ def read(tables: Mapping[str, Any]) -> Job:
             makers[table] = [_class(table, given.pop("name", None), BASES[table])]
         if table == "model":
             makers["rotor"] = [makers["model"][0].rotor_type]
-        maker = _fitting(table, makers[table], given, axes)
-        takes[table] = _keys(maker)
-        every = inspect.signature(maker).parameters.items()
-        needs = [n for n, p in every if n in TABLES and (p.default is p.empty or n in tables)]
+        needs = _needs(makers[table][0], tables)  # of beams, which alone have several, nothing
         for needed in needs:
             gather(needed)
+        if "angular_speed" in _keys(makers[table][0]).keys() - {*given, *axes} and "beam" in made:
+            given |= _speed_in(made["beam"](dict.fromkeys(axes, 1.0)))
+            tables[table] |= given  # as if it stood there
+        maker = _fitting(table, makers[table], given, axes)
+        takes[table] = _keys(maker)
 
         def make(numbers: Mapping[str, Any]) -> Any:
             swept = {name: n for name, n in numbers.items() if _is_real(takes[table].get(name))}
@@ -273,6 +275,12 @@ def _keys(maker: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     return {name: p for name, p in every.items() if name not in TABLES and name[0] != "_"}
 
 
+def _needs(maker: Callable[..., Any], tables: Collection[str]) -> list[str]:
+    """Arguments that are tables of their own, of which some may be left out."""
+    every = inspect.signature(maker).parameters.items()
+    return [n for n, p in every if n in TABLES and (p.default is p.empty or n in tables)]
+
+
 def _class(table: str, name: Any, base: type) -> type:
     """The public class of this name, of those that are made from numbers."""
     places = (jb, jb.models, jb.motions)
@@ -330,10 +338,8 @@ def run(scene: Job, out: Path, cores: int, chunk: int) -> bool:
     if scene.axes:
         cases = jb.grid(**scene.axes)
         print(f"{len(cases)} cases over {', '.join(cases.names)}", flush=True)
-        devices, folder = cores * jax.devices(), out / "chunks"
-        table = jb.sweep(
-            scene.case, cases, chunk=chunk, devices=devices, folder=folder, dims=scene.dims
-        )
+        how: Any = {"chunk": chunk, "devices": cores * jax.devices(), "folder": out / "chunks"}
+        table = jb.sweep(scene.case, cases, dims=scene.dims, **how)
         drawn, label = next(iter(scene.dims)), QUESTIONS[scene.question][2]
         status, figure = table["status"], plot.swept(table, drawn, label)
         values = {n: v for n, v in table.values.items() if "time" not in table.dims[n]}

@@ -82,9 +82,12 @@ class Status(enum.IntEnum):
     )
     NO_EQUILIBRIUM = (
         18,
-        "no stable steady rotation at this angular_speed: the centrifugal load grows faster "
-        "with stretch than the axial stiffness carries; lower angular_speed, tip_mass or "
-        "length, or raise axial_stiffness",
+        "no stable steady rotation at this angular_speed: either the rod tears, since the "
+        "centrifugal load grows faster with stretch than its stiffness carries (lower "
+        "angular_speed, tip_mass or length, or raise axial_stiffness), or a mode grows, since "
+        "bending or what holds the root is too soft for the speed, the gravity and the loads: "
+        "lower them, give root_springs a stiffness, or take Hybrid in the place of Classical, "
+        "which has no stiffening (see critical_speed, and growth_rate of modes)",
     )
     NOT_CONVERGED = (
         19,
@@ -118,7 +121,8 @@ class Status(enum.IntEnum):
     DIVERGED = (
         26,
         "the tip left its place by more than ten lengths: no such beam. The model is unstable "
-        "here (Classical and LC above a critical speed are), or the step is too long",
+        "here (Classical and LC above a critical speed are), its loads are too large, or the step "
+        "is too long",
     )
     UNBALANCED = (
         27,
@@ -132,8 +136,10 @@ class Status(enum.IntEnum):
     )
     TOO_FEW_STEPS = (
         29,
-        "steps are far too long for the fastest mode: raise steps, or take a model with fewer "
-        "functions",
+        "steps are far too long for the fastest mode, or for the one that stiffness_coefficient "
+        "damps most: raise steps, or take a model with fewer functions. The axial modes are both: "
+        "a model without them (Hybrid with n_stretch=0) needs few steps, others may need some "
+        "thousands, which cost little beside the compilation",
     )
     TOLERANCE_NOT_MET = (
         30,

@@ -253,7 +253,7 @@ def test_further_scenes_are_accepted():
         ("tip_mass = [0.0, -0.1]", "tip_mass = [0, true]", "[sweep] tip_mass must be a list"),
         ("tip_mass = [0.0, -0.1]", "tip_mass = 0.1", "[sweep] tip_mass must be a list of numbers"),
         ("tip_mass = [0.0, -0.1]", "tipmass = [0.0]", "[sweep] tipmass is not swept: did you mean "
-         "tip_mass? numbers are angular_speed, hub_radius, tip_mass, pitch, precone, length"),
+         "tip_mass? numbers are length, youngs_modulus, density, area,"),
         ("tip_mass = [0.0, -0.1]", "n_flap = [0, 1]", "[sweep] n_flap is not swept: numbers are"),
         ("count = 3", "count = 1", "[sweep] angular_speed count must be >= 2, got 1"),
         ("count = 3", "count = 3.0", "[sweep] angular_speed count must be an int, got float"),
@@ -398,7 +398,8 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
 
 def test_a_main_file_of_bmodes_says_what_the_rotor_is(tmp_path, capsys, monkeypatch):
     """By what is in it, whatever it is called, and unless the scene says otherwise; the scene has a
-    byte-order mark, as editors of Windows write."""
+    byte-order mark, as editors of Windows write. The deck's speed holds too, in the command's note,
+    in its cases and for a motion, unless the scene has one."""
     (tmp_path / "sec.dat").write_text(SECTIONS)
     (tmp_path / "blade.txt").write_text(DECK.format(title="2 tip_mass options"))
     scene = """
@@ -410,7 +411,6 @@ def test_a_main_file_of_bmodes_says_what_the_rotor_is(tmp_path, capsys, monkeypa
         [rotor]
         tip_mass = 20.0
         [frequencies]
-        angular_speed = 1.0
         flap = 1
         """
     (tmp_path / "scene.toml").write_bytes(scene.encode("utf-8-sig"))
@@ -423,10 +423,26 @@ def test_a_main_file_of_bmodes_says_what_the_rotor_is(tmp_path, capsys, monkeypa
 
     monkeypatch.setattr(jb, "modes", modes)
     main(["scene.toml"])
-    assert "tw_iner is ignored" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "tw_iner is ignored" in said
+    assert "angular_speed is 1.26711 rad/s, as the beam's file says" in said
     wanted = jb.blades.read_bmodes("blade.txt").rotor(tip_mass=20.0)
     assert (float(wanted.hub_radius), float(wanted.tip_mass)) == (1.5, 20.0)
     assert eqx.tree_equal(seen[0], wanted)
+    stated = jb.blades.read_bmodes("blade.txt").angular_speed
+    np.testing.assert_allclose(stated, 12.1 * np.pi / 30, rtol=1e-12)
+    tables = tomllib.loads(scene)
+    assert read(tables).axes == {"angular_speed": [stated]}
+    assert "angular_speed" not in tables["frequencies"]
+    more = tomllib.loads(scene + "[sweep]\ntip_mass = [0.0, 1.0]")
+    assert read(more).case.args[1]["frequencies"]["angular_speed"] == stated
+    tables["frequencies"]["angular_speed"] = 2.0
+    assert read(tables).axes == {"angular_speed": [2.0]}
+    del tables["frequencies"]
+    tables |= {"motion": {"name": "SmoothSpinUp", "duration": 3.0}, "spin_up": {"until": 4.0}}
+    assert read(tables).case.args[1]["motion"]["angular_speed"] == stated
+    (tmp_path / "blade.txt").write_text(DECK.format(title="2").replace("12.1 rot", "0.0 rot"))
+    assert read(tomllib.loads(scene)).axes == {"angular_speed": [0.0]}
 
 
 @pytest.mark.slow

@@ -3,19 +3,19 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Inexact
 
 from jaxbeam._programs.platforms import loops_are_dear
 
 _FEW = 16  # rows up to which it may be written out
 
 
-def gauss_jordan(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def gauss_jordan(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
     """Inverse, with row pivoting."""
     return _written_out(a) if loops_are_dear() and len(a) <= _FEW else _in_turn(a)
 
 
-def _in_turn(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def _in_turn(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
     """The inverse, made in place."""
     n = a.shape[0]
     places = jnp.arange(n)
@@ -35,7 +35,7 @@ def _in_turn(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return a[:, jnp.argsort(order)]
 
 
-def _written_out(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def _written_out(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
     """The inverse without a loop. Rows stay where they are, and are chosen by masks, which make
     fewer kernels than reading and writing at places that are computed."""
     places = np.arange(a.shape[0])

@@ -64,7 +64,7 @@ def quotient(a: Inexact[Array, ""], b: Inexact[Array, ""]) -> Inexact[Array, ""]
 
 
 @one_by_one
-def _lapack_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def _lapack_inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
     return jnp.linalg.inv(a)
 
 
@@ -80,10 +80,10 @@ def dense(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"]:
 
 
 @overload
-def inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]: ...
+def inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]: ...
 @overload
 def inverse(a: BlockTridiagonal) -> BlockInverse: ...
-def inverse(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"] | BlockInverse:
+def inverse(a: Inexact[Array, "n n"] | BlockTridiagonal) -> Inexact[Array, "n n"] | BlockInverse:
     """Inverse of a matrix that is used many times: what multiplies (`@`) right-hand sides."""
     return a.inverse() if isinstance(a, BlockTridiagonal) else _dense_inverse(a)
 
@@ -96,7 +96,7 @@ def outer(
 
 
 @jax.custom_jvp
-def _dense_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def _dense_inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
     """Up to n = 100 without LAPACK, about as fast: its threads, which on a busy machine can wait
     for each other a hundred times as long as they work, stay out of the loop over time steps.
     """

@@ -17,14 +17,15 @@ from jaxbeam._types import Matrix, Scalar, Vector
 # The points of Gauss and Legendre with two nodes; that the commutator of the values there counts
 # 3^(1/2) / 12 is what gives order 4 (section 5.4 of the review cited below).
 _GAUSS = 0.5 + np.array([-1.0, 1.0]) * np.sqrt(3) / 6
+_SLOW = 0.25  # angle in a step of motions that are not measured from their equilibrium
 _PLACES = np.array([0.0, *_GAUSS, 1.0])
 # From values at 0, 1/2, 1 to coefficients of s, s^2, s^3 of the integral of the parabola there.
 _SIMPSON = np.array([[1.0, 0.0, 0.0], [-1.5, 2.0, -0.5], [2 / 3, -4 / 3, 2 / 3]])
 
 
 class _Moment(NamedTuple):
-    """The system at one time: q'' = stiffness q + damping q' + load, and the moving equilibrium p
-    with stiffness p + load = 0, its rates, and what is left to do, damping p' - p''."""
+    """The system at one time: q'' = stiffness q + damping q' + load, the moving place p, its rates,
+    and what is left to do, stiffness p + load + damping p' - p''."""
 
     stiffness: Matrix
     damping: Matrix
@@ -35,7 +36,7 @@ class _Moment(NamedTuple):
 
 class MagnusInterpolation(Interpolation):
     """z along a step by its own exponential, so that steps may be longer than a vibration; the
-    moving equilibrium by the cubic through its ends.
+    moving place by the cubic through its ends.
 
     With A linear in time, the exponent is s mean + s (s - 1) tilt / 2 + s^3 twist, `exponent`.
     """
@@ -58,12 +59,12 @@ class MagnusInterpolation(Interpolation):
         """The state whose vector is z."""
         n = self.y0.q.size
 
-        def equilibrium(s: Scalar) -> Vector:
+        def moving(s: Scalar) -> Vector:
             p0, p1, r0, r1 = self.place
             bend = s * (1 - s) * ((1 - s) * (r0 + p0 - p1) - s * (r1 + p0 - p1))
             return p0 + s * (p1 - p0) + bend
 
-        place, rate = jax.jvp(equilibrium, (s,), (jnp.ones_like(s),))
+        place, rate = jax.jvp(moving, (s,), (jnp.ones_like(s),))
         work = self.y0.work + s * (self.work[0] + s * (self.work[1] + s * self.work[2]))
         return State(place + z[:n], rate / length(self.t0, self.t1) + self.scale * z[n:-1], work)
 
@@ -71,8 +72,13 @@ class MagnusInterpolation(Interpolation):
 class Magnus(SecondOrderSolver):
     """Fourth-order Magnus integration of q'' = M^-1 force(t, q, q') for forces linear in q and q'.
 
-    y = (q, q') is measured from the moving equilibrium p(t), at which force(t, p, 0) = 0, so that
-    what remains, z' = A z + (0, ...), is driven by p' and p'' alone, and
+    y = (q, q') is measured from a moving place p(t). With force(t, q, 0) = f - K q it is
+
+        p = Re[(K + i s M)^-1 f],   s = (0.25 / h)^2,
+
+    of all but what is slow in a step the moving equilibrium, so that what remains, z' = A z + (0,
+    ...), is driven by little but p' and p''; of motions that nothing holds it is zero, since K may
+    be singular or negative. Then
 
         z(t + h) = exp(h (A_1 + A_2) / 2 - sqrt(3) h^2 [A_1, A_2] / 12) z(t),
 
@@ -81,7 +87,6 @@ class Magnus(SecondOrderSolver):
     step, however fast the system itself is: fixed steps are what it is for. Its error estimate, the
     part of the commutator, is that of the method of order 2, and asks for shorter steps than
     needed. Steps that beat against a vibration, 2 pi / h near its angular frequency, lose accuracy.
-    Where nothing holds a free hinge there is no equilibrium to measure from: the result is NaN.
 
     S. Blanes, F. Casas, J. A. Oteo, J. Ros, The Magnus expansion and some of its applications,
     Physics Reports 470 (2009), section 5.
@@ -110,9 +115,10 @@ class Magnus(SecondOrderSolver):
         h = length(t0, t1)
         n = y0.q.size
         flexible = inverse(dense(args.mass))
-        at = jax.vmap(lambda t: _moment(args, flexible, t))(t0 + h * _PLACES)
+        at = jax.vmap(lambda t: _moment(args, flexible, t, (_SLOW / h) ** 2))(t0 + h * _PLACES)
         # In units of the fastest vibration, so that q and q' / scale are of one size.
-        scale = jnp.sqrt(jnp.max(jnp.sum(jnp.abs(at.stiffness[0]), 1)))
+        fastest = jnp.sqrt(jnp.max(jnp.sum(jnp.abs(at.stiffness[0]), 1)))
+        scale = jnp.maximum(jax.lax.stop_gradient(fastest), 1 / h)  # there may be none
         _, a1, a2, _ = h * jax.vmap(lambda at: _first_order(at, scale))(at)
         commutator = np.sqrt(3) / 12 * (a2 @ a1 - a1 @ a2)
         start = [y0.q - at.place[0], (y0.v - at.rate[0]) / scale, jnp.ones_like(h)[None]]
@@ -138,22 +144,29 @@ class Magnus(SecondOrderSolver):
         return end, error, {**info, "work": work}, None, diffrax.RESULTS.successful
 
 
-def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar) -> _Moment:
-    """What the method takes of the system at a time; `flexible` is the inverse of the mass."""
+def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar, slow: Scalar) -> _Moment:
+    """What the method takes of the system at a time; `flexible` is the inverse of the mass, `slow`
+    the square of the frequency below which motions are not measured from their equilibrium."""
     one, zero = jnp.ones_like(t), jnp.zeros_like(flexible[0])
 
-    def place(t: Scalar) -> tuple[Vector, tuple[Matrix, Matrix]]:
+    def given(t: Scalar) -> tuple[Vector, Matrix, Matrix]:
         x = system.inputs(t)
-        k, c = (dense(a) for a in system.tangents(x, zero, zero))
-        return inverse(k) @ system.force(x, zero, zero), (k, c)
+        k, c = system.tangents(x, zero, zero)
+        return system.force(x, zero, zero), dense(k), dense(c)
 
-    def moving(t: Scalar) -> tuple[tuple[Vector, Vector], tuple[Matrix, Matrix]]:
-        at, rate, matrices = jax.jvp(place, (t,), (one,), has_aux=True)
-        return (at, rate), matrices
+    def moving(t: Scalar) -> Any:
+        return jax.jvp(given, (t,), (one,))
 
-    (at, rate), (_, moved), (k, c) = jax.jvp(moving, (t,), (one,), has_aux=True)
+    (now, first), (_, second) = jax.jvp(moving, (t,), (one,))
+    load, k, c = now
+    lagging = inverse(k + 1j * slow * dense(system.mass))
+    p = lagging @ (load + 0j)
+    p1 = lagging @ (first[0] - first[1] @ p)
+    p2 = lagging @ (second[0] - second[1] @ p - 2 * first[1] @ p1)
     stiffness, damping = -(flexible @ k), -(flexible @ c)
-    return _Moment(stiffness, damping, at, rate, damping @ rate - moved)
+    # K Re(p) - slow M Im(p) = f: so much of the load is left, without cancellation.
+    rest = -slow * p.imag + damping @ p1.real - p2.real
+    return _Moment(stiffness, damping, p.real, p1.real, rest)
 
 
 def _first_order(at: _Moment, scale: Scalar) -> Float[Array, "m m"]:

@@ -176,11 +176,12 @@ def _search(
     groups, free = groups_of(model, rotor), rotor
     rotor = _held(rotor)
     k0, speed, shape = _alone(model, rotor, zero, groups)
+    sound = _sound(speed)
     if is_affine(model, rotor):
         if rotor is not free:
             speed = _freed(speed, shape, k0, _undeformed(model, free, zero), rotor)
         first = jnp.argmin(speed)
-        return speed[first], groups.codes[first], shape[first], jnp.asarray(Status.OK)
+        return speed[first], groups.codes[first], shape[first], sound
 
     tears = groups.directions.index(Direction.AXIAL)
     bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
@@ -200,7 +201,7 @@ def _search(
         jnp.where(end.found, end.value, torn),
         jnp.where(end.found, end.direction, groups.codes[tears]),
         jnp.where(end.found, end.x, shape[tears]),
-        scan.status(end),
+        first_failure(sound, scan.status(end)),
     )
 
 
@@ -214,18 +215,20 @@ def _search_under(
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
         system = conditions.system(model, rotor, speed)
-        # A pull stretches a rod that is about to tear by any number of lengths.
-        far = system.status == Status.DIVERGED
-        return symmetric_part(system.stiffness), jnp.where(far, Status.OK, system.status)
+        k = symmetric_part(system.stiffness)
+        # A pull stretches a rod that is about to tear by any number of lengths, but none at rest.
+        far = (system.status == Status.DIVERGED) & (speed > 0) & jnp.all(jnp.isfinite(k))
+        return k, jnp.where(far, Status.OK, system.status)
 
     k0, status = at(zero)
     least, x = softest(every.rows[0], k0, rest)
-    at_rest = first_failure(status, first_broken((least > 0, Status.BUCKLED)))
+    held = first_broken((jnp.isfinite(least), Status.NOT_FINITE), (least > 0, Status.BUCKLED))
+    at_rest = first_failure(status, held)
     if is_affine(model, rotor):
         _, k1 = _with_speed(model, rotor, zero)
         fine = jnp.where(at_rest == Status.OK, k0, rest)
         square, x = gives_way(every.rows[0], k1, fine)
-        found, status = jnp.sqrt(square), jnp.asarray(Status.OK)
+        found, status = jnp.sqrt(square), _sound(square)
     else:
         tears = groups.directions.index(Direction.AXIAL)
         bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
@@ -234,9 +237,14 @@ def _search_under(
         end = scan.run(bottom, 0, x)
         torn = jnp.where(end.softest[0] > _HARD, jnp.inf, speed[tears])
         found, x = jnp.where(end.found, end.value, torn), end.x
-        status = scan.status(end)
+        status = first_failure(_sound(speed), scan.status(end))
     status = first_failure(at_rest, status)
     return found, direction_of_energy(model.directions, rest, x), x, status
+
+
+def _sound(speed: Float[Array, "*f"]) -> Code:
+    """Whether speeds are numbers: infinity is none that is missing, NaN one that overflowed."""
+    return first_broken((jnp.all(~jnp.isnan(speed)), Status.NOT_FINITE))
 
 
 def _held(rotor: AnyRotor) -> AnyRotor:

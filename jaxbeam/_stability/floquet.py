@@ -86,8 +86,9 @@ def floquet(
     The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
     order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping;
     double `steps` to see what is left. Many functions need many steps, for a mode that nobody asks
-    for: take small models. First derivatives of multipliers by every parameter are
-    exact in both modes, where a multiplier is simple.
+    for, and so does an axial mode that a `stiffness_coefficient` damps hard: take small models,
+    without stretch where it does not matter, or steps by the thousand. First derivatives of
+    multipliers by every parameter are exact in both modes, where a multiplier is simple.
 
     `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
     of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,

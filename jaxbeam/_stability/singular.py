@@ -225,8 +225,10 @@ def gives_way(
     rows: np.ndarray, k1: Matrix, k0: Matrix
 ) -> tuple[Float[Array, ""], Float[Array, " n"]]:
     """The least s > 0 at which K_0 + s K_1 is singular in some coordinates, infinite where there is
-    none, and the shape among all."""
+    none, NaN where numbers overflow, and the shape among all."""
     least, x = softest(rows, k1, k0)  # K_1 x = least K_0 x
     own = np.ix_(rows, rows)
-    soft = least < -1e-13 * jnp.linalg.norm(k1[own]) / jnp.linalg.norm(k0[own])
-    return jnp.where(soft, 1 / jnp.abs(jnp.where(soft, least, 1.0)), jnp.inf), x
+    bound = 1e-13 * jnp.max(jnp.abs(k1[own])) / jnp.max(jnp.abs(k0[own]))  # squares may overflow
+    soft = least < -bound
+    none = jnp.where(jnp.isfinite(least) & jnp.isfinite(bound), jnp.inf, jnp.nan)
+    return jnp.where(soft, 1 / jnp.abs(jnp.where(soft, least, 1.0)), none), x

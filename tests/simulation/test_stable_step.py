@@ -225,7 +225,9 @@ def test_no_step_where_the_model_itself_grows(model, rotor, speed, status):
     assert int(found.status) == status
     assert np.isnan(found.step)
     assert np.isnan(found.frequency)
-    with pytest.raises(RuntimeError, match="no stable steady rotation"):
+    # Whichever it is, its cause is among those that are named.
+    causes = "no stable steady rotation .* rod tears, .*axial_stiffness.* or a mode grows, .*loads"
+    with pytest.raises(RuntimeError, match=causes):
         stable_step(model, rotor, speed, diffrax.Euler())
 
 

@@ -63,7 +63,7 @@ def solve(args, solver, **kwargs):
         2.0,
         y0=y0,
         args=args,
-        max_steps=10_000,
+        max_steps=20_000,
         **kwargs,
     )
 
@@ -210,6 +210,28 @@ def test_magnus_is_exact_in_one_step_at_constant_speed(model):
     for t, found in zip(times, one.state.q, strict=True):
         exact = expm(t * rate) @ np.r_[q, v, 1.0]
         np.testing.assert_allclose(found, exact[:n], rtol=1e-8, atol=1e-8 * np.abs(exact[:n]).max())
+
+
+class Loose(jb.solvers.SecondOrderSystem):
+    """Coordinates that nothing holds, that grow, and that are stiff, under a constant load."""
+
+    mass: jax.Array
+    is_linear = True
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, 4.0, -1e4]) * q + 1.0
+
+
+def test_magnus_takes_what_nothing_holds():
+    """Free motion is a parabola, whatever the length of a step."""
+    solver, start = jb.solvers.Magnus(), jb.solvers.State(jnp.zeros(3), jnp.ones(3))
+    loose, term = Loose(jnp.eye(3)), jb.solvers.second_order_term(solver)
+    step = jax.jit(lambda h: solver.step(term, 0 * h, h, start, loose, None, False)[0].q)
+    for h in (2.0, 0.1):
+        grown = (np.cosh(2 * h) - 1) / 4 + np.sinh(2 * h) / 2
+        swung = (1 - np.cos(100 * h)) / 1e4 + np.sin(100 * h) / 100
+        exact = [h + h**2 / 2, grown, swung]
+        np.testing.assert_allclose(step(h), exact, rtol=1e-10, atol=1e-12)
 
 
 class Pushed(jb.solvers.SecondOrderSystem):

@@ -251,6 +251,19 @@ def test_errors():
         jb.critical_speed(jb.Classical(), eqx.tree_at(lambda r: r.tip_mass, slender(), -1.0))
 
 
+def test_what_overflows_is_not_infinite():
+    """Lengths L at which the stiffness, of 1 / L^3, or its ratio to the mass is no number. With the
+    parabola alone the square of the speed is 20 EI / (rho L^4)."""
+
+    def critical(length):
+        rotor = jb.Rotor(jb.Beam(length, 1.0, 1e4, 1.0, 1.0))
+        return jb.critical_speed(jb.Classical(0, 1, 1), rotor, throw=False)
+
+    found = jax.jit(jax.vmap(critical))(jnp.array([10.0, 1e100, 1e300, 1e-300]))
+    assert found.status.tolist() == [0, *3 * [jb.Status.NOT_FINITE]]
+    np.testing.assert_allclose(found.angular_speed, [np.sqrt(20) / 100, *3 * [np.nan]], rtol=1e-9)
+
+
 def test_no_flutter():
     """As many modes grow, without oscillating, as the stiffness has negative eigenvalues; with
     damping as well (Kelvin, Tait, Chetaev)."""

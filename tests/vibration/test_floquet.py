@@ -336,6 +336,20 @@ def test_where_there_is_nothing_to_modulate():
         assert found.status == jb.Status.NO_EQUILIBRIUM
 
 
+@pytest.mark.exhaustive
+def test_a_rod_that_is_damped_hard_takes_more_steps_or_no_stretch():
+    """The axial frequency is about 1.6e3 / s, so that it is damped 40 times beyond the critical."""
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, 1.0, 1.0), 0.3)
+    case = rotor, jb.motions.ModulatedSpeed(2.0, 0.1, 5.0)
+    how = {"damping": jb.Damping(stiffness_coefficient=0.05), "throw": False}
+    few = jb.floquet(jb.Hybrid(1, 2, 0), *case, **how)
+    assert few.status == jb.Status.TOO_FEW_STEPS
+    many = jb.floquet(jb.Hybrid(1, 2, 0), *case, **how, steps=8192)
+    stiff = jb.floquet(jb.Hybrid(0, 2, 0), *case, **how)
+    found, wanted = (np.abs(one.multipliers[:2]) for one in (many, stiff))
+    np.testing.assert_allclose(found, wanted, rtol=1e-4)  # 1e-6 is the share of stretch
+
+
 def test_errors():
     motion = jb.motions.ModulatedSpeed(2.0, 0.2, 6.0)
     with pytest.raises(TypeError, match="period must be given"):
@@ -360,7 +374,8 @@ def test_errors():
         jb.tongue(ONE, ROTOR, 2.0, IN_PLANE[:1] * 2, [0.2, 0.1])
     with pytest.raises(ValueError, match="order must be >= 1"):
         jb.tongue(ONE, ROTOR, 2.0, IN_PLANE[:1] * 2, [0.1], order=0)
-    with pytest.raises(RuntimeError, match="raise steps, or take a model with fewer functions"):
+    what_to_do = "stiffness_coefficient .* raise steps, or take .* fewer functions.* n_stretch=0"
+    with pytest.raises(RuntimeError, match=what_to_do):
         jb.floquet(jb.Hybrid(), ROTOR, motion, steps=4)
     bad = eqx.tree_at(lambda r: r.tip_mass, ROTOR, -1.0)
     with pytest.raises(ValueError, match="tip_mass"):

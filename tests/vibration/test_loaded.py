@@ -322,6 +322,8 @@ def test_diagrams_and_coefficients_under_loads():
     assert jb.southwell(model, ROTOR, 0.0, which, loads=pull).status == Status.OK
     push = jb.Loads(tip_force=[-20.0, 0.0, 0.0])
     assert jb.critical_speed(model, ROTOR, loads=push, throw=False).status == Status.BUCKLED
+    torn = jb.Loads(tip_force=[1e9, 0.0, 0.0])
+    assert jb.critical_speed(model, ROTOR, loads=torn, throw=False).status == Status.DIVERGED
     tears = [jb.critical_speed(m, ROTOR, loads=pull).direction for m in (model, jb.Hybrid(3, 4, 0))]
     assert tears == [jb.models.Direction.AXIAL] * 2
 
