@@ -267,7 +267,7 @@ def panel(ax: Any, here: Sequence[Point], cost: Callable[[Point], float]) -> Non
     left, right = min(p.error for p in good), max(p.error for p in good)
     width = max(np.log10(right / left), 1.0)
     # Names stand left of the front, where nothing can be: nothing beats it in both.
-    low, band = left / 10 ** (0.6 + 0.6 * width), right * 10 ** (0.14 * width)
+    low, band = left / 10 ** (0.6 + 1.1 * width), right * 10 ** (0.14 * width)
     ax.set(xscale="log", yscale="log", xlim=(low, band * 10 ** (0.1 * width)))
     ax.axvspan(band / 10 ** (0.07 * width), ax.get_xlim()[1], color="0.93", zorder=0)
     for p in here:

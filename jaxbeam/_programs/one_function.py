@@ -55,6 +55,9 @@ def as_one_function(function: Callable[..., Any]) -> Callable[..., Any]:
             return jax.tree.unflatten(jax.tree.structure(out), jaxpr_as_fun(short)(*leaves)), used
 
         def fast(*args: Any) -> Any:
+            # XLA moves constants into functions, and ends the process over operands that nothing
+            # uses any more.
+            args = jax.lax.optimization_barrier(args)
             how = {"xla_cpu_small_call": "true", "inlineable": "false"}
             return set_xla_metadata(one_function(*args), **how)[0]
 

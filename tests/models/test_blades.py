@@ -386,7 +386,7 @@ def test_constant_tables_are_the_uniform_beam(model):
 @pytest.mark.parametrize(
     "model",
     [
-        slow(jb.Hybrid(6, 12, 12)),
+        exhaustive(jb.Hybrid(6, 12, 12)),
         exhaustive(jb.Classical(6, 12, 12)),
         exhaustive(jb.VonKarman(24, 12, 12)),
         exhaustive(jb.Hybrid(10, 14, 14, Polynomials(grading=2))),

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import jaxbeam as jb
 from jaxbeam import plot
 from tests.beams import AS_BUILT_IN_SPACE, TORSION, short
-from tests.helpers import finite_difference, optimised
+from tests.helpers import finite_difference, optimised, run_optimised
 from tests.simulation.common import TIGHT
 
 MODEL = jb.SpatialANCF(2)
@@ -175,3 +175,30 @@ def test_films_show_where_the_beam_is(tmp_path):
     assert (tmp_path / "film.gif").stat().st_size > 0
     with pytest.raises(ValueError, match="run must be that of one case"):
         plot.filmstrip(CONED, eqx.tree_at(lambda r: r.times, run, run.times[None]))
+
+
+ALONE = """
+import jax
+import jax.numpy as jnp
+import jaxbeam as jb
+
+jax.config.update("jax_enable_x64", True)
+beam = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, torsional_stiffness=5.0)
+
+
+def end(radius):
+    rotor = jb.Rotor(beam, radius, 0.3)
+    run = jb.simulate(jb.SpatialANCF(1), rotor, jb.SmoothSpinUp(2.0, 1.0), jnp.linspace(0, 1, 3))
+    return jnp.sum(run.tip[-1])
+
+
+print(jax.grad(end)(0.4), (end(0.401) - end(0.399)) / 2e-3)
+"""
+
+
+@pytest.mark.exhaustive
+def test_gradient_by_one_number_alone():
+    """All else is a constant of the program, which XLA moves into functions that are compiled as
+    one: it must not end the process over operands that nothing uses any more."""
+    gradient, slope = map(float, run_optimised("-c", ALONE).split())
+    np.testing.assert_allclose(gradient, slope, rtol=1e-4)

@@ -110,11 +110,11 @@ def test_step_back_of_elements(model, lanes):
     """Also under loads and damping, and with a body at the tip."""
 
     def system_of(p):
-        body = jb.TipBody(0.1 * p[4], 0.2 * p[5])
+        body = jb.TipBody(p[5], 0.1 * p[4], 0.2 * p[5])
         beam = jb.Beam(p[0], p[1], p[2], p[3], p[3], torsional_stiffness=p[3])
         loads = jb.Loads(tip_force=lambda t: p[3] * jnp.sin(t) * jnp.array([1.0, 1.0, 0.0]))
         return Scene(
-            model, jb.Rotor(beam, p[4], p[5], tip_body=body), jb.SmoothSpinUp(p[6], p[7]), loads,
+            model, jb.Rotor(beam, p[4], tip_body=body), jb.SmoothSpinUp(p[6], p[7]), loads,
             jb.Damping(0.1 * p[4], 0.01 * p[5]), TIMES,
         )  # fmt: skip
 

@@ -37,7 +37,7 @@ def test_southwell_coefficients_are_slopes_of_squares(speed):
     np.testing.assert_allclose(found, slope, rtol=2e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_classical_beam_diverges_at_its_first_frequency():
     """Whatever its properties: K - Omega^2 M in plane (Y, section 5); of a beam whose sections are
     turned the plane has part in both directions, and it happens later."""
