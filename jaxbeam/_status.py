@@ -136,7 +136,7 @@ class Status(enum.IntEnum):
     )
     TOO_FEW_STEPS = (
         29,
-        "steps are far too long for the fastest mode, or for the one that stiffness_coefficient "
+        "steps are too long for the fastest mode, or for the one that stiffness_coefficient "
         "damps most: raise steps, or take a model with fewer functions. The axial modes are both: "
         "a model without them (Hybrid with n_stretch=0) needs few steps, others may need some "
         "thousands, which cost little beside the compilation",

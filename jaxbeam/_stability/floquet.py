@@ -53,17 +53,22 @@ _SQUARINGS = 12  # steps of up to 160 periods of the fastest mode, which are too
 class Floquet(eqx.Module):
     """Multipliers of n coordinates over one period.
 
-    | field       | shape | unit |                                                              |
-    |-------------|-------|------|--------------------------------------------------------------|
-    | multipliers | (2n,) |      | largest modulus first; NaN, as the rate, unless status is OK |
-    | direction   | (2n,) |      | `Direction` of each: `IN_PLANE` (with axial motion) or       |
-    |             |       |      | `FLAP`; `IN_PLANE` for all where turned sections couple them |
-    | growth_rate | ()    | 1/s  | log(largest modulus) / period; of undamped stable beams zero |
-    |             |       |      | to rounding (1e-8 / period where two multipliers are close)  |
-    | status      | ()    |      | `Status`; being unstable is no failure                       |
+    | field            | shape | unit |                                                         |
+    |------------------|-------|------|---------------------------------------------------------|
+    | multipliers      | (2n,) |      | largest modulus first; NaN, as what follows, unless     |
+    |                  |       |      | status is OK                                            |
+    | multiplier_error | (2n,) |      | estimate of what `steps` do to each: see `floquet`      |
+    | direction        | (2n,) |      | `Direction` of each: `IN_PLANE` (with axial motion) or  |
+    |                  |       |      | `FLAP`; `IN_PLANE` for all where turned sections couple |
+    |                  |       |      | them                                                    |
+    | growth_rate      | ()    | 1/s  | log(largest modulus) / period; of undamped stable beams |
+    |                  |       |      | zero to rounding (1e-8 / period where two multipliers   |
+    |                  |       |      | are close)                                              |
+    | status           | ()    |      | `Status`; being unstable is no failure                  |
     """
 
     multipliers: Complex[Array, " m"]
+    multiplier_error: Float[Array, " m"]
     direction: Int[Array, " m"]
     growth_rate: Scalar
     status: Code
@@ -82,13 +87,16 @@ def floquet(
     """Floquet multipliers of small motions while the speed varies with `period` (s, > 0).
 
     `model` and `rotor` are those of `modes`, `motion` turns about the axis a3 with a speed of that
-    period (a `ModulatedSpeed` states its own), `damping` is a `Damping`, `steps` an int >= 1.
+    period (a `ModulatedSpeed` states its own), `damping` is a `Damping`, `steps` an int >= 2.
     The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
-    order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping;
-    double `steps` to see what is left. Many functions need many steps, for a mode that nobody asks
-    for, and so does an axial mode that a `stiffness_coefficient` damps hard: take small models,
-    without stretch where it does not matter, or steps by the thousand. First derivatives of
-    multipliers by every parameter are exact in both modes, where a multiplier is simple.
+    order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping.
+    `Floquet.multiplier_error` compares it with the product of half as many: what these do to a
+    multiplier falls with the sixth power of their number. Where its modulus may be off by more than
+    1e-2 (of itself, if it is above one) the status is `TOO_FEW_STEPS`. Many functions need many
+    steps, for a mode that nobody asks for, and so does an axial mode that a `stiffness_coefficient`
+    damps hard: take small models, without stretch where it does not matter, or steps by the
+    thousand. First derivatives of multipliers by every parameter are exact in both modes, where a
+    multiplier is simple.
 
     `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
     of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
@@ -98,7 +106,7 @@ def floquet(
     period is not given, and `ValueError` for a coned beam.
     """
     model, rotor, motion, period, damping = _checked(model, rotor, motion, period, damping)
-    count_functions("steps", steps, least=1)
+    count_functions("steps", steps, least=2)
     result = _floquet(model, rotor, motion, period, damping, steps)
     return finish(result, throw)
 
@@ -140,21 +148,50 @@ def _floquet(
         directions = transverse + axial
         if any(direction in model.directions for direction in directions):
             group = Reduced(model, rotor, speed, period, damping, directions)
-            monodromy, correction = group.monodromy(steps)
-            sound = jnp.all(jnp.isfinite(monodromy))
-            mu = multipliers(jnp.where(sound, monodromy, jnp.eye(len(monodromy))))
-            parts.append((mu, jnp.full(mu.shape, int(directions[0]))))
+            mu, error, near = _estimated(group, steps)
+            parts.append((mu, error, jnp.full(mu.shape, int(directions[0]))))
             ok &= group.status == Status.OK
-            enough &= sound & (correction < 1)  # False for NaN
-    mu, direction = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+            enough &= near
+    mu, error, direction = (jnp.concatenate(part) for part in zip(*parts, strict=True))
     order = jnp.argsort(-jnp.abs(mu))
-    mu, direction = mu[order], direction[order]
+    mu, error, direction = mu[order], error[order], direction[order]
     status = first_failure(
         given, first_broken((ok, Status.NO_EQUILIBRIUM), (enough, Status.TOO_FEW_STEPS))
     )
     ok = status == Status.OK
     rate = jnp.log(jnp.abs(jnp.where(ok, mu[0], 1.0))) / period
-    return Floquet(nan_unless(ok, mu), direction, nan_unless(ok, rate), status)
+    return Floquet(
+        nan_unless(ok, mu), nan_unless(ok, error), direction, nan_unless(ok, rate), status
+    )
+
+
+def _estimated(group: "Reduced", steps: int) -> tuple[Complex[Array, " m"], Vector, Array]:
+    """The multipliers, what the steps do to them, and whether these are short enough."""
+    found = group.monodromy(steps, half(steps))
+    assert found.by_fewer is not None
+    product = jnp.where(found.sound, found.matrix, jnp.eye(len(found.matrix)))
+    mu, x, y = eigensystem(jax.lax.stop_gradient(product))
+    adjoint = y.conj()
+    other = jnp.sum(adjoint * (found.by_fewer @ x), 0) / jnp.sum(adjoint * x, 0)
+    move = jnp.abs(mu - other) * left_by(steps)
+    # Where two multipliers meet the first order knows no bound: they move as roots of a quadratic.
+    apart = jnp.min(jnp.abs(mu[:, None] - mu[None]) + jnp.diag(jnp.full(mu.size, jnp.inf)), 1)
+    error = 2 * move / (1 + jnp.sqrt(1 + 4 * move / (apart + 1e-300)))
+    # What turns a multiplier on its circle alone, that of a fast mode, say, makes nothing unstable.
+    size = jnp.abs(mu)
+    outwards = jnp.minimum(jnp.abs(size - jnp.abs(other)) * left_by(steps), error)
+    near = found.sound & jnp.all(outwards <= 1e-2 * jnp.maximum(size, 1.0))  # False for NaN
+    return _multipliers(product, mu, x, y), jax.lax.stop_gradient(error), near
+
+
+def half(steps: int) -> int:
+    """Half of an even number of steps, and one more than half of an odd one's predecessor."""
+    return -(-steps // 2)
+
+
+def left_by(steps: int) -> float:
+    """What is left with so many steps, of the difference that half of them make."""
+    return 1 / ((steps / half(steps)) ** 6 - 1)
 
 
 def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping) -> Code:
@@ -233,11 +270,10 @@ class Reduced(NamedTuple):
         slow = (2 * jnp.pi / without_derivatives(self.period)) ** 2 / 100
         return phi, jnp.maximum(w2, slow) ** 0.25
 
-    def monodromy(self, steps: int) -> tuple[Float[Array, "m m"], Scalar]:
-        """What takes (x, y) through the period, and the largest part of an exponent that is of
-        third order, which says whether the steps are short enough."""
+    def monodromy(self, steps: int, fewer: int | None = None) -> "Monodromy":
+        """What takes (x, y) through the period by so many steps, and by fewer."""
         phi, root = self.coordinates
-        n, h = root.size, self.period / steps
+        n = root.size
 
         def rate(t: Scalar) -> Matrix:
             m, g, k, d, _ = self.matrices(self.speed(t))
@@ -249,8 +285,13 @@ class Reduced(NamedTuple):
             scale = jnp.concatenate([root, 1 / root])
             return scale[:, None] * jnp.block(blocks) / scale[None]
 
-        def step(state: Matrix, i: Array) -> tuple[Matrix, Scalar]:
-            a, b, c = jax.vmap(rate)(h * (i + _NODES))
+        def step(state: tuple[Matrix, Matrix], each: Vector) -> tuple[tuple[Matrix, Matrix], Array]:
+            number, share, longest = each
+            done, product = jax.tree.map(
+                lambda old, new: jnp.where(number == 0, new, old), state, (state[1], start)
+            )
+            h = share * self.period
+            a, b, c = jax.vmap(rate)(h * (number + _NODES))
             one, two = h * b, np.sqrt(15) / 3 * h * (c - a)
             three = 10 / 3 * h * (a - 2 * b + c)
             first = _commutator(one, two)
@@ -258,20 +299,38 @@ class Reduced(NamedTuple):
             both = _commutator(-20 * one - three + first, two + second) / 240
             size = jax.lax.stop_gradient(jnp.max(jnp.abs(both)))
             # What is too long for its order may be too long for any number as well.
-            exponent = jnp.where(size < 1, one + three / 12 + both, 0.0)
-            return exponential(exponent, _SQUARINGS) @ state, size
+            exponent = jnp.where(size < longest, one + three / 12 + both, 0.0)
+            return (done, exponential(exponent, _SQUARINGS) @ product), size
 
-        product, sizes = jax.lax.scan(step, jnp.eye(2 * n), jnp.arange(float(steps)))
-        return product, jnp.max(sizes)
+        # One after the other in one loop, whose body is compiled once.
+        start, counts = jnp.eye(2 * n), [steps] if fewer is None else [steps, fewer]
+        each = [
+            np.stack([np.arange(m), np.full(m, 1 / m), np.full(m, (steps / m) ** 3)], 1)
+            for m in counts
+        ]
+        (done, last), sizes = jax.lax.scan(step, (start, start), jnp.concatenate(each))
+        correction = jnp.max(sizes[:steps])
+        if fewer is None:
+            return Monodromy(last, correction)
+        return Monodromy(done, correction, jax.lax.stop_gradient(last))
+
+
+class Monodromy(NamedTuple):
+    """The matrix over a period; the largest part of an exponent that is of third order, of which
+    one and more says that the steps are too long; and the matrix by fewer steps."""
+
+    matrix: Float[Array, "m m"]
+    correction: Scalar
+    by_fewer: Float[Array, "m m"] | None = None
+
+    @property
+    def sound(self) -> Array:
+        """Whether the steps are short enough."""
+        return jnp.all(jnp.isfinite(self.matrix)) & (self.correction < 1)  # False for NaN
 
 
 def _commutator(a: Matrix, b: Matrix) -> Matrix:
     return a @ b - b @ a
-
-
-def multipliers(monodromy: Float[Array, "m m"]) -> Complex[Array, " m"]:
-    """The eigenvalues of a monodromy matrix, with derivatives."""
-    return _multipliers(monodromy, *eigensystem(jax.lax.stop_gradient(monodromy)))
 
 
 @jax.custom_jvp

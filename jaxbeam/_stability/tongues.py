@@ -21,7 +21,7 @@ from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, Label, coupling_groups
 from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
-from jaxbeam._stability.floquet import Reduced, modulation_status, refuse_cone
+from jaxbeam._stability.floquet import Reduced, half, left_by, modulation_status, refuse_cone
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
 
@@ -29,12 +29,16 @@ from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
 class Tongue(eqx.Module):
     """Boundaries of a region of parametric resonance, at D depths of modulation.
 
-    | field     | shape  | unit  |                                                               |
-    |-----------|--------|-------|---------------------------------------------------------------|
-    | depth     | (D,)   |       | as given                                                      |
-    | frequency | (D, 2) | rad/s | lowest and highest frequency of modulation of the region      |
-    | onset     | ()     | rad/s | where it begins without damping: (omega_i + omega_j) / order  |
-    | status    | (D,)   |       | `Status`; `NO_TONGUE` where damping leaves none at this depth |
+    | field           | shape  | unit  |                                                         |
+    |-----------------|--------|-------|---------------------------------------------------------|
+    | depth           | (D,)   |       | as given                                                |
+    | frequency       | (D, 2) | rad/s | lowest and highest frequency of modulation of the       |
+    |                 |        |       | region                                                  |
+    | frequency_error | (D, 2) | rad/s | estimate of what `steps` do to each, as in `floquet`    |
+    | onset           | ()     | rad/s | where it begins without damping: (omega_i + omega_j) /  |
+    |                 |        |       | order                                                   |
+    | status          | (D,)   |       | `Status`; `NO_TONGUE` where damping leaves none at this |
+    |                 |        |       | depth                                                   |
 
     Where `status` is not OK the frequencies are NaN (derivatives: as in `modes`); so is `onset`
     where nothing could be computed at any depth.
@@ -42,6 +46,7 @@ class Tongue(eqx.Module):
 
     depth: Float[Array, " D"]
     frequency: Float[Array, "D 2"]
+    frequency_error: Float[Array, "D 2"]
     onset: Scalar
     status: Int[Array, " D"]
 
@@ -98,7 +103,7 @@ def tongue(
             "pair must be coupled with each other: flap is not coupled with in-plane motion"
         )
     count_functions("order", order, least=1)
-    count_functions("steps", steps, least=1)
+    count_functions("steps", steps, least=2)
     depths = real_array("depths", depths)
     if depths.ndim != 1 or depths.size == 0:
         raise ValueError(f"depths must be a list of numbers, got shape {depths.shape}")
@@ -132,11 +137,14 @@ def _tongue(
     margin = _Margin(model, directions, basis, steps)
     search = _Search(margin, rotor, mean, damping, onset, order)
     kept, rates, status = search.boundaries(depths)
-    ends = jax.vmap(jax.vmap(search.polished, (0, 0, None)))(kept, rates, depths)
+    ends, error = jax.vmap(jax.vmap(search.polished, (0, 0, None)))(kept, rates, depths)
     status = first_failure(given, status)
     ok = status == Status.OK
     reached = ok[:, None] & jnp.isfinite(kept)
-    return Tongue(depths, nan_unless(reached, ends), nan_unless(fine, onset_now), status)
+    return Tongue(
+        depths, nan_unless(reached, ends), nan_unless(reached, error),
+        nan_unless(fine, onset_now), status,
+    )  # fmt: skip
 
 
 def _unmodulated(
@@ -178,11 +186,23 @@ class _Margin(NamedTuple):
     def at(self, case: _Case) -> tuple[Scalar, Scalar]:
         """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
         the steps are too long."""
-        monodromy, correction = case.group(self.model, self.directions).monodromy(self.steps)
-        sound = jnp.all(jnp.isfinite(monodromy))
-        monodromy = jnp.where(sound, monodromy, jnp.eye(len(self.basis)))
-        total, product, ahead = self.pair(monodromy)
-        return _beyond(total, product), jnp.where(sound & (correction < 1), ahead, jnp.nan)
+        found = case.group(self.model, self.directions).monodromy(self.steps)
+        value, ahead = self.of(found.matrix, found.sound)
+        return value, jnp.where(found.sound, ahead, jnp.nan)
+
+    def estimated(self, case: _Case) -> tuple[Scalar, Scalar]:
+        """The first of `at`, and what the steps do to it."""
+        found = case.group(self.model, self.directions).monodromy(self.steps, half(self.steps))
+        assert found.by_fewer is not None
+        value, _ = self.of(found.matrix, found.sound)
+        other, _ = self.of(found.by_fewer, jnp.all(jnp.isfinite(found.by_fewer)))
+        return value, jax.lax.stop_gradient(jnp.abs(value - other)) * left_by(self.steps)
+
+    def of(self, monodromy: Any, sound: Array) -> tuple[Scalar, Scalar]:
+        """The margin of a matrix over a period, if it is sound, and how well the pair is
+        recognised."""
+        total, product, ahead = self.pair(jnp.where(sound, monodromy, jnp.eye(len(self.basis))))
+        return _beyond(total, product), ahead
 
     def pair(self, monodromy: Matrix) -> tuple[Complex[Array, ""], Complex[Array, ""], Scalar]:
         """Sum and product of the two multipliers, and by how much more like the pair they are than
@@ -313,14 +333,17 @@ class _Search(NamedTuple):
         """A modulation of this beam, without derivatives."""
         return without_derivatives(_Case(self.rotor, self.mean, self.damping, frequency, depth))
 
-    def polished(self, end: Scalar, rate: Scalar, depth: Scalar) -> Scalar:
-        """One more step, in which the parameters carry their derivatives."""
+    def polished(self, end: Scalar, rate: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
+        """One more step, in which the parameters carry their derivatives, and what the steps of
+        time do to the end."""
         here = jnp.isfinite(end)
         depth = jnp.where(here, depth, 1e-3)
         start = jnp.where(here, end, self.onset)
-        value, _ = self.margin.at(_Case(self.rotor, self.mean, self.damping, start, depth))
+        case = _Case(self.rotor, self.mean, self.damping, start, depth)
+        value, error = self.margin.estimated(case)
         value, end = jnp.where(here, value, 0.0), jnp.where(here, end, self.onset)
-        return end - value / jnp.where(here, rate, 1.0)
+        rate = jnp.where(here, rate, 1.0)
+        return end - value / rate, error / jnp.abs(rate)
 
 
 def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:

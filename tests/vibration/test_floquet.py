@@ -176,7 +176,7 @@ def test_tongues(model, pair, order):
     labels = tuple(IN_PLANE[i] for i in pair)
     frequency = jb.modes(model, ROTOR, 2.0, labels).frequency
     depths = np.array([0.01, 0.1, 0.3])
-    found = jb.tongue(model, ROTOR, 2.0, labels, depths, order=order)
+    found = jb.tongue(model, ROTOR, 2.0, labels, depths, order=order, steps=128)
     assert (found.status == jb.Status.OK).all()
     np.testing.assert_allclose(found.frequency[0], frequency.sum() / order, rtol=5e-3)
     # towards the tip, middle and width shrink with the square and the power `order` of the depth
@@ -187,7 +187,7 @@ def test_tongues(model, pair, order):
     @jax.jit
     def growth(depth, nu):
         return jb.floquet(
-            model, ROTOR, jb.motions.ModulatedSpeed(2.0, depth, nu), throw=False
+            model, ROTOR, jb.motions.ModulatedSpeed(2.0, depth, nu), steps=128, throw=False
         ).growth_rate
 
     for depth, (low, high) in zip(depths[1:], found.frequency[1:], strict=True):
@@ -336,6 +336,35 @@ def test_where_there_is_nothing_to_modulate():
         assert found.status == jb.Status.NO_EQUILIBRIUM
 
 
+@pytest.mark.parametrize(
+    ("depth", "counts"), [(0.3, [65]), exhaustive(0.3, [48, 129]), exhaustive(0.9, [48, 65, 129])]
+)
+def test_errors_of_multipliers_are_what_steps_do(depth, counts):
+    """Of those that are stable and those that grow, damped lightly."""
+    motion = jb.motions.ModulatedSpeed(3.0, depth, 7.0)
+
+    def found(steps):
+        return jb.floquet(
+            jb.Hybrid(0, 3, 0), slender(hub=0.5, tip=0.3), motion, steps=steps,
+            damping=jb.Damping(stiffness_coefficient=2e-4),
+        )  # fmt: skip
+
+    exact = found(512).multipliers
+    for few in map(found, counts):
+        apart = np.abs(few.multipliers[:, None] - exact[None]).min(1)
+        assert 1e-10 < apart.max() < 1e-3
+        np.testing.assert_allclose(np.log(few.multiplier_error / apart), 0, atol=np.log(20))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("depth", [0.3, 0.9])
+def test_errors_of_boundaries_are_what_steps_do(depth):
+    case = jb.Hybrid(0, 3, 0), slender(hub=0.5, tip=0.3), 3.0, IN_PLANE[:1] * 2, [depth]
+    exact, found = (jb.tongue(*case, order=2, steps=steps) for steps in (256, 32))
+    apart = np.abs(found.frequency - exact.frequency)
+    np.testing.assert_allclose(np.log(found.frequency_error / apart), 0, atol=np.log(10))
+
+
 @pytest.mark.exhaustive
 def test_a_rod_that_is_damped_hard_takes_more_steps_or_no_stretch():
     """The axial frequency is about 1.6e3 / s, so that it is damped 40 times beyond the critical."""
@@ -356,8 +385,8 @@ def test_errors():
         jb.floquet(ONE, ROTOR, jb.ConstantSpeed(2.0))
     with pytest.raises(TypeError, match="motion must turn"):
         jb.floquet(ONE, ROTOR, 2.0)
-    with pytest.raises(ValueError, match="steps must be >= 1"):
-        jb.floquet(ONE, ROTOR, motion, steps=0)
+    with pytest.raises(ValueError, match="steps must be >= 2"):
+        jb.floquet(ONE, ROTOR, motion, steps=1)
     with pytest.raises(ValueError, match="motion must be"):
         jb.floquet(ONE, ROTOR, motion, 1.0)  # not its period
     with pytest.raises(ValueError, match="leave the plane"):
