@@ -89,9 +89,12 @@ def inverse(a: Inexact[Array, "n n"] | BlockTridiagonal) -> Inexact[Array, "n n"
 
 
 def outer(
-    like: Float[Array, "n n"] | BlockTridiagonal, x: Float[Array, "s n"], y: Float[Array, "s n"]
+    like: Float[Array, "n n"] | BlockTridiagonal,
+    x: Float[Array, "s n *lanes"],
+    y: Float[Array, "s n *lanes"],
 ) -> Any:
-    """The sum of x_i y_i^T as a matrix like this one, where that is not zero."""
+    """The sum of x_i y_i^T as a matrix like this one, where that is not zero; with lanes only if
+    that is block-tridiagonal."""
     return like.outer(x, y) if isinstance(like, BlockTridiagonal) else x.T @ y
 
 
