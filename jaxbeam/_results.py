@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._status import raise_unless_ok
 
@@ -65,6 +65,13 @@ def _mapped(one: Callable[[list[Array]], Any], leaves: list[Array], axes: int) -
         return one(leaves)
     where = [0 if leaf.ndim else None for leaf in leaves]
     return jax.vmap(lambda leaves: _mapped(one, leaves, axes - 1), (where,))(leaves)
+
+
+def finite_rows(values: Float[Array, "k n"]) -> Bool[Array, " k"]:
+    """Whether all numbers of each row are finite: their sum is, scaled so that it cannot overflow.
+    To search them for one that is not takes a quarter of a second to compile."""
+    values = jax.lax.stop_gradient(values)
+    return jnp.isfinite(jnp.sum(values * jnp.finfo(values.dtype).tiny, 1))
 
 
 @jax.custom_jvp

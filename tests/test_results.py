@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._results import finite_rows
 from tests.beams import README_ROTOR
 from tests.fitting.lines import line
 from tests.tiers import exhaustive, slow
@@ -351,3 +352,14 @@ def test_second_derivatives_where_a_case_failed():
     assert np.isfinite(second(0.3, good))
     assert np.isnan(second(0.3, bad))
     assert float(jax.jit(jax.jacfwd(jax.grad(number)))(0.3, bad)) == 0.0
+
+
+def test_rows_are_finite_whatever_their_size():
+    largest = np.finfo(float).max
+    rows = np.full((6, 300), largest)
+    rows[1, 7], rows[2, 8], rows[3, 9], rows[3, 10] = np.nan, np.inf, np.inf, -np.inf
+    rows[4] = 5e-324
+    rows[5] *= -1
+    expected = [True, False, False, False, True, True]
+    assert finite_rows(jnp.asarray(rows)).tolist() == expected
+    assert finite_rows(jnp.asarray(rows[:, :7])).all()

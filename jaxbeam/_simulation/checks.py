@@ -46,10 +46,12 @@ def scene_status(
     inputs = jax.vmap(seen)(moments)
     moves, loaded, planar = jax.vmap(one)(moments, inputs)
     ahead, calm = increasing(times), damping_in_range(damping)
+    # At once, since each search of so many numbers is some programs of its own to compile.
+    moves, loaded, planar = jnp.all(jnp.stack([moves, loaded, planar]), 1)
     status = first_broken(
-        (jnp.all(moves), Status.INVALID_MOTION),
-        (jnp.all(loaded), Status.INVALID_LOAD),
-        (Direction.FLAP in model.directions or jnp.all(planar), Status.OUT_OF_PLANE),
+        (moves, Status.INVALID_MOTION),
+        (loaded, Status.INVALID_LOAD),
+        (Direction.FLAP in model.directions or planar, Status.OUT_OF_PLANE),
     )
     seen = jax.tree.map(lambda a: a[: between.size], inputs)
     motion, loads, seen = harmless(ahead & (status == Status.OK), (motion, loads, seen))

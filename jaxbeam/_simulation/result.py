@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxbeam._checks import concrete_array
 from jaxbeam._programs.program import Program
-from jaxbeam._results import nan_unless, per_case
+from jaxbeam._results import finite_rows, nan_unless, per_case
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, trusted
@@ -158,8 +158,7 @@ class Simulation(eqx.Module):
         gradients by the parameters of the scene.
         """
         valid = jnp.isfinite(self.times) & (in_range(self.status) if self.is_partial else fine)
-        for part in (self.state.q, self.state.v):
-            valid &= jnp.all(jnp.isfinite(part), axis=1)
+        valid &= finite_rows(jnp.concatenate([self.state.q, self.state.v], 1))
         first = jnp.min(jnp.where(valid, self.times, jnp.inf), initial=jnp.inf)
         times = jnp.where(valid, self.times, jnp.where(jnp.isfinite(first), first, 0.0))
         state = jax.tree.map(

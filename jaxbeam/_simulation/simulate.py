@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, without_derivatives
+from jaxbeam._results import finish, finite_rows, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
@@ -247,13 +247,12 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
     reached, at, state, t0 = run.reached, run.times, run.state, run.t0
     imbalance, far = _account(*without_derivatives((now, t0, run.start, (at, state), run.watch)))
     fits = jax.vmap(now.equations.is_in_range)(without_derivatives(state.q))
-    finite = jax.tree.map(lambda a: jnp.all(jnp.isfinite(a) | ~_beside(reached, a)), state)
-    numbers = first_broken(
-        (jax.tree.reduce(jnp.logical_and, finite), Status.NOT_FINITE),
-        (~jnp.any(reached & far), Status.DIVERGED),
-        (~jnp.any(reached & ~fits), Status.OUT_OF_RANGE),
-        (~jnp.any(reached & ~(jnp.abs(imbalance) <= balance_tolerance)), Status.UNBALANCED),
-    )
+    finite = finite_rows(jnp.concatenate([state.q, state.v, state.work[:, None]], 1))
+    balanced = jnp.abs(imbalance) <= balance_tolerance
+    # At once, since each search of so many numbers is some programs of its own to compile.
+    good = jnp.all(~reached[None] | jnp.stack([finite, ~far, fits, balanced]), 1)
+    broken = Status.NOT_FINITE, Status.DIVERGED, Status.OUT_OF_RANGE, Status.UNBALANCED
+    numbers = first_broken(*zip(good, broken, strict=True))
     status = first_failure(given, run.ended, numbers)
     when = jnp.where(reached, at, t0)
     return Simulation(

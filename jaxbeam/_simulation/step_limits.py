@@ -51,14 +51,17 @@ class StepLimits(eqx.Module):
         """`seen` is what acts at `SAMPLES` + 1 times `during` the run."""
         scene, times, (hub, force, span) = without_derivatives((scene, times, seen))
         self.start, self.spacing = times[0], (times[-1] - times[0]) / SAMPLES
-        velocities = jax.vmap(scene.velocities_of)(hub)
-        self.speed = jnp.max(jnp.abs(velocities))
+        velocities, signals = jax.vmap(scene.velocities_of)(hub), _signals(hub, force, span)
+        # At once, since each search of so many numbers is some programs of its own to compile.
+        sizes = jnp.stack([jnp.max(jnp.abs(velocities), 1), *jnp.abs(signals)])
+        self.speed, *largest = jnp.max(sizes, 1)
+        signals = signals / jnp.stack([jnp.where(top > 0, top, 1.0) for top in largest])[:, None]
         # What changes by more than its rates explain may change back within one step.
         changes = jnp.max(jnp.abs(jnp.diff(velocities, axis=0)), 1)
         rates = jnp.max(jnp.abs(jax.vmap(scene.velocity_rates_of)(hub)), 1)
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
-        self.longest_step = self.spacing * _longest_step(_signals(hub, force, span), sudden)
+        self.longest_step = self.spacing * _longest_step(signals, sudden)
         self.pauses = scene.pauses
         self.velocities = scene.velocities_of(scene.hub(scene.after(times[0])))
 
@@ -81,13 +84,11 @@ class StepLimits(eqx.Module):
 
 
 def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:
-    """What forces depend on, one number each, relative to its largest."""
+    """What forces depend on, one number each."""
     parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
     parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]  # which may be a `TipLoad`
     parts += [] if span is None else [span[:, 0], span[:, 1]]
-    signals = jnp.stack([_ASLANT @ part.T for part in parts])
-    largest = jnp.max(jnp.abs(signals), 1, keepdims=True)
-    return signals / jnp.where(largest > 0, largest, 1.0)
+    return jnp.stack([_ASLANT @ part.T for part in parts])
 
 
 def _longest_step(signals: Float[Array, "c T"], sudden: Bool[Array, " 64"]) -> Float[Array, "64 3"]:
@@ -131,8 +132,8 @@ def _longest_step(signals: Float[Array, "c T"], sudden: Bool[Array, " 64"]) -> F
     divided |= jnp.any(sudden.reshape(8, 8), 1)
     all_divided = jnp.any(divided) | jnp.any(unseen(64, highest(within_eight, 8, 8), bends[3]))
     sharp = jnp.max(bends[0].reshape(64, 16), 1)
-    sharper = jnp.max(bends[:3].reshape(3, 8, 128), (0, 2))
-    sharpest = jnp.max(bends)
+    of_eighths = jnp.max(bends.reshape(4, 8, 128), 2)
+    sharper, sharpest = jnp.max(of_eighths[:3], 0), jnp.max(of_eighths)
 
     def chosen(a: Any, b: Any, c: Any) -> Array:
         return jnp.where(all_divided, jnp.where(divided[:, None], a, b), c).reshape(-1)
