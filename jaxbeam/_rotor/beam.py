@@ -259,12 +259,12 @@ class Rotor(Parameters):
         )
 
     @property
-    def tip_mass(self) -> Scalar:
+    def tip_mass(self) -> Number:
         """The mass at the tip, in kg."""
         return self.tip_body.mass
 
     @property
-    def springs(self) -> tuple[Scalar | None, Scalar | None]:
+    def springs(self) -> tuple[Number | None, Number | None]:
         """Springs of the root, in plane and in flap; None where it is clamped."""
         return (
             (None, None)

@@ -85,10 +85,14 @@ def _higher(basis: Basis, counts: Counts, mixed: bool) -> _Higher:
     ahead = [np.arange(a, (b + width) * (n > 0)) for a, b, n in zip(own, most, counts, strict=True)]
     direction, number, row = numbered(ahead)
     to, other, column = numbered([np.arange(n) for n in own])
-    pair = 4 * direction[:, None] + to
+
+    def acts(on: Direction, of: Direction) -> np.ndarray:
+        return (direction[:, None] == on) & (to == of)
+
     # The Coriolis force is that of the velocity in plane on the stretch, and the other way round.
-    dragged = 1.0 * (pair == 4) - (pair == 1)
-    in_common = ((pair == 6) | (pair == 9)) & (number[:, None] == other)
+    lag, flap, axial = Direction.IN_PLANE, Direction.FLAP, Direction.AXIAL
+    dragged = 1.0 * acts(lag, axial) - acts(axial, lag)
+    in_common = (acts(lag, flap) | acts(flap, lag)) & (number[:, None] == other)
     gram, tension = wide.gram[np.ix_(row, column)], wide.tension[:, row[:, None], column]
     met = np.stack([gram * (direction[:, None] == to), *tension, gram * dragged, in_common])
     met = np.where(np.abs(met) > 1e-13 * np.abs(met).max(), met, 0.0)[: 6 if mixed else 5]
