@@ -76,7 +76,7 @@ class SpatialElasticity(Equations):
 
         def one(part: Any, local: Array) -> Array:
             natural = deformation(self._strains(local), self.sections.n_elements)
-            end = jnp.linalg.norm(natural[4:7])
+            end = jnp.sqrt(total(natural[4:7] ** 2))
             stretch = jnp.maximum(jnp.abs(natural[0] - 1), jnp.abs(end - 1))
             turns = (natural[4] > 0) & (jnp.abs(natural[8]) < np.pi / 2)
             return turns & (stretch < 0.5)
