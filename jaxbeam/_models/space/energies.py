@@ -77,10 +77,10 @@ class SpatialRule(NamedTuple):
 
     @property
     def tables(self) -> Any:
-        """From stations of r' and turn (4, 3) to these and their derivatives (2, 4, g, 3)."""
+        """What makes r' and turn, and their derivatives, of those at stations (2, 4, g, 3)."""
         stack = np.stack if isinstance(self.slopes, np.ndarray) else jnp.stack
         tables = (self.slopes, self.angles), (self.curvatures, self.rates)
-        return stack([stack([along] * 3 + [turn]) for along, turn in tables])
+        return stack([stack([along] * 3 + [about]) for along, about in tables])
 
 
 def spatial_rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> SpatialRule:
@@ -242,8 +242,10 @@ class SpatialElement(Strained):
         loads = held(_back(at.points, loads.reshape(2, 4, *on_turns.shape)))
         by = held(_natural(_by_stations(rule.tables, loads)))
         weights = beside(rule.weights[None], lanes)
-        stiff = [self.torsion * by[:, 0], *self._bends(by[:, 1], by[:, 2])]
-        stiff = held(jnp.stack([weights * row for row in stiff], 1))
+        stiff = jax.vmap(lambda k, v, w: jnp.stack([self.torsion * k, *self._bends(v, w)]))(
+            by[:, 0], by[:, 1], by[:, 2]
+        )
+        stiff = held(weights[None] * stiff)
         second = self._fixed(at, moments, by[:, 4])
         for way in range(3):
             for g in range(len(rule.weights)):
@@ -276,13 +278,11 @@ class SpatialElement(Strained):
         size, r = 1 + strain, stretched(d)
         w = beside(rule.pulls, lanes) * _pulled(self.stretching, 1 / size)
         rows = (r[:, None] * beside(rule.strained.T[None], lanes)).reshape(9, *r.shape[1:])
-        rows = rows / size[None]
-        terms = [
-            w[i][None, None] * rows[:, None, i] * rows[None, :, i] for i in range(len(rule.pulls))
-        ]
-        both = total(jnp.stack(terms))
+        rows = held(rows / size[None])
+        both = contract(held(w[None] * rows)[:, None], rows[None], 2, lanes + 1)
         pairs = rule.strained.T[:, None] * rule.strained.T[None]  # (3, 3, g)
-        alike = matvec(pairs.reshape(9, -1), (w * strain)[None])[0].reshape(3, 3, *e.shape[1:])
+        alike = held(matvec(pairs.reshape(9, -1), (w * strain)[None])[0])
+        alike = alike.reshape(3, 3, *e.shape[1:])
         ways: Any = beside(np.eye(3)[:, None, :, None], lanes)
         both = both + (ways * alike[None, :, None]).reshape(9, 9, *e.shape[1:])
         return jnp.pad(both, ((0, 4), (0, 4), *((0, 0),) * lanes))
@@ -298,9 +298,9 @@ class _Rotated(NamedTuple):
 
 
 def _back(points: Points, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
-    """The same forces on r' and L r'', from those on changes of these in frames at the points."""
-    turned = contract(points.rows[None, :, :, None], loads[:, :3, None], 1, loads.ndim - 3)
-    return held(jnp.concatenate([turned, loads[:, 3:]], 1))
+    """Forces on r' and L r'', from those on changes of these in frames at the points."""
+    on_both = contract(points.rows[None, :, :, None], loads[:, :3, None], 1, loads.ndim - 3)
+    return held(jnp.concatenate([on_both, loads[:, 3:]], 1))
 
 
 def _by_stations(tables: Any, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
@@ -309,7 +309,7 @@ def _by_stations(tables: Any, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
     return contract(tables, loads[:, :, None], 0, 1)
 
 
-def _natural(stations: Float[Array, "4 3 *rest"]) -> Float[Array, "10 *rest"]:
+def _natural(stations: Float[Array, "c 3 *rest"]) -> Float[Array, "n *rest"]:
     """Derivatives by `Natural` from those by stations."""
     return jnp.concatenate([stations[0, :1], stations[:3, 1], stations[:3, 2], *stations[3:]])
 

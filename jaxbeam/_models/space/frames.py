@@ -34,7 +34,7 @@ class Frames(NamedTuple):
     first: Triple  # r' of the first node, and of the last one
     last: Triple
     size: Number  # |r'| of the first node, and of the last one
-    reach: Number
+    end_size: Number
     chord: Triple  # the chord in axes of the frame, and r' of the last node
     ahead: Triple
     end: Points  # the last node in axes of the frame
@@ -48,13 +48,13 @@ def frames(e: Local, n_elements: int) -> Frames:
     size = jnp.sqrt(total(first * first))
     rows = held(axes(first / size[None], e[9]))
     chord, ahead = (contract(rows, v[None], 1, lanes) for v in (r[:, 1], last))
-    size, reach, chord, ahead = held((size, jnp.sqrt(total(last * last)), chord, ahead))
+    size, end_size, chord, ahead = held((size, jnp.sqrt(total(last * last)), chord, ahead))
     # L r'' at the last node, from the derivative of the cubic by x / L.
     bend = n_elements * (4 * ahead - 6 * chord)
     bend = jnp.concatenate([bend[:1] + 2 * n_elements * size[None], bend[1:]])
     end = Points.of(ahead, bend)
     lean = end.u2[None] * end.rows[2] - end.u3[None] * end.rows[1]
-    return Frames(rows, first, last, size, reach, chord, ahead, end, held(lean))
+    return Frames(rows, first, last, size, end_size, chord, ahead, end, held(lean))
 
 
 def deformation(e: Local, n_elements: int) -> Natural:
@@ -62,8 +62,8 @@ def deformation(e: Local, n_elements: int) -> Natural:
     chord and at the last node in the axes of the first node's frame; and the turn that twists it:
     its rate at the first node, from there to the last, and its rate there."""
     frame = frames(e, n_elements)
-    size, reach = frame.size, frame.reach
-    rotation = e[11] - e[9] - between(frame.first / size[None], frame.last / reach[None])
+    size, end_size = frame.size, frame.end_size
+    rotation = e[11] - e[9] - between(frame.first / size[None], frame.last / end_size[None])
     # Angles of nodes count up to whole turns, which beyond -a1 are different ones.
     rotation = rotation - 2 * np.pi * jnp.round(rotation / (2 * np.pi))
     rest = jnp.stack([e[10], rotation, e[12] - frame.end.rise])
@@ -103,7 +103,7 @@ def _acting(frame: Frames, force: Float[Array, "10 k *lanes"], n_elements: int) 
     chord, ahead = held((chord, ahead))
     moment = cross(chord, _wide(frame.chord[:, None], chord))
     moment = moment + cross(ahead, _wide(frame.ahead[:, None], ahead))
-    moment = moment - frame.end.rows[0][:, None] * (frame.reach[None] * force[8])[None]
+    moment = moment - frame.end.rows[0][:, None] * (frame.end_size[None] * force[8])[None]
     return _Acting(force[:1], moment, chord, ahead, force[7:])
 
 
@@ -140,15 +140,17 @@ def pulled_back_tangent(
     more = jnp.concatenate([chords, jnp.concatenate([-6 * bends, aheads])], 1)
     second = held(second + jnp.pad(more, ((1, 3), (1, 3), *((0, 0),) * lanes)))
     # Forces of the frame by `deformation`, and by what `_Acting.by_node` does work on.
-    change = _acting(frame, second, n_elements)
+    by = _acting(frame, second, n_elements)
     unit, tip = beside(np.eye(3), lanes), frame.end.rows[0]
-    on_ahead = unit / frame.reach[None, None] - frame.reach[None, None] * tip[:, None] * tip[None]
+    on_ahead = (
+        unit / frame.end_size[None, None] - frame.end_size[None, None] * tip[:, None] * tip[None]
+    )
     on_ahead = cross_matrix(acting.ahead[:, 0]) - force[8][None] * on_ahead
-    turned = jnp.concatenate([cross_matrix(acting.chord[:, 0]), on_ahead], 1)
-    turned = jnp.pad(turned, ((0, 0), (1, 3), *((0, 0),) * lanes))
-    change = held(jnp.concatenate([*change._replace(moment=change.moment + turned)]))
+    by_turning = jnp.concatenate([cross_matrix(acting.chord[:, 0]), on_ahead], 1)
+    by_turning = jnp.pad(by_turning, ((0, 0), (1, 3), *((0, 0),) * lanes))
+    change = held(jnp.concatenate([*by._replace(moment=by.moment + by_turning)]))
     change = _acting(frame, change.swapaxes(0, 1), n_elements).by_node(frame).swapaxes(0, 1)
-    change = _Acting(*(change[i:j] for i, j in ((0, 1), (1, 4), (4, 7), (7, 10), (10, 13))))
+    by = _Acting(*(change[i:j] for i, j in ((0, 1), (1, 4), (4, 7), (7, 10), (10, 13))))
     # How the frame turns and |r'| changes.
     units = np.eye(13)
     about = beside(np.stack([units[3], 0 * units[3], 0 * units[3]]), lanes)
@@ -156,11 +158,11 @@ def pulled_back_tangent(
     rotation = about + rotation / frame.size[None, None]
     fixed = acting.on_first(frame)
     less = jnp.concatenate([jnp.zeros_like(fixed[:1]), fixed[1:]]) / frame.size[None, None]
-    first = change.on_first(frame) + cross(rotation, _wide(fixed, rotation))
+    first = by.on_first(frame) + cross(rotation, _wide(fixed, rotation))
     first = first - less * beside(units[:1], lanes)
-    chord = change.chord + cross(rotation, _wide(acting.chord, rotation))
-    ahead = change.ahead + cross(rotation, _wide(acting.ahead, rotation))
-    out = held(jnp.concatenate([first, change.moment[:1], chord, ahead, change.rest]))
+    chord = by.chord + cross(rotation, _wide(acting.chord, rotation))
+    ahead = by.ahead + cross(rotation, _wide(acting.ahead, rotation))
+    out = held(jnp.concatenate([first, by.moment[:1], chord, ahead, by.rest]))
     for _ in range(2):
         out = _on_nodes(frame, out).swapaxes(0, 1)
     # How what turns the sections at both nodes about the tangent changes.
@@ -212,7 +214,7 @@ def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
     share = jnp.where(ahead, 1.0, 1 - x) / jnp.where(ahead, 1 + x, y * y + z * z)
     second = jnp.stack([-y, 1 - y * y * share, -y * z * share])
     third = jnp.stack([-z, -y * z * share, 1 - z * z * share])
-    cos, sin = (turn[None] for turn in held((jnp.cos(angle), jnp.sin(angle))))
+    cos, sin = (a[None] for a in held((jnp.cos(angle), jnp.sin(angle))))
     return jnp.stack([t, cos * second + sin * third, cos * third - sin * second])
 
 
