@@ -184,7 +184,7 @@ class SpatialElement(Strained):
 
     def _summed(self, loads: Float[Array, "2 4 k g *lanes"]) -> Float[Array, "10 k *lanes"]:
         """Integrals of forces on r', turn, L r'' and rate, on the natural coordinates."""
-        tables = self.rule.tables * self.rule.weights[:, None]
+        tables = self.rule.tables * self.rule.weights[None, None, :, None]
         return _natural(total(jnp.moveaxis(_by_stations(tables, loads), 3, 0)))
 
     def _turns(self, natural: Natural) -> Number:
