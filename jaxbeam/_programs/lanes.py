@@ -17,8 +17,12 @@ from contextvars import ContextVar
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Float
+
+from jaxbeam._programs.platforms import loops_are_dear
 
 _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
@@ -103,3 +107,18 @@ def total(x: Float[Array, "n *rest"]) -> Float[Array, "*rest"]:
         half = len(x) // 2
         x = jnp.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])
     return x[0]
+
+
+@jax.jit
+def _same(values: Any) -> Any:
+    return values
+
+
+def held(values: Any) -> Any:
+    """Arrays as they are, computed once. XLA for CPUs joins loops, and would rather compute a
+    product or a sum anew for each row of numbers that is made of it, and what that is made of; but
+    not across the border of a call."""
+    if loops_are_dear():
+        return values
+    with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
+        return _same(values)

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -16,7 +15,7 @@ from jaxbeam._models.space.frames import deformation
 from jaxbeam._models.space.nodes import Nodes, Ways, assembled, of_elements
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import held, total
 from jaxbeam._types import Number, Triple, Vector
 
 
@@ -76,7 +75,7 @@ class SpatialElasticity(Equations):
 
         def one(part: Any, local: Array) -> Array:
             natural = deformation(self._strains(local), self.sections.n_elements)
-            end = jnp.linalg.norm(natural[4:7])
+            end = jnp.sqrt(total(natural[4:7] ** 2))
             stretch = jnp.maximum(jnp.abs(natural[0] - 1), jnp.abs(end - 1))
             turns = (natural[4] > 0) & (jnp.abs(natural[8]) < np.pi / 2)
             return turns & (stretch < 0.5)
@@ -100,7 +99,7 @@ class SpatialElasticity(Equations):
         """Forces on nodes from those on local coordinates: the transpose of `_strains`, but for the
         length."""
         by = e[:9].reshape(3, 3, *e.shape[1:])
-        first, chord, last = (self._ordered(by[:, j], e[9] * 0) for j in range(3))
+        first, chord, last = (self._ordered(by[:, j], 0 * e[9]) for j in range(3))
         chord = self.sections.n_elements * chord
         parts = [
             jnp.concatenate([force[:3], twist[None]])
@@ -145,9 +144,10 @@ class SpatialElasticity(Equations):
     def _by_local(self, tangent: Float[Array, "13 13 *#lanes"]) -> Array:
         """The tangent of a law made one by the coordinates of an element (16, 16)."""
         tangent = self.sections.axial_stiffness / self.length * tangent
-        half = jax.vmap(self._on_nodes)(tangent)
-        both = jax.vmap(self._on_nodes)(half.reshape(13, 16, *half.shape[4:]).swapaxes(0, 1))
-        return both.reshape(16, 16, *both.shape[4:]).swapaxes(0, 1)
+        for _ in range(2):
+            rows = self._on_nodes(tangent)
+            tangent = held(rows.reshape(16, *rows.shape[3:])).swapaxes(0, 1)
+        return tangent
 
     def _gathered_tangent(
         self, local: Float[Array, "E 16 16 *#lanes"], ends: Float[Array, "2 3 3 *#lanes"] | None

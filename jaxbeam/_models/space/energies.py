@@ -49,7 +49,8 @@ from jaxbeam._models.space.frames import (
     pulled_back_tangent,
     stretched,
 )
-from jaxbeam._programs.lanes import beside, total, transposed
+from jaxbeam._models.space.points import Points
+from jaxbeam._programs.lanes import beside, contract, held, total
 from jaxbeam._types import Number
 
 # Gauss points of an element and their weights, exact to degree 5, as small bending and twist want
@@ -73,6 +74,13 @@ class SpatialRule(NamedTuple):
     rates: Any  # and to its derivative by x / L (g, 3)
     pulls: Any  # weights of the points of stretch, of all of the element (3,)
     strained: Any  # from the values of the gradient to the gradient there (3, 3)
+
+    @property
+    def tables(self) -> Any:
+        """What makes r' and turn, and their derivatives, of those at stations (2, 4, g, 3)."""
+        stack = np.stack if isinstance(self.slopes, np.ndarray) else jnp.stack
+        tables = (self.slopes, self.angles), (self.curvatures, self.rates)
+        return stack([stack([along] * 3 + [about]) for along, about in tables])
 
 
 def spatial_rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> SpatialRule:
@@ -154,26 +162,30 @@ class SpatialElement(Strained):
         pull = w * _pulled(self.stretching, strain / (1 + strain))
         pull = matvec(rule.strained.T, pull[None] * stretched(d))
         n = self.n_elements
-        angle = pulled_back(frames(e), self._bent(deformation(e, n))[:, None], n)[:, 0]
+        angle = pulled_back(frames(e, n), self._bent(deformation(e, n))[:, None], n)[:, 0]
         return angle + _padded(pull.reshape(9, *e.shape[1:]))
 
     def tangent(self, e: Local) -> Float[Array, "13 13 *lanes"]:
         """d force / de."""
         n = self.n_elements
         force, second = self._second(deformation(e, n))
-        return pulled_back_tangent(frames(e), force, second, n) + self._stretching(e)
+        return pulled_back_tangent(frames(e, n), force, second, n) + self._stretching(e)
 
     def _bent(self, natural: Natural) -> Natural:
         """The gradient of `_turns`."""
         at = self._at(natural)
         _, moments, on_turn = self._moments(at)
-        return self._gathered(at.points.forces_of(moments[:, None])[:, 0], on_turn, moments[0])
+        return self._gathered(at, at.points.forces(moments), on_turn, moments[0])
 
-    def _gathered(self, on_points: Float[Array, "6 g *lanes"], *on_turn: Array) -> Natural:
+    def _gathered(self, at: "_Rotated", on_points: Any, on_turn: Array, on_rate: Array) -> Natural:
         """Forces by what bending and torsion do at Gauss points, on the turn and its rate too."""
-        loads = jnp.concatenate([on_points, jnp.stack(on_turn)])
-        loads = beside(self.rule.weights[None], loads.ndim - 2) * loads
-        return total(jnp.moveaxis(_by_natural(self.rule, loads[None])[0], 1, 0))
+        loads = jnp.stack([*on_points[:3], on_turn, *on_points[3:], on_rate])
+        return self._summed(_back(at.points, loads.reshape(2, 4, 1, *on_turn.shape)))[:, 0]
+
+    def _summed(self, loads: Float[Array, "2 4 k g *lanes"]) -> Float[Array, "10 k *lanes"]:
+        """Integrals of forces on r', turn, L r'' and rate, on the natural coordinates."""
+        tables = self.rule.tables * self.rule.weights[None, None, :, None]
+        return _natural(total(jnp.moveaxis(_by_stations(tables, loads), 3, 0)))
 
     def _turns(self, natural: Natural) -> Number:
         """Energy of bending and torsion."""
@@ -185,24 +197,26 @@ class SpatialElement(Strained):
 
     def _at(self, natural: Natural) -> "_Rotated":
         """What is at the Gauss points, in the axes of the first node's frame."""
-        rule = self.rule
-        none = jnp.zeros_like(natural[0])
+        none, lanes = jnp.zeros_like(natural[0]), natural.ndim - 1
         first = jnp.stack([natural[0], none, none])
         stations = jnp.stack([first, natural[1:4], natural[4:7]], 1)
-        points = _Points.of(matvec(rule.slopes, stations), matvec(rule.curvatures, stations))
-        angle, rate = (matvec(table, natural[None, 7:])[0] for table in (rule.angles, rule.rates))
-        return _Rotated(points, jnp.cos(angle), jnp.sin(angle), rate)
+        stations = jnp.concatenate([stations, natural[None, 7:]])
+        here, ahead = held(
+            contract(beside(self.rule.tables, lanes), stations[None, :, None], 3, lanes + 1)
+        )
+        cos, sin = held((jnp.cos(here[3]), jnp.sin(here[3])))
+        return _Rotated(Points.of(here[:3], ahead[:3]), cos, sin, ahead[3])
 
     def _moments(self, at: "_Rotated") -> tuple[Array, Array, Array]:
         """Twist and curvatures of the section (3, g), the moments of twist and of bending about the
         axes before the turn (3, g), and what bending does on the turn (g)."""
-        second, third, rise = at.points.curvatures
+        _, second, third = at.points.seen
         v, w = at.cos * second + at.sin * third, at.cos * third - at.sin * second
-        twist = at.rate + rise
+        twist = at.rate + at.points.rise
         by_v, by_w = self._bends(v, w)
         by_2, by_3 = at.cos * by_v - at.sin * by_w, at.sin * by_v + at.cos * by_w
         moments = jnp.stack([self.torsion * twist, by_2, by_3])
-        return jnp.stack([twist, v, w]), moments, by_v * w - by_w * v
+        return held((jnp.stack([twist, v, w]), moments, by_v * w - by_w * v))
 
     def _bends(self, v: Array, w: Array) -> tuple[Array, Array]:
         """Bending moments about the axes of the section."""
@@ -211,31 +225,50 @@ class SpatialElement(Strained):
 
     def _second(self, natural: Natural) -> tuple[Natural, Float[Array, "10 10 *lanes"]]:
         """First and second derivatives of `_turns`."""
-        rule, lanes = self.rule, natural.ndim - 1
-        at = self._at(natural)
+        rule, at, lanes = self.rule, self._at(natural), natural.ndim - 1
         (_, v, w), moments, on_turn = self._moments(at)
         none, one = jnp.zeros_like(v), jnp.ones_like(v)
-        # How twist and curvatures of the section, in this order, go with r', L r'', turn and rate.
+        # How twist and curvatures of the section, in this order, go with r', turn, L r'' and rate;
+        # what moments do, and how that goes with the turn.
         ways = jnp.stack([
             jnp.stack([one, none, none]), jnp.stack([none, at.cos, at.sin]),
-            jnp.stack([none, -at.sin, at.cos]), moments,
-        ], 1)  # fmt: skip
-        by_angles = jnp.stack([jnp.stack([none, w, -v]), jnp.stack([one, none, none])])
-        forces = at.points.forces_of(ways)
-        by = jnp.concatenate([forces[:, :3], by_angles])
-        stiff = jax.vmap(lambda k, v, w: (self.torsion * k, *self._bends(v, w)))(
+            jnp.stack([none, -at.sin, at.cos]), moments, jnp.stack([none, -moments[2], moments[1]]),
+        ])  # fmt: skip
+        _, k2, k3 = at.points.seen
+        on_turns = jnp.stack([none, w, -v, on_turn, -moments[1] * k2 - moments[2] * k3])
+        forces = jax.vmap(at.points.forces)(ways)
+        on_rates = jnp.stack([one, none, none, moments[0], none])
+        loads = jnp.stack([*forces[:3], on_turns, *forces[3:], on_rates])
+        loads = held(_back(at.points, loads.reshape(2, 4, *on_turns.shape)))
+        by = held(_natural(_by_stations(rule.tables, loads)))
+        weights = beside(rule.weights[None], lanes)
+        stiff = jax.vmap(lambda k, v, w: jnp.stack([self.torsion * k, *self._bends(v, w)]))(
             by[:, 0], by[:, 1], by[:, 2]
         )
-        # Moments that stay as they are.
-        m_v, m_w = self._bends(v, w)
-        along = m_v[None] * by[:6, 2] - m_w[None] * by[:6, 1]
-        held = jnp.pad(at.points.second(moments), ((0, 2), (0, 2), *((0, 0),) * (lanes + 1)))
-        held = held + _cross_shaped(along, -(m_v * v + m_w * w))
-        for i in range(3):
-            held = held + by[:, None, i] * stiff[i][None]
-        half = _by_natural(rule, beside(rule.weights[None, None], lanes) * held)
-        second = total(jnp.moveaxis(_by_natural(rule, half.swapaxes(0, 1)), 2, 0))
-        return self._gathered(forces[:, 3], on_turn, moments[0]), second
+        stiff = held(weights[None] * stiff)
+        second = self._fixed(at, moments, by[:, 4])
+        for way in range(3):
+            for g in range(len(rule.weights)):
+                second = second + by[:, None, way, g] * stiff[None, :, way, g]
+        return total(jnp.moveaxis(weights * by[:, 3], 1, 0)), second
+
+    def _fixed(self, at: "_Rotated", moments: Array, on_turn: Array) -> Array:
+        """The part of second derivatives that belongs to moments that stay as they are: what they
+        do goes by this with the turn (10, g)."""
+        rule = self.rule
+        own, mixed = at.points.second(moments)
+        values = held(jnp.stack([own, mixed, mixed.swapaxes(0, 1)], 2))
+        values = values.reshape(9, -1, *values.shape[4:])
+        along, bend = (table.T for table in (rule.slopes, rule.curvatures))
+        pairs = (along, along), (along, bend), (bend, along)
+        stack = np.concatenate if isinstance(along, np.ndarray) else jnp.concatenate
+        table = stack([rule.weights * a[:, None] * b[None] for a, b in pairs], 2)
+        blocks = matvec(table.reshape(9, -1), values).reshape(3, 3, 3, 3, *values.shape[2:])
+        half = _natural(jnp.moveaxis(blocks, 2, 1))  # (7, d, k)
+        rest = _natural(jnp.moveaxis(half, 0, 2))
+        turns = matvec((rule.weights[:, None] * rule.angles).T, on_turn)
+        rest = jnp.concatenate([rest, turns[:7].swapaxes(0, 1)])
+        return held(jnp.concatenate([rest, turns], 1))
 
     def _stretching(self, e: Local) -> Float[Array, "13 13 *lanes"]:
         """Second derivatives of the energy of stretch, int EA (t t^T + eps (1 - t t^T)) / |r'|."""
@@ -245,109 +278,40 @@ class SpatialElement(Strained):
         size, r = 1 + strain, stretched(d)
         w = beside(rule.pulls, lanes) * _pulled(self.stretching, 1 / size)
         rows = (r[:, None] * beside(rule.strained.T[None], lanes)).reshape(9, *r.shape[1:])
-        rows = rows / size[None]
-        terms = [
-            w[i][None, None] * rows[:, None, i] * rows[None, :, i] for i in range(len(rule.pulls))
-        ]
-        both = total(jnp.stack(terms))
+        rows = held(rows / size[None])
+        both = contract(held(w[None] * rows)[:, None], rows[None], 2, lanes + 1)
         pairs = rule.strained.T[:, None] * rule.strained.T[None]  # (3, 3, g)
-        alike = matvec(pairs.reshape(9, -1), (w * strain)[None])[0].reshape(3, 3, *e.shape[1:])
+        alike = held(matvec(pairs.reshape(9, -1), (w * strain)[None])[0])
+        alike = alike.reshape(3, 3, *e.shape[1:])
         ways: Any = beside(np.eye(3)[:, None, :, None], lanes)
         both = both + (ways * alike[None, :, None]).reshape(9, 9, *e.shape[1:])
         return jnp.pad(both, ((0, 4), (0, 4), *((0, 0),) * lanes))
 
 
-class _Points(NamedTuple):
-    """Points of an element: r' and L r'' (3, g) in the axes of the first node's frame, the turn and
-    its rate by x / L (g). With t = r' / |r'| and u = (t_2, t_3) / (1 + t_1) curvatures before the
-    turn, and what they add to the twist, are
-
-        (k_2, k_3) = ((q_2, q_3) - w u) / |r'|,   w = q.(t + e_1),   u_3 k_2 - u_2 k_3,
-
-    q being L r'': the formulae of the module's docstring, from which u' is gone.
-    """
-
-    p: Array  # r'
-    q: Array
-    over: Array  # 1 / |r'|
-    share: Array  # 1 / (|r'| + r'_1)
-    t: Array
-    u: tuple[Array, Array]
-    w: Array
-
-    @classmethod
-    def of(cls, p: Array, q: Array) -> "_Points":
-        size = jnp.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-        over, share = 1 / size, 1 / (size + p[0])
-        t = p * over[None]
-        w = t[0] * q[0] + t[1] * q[1] + t[2] * q[2] + q[0]
-        return cls(p, q, over, share, t, (p[1] * share, p[2] * share), w)
-
-    @property
-    def curvatures(self) -> tuple[Array, Array, Array]:
-        second, third = (self.over * (self.q[i] - self.w * self.u[i - 1]) for i in (1, 2))
-        return second, third, self.u[1] * second - self.u[0] * third
-
-    def forces_of(self, moments: Float[Array, "3 k g *lanes"]) -> Float[Array, "6 k g *lanes"]:
-        """What k moments, of twist and about the axes before the turn, do on r' and L r''."""
-        twist, m2, m3 = moments
-        over, share, w, u2, u3 = (a[None] for a in (self.over, self.share, self.w, *self.u))
-        (q1, q2, q3), (t1, t2, t3) = self.q[:, None], self.t[:, None]
-        push = over * (m2 * u2 + m3 * u3)
-        by_q1, by_q2 = -push * (1 + t1), over * (m2 + twist * u3) - push * t2
-        by_q3 = over * (m3 - twist * u2) - push * t3
-        work = q1 * by_q1 + q2 * by_q2 + q3 * by_q3
-        by_u2 = -share * over * (m2 * w + twist * q3)
-        by_u3 = share * over * (twist * q2 - m3 * w)
-        angle = u2 * by_u2 + u3 * by_u3
-        along, across = angle + over * (work - push * (w - q1)), over * push
-        return jnp.stack([
-            -angle - along * t1 - across * q1, by_u2 - along * t2 - across * q2,
-            by_u3 - along * t3 - across * q3, by_q1, by_q2, by_q3,
-        ])  # fmt: skip
-
-    @transposed(on=False)
-    def second(self, moments: Float[Array, "3 g *lanes"]) -> Float[Array, "6 6 g *lanes"]:
-        """Derivatives of what moments that do not change do, by r' and L r''."""
-        p, moments = self.p, moments[:, None]
-
-        def forces(p: Array) -> Array:
-            return _Points.of(p, self.q).forces_of(moments)[:, 0]
-
-        units = jnp.broadcast_to(beside(np.eye(3), p.ndim - 1), (3, *p.shape))
-        by_p = jax.vmap(lambda unit: jax.jvp(forces, (p,), (unit,))[1], out_axes=1)(units)
-        by_q = by_p[3:].swapaxes(0, 1)  # since second derivatives do not depend on their order
-        return jnp.concatenate([by_p, jnp.concatenate([by_q, jnp.zeros_like(by_q)])], 1)
-
-
-def _cross_shaped(row: Float[Array, "6 g *lanes"], corner: Array) -> Float[Array, "8 8 g *lanes"]:
-    """Second derivatives by the turn alone: by it and the first six, and by it twice."""
-    none = jnp.zeros_like(corner)
-    whole = jnp.concatenate([row, jnp.stack([corner, none])])
-    empty = jnp.zeros_like(whole)
-    down = jnp.stack([*(empty,) * 6, jnp.concatenate([row, jnp.stack([none, none])]), empty], 1)
-    return down + jnp.stack([*(empty,) * 6, whole, empty])
-
-
 class _Rotated(NamedTuple):
     """Points, the cosine and the sine of the turn there, and its rate."""
 
-    points: _Points
+    points: Points
     cos: Array
     sin: Array
     rate: Array
 
 
-def _by_natural(rule: SpatialRule, rows: Float[Array, "k 8 g *lanes"]) -> Array:
-    """Derivatives by `Natural`, (k, 10, g), from those by r', L r'', turn and its rate."""
+def _back(points: Points, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
+    """Forces on r' and L r'', from those on changes of these in frames at the points."""
+    on_both = contract(points.rows[None, :, :, None], loads[:, :3, None], 1, loads.ndim - 3)
+    return held(jnp.concatenate([on_both, loads[:, 3:]], 1))
 
-    def by(table: Any, one: Array) -> Array:
-        return beside(table.T[None], one.ndim - 2) * one[:, None]
 
-    chord = [by(rule.slopes, rows[:, c]) + by(rule.curvatures, rows[:, 3 + c]) for c in range(3)]
-    angle = by(rule.angles, rows[:, 6]) + by(rule.rates, rows[:, 7])
-    columns = [chord[0][:, 0], *(chord[c][:, j] for j in (1, 2) for c in range(3))]
-    return jnp.concatenate([jnp.stack(columns, 1), angle], 1)
+def _by_stations(tables: Any, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
+    """Derivatives by the stations (4, 3, k, g), from those by what is at the Gauss points."""
+    tables = beside(tables.swapaxes(2, 3)[:, :, :, None], loads.ndim - 4)
+    return contract(tables, loads[:, :, None], 0, 1)
+
+
+def _natural(stations: Float[Array, "c 3 *rest"]) -> Float[Array, "n *rest"]:
+    """Derivatives by `Natural` from those by stations."""
+    return jnp.concatenate([stations[0, :1], stations[:3, 1], stations[:3, 2], *stations[3:]])
 
 
 def elongation(d: Float[Array, "3 *rest"]) -> Number:

@@ -16,6 +16,7 @@ from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._models.contract.strained import Parts
 from jaxbeam._models.space.energies import GAUSS, SIMPSON, SpatialElement, spatial_rule
 from jaxbeam._programs.lanes import contract
+from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Number
@@ -84,9 +85,15 @@ class SpatialSections(eqx.Module):
 
     def by_element(self, function: Callable[..., Array], *local: Array) -> Array:
         """What a function of a `SpatialPart` and coordinates (2, 2, 4, *lanes) makes of each."""
-        if self.alike:
-            return each_element(lambda *local: function(self.each, *local), local, 4)
         each, rule = self.each, rules(self.parts, spatial_rule)
+        if local[0].ndim == 4 and rule is None and not loops_are_dear():
+            # Elements are the lanes where there are no others.
+            if self.alike:
+                each = jax.tree.map(lambda a: a[None], each)
+            moved = jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), (each, *local))
+            return jnp.moveaxis(function(*moved), -1, 0)
+        if self.alike:
+            return each_element(lambda *local: function(each, *local), local, 4)
         if rule is not None:  # attached here, since lanes are behind the axes of `each` only
             each = dataclasses.replace(each, law=Parts(dataclasses.replace(each.law, part=rule)))
         return each_element(function, (each, *local), 4)
