@@ -10,8 +10,9 @@ from jaxtyping import Array, Float
 
 from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import dense, inverse
+from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.steps import Interpolation, SecondOrderSolver, length
-from jaxbeam._solvers.system import SecondOrderSystem, State, work_rate
+from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Scalar, Vector
 
 # The points of Gauss and Legendre with two nodes; that the commutator of the values there counts
@@ -45,7 +46,8 @@ class MagnusInterpolation(Interpolation):
     exponent: Float[Array, "3 m m"]
     scale: Scalar
     place: Float[Array, "4 n"]
-    work: Float[Array, " 3"]
+    unit: Scalar  # of the part of the work that is in z
+    work: Float[Array, " 3"]  # the rest of it
 
     def at(self, s: Scalar) -> State:
         return self.state(s, self.offset(s))
@@ -65,8 +67,10 @@ class MagnusInterpolation(Interpolation):
             return p0 + s * (p1 - p0) + bend
 
         place, rate = jax.jvp(moving, (s,), (jnp.ones_like(s),))
-        work = self.y0.work + s * (self.work[0] + s * (self.work[1] + s * self.work[2]))
-        return State(place + z[:n], rate / length(self.t0, self.t1) + self.scale * z[n:-1], work)
+        work = s * (self.work[0] + s * (self.work[1] + s * self.work[2]))
+        work = jax.lax.stop_gradient(self.y0.work + self.unit * z[-1] + work)
+        rate = rate / length(self.t0, self.t1)
+        return State(place + z[:n], rate + self.scale * z[n : 2 * n], work)
 
 
 class Magnus(SecondOrderSolver):
@@ -82,9 +86,11 @@ class Magnus(SecondOrderSolver):
 
         z(t + h) = exp(h (A_1 + A_2) / 2 - sqrt(3) h^2 [A_1, A_2] / 12) z(t),
 
-    A_1, A_2 at the two Gauss points (the drive is in A, by one more row and column). Exact in one
-    step where the coefficients do not change, and accurate where they change little from step to
-    step, however fast the system itself is: fixed steps are what it is for. Its error estimate, the
+    A_1, A_2 at the two Gauss points (the drive is in A, by one more row and column, and so is the
+    part of the power that is linear in z, by another row). Exact in one step where the coefficients
+    do not change, and accurate where they change little from step to step, however fast the system
+    itself is: fixed steps are what it is for. What is quadratic in the power is integrated by
+    Simpson's rule, to which steps longer than a vibration are long. Its error estimate, the
     part of the commutator, is that of the method of order 2, and asks for shorter steps than
     needed. Steps that beat against a vibration, 2 pi / h near its angular frequency, lose accuracy.
 
@@ -119,28 +125,36 @@ class Magnus(SecondOrderSolver):
         # In units of the fastest vibration, so that q and q' / scale are of one size.
         fastest = jnp.sqrt(jnp.max(jnp.sum(jnp.abs(at.stiffness[0]), 1)))
         scale = jnp.maximum(jax.lax.stop_gradient(fastest), 1 / h)  # there may be none
-        _, a1, a2, _ = h * jax.vmap(lambda at: _first_order(at, scale))(at)
+        power = jax.vmap(lambda t, q, v: _power(args, t, q, v))
+        given = power(t0 + h * _GAUSS, at.place[1:3], at.rate[1:3])
+        rows, unit = _work_rows(given, scale)
+        inner = jax.tree.map(lambda a: a[1:3], at)
+        a1, a2 = h * jax.vmap(lambda at, row: _first_order(at, scale, row))(inner, rows)
         commutator = np.sqrt(3) / 12 * (a2 @ a1 - a1 @ a2)
-        start = [y0.q - at.place[0], (y0.v - at.rate[0]) / scale, jnp.ones_like(h)[None]]
+        apart = y0.q - at.place[0], (y0.v - at.rate[0]) / scale
         info: dict[str, Any] = {
             "y0": y0,
-            "start": jnp.concatenate(start),
+            "start": jnp.concatenate([*apart, jnp.stack([jnp.ones_like(h), jnp.zeros_like(h)])]),
             "exponent": jnp.stack([(a1 + a2) / 2, np.sqrt(3) * (a2 - a1), commutator]),
             "scale": scale,
             "place": jnp.concatenate([at.place[::3], h * at.rate[::3]]),
+            "unit": unit,
         }
         along = MagnusInterpolation(t0=t0, t1=t0 + h, **info, work=jnp.zeros_like(h, shape=3))
         half, one = jnp.full_like(h, 0.5), jnp.ones_like(h)
         middle = along.offset(half)
         states = [y0, along.state(half, middle), along.at(one)]
         off = commutator @ middle
-        error = State(off[:n], scale * off[n:-1], jnp.zeros_like(y0.work))
-        powers = [
-            work_rate(args, t, y.q, y.v)
-            for t, y in zip((t0, t0 + h / 2, t0 + h), states, strict=True)
-        ]
-        work = h * (_SIMPSON @ jnp.stack(powers))
-        end = State(states[2].q, states[2].v, y0.work + jnp.sum(work))
+        error = State(off[:n], scale * off[n : 2 * n], jnp.zeros_like(y0.work))
+        shares = np.array([0.0, 0.5, 1.0])
+        places = jax.vmap(lambda s: along.state(s, 0 * middle))(shares)
+        states = jax.tree.map(lambda *a: jnp.stack(a), *states)
+        there, by_q, by_v = power(t0 + h * shares, places.q, places.v)
+        here, _, _ = power(t0 + h * shares, states.q, states.v)
+        moved = by_q * (states.q - places.q) + by_v * (states.v - places.v)
+        work = h * (_SIMPSON @ (here - there - jnp.sum(without_derivatives(moved), 1)))
+        end = jax.tree.map(lambda a: a[2], states)
+        end = State(end.q, end.v, end.work + jnp.sum(work))
         return end, error, {**info, "work": work}, None, diffrax.RESULTS.successful
 
 
@@ -169,10 +183,30 @@ def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar, slow: Scalar
     return _Moment(stiffness, damping, p.real, p1.real, rest)
 
 
-def _first_order(at: _Moment, scale: Scalar) -> Float[Array, "m m"]:
-    """The matrix of z' = A z with z = (q, q' / scale, 1)."""
+def _power(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> tuple[Array, ...]:
+    """The power in a state, and its derivatives by q and v there; by parameters it has none."""
+    system, t, q, v = without_derivatives((system, t, q, v))
+    found, (by_q, by_v) = jax.value_and_grad(
+        lambda q, v: system.power(system.inputs(t), q, v), argnums=(0, 1)
+    )(q, v)
+    return found, by_q, by_v
+
+
+def _work_rows(given: tuple[Array, ...], scale: Scalar) -> tuple[Float[Array, "2 m"], Scalar]:
+    """What the rate of the work takes of z at the Gauss points, in a unit, and that."""
+    there, by_q, by_v = given
+    none = jnp.zeros_like(there[:, None])
+    rows = jnp.concatenate([by_q, jax.lax.stop_gradient(scale) * by_v, there[:, None], none], 1)
+    size = jnp.max(jnp.abs(rows)) / jax.lax.stop_gradient(scale)
+    unit = jnp.where(size > 0, size, 1.0)
+    return rows / unit, unit
+
+
+def _first_order(at: _Moment, scale: Scalar, row: Float[Array, " m"]) -> Float[Array, "m m"]:
+    """The matrix of z' = A z with z = (q, q' / scale, 1, work)."""
     n = at.place.size
     none = jnp.zeros((n, n + 1))
-    above = jnp.concatenate([none[:, :n], scale * jnp.eye(n), none[:, :1]], 1)
-    below = jnp.concatenate([at.stiffness / scale, at.damping, at.rest[:, None] / scale], 1)
-    return jnp.concatenate([above, below, jnp.zeros((1, 2 * n + 1))])
+    above = jnp.concatenate([none[:, :n], scale * jnp.eye(n), none[:, :2]], 1)
+    below = [at.stiffness / scale, at.damping, at.rest[:, None] / scale, none[:, :1]]
+    end = jnp.stack([jnp.zeros_like(row), row])
+    return jnp.concatenate([above, jnp.concatenate(below, 1), end])

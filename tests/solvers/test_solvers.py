@@ -234,6 +234,29 @@ def test_magnus_takes_what_nothing_holds():
         np.testing.assert_allclose(step(h), exact, rtol=1e-10, atol=1e-12)
 
 
+class Loaded(Loose):
+    """The same with a load that does work."""
+
+    def power(self, t, q, v):
+        return jnp.sum((1 + 0 * t) * v)
+
+
+def test_work_of_a_load_is_exact_in_steps_longer_than_a_vibration():
+    """It is the load times the way, also between the ends of a step."""
+    solver, start = jb.solvers.Magnus(), jb.solvers.State(jnp.zeros(3), jnp.ones(3))
+    loaded, term = Loaded(jnp.eye(3)), jb.solvers.second_order_term(solver)
+
+    @jax.jit
+    def states(h):
+        end, _, info, *_ = solver.step(term, 0 * h, h, start, loaded, None, False)
+        between = solver.interpolation_cls(t0=0 * h, t1=h, **info).at(0.3 + 0 * h)
+        return end, between
+
+    for h in (2.0, 0.1):
+        for state in states(h):
+            np.testing.assert_allclose(state.work, jnp.sum(state.q), rtol=1e-11)
+
+
 class Pushed(jb.solvers.SecondOrderSystem):
     """q'' = 0, then 1 from t = 1 on."""
 
