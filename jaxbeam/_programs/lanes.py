@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.platforms import loops_are_dear
+from jaxbeam._programs.platforms import is_for_cpus
 
 _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
@@ -118,7 +118,7 @@ def held(values: Any) -> Any:
     """Arrays as they are, computed once. XLA for CPUs joins loops, and would rather compute a
     product or a sum anew for each row of numbers that is made of it, and what that is made of; but
     not across the border of a call."""
-    if loops_are_dear():
+    if not is_for_cpus():
         return values
     with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
         return _same(values)

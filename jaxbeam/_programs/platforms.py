@@ -25,11 +25,16 @@ def by_platform(*args: Any, cpu: Callable[..., Any], default: Callable[..., Any]
     traced, which takes as long as what is used. Nor is, within one, what is for the other."""
     if loops_are_dear():
         return default(*args)
-    if _only_cpus() or _TRACED_FOR.value == "cpu":
+    if is_for_cpus():
         return cpu(*args)
     return jax.lax.platform_dependent(
         *args, cpu=traced_for("cpu", cpu), default=traced_for("others", default)
     )
+
+
+def is_for_cpus() -> bool:
+    """Whether it is sure that what is traced here is for CPUs."""
+    return not loops_are_dear() and (_only_cpus() or bool(_TRACED_FOR.value == "cpu"))
 
 
 def loops_are_dear() -> bool:
