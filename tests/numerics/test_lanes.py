@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxbeam._programs.lanes import beside, contract, total, transposed
+from jaxbeam._programs.kernel import kernel
+from jaxbeam._programs.lanes import beside, contract, held, total, transposed
 
 RNG = np.random.default_rng(3)
 TABLE = RNG.normal(size=(4, 5))
@@ -60,3 +61,27 @@ def test_total_is_the_sum_along_the_first_axis(n):
     x = RNG.normal(size=(n, 2, LANES))
     np.testing.assert_allclose(total(jnp.asarray(x)), x.sum(0), rtol=1e-13, atol=1e-14)
     np.testing.assert_array_equal(total(jnp.asarray(x)), _in_lanes(total, x))
+
+
+@pytest.mark.release
+def test_held_numbers_are_what_they_were_with_their_derivatives():
+    """In a kernel, alone, in a batch, and where all is constant; in forward and reverse mode."""
+
+    def made(hold):
+        def one(x):
+            cos, sin = hold((jnp.cos(x), jnp.sin(x)))
+            return jnp.stack([cos * sin, hold(cos / (2 + sin)) - x])
+
+        return kernel(one)
+
+    x = jnp.linspace(-1.0, 2.0, 6).reshape(2, 3)
+
+    def all_of(function):
+        rates = jax.jvp(function, (x[0],), (x[1],))[1]
+        parts = function(x[0]), jax.vmap(function)(x), jax.jacrev(function)(x[1]), rates
+        return jnp.concatenate([part.ravel() for part in parts])
+
+    found, expected = (jax.jit(all_of, static_argnums=0)(made(f)) for f in (held, lambda a: a))
+    np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
+    constant = jax.jit(lambda: made(held)(jnp.ones(3)))()
+    np.testing.assert_allclose(constant, made(lambda a: a)(jnp.ones(3)), rtol=1e-14)
