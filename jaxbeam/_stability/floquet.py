@@ -285,7 +285,7 @@ class Reduced(NamedTuple):
             scale = jnp.concatenate([root, 1 / root])
             return scale[:, None] * jnp.block(blocks) / scale[None]
 
-        def step(state: tuple[Matrix, Matrix], each: Vector) -> tuple[tuple[Matrix, Matrix], Array]:
+        def step(state: tuple[Matrix, Matrix], each: Array) -> tuple[tuple[Matrix, Matrix], Array]:
             number, share, longest = each
             done, product = jax.tree.map(
                 lambda old, new: jnp.where(number == 0, new, old), state, (state[1], start)

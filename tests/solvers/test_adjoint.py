@@ -72,7 +72,7 @@ def check_step(system_of, n, p, lanes=0):
 
     if lanes:
         factors = 1 + 0.01 * jnp.arange(lanes)
-        args = jax.tree.map(lambda a: factors.reshape(-1, *(1,) * a.ndim) * a, args)
+        args = jax.tree.map(lambda a: factors.reshape(-1, *(1,) * a.ndim) * a[None], args)
         grad, by_adjoint = jax.vmap(grad), jax.vmap(by_adjoint)
     found, expected = jax.jit(lambda *args: (by_adjoint(*args), grad(*args)))(*args)
     for own, other in zip(found, expected, strict=True):

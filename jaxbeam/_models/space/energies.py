@@ -262,7 +262,8 @@ class SpatialElement(Strained):
         along, bend = (table.T for table in (rule.slopes, rule.curvatures))
         pairs = (along, along), (along, bend), (bend, along)
         stack = np.concatenate if isinstance(along, np.ndarray) else jnp.concatenate
-        table = stack([rule.weights * a[:, None] * b[None] for a, b in pairs], 2)
+        weights = rule.weights[None, None]
+        table = stack([weights * a[:, None] * b[None] for a, b in pairs], 2)
         blocks = matvec(table.reshape(9, -1), values).reshape(3, 3, 3, 3, *values.shape[2:])
         half = _natural(jnp.moveaxis(blocks, 2, 1))  # (7, d, k)
         rest = _natural(jnp.moveaxis(half, 0, 2))
