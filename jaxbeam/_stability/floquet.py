@@ -90,9 +90,9 @@ def floquet(
     period (a `ModulatedSpeed` states its own), `damping` is a `Damping`, `steps` an int >= 2.
     The matrix that takes (q, p) through a period is a product of `steps` Magnus exponentials of
     order 6 (S. Blanes, F. Casas, J. Ros, BIT 42 (2002) 262-284), symplectic without damping.
-    `Floquet.multiplier_error` compares it with the product of half as many: what these do to a
-    multiplier falls with the sixth power of their number. Where its modulus may be off by more than
-    1e-2 (of itself, if it is above one) the status is `TOO_FEW_STEPS`. Many functions need many
+    Errors fall with the sixth power of `steps`, so `Floquet.multiplier_error` is 1/63 of what half
+    as many change in a multiplier. Where this changes a modulus by more than 1e-2 (of itself, if it
+    is above one) the status is `TOO_FEW_STEPS`. Many functions need many
     steps, for a mode that nobody asks for, and so does an axial mode that a `stiffness_coefficient`
     damps hard: take small models, without stretch where it does not matter, or steps by the
     thousand. First derivatives of multipliers by every parameter are exact in both modes, where a
@@ -148,10 +148,10 @@ def _floquet(
         directions = transverse + axial
         if any(direction in model.directions for direction in directions):
             group = Reduced(model, rotor, speed, period, damping, directions)
-            mu, error, near = _estimated(group, steps)
+            mu, error, short = _estimated(group, steps)
             parts.append((mu, error, jnp.full(mu.shape, int(directions[0]))))
             ok &= group.status == Status.OK
-            enough &= near
+            enough &= short
     mu, error, direction = (jnp.concatenate(part) for part in zip(*parts, strict=True))
     order = jnp.argsort(-jnp.abs(mu))
     mu, error, direction = mu[order], error[order], direction[order]
@@ -180,17 +180,17 @@ def _estimated(group: "Reduced", steps: int) -> tuple[Complex[Array, " m"], Vect
     # What turns a multiplier on its circle alone, that of a fast mode, say, makes nothing unstable.
     size = jnp.abs(mu)
     outwards = jnp.minimum(jnp.abs(size - jnp.abs(other)) * left_by(steps), error)
-    near = found.sound & jnp.all(outwards <= 1e-2 * jnp.maximum(size, 1.0))  # False for NaN
-    return _multipliers(product, mu, x, y), jax.lax.stop_gradient(error), near
+    short = found.sound & jnp.all(outwards <= 1e-2 * jnp.maximum(size, 1.0))  # False for NaN
+    return _multipliers(product, mu, x, y), jax.lax.stop_gradient(error), short
 
 
 def half(steps: int) -> int:
-    """Half of an even number of steps, and one more than half of an odd one's predecessor."""
+    """Half as many steps, rounded up."""
     return -(-steps // 2)
 
 
 def left_by(steps: int) -> float:
-    """What is left with so many steps, of the difference that half of them make."""
+    """The error with so many steps, as a share of the difference from half as many (order 6)."""
     return 1 / ((steps / half(steps)) ** 6 - 1)
 
 

@@ -238,7 +238,7 @@ class Loaded(Loose):
     """The same with a load that does work."""
 
     def power(self, t, q, v):
-        return jnp.sum((1 + 0 * t) * v)
+        return jnp.sum(v)
 
 
 def test_work_of_a_load_is_exact_in_steps_longer_than_a_vibration():

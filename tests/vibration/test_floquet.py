@@ -357,6 +357,16 @@ def test_errors_of_multipliers_are_what_steps_do(depth, counts):
 
 
 @pytest.mark.exhaustive
+def test_a_modulus_that_may_be_far_off_is_no_answer():
+    """Of elements, whose fast modes take more steps, though each step is short enough."""
+    model, motion = jb.models.SmallStrainANCF(2), jb.motions.ModulatedSpeed(2.0, 0.3, 6.04)
+    few, many = (jb.floquet(model, ROTOR, motion, steps=n, throw=False) for n in (64, 128))
+    assert (few.status, many.status) == (jb.Status.TOO_FEW_STEPS, jb.Status.OK)
+    assert np.isnan(few.multiplier_error).all()
+    assert many.multiplier_error.max() < 1e-2
+
+
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("depth", [0.3, 0.9])
 def test_errors_of_boundaries_are_what_steps_do(depth):
     case = jb.Hybrid(0, 3, 0), slender(hub=0.5, tip=0.3), 3.0, IN_PLANE[:1] * 2, [depth]

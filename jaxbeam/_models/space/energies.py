@@ -180,12 +180,9 @@ class SpatialElement(Strained):
     def _gathered(self, at: "_Rotated", on_points: Any, on_turn: Array, on_rate: Array) -> Natural:
         """Forces by what bending and torsion do at Gauss points, on the turn and its rate too."""
         loads = jnp.stack([*on_points[:3], on_turn, *on_points[3:], on_rate])
-        return self._summed(_back(at.points, loads.reshape(2, 4, 1, *on_turn.shape)))[:, 0]
-
-    def _summed(self, loads: Float[Array, "2 4 k g *lanes"]) -> Float[Array, "10 k *lanes"]:
-        """Integrals of forces on r', turn, L r'' and rate, on the natural coordinates."""
+        loads = _back(at.points, loads.reshape(2, 4, 1, *on_turn.shape))
         tables = self.rule.tables * self.rule.weights[None, None, :, None]
-        return _natural(total(jnp.moveaxis(_by_stations(tables, loads), 3, 0)))
+        return _natural(total(jnp.moveaxis(_by_stations(tables, loads), 3, 0)))[:, 0]
 
     def _turns(self, natural: Natural) -> Number:
         """Energy of bending and torsion."""
