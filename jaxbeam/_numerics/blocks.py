@@ -50,10 +50,15 @@ class BlockTridiagonal(eqx.Module):
     def __matmul__(self, x: _Vector) -> _Vector:
         b = self.rows.shape[1]
         beside = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:])
-        window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
         if x.ndim > 1 and not loops_are_dear():
             # In pieces that stay in the cache, and that a compiler does not mix up.
-            return self.flat(jax.lax.map(lambda row: _apply(*row), (self.rows, window)))
+            def one(i_row: tuple[Array, Array]) -> Array:
+                i, row = i_row
+                near = jax.lax.dynamic_slice_in_dim(beside, i, 3)
+                return _apply(row, near.reshape(3 * b, *x.shape[1:]))
+
+            return self.flat(jax.lax.map(one, (jnp.arange(len(self.rows)), self.rows)))
+        window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
         return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
 
     def __rmatmul__(self, x: _Vector) -> _Vector:

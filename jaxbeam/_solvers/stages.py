@@ -31,8 +31,8 @@ from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._numerics.linalg import inverse, outer
-from jaxbeam._programs.lanes import total, transposed
-from jaxbeam._solvers.steps import combined, combined_apart
+from jaxbeam._programs.lanes import beside, contract, held, total, transposed
+from jaxbeam._solvers.steps import combined
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number, Vector
 
@@ -85,7 +85,7 @@ def stages(
 
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
         i, rows, d, now = row
-        step, past = combined_apart(rows, jnp.broadcast_to(done, (2, *done.shape)))
+        step, past = held(combined(rows, done))
         step, past = both + step, past / h
         at = step[:n], step[n:]
         first = at[1] + past[:n]
@@ -169,7 +169,9 @@ def _backwards(
     def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
         later, to_system = state
         i, columns, to_u, at, x, other_x = row
-        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + combined_apart(columns, later)
+        lanes = to_u.ndim - 1
+        by_later = held(contract(beside(columns, 1 + lanes), later, 1, lanes))
+        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + by_later
         y = (g * to_q + to_v) @ found.solve
         to_first = g * (to_q - y @ found.k)
         with transposed():

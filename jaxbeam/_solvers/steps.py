@@ -14,7 +14,6 @@ from jaxtyping import Array, Float
 
 from jaxbeam._programs.kernel import Adjoint, in_reverse_mode, kernel
 from jaxbeam._programs.lanes import beside, contract
-from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number
@@ -184,21 +183,6 @@ def work_along(
 def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r n *lanes"]:
     """Sums of s rows with weights (r, s)."""
     return contract(beside(weights, rows.ndim - 1), rows[None], 1, rows.ndim - 2)
-
-
-def combined_apart(
-    weights: Float[Array, "r s"], rows: Float[Array, "r s n *lanes"]
-) -> Float[Array, "r n *lanes"]:
-    """Sums of rows, each with weights and rows of its own; with lanes in a loop of their own. Else
-    what is a part of others is computed anew with each of them, and rows of which one is replaced
-    by these are copied for that."""
-
-    def one(both: tuple[Array, Array]) -> Array:
-        return combined(both[0][None], both[1])[0]
-
-    if rows.ndim > 3 and not loops_are_dear():
-        return jax.lax.map(one, (weights, rows))
-    return jax.vmap(one)((weights, rows))
 
 
 def step_result(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.ancf.energies import QUARTER_TURN, Element, Local, Strains, axis_of, matvec
-from jaxbeam._programs.lanes import beside
+from jaxbeam._programs.lanes import beside, held
 from jaxbeam._programs.platforms import loops_are_dear
 
 
@@ -24,6 +24,14 @@ def apart(
     if x.ndim == 2 or loops_are_dear():
         return matvec(table, x)
     return jax.lax.map(lambda row: matvec(table, row[None])[0], x)
+
+
+# Where, by components of r' and r'' and by which of these (c, d, 2, 2, g), stand ...
+_OF_SLOPES = np.zeros((1, 1, 2, 2, 1))  # what goes with r' twice,
+_OF_SLOPES[..., 0, 0, :] = 1.0
+_OF_BOTH = np.eye(2)[:, :, None, None, None] * _OF_SLOPES  # with both components of it alike,
+_SKEWED = np.zeros((2, 2, 2, 2, 1))  # and with r' x r''
+_SKEWED[:, :, 0, 1, 0], _SKEWED[:, :, 1, 0, 0] = -QUARTER_TURN, QUARTER_TURN
 
 
 class Engineering(Element):
@@ -80,26 +88,28 @@ class Engineering(Element):
 
             int (eps |r'| - 2 b phi'^2) / s S'^T S' + b phi' / s (S'^T J S'' + its transpose) dx.
         """
-        at, bending, quarter = self._at(e), self.bending, QUARTER_TURN
+        at, bending, lanes = self._at(e), self.bending, e.ndim - 2
         square, moment = at.square, bending * at.angle_rate
         bent = moment * at.angle_rate
         k = (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None]
-        bend = at.back / square[None]  # of k, what goes with S''
-        by_p = (self.pulled(at.size) - 4 * bent) / square**2
-        along = (self.pulled(at.strain * at.size) - 2 * bent) / square
-        across = moment / square
+        both = held(jnp.stack([k, at.back / square[None]], 1))  # of k, what goes with S' and S''
+        each = held(
+            (
+                (self.pulled(at.size) - 4 * bent) / square**2,
+                (self.pulled(at.strain * at.size) - 2 * bent) / square,
+                moment / square,
+            )
+        )
+        by_p, along, across = (a[(None,) * 4] for a in each)
+        # By components c and d of r' and of r'', (c, d, r' or r'', r' or r'', g, *lanes).
+        p = at.along[:, None] * at.along[None]
+        rows = bending * both[:, None, :, None] * both[None, :, None]
+        rows = rows + beside(_OF_SLOPES, lanes) * by_p * p[:, :, None, None]
+        rows = rows + beside(_OF_BOTH, lanes) * along + beside(_SKEWED, lanes) * across
+        rows = rows.reshape(4, -1, *e.shape[2:])
 
-        def second(c: int, d: int) -> Array:
-            """Second derivatives by components c and d of r' and of r'', (2 2 g), as one row."""
-            own = by_p * at.along[c] * at.along[d] + bending * k[c] * k[d]
-            skewed = quarter[c, d] * across
-            mixed = bending * k[c] * bend[d] - skewed, bending * bend[c] * k[d] + skewed
-            own = own + along if c == d else own
-            return jnp.concatenate([own, *mixed, bending * bend[c] * bend[d]])
-
-        both = self._tables.reshape(2, -1, 3).transpose(2, 0, 1)
-        table = self.weights[(None,) * 4] * both[:, None, :, None] * both[None, :, None]
-        rows = jnp.stack([second(c, d) for c in (0, 1) for d in (0, 1)])
+        tables = self._tables.reshape(2, -1, 3).transpose(2, 0, 1)
+        table = self.weights[(None,) * 4] * tables[:, None, :, None] * tables[None, :, None]
         found = apart(table.reshape(9, -1), rows)
         return found.reshape(2, 2, 3, 3, *e.shape[2:]).swapaxes(1, 2)
 
