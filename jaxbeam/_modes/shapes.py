@@ -44,7 +44,7 @@ class Fit(NamedTuple):
             rows = jnp.concatenate([self.own, self.across])
             wanted, weight = jnp.concatenate([own, across]), np.tile(weight, 2)
         scaled = weight[:, None] * rows
-        found = solve(rows.T @ scaled, scaled.T @ wanted)
+        found = solve(jnp.asarray(rows.T @ scaled), scaled.T @ wanted)
         misfit = largest(jnp.abs(rows @ found - wanted)) / largest(jnp.abs(wanted))
         return found / jnp.sum(found), misfit
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import contract
+from jaxbeam._programs.lanes import contract, held
 from jaxbeam._programs.platforms import loops_are_dear
 
 Blocks = Float[Array, "k b b *lanes"]
@@ -49,30 +49,23 @@ class BlockTridiagonal(eqx.Module):
 
     def __matmul__(self, x: _Vector) -> _Vector:
         b = self.rows.shape[1]
-        beside = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:])
+        beside, k = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:]), len(self.rows)
         if x.ndim > 1 and not loops_are_dear():
-            # In pieces that stay in the cache, and that a compiler does not mix up.
-            def one(i_row: tuple[Array, Array]) -> Array:
-                i, row = i_row
-                near = jax.lax.dynamic_slice_in_dim(beside, i, 3)
-                return _apply(row, near.reshape(3 * b, *x.shape[1:]))
-
-            return self.flat(jax.lax.map(one, (jnp.arange(len(self.rows)), self.rows)))
+            # Each number is read where it is: windows of blocks would be copies, and so would be
+            # the rows that a loop goes through.
+            places = [(side, i) for side in range(3) for i in range(b)]
+            terms = [
+                self.rows[:, :, side * b + i] * beside[side : side + k, i : i + 1]
+                for side, i in places
+            ]
+            return self.flat(held(functools.reduce(jnp.add, terms)))
         window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
         return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
 
     def __rmatmul__(self, x: _Vector) -> _Vector:
         """The product x^T A."""
-        b, lanes = self.rows.shape[1], x.ndim - 1
-
-        def one(row: Array, own: Array) -> Array:
-            return contract(row, own[:, None], 0, lanes)
-
-        of = self.rows, self.blocked(x)
-        if lanes and not loops_are_dear():
-            each = jax.lax.map(lambda row: one(*row), of)
-        else:
-            each = jax.vmap(one)(*of)
+        b = self.rows.shape[1]
+        each = held(contract(self.rows, self.blocked(x)[:, :, None], 1, x.ndim - 1))
         low, own, up = each[1:, :b], each[:, b : 2 * b], each[:-1, 2 * b :]
         return self.flat(own + padded(low, 0, 1) + padded(up, 1, 0))
 

@@ -18,7 +18,7 @@ from jaxbeam._types import Matrix, Scalar, Vector
 # The points of Gauss and Legendre with two nodes; that the commutator of the values there counts
 # 3^(1/2) / 12 is what gives order 4 (section 5.4 of the review cited below).
 _GAUSS = 0.5 + np.array([-1.0, 1.0]) * np.sqrt(3) / 6
-_SLOW = 0.25  # angle in a step of motions that are not measured from their equilibrium
+_SLOW = 0.1  # angle in a step of motions that are not measured from their equilibrium
 _PLACES = np.array([0.0, *_GAUSS, 1.0])
 # From values at 0, 1/2, 1 to coefficients of s, s^2, s^3 of the integral of the parabola there.
 _SIMPSON = np.array([[1.0, 0.0, 0.0], [-1.5, 2.0, -0.5], [2 / 3, -4 / 3, 2 / 3]])
@@ -78,7 +78,7 @@ class Magnus(SecondOrderSolver):
 
     y = (q, q') is measured from a moving place p(t). With force(t, q, 0) = f - K q it is
 
-        p = Re[(K + i s M)^-1 f],   s = (0.25 / h)^2,
+        p = Re[(K + i s M)^-1 f],   s = (0.1 / h)^2,
 
     of all but what is slow in a step the moving equilibrium, so that what remains, z' = A z + (0,
     ...), is driven by little but p' and p''; of motions that nothing holds it is zero, since K may
