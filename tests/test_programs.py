@@ -52,7 +52,7 @@ def fitted(measured):
             id="critical_speed",
         ),
         exhaustive(
-            lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3100, id="floquet"
+            lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3400, id="floquet"
         ),
         exhaustive(fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300, id="fit"),
         slow(spun_up, ROTOR, 5000, id="spin-up"),

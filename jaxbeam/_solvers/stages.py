@@ -85,6 +85,7 @@ def stages(
 
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
         i, rows, d, now = row
+        # Held, or they would be made anew for each number that is made of them.
         step, past = held(combined(rows, done))
         step, past = both + step, past / h
         at = step[:n], step[n:]

@@ -26,11 +26,12 @@ def apart(
     return jax.lax.map(lambda row: matvec(table, row[None])[0], x)
 
 
-# Where, by components of r' and r'' and by which of these (c, d, 2, 2, g), stand ...
-_OF_SLOPES = np.zeros((1, 1, 2, 2, 1))  # what goes with r' twice,
+# Masks of second derivatives by components c and d of r' or r'', (c, d, 2, 2, g): of those by r'
+# alone, of these by the same component twice, and of those by r' and r'', which are skewed.
+_OF_SLOPES = np.zeros((1, 1, 2, 2, 1))
 _OF_SLOPES[..., 0, 0, :] = 1.0
-_OF_BOTH = np.eye(2)[:, :, None, None, None] * _OF_SLOPES  # with both components of it alike,
-_SKEWED = np.zeros((2, 2, 2, 2, 1))  # and with r' x r''
+_OF_BOTH = np.eye(2)[:, :, None, None, None] * _OF_SLOPES
+_SKEWED = np.zeros((2, 2, 2, 2, 1))
 _SKEWED[:, :, 0, 1, 0], _SKEWED[:, :, 1, 0, 0] = -QUARTER_TURN, QUARTER_TURN
 
 
@@ -98,12 +99,14 @@ class Engineering(Element):
                 (self.pulled(at.size) - 4 * bent) / square**2,
                 (self.pulled(at.strain * at.size) - 2 * bent) / square,
                 moment / square,
+                jnp.broadcast_to(bending, square.shape),
             )
         )
-        by_p, along, across = (a[(None,) * 4] for a in each)
-        # By components c and d of r' and of r'', (c, d, r' or r'', r' or r'', g, *lanes).
+        by_p, along, across, by_k = (a[(None,) * 4] for a in each)
+        # All of them by products, since a compiler would make rows put together from parts number
+        # by number.
         p = at.along[:, None] * at.along[None]
-        rows = bending * both[:, None, :, None] * both[None, :, None]
+        rows = by_k * both[:, None, :, None] * both[None, :, None]
         rows = rows + beside(_OF_SLOPES, lanes) * by_p * p[:, :, None, None]
         rows = rows + beside(_OF_BOTH, lanes) * along + beside(_SKEWED, lanes) * across
         rows = rows.reshape(4, -1, *e.shape[2:])
