@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._numerics.small import small_inverse, written_out
 from jaxbeam._programs.lanes import contract, held
 from jaxbeam._programs.platforms import loops_are_dear
 
@@ -133,11 +134,11 @@ class BlockInverse(eqx.Module):
 
         def eliminate(before: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
             low, diagonal, up = row
-            pivot = _small_inverse(diagonal - _times(low, _times(before, up)))
+            pivot = small_inverse(diagonal - _times(low, _times(before, up)))
             return pivot, pivot
 
         above = jnp.concatenate([jnp.zeros_like(up[:1]), up[:-1]])
-        unroll = _written_out(k)
+        unroll = written_out(k)
         none = jnp.zeros_like(up[0])
         self.pivots = jax.lax.scan(eliminate, none, (low, diagonal, above), unroll=unroll)[1]
         each = jax.vmap(_times)
@@ -165,11 +166,6 @@ class BlockInverse(eqx.Module):
         return x
 
 
-def _written_out(rounds: int) -> int:
-    """How many turns of a loop over blocks are written out: programs grow with them."""
-    return min(rounds, 16) if loops_are_dear() else 1
-
-
 def padded(x: Array, before: int, after: int) -> Array:
     """An array with as many rows of zeros as wanted before and behind its first axis."""
     return jnp.pad(x, ((before, after), *((0, 0),) * (x.ndim - 1)))
@@ -184,7 +180,7 @@ def _sweep(
         y = row[0] - _apply(row[1], y)
         return y, y
 
-    unroll = _written_out(len(b))
+    unroll = written_out(len(b))
     return jax.lax.scan(one, jnp.zeros_like(b[0]), (b, steps), reverse=reverse, unroll=unroll)[1]
 
 
@@ -200,24 +196,6 @@ def _solve_transposed(
     after = jnp.concatenate([fore[1:], jnp.zeros_like(fore[:1])]).swapaxes(1, 2)
     w = _sweep(after, _sweep(before, b, reverse=False), reverse=True)
     return jax.vmap(_apply)(pivots.swapaxes(1, 2), w)
-
-
-def _small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
-    """Gauss and Jordan in place, without pivoting; so short a loop compiles to one function."""
-    lanes = (1,) * (a.ndim - 2)
-    places = np.arange(len(a))
-
-    def body(k: Array, a: Array) -> Array:
-        here = places == k
-        across, down = here.reshape(1, -1, *lanes), here.reshape(-1, 1, *lanes)
-        row = jax.lax.dynamic_index_in_dim(a, k, 0)
-        column = jax.lax.dynamic_index_in_dim(a, k, 1)
-        pivot = jax.lax.dynamic_index_in_dim(column, k, 0)
-        row = jnp.where(across, 1.0, row) / pivot
-        a = jnp.where(across, 0.0, a) - jnp.where(down, 0.0, column) * row
-        return jnp.where(down, row, a)
-
-    return jax.lax.fori_loop(0, len(a), body, a, unroll=_written_out(len(a)))
 
 
 def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Array:

@@ -27,6 +27,7 @@ from jaxbeam._numerics.loose import (
     symmetric_part,
     unshifted,
 )
+from jaxbeam._numerics.small import SmallInverse, SmallMatrix
 from jaxbeam._programs.batches import one_by_one
 
 
@@ -74,28 +75,32 @@ def largest(a: Float[Array, "..."]) -> Float[Array, ""]:
     return a.reshape(-1)[jnp.argmax(a)]
 
 
-def dense(a: Float[Array, "n n"] | BlockTridiagonal) -> Float[Array, "n n"]:
+def dense(a: Float[Array, "n n"] | BlockTridiagonal | SmallMatrix) -> Float[Array, "n n"]:
     """The matrix as an array."""
-    return a.dense() if isinstance(a, BlockTridiagonal) else a
+    return a.dense() if isinstance(a, BlockTridiagonal | SmallMatrix) else a
 
 
 @overload
 def inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]: ...
 @overload
 def inverse(a: BlockTridiagonal) -> BlockInverse: ...
-def inverse(a: Inexact[Array, "n n"] | BlockTridiagonal) -> Inexact[Array, "n n"] | BlockInverse:
+@overload
+def inverse(a: SmallMatrix) -> SmallInverse: ...
+def inverse(
+    a: Inexact[Array, "n n"] | BlockTridiagonal | SmallMatrix,
+) -> Inexact[Array, "n n"] | BlockInverse | SmallInverse:
     """Inverse of a matrix that is used many times: what multiplies (`@`) right-hand sides."""
-    return a.inverse() if isinstance(a, BlockTridiagonal) else _dense_inverse(a)
+    return a.inverse() if isinstance(a, BlockTridiagonal | SmallMatrix) else _dense_inverse(a)
 
 
 def outer(
-    like: Float[Array, "n n"] | BlockTridiagonal,
+    like: Float[Array, "n n"] | BlockTridiagonal | SmallMatrix,
     x: Float[Array, "s n *lanes"],
     y: Float[Array, "s n *lanes"],
 ) -> Any:
     """The sum of x_i y_i^T as a matrix like this one, where that is not zero; with lanes only if
-    that is block-tridiagonal."""
-    return like.outer(x, y) if isinstance(like, BlockTridiagonal) else x.T @ y
+    that is no array."""
+    return like.outer(x, y) if isinstance(like, BlockTridiagonal | SmallMatrix) else x.T @ y
 
 
 @jax.custom_jvp

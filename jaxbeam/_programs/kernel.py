@@ -18,6 +18,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from jaxbeam._programs.batches import CPU_LANES, batchable
+from jaxbeam._programs.lanes import in_kernel
 from jaxbeam._programs.one_function import as_one_function
 from jaxbeam._programs.platforms import by_platform
 
@@ -94,7 +95,7 @@ def _is_zero(rate: Any) -> bool:
 def _jitted(function: Callable[..., Any]) -> Callable[..., Any]:
     @jax.jit
     def run(*args: Any) -> Any:
-        with jax.numpy_rank_promotion("allow"):
+        with jax.numpy_rank_promotion("allow"), in_kernel():
             return function(*args)
 
     return run

@@ -24,6 +24,9 @@ from jaxtyping import Array, Float
 
 from jaxbeam._programs.platforms import is_for_cpus
 
+LARGE = 48  # rows beyond which a dense matrix is none for `kernel`
+_IN_KERNEL: ContextVar[bool] = ContextVar("in_kernel", default=False)
+_WRITTEN_OUT = 16  # terms of a sum beyond which a loop goes through them
 _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
 
@@ -37,6 +40,16 @@ def transposed(on: bool = True) -> Iterator[None]:
         yield
     finally:
         _TRANSPOSED.reset(token)
+
+
+@contextlib.contextmanager
+def in_kernel() -> Iterator[None]:
+    """What is traced herein is for a `kernel`."""
+    token = _IN_KERNEL.set(True)
+    try:
+        yield
+    finally:
+        _IN_KERNEL.reset(token)
 
 
 def is_transposed() -> bool:
@@ -54,11 +67,31 @@ def _contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
     if not lanes:
         return jnp.sum(a * x, axis)
 
-    def part(array: Any, i: int) -> Any:
-        return array[(slice(None),) * axis + (i if array.shape[axis] > 1 else 0,)]
+    def part(array: Any, of: int | slice) -> Any:
+        if array.shape[axis] == 1:
+            return array[(slice(None),) * axis + (0 if isinstance(of, int) else slice(None),)]
+        return array[(slice(None),) * axis + (of,)]
 
-    terms = [part(a, i) * part(x, i) for i in range(max(a.shape[axis], x.shape[axis]))]
-    return functools.reduce(jnp.add, terms)
+    def total_of(terms: int, term: Any) -> Any:
+        return functools.reduce(jnp.add, map(term, range(terms)))
+
+    count = max(a.shape[axis], x.shape[axis])
+    if count <= _WRITTEN_OUT:
+        return total_of(count, lambda i: part(a, i) * part(x, i))
+    groups = -(-count // _WRITTEN_OUT)
+    each = count // groups
+
+    def grouped(array: Any) -> Any:
+        shape = (1, 1) if array.shape[axis] == 1 else (groups, each)
+        whole = part(array, slice(groups * each))
+        return whole.reshape(*array.shape[:axis], *shape, *array.shape[axis + 1 :])
+
+    sums = _contract(grouped(a), grouped(x), axis + 1, lanes)
+    out = total_of(groups, lambda i: jax.lax.index_in_dim(sums, i, axis, keepdims=False))
+    if groups * each == count:
+        return jnp.asarray(out)
+    rest = slice(groups * each, None)
+    return out + _contract(part(a, rest), part(x, rest), axis, lanes)
 
 
 @eqx.filter_custom_vjp
@@ -92,6 +125,33 @@ def _backwards(
     a, x = both
     moves = [p is True for p in perturbed]
     return pulled(a, x) if moves[0] else None, pulled(x, a) if moves[1] else None
+
+
+def product(a: Float[Array, "a b *#lanes"], b: Float[Array, "b c *#lanes"]) -> Array:
+    """The product of two matrices, in the form that a kernel bears where this is in one."""
+    if not _IN_KERNEL.get():
+        return a @ b
+    return contract(a[:, :, None], b[None], 1, max(a.ndim, b.ndim) - 2)
+
+
+def applied(a: Float[Array, "a b *#lanes"], x: Float[Array, "b *#lanes"]) -> Array:
+    """The product of a matrix and a vector, as `product`."""
+    return contract(a, x[None], 1, x.ndim - 1) if _IN_KERNEL.get() else a @ x
+
+
+def applied_once(a: Float[Array, "a b *#lanes"], x: Float[Array, "b *#lanes"]) -> Array:
+    """The same, `held`: neither are its factors made anew for each row, nor is it for each use, and
+    a loop over lanes has no more in it than compilers vectorise."""
+    return held(applied(a, held(x)))
+
+
+def weighted_sum(
+    weights: Float[Array, "k *#lanes"], tables: Float[Array, "k n n *#lanes"]
+) -> Array:
+    """The sum of matrices with weights, which are computed once."""
+    if not _IN_KERNEL.get():
+        return jnp.tensordot(weights, tables, 1)
+    return contract(held(weights)[:, None, None], tables, 0, weights.ndim - 1)
 
 
 def beside(table: Any, axes: int) -> Any:

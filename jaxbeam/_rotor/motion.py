@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import is_there, kind_of, real_array, traceable
+from jaxbeam._programs.lanes import applied, beside, product
 from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
 Rotation = Float[Array, "3 3"]
@@ -142,9 +143,17 @@ def cross(a: Triple, b: Triple) -> Triple:
     return jnp.stack([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
-def skew(a: Triple) -> Rotation:
+def skew(a: Triple) -> Float[Array, "3 3 *#lanes"]:
     """The matrix of b -> a x b."""
-    return jnp.tensordot(a, _EPSILON, 1)
+    table = beside(_EPSILON.reshape(3, 9).T, a.ndim - 1)
+    return applied(table, a).reshape(3, 3, *a.shape[1:])
+
+
+def hub_matrices(hub: Hub) -> tuple[Float[Array, "3 3 *#lanes"], Float[Array, "3 3 *#lanes"]]:
+    """omega~ omega~ + omega'~ and 2 omega~: the acceleration of a point, seen from the hub, by its
+    position and its velocity there."""
+    spin = skew(hub.angular_velocity)
+    return product(spin, spin) + skew(hub.angular_velocity_rate), 2 * spin
 
 
 def no_times() -> Times:

@@ -13,6 +13,7 @@ from jaxbeam._models.contract.equations import Equations, Inputs
 from jaxbeam._models.contract.loaded import SpanLoad, equations_under
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.linalg import inverse
+from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
@@ -70,20 +71,21 @@ class Scene(SecondOrderSystem):
             self.last = jnp.min(jnp.where(ends, pauses.opens, jnp.inf))
 
     @property  # type: ignore[misc]
-    def mass(self) -> Matrix | BlockTridiagonal:  # type: ignore[override]
+    def mass(self) -> Matrix | BlockTridiagonal | SmallMatrix:  # type: ignore[override]
         return self.equations.mass
 
     @property
     def kernel(self) -> "Scene | None":
-        if not self.equations.takes_lanes:
+        equations = self.equations.kernel
+        if equations is None:
             return None
         without: Scene = eqx.tree_at(
             lambda s: (
-                s.span, s.inverse_mass, s.motion, s.pauses, s.last,
+                s.equations, s.span, s.inverse_mass, s.motion, s.pauses, s.last,
                 s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.loads.changes,
                 s.loads.jumps,
             ),
-            self, (None,) * 10, is_leaf=lambda leaf: leaf is None,
+            self, (equations, *(None,) * 10), is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import inverse
+from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._results import without_derivatives
 from jaxbeam._types import Matrix, Number, Scalar, Vector
 
@@ -44,7 +45,7 @@ class SecondOrderSystem(eqx.Module):
     `Rodas4P` and `ChordKvaerno5` use its structure, `Magnus` too where it is linear.
     """
 
-    mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
+    mass: eqx.AbstractVar[Matrix | BlockTridiagonal | SmallMatrix]
 
     @property
     def is_linear(self) -> bool:

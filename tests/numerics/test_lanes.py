@@ -1,12 +1,24 @@
 """What works on arrays with lanes says the same in each lane as on one case."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxbeam._programs.kernel import kernel
-from jaxbeam._programs.lanes import beside, contract, held, total, transposed
+from jaxbeam._programs.lanes import (
+    applied,
+    applied_once,
+    beside,
+    contract,
+    held,
+    product,
+    total,
+    transposed,
+    weighted_sum,
+)
 
 RNG = np.random.default_rng(3)
 TABLE = RNG.normal(size=(4, 5))
@@ -26,6 +38,28 @@ def test_contract_is_a_sum_over_an_axis_of_products(axis):
     np.testing.assert_allclose(found, (a * x).sum(axis), rtol=1e-14, atol=1e-14)
     alone = _in_lanes(lambda a, x: contract(a, x, axis, 0), a, x)
     np.testing.assert_allclose(found, alone, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize("count", [16, 17, 24, 37])
+def test_long_sums_are_made_of_groups(count):
+    """And what is repeated along the axis is no longer for it."""
+    a, x = RNG.normal(size=(3, count, 4, LANES)), RNG.normal(size=(1, count, 4, LANES))
+    found = jax.jit(lambda a, x: contract(a, x, 1, 1))(a, x)
+    np.testing.assert_allclose(found, (a * x).sum(1), rtol=1e-12, atol=1e-13)
+    once = jax.jit(lambda a, x: contract(a, x[:, :1], 1, 1))(a, x)
+    np.testing.assert_allclose(once, (a * x[:, :1]).sum(1), rtol=1e-12, atol=1e-13)
+
+
+def test_products_in_a_kernel_are_those_of_a_library():
+    a, b, x = (RNG.normal(size=(*size, LANES)) for size in ((4, 5), (5, 3), (5,)))
+    tables, weights = RNG.normal(size=(2, 4, 4, LANES)), RNG.normal(size=(2, LANES))
+    for function, args in (
+        (product, (a, b)), (applied, (a, x)), (applied_once, (a, x)),
+        (weighted_sum, (weights, tables)),
+    ):  # fmt: skip
+        alone = _in_lanes(function, *args)
+        found = jax.vmap(kernel(partial(function)), -1, -1)(*args)
+        np.testing.assert_allclose(found, alone, rtol=1e-12, atol=1e-13)
 
 
 def test_contract_broadcasts():

@@ -1,4 +1,4 @@
-"""Block-tridiagonal matrices and the matrix exponential."""
+"""Block-tridiagonal and small matrices, and the matrix exponential."""
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +8,8 @@ from scipy.linalg import expm
 
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.exponential import exponential
+from jaxbeam._numerics.small import SmallMatrix
+from jaxbeam._programs.kernel import kernel
 from tests.tiers import slow
 
 
@@ -92,3 +94,31 @@ def test_derivative_of_exponential():
     np.testing.assert_allclose(found, expm(both)[:5, 5:], rtol=1e-11)
     reverse = jax.jit(lambda: jax.grad(lambda a: jnp.sum(exponential(a) * e))(jnp.asarray(a)))()
     np.testing.assert_allclose(jnp.sum(reverse * e), jnp.sum(found * e), rtol=1e-11)
+
+
+def test_small_matrices_are_those_of_a_library():
+    """In a kernel of lanes, with derivatives in both modes."""
+    rng = np.random.default_rng(5)
+    array, x = rng.normal(size=(3, 6, 6)), rng.normal(size=(3, 6))
+    array = array + 8 * np.eye(6)
+
+    def all_of(array, x):
+        a = SmallMatrix(array)
+        whole = 2 * a / 4 + a
+        pairs = a.outer(jnp.stack([x, x**2]), jnp.stack([x**2, 1 + x])).array
+        return whole @ x, x @ whole, whole.inverse() @ x, x @ whole.inverse(), pairs
+
+    def by_library(a, x):
+        whole = 1.5 * a
+        solved = jnp.linalg.solve(whole, x), jnp.linalg.solve(whole.T, x)
+        return whole @ x, x @ whole, *solved, jnp.outer(x, x**2) + jnp.outer(x**2, 1 + x)
+
+    both = [jax.jit(jax.vmap(f)) for f in (kernel(all_of), by_library)]
+    rates = rng.normal(size=array.shape), rng.normal(size=x.shape)
+    for own, expected in zip(*(jax.jvp(f, (array, x), rates) for f in both), strict=True):
+        for a, b in zip(own, expected, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12)
+    out, pull = jax.vjp(both[0], array, x)
+    expected = jax.vjp(both[1], array, x)[1](out)
+    for a, b in zip(pull(out), expected, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)

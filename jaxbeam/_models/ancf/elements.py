@@ -18,7 +18,7 @@ B is the paper of `_models/contract/__init__.py`.
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -76,8 +76,6 @@ class ElementEquations(Equations):
     ends: Ends
     yields: bool = eqx.field(static=True)  # whether the slope at the root is a coordinate
 
-    takes_lanes: ClassVar[bool] = True
-
     def __init__(self, rotor: Rotor, n_elements: int, element: type[Element]) -> None:
         beam = rotor.beam
         radius, length = rotor.hub_radius, beam.length
@@ -97,6 +95,10 @@ class ElementEquations(Equations):
         self.ends = Ends(rotor, self.axial_stiffness)
         self.yields = self.ends.spring is not None
         self.mass, self.skew_mass = self._inertial(np.eye(2)), self._inertial(QUARTER_TURN)
+
+    @property
+    def kernel(self) -> Self:
+        return self
 
     @property
     def element(self) -> Element:

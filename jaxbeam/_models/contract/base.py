@@ -65,7 +65,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def step_cost(self) -> float:
         """Cost of a step in time in a batch on one core, in us, roughly; times the number of steps
         over those of linear motion."""
-        return 2 + 1.2 * len(self.directions)
+        return 2 + len(self.directions) ** 2 / 30
 
     @property
     @abc.abstractmethod

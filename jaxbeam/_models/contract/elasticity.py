@@ -1,42 +1,44 @@
 """Elastic and viscous forces of beams whose displacements are linear in the coordinates."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._types import Matrix, Scalar, Vector
+from jaxbeam._programs.lanes import applied_once, total
+from jaxbeam._types import Matrix, Number, Vector
 
 
 class Elasticity(eqx.Module):
     """Elastic forces as a function of the coordinates."""
 
+    takes_lanes: ClassVar[bool] = False  # whether it suits `kernel`; each class says so itself
+
     @abc.abstractmethod
-    def energy(self, q: Vector) -> Scalar:
+    def energy(self, q: Vector) -> Number:
         """Strain energy, J."""
 
+    @abc.abstractmethod
     def force(self, q: Vector) -> Vector:
         """Left-hand side of the equations; the gradient of the energy unless a theory differs."""
-        return jax.grad(self.energy)(q)
 
     def nonconservative_force(self, q: Vector) -> Vector:
         """The force minus the gradient of the energy."""
         return jnp.zeros_like(q)
 
+    @abc.abstractmethod
     def tangent(self, q: Vector) -> Matrix:
         """d force / dq."""
-        return jax.jacfwd(self.force)(q)
 
     @abc.abstractmethod
     def viscous(self, q: Vector, v: Vector) -> Vector:
         """What stresses do that are the stiffness times the rates of strain: see `strained.py`."""
 
+    @abc.abstractmethod
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
         """Derivatives of this by q and by v."""
-        by: tuple[Matrix, Matrix] = jax.jacfwd(self.viscous, (0, 1))(q, v)
-        return by
 
     @abc.abstractmethod
     def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
@@ -46,19 +48,21 @@ class Elasticity(eqx.Module):
 class LinearElasticity(Elasticity):
     """U = q.K q / 2, axial strain u1' (or s')."""
 
+    takes_lanes: ClassVar[bool] = True
+
     stiffness: Matrix
 
-    def energy(self, q: Vector) -> Scalar:
-        return q @ self.stiffness @ q / 2
+    def energy(self, q: Vector) -> Number:
+        return total(q * self.force(q)) / 2
 
     def force(self, q: Vector) -> Vector:
-        return self.stiffness @ q
+        return applied_once(self.stiffness, q)
 
     def tangent(self, q: Vector) -> Matrix:
         return self.stiffness
 
     def viscous(self, q: Vector, v: Vector) -> Vector:
-        return self.stiffness @ v
+        return self.force(v)
 
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
         return jnp.zeros_like(self.stiffness), self.stiffness

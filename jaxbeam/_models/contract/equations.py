@@ -1,7 +1,7 @@
 """Equations of motion, which every model has of its own."""
 
 import abc
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
 from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total, transposed
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Matrix, Number, Triple, Vector
@@ -44,12 +45,16 @@ class Equations(eqx.Module):
     and for any T the total energy changes by exactly what hub and external forces do.
     """
 
-    takes_lanes: ClassVar[bool] = False  # whether forces and energies suit `kernel`
-    mass: eqx.AbstractVar[Matrix | BlockTridiagonal]
+    mass: eqx.AbstractVar[Matrix | BlockTridiagonal | SmallMatrix]
     rigid_moments: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X the distance from the axis
     length: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
     tip_radius: eqx.AbstractVar[Number]  # distance of the undeformed tip from the axis, m
     energy_scale: eqx.AbstractVar[Number]  # a natural unit of energy, J
+
+    @property
+    def kernel(self) -> Self | None:
+        """What of these equations forces, tangents and energies take, if they suit `kernel`."""
+        return None
 
     @property
     def is_linear(self) -> bool:

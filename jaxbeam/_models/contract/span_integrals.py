@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import applied, total
 from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Matrix, Number, Vector
@@ -25,7 +25,7 @@ class SpanForce(NamedTuple):
 
     def on(self, q: Vector) -> Vector:
         """The force where the coordinates are q."""
-        return self.force if self.stiffness is None else self.force - self.stiffness @ q
+        return self.force if self.stiffness is None else self.force - applied(self.stiffness, q)
 
     def power(self, q: Vector, v: Vector) -> Number:
         """What it does, in W."""

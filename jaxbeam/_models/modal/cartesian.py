@@ -12,6 +12,7 @@ and B eq. 53 with any motion of the hub. Tables are NumPy, computed once for a u
 Y and B are the papers of `_models/contract/__init__.py`.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -32,9 +33,19 @@ from jaxbeam._models.modal.shape_integrals import (
     weighted,
 )
 from jaxbeam._models.modal.tip_bodies import TipRotation
+from jaxbeam._numerics.small import SmallMatrix
+from jaxbeam._programs.lanes import (
+    LARGE,
+    applied,
+    applied_once,
+    beside,
+    product,
+    total,
+    weighted_sum,
+)
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import Tip, TipBody
-from jaxbeam._rotor.motion import Hub, skew
+from jaxbeam._rotor.motion import Hub, hub_matrices, skew
 from jaxbeam._rotor.span import tension
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
 
@@ -57,10 +68,11 @@ class CartesianEquations(Equations):
     another inertia in flap. What the rigid beam has by J_x is left out.
     """
 
-    mass: Matrix
+    mass: Matrix | SmallMatrix
     gram: Matrix
     first_moments: Vector
     first: Vector
+    at_tip: Vector
     rigid_moments: Triple
     length: Number
     tip_radius: Number
@@ -112,6 +124,7 @@ class CartesianEquations(Equations):
             gram=gram,
             first_moments=mass * t.mean + tip_mass * tip,
             first=first,
+            at_tip=jnp.asarray(t.tip),
             rigid_moments=rotor.rigid_moments,
             length=length,
             tip_radius=end,
@@ -127,6 +140,18 @@ class CartesianEquations(Equations):
             own=own,
             model=model,
         )
+
+    @property
+    def kernel(self) -> Self | None:
+        # What derives from this, or from an elasticity, may not be written for lanes.
+        suits = type(self) is CartesianEquations and vars(type(self.elasticity)).get("takes_lanes")
+        if not suits or len(self.gram) > LARGE or isinstance(self.mass, SmallMatrix):
+            return None
+        kept = SmallMatrix(self.mass), None, None
+        small: Self = eqx.tree_at(
+            lambda s: (s.mass, s.shapes, s.own), self, kept, is_leaf=lambda leaf: leaf is None
+        )
+        return small
 
     @property
     def functions(self) -> Shapes | None:
@@ -161,67 +186,84 @@ class CartesianEquations(Equations):
             coefficients.append(own / self.length)
         if tip_force is not None:
             coefficients[0] = coefficients[0] + tip_force[0]
-        return jnp.tensordot(jnp.stack(coefficients) / self.length, self.stiffening, 1)
+        terms = jnp.stack(jnp.broadcast_arrays(*coefficients)) / self.length
+        return weighted_sum(terms, self.stiffening)
 
     @property
     def is_linear(self) -> bool:
         return isinstance(self.elasticity, LinearElasticity)
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
-        one_hot, w = self.model.one_hot, _turning(hub)
-        coriolis = 2 * skew(hub.angular_velocity)
-        carried = (
-            hub.acceleration[None] * self.first_moments[:, None]
-            + w[:, 0][None] * self.first[:, None]
-        )
-        moving = self.gram @ jnp.concatenate([one_hot * q[:, None], one_hot * v[:, None]], 1)
-        inertial = moving[:, :3] @ w.T + moving[:, 3:] @ coriolis.T + carried
-        out = -jnp.sum(inertial * one_hot, 1) - self.elasticity.force(q)
+        w, coriolis = hub_matrices(hub)
+        carried = self._along(hub.acceleration) * self.first_moments
+        carried = carried + self._along(w[:, 0]) * self.first
+        inertial = self._carried((w, q), (coriolis, v))
+        out = -(inertial + carried) - self.elasticity.force(q)
         if tip_force is not None:
-            out = out + self.shape_integrals.tip * (one_hot @ tip_force)
+            out = out + self._along(tip_force) * self.at_tip
         if self.stiffening is not None:
-            out = out - self._tension(hub, w, tip_force) @ q
+            out = out - applied_once(self._tension(hub, w, tip_force), q)
         if self.tip_rotation is not None:
             out = out + self.tip_rotation.force(hub, q, v)
         return out
 
-    def tangents(
-        self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
-    ) -> tuple[Matrix, Matrix]:
-        w = _turning(hub)
+    def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
+        w, coriolis = hub_matrices(hub)
         k = self.inertial(w) + self.elasticity.tangent(q)
         if self.stiffening is not None:
             k = k + self._tension(hub, w, tip_force)
-        c = self.inertial(2 * skew(hub.angular_velocity))
+        c = self.inertial(coriolis)
         if self.tip_rotation is not None:
             more = self.tip_rotation.tangents(hub)
             k, c = k + more[0], c + more[1]
-        return k, c
+        return self._like_mass(k), self._like_mass(c)
+
+    def _like_mass(self, matrix: Matrix) -> Matrix | SmallMatrix:
+        return SmallMatrix(matrix) if isinstance(self.mass, SmallMatrix) else matrix
+
+    def _along(self, vector: Triple) -> Vector:
+        """The component of a vector in the direction of each coordinate."""
+        return applied(beside(self.model.one_hot, vector.ndim - 1), vector)
+
+    def _carried(self, *parts: tuple[Float[Array, "3 3 *#lanes"], Vector]) -> Vector:
+        """The sum of [B] G q of the module's docstring, B and q being each of these: rows of one
+        direction after the other, which need one row of B."""
+        out, start = [], 0
+        for c, count in enumerate(self.model.counts):
+            if count:
+                rows = self.gram[start : start + count]
+                terms = [self._along(b[c]) * q for b, q in parts]
+                out.append(applied_once(rows, functools.reduce(jnp.add, terms)))
+            start += count
+        return jnp.concatenate(out)
 
     def span_integral(self, kinks: tuple[float, ...]) -> FunctionSpanIntegral:
         model, edges = self.model, tuple(sorted({0.0, 0.25, 0.5, 0.75, 1.0, *kinks}))
         at = self._at(model.functions_from.rule(model.products, edges).xi)
         return FunctionSpanIntegral(at.value, at.slope, self.length, model, edges)
 
-    def inertial(self, b: Float[Array, "3 3"]) -> Matrix:
+    def inertial(self, b: Float[Array, "3 3 *#lanes"]) -> Matrix:
         """[B] G of the module's docstring."""
-        one_hot = self.model.one_hot
-        return (one_hot @ b @ one_hot.T) * self.gram
+        one_hot = beside(self.model.one_hot, b.ndim - 2)
+        return product(product(one_hot, b), one_hot.swapaxes(0, 1)) * self.gram
 
-    def _tension(self, hub: Hub, w: Float[Array, "3 3"], tip_force: Triple | None) -> Matrix:
+    def _tension(
+        self, hub: Hub, w: Float[Array, "3 3 *#lanes"], tip_force: Triple | None
+    ) -> Matrix:
         return self.motion_stiffness(hub.acceleration[0], -w[0, 0], tip_force)
 
     def elastic_force(self, q: Vector) -> Vector:
         return self.elasticity.force(q)
 
-    def elastic_tangent(self, q: Vector) -> Matrix:
-        return self.elasticity.tangent(q)
+    def elastic_tangent(self, q: Vector) -> Any:
+        return self._like_mass(self.elasticity.tangent(q))
 
     def viscous_force(self, q: Vector, v: Vector) -> Vector:
         return self.elasticity.viscous(q, v)
 
-    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
-        return self.elasticity.viscous_tangents(q, v)
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Any, Any]:
+        by_q, by_v = self.elasticity.viscous_tangents(q, v)
+        return self._like_mass(by_q), self._like_mass(by_v)
 
     def strain_energy(self, q: Vector) -> Scalar:
         return self.elasticity.energy(q)
@@ -229,54 +271,55 @@ class CartesianEquations(Equations):
     def nonconservative_force(self, q: Vector) -> Vector:
         return self.elasticity.nonconservative_force(q)
 
-    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        """T = int |v + omega x (X a1 + u) + u'|^2 dm / 2 by moments of u and u'."""
-        one_hot = self.model.one_hot
-        at, moving = one_hot * q[:, None], one_hot * v[:, None]
-        g_moving = self.gram @ moving
-        moment, rate = self.first_moments @ at, self.first_moments @ moving
-        first = self.first @ at
-        second = jnp.asarray(at.T @ (self.gram @ at))
-        second = second.at[0].add(first).at[:, 0].add(first)
-        # int (X a1 + u)_c u'_d dm
-        mixed = jnp.asarray(at.T @ g_moving).at[0].add(self.first @ moving)
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+        """T = int |v + omega x (X a1 + u) + u'|^2 dm / 2, with S = omega~ and S^T S = |omega|^2 -
+        omega omega^T:
+
+        int |u'|^2 dm / 2 + int (S^T v + S^T S X a1).u + v.u' dm + int u.S^T S u / 2 - u.S u' dm
+            - int X a1.S u' dm.
+        """
+        spun = skew(spin)
+        back = spun.swapaxes(0, 1)  # S^T
+        away = product(back, spun)
+        shift = applied(back, velocity)
+        moving = self._carried((beside(np.eye(3), spin.ndim - 1), v))
+        out = total(v * moving) / 2 + total(q * self._carried((away / 2, q), (-spun, v)))
+        at, rate = self._along(shift) * q, self._along(velocity) * v
+        out = out + total(self.first_moments * (at + rate))
+        out = out + total(self.first * (self._along(away[0]) * q - self._along(spun[0]) * v))
         if self.stiffening is not None:
-            zero, one = jnp.zeros_like(self.length), jnp.ones_like(self.length)
-            short = self.motion_stiffness(-one, zero, None)  # -1/2 q.D q = int w dm
-            short_first = self.motion_stiffness(zero, one, None)  # ... = int X w dm
-            moment = moment.at[0].add(-q @ short @ q / 2)
-            rate = rate.at[0].add(-q @ short @ v)
-            second = second.at[0, 0].add(-q @ short_first @ q)
-        # |omega x r|^2 = tr(w~ r r^T w~^T)
-        spun = skew(spin) @ second
-        own: Any = 0.0
-        if self.tip_rotation is not None:
-            own = self.tip_rotation.energy(q, v, spin)
-        return (
-            own
-            + velocity @ (skew(spin) @ moment)
-            + velocity @ rate
-            + jnp.sum(skew(spin) * spun) / 2
-            - jnp.sum(skew(spin) * mixed)  # spin . int (X a1 + u) x u' dm
-            + jnp.sum(moving * g_moving) / 2
-        )
+            # The beam is shorter along a1 by w, int w dm = q.D q / 2 and int X w dm = q.E q / 2
+            # with what is motion stiffness for a1(X) = -1 and for X.
+            at = applied_once(self.motion_stiffness(-shift[0] / 2, away[0, 0] / 2, None), q)
+            rate = applied_once(self.motion_stiffness(-velocity[0], 0 * velocity[0], None), v)
+            out = out - total(q * (at + rate))
+        return out if self.tip_rotation is None else out + self.tip_rotation.energy(q, v, spin)
 
     def first_moment(self, q: Vector) -> Triple:
-        out = self.first_moments @ (self.model.one_hot * q[:, None])
+        out = self._sum(self.first_moments * q)
         if self.stiffening is not None:
             one = jnp.ones_like(self.length)
-            out = out.at[0].add(-q @ self.motion_stiffness(-one, 0 * one, None) @ q / 2)
+            out = self._shortened(out, self.motion_stiffness(-one, 0 * one, None), q)
         return out
 
     def tip(self, q: Vector) -> Triple:
         """Displacement of the tip, to second order with `stiffening`, as the kinetic energy has
         it."""
-        out = self.shape_integrals.tip @ (self.model.one_hot * q[:, None])
+        out = self._sum(self.at_tip * q)
         if self.stiffening is not None:
             zero = jnp.zeros_like(self.length)
-            pull = self.motion_stiffness(zero, zero, jnp.ones(3, q.dtype))
-            out = out.at[0].add(-q @ pull @ q / 2)
+            pull = self.motion_stiffness(zero, zero, jnp.stack([1 + zero, zero, zero]))
+            out = self._shortened(out, pull, q)
         return out
+
+    def _sum(self, each: Vector) -> Triple:
+        """The vector of numbers along the direction of each coordinate."""
+        return applied(beside(self.model.one_hot.T, each.ndim - 1), each)
+
+    def _shortened(self, vector: Triple, matrix: Matrix, q: Vector) -> Triple:
+        """The vector, less q.matrix q / 2 along the beam."""
+        less = total(q * applied_once(matrix, q)) / 2
+        return vector - beside(np.eye(3)[0], less.ndim) * less[None]
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
         """Displacement; of arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
@@ -308,9 +351,3 @@ class CartesianEquations(Equations):
 
 def _outer(x: Vector | np.ndarray) -> Any:
     return x[:, None] * x[None]
-
-
-def _turning(hub: Hub) -> Float[Array, "3 3"]:
-    """W = w~ w~ + w~', the acceleration of a point at rest in the hub by its position."""
-    k = skew(hub.angular_velocity)
-    return k @ k + skew(hub.angular_velocity_rate)

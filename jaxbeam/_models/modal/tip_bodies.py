@@ -26,11 +26,12 @@ from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.modal.shape_integrals import one_hots
 from jaxbeam._numerics.loose import symmetric_part
+from jaxbeam._programs.lanes import applied_once, total
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._rotor.spanwise import along
-from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
+from jaxbeam._types import Matrix, Number, Triple, Vector
 
 
 class TipRotation(eqx.Module):
@@ -81,26 +82,31 @@ class TipRotation(eqx.Module):
         (_, c, s), (lag, flap) = self.first, self.slopes
         return c * flap - s * lag, c * lag + s * flap
 
-    def energy(self, q: Vector, v: Vector, spin: Triple) -> Scalar:
+    def energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
         """Kinetic energy to second order, without that of the rigid beam."""
         rise, square = self._along(spin)
-        out = rise @ q + q @ square @ q / 2
+        out = total(rise * q) + total(q * applied_once(square, q)) / 2
         if self.winding is not None:
-            out = out + self.axial * spin[0] * (q @ (self.winding - self._swept / 2) @ v)
+            wound = applied_once(self.winding - self._swept / 2, v)
+            out = out + self.axial * spin[0] * total(q * wound)
         if self.excess is None:
             return out
         g, h = self._bent
-        p, rate_about = self.first @ spin, -(g @ v + spin[0] * (h @ q))
-        own = p * rate_about + rate_about**2 / 2 + p * (q @ self._across(spin) @ q) / 2
+        p, rate_about = total(self.first * spin), -(total(g * v) + spin[0] * total(h * q))
+        across = total(q * applied_once(self._across(spin), q))
+        own = p * rate_about + rate_about**2 / 2 + p * across / 2
         return out + self.excess * own
 
     def force(self, hub: Hub, q: Vector, v: Vector) -> Vector:
         """-d/dt dT/dq' + dT/dq, but for what the mass matrix says."""
         stiffness, damping = self.tangents(hub)
-        out = self._along(hub.angular_velocity)[0] - stiffness @ q - damping @ v
+        out = self._along(hub.angular_velocity)[0]
+        out = out - applied_once(stiffness, q) - applied_once(damping, v)
         if self.excess is not None:
             g, h = self._bent
-            p, rate = (self.first @ a for a in (hub.angular_velocity, hub.angular_velocity_rate))
+            p, rate = (
+                total(self.first * a) for a in (hub.angular_velocity, hub.angular_velocity_rate)
+            )
             out = out + self.excess * (rate * g - hub.angular_velocity[0] * p * h)
         return out
 
@@ -116,8 +122,8 @@ class TipRotation(eqx.Module):
         g, h = self._bent
         crossed = g[:, None] * h[None]
         more = rate[0] * crossed - spin[0] ** 2 * _outer(h)
-        more = more - (self.first @ spin) * self._across(spin)
-        damping = damping + self.excess * spin[0] * (crossed - crossed.T)
+        more = more - total(self.first * spin) * self._across(spin)
+        damping = damping + self.excess * spin[0] * (crossed - crossed.swapaxes(0, 1))
         return stiffness + self.excess * more, damping
 
     @property
@@ -140,9 +146,10 @@ class TipRotation(eqx.Module):
         g, h = self._bent
         if self.winding is None:
             return jnp.zeros_like(self._swept)
-        p, r = self.first @ spin, self.second @ spin
+        p, r = total(self.first * spin), total(self.second * spin)
         crossed = g[:, None] * h[None]
-        return r * (self.winding - symmetric_part(crossed)) - p * _outer(h)
+        crossed = (crossed + crossed.swapaxes(0, 1)) / 2
+        return r * (self.winding - crossed) - p * _outer(h)
 
 
 def _winding(rotor: Rotor, shapes: Shapes) -> Matrix:

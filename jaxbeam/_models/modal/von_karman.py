@@ -1,52 +1,81 @@
 """Elastic energy of the von Karman strain, which is quartic in the coordinates."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.elasticity import Elasticity
-from jaxbeam._models.contract.strained import viscous
-from jaxbeam._types import Matrix, Number, Scalar, Vector
+from jaxbeam._programs.lanes import applied_once, product, total
+from jaxbeam._types import Matrix, Number, Vector
 
 
 class VonKarmanElasticity(Elasticity):
     """U = EA L int strain^2 dx / 2 + q . bending q / 2, strain = u1' + (u2'^2 + u3'^2) / 2."""
 
+    takes_lanes: ClassVar[bool] = True
     bending: Matrix
     axial_stiffness: Number
     length: Number
-    slope: Float[Array, "p n"]
-    weight: Float[Array, " p"]  # of a point, over the axial stiffness times that which is there
-    one_hot: Float[Array, "n 3"]
+    slope: Float[Array, "p n *#lanes"]
+    # Of a point, over the axial stiffness times that which is there.
+    weight: Float[Array, "p *#lanes"]
+    one_hot: Float[Array, "n 3 *#lanes"]
 
-    def energy(self, q: Vector) -> Scalar:
-        stretch = jnp.sum(self.weight * self.strain(self._gradient(q)) ** 2)
-        return self.axial_stiffness * self.length * stretch / 2 + q @ self.bending @ q / 2
+    def energy(self, q: Vector) -> Number:
+        stretch = total(self.weight * self.strain(self._gradient(q)) ** 2)
+        bent = total(q * applied_once(self.bending, q))
+        return self.axial_stiffness * self.length * stretch / 2 + bent / 2
 
     def force(self, q: Vector) -> Vector:
         gradient = self._gradient(q)
-        tension = self.axial_stiffness * self.weight * self.strain(gradient)
-        along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
-        pull = self.slope.T @ (tension[:, None] * along)  # (n, 3): work along each direction
-        return jnp.sum(pull * self.one_hot, 1) + self.bending @ q
+        return self._pulled(gradient, self.strain(gradient)) + applied_once(self.bending, q)
 
     def tangent(self, q: Vector) -> Matrix:
         gradient = self._gradient(q)
-        along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
-        rows = self.slope * (along @ self.one_hot.T)  # d strain / dq, times length
-        weight = self.axial_stiffness / self.length * self.weight
-        geometric = self.slope.T @ ((weight * self.strain(gradient))[:, None] * self.slope)
-        bends = self.one_hot[:, 1:] @ self.one_hot[:, 1:].T
-        return rows.T @ (weight[:, None] * rows) + geometric * bends + self.bending
+        rows = self._rows(gradient)
+        return self._product(rows, rows) + self._held(self.strain(gradient)) + self.bending
 
     def viscous(self, q: Vector, v: Vector) -> Vector:
-        def strain(q: Vector) -> Array:
-            return self.strain(self._gradient(q))
+        gradient = self._gradient(q)
+        return self._pulled(gradient, self._rate(gradient, v)) + applied_once(self.bending, v)
 
-        stiffness = self.axial_stiffness * self.length * self.weight
-        return viscous(strain, lambda rate: stiffness * rate, q, v) + self.bending @ v
+    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
+        gradient, moving = self._gradient(q), self._gradient(v)
+        rows, bends = self._rows(gradient), self._rows(moving) - self._rows(0 * moving)
+        by_q = self._product(rows, bends) + self._held(self._rate(gradient, v))
+        return by_q, self._product(rows, rows) + self.bending
 
-    def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
-        return gradient[:, 0] + jnp.sum(gradient[:, 1:] ** 2, 1) / 2
+    def strain(self, gradient: Float[Array, "p 3 *lanes"]) -> Float[Array, "p *lanes"]:
+        return gradient[:, 0] + (gradient[:, 1] ** 2 + gradient[:, 2] ** 2) / 2
 
-    def _gradient(self, q: Vector) -> Float[Array, "p 3"]:
-        return self.slope @ (self.one_hot * q[:, None]) / self.length
+    def _gradient(self, q: Vector) -> Float[Array, "p 3 *lanes"]:
+        return product(self.slope, self.one_hot * q[:, None]) / self.length
+
+    def _rows(self, gradient: Float[Array, "p 3 *lanes"]) -> Float[Array, "p n *lanes"]:
+        """d strain / dq, times length."""
+        along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
+        return self.slope * product(along, self.one_hot.swapaxes(0, 1))
+
+    def _rate(self, gradient: Float[Array, "p 3 *lanes"], v: Vector) -> Float[Array, "p *lanes"]:
+        """The rate of the strain."""
+        return applied_once(self._rows(gradient), v) / self.length
+
+    def _pulled(
+        self, gradient: Float[Array, "p 3 *lanes"], strain: Float[Array, "p *lanes"]
+    ) -> Vector:
+        """What a strain does on the coordinates."""
+        rows = self._rows(gradient).swapaxes(0, 1)
+        return applied_once(rows, self.axial_stiffness * self.weight * strain)
+
+    def _product(
+        self, rows: Float[Array, "p n *lanes"], others: Float[Array, "p n *lanes"]
+    ) -> Matrix:
+        weight = self.axial_stiffness / self.length * self.weight
+        return product(rows.swapaxes(0, 1), weight[:, None] * others)
+
+    def _held(self, strain: Float[Array, "p *lanes"]) -> Matrix:
+        """The derivative of `_rows` by q, times what belongs to a strain."""
+        bends = self.one_hot[:, 1:]
+        alike = product(bends, bends.swapaxes(0, 1))
+        return self._product(self.slope, strain[:, None] * self.slope) * alike

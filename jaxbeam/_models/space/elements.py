@@ -19,7 +19,7 @@ angle, L^2 times a twist. Any array may have further axes, of lanes, behind thos
 (see `kernel`).
 """
 
-from typing import ClassVar
+from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -36,21 +36,18 @@ from jaxbeam._models.space.energies import elongation, section_angles
 from jaxbeam._models.space.frames import A1, axes
 from jaxbeam._models.space.nodes import (
     Nodes,
-    applied,
-    centrifugal_matrix,
     components,
-    cross_matrix,
     mass_rows,
     mixed_rows,
     of_elements,
 )
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import applied, beside, contract, total
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.loads import TipLoad
-from jaxbeam._rotor.motion import Hub
+from jaxbeam._rotor.motion import Hub, hub_matrices, skew
 from jaxbeam._types import Number, Triple, Vector
 
 
@@ -70,8 +67,6 @@ class SpatialEquations(SpatialElasticity):
     tip_mass: Float[Array, "2 2 *#lanes"]
     tip_polar: Number
     axes: Float[Array, "3 3 *#lanes"] | None  # rows: of the beam in those of the hub
-
-    takes_lanes: ClassVar[bool] = True
 
     def __init__(self, rotor: Rotor, n_elements: int) -> None:
         length = rotor.beam.length
@@ -108,6 +103,10 @@ class SpatialEquations(SpatialElasticity):
         )
 
     @property
+    def kernel(self) -> Self:
+        return self
+
+    @property
     def undeformed(self) -> Undeformed:
         """The beam that points from the hub along its own axis, where that is not a1."""
         if self.axes is None:
@@ -125,8 +124,8 @@ class SpatialEquations(SpatialElasticity):
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | TipLoad | None) -> Vector:
         hub = self._hub(hub)
         place, speed = self.straight + self._nodes(q), self._nodes(v)
-        skew_spin = 2 * cross_matrix(hub.angular_velocity)
-        field = self._by(centrifugal_matrix(hub), place) + self._by(skew_spin, speed)
+        centrifugal, coriolis = hub_matrices(hub)
+        field = self._by(centrifugal, place) + self._by(coriolis, speed)
         twist = self.length * hub.angular_velocity_rate[:1]
         field = field + self._constant(jnp.concatenate([hub.acceleration, twist]))
         own = self.sections.by_element(
@@ -142,11 +141,8 @@ class SpatialEquations(SpatialElasticity):
         self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | TipLoad | None
     ) -> tuple[BlockTridiagonal, BlockTridiagonal]:
         hub = self._hub(hub)
-        hub_matrices = (
-            self._four(centrifugal_matrix(hub)),
-            self._four(2 * cross_matrix(hub.angular_velocity)),
-        )
-        k, c = (self._matrix(mixed_rows(self.gram, skew_spin)) for skew_spin in hub_matrices)
+        both = (self._four(matrix) for matrix in hub_matrices(hub))
+        k, c = (self._matrix(mixed_rows(self.gram, mixing)) for mixing in both)
         k = k + self.elastic_tangent(q)
         if isinstance(tip_force, TipLoad):
             k = k + self._matrix(-self._pushed_tangent(tip_force, q))
@@ -159,7 +155,7 @@ class SpatialEquations(SpatialElasticity):
         """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u', and for the
         twist j (a' + omega_1)^2 / 2 without what is there when it rests."""
         velocity, spin = self._inward(velocity), self._inward(spin)
-        skew_spin = cross_matrix(spin)
+        skew_spin = skew(spin)
         own = self._nodes(v) + self._by(skew_spin, self._nodes(q))
         roll = jnp.concatenate([velocity, self.length * spin[:1]])
         carried = self._by(skew_spin, self.straight) + self._constant(roll)

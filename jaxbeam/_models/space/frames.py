@@ -16,10 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.space.nodes import cross_matrix
 from jaxbeam._models.space.points import Points
 from jaxbeam._programs.lanes import beside, contract, held, total
-from jaxbeam._rotor.motion import cross
+from jaxbeam._rotor.motion import cross, skew
 from jaxbeam._types import Number, Triple
 
 Local = Float[Array, "13 *lanes"]
@@ -145,8 +144,8 @@ def pulled_back_tangent(
     on_ahead = (
         unit / frame.end_size[None, None] - frame.end_size[None, None] * tip[:, None] * tip[None]
     )
-    on_ahead = cross_matrix(acting.ahead[:, 0]) - force[8][None] * on_ahead
-    by_turning = jnp.concatenate([cross_matrix(acting.chord[:, 0]), on_ahead], 1)
+    on_ahead = skew(acting.ahead[:, 0]) - force[8][None] * on_ahead
+    by_turning = jnp.concatenate([skew(acting.chord[:, 0]), on_ahead], 1)
     by_turning = jnp.pad(by_turning, ((0, 0), (1, 3), *((0, 0),) * lanes))
     change = held(jnp.concatenate([*by._replace(moment=by.moment + by_turning)]))
     change = _acting(frame, change.swapaxes(0, 1), n_elements).by_node(frame).swapaxes(0, 1)

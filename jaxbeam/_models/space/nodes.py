@@ -4,13 +4,10 @@
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
-from jaxbeam._programs.lanes import beside, contract
-from jaxbeam._rotor.motion import Hub, cross
-from jaxbeam._types import Triple
+from jaxbeam._programs.lanes import beside
 
 Nodes = Float[Array, "k 2 4 *#lanes"]  # in m: value and L times slope, by component
 # Components of a node: those that a clamped root has not come first, see `SpatialEquations`.
@@ -23,25 +20,6 @@ def components(in_plane_yields: bool, flap_yields: bool) -> tuple[Ways, int]:
     coordinates."""
     ways = FLAP_FIRST if in_plane_yields and not flap_yields else LAG_FIRST
     return ways, 6 - in_plane_yields - flap_yields
-
-
-def applied(matrix: Float[Array, "3 3 *#lanes"], vector: Float[Array, "3 *#lanes"]) -> Triple:
-    return contract(matrix, vector[None], 1, vector.ndim - 1)
-
-
-def cross_matrix(a: Triple) -> Float[Array, "3 3 *#lanes"]:
-    """The matrix of b -> a x b."""
-    x, y, z = a
-    none = jnp.zeros_like(x)
-    return jnp.stack([none, -z, y, z, none, -x, -y, x, none]).reshape(3, 3, *a.shape[1:])
-
-
-def centrifugal_matrix(hub: Hub) -> Float[Array, "3 3 *#lanes"]:
-    """omega~ omega~ + omega'~, the acceleration of a point at rest in the hub by its position."""
-    spin = hub.angular_velocity
-    units = np.eye(3)
-    columns = [cross(spin, cross(spin, beside(unit, spin.ndim - 1) + 0 * spin)) for unit in units]
-    return jnp.stack(columns, 1) + cross_matrix(hub.angular_velocity_rate)
 
 
 def of_elements(nodes: Nodes) -> Float[Array, "E 2 2 4 *#lanes"]:
