@@ -37,8 +37,8 @@ def run(inputs: Inputs, settings: Settings) -> Run:
     The derivative of what was computed, to rounding: each step that was kept is transposed, with
     its length as it is (as in diffrax, error control carries no derivatives). Before each step the
     state is written down: `ROWS` = 1024 states at most; where steps are more, every 2nd, 4th, ...
-    is, and those between are computed once more. Besides, a number for each of `max_steps`, three
-    where something may jump.
+    is, and those between are computed once more. Besides, a number for each of `max_steps`, and
+    half of one more where something may jump.
 
     Derivatives of derivatives: forward over reverse.
     """
@@ -89,11 +89,9 @@ class _Sweep(NamedTuple):
 
     def advance(self, moving: Any, row: Array, k: Array) -> tuple[Array, Step]:
         """Makes step k anew from the state in `row`; returns the state after it, and the step."""
-        settings, ends = self.settings, self.tape.ends[k]
+        settings, t1 = self.settings, self.tape.ends[k]
         own: Inputs = eqx.combine(moving, self.still)
-        t1, jumped = ends[0], ends[2] > 0 if settings.jumps else False
-        # Where nothing jumps steps follow one another.
-        t0 = ends[1] if settings.jumps else self.tape.ends[jnp.maximum(k - 1, 0), 0]
+        t0, jumped = self.tape.start_of(k)
         t0 = jnp.where(k == 0, own.start, t0)
         t1 = jnp.where((k == self.steps - 1) & self.finished, own.times[-1], t1)
         y, solver_state = self.unpack(row)
@@ -137,7 +135,7 @@ class _Sweep(NamedTuple):
 
         Returns the last one before the step, and the cotangents of the step and of the times.
         """
-        before = jnp.where(k > 0, self.tape.ends[k - 1, 0], -jnp.inf)
+        before = jnp.where(k > 0, self.tape.ends[k - 1], -jnp.inf)
 
         def here(i: Array) -> Array:
             return down & (i > 0) & (self.times[i] > before)
@@ -236,5 +234,5 @@ def _begin(
 
 def _reached(times: Array, tape: Tape, count: Array) -> Array:
     """The last output within the steps that were made."""
-    end = tape.ends[jnp.maximum(count - 1, 0), 0]
+    end = tape.ends[jnp.maximum(count - 1, 0)]
     return jnp.where(count > 0, jnp.sum(times <= end) - 1, 0)

@@ -106,7 +106,19 @@ class Tape(NamedTuple):
     """What is written down of each step for reverse mode, with a row for what is not to be kept."""
 
     rows: Float[Array, "C r"]  # state of the equations and the solver before a step, see `tape_row`
-    ends: Float[Array, "K e"]  # end of each step; its start and a jump there, where one may be
+    ends: Float[Array, " K"]  # end of each step
+    # What lies between the end of the step before and its start, less than nothing after a jump;
+    # where one may be. Few units of rounding as it is, it is exact in 32 bits, too: room for steps
+    # that are not made costs time, since it is filled with zeros.
+    gaps: Float[Array, " K"] | None
+
+    def start_of(self, k: Array) -> tuple[Array, Array | bool]:
+        """Start of the k-th step, which is not the first, and whether something jumped there."""
+        before = self.ends[jnp.maximum(k - 1, 0)]
+        if self.gaps is None:
+            return before, False
+        gap = self.gaps[k]
+        return before + jnp.abs(gap).astype(before.dtype), gap < 0
 
 
 class LoopState(NamedTuple):
@@ -279,8 +291,11 @@ class _Stepping(NamedTuple):
         if now.tape is None:
             return None
         row = as_row(now.y, now.solver_state)
-        jumped = [now.t0, now.jumped.astype(now.t0.dtype)] if self.settings.jumps else []
-        return _written(now.tape, row, jnp.stack([now.t1, *jumped]), now.run.kept, kept)
+        gap = None
+        if self.settings.jumps:
+            gap = jnp.maximum(now.t0 - now.run.t, 0.0).astype(jnp.float32)
+            gap = jnp.where(now.jumped, -jnp.maximum(gap, jnp.finfo(gap.dtype).tiny), gap)
+        return _written(now.tape, row, now.t1, gap, now.run.kept, kept)
 
 
 def _where(which: Array, a: Any, b: Any) -> Any:
@@ -330,8 +345,9 @@ def empty_tape(settings: Settings, inputs: Inputs) -> Tape:
     row = as_row(inputs.y0, solver_state_of(settings, inputs))
     # So many that spans between rows are no longer than there are rows.
     rows = min(max(ROWS, _power(int((2 * steps) ** 0.5))), _power(steps))
-    ends = jnp.zeros((steps + 1, 3 if settings.jumps else 1), inputs.times.dtype)
-    return Tape(jnp.zeros((rows + 1, row.size), row.dtype), ends)
+    ends = jnp.zeros(steps + 1, inputs.times.dtype)
+    gaps = jnp.zeros(steps + 1, jnp.float32) if settings.jumps else None
+    return Tape(jnp.zeros((rows + 1, row.size), row.dtype), ends, gaps)
 
 
 def solver_state_of(settings: Settings, inputs: Inputs) -> Any:
@@ -370,11 +386,12 @@ def tape_row(k: Array, rows: int) -> Array:
     return jnp.where(m > 0, ((j % share) << m) + half + j // share, k)
 
 
-def _written(tape: Tape, row: Array, ends: Array, k: Array, kept: Array) -> Tape:
+def _written(tape: Tape, row: Array, end: Array, gap: Array | None, k: Array, kept: Array) -> Tape:
     rows, steps = len(tape.rows) - 1, len(tape.ends) - 1
     whole = k & ((1 << checkpoint_level(k, rows).astype(k.dtype)) - 1) == 0
-    at = jnp.where(kept & whole, tape_row(k, rows), rows)
+    at, k = jnp.where(kept & whole, tape_row(k, rows), rows), jnp.where(kept, k, steps)
     return Tape(
         jax.lax.dynamic_update_index_in_dim(tape.rows, row, at, 0),
-        jax.lax.dynamic_update_index_in_dim(tape.ends, ends, jnp.where(kept, k, steps), 0),
+        jax.lax.dynamic_update_index_in_dim(tape.ends, end, k, 0),
+        None if gap is None else jax.lax.dynamic_update_index_in_dim(tape.gaps, gap, k, 0),
     )
