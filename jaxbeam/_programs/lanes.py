@@ -129,14 +129,19 @@ def _backwards(
 
 def product(a: Float[Array, "a b *#lanes"], b: Float[Array, "b c *#lanes"]) -> Array:
     """The product of two matrices, in the form that a kernel bears where this is in one."""
-    if not _IN_KERNEL.get():
-        return a @ b
-    return contract(a[:, :, None], b[None], 1, max(a.ndim, b.ndim) - 2)
+    lanes = max(a.ndim, b.ndim) - 2
+    return contract(a[:, :, None], b[None], 1, lanes) if _is_written_out(lanes) else a @ b
 
 
 def applied(a: Float[Array, "a b *#lanes"], x: Float[Array, "b *#lanes"]) -> Array:
     """The product of a matrix and a vector, as `product`."""
-    return contract(a, x[None], 1, x.ndim - 1) if _IN_KERNEL.get() else a @ x
+    lanes = x.ndim - 1
+    return contract(a, x[None], 1, lanes) if _is_written_out(lanes) else a @ x
+
+
+def _is_written_out(lanes: int) -> bool:
+    """Whether a product with so many axes of lanes is none for a library."""
+    return lanes > 0 or _IN_KERNEL.get()
 
 
 def applied_once(a: Float[Array, "a b *#lanes"], x: Float[Array, "b *#lanes"]) -> Array:
@@ -149,9 +154,10 @@ def weighted_sum(
     weights: Float[Array, "k *#lanes"], tables: Float[Array, "k n n *#lanes"]
 ) -> Array:
     """The sum of matrices with weights, which are computed once."""
-    if not _IN_KERNEL.get():
+    lanes = weights.ndim - 1
+    if not _is_written_out(lanes):
         return jnp.tensordot(weights, tables, 1)
-    return contract(held(weights)[:, None, None], tables, 0, weights.ndim - 1)
+    return contract(held(weights)[:, None, None], tables, 0, lanes)
 
 
 def beside(table: Any, axes: int) -> Any:
