@@ -34,7 +34,7 @@ class VonKarmanElasticity(Elasticity):
     def tangent(self, q: Vector) -> Matrix:
         gradient = self._gradient(q)
         rows = self._rows(gradient)
-        return self._product(rows, rows) + self._held(self.strain(gradient)) + self.bending
+        return self._product(rows, rows) + self._geometric(self.strain(gradient)) + self.bending
 
     def viscous(self, q: Vector, v: Vector) -> Vector:
         gradient = self._gradient(q)
@@ -43,7 +43,7 @@ class VonKarmanElasticity(Elasticity):
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
         gradient, moving = self._gradient(q), self._gradient(v)
         rows, bends = self._rows(gradient), self._rows(moving) - self._rows(0 * moving)
-        by_q = self._product(rows, bends) + self._held(self._rate(gradient, v))
+        by_q = self._product(rows, bends) + self._geometric(self._rate(gradient, v))
         return by_q, self._product(rows, rows) + self.bending
 
     def strain(self, gradient: Float[Array, "p 3 *lanes"]) -> Float[Array, "p *lanes"]:
@@ -74,8 +74,8 @@ class VonKarmanElasticity(Elasticity):
         weight = self.axial_stiffness / self.length * self.weight
         return product(rows.swapaxes(0, 1), weight[:, None] * others)
 
-    def _held(self, strain: Float[Array, "p *lanes"]) -> Matrix:
-        """The derivative of `_rows` by q, times what belongs to a strain."""
+    def _geometric(self, strain: Float[Array, "p *lanes"]) -> Matrix:
+        """What a strain does as stiffness, by the derivative of `_rows` by q."""
         bends = self.one_hot[:, 1:]
         alike = product(bends, bends.swapaxes(0, 1))
         return self._product(self.slope, strain[:, None] * self.slope) * alike
