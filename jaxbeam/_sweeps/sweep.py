@@ -61,9 +61,10 @@ def sweep(
     `executor` is a `concurrent.futures.Executor` whose workers compute the chunks instead, each
     with its default device: of Dask (`client.get_executor()`), of `mpi4py.futures`, or, since those
     of the standard library end with a worker that dies, a function that makes one:
-    `executor=lambda: ProcessPoolExecutor(8, multiprocessing.get_context("spawn"))`. The function is
-    pickled once. The chunk of a worker that died is sent again; one that three workers died of is
-    given up: its cases get `Status.RAISED`, a folder holds them as missing, the others are kept.
+    `executor=lambda: ProcessPoolExecutor(8, multiprocessing.get_context("spawn"))`, or
+    `lambda: loky.get_reusable_executor(8)`. The function is pickled once. The chunk of a worker
+    that died is sent again; one that three workers died of is given up: its cases get
+    `Status.RAISED`, a folder holds them as missing, the others are kept.
 
     The numbers depend neither on devices nor on workers of the same kind.
 

@@ -5,7 +5,10 @@ import importlib
 import multiprocessing
 import os
 import random
+import shutil
 import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -218,6 +221,57 @@ def test_processes_of_the_standard_library(tmp_path):
     raised = jb.sweep(raising, CASES, chunk=4, executor=processes, folder=tmp_path)
     assert_same(jb.sweep(raising, CASES, chunk=4), raised)
     assert_same(jb.Table.load(tmp_path), raised)
+
+
+@pytest.mark.exhaustive
+def test_processes_of_loky(tmp_path):
+    """They begin anew when one dies."""
+    loky = pytest.importorskip("loky")
+
+    def pool():
+        return loky.get_reusable_executor(2)
+
+    one = jb.sweep(found_modes, CASES, chunk=4)
+    assert_same(one, jb.sweep(found_modes, CASES, chunk=4, executor=pool))
+    cases = jb.points(a=np.arange(8.0))
+    killed = jb.sweep(functools.partial(die, tmp_path, 3.0, 2), cases, chunk=2, executor=pool)
+    assert len(os.listdir(tmp_path)) == 2
+    assert_same(jb.sweep(sine, cases, chunk=2), killed)
+
+
+BY_MPI = """
+import jax
+from mpi4py.futures import MPIPoolExecutor
+import jaxbeam as jb
+from tests.sweeps.common import CASES, assert_same, found_modes
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    with MPIPoolExecutor() as pool:
+        many = jb.sweep(found_modes, CASES, chunk=4, executor=pool)
+    assert_same(jb.sweep(found_modes, CASES, chunk=4), many)
+    print("the same")
+"""
+
+
+@pytest.mark.exhaustive
+def test_processes_by_mpi(tmp_path):
+    """One that sends and two workers; `pip install mpi4py mpich` is enough for it."""
+    pytest.importorskip("mpi4py")
+    where = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    mpiexec = shutil.which("mpiexec", path=where)
+    if mpiexec is None:
+        pytest.skip("there is no mpiexec")
+    script = tmp_path / "script.py"
+    script.write_text(BY_MPI)
+    root = str(Path(jb.__file__).parents[1])
+    command = [mpiexec, "-n", "3", sys.executable, "-m", "mpi4py.futures", str(script)]
+    environment = {**os.environ, "PYTHONPATH": root, "JAX_ENABLE_X64": "1"}
+    done = subprocess.run(
+        command, cwd=root, env=environment, capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stderr
+    assert "the same" in done.stdout
 
 
 @pytest.mark.exhaustive
