@@ -19,6 +19,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Float
 
@@ -26,6 +27,8 @@ from jaxbeam._programs.platforms import is_for_cpus
 
 LARGE = 48  # rows beyond which a dense matrix is none for `kernel`
 _IN_KERNEL: ContextVar[bool] = ContextVar("in_kernel", default=False)
+# A matrix, or constants of one, with lanes behind its axes.
+Table = Float[Array, "_ _ *#lanes"] | Float[np.ndarray, "_ _ *#lanes"]
 _WRITTEN_OUT = 16  # terms of a sum beyond which a loop goes through them
 _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
@@ -127,16 +130,18 @@ def _backwards(
     return pulled(a, x) if moves[0] else None, pulled(x, a) if moves[1] else None
 
 
-def product(a: Float[Array, "a b *#lanes"], b: Float[Array, "b c *#lanes"]) -> Array:
+def product(a: Table, b: Table) -> Array:
     """The product of two matrices, in the form that a kernel bears where this is in one."""
     lanes = max(a.ndim, b.ndim) - 2
-    return contract(a[:, :, None], b[None], 1, lanes) if _is_written_out(lanes) else a @ b
+    return (
+        contract(a[:, :, None], b[None], 1, lanes) if _is_written_out(lanes) else jnp.asarray(a @ b)
+    )
 
 
-def applied(a: Float[Array, "a b *#lanes"], x: Float[Array, "b *#lanes"]) -> Array:
+def applied(a: Table, x: Float[Array, "b *#lanes"]) -> Array:
     """The product of a matrix and a vector, as `product`."""
     lanes = x.ndim - 1
-    return contract(a, x[None], 1, lanes) if _is_written_out(lanes) else a @ x
+    return contract(a, x[None], 1, lanes) if _is_written_out(lanes) else jnp.asarray(a @ x)
 
 
 def _is_written_out(lanes: int) -> bool:
@@ -144,7 +149,7 @@ def _is_written_out(lanes: int) -> bool:
     return lanes > 0 or _IN_KERNEL.get()
 
 
-def applied_once(a: Float[Array, "a b *#lanes"], x: Float[Array, "b *#lanes"]) -> Array:
+def applied_once(a: Table, x: Float[Array, "b *#lanes"]) -> Array:
     """The same, `held`: neither are its factors made anew for each row, nor is it for each use, and
     a loop over lanes has no more in it than compilers vectorise."""
     return held(applied(a, held(x)))

@@ -36,6 +36,7 @@ from jaxbeam._models.modal.tip_bodies import TipRotation
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import (
     LARGE,
+    Table,
     applied,
     applied_once,
     beside,
@@ -47,7 +48,7 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, hub_matrices, skew
 from jaxbeam._rotor.span import tension
-from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
+from jaxbeam._types import Matrix, Number, Triple, Vector
 
 
 class CartesianEquations(Equations):
@@ -170,7 +171,7 @@ class CartesianEquations(Equations):
             return out
         return out._replace(inertia=out.inertia + self.tip_rotation.inertia)
 
-    def motion_stiffness(self, axial: Scalar, spin2: Scalar, tip_force: Triple | None) -> Matrix:
+    def motion_stiffness(self, axial: Number, spin2: Number, tip_force: Triple | None) -> Matrix:
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
         assert self.stiffening is not None
         body = self.tip_body
@@ -225,7 +226,7 @@ class CartesianEquations(Equations):
         """The component of a vector in the direction of each coordinate."""
         return applied(beside(self.model.one_hot, vector.ndim - 1), vector)
 
-    def _carried(self, *parts: tuple[Float[Array, "3 3 *#lanes"], Vector]) -> Vector:
+    def _carried(self, *parts: tuple[Table, Vector]) -> Vector:
         """The sum of [B] G q of the module's docstring, B and q being each of these: rows of one
         direction after the other, which need one row of B."""
         out, start = [], 0
@@ -265,7 +266,7 @@ class CartesianEquations(Equations):
         by_q, by_v = self.elasticity.viscous_tangents(q, v)
         return self._like_mass(by_q), self._like_mass(by_v)
 
-    def strain_energy(self, q: Vector) -> Scalar:
+    def strain_energy(self, q: Vector) -> Number:
         return self.elasticity.energy(q)
 
     def nonconservative_force(self, q: Vector) -> Vector:
@@ -282,7 +283,7 @@ class CartesianEquations(Equations):
         back = spun.swapaxes(0, 1)  # S^T
         away = product(back, spun)
         shift = applied(back, velocity)
-        moving = self._carried((beside(np.eye(3), spin.ndim - 1), v))
+        moving = self._carried((jnp.asarray(beside(np.eye(3), spin.ndim - 1)), v))
         out = total(v * moving) / 2 + total(q * self._carried((away / 2, q), (-spun, v)))
         at, rate = self._along(shift) * q, self._along(velocity) * v
         out = out + total(self.first_moments * (at + rate))
