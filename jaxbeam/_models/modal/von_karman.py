@@ -46,35 +46,35 @@ class VonKarmanElasticity(Elasticity):
         by_q = self._product(rows, bends) + self._geometric(self._rate(gradient, v))
         return by_q, self._product(rows, rows) + self.bending
 
-    def strain(self, gradient: Float[Array, "p 3 *lanes"]) -> Float[Array, "p *lanes"]:
+    def strain(self, gradient: Float[Array, "p 3 *#lanes"]) -> Float[Array, "p *#lanes"]:
         return gradient[:, 0] + (gradient[:, 1] ** 2 + gradient[:, 2] ** 2) / 2
 
-    def _gradient(self, q: Vector) -> Float[Array, "p 3 *lanes"]:
+    def _gradient(self, q: Vector) -> Float[Array, "p 3 *#lanes"]:
         return product(self.slope, self.one_hot * q[:, None]) / self.length
 
-    def _rows(self, gradient: Float[Array, "p 3 *lanes"]) -> Float[Array, "p n *lanes"]:
+    def _rows(self, gradient: Float[Array, "p 3 *#lanes"]) -> Float[Array, "p n *#lanes"]:
         """d strain / dq, times length."""
         along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
         return self.slope * product(along, self.one_hot.swapaxes(0, 1))
 
-    def _rate(self, gradient: Float[Array, "p 3 *lanes"], v: Vector) -> Float[Array, "p *lanes"]:
+    def _rate(self, gradient: Float[Array, "p 3 *#lanes"], v: Vector) -> Float[Array, "p *#lanes"]:
         """The rate of the strain."""
         return applied_once(self._rows(gradient), v) / self.length
 
     def _pulled(
-        self, gradient: Float[Array, "p 3 *lanes"], strain: Float[Array, "p *lanes"]
+        self, gradient: Float[Array, "p 3 *#lanes"], strain: Float[Array, "p *#lanes"]
     ) -> Vector:
         """What a strain does on the coordinates."""
         rows = self._rows(gradient).swapaxes(0, 1)
         return applied_once(rows, self.axial_stiffness * self.weight * strain)
 
     def _product(
-        self, rows: Float[Array, "p n *lanes"], others: Float[Array, "p n *lanes"]
+        self, rows: Float[Array, "p n *#lanes"], others: Float[Array, "p n *#lanes"]
     ) -> Matrix:
         weight = self.axial_stiffness / self.length * self.weight
         return product(rows.swapaxes(0, 1), weight[:, None] * others)
 
-    def _geometric(self, strain: Float[Array, "p *lanes"]) -> Matrix:
+    def _geometric(self, strain: Float[Array, "p *#lanes"]) -> Matrix:
         """What a strain does as stiffness, by the derivative of `_rows` by q."""
         bends = self.one_hot[:, 1:]
         alike = product(bends, bends.swapaxes(0, 1))
