@@ -29,7 +29,7 @@ LARGE = 48  # rows beyond which a dense matrix is none for `kernel`
 _IN_KERNEL: ContextVar[bool] = ContextVar("in_kernel", default=False)
 # A matrix, or constants of one, with lanes behind its axes.
 Table = Float[Array, "_ _ *#lanes"] | Float[np.ndarray, "_ _ *#lanes"]
-_WRITTEN_OUT = 16  # terms of a sum beyond which a loop goes through them
+_WRITTEN_OUT = 16  # terms of a sum that are written out one by one; where they are more, in groups
 _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
 

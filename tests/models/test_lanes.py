@@ -8,7 +8,6 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
-from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import LARGE, in_kernel
 from jaxbeam._rotor.motion import Hub
 from tests.beams import AS_BUILT, short
@@ -35,7 +34,7 @@ def _all_of(equations, hub, q, v, force):
     return (
         equations.force(hub, q, v, force), equations.damping(q, v, 0.3, 2e-3), rate,
         equations.tip_power(q, v, force), energies, equations.strain_energy(q),
-        [a.array if isinstance(a, SmallMatrix) else dense(a) for a in matrices],
+        [dense(a) for a in matrices],
     )  # fmt: skip
 
 
