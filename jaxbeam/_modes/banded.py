@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._models.bases.basis import Functions, Polynomials
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
@@ -18,6 +18,7 @@ from jaxbeam._modes import ritz
 from jaxbeam._modes.ritz import combined
 from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes, transverse
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
+from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import beside, total
 from jaxbeam._rotor.beam import Rotor
@@ -150,7 +151,7 @@ class _Polynomials(Bands):
         along = np.setdiff1d(np.arange(n), bands.places)
         self.most, self.count = most, count
         self.order, self.to_model = bands.order, np.argsort(bands.order)
-        self.by_family = np.argsort(np.append(bands.places, along))
+        self.places, self.along = bands.places, along
         self.signs = np.where(np.isin(np.arange(n), bands.places), 1.0, -1.0)
         # Without stretch there is no coupling, nor the softness that would drag along.
         self.stretch, self.n_flap = len(along), len(bands.flap[0]) if bands.flap else 0
@@ -164,10 +165,10 @@ class _Polynomials(Bands):
         """Made for the first batch: a single case does without."""
         return ritz.bending(max(self.most[Direction.IN_PLANE], self.most[Direction.FLAP]))
 
-    def _bends(self, guess: tuple[Array, Array], count: int, size: int) -> Guess:
-        """So many of the modes that were guessed, in so many polynomials."""
+    def _bends(self, guess: tuple[Array, Array], count: int, polynomials: np.ndarray) -> Guess:
+        """So many of the modes that were guessed, by coordinates of these polynomials."""
         omega, few = guess
-        functions = np.eye(size, ritz.DEGREE) @ self.few.functions
+        functions = polynomials @ self.few.functions
         return Guess(omega[:count], _guessed(few[:, :count], functions))
 
     def _sums(self, bands: BandTables) -> Float[np.ndarray, "mn t"]:
@@ -187,7 +188,8 @@ class _Polynomials(Bands):
 
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
         found, beam = self.search(_numbers(rotor, speed), named), rotor.beam
-        omega, x = found.omega * beam.frequency_scale, found.x * beam.mass**-0.5
+        x = found.x[:, self.to_model] * beam.mass**-0.5
+        omega = found.omega * beam.frequency_scale
         return Lowest(found._replace(omega=omega, x=x), rotor.steady_strain(speed))
 
     def _search(self, numbers: _Numbers, named: Named) -> Entries:
@@ -196,19 +198,21 @@ class _Polynomials(Bands):
         k, m, c = _in_plane(numbers)
         parts = ((k, 0, 7), (m, 5, 7), (c, 7, 9))[: 3 if self.stretch else 2]
         inside = Pencil(*(_summed(self.whole[i:j], a, g) for a, i, j in parts))
-        bends = self._bends(inside_guess, n_bends, len(self.signs) - self.stretch)
+        size = len(self.signs)
+        unit = _at(self.places, _unit(size - self.stretch), size)
+        bends = self._bends(inside_guess, n_bends, unit)
         if self.stretch:
-            pulls = _pulls(numbers, n_pulls, np.eye(self.stretch, ritz.DEGREE))
-            count = min(self.count, len(self.signs))
-            groups = [coupled_modes(inside, self.by_family, bends, pulls, named, count)]
+            pulls = _pulls(numbers, n_pulls, _at(self.along, _unit(self.stretch), size))
+            count, is_axial = min(self.count, size), self.signs < 0
+            groups = [coupled_modes(inside, is_axial, bends, pulls, named, count)]
         else:
             groups = [transverse(inside, Direction.IN_PLANE, bends)]
         if n_flaps:
             k, m = _out_of_plane(numbers)
             flap = Pencil(_summed(self.flap[:4], k, g), _summed(self.flap[4:], m, g))
-            guess = self._bends(flap_guess, n_flaps, self.n_flap)
+            guess = self._bends(flap_guess, n_flaps, _unit(self.n_flap))
             groups.append(transverse(flap, Direction.FLAP, guess))
-        return chosen(groups, named, self.count, self.to_model)
+        return chosen(groups, named, self.count, len(self.to_model))
 
     def _guess(self, numbers: _Numbers) -> Any:
         """Guesses of bending in plane and, side by side with it, of flap."""
@@ -257,11 +261,12 @@ class _Elements(Bands):
         n = bands.n_elements
         self.model, self.most, self.count = model, most, count
         nodes, basis = np.linspace(0.0, 1.0, n + 1), Polynomials()
-        self.across = _at_nodes(basis.bending(ritz.DEGREE, nodes))[2:]
-        self.along = _at_nodes(basis.stretch(ritz.DEGREE, nodes))[1:]
-        places = np.arange(4 * n + 4).reshape(n + 1, 4) - 3
-        self.by_family = np.argsort(np.append(places[1:, :2], places[:, 2:].ravel()[1:]))
         self.signs = np.tile([1.0, 1.0, -1.0, -1.0], n + 1)
+        self.is_axial = self.signs[3:] < 0
+        across, along = (_at_nodes(of(ritz.DEGREE, nodes)) for of in (basis.bending, basis.stretch))
+        size = len(self.is_axial)
+        self.across = _at(np.flatnonzero(~self.is_axial), across[2:], size)
+        self.along = _at(np.flatnonzero(self.is_axial), along[1:], size)
         self.search = kernel(self._search)
 
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
@@ -271,7 +276,7 @@ class _Elements(Bands):
         rotor, speed = case
         equations, numbers = self.model.equations(rotor), _numbers(rotor, speed)
         element: Any = equations.element  # type: ignore[attr-defined]
-        q, steady = _steady(equations, speed)
+        q, (k, c), steady = _steady(equations, speed)
         few, scale = ritz.bending(self.most[Direction.IN_PLANE]), rotor.beam.frequency_scale
         omega, modes = few.guess(
             *_numbers_of_bending(numbers, 1.0, numbers.speed**2, numbers.softness)
@@ -279,40 +284,58 @@ class _Elements(Bands):
         bends = Guess(scale * omega, _guessed(modes, self.across @ few.functions))
         pulls = _pulls(numbers, self.most[Direction.AXIAL], self.along)
         pulls = pulls._replace(omega=scale * pulls.omega)
-        pencil = self._pencil(equations, speed, q)
-        found = coupled_modes(pencil, self.by_family, bends, pulls, named, self.count)
+        pencil = self._pencil(equations.mass, k, c)
+        found = coupled_modes(pencil, self.is_axial, bends, pulls, named, self.count)
         root = jnp.stack([jnp.zeros_like(q[0]), q[0] / equations.length])[:, None]
         strain = element.strain(root)[0]
         return found._replace(certain=found.certain * steady), strain
 
-    def _pencil(self, equations: Equations, speed: Number, q: Vector) -> Pencil:
-        k, c = equations.tangents(spinning(speed), q, jnp.zeros_like(q), None)
-        mass: Any = equations.mass
+    def _pencil(self, mass: Any, k: BlockTridiagonal, c: BlockTridiagonal) -> Pencil:
         m = jnp.broadcast_to(mass.rows, k.rows.shape)
         # Quadrature: rows of w and of u see the Coriolis force with opposite signs.
-        signed = c.rows * beside(self.signs.reshape(-1, 4, 1), q.ndim - 1)
+        signed = c.rows * beside(self.signs.reshape(-1, 4, 1), k.rows.ndim - 3)
         return Pencil(*(_banded(rows) for rows in (k.rows, m, signed)))
 
 
-def _steady(equations: Equations, speed: Number) -> tuple[Vector, Number]:
-    """The steady state by Newton's method, and whether it was found."""
+def _steady(equations: Equations, speed: Number) -> tuple[Vector, Any, Number]:
+    """The steady state by Newton's method, the tangents there, and whether it was found."""
     size, hub = jnp.broadcast_to(equations.length, speed.shape), spinning(speed)
 
-    def go_on(state: tuple[Array, ...]) -> Array:
-        return (state[0] < 20) & jnp.any(state[2] < 1)
+    def go_on(state: tuple[Any, ...]) -> Array:
+        return (state[0] < 21) & jnp.any(state[3] < 1)
 
-    def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        i, q, done = state
+    def improve(state: tuple[Any, ...]) -> tuple[Any, ...]:
+        # In its last turn nothing moves, and the tangents are those of where it ended: so they are
+        # in the program once.
+        i, q, near, _, _ = state
         rest = jnp.zeros_like(q)
-        k, _ = equations.tangents(hub, q, rest, None)
+        k, c = equations.tangents(hub, q, rest, None)
         step = k.inverse() @ equations.force(hub, q, rest, None)
         small = jnp.where(total(step**2) < (1e-9 * size) ** 2, 1.0, 0.0)
-        return i + 1, jnp.where(done < 1, q + step, q), jnp.where(done < 1, small, done)
+        moved, found = (jnp.where(near < 1, a, b) for a, b in ((q + step, q), (small, near)))
+        return i + 1, moved, found, near, (k, c)
 
     zero = jnp.zeros((equations.mass.shape[0], *speed.shape), speed.dtype)
-    state: tuple[Array, ...] = (jnp.zeros((), int), zero, jnp.zeros_like(speed))
-    _, q, done = jax.lax.while_loop(go_on, improve, state)
-    return q, done
+    none = jnp.zeros_like(speed)
+    like = jax.eval_shape(equations.tangents, hub, zero, zero, None)
+    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), like)
+    state: tuple[Any, ...] = (jnp.zeros((), int), zero, none, none, nothing)
+    _, q, _, done, tangents = jax.lax.while_loop(go_on, improve, state)
+    return q, tangents, done
+
+
+def _unit(n: int) -> Float[np.ndarray, "n d"]:
+    """Coordinates of the polynomials in which functions are given: one each."""
+    return np.eye(n, ritz.DEGREE)
+
+
+def _at(
+    places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size: int
+) -> Float[np.ndarray, "n d"]:
+    """These rows in their places among so many, which are zero else."""
+    out = np.zeros((size, rows.shape[1]))
+    out[places] = rows
+    return out
 
 
 def _at_nodes(at: Functions) -> np.ndarray:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._numerics.band import Pencil, factors, product, refined
 from jaxbeam._numerics.blocks import padded
@@ -52,31 +52,27 @@ class Guess(NamedTuple):
 
 
 def coupled_modes(
-    pencil: Pencil, places_in_model: np.ndarray, bends: Guess, pulls: Guess,
+    pencil: Pencil, is_axial: Bool[np.ndarray, " n"], bends: Guess, pulls: Guess,
     named: Named, count: int,
 ) -> Entries:  # fmt: skip
     """Modes in the plane of rotation: those of directions and numbers `named`, or the lowest.
 
-    `places_in_model` says for each coordinate where it is in (w, u).
+    Guesses are zero for coordinates of the other direction; `is_axial` says which is which.
     """
     n_bends, n_pulls = len(bends.omega), len(pulls.omega)
     lanes = bends.omega.ndim - 1
     directions = np.repeat([float(Direction.IN_PLANE), float(Direction.AXIAL)], [n_bends, n_pulls])
     numbers = np.concatenate([1.0 + np.arange(n_bends), 1.0 + np.arange(n_pulls)])
     directions, numbers = beside(directions, lanes), beside(numbers, lanes)
-    is_axial = beside(places_in_model >= bends.x.shape[1], lanes)
+    is_axial = beside(is_axial, lanes)
 
-    def alone(parts: tuple[Array, Array]) -> tuple[Array, Array]:
-        """An uncoupled mode, and its momenta, of unit modal mass."""
-        both = jnp.concatenate(parts)
-        x = jnp.stack([both[i] for i in places_in_model])
+    def momenta(x: Array) -> Array:
+        """Those of an uncoupled mode of unit modal mass."""
         heavy = product(pencil.m, x)
-        return x, heavy / jnp.sqrt(total(x * heavy))
+        return heavy / jnp.sqrt(total(x * heavy))
 
-    no_bend = jnp.broadcast_to(0 * bends.x[:1], (n_pulls, *bends.x.shape[1:]))
-    no_pull = jnp.broadcast_to(0 * pulls.x[:1], (n_bends, *pulls.x.shape[1:]))
-    parts = jnp.concatenate([bends.x, no_bend]), jnp.concatenate([no_pull, pulls.x])
-    start, heavy = jax.lax.map(alone, parts)
+    start = jnp.concatenate([bends.x, pulls.x])
+    heavy = jax.lax.map(momenta, start)
     guess = jnp.concatenate([bends.omega, pulls.omega])
     rank = ranks(guess)
 
@@ -126,11 +122,9 @@ def transverse(pencil: Pencil, direction: Direction, guess: Guess) -> Entries:
     )
 
 
-def chosen(
-    groups: Sequence[Entries], named: Named, count: int, places_in_model: np.ndarray
-) -> Entries:
-    """The modes named, or the lowest, of several groups; their coordinates, one group behind
-    the other, in this order. They are zero for groups that are not there."""
+def chosen(groups: Sequence[Entries], named: Named, count: int, size: int) -> Entries:
+    """The modes named, or the lowest, of several groups, whose coordinates are one group behind the
+    other, `size` in all. They are zero for groups that are not there."""
     omega, direction, number, share, left, certain = (
         jnp.concatenate([getattr(group, field) for group in groups])
         for field in Entries._fields
@@ -148,12 +142,11 @@ def chosen(
             mine = pick[first : first + len(group.x), None]
             parts.append(total(jnp.where(mine, group.x, 0.0)))
             first += len(group.x)
-        size = sum(len(part) for part in parts)
-        x = padded(jnp.concatenate(parts), 0, len(places_in_model) - size)
+        x = padded(jnp.concatenate(parts), 0, size - sum(len(part) for part in parts))
         numbers = [
             total(jnp.where(pick, a, 0.0)) for a in (omega, direction, number, share, left, certain)
         ]
-        return numbers[0], jnp.stack([x[i] for i in places_in_model]), *numbers[1:]
+        return numbers[0], x, *numbers[1:]
 
     return Entries(*jax.lax.map(one, _each(named, count)))
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import held, total
 
 Band = Float[Array, "n w ..."]
 _Vector = Float[Array, "n ..."]
@@ -43,7 +43,7 @@ def product(a: Any, x: _Vector) -> _Vector:
         below = a[:-m, m]
         none = jnp.zeros_like(y[:m])
         y = y + jnp.concatenate([below * x[m:], none]) + jnp.concatenate([none, below * x[:-m]])
-    return y
+    return held(y)
 
 
 def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
