@@ -311,9 +311,10 @@ def _steady(equations: Equations, speed: Number) -> tuple[Vector, Any, Number]:
         rest = jnp.zeros_like(q)
         k, c = equations.tangents(hub, q, rest, None)
         step = k.inverse() @ equations.force(hub, q, rest, None)
-        small = jnp.where(total(step**2) < (1e-9 * size) ** 2, 1.0, 0.0)
-        moved, found = (jnp.where(near < 1, a, b) for a, b in ((q + step, q), (small, near)))
-        return i + 1, moved, found, near, (k, c)
+        square = total(step**2) / size**2
+        small, none = (jnp.where(square < most**2, 1.0, 0.0) for most in (1e-9, 1e-15))
+        there = jnp.maximum(near, none)
+        return i + 1, jnp.where(there < 1, q + step, q), jnp.maximum(near, small), there, (k, c)
 
     zero = jnp.zeros((equations.mass.shape[0], *speed.shape), speed.dtype)
     none = jnp.zeros_like(speed)
