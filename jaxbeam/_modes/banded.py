@@ -312,8 +312,8 @@ def _steady(equations: Equations, speed: Number) -> tuple[Vector, Any, Number]:
         k, c = equations.tangents(hub, q, rest, None)
         step = k.inverse() @ equations.force(hub, q, rest, None)
         square = total(step**2) / size**2
-        small, none = (jnp.where(square < most**2, 1.0, 0.0) for most in (1e-9, 1e-15))
-        there = jnp.maximum(near, none)
+        small, tiny = (jnp.where(square < most**2, 1.0, 0.0) for most in (1e-9, 1e-15))
+        there = jnp.maximum(near, tiny)
         return i + 1, jnp.where(there < 1, q + step, q), jnp.maximum(near, small), there, (k, c)
 
     zero = jnp.zeros((equations.mass.shape[0], *speed.shape), speed.dtype)
@@ -333,7 +333,7 @@ def _unit(n: int) -> Float[np.ndarray, "n d"]:
 def _at(
     places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size: int
 ) -> Float[np.ndarray, "n d"]:
-    """These rows in their places among so many, which are zero else."""
+    """Rows in their places among so many, which are zero else."""
     out = np.zeros((size, rows.shape[1]))
     out[places] = rows
     return out

@@ -67,7 +67,7 @@ def coupled_modes(
     is_axial = beside(is_axial, lanes)
 
     def momenta(x: Array) -> Array:
-        """Those of an uncoupled mode of unit modal mass."""
+        """Momenta of an uncoupled mode of unit modal mass."""
         heavy = product(pencil.m, x)
         return heavy / jnp.sqrt(total(x * heavy))
 

@@ -7,7 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from tests.studies.common import rows_of, study
+from tests.helpers import run_optimised
+from tests.studies.common import HASTY, STUDIES, rows_of, study
 
 
 @pytest.mark.exhaustive
@@ -67,6 +68,16 @@ def test_costs(tmp_path):
         "reverse mode over forward run", "a step of Rodas5P, in space", "the next, with a cache",
     }  # fmt: skip
     assert (tmp_path / "elements.png").stat().st_size > 10_000
+
+
+@pytest.mark.exhaustive
+def test_first_answers():
+    """All that the study of costs asks of fresh processes is answered, also what `--quick` leaves
+    out."""
+    script = "import costs\nfor what in costs.FIRST: exec(costs.script_of(what), {})"
+    seconds = run_optimised("-c", script, level=HASTY, cwd=STUDIES).split()
+    assert len(seconds) == 11
+    assert all(float(s) > 0 for s in seconds)
 
 
 @pytest.mark.exhaustive
