@@ -148,13 +148,15 @@ class _Polynomials(Bands):
     def __init__(self, bands: BandTables, most: Counts, count: int) -> None:
         tables = bands.in_plane
         n = len(tables[0])
-        along = np.setdiff1d(np.arange(n), bands.places)
+        self.is_axial = ~np.isin(np.arange(n), bands.places)
+        self.signs = np.where(self.is_axial, -1.0, 1.0)
         self.most, self.count = most, count
         self.order, self.to_model = bands.order, np.argsort(bands.order)
-        self.places, self.along = bands.places, along
-        self.signs = np.where(np.isin(np.arange(n), bands.places), 1.0, -1.0)
         # Without stretch there is no coupling, nor the softness that would drag along.
-        self.stretch, self.n_flap = len(along), len(bands.flap[0]) if bands.flap else 0
+        self.stretch = int(np.sum(self.is_axial))
+        self.n_flap = len(bands.flap[0]) if bands.flap else 0
+        self.across = _at(bands.places, _unit(n - self.stretch), n)
+        self.along = _at(np.flatnonzero(self.is_axial), _unit(self.stretch), n)
         self.whole, self.flap = _wide(tables), _wide(bands.flap)
         self.diagonals = max(width_of(*tables), width_of(*bands.flap))
         self.shares = self._sums(bands)
@@ -198,13 +200,11 @@ class _Polynomials(Bands):
         k, m, c = _in_plane(numbers)
         parts = ((k, 0, 7), (m, 5, 7), (c, 7, 9))[: 3 if self.stretch else 2]
         inside = Pencil(*(_summed(self.whole[i:j], a, g) for a, i, j in parts))
-        size = len(self.signs)
-        unit = _at(self.places, _unit(size - self.stretch), size)
-        bends = self._bends(inside_guess, n_bends, unit)
+        bends = self._bends(inside_guess, n_bends, self.across)
         if self.stretch:
-            pulls = _pulls(numbers, n_pulls, _at(self.along, _unit(self.stretch), size))
-            count, is_axial = min(self.count, size), self.signs < 0
-            groups = [coupled_modes(inside, is_axial, bends, pulls, named, count)]
+            pulls = _pulls(numbers, n_pulls, self.along)
+            count = min(self.count, len(self.signs))
+            groups = [coupled_modes(inside, self.is_axial, bends, pulls, named, count)]
         else:
             groups = [transverse(inside, Direction.IN_PLANE, bends)]
         if n_flaps:
