@@ -200,8 +200,12 @@ def test_inertia_of_twist_tends_to_that_of_the_rod_with_the_square():
 
 @pytest.mark.exhaustive
 def test_elements_with_bodies_and_following_loads_tend_to_the_rod():
+    """With the fourth power, and then with the first, by the end that a body keeps unstretched.
+    Extrapolated from 32, 64 and 128 elements 1e-8 without loads and 2e-8 with them are left."""
     loaded = replace(LOADED, offset=0.15, inertia=0.02, follows=True)
     for rod in (replace(BLADE, offset=0.15, inertia=0.02, follows=True), loaded):
-        found = errors(rod, (8, 16))
-        assert np.abs(found[1]).max() < np.abs(found[0]).max() / 12
-        assert extrapolated(found, (4,)) < 4e-5
+        found = errors(rod, (8, 16, 32, 64, 128))
+        largest = np.abs(found).max(1)
+        assert largest[1] < largest[0] / 12
+        assert largest[-1] < 1e-6
+        assert extrapolated(found, (4, 1)) < 1e-7

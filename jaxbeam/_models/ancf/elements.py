@@ -92,7 +92,7 @@ class ElementEquations(Equations):
         self.straight = jnp.stack([jnp.zeros_like(along), along], 1)
         self.sections = Sections(beam, n_elements, element)
         self.energy_scale = self.sections.bending_stiffness / length
-        self.ends = Ends(rotor, self.axial_stiffness)
+        self.ends = Ends(rotor, self.axial_stiffness, n_elements)
         self.yields = self.ends.spring is not None
         self.mass, self.skew_mass = self._inertial(np.eye(2)), self._inertial(QUARTER_TURN)
 

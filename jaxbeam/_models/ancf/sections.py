@@ -180,19 +180,19 @@ class Ends(EndSprings):
     components in the order a2, a1.
 
     A spring at the root has k phi^2 / 2, phi the angle of the tangent. Where a body is at the tip,
-    10 EA L eps^2 / 2 keeps r' of the end a unit vector: else the pull of the body, which acts on
-    its centre at r + c r', would stretch the end ever more the shorter the elements are. The beam
-    does not know that its end is not strained, which costs of the first order: bending frequencies
-    less than the strain there times h / L, h the length of an element; axial ones some hundredths
-    of h / L.
+    10 n EA L eps^2 / 2 of n elements keeps r' of the end a unit vector: else the pull of the body,
+    which acts on its centre at r + c r', would stretch the end ever more the shorter the elements
+    are. The beam does not know that its end is not strained, which costs of the first order:
+    bending frequencies less than the strain there times h / L, h the length of an element; axial
+    ones some hundredths of h / L.
     """
 
     spring: Number | None  # N m / rad
     hold: Number | None  # J
 
-    def __init__(self, rotor: Rotor, axial_stiffness: Number) -> None:
+    def __init__(self, rotor: Rotor, axial_stiffness: Number, n_elements: int) -> None:
         self.spring, _ = rotor.springs
-        self.hold = holding(rotor, axial_stiffness)
+        self.hold = holding(rotor, axial_stiffness, n_elements)
 
     @property
     def stiffness(self) -> list[Number]:

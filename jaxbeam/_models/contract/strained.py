@@ -129,9 +129,14 @@ def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]
     return jax.grad(lambda x: jnp.sum(function(x)))
 
 
-def holding(rotor: Rotor, axial_stiffness: Number) -> Number | None:
-    """Stiffness, in J, that holds the end of the beam unstretched where a body is; None else."""
-    return 10 * axial_stiffness * rotor.beam.length if rotor.tip_body.is_body else None
+def holding(rotor: Rotor, axial_stiffness: Number, n_elements: int) -> Number | None:
+    """Stiffness, in J, that holds the end of the beam unstretched where a body is; None else.
+
+    It grows with the number of elements, so that the beam tends to one whose end carries a rigid
+    body: by a spring of one stiffness the body's pull c m a would stretch the arm c in all of them.
+    """
+    stiffness = 10 * n_elements * axial_stiffness * rotor.beam.length
+    return stiffness if rotor.tip_body.is_body else None
 
 
 def force_of(law: Any, e: Array, symmetric: bool) -> Array:

@@ -78,7 +78,7 @@ class SpatialEquations(SpatialElasticity):
         self.ways, self.absent = components(*(spring is not None for spring in rotor.springs))
         self.sections = SpatialSections(rotor, n_elements)
         self.energy_scale = self.sections.bending_stiffness / length
-        self.ends = Ends(rotor, self.sections.axial_stiffness)
+        self.ends = Ends(rotor, self.sections.axial_stiffness, n_elements)
         none = jnp.zeros_like(length)
         self.axes, root = None, jnp.stack([rotor.hub_radius, none, none])
         if rotor.precone is not None:

@@ -25,9 +25,9 @@ class Ends(EndSprings):
     springs: tuple[Number | None, Number | None]  # in plane and in flap, N m / rad
     hold: Number | None  # J
 
-    def __init__(self, rotor: Rotor, axial_stiffness: Number) -> None:
+    def __init__(self, rotor: Rotor, axial_stiffness: Number, n_elements: int) -> None:
         self.springs = rotor.springs
-        self.hold = holding(rotor, axial_stiffness)
+        self.hold = holding(rotor, axial_stiffness, n_elements)
 
     @property
     def stiffness(self) -> list[Number]:
