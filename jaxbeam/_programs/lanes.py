@@ -191,5 +191,8 @@ def held(values: Any) -> Any:
     not across the border of a call."""
     if not is_for_cpus():
         return values
+    if not _IN_KERNEL.get():
+        # XLA moves constants into functions, and ends the process over what nothing is left for.
+        values = jax.lax.optimization_barrier(values)
     with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
         return _same(values)

@@ -157,7 +157,7 @@ def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
     np.testing.assert_allclose(given, found, rtol=1e-9)
 
 
-EVERY = [(model, SHORT) for model in [jb.VonKarman(5, 3, 2), *ELEMENTS[1:], jb.SpatialANCF(2)]]
+EVERY = [(model, SHORT) for model in [*ELEMENTS[1:], jb.SpatialANCF(2)]]
 EVERY += [(kind(2).suited(STEPPED), STEPPED) for kind in THEORIES] + [
     (m, SOFT_SPRINGS) for m in DISCRETE
 ]
@@ -166,9 +166,13 @@ EVERY += BUILT
 
 @pytest.mark.parametrize(
     ("model", "rotor"),
-    [(jb.GreenANCF(2), SHORT), (DISCRETE[0], SOFT_SPRINGS), *rest(*EVERY)],
+    # The second one ended the process where all but the rates was constant, see `held`.
+    [
+        (jb.GreenANCF(2), SHORT), (jb.VonKarman(5, 3, 2), SHORT), (DISCRETE[0], SOFT_SPRINGS),
+        *rest(*EVERY),
+    ],
     ids=name,
-)
+)  # fmt: skip
 def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
     """About the undeformed beam it is the stiffness, of any theory; anywhere the matrix of damping
     is symmetric and not negative, and its tangents are derivatives."""
