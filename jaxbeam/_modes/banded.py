@@ -3,7 +3,7 @@
 import abc
 import functools
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._modes import ritz
+from jaxbeam._modes.element_forms import ElementForms
 from jaxbeam._modes.ritz import combined
 from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes, transverse
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
@@ -29,6 +30,7 @@ from jaxbeam._types import Number, Scalar, Vector
 
 MOST = 6  # modes of a direction that are found this way; of axial ones half as many
 Counts = tuple[int, int, int, int]  # of each `Direction`
+About = tuple[Vector | None, Array]  # the state of `Lowest`, and whether it can be relied on
 _Forms = tuple[Complex[Array, " k"], Complex[Array, " k"], Complex[Array, " k"]]
 
 
@@ -37,18 +39,19 @@ class Lowest(NamedTuple):
 
     entries: Entries
     strain: Scalar
+    state: Vector | None  # of elements: coordinates in steady rotation
 
 
 class Bands(abc.ABC):
     """What can be asked of a model whose matrices are bands."""
 
-    has_forms: ClassVar[bool] = False
+    has_forms: bool
 
     @abc.abstractmethod
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
         """The modes wanted, as far as they are certain; for batches, without derivatives."""
 
-    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"]) -> _Forms:
+    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
         """x^T S M x, x^T S G x and x^T S K x of vectors, differentiable, where `has_forms`: where
         that takes less than the matrices. S is 1 on w and -1 on u."""
         raise NotImplementedError
@@ -192,7 +195,7 @@ class _Polynomials(Bands):
         found, beam = self.search(_numbers(rotor, speed), named), rotor.beam
         x = found.x[:, self.to_model] * beam.mass**-0.5
         omega = found.omega * beam.frequency_scale
-        return Lowest(found._replace(omega=omega, x=x), rotor.steady_strain(speed))
+        return Lowest(found._replace(omega=omega, x=x), rotor.steady_strain(speed), None)
 
     def _search(self, numbers: _Numbers, named: Named) -> Entries:
         g, (n_pulls, n_bends, n_flaps, _) = numbers.speed, self.most
@@ -225,7 +228,7 @@ class _Polynomials(Bands):
         omega, few = self.few.guess(*both)
         return (omega[:, 0], few[:, :, 0]), (omega[:, 1], few[:, :, 1])
 
-    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"]) -> _Forms:
+    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
         # x_i x_(i + m) of all that is not zero in any of the tables.
         beyond = jnp.pad(x[:, self.order], ((0, 0), (0, self.diagonals)))
         pairs = [x[:, self.order] * beyond[:, m : m + x.shape[1]] for m in range(self.diagonals)]
@@ -268,11 +271,23 @@ class _Elements(Bands):
         self.across = _at(np.flatnonzero(~self.is_axial), across[2:], size)
         self.along = _at(np.flatnonzero(self.is_axial), along[1:], size)
         self.search = kernel(self._search)
+        self.has_forms, self.unit_forms = bands.scales, ElementForms(model, self.signs[3:])
 
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
         return Lowest(*self.search((rotor, speed), named))
 
-    def _search(self, case: _Case, named: Named) -> tuple[Entries, Number]:
+    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
+        # A beam at rest takes the place of what failed, so that derivatives of others stay finite.
+        state, ok = about
+        assert state is not None
+        numbers = _numbers(rotor, jnp.where(ok, speed, 0.0))
+        scale, mass = rotor.beam.frequency_scale, rotor.beam.mass
+        expanded = numbers.speed, numbers.hub, numbers.tip, 1 / numbers.softness
+        unit = jax.lax.stop_gradient(jnp.where(ok, state, 0.0) / rotor.beam.length)
+        m, c, k = jax.lax.complex(*self.unit_forms(expanded, unit, jnp.stack([x.real, x.imag])))
+        return mass * m, mass * scale * c, mass * scale**2 * k
+
+    def _search(self, case: _Case, named: Named) -> tuple[Entries, Number, Vector]:
         rotor, speed = case
         equations, numbers = self.model.equations(rotor), _numbers(rotor, speed)
         element: Any = equations.element  # type: ignore[attr-defined]
@@ -288,7 +303,7 @@ class _Elements(Bands):
         found = coupled_modes(pencil, self.is_axial, bends, pulls, named, self.count)
         root = jnp.stack([jnp.zeros_like(q[0]), q[0] / equations.length])[:, None]
         strain = element.strain(root)[0]
-        return found._replace(certain=found.certain * steady), strain
+        return found._replace(certain=found.certain * steady), strain, q
 
     def _pencil(self, mass: Any, k: BlockTridiagonal, c: BlockTridiagonal) -> Pencil:
         m = jnp.broadcast_to(mass.rows, k.rows.shape)

@@ -17,7 +17,7 @@ from jaxbeam._models.contract.loaded import (
     guarded_conditions,
     system_of,
 )
-from jaxbeam._modes.banded import Bands, bands_of
+from jaxbeam._modes.banded import bands_of
 from jaxbeam._modes.dense import coupled_with, energy_share
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.search import in_quadrature, mixed, search
@@ -94,7 +94,7 @@ def find(
     bands = bands_of(model, wanted.most, wanted.count) if alone and rotor.is_plain else None
     system = system_of(model, rotor, speed, conditions)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
-    found, mixes = search(model, bands, *fixed, is_hinged(rotor), judged and alone)
+    found, extra = search(model, bands, *fixed, is_hinged(rotor), judged and alone)
     status, error = first_failure(given, found.status), found.frequency_error
     # How few functions are enough on a uniform beam is for its user to say.
     if error is not None and rotor.varies:
@@ -103,9 +103,9 @@ def find(
     ok = status == Status.OK
     eigenvalue, shape = _differentiable(system, ok, found)
     if bands is not None and bands.has_forms:
-        eigenvalue = _eigenvalue(_banded(bands), rotor, speed, eigenvalue, shape, None)
-    elif mixes is not None:
-        eigenvalue = _eigenvalue(model.forms, rotor, speed, eigenvalue, shape, mixes)
+        eigenvalue = _eigenvalue(bands.forms, rotor, speed, eigenvalue, shape, (extra, ok))
+    elif extra is not None:
+        eigenvalue = _eigenvalue(model.forms, rotor, speed, eigenvalue, shape, extra)
     share = _valued(found.energy_share, energy_share(system.mass, shape, system.directions))
     return Modes(
         eigenvalue=nan_unless(ok, eigenvalue),
@@ -170,15 +170,9 @@ def _valued_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[An
 _Forms = Callable[[Rotor, Scalar, Array, Any], tuple[Array, Array, Array]]
 
 
-@functools.lru_cache(maxsize=64)
-def _banded(bands: Bands) -> _Forms:
-    """Forms of matrices that are bands, whose functions are always the same."""
-    return lambda rotor, speed, shape, _: bands.forms(rotor, speed, shape)
-
-
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _eigenvalue(
-    forms: _Forms, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, mixes: Any
+    forms: _Forms, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, extra: Any
 ) -> Array:
     """Eigenvalues that know their derivatives by rotor and speed,
 
@@ -191,17 +185,15 @@ def _eigenvalue(
 
 @_eigenvalue.defjvp
 def _eigenvalue_jvp(forms: _Forms, primals: Any, tangents: Any) -> tuple[Array, Array]:
-    rotor, speed, _, shape, mixes = primals
+    rotor, speed, _, shape, extra = primals
     # Through the function itself, not its arguments: then this rule can be differentiated again.
     lam = _eigenvalue(forms, *primals)
 
     def at(rotor: Rotor, speed: Scalar) -> Any:
-        return forms(rotor, speed, shape, mixes)
+        return forms(rotor, speed, shape, extra)
 
     (m, g, _), (dm, dg, dk) = jax.jvp(at, (rotor, speed), tangents[:2])
     change, slope = lam**2 * dm + lam * dg + dk, 2 * lam * m + g
-    if mixes is None:
-        return lam, -change / slope
     return lam, -jax.vmap(quotient)(change, slope)  # hinges may leave a zero
 
 

@@ -21,27 +21,28 @@ from jaxbeam._programs.platforms import by_platform
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import CouplingGroup, Direction
 from jaxbeam._status import Status
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, Vector
 
 MANY = 256  # cases from which it pays to compile what is fast for a CPU
 _ROW = 16  # cases of beams that vary whose integrals stay in the cache of a CPU
 _Case = tuple[AnyRotor, Scalar, Wanted]  # and its speed
+_Found = tuple[Modes, Vector | None]  # and the steady state of elements
 
 
 def search(
     model: AbstractModel, bands: Bands | None, system: LinearSystem, case: _Case, free: bool,
     judged: bool,
-) -> tuple[Modes, Mixes | None]:  # fmt: skip
+) -> tuple[Modes, Mixes | Vector | None]:  # fmt: skip
     """The modes, with signs that make tips move the positive way, and, if they are to be `judged`,
-    the estimate of their errors; and what functions are made of where `forms` of the model bear
-    derivatives. By dense matrices, which compile soon; of many cases by bands, and by dense
-    matrices where that is not certain."""
+    the estimate of their errors; and what `forms` need, where these bear derivatives: what
+    functions are made of, or the steady state of elements. By dense matrices, which compile soon;
+    of many cases by bands, and by dense matrices where that is not certain."""
     if bands is not None:
-        found = _by_bands(model, bands, system, case)
+        found, state = _by_bands(model, bands, system, case)
         shape, error = found.shape * _sign(model, case[0], system, found)[:, None], None
         if judged:
             error = model.frequency_error(system, *case[:2], found.eigenvalue, shape)
-        return dataclasses.replace(found, shape=shape, frequency_error=error), None
+        return dataclasses.replace(found, shape=shape, frequency_error=error), state
     leaves, tree = jax.tree.flatten((system, case))
 
     def complete(system: LinearSystem, case: _Case) -> tuple[Modes, Mixes | None]:
@@ -75,28 +76,29 @@ def search(
     return one(leaves)
 
 
-def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Case) -> Modes:
+def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Case) -> _Found:
     leaves, tree = jax.tree.flatten((system, case))
 
-    def dense(leaves: list[Array]) -> Modes:
+    def dense(leaves: list[Array]) -> _Found:
         system, (_, _, wanted) = jax.tree.unflatten(tree, leaves)
-        return dense_modes(system, wanted)
+        return dense_modes(system, wanted), system.state
 
-    def quick(leaves: list[Array]) -> tuple[Modes, Array]:
+    def quick(leaves: list[Array]) -> tuple[_Found, Array]:
         _, (rotor, speed, wanted) = jax.tree.unflatten(tree, leaves)
         named = wanted.named and tuple(a.astype(speed.dtype) for a in wanted.named)
         found = bands.lowest(rotor, speed, named)
-        return _as_found(model, found), is_certain(found)
+        return (_as_found(model, found), found.state), is_certain(found)
 
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Modes:
+    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> _Found:
         axes = [0 if varies else None for varies in own]
 
-        def by_bands(leaves: list[Array]) -> Modes:
-            def again(which: Array) -> Modes:
+        def by_bands(leaves: list[Array]) -> _Found:
+            def again(which: Array) -> _Found:
                 here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
                 _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
                 # Not the matrices that are there: they need not be made of all cases then.
-                return dense_modes(model.matrices(rotor, speed), wanted)
+                system = model.matrices(rotor, speed)
+                return dense_modes(system, wanted), system.state
 
             return mended(*jax.vmap(quick, (axes,))(leaves), again)
 

@@ -92,7 +92,9 @@ class _Nodal(_ANCF):
 
     def bands(self) -> NodeByNode | None:
         """The order of the coordinates, whatever the equations are."""
-        return None if self._yields else NodeByNode(self.n_elements)
+        # Equations of a derived class may have numbers of their own.
+        scales = type(self).equations is _Nodal.equations
+        return None if self._yields else NodeByNode(self.n_elements, scales)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
@@ -163,6 +165,7 @@ class _Nodal(_ANCF):
             steady_strain=steady_strain(rotor, speed, equations, q),
             status=status,
             directions=self.directions,
+            state=q,
         )
 
 

@@ -37,3 +37,6 @@ class NodeByNode(NamedTuple):
     """
 
     n_elements: int
+    # Whether, in units of the beam, equations depend on speed, hub radius, tip mass and slenderness
+    # alone.
+    scales: bool

@@ -5,7 +5,7 @@ import numpy as np
 
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._rotor.directions import APART, CouplingGroup, Direction
-from jaxbeam._types import Code, Matrix, Scalar
+from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 
 class LinearSystem(eqx.Module):
@@ -16,7 +16,8 @@ class LinearSystem(eqx.Module):
     of the first kind are coupled with those of the second by `gyroscopic` alone, which couples
     nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
     straight beam that turns in its plane are such, with flap alone. `directions` names the
-    direction of each coordinate, `shapes` are the functions on a beam that varies. `steady_strain`
+    direction of each coordinate, `shapes` are the functions on a beam that varies, `state` are the
+    coordinates of planar elements in the steady state. `steady_strain`
     is the largest axial strain of the steady state: of a uniform beam that at the root, in `ANCF`
     of the steady state, else P / EA from the tension on the undeformed beam, without loads. Unless
     `status` is OK all numbers are NaN.
@@ -34,6 +35,7 @@ class LinearSystem(eqx.Module):
     directions: tuple[Direction, ...] = eqx.field(static=True)
     coupling: tuple[CouplingGroup, ...] = eqx.field(static=True, default=APART)
     shapes: Shapes | None = None
+    state: Vector | None = None
     damping: Matrix | None = None
     general: bool = eqx.field(static=True, default=False)
     conservative: bool = eqx.field(static=True, default=True)
