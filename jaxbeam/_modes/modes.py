@@ -102,8 +102,9 @@ def find(
         status = first_failure(status, first_broken((resolved, Status.TOO_FEW_FUNCTIONS)))
     ok = status == Status.OK
     eigenvalue, shape = _differentiable(system, ok, found)
-    if bands is not None and bands.has_forms:
-        eigenvalue = _eigenvalue(bands.forms, rotor, speed, eigenvalue, shape, (extra, ok))
+    if bands is not None:
+        if bands.has_forms:
+            eigenvalue = _eigenvalue(bands.forms, rotor, speed, eigenvalue, shape, (extra, ok))
     elif extra is not None:
         eigenvalue = _eigenvalue(model.forms, rotor, speed, eigenvalue, shape, extra)
     share = _valued(found.energy_share, energy_share(system.mass, shape, system.directions))

@@ -256,6 +256,32 @@ def _softer(given):
     return eqx.tree_at(lambda r: r.beam.in_plane_bending_stiffness, given, stiffness)
 
 
+class _RibbedElements(jb.GreenANCF):
+    """Whose bending stiffness has a part in N m^2 that no parameter says."""
+
+    def equations(self, rotor):
+        bending = rotor.beam.in_plane_bending_stiffness + 0.5
+        return super().equations(
+            eqx.tree_at(lambda r: r.beam.in_plane_bending_stiffness, rotor, bending)
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", [jb.ExactRodANCF(2), _RibbedElements(2)], ids=repr)
+def test_derivatives_of_elements_are_limits_of_differences(model):
+    """Also where, in units of the beam, equations depend on more than those of the package."""
+    some = cases()
+    many = jax.jit(jax.vmap(lambda v: of(model, 2)(v).frequency))
+    ours = jax.jit(jax.vmap(jax.jacrev(lambda v: of(model, 2)(v).frequency)))(some)
+    for i in range(some.shape[1]):
+        step = 1e-3 * jnp.maximum(jnp.abs(some[:, i]), 0.1)
+        apart = [many(some.at[:, i].add(k * step)) - many(some.at[:, i].add(-k * step))
+                 for k in (1, 2)]  # fmt: skip
+        difference = (8 * apart[0] - apart[1]) / (12 * step[:, None])
+        scale = jnp.abs(ours[:, :, i]).max() + 1e-9
+        np.testing.assert_allclose(difference / scale, ours[:, :, i] / scale, atol=1e-7)
+
+
 class _SoftHybrid(jb.Hybrid):
     def equations(self, rotor):
         return super().equations(_softer(rotor))
