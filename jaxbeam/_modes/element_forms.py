@@ -8,6 +8,7 @@ themselves, from one factorisation; what is left to JAX are products with change
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -60,44 +61,47 @@ class ElementForms:
         mass: Any = equations.mass
         return jnp.stack(jnp.broadcast_arrays(mass.rows, c.rows, k.rows))
 
-    def _expansion(
-        self, numbers: _Numbers, q: Vector, x: Float[Array, "2 k n *lanes"]
-    ) -> tuple[_Parts, Float[Array, "4 2 3 k *lanes"]]:
-        """Forms, and their derivatives by the numbers."""
-        q = _settled(self, q, numbers)
-        rest, one = jnp.zeros_like(q), jnp.ones_like(q[0])
-        equations, hub = self._equations(numbers)
-        k, _ = equations.tangents(hub, q, rest, None)
-        inverse = k.inverse()
+    def _state_rate(self, numbers: _Numbers, q: Vector) -> Callable[[_Numbers], Vector]:
+        """From rates of the numbers to the rate of the steady state, K^-1 dF."""
+        rest, (equations, hub) = jnp.zeros_like(q), self._equations(numbers)
+        inverse = equations.tangents(hub, q, rest, None)[0].inverse()
 
         def force(*numbers: Number) -> Vector:
             equations, hub = self._equations(numbers)
             return equations.force(hub, q, rest, None)
 
+        return lambda rates: inverse @ jax.jvp(force, numbers, rates)[1]
+
+    def _expansion(
+        self, numbers: _Numbers, q: Vector, x: Float[Array, "2 k n *lanes"]
+    ) -> tuple[_Parts, Float[Array, "4 2 3 k *lanes"]]:
+        """Forms, and their derivatives by the numbers."""
+        q = _settled(self, q, numbers)
+        one, state_rate = jnp.ones_like(q[0]), self._state_rate(numbers, q)
+
         def along(direction: Array) -> Array:
             rates = tuple(one * rate for rate in direction)
-            moved = inverse @ jax.jvp(force, numbers, rates)[1]
-            rows: Array = jax.jvp(self._rows, (numbers, q), (rates, moved))[1]
+            rows: Array = jax.jvp(self._rows, (numbers, q), (rates, state_rate(rates)))[1]
             return rows
 
         rows = self._rows(numbers, q)[None]
         rows = jnp.concatenate([rows, jax.lax.map(along, jnp.eye(EXPANDED, dtype=q.dtype))])
-        mass: Any = equations.mass
+        mass: Any = self._equations(numbers)[0].mass
         left = beside(self.signs[None, None], q.ndim - 1) * x
 
-        def forms(rows: Array) -> Array:
+        def of_matrix(rows: Array) -> Array:
             matrix = BlockTridiagonal(rows, absent=mass.absent)
 
-            def of_one(both: tuple[Array, Array]) -> Array:
+            def of_vector(both: tuple[Array, Array]) -> Array:
                 left, right = both[0], [matrix @ part for part in both[1]]
                 return jnp.stack([
                     total(left[0] * right[0]) - total(left[1] * right[1]),
                     total(left[0] * right[1]) + total(left[1] * right[0]),
                 ])  # fmt: skip
 
-            return jax.lax.map(of_one, (jnp.swapaxes(left, 0, 1), jnp.swapaxes(x, 0, 1)))
+            return jax.lax.map(of_vector, (jnp.swapaxes(left, 0, 1), jnp.swapaxes(x, 0, 1)))
 
-        every = jax.lax.map(forms, rows.reshape(-1, *rows.shape[2:]))
+        every = jax.lax.map(of_matrix, rows.reshape(-1, *rows.shape[2:]))
         every = every.reshape(1 + EXPANDED, 3, *every.shape[1:])  # (5, 3, k, 2, *lanes)
         every = jnp.moveaxis(every, 3, 1)
         return every[0], every[1:]
@@ -112,15 +116,15 @@ def _forms(forms: ElementForms, numbers: _Numbers, q: Vector, x: Array) -> _Part
 @functools.partial(_forms.defjvp, symbolic_zeros=True)
 def _forms_jvp(forms: ElementForms, primals: Any, tangents: Any) -> tuple[_Parts, _Parts]:
     x = primals[2]
-    rates, _, turned = tangents
+    rates, _, shape_rate = tangents
     out, by = forms.expansion(*primals)
     change = jnp.zeros_like(out)
     for derivative, rate in zip(by, rates, strict=True):
         if not isinstance(rate, SymbolicZero):
             change = change + derivative * rate
-    if not isinstance(turned, SymbolicZero):
+    if not isinstance(shape_rate, SymbolicZero):
         still = primals[:2]
-        change = change + jax.jvp(lambda x: forms.expansion(*still, x)[0], (x,), (turned,))[1]
+        change = change + jax.jvp(lambda x: forms.expansion(*still, x)[0], (x,), (shape_rate,))[1]
     return out, change
 
 
@@ -132,13 +136,6 @@ def _settled(forms: ElementForms, q: Vector, numbers: _Numbers) -> Vector:
 
 @_settled.defjvp
 def _settled_jvp(forms: ElementForms, primals: Any, tangents: Any) -> tuple[Vector, Vector]:
+    # Through the function itself: then this rule can be differentiated again.
     q, numbers = _settled(forms, *primals), primals[1]
-    rest = jnp.zeros_like(q)
-
-    def force(*numbers: Number) -> Vector:
-        equations, hub = forms._equations(numbers)
-        return equations.force(hub, q, rest, None)
-
-    equations, hub = forms._equations(numbers)
-    k, _ = equations.tangents(hub, q, rest, None)
-    return q, k.inverse() @ jax.jvp(force, numbers, tuple(tangents[1]))[1]
+    return q, forms._state_rate(numbers, q)(tuple(tangents[1]))
