@@ -159,6 +159,32 @@ def test_one_case_that_leaves_the_range_does_not_spoil_its_neighbours():
 
 
 @pytest.mark.exhaustive
+def test_what_it_costs_to_leave_a_cone_out():
+    """What docs/limitations.md says of the beam of B Ref. 21: lag by some two fifths of the square
+    of the cone, and all of its sinking towards the plane of rotation."""
+    beam = jb.Beam(8.0, 0.202, 5.033e6, 566.4, 566.4, torsional_stiffness=430.0)
+    cone = jnp.deg2rad(jnp.array([0.0, 2.0, 5.0, 10.0]))
+
+    def spin_up(cone, speed):
+        run = jb.simulate(
+            jb.SpatialANCF(4), jb.Rotor(beam, 0.5, 0.1, precone=cone),
+            jb.SmoothSpinUp(speed, 15.0), jnp.linspace(0.0, 16.0, 81), max_steps=20_000,
+        )  # fmt: skip
+        return run.tip
+
+    for speed, lags, sunk in (
+        (2.0, (5e-4, 3.3e-3, 1.3e-2), 0.40),
+        (4.0, (7e-4, 4.4e-3, 1.7e-2), 0.7),
+    ):
+        tip = np.asarray(jax.jit(jax.vmap(spin_up, (0, None)))(cone, speed))
+        lag = np.abs(tip[1:, :, 1]).max(1)
+        off = np.abs(tip[1:, :, 1] - tip[0, :, 1]).max(1) / lag
+        np.testing.assert_allclose(off, lags, rtol=0.15)
+        height = 8.0 * np.sin(cone[1:])
+        np.testing.assert_allclose(-tip[1:, :, 2].min(1) / height, sunk, rtol=0.03)
+
+
+@pytest.mark.exhaustive
 def test_films_show_where_the_beam_is(tmp_path):
     """Faces of ribbons are those of displacement, in axes of the hub and in space."""
     times = jnp.linspace(0.0, 0.2, 3)
