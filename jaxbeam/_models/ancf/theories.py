@@ -92,8 +92,9 @@ class _Nodal(_ANCF):
 
     def bands(self) -> NodeByNode | None:
         """The order of the coordinates, whatever the equations are."""
-        # Equations of a derived class may have numbers of their own.
-        scales = type(self).equations is _Nodal.equations
+        # What a derived class has of its own may hold numbers that no parameter says.
+        own = ("equations", "steady", "matrices")
+        scales = all(getattr(type(self), name) is getattr(_Nodal, name) for name in own)
         return None if self._yields else NodeByNode(self.n_elements, scales)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
