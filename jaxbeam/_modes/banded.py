@@ -15,13 +15,14 @@ from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._modes import ritz
-from jaxbeam._modes.element_forms import ElementForms
+from jaxbeam._modes.element_forms import ElementForms, Four
 from jaxbeam._modes.ritz import combined
 from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes, transverse
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import beside, total
+from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import spinning
@@ -30,7 +31,7 @@ from jaxbeam._types import Number, Scalar, Vector
 
 MOST = 6  # modes of a direction that are found this way; of axial ones half as many
 Counts = tuple[int, int, int, int]  # of each `Direction`
-About = tuple[Vector | None, Array]  # the state of `Lowest`, and whether it can be relied on
+About = tuple[Vector | None, Array]  # the steady state of elements, and whether the case is OK
 _Forms = tuple[Complex[Array, " k"], Complex[Array, " k"], Complex[Array, " k"]]
 
 
@@ -271,20 +272,22 @@ class _Elements(Bands):
         self.across = _at(np.flatnonzero(~self.is_axial), across[2:], size)
         self.along = _at(np.flatnonzero(self.is_axial), along[1:], size)
         self.search = kernel(self._search)
-        self.has_forms, self.unit_forms = bands.scales, ElementForms(model, self.signs[3:])
+        self.has_forms = bands.depends_on_four
+        self.unit_forms = ElementForms(model, self.signs[3:])
 
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
         return Lowest(*self.search((rotor, speed), named))
 
     def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
-        # A beam at rest takes the place of what failed, so that derivatives of others stay finite.
+        # A sound beam at rest takes the place of one that failed, whose derivatives would spoil
+        # those of other cases by parameters that they share.
         state, ok = about
         assert state is not None
-        numbers = _numbers(rotor, jnp.where(ok, speed, 0.0))
-        scale, mass = rotor.beam.frequency_scale, rotor.beam.mass
-        expanded = numbers.speed, numbers.hub, numbers.tip, 1 / numbers.softness
+        rotor, speed = harmless(ok, rotor), jnp.where(ok, speed, 0.0)
+        numbers, scale, mass = _numbers(rotor, speed), rotor.beam.frequency_scale, rotor.beam.mass
+        four = Four(numbers.speed, numbers.hub, numbers.tip, 1 / numbers.softness)
         unit = jax.lax.stop_gradient(jnp.where(ok, state, 0.0) / rotor.beam.length)
-        m, c, k = jax.lax.complex(*self.unit_forms(expanded, unit, jnp.stack([x.real, x.imag])))
+        m, c, k = jax.lax.complex(*self.unit_forms(four, unit, jnp.stack([x.real, x.imag])))
         return mass * m, mass * scale * c, mass * scale**2 * k
 
     def _search(self, case: _Case, named: Named) -> tuple[Entries, Number, Vector]:

@@ -1,15 +1,18 @@
-"""How eigenvalues of planar elements change with what they depend on, in batches.
+"""Derivatives of the eigenvalues of planar elements, at little more than the cost of the values.
 
-A uniform clamped beam with a mass at its tip, in units of its length, mass and bending stiffness,
-depends on four numbers: `EXPANDED`. So all first derivatives of x^T S A x, of M, C and K about the
-steady state q, are four of each, whatever they are wanted by: those that move the numbers and, with
-them, the steady state, K dq = dF, F the force at a fixed q. One `kernel` finds them with the forms
-themselves, from one factorisation; what is left to JAX are products with changes of four numbers.
+An eigenvalue with the mode x changes by x^T S dM x, x^T S dC x and x^T S dK x, S = 1 for
+deflections across the beam and -1 along it: these are the forms of the matrices of small motion M,
+C (of the Coriolis forces) and K. A uniform clamped beam with a mass at its tip, in units of its own
+length, mass and bending stiffness, depends on four numbers alone: see `Four`. So every first
+derivative of a form is a combination of four, those by these numbers. Each number moves the steady
+state q as well, by dq = K^-1 dF, F being the force at a state that stays as it is. One `kernel`
+finds the forms and their four derivatives from one factorisation of K; what is left to JAX are four
+products.
 """
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,118 +27,131 @@ from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import beside, total
 from jaxbeam._rotor.beam import Beam, Rotor
-from jaxbeam._rotor.motion import spinning
+from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._types import Number, Vector
 
-# Speed over sqrt(EI / (rho L^4)), R / L, m_t / (rho L) and EA L^2 / EI.
-EXPANDED = 4
-_Numbers = tuple[Number, ...]
-_Parts = Float[Array, "2 3 k *lanes"]  # real and imaginary parts of forms of M, C and K
+
+class Four(NamedTuple):
+    """What the unit beam depends on; also rates of these numbers."""
+
+    speed: Number  # over sqrt(EI / (rho L^4))
+    hub_radius: Number  # over L
+    tip_mass: Number  # over rho L
+    axial_stiffness: Number  # EA L^2 / EI
+
+
+_Values = Float[Array, "2 3 k *lanes"]  # real and imaginary parts of the forms of M, C and K
 
 
 class ElementForms:
-    """Forms of the matrices of a model whose coordinates have these `signs` in S."""
+    """Forms of the matrices of a model, `signs` being the diagonal of S."""
 
     def __init__(self, model: AbstractModel, signs: np.ndarray) -> None:
         self.model, self.signs = model, signs
         self.expansion = kernel(self._expansion)
 
-    def __call__(self, numbers: _Numbers, q: Vector, x: Float[Array, "2 k n"]) -> _Parts:
-        """Forms of vectors, given by their real and imaginary parts, about a steady state."""
-        return _forms(self, numbers, q, x)
+    def __call__(self, four: Four, q: Vector, x: Float[Array, "2 k n"]) -> _Values:
+        """Forms of modes, given by their real and imaginary parts, about the steady state of these
+        numbers, whose derivatives are known here."""
+        return _values(self, four, q, x)
 
-    def _equations(self, numbers: _Numbers) -> tuple[Equations, Any]:
+    def _equations(self, four: Four) -> tuple[Equations, Hub]:
         """Equations of the unit beam and the motion of its hub."""
-        speed, hub, tip, stretch = numbers
-        unit: Any = jax.tree.map(lambda a: jnp.full_like(speed, a), Rotor(Beam(1, 1, 1, 1, 1)))
+        ones = Rotor(Beam(1, 1, 1, 1, 1))
+        unit: Any = jax.tree.map(lambda a: jnp.full_like(four.speed, a), ones)
         rotor = eqx.tree_at(
-            lambda r: (r.hub_radius, r.tip_body.mass, r.beam.axial_stiffness), unit,
-            (hub, tip, stretch),
-        )  # fmt: skip
-        return self.model.equations(rotor), spinning(speed)
+            lambda r: (r.hub_radius, r.tip_body.mass, r.beam.axial_stiffness), unit, four[1:]
+        )
+        return self.model.equations(rotor), spinning(four.speed)
 
-    def _rows(self, numbers: _Numbers, q: Vector) -> Float[Array, "3 b 4 12 *lanes"]:
+    def _rows(self, four: Four, q: Vector) -> Float[Array, "3 b 4 12 *lanes"]:
         """M, C and K by rows of blocks."""
-        equations, hub = self._equations(numbers)
+        equations, hub = self._equations(four)
         k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
         mass: Any = equations.mass
         return jnp.stack(jnp.broadcast_arrays(mass.rows, c.rows, k.rows))
 
-    def _state_rate(self, numbers: _Numbers, q: Vector) -> Callable[[_Numbers], Vector]:
-        """From rates of the numbers to the rate of the steady state, K^-1 dF."""
-        rest, (equations, hub) = jnp.zeros_like(q), self._equations(numbers)
+    def state_rate(self, four: Four, q: Vector) -> Callable[[Four], Vector]:
+        """Returns the map from rates of the numbers to the rate of the steady state, K^-1 dF."""
+        rest, (equations, hub) = jnp.zeros_like(q), self._equations(four)
         inverse = equations.tangents(hub, q, rest, None)[0].inverse()
 
-        def force(*numbers: Number) -> Vector:
-            equations, hub = self._equations(numbers)
+        def force(four: Four) -> Vector:
+            equations, hub = self._equations(four)
             return equations.force(hub, q, rest, None)
 
-        return lambda rates: inverse @ jax.jvp(force, numbers, rates)[1]
+        return lambda rates: inverse @ jax.jvp(force, (four,), (rates,))[1]
 
     def _expansion(
-        self, numbers: _Numbers, q: Vector, x: Float[Array, "2 k n *lanes"]
-    ) -> tuple[_Parts, Float[Array, "4 2 3 k *lanes"]]:
-        """Forms, and their derivatives by the numbers."""
-        q = _settled(self, q, numbers)
-        one, state_rate = jnp.ones_like(q[0]), self._state_rate(numbers, q)
+        self, four: Four, q: Vector, x: Float[Array, "2 k n *lanes"]
+    ) -> tuple[_Values, Float[Array, "4 2 3 k *lanes"]]:
+        """Forms, and their derivatives by each of the numbers."""
+        q = _settled(self, q, four)
+        one, state_rate = jnp.ones_like(q[0]), self.state_rate(four, q)
 
-        def along(direction: Array) -> Array:
-            rates = tuple(one * rate for rate in direction)
-            rows: Array = jax.jvp(self._rows, (numbers, q), (rates, state_rate(rates)))[1]
+        def by_number(unit: Array) -> Array:
+            rates = Four(*(one * rate for rate in unit))
+            rows: Array = jax.jvp(self._rows, (four, q), (rates, state_rate(rates)))[1]
             return rows
 
-        rows = self._rows(numbers, q)[None]
-        rows = jnp.concatenate([rows, jax.lax.map(along, jnp.eye(EXPANDED, dtype=q.dtype))])
-        mass: Any = self._equations(numbers)[0].mass
+        rows = self._rows(four, q)[None]
+        rows = jnp.concatenate([rows, jax.lax.map(by_number, jnp.eye(len(four), dtype=q.dtype))])
+        mass: Any = self._equations(four)[0].mass
         left = beside(self.signs[None, None], q.ndim - 1) * x
 
         def of_matrix(rows: Array) -> Array:
             matrix = BlockTridiagonal(rows, absent=mass.absent)
 
-            def of_vector(both: tuple[Array, Array]) -> Array:
+            def of_mode(both: tuple[Array, Array]) -> Array:
                 left, right = both[0], [matrix @ part for part in both[1]]
                 return jnp.stack([
                     total(left[0] * right[0]) - total(left[1] * right[1]),
                     total(left[0] * right[1]) + total(left[1] * right[0]),
                 ])  # fmt: skip
 
-            return jax.lax.map(of_vector, (jnp.swapaxes(left, 0, 1), jnp.swapaxes(x, 0, 1)))
+            return jax.lax.map(of_mode, (jnp.swapaxes(left, 0, 1), jnp.swapaxes(x, 0, 1)))
 
         every = jax.lax.map(of_matrix, rows.reshape(-1, *rows.shape[2:]))
-        every = every.reshape(1 + EXPANDED, 3, *every.shape[1:])  # (5, 3, k, 2, *lanes)
+        every = every.reshape(1 + len(four), 3, *every.shape[1:])  # (5, 3, k, 2, *lanes)
         every = jnp.moveaxis(every, 3, 1)
         return every[0], every[1:]
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _forms(forms: ElementForms, numbers: _Numbers, q: Vector, x: Array) -> _Parts:
-    out: _Parts = forms.expansion(numbers, q, x)[0]
+def _values(elements: ElementForms, four: Four, q: Vector, x: Array) -> _Values:
+    """The forms, whose derivatives by the numbers are those of the expansion. The steady state has
+    none of its own, since it belongs to the numbers."""
+    out: _Values = elements.expansion(four, q, x)[0]
     return out
 
 
-@functools.partial(_forms.defjvp, symbolic_zeros=True)
-def _forms_jvp(forms: ElementForms, primals: Any, tangents: Any) -> tuple[_Parts, _Parts]:
-    x = primals[2]
-    rates, _, shape_rate = tangents
-    out, by = forms.expansion(*primals)
+@functools.partial(_values.defjvp, symbolic_zeros=True)
+def _values_jvp(elements: ElementForms, primals: Any, tangents: Any) -> tuple[_Values, _Values]:
+    four, q, x = primals
+    rates, _, x_rate = tangents
+    out, by_number = elements.expansion(four, q, x)
     change = jnp.zeros_like(out)
-    for derivative, rate in zip(by, rates, strict=True):
+    for derivative, rate in zip(by_number, rates, strict=True):
         if not isinstance(rate, SymbolicZero):
             change = change + derivative * rate
-    if not isinstance(shape_rate, SymbolicZero):
-        still = primals[:2]
-        change = change + jax.jvp(lambda x: forms.expansion(*still, x)[0], (x,), (shape_rate,))[1]
+    if not isinstance(x_rate, SymbolicZero):
+
+        def of_modes(x: Array) -> _Values:
+            forms: _Values = elements.expansion(four, q, x)[0]
+            return forms
+
+        change = change + jax.jvp(of_modes, (x,), (x_rate,))[1]
     return out, change
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _settled(forms: ElementForms, q: Vector, numbers: _Numbers) -> Vector:
-    """A steady state that is known, with its derivatives."""
+def _settled(elements: ElementForms, q: Vector, four: Four) -> Vector:
+    """The steady state, which is known, with its derivatives by the numbers alone."""
     return q
 
 
 @_settled.defjvp
-def _settled_jvp(forms: ElementForms, primals: Any, tangents: Any) -> tuple[Vector, Vector]:
+def _settled_jvp(elements: ElementForms, primals: Any, tangents: Any) -> tuple[Vector, Vector]:
     # Through the function itself: then this rule can be differentiated again.
-    q, numbers = _settled(forms, *primals), primals[1]
-    return q, forms._state_rate(numbers, q)(tuple(tangents[1]))
+    q, four = _settled(elements, *primals), primals[1]
+    return q, elements.state_rate(four, q)(tangents[1])

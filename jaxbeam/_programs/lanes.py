@@ -192,7 +192,8 @@ def held(values: Any) -> Any:
     if not is_for_cpus():
         return values
     if not _IN_KERNEL.get():
-        # XLA moves constants into functions, and ends the process over what nothing is left for.
+        # XLA moves constants into functions, and ends the process over operands that nothing uses
+        # any more. Kernels have their own barrier, and could not be one function with this.
         values = jax.lax.optimization_barrier(values)
     with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
         return _same(values)

@@ -190,7 +190,8 @@ class Beam(Parameters):
     def frequency_scale(self) -> Number:
         """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L), of the `mean` beam."""
         beam = self.mean
-        return jnp.sqrt(beam.in_plane_bending_stiffness / (beam.mass_per_length * beam.length**4))
+        # Not the root of all: powers of L that high leave the range of 32 bits in small beams.
+        return jnp.sqrt(beam.in_plane_bending_stiffness / beam.mass_per_length) / beam.length**2
 
     @property
     def slenderness(self) -> Number:

@@ -94,8 +94,8 @@ class _Nodal(_ANCF):
         """The order of the coordinates, whatever the equations are."""
         # What a derived class has of its own may hold numbers that no parameter says.
         own = ("equations", "steady", "matrices")
-        scales = all(getattr(type(self), name) is getattr(_Nodal, name) for name in own)
-        return None if self._yields else NodeByNode(self.n_elements, scales)
+        on_four = all(getattr(type(self), name) is getattr(_Nodal, name) for name in own)
+        return None if self._yields else NodeByNode(self.n_elements, on_four)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""

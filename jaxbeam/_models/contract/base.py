@@ -209,8 +209,11 @@ def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vecto
 def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
     system = guarded_matrices(model, rotor, speed)
     matrices = (system.mass, system.gyroscopic, system.stiffness)
-    kept = nan_unless(system.status == Status.OK, matrices)
-    return eqx.tree_at(lambda s: (s.mass, s.gyroscopic, s.stiffness), system, kept)
+    kept = nan_unless(system.status == Status.OK, (*matrices, system.state))
+    return eqx.tree_at(
+        lambda s: (s.mass, s.gyroscopic, s.stiffness, s.state), system, kept,
+        is_leaf=lambda leaf: leaf is None,
+    )  # fmt: skip
 
 
 def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:

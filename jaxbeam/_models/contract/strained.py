@@ -132,8 +132,8 @@ def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]
 def holding(rotor: Rotor, axial_stiffness: Number, n_elements: int) -> Number | None:
     """Stiffness, in J, that holds the end of the beam unstretched where a body is; None else.
 
-    It grows with the number of elements, so that the beam tends to one whose end carries a rigid
-    body: by a spring of one stiffness the body's pull c m a would stretch the arm c in all of them.
+    It grows with the number of elements: with a fixed stiffness the end, and with it the arm of the
+    body, would be stretched by the body's pull however many elements there are.
     """
     stiffness = 10 * n_elements * axial_stiffness * rotor.beam.length
     return stiffness if rotor.tip_body.is_body else None
