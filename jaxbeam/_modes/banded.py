@@ -55,6 +55,13 @@ class Bands(abc.ABC):
     def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
         """x^T S M x, x^T S G x and x^T S K x of vectors, differentiable, where `has_forms`: where
         that takes less than the matrices. S is 1 on w and -1 on u."""
+        # A sound beam at rest takes the place of one that failed, whose derivatives would spoil
+        # those of other cases by parameters that they share.
+        _, ok = about
+        return self._forms(harmless(ok, rotor), jnp.where(ok, speed, 0.0), x, about)
+
+    def _forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
+        """The forms of a sound beam."""
         raise NotImplementedError
 
 
@@ -229,7 +236,7 @@ class _Polynomials(Bands):
         omega, few = self.few.guess(*both)
         return (omega[:, 0], few[:, :, 0]), (omega[:, 1], few[:, :, 1])
 
-    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
+    def _forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
         # x_i x_(i + m) of all that is not zero in any of the tables.
         beyond = jnp.pad(x[:, self.order], ((0, 0), (0, self.diagonals)))
         pairs = [x[:, self.order] * beyond[:, m : m + x.shape[1]] for m in range(self.diagonals)]
@@ -278,12 +285,9 @@ class _Elements(Bands):
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
         return Lowest(*self.search((rotor, speed), named))
 
-    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
-        # A sound beam at rest takes the place of one that failed, whose derivatives would spoil
-        # those of other cases by parameters that they share.
+    def _forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
         state, ok = about
         assert state is not None
-        rotor, speed = harmless(ok, rotor), jnp.where(ok, speed, 0.0)
         numbers, scale, mass = _numbers(rotor, speed), rotor.beam.frequency_scale, rotor.beam.mass
         four = Four(numbers.speed, numbers.hub, numbers.tip, 1 / numbers.softness)
         unit = jax.lax.stop_gradient(jnp.where(ok, state, 0.0) / rotor.beam.length)
