@@ -57,12 +57,15 @@ class Bands(abc.ABC):
         that takes less than the matrices. S is 1 on w and -1 on u."""
         # A sound beam at rest takes the place of one that failed, whose derivatives would spoil
         # those of other cases by parameters that they share.
-        _, ok = about
-        return self._forms(harmless(ok, rotor), jnp.where(ok, speed, 0.0), x, about)
+        state, ok = about
+        speed, state = jax.tree.map(lambda a: jnp.where(ok, a, 0.0), (speed, state))
+        return self._forms(harmless(ok, rotor), speed, x, state)
 
-    def _forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
-        """The forms of a sound beam."""
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _forms(
+        self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
+    ) -> _Forms:
+        """The forms of a sound beam, about its steady state."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -236,7 +239,9 @@ class _Polynomials(Bands):
         omega, few = self.few.guess(*both)
         return (omega[:, 0], few[:, :, 0]), (omega[:, 1], few[:, :, 1])
 
-    def _forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
+    def _forms(
+        self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
+    ) -> _Forms:
         # x_i x_(i + m) of all that is not zero in any of the tables.
         beyond = jnp.pad(x[:, self.order], ((0, 0), (0, self.diagonals)))
         pairs = [x[:, self.order] * beyond[:, m : m + x.shape[1]] for m in range(self.diagonals)]
@@ -285,12 +290,13 @@ class _Elements(Bands):
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
         return Lowest(*self.search((rotor, speed), named))
 
-    def _forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
-        state, ok = about
+    def _forms(
+        self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
+    ) -> _Forms:
         assert state is not None
         numbers, scale, mass = _numbers(rotor, speed), rotor.beam.frequency_scale, rotor.beam.mass
         four = Four(numbers.speed, numbers.hub, numbers.tip, 1 / numbers.softness)
-        unit = jax.lax.stop_gradient(jnp.where(ok, state, 0.0) / rotor.beam.length)
+        unit = jax.lax.stop_gradient(state / rotor.beam.length)
         m, c, k = jax.lax.complex(*self.unit_forms(four, unit, jnp.stack([x.real, x.imag])))
         return mass * m, mass * scale * c, mass * scale**2 * k
 

@@ -65,7 +65,7 @@ def modes(
     both modes and to any order, wherever the eigenvalue is simple among modes that are coupled;
     crossings of flap with in-plane modes are harmless. Where pitch or twist couple the two a label
     goes to the mode that has most of the uncoupled one in it, and `energy_share` says how mixed it
-    is. First derivatives of eigenvalues need none of the shapes:
+    is. First derivatives of eigenvalues need no derivatives of shapes:
     d lambda = -y^T (lambda^2 dM + lambda dG + dK) x / y^T (2 lambda M + G) x.
 
     `throw=False` returns failures as `Modes.status` instead of raising: use it in sweeps. The
