@@ -45,10 +45,12 @@ torsion) it answers alone.
 
 **How reliable it is.** Of 220 random scenes (peaks, histories, strains, frequencies) at 1e-2, 1e-3
 and 1e-4 each, all but one were said to meet the tolerance, and all of these do; 98 % of the choices
-are at most one rung above the cheapest that does. Of 200 random spin-ups about inclined axes under
-gravity and a force across (`studies/ladder_space.py`) all choices are within the tolerance, at 1e-2
-and at 1e-3, and 98.5 and 91.5 % of them are at most one rung above the cheapest that does: in a
-single number, such as a peak, errors of coarse rungs cancel by chance.
+are at most one rung above the cheapest that does. Of 300 random questions about beams in space
+(`studies/ladder_space.py`) all choices are within the tolerance, at 1e-2 and at 1e-3, no error is
+larger than its estimate, and 97.7 and 93.7 % are at most one rung above the cheapest that does. In
+a single number, such as a peak, errors of coarse rungs cancel by chance, and a rung that agrees by
+accident is not looked for: leaving out those whose next finer one does not agree, it is 98.7 and
+98.0 %.
 
 **What it costs.** On 1000 spin-ups at 1e-3 all are within the tolerance, and the whole takes a
 sixth of what 64 elements take everywhere (12 s and 74 s). But five models have to be compiled

@@ -119,7 +119,9 @@ def drawn(count: int, seed: int, **fixed: float) -> tuple[Scene, np.ndarray]:
 
 
 class Outcome(NamedTuple):
-    """Of one choice. `above`: how many rungs above the cheapest that would have done."""
+    """Of one choice. `above`: how many rungs above the cheapest that would have done; `beyond`:
+    above the cheapest that would have done and not by accident, which is to say that the next finer
+    one of its theory does, too."""
 
     tolerance: float
     kind: str
@@ -130,6 +132,7 @@ class Outcome(NamedTuple):
     error: float
     met: bool
     above: int
+    beyond: int
     seconds: float
     richest_seconds: float
 
@@ -175,22 +178,35 @@ def judged(each: Asked, tolerance: float) -> Outcome:
         raise RuntimeError(str(choice))
     seconds = time.perf_counter() - began
     size = float(np.clip(choice.indicators.size, 1e-9, 1.0))
+    rungs = [e.rung.model for e in choice.evidence]
 
+    @functools.cache
     def error(model: Any) -> float:
         accuracy = 0.05 * tolerance  # as in the ladder
         found = jb.ladder.evaluate(model, each.rotor, each.question, accuracy, size, throw=False)
-        return float(found.distance(each.truth))  # NaN where the model fails
+        return float(found.distance(each.truth))  # infinite where the model fails
+
+    def settled(i: int) -> bool:
+        """Whether the next finer rung of the theory, if there is one, is good enough as well."""
+        same = [m for m in rungs[i + 1 :] if _theory(m) == _theory(rungs[i])]
+        return not same or error(same[0]) <= tolerance
 
     began = time.perf_counter()
     error(each.richest)
     richest_seconds = time.perf_counter() - began
-    place = [e.rung for e in choice.evidence].index(choice.rung)
-    enough = (i for i in range(place) if error(choice.evidence[i].rung.model) <= tolerance)
-    above = place - next(enough, place)
+    place = rungs.index(choice.rung.model)
+    enough = [i for i in range(place) if error(rungs[i]) <= tolerance]
+    firm = [i for i in enough if settled(i)]
+    above, beyond = (place - (some[0] if some else place) for some in (enough, firm))
     return Outcome(
         tolerance, each.kind, each.scene, float(choice.indicators.size), choice.rung.name,
-        choice.estimate, error(choice.model), choice.met, above, seconds, richest_seconds,
+        choice.estimate, error(choice.rung.model), choice.met, above, beyond, seconds,
+        richest_seconds,
     )  # fmt: skip
+
+
+def _theory(model: jb.models.AbstractModel) -> tuple[type, bool]:
+    return type(model), jb.models.Direction.AXIAL in model.directions
 
 
 def choices(quick: bool, out: Path, ax: Any) -> None:
@@ -231,17 +247,22 @@ def report(tolerance: float, new: Sequence[Outcome], elements: int, seconds: flo
     good = np.array([o.error <= tolerance for o in new])
     met = np.array([o.met for o in new])
     worst = max((o.error for o in new if o.met), default=0.0) / tolerance
-    near = np.array([o.above <= 1 for o in new])
+    near = np.array([[o.above, o.beyond] for o in new]) <= 1
     print(
         f"tolerance {tolerance:g}: {good.mean():.1%} within it ({met.sum()} of {met.size} "
         f"said to be, {good[met].mean():.1%} of these are, worst {worst:.2f} of it); "
-        f"{near.mean():.1%} at most one rung above the cheapest that does; medians: "
+        f"{near[:, 0].mean():.1%} at most one rung above the cheapest that does, "
+        f"{near[:, 1].mean():.1%} above the cheapest that does not by accident; medians: "
         f"{1e3 * np.median([o.seconds for o in new]):.0f} ms a choice, "
         f"{1e3 * np.median([o.richest_seconds for o in new]):.0f} ms a run of {elements} "
         f"elements; {seconds:.0f} s in all", flush=True,
     )  # fmt: skip
     for rung, many in Counter(o.rung for o in new).most_common():
         print(f"    {many:4} {rung}")
+    dishonest = [o for o in new if o.error > o.estimate]
+    print(f"    error above estimate: {len(dishonest)}", flush=True)
+    for o in dishonest:
+        print(f"        {o.rung}: {o.error:.3g} for {o.estimate:.3g}, deflection {o.size:.2g}")
 
 
 def _error_against_estimate(ax: Any, title: str) -> None:

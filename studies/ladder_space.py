@@ -3,7 +3,8 @@
 Random spin-ups about axes inclined up to a right angle, in gravity and under a force that rises at
 the tip, across the plane, with and without hub and tip mass, slender and stout, soft and stiff in
 flap and in torsion, deflections from a thousandth to half the length, are given to
-`jb.choose_model`, and its choice is held against finer geometrically exact elements in space.
+`jb.choose_model`, and its choice is held against finer geometrically exact elements in space: for
+the largest deflection in flap, for its course in time, and for frequencies at the speed reached.
 
     python studies/ladder_space.py [--quick] [--out FOLDER]
 """
@@ -27,7 +28,11 @@ SHARES = np.linspace(0.0, 1.0, 61)  # of a run, where it is looked at
 TRUTH = 32  # elements
 LARGEST = 0.5  # deflection over length
 FLAP = 2
-PEAK: Callable[..., jb.ladder.Question] = jb.ladder.PeakDeflection
+LABELS = jb.labels(in_plane=1, flap=2)
+KINDS: dict[str, Callable[..., jb.ladder.Question]] = {
+    "peak": jb.ladder.PeakDeflection,
+    "history": jb.ladder.DeflectionHistory,
+}
 
 
 class Scene(NamedTuple):
@@ -61,14 +66,16 @@ class Raised(eqx.Module):
         return jnp.stack([0 * force, 0 * force, force])
 
 
-def situation(scene: Scene) -> tuple[jb.Rotor, jb.ladder.Question]:
-    """Rotor and question: the largest deflection in flap up to three fifths of a period after the
-    spin-up."""
+def situation(scene: Scene, kind: str = "peak") -> tuple[jb.Rotor, jb.ladder.Question]:
+    """Rotor and question: the deflection in flap up to three fifths of a period after the spin-up,
+    or frequencies of steady rotation."""
     beam = jb.Beam(
         1.0, 1.0, jnp.square(scene.slenderness), 1.0, scene.flap, torsional_stiffness=scene.torsion
     )
     rotor = jb.Rotor(beam, scene.hub, scene.tip)
     rest = ladder.at_rest(scene.tip)
+    if kind == "frequencies":
+        return rotor, jb.ladder.ModalFrequencies(scene.speed * rest, LABELS)
     period = 2 * np.pi / rest
     duration = scene.duration * period
     sin, cos = jnp.sin(scene.inclination), jnp.cos(scene.inclination)
@@ -80,7 +87,7 @@ def situation(scene: Scene) -> tuple[jb.Rotor, jb.ladder.Question]:
         tip_force=Raised(3 * scene.flap * scene.force, duration),
     )
     times = SHARES * (duration + 0.6 * period)
-    return rotor, PEAK(motion, times, FLAP, loads=loads, max_steps=100_000)
+    return rotor, KINDS[kind](motion, times, FLAP, loads=loads, max_steps=100_000)
 
 
 def drawn(count: int, seed: int) -> tuple[list[Scene], np.ndarray]:
@@ -111,21 +118,26 @@ def drawn(count: int, seed: int) -> tuple[list[Scene], np.ndarray]:
     return [Scene(*(float(column[i]) for column in scenes)) for i in chosen], size[chosen]
 
 
-def asked(scene: Scene, size: float) -> ladder.Asked:
-    rotor, question = situation(Scene(*map(jnp.asarray, scene)))
+def asked(kind: str, scene: Scene, size: float) -> ladder.Asked:
+    rotor, question = situation(Scene(*map(jnp.asarray, scene)), kind)
     richest = jb.SpatialANCF(TRUTH)
-    return ladder.answered("peak in flap", scene, question, rotor, richest, 1e-6, size)
+    return ladder.answered(kind, scene, question, rotor, richest, 1e-6, size)
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the table."""
     began = time.perf_counter()
     out = common.folder(out, "ladder_space")
-    scenes, sizes = drawn(12 if quick else 200, seed=5)
+    counts = {"peak": 12} if quick else {"peak": 200, "history": 50, "frequencies": 50}
+    scenes = [
+        (kind, scene, float(size))
+        for seed, (kind, count) in enumerate(counts.items(), start=5)
+        for scene, size in zip(*drawn(count, seed), strict=True)
+    ]
     known = []
-    for scene, size in zip(scenes, sizes, strict=True):
+    for each in scenes:
         try:
-            known.append(asked(scene, float(size)))
+            known.append(asked(*each))
         except RuntimeError as error:  # half a turn within an element, or too many steps
             print(error, flush=True)
     print(
@@ -134,14 +146,12 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     )  # fmt: skip
     outcomes: list[ladder.Outcome] = []
     for tolerance in TOLERANCES:
-        start = time.perf_counter()
-        new = [ladder.judged(each, tolerance) for each in known]
-        outcomes += new
-        ladder.report(tolerance, new, TRUTH, time.perf_counter() - start)
-        dishonest = [o for o in new if o.error > o.estimate]
-        print(f"    error above estimate: {len(dishonest)}", flush=True)
-        for o in dishonest:
-            print(f"        {o.rung}: {o.error:.2g} for {o.estimate:.2g}, deflection {o.size:.2g}")
+        for kind in counts:
+            start = time.perf_counter()
+            new = [ladder.judged(each, tolerance) for each in known if each.kind == kind]
+            outcomes += new
+            print(f"{kind}:")
+            ladder.report(tolerance, new, TRUTH, time.perf_counter() - start)
     ladder.save(out / "choices.csv", outcomes)
     return common.finish(began, "table is", out)
 

@@ -46,7 +46,9 @@ INTEGRATION = 0.05  # of the tolerance, left to numerical integration
 JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may differ
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
 LARGE = 0.1  # and where the scout fails
-_UNCONFIRMED = 0.1  # of the tolerance, which the first two rungs that agree may both be off
+_UNCONFIRMED = 0.25  # of the tolerance, which the first two rungs that agree may both be off
+# And all that agree: what sets in at once shakes high modes, of which elements have others each.
+_LEAST = 0.05
 
 
 def evaluate(
@@ -115,8 +117,8 @@ def choose_model(
     moment at the tip or a load that follows it, motion in a cone) is answered by these alone, and
     the coarsest of them looks first. Cheaper rungs are tried in order of cost until one agrees, but
     for those that a better one of their kind, far off itself, rules out. The estimate of a rung is
-    its distance from the judge, plus what the judge may be off, plus what ten times tighter
-    integration changes.
+    its distance from the judge, plus what the judge may be off, a twentieth of the tolerance at
+    least, plus what ten times tighter integration changes.
 
     The judge's material has the engineering strain (`ExactRodANCF`, `SpatialANCF`). To estimates of
     rungs of any other axial law is added what laws that agree at small strains may differ by, from
@@ -164,7 +166,7 @@ def _chosen(ask: "_Asker", tolerance: float, own: Sequence[AbstractModel]) -> Ch
 
     judge, left = _refined(ask, elements, tolerance)
     noise = ask.now(judge, 0.1).distance(ask(judge))
-    left = left + float(noise) + left_out_by(judge, beforehand)
+    left = max(left, _LEAST * tolerance) + float(noise) + left_out_by(judge, beforehand)
     trial = _Trial(ask, tolerance, beforehand, scout, nonlinear, judge, left)
     for model in (scout, *elements):
         if model in ask.found or model == scout:

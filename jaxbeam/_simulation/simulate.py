@@ -245,14 +245,17 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
     """The result: its status is that of what was `given`, else of the solver, else of the numbers
     that it found."""
     reached, at, state, t0 = run.reached, run.times, run.state, run.t0
-    imbalance, far = _account(*without_derivatives((now, t0, run.start, (at, state), run.watch)))
-    fits = jax.vmap(now.equations.is_in_range)(without_derivatives(state.q))
+    imbalance, near, fits = _account(
+        *without_derivatives((now, t0, run.start, (at, state), run.watch))
+    )
     finite = finite_rows(jnp.concatenate([state.q, state.v, state.work[:, None]], 1))
     balanced = jnp.abs(imbalance) <= balance_tolerance
     # At once, since each search of so many numbers is some programs of its own to compile.
-    good = jnp.all(~reached[None] | jnp.stack([finite, ~far, fits, balanced]), 1)
-    broken = Status.NOT_FINITE, Status.DIVERGED, Status.OUT_OF_RANGE, Status.UNBALANCED
-    numbers = first_broken(*zip(good, broken, strict=True))
+    finite, balanced = jnp.all(~reached[None] | jnp.stack([finite, balanced]), 1)
+    numbers = first_broken(
+        (finite, Status.NOT_FINITE), (near, Status.DIVERGED), (fits, Status.OUT_OF_RANGE),
+        (balanced, Status.UNBALANCED),
+    )  # fmt: skip
     status = first_failure(given, run.ended, numbers)
     when = jnp.where(reached, at, t0)
     return Simulation(
@@ -277,9 +280,9 @@ def _beside(mask: Array, values: Array) -> Array:
 
 def _account(
     scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State], watch: EnergySamples
-) -> tuple[Array, Array]:
-    """Account of saved states: change of energy less work over the largest energy, and whether
-    the tip is too far away."""
+) -> tuple[Array, Array, Array]:
+    """Account of saved states: change of energy less work over the largest energy; and of these and
+    those between, whether no tip is too far away and no element beyond its range."""
     start = t0[None], jax.tree.map(lambda a: a[None], y0)
     parts = [saved, start] if watch is None else [saved, start, watch]
     times, states = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
@@ -291,14 +294,16 @@ def _account(
     def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
         parts = run_core(_parts, None, scene, scene.hub(scene.after(t)), y)
         balance = jnp.sum(parts) - scene.work_unit * y.work
-        return balance, jnp.sum(jnp.abs(parts)), is_far(scene, y)
+        good = jnp.stack([~is_far(scene, y), scene.equations.is_in_range(y.q)])
+        return balance, jnp.sum(jnp.abs(parts)), good
 
-    balance, size, far = jax.vmap(one)(jnp.where(reached, times, t0), states)
+    balance, size, good = jax.vmap(one)(jnp.where(reached, times, t0), states)
     # Of motions as small as this (1e-60 lengths) parts are so close to the smallest number that
     # what one piece of the program computes is zero in another.
     least = scene.equations.energy_scale * jnp.finfo(size.dtype).tiny ** 0.4
     n, largest = saved[0].size, jnp.maximum(jnp.max(size), least)
-    return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), far[:n]
+    near, fits = jnp.all(good, 0)
+    return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), near, fits
 
 
 def _parts(_: None, scene: Scene, hub: Hub, y: State) -> Float[Array, "3 *lanes"]:

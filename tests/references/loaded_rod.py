@@ -6,16 +6,16 @@ axis; all vectors are in axes of the hub. By the length s of the unstretched rod
 (t, d_2, d_3) of the section before pitch and twist as a unit quaternion q, force n and moment m,
 
     r' = (1 + n.t / EA) t,   q' = q (0, kappa) / 2,   kappa = moments of the section over stiffness,
-    n' = -f - m_s (g - W x (W x r)) + m_s (r_1'' + 2 W x r_1'),   m' = -r' x n + j b a'',
+    n' = -f - m_s (g - W x (W x r)) + m_s (r_1'' + 2 W x r_1'),   m' = -r' x n + j (t.phi'') t,
 
-where r_1 is the small vibration, g gravity, f a force per length, m_s mass and j polar inertia per
-length. The root is clamped at the distance R along a_1, its axes leaned by the cone about -a_2. A
-following force at the tip has constant components along t, d_2, d_3 there.
+where r_1 is the small vibration, phi the small rotation of sections in it, g gravity, f a force
+per length, m_s mass and j polar inertia per length. The root is clamped at the distance R along
+a_1, its axes leaned by the cone about -a_2. A following force at the tip has constant components
+along t, d_2, d_3 there.
 
-Inertia of twist is that of `SpatialANCF`: of the angle a from where the least rotation from e, the
-axis of the undeformed rod, to t brings the section, whose change in a small rotation phi is b.phi
-with b = (e + t) / (1 + e.t). So is a body at the tip: mass M at r + c t, J |dt/dt|^2 / 2 for its
-inertia across and J_a a'^2 / 2 about the rod, and no other inertia of rotation anywhere.
+Sections have no inertia of rotation but that about the tangent, of small vibration alone. So has a
+body at the tip: mass M at r + c t, J |dt/dt|^2 / 2 for its inertia across and J_a (t.phi')^2 / 2
+about the rod.
 
 Method. All fields are polynomials through Chebyshev points, and the equations are integrated from
 the end where a field is given, so that nothing is differentiated: spectral accuracy, and matrices
@@ -140,7 +140,7 @@ def _rates(rod: Rod, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _at_tip(rod: Rod, last: np.ndarray, extra: np.ndarray) -> np.ndarray:
     """Force and moment (6,) that end the rod, by its fields there (13,); `extra` are generalised
-    forces of inertia (7,) on the centre of the body, on t and on the angle of twist."""
+    forces of inertia (7,) on the centre of the body, on t and on the turn about it."""
     axes = rotation(last[3:7])
     t = axes[:, 0]
     turn = axes if rod.follows else np.eye(3)
@@ -149,13 +149,7 @@ def _at_tip(rod: Rod, last: np.ndarray, extra: np.ndarray) -> np.ndarray:
     across = rod.inertia * _outward(rod, t) + extra[3:6]
     force = turn @ np.asarray(rod.force) + pull
     moment = turn @ np.asarray(rod.moment) + np.cross(t, rod.offset * pull + across)
-    return np.concatenate([force, moment + _twisting(rod, t) * extra[6]])
-
-
-def _twisting(rod: Rod, t: np.ndarray) -> np.ndarray:
-    """b, for tangents (3, ...)."""
-    e = rod.axis.reshape(3, *(1,) * (t.ndim - 1))
-    return (e + t) / (1 + np.sum(e * t, 0))
+    return np.concatenate([force, moment + t * extra[6]])
 
 
 def _by_complex_steps(function: Callable, at: np.ndarray) -> np.ndarray:
@@ -221,8 +215,8 @@ def _solved(rod: Rod, points: _Points, y: np.ndarray) -> np.ndarray:
 
 
 def _moves(rod: Rod, y: np.ndarray) -> np.ndarray:
-    """From fields to what has inertia: position and angle of twist at points, and at the tip of
-    the centre of the body, of t and of the angle of twist: (4 k + 7, 13 k)."""
+    """From fields to what has inertia: position and turn about the tangent at points, and at the
+    tip of the centre of the body, of t and of the turn about it: (4 k + 7, 13 k)."""
     k = y.shape[1]
     unit = y[3:7]
     t = rotation(unit)[:, 0]
@@ -233,7 +227,7 @@ def _moves(rod: Rod, y: np.ndarray) -> np.ndarray:
         step = np.zeros_like(unit)
         step[j] = 1
         turn.append(2 * (step[1:] * unit[:1] - times_vector(step, unit[1:])[1:]))
-    twist = np.einsum("ik,jik->jk", _twisting(rod, t), np.stack(turn))
+    twist = np.einsum("ik,jik->jk", t, np.stack(turn))
     out = np.zeros((4 * k + 7, 13, k))
     nodes = out[: 4 * k].reshape(4, k, 13, k)
     each = np.arange(k)
@@ -254,12 +248,12 @@ def _acts(rod: Rod, points: _Points, y: np.ndarray) -> np.ndarray:
     equations: (13 k, 4 k + 7)."""
     k = len(points.x)
     back = -rod.length * (points.integral - points.integral[-1])
-    b = _twisting(rod, rotation(y[3:7])[:, 0])
+    t = rotation(y[3:7])[:, 0]
     out = np.zeros((13, k, 4 * k + 7))
     nodes = out[:, :, : 4 * k].reshape(13, k, 4, k)
     for c in range(3):
         nodes[7 + c, :, c] = back
-        nodes[10 + c, :, 3] = back * b[c]
+        nodes[10 + c, :, 3] = back * t[c]
     tip = _by_complex_steps(lambda extra: _at_tip(rod, y[:, -1], extra), np.zeros(7))
     out[7:, :, 4 * k :] = tip[:, None]
     return out.reshape(13 * k, 4 * k + 7)

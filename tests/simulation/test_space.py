@@ -228,3 +228,52 @@ def test_gradient_by_one_number_alone():
     one: it must not end the process over operands that nothing uses any more."""
     gradient, slope = map(float, run_optimised("-c", ALONE).split())
     np.testing.assert_allclose(gradient, slope, rtol=1e-4)
+
+
+ONE, PLAIN = jb.SpatialANCF(1), jb.Beam(1.0, 1.0, 1e4, 1.0, 0.5, torsional_stiffness=0.7)
+
+
+def bent(moment, **more):
+    """The tip of one element under a moment in the plane, 0 where there is none, and the status."""
+    rotor = jb.Rotor(PLAIN, **more)
+    loads = jb.Loads(tip_moment=jnp.stack([0 * moment, 0 * moment, moment]))
+    start = jb.steady_start(ONE, rotor, jb.ConstantSpeed(0.0), loads=loads, throw=False)
+    tip = ONE.equations(rotor).tip(start.q)
+    return jnp.where(start.status == jb.Status.OK, tip[0], 0.0), start.status
+
+
+FOLDING = jnp.array([1.0, 5.5, 20.0, 30.0, 50.0, 100.0])
+
+
+@pytest.mark.slow
+def test_folded_elements_are_out_of_range():
+    """Where the ends of an element point the same way again, with a loop between them."""
+    _, status = jax.jit(jax.vmap(bent))(FOLDING)
+    assert status[0] == jb.Status.OK
+    assert (status[1:] == jb.Status.OUT_OF_RANGE).all()
+
+
+@pytest.mark.slow
+def test_failed_cases_do_not_spoil_what_cases_share_through_displacements_in_a_cone():
+    def tips(cone, moments):
+        found, status = jax.vmap(lambda moment: bent(moment, precone=cone))(moments)
+        return jnp.sum(found), status
+
+    gradient = jax.jit(jax.grad(tips, has_aux=True))
+    alone, status = gradient(0.1, jnp.full(6, 1.0))
+    assert (status == jb.Status.OK).all()
+    among, status = gradient(0.1, FOLDING)
+    assert ((status == jb.Status.OK) == (FOLDING == 1.0)).all()
+    np.testing.assert_allclose(among, alone / 6, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_what_leaves_its_range_between_outputs_is_told():
+    def pulse(t):
+        return jnp.stack([0 * t, 0 * t, 4 * jnp.exp(-(((t - 0.4) / 0.1) ** 2))])
+
+    run = jb.simulate(
+        ONE, jb.Rotor(PLAIN, tip_mass=0.2), jb.ConstantSpeed(0.0), [0.0, 3.0],
+        loads=jb.Loads(tip_moment=pulse), damping=jb.Damping(mass_coefficient=3.0), throw=False,
+    )  # fmt: skip
+    assert run.status == jb.Status.OUT_OF_RANGE

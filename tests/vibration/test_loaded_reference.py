@@ -189,13 +189,23 @@ def test_elements_tend_to_the_rod_with_the_fourth_power_of_their_length():
         assert extrapolated(found) < tolerance
 
 
+HEAVY = replace(LOADED, polar=0.03)
+
+
+@pytest.mark.slow
+def test_sections_spin_about_the_tangent():
+    """Not at the rate of the angle of twist, as it would be in a straight blade: that is 1e-2 off
+    here, and with 8 elements 4e-4 are left."""
+    assert np.abs(errors(HEAVY, (8,))).max() < 4e-3
+
+
 @pytest.mark.exhaustive
-def test_inertia_of_twist_tends_to_that_of_the_rod_with_the_square():
-    """Where it is large, and the blade bends both ways: in its place between nodes stands a cubic
-    whose slopes are twists of the material, which are not those of the angle then."""
-    found = errors(replace(LOADED, polar=0.03))
-    assert 3.5 < np.abs(found[1]).max() / np.abs(found[2]).max() < 5
-    assert extrapolated(found, (2, 4)) < 4e-6 < extrapolated(found)
+def test_inertia_of_twist_tends_to_that_of_the_rod_as_all_else():
+    for rod, tolerance in ((HEAVY, 5e-7), (replace(AT_SPEED, polar=0.03), 1e-7)):
+        found = errors(rod)
+        largest = np.abs(found).max(1)
+        assert (largest[1:] < largest[:-1] / 12).all()
+        assert extrapolated(found) < tolerance
 
 
 @pytest.mark.exhaustive

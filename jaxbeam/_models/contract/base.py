@@ -155,7 +155,7 @@ def small_motion(
     if span is not None and span.stiffness is not None:
         k = k + span.stiffness
     return LinearSystem(
-        mass=generalised(equations, q, equations.mass),
+        mass=generalised(equations, q, equations.mass_about(q)),
         gyroscopic=generalised(equations, q, c),
         stiffness=generalised(equations, q, k),
         steady_strain=steady_strain(rotor, speed, equations, q),

@@ -152,6 +152,11 @@ class Equations(eqx.Module):
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
         return -k, -c
 
+    def mass_about(self, q: Vector) -> Any:
+        """The mass matrix of small motion about a state, of the kind of `mass`, which it is unless
+        that leaves out what only a state tells."""
+        return self.mass
+
     def elastic_tangent(self, q: Vector) -> Any:
         """d elastic_force / dq, of the kind of `mass`."""
         return jax.jacfwd(self.elastic_force)(q)

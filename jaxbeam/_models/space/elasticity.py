@@ -70,15 +70,18 @@ class SpatialElasticity(Equations):
         return energy if self.ends.are_plain else energy + self._at_ends(self.ends.energy, q)
 
     def is_in_range(self, q: Vector) -> Array:
-        """Whether no element turns or twists by a right angle, or is stretched by a half at one of
-        its nodes."""
+        """Whether no element turns or twists by a right angle, or is stretched by a half, seen at
+        its nodes and at its middle."""
 
         def one(part: Any, local: Array) -> Array:
             natural = deformation(self._strains(local), self.sections.n_elements)
-            end = jnp.sqrt(total(natural[4:7] ** 2))
-            stretch = jnp.maximum(jnp.abs(natural[0] - 1), jnp.abs(end - 1))
-            turns = (natural[4] > 0) & (jnp.abs(natural[8]) < np.pi / 2)
-            return turns & (stretch < 0.5)
+            chord, last = natural[1:4], natural[4:7]
+            first = jnp.concatenate([natural[:1], jnp.zeros_like(natural[:2])])
+            # Between nodes that point the same way a loop may be folded.
+            gradient = jnp.stack([first, (6 * chord - first - last) / 4, last], 1)
+            stretch = jnp.abs(jnp.sqrt(total(gradient**2)) - 1)
+            fits = jnp.all((gradient[0] > 0) & (stretch < 0.5), 0)
+            return fits & (jnp.abs(natural[8]) < np.pi / 2)
 
         return jnp.all(self.sections.by_element(one, of_elements(self._nodes(q))))
 
@@ -143,11 +146,14 @@ class SpatialElasticity(Equations):
 
     def _by_local(self, tangent: Float[Array, "13 13 *#lanes"]) -> Array:
         """The tangent of a law made one by the coordinates of an element (16, 16)."""
-        tangent = self.sections.axial_stiffness / self.length * tangent
+        return self._by_nodes(self.sections.axial_stiffness / self.length * tangent)
+
+    def _by_nodes(self, matrix: Float[Array, "13 13 *#lanes"]) -> Array:
+        """A matrix by local coordinates times the length as one by those of an element (16, 16)."""
         for _ in range(2):
-            rows = self._on_nodes(tangent)
-            tangent = held(rows.reshape(16, *rows.shape[3:])).swapaxes(0, 1)
-        return tangent
+            rows = self._on_nodes(matrix)
+            matrix = held(rows.reshape(16, *rows.shape[3:])).swapaxes(0, 1)
+        return matrix
 
     def _gathered_tangent(
         self, local: Float[Array, "E 16 16 *#lanes"], ends: Float[Array, "2 3 3 *#lanes"] | None

@@ -8,7 +8,9 @@ all nodes, the clamped one too, times the nodal values of
     u'' + a_O + (omega~ omega~ + omega'~) r + 2 omega~ u',   r = X a1 + u,
 
 and, for the twist, the polar inertia times a'' + omega_1' (where k_1 stands for the slope of a,
-from which it differs in beams that bend both ways). Elastic forces are those of
+from which it differs in beams that bend both ways). Where a beam is bent its sections spin about
+the tangent at another rate, see `rolls`. As the mass matrix of that depends on coordinates, small
+motion about a state has it (`mass_about`), and runs have not. Elastic forces are those of
 `_models/space/energies.py`. Sections have no inertia beside that of twist and no propeller moment,
 a share (Omega / omega_T)^2 of the stiffness of torsion with the frequency omega_T; and tension T
 neither untwists them nor stiffens torsion, by T i^2 / GJ with the polar radius of gyration i.
@@ -19,7 +21,7 @@ angle, L^2 times a twist. Any array may have further axes, of lanes, behind thos
 (see `kernel`).
 """
 
-from typing import Self
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -33,9 +35,10 @@ from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.space.elasticity import SpatialElasticity
 from jaxbeam._models.space.ends import Ends, in_beam_axes, push, push_tangent
 from jaxbeam._models.space.energies import elongation, section_angles
-from jaxbeam._models.space.frames import A1, axes
+from jaxbeam._models.space.frames import A1, axes, rolls
 from jaxbeam._models.space.nodes import (
     Nodes,
+    assembled,
     components,
     mass_rows,
     mixed_rows,
@@ -49,6 +52,8 @@ from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub, hub_matrices, skew
 from jaxbeam._types import Number, Triple, Vector
+
+_MOVED = np.diag([1.0, 1.0, 1.0, 0.0])  # components of displacement, without the twist
 
 
 class SpatialEquations(SpatialElasticity):
@@ -97,9 +102,8 @@ class SpatialEquations(SpatialElasticity):
         mass, polar = self.sections.grams()
         self.gram = mass_rows(mass, self.tip_mass)
         polar = mass_rows(polar, jnp.pad(self.tip_polar[None, None], ((0, 1), (0, 1))))
-        kinds = np.diag([1.0, 1.0, 1.0, 0.0])
         self.mass = self._matrix(
-            mixed_rows(self.gram, kinds) + mixed_rows(polar, np.eye(4) - kinds)
+            mixed_rows(self.gram, _MOVED) + mixed_rows(polar, np.eye(4) - _MOVED)
         )
 
     @property
@@ -147,6 +151,22 @@ class SpatialEquations(SpatialElasticity):
         if isinstance(tip_force, TipLoad):
             k = k + self._matrix(-self._pushed_tangent(tip_force, q))
         return k, c
+
+    def mass_about(self, q: Vector) -> BlockTridiagonal:
+        """That of sections that spin about the tangent as they do, where `mass` takes the rate of
+        the angle of twist for it: see the module's docstring."""
+
+        def one(part: Any, local: Array) -> Array:
+            rows = rolls(self._strains(local), self.sections.n_elements)
+            lanes = rows.ndim - 2
+            weighed = contract(part.polar[:, :, None], rows[None], 1, lanes)
+            return self._by_nodes(contract(rows[:, :, None], weighed[:, None], 0, lanes))
+
+        local = of_elements(self._nodes(q))
+        last = rolls(self._strains(local[-1]), self.sections.n_elements)[2]
+        at_tip = self._by_nodes(self.tip_polar * last[:, None] * last[None])
+        own = self.sections.by_element(one, local) + padded(at_tip[None], len(local) - 1, 0)
+        return self._matrix(mixed_rows(self.gram, _MOVED) + assembled(own))
 
     def span_integral(self, kinks: tuple[float, ...]) -> ElementSpanIntegral:
         return ElementSpanIntegral.of(self, self.sections.n_elements, kinks)
@@ -275,7 +295,11 @@ class SpatialEquations(SpatialElasticity):
 
     def _outward(self, vector: Triple) -> Triple:
         """A vector in axes of the hub, from one in axes of the beam."""
-        return vector if self.axes is None else applied(self.axes.swapaxes(0, 1), vector)
+        if self.axes is None:
+            return vector
+        # NaN, of a case that failed, is kept from the derivative by axes that others share.
+        there = jnp.where(vector == vector, vector, 0.0)
+        return applied(self.axes.swapaxes(0, 1), there) + (vector - there)
 
     def _nodal(self, vectors: Float[Array, "k 2 3"]) -> Nodes:
         """Nodal values of vectors in the order a1, a2, a3, without twist."""

@@ -185,6 +185,27 @@ def carried(r: Triple) -> Triple:
     return jnp.stack([jnp.zeros_like(size), r[2], -r[1]]) * (share / size)[None]
 
 
+def rolls(e: Local, n_elements: int) -> Float[Array, "4 13 *lanes"]:
+    """How changes of the local coordinates turn the section about the tangent, at the first node
+    and at the last one: by da + c(r').dr', which goes along the beam, times L, with
+
+        L dk_1 + t.(dr' x L r'') / |r'|^2.
+
+    Rows are that angle and its slope at the first node, and both at the last node.
+    """
+    first, chord, last = stretched(gradients(e)).swapaxes(0, 1)
+    bends = 6 * chord - 4 * first - 2 * last, 2 * first - 6 * chord + 4 * last
+    rows: list[Array] = []
+    for node, (r, bend) in enumerate(zip((first, last), bends, strict=True)):
+        size = jnp.sqrt(total(r * r))
+        for way, by in enumerate((carried(r), n_elements * cross(bend, r) / size[None] ** 3)):
+            by_gradients = jnp.zeros((3, 3, *e.shape[1:]), e.dtype).at[:, 2 * node].set(by)
+            unit = np.eye(4)[2 * node + way]
+            by_angles = jnp.broadcast_to(beside(unit, e.ndim - 1), (4, *e.shape[1:]))
+            rows.append(jnp.concatenate([by_gradients.reshape(9, *e.shape[1:]), by_angles]))
+    return jnp.stack(rows)
+
+
 def _sizes(r: Triple) -> tuple[Number, Number]:
     """|r'| and 1 / (|r'| + r_1), without cancellation."""
     size, ahead = jnp.sqrt(total(r * r)), r[0] > 0

@@ -26,18 +26,19 @@ class SpatialANCF(AbstractModel[Rotor]):
     engineering strain, k_1 the twist per length and (k_2, k_3) the curvatures of the frame that the
     section keeps, all by the unstretched length. In a plane it converges to what `ExactRodANCF`
     does, which integrates stretch with more points. Rotations may be of any size, within an element
-    less than a right angle between its ends. It takes moments and loads that follow the tip
-    (`Loads`), pitch, twist, pre-cone, springs of the root and bodies at the tip of one inertia
-    across the beam; the beam needs its `torsional_stiffness`. Left out: shear, rotary inertia of
-    bending, what the axial inertia of a body does but for torsion, the moment that turns flat
-    sections into the plane of rotation (propeller moment), and what tension does to torsion: it
-    untwists twisted sections, and stiffens torsion by T i^2 / GJ, i the polar radius of gyration.
-    So frequencies of torsion are those at rest, nearly, at any speed.
+    less than a right angle. It takes moments and loads that follow the tip (`Loads`), pitch, twist,
+    pre-cone, springs of the root and bodies at the tip of one inertia across the beam; the beam
+    needs its `torsional_stiffness`. Left out: shear, rotary inertia of bending, what the axial
+    inertia of a body does but for torsion, the moment that turns flat sections into the plane of
+    rotation (propeller moment), and what tension does to torsion: it untwists twisted sections, and
+    stiffens torsion by T i^2 / GJ, i the polar radius of gyration. So frequencies of torsion are
+    those at rest, nearly, at any speed. Inertia of twist is that of the spin of sections about the
+    tangent in small motion about a state (`modes`), and in runs that of the rate of the angle of
+    twist, which in beams that are bent far is another one.
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
-    number, errors with the fourth power of an element's length; those by the inertia of twist, in
-    beams that are bent both ways, with the square. Roots that yield have a slope more each way.
-    Formulation and sources: see `_models/space/energies.py`.
+    number, errors with the fourth power of an element's length. Roots that yield have a slope more
+    each way. Formulation and sources: see `_models/space/energies.py`.
 
     Raises `TypeError` or `ValueError` unless `n_elements` is an int >= 1.
     """
