@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 
 import jaxbeam as jb
 from jaxbeam._models.contract.loaded import Conditions, loads_at
@@ -295,6 +296,31 @@ def test_they_are_those_of_small_free_motion(model):
             moved = np.asarray(run.state.q[-1] - state.q)
             right = np.asarray((x * jnp.exp(lam * end)).real)
             assert np.abs(moved - right).max() < 1e-4 * np.abs(right).max()
+
+
+BENT_ASIDE = [((0.0, 0.0, 0.3), 0.24, 1.4e-5, 4.6e-4), ((0.0, 2.0, 0.0), 0.49, 1.4e-3, 2.5e-3)]
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("force", "aside", "three", "eight"), BENT_ASIDE)
+def test_what_runs_leave_out_of_the_inertia_of_twist(force, aside, three, eight):
+    """Of a solid section with a slenderness of 100, as docs/limitations.md says: relative errors of
+    the lowest three and eight frequencies by the mass matrix that runs have."""
+    model = jb.SpatialANCF(16)
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 1.0, 0.4, torsional_stiffness=0.3))
+    conditions, speed = (
+        Conditions(jb.Loads(tip_force=jnp.array(force)), jb.Damping()),
+        jnp.zeros(()),
+    )
+    equations, (q, _) = model.equations(rotor), conditions.state(model, rotor, speed)
+    assert np.linalg.norm(equations.tip(q)[1:]) == pytest.approx(aside, abs=0.01)
+    stiffness = conditions.system(model, rotor, speed).stiffness
+    square, without = (
+        scipy.linalg.eigh(stiffness, dense(mass), eigvals_only=True)[:8]
+        for mass in (equations.mass_about(q), equations.mass)
+    )
+    off = np.abs(np.sqrt(without / square) - 1)
+    np.testing.assert_allclose([off[:3].max(), off.max()], [three, eight], rtol=0.1)
 
 
 @pytest.mark.exhaustive

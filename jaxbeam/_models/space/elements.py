@@ -153,8 +153,8 @@ class SpatialEquations(SpatialElasticity):
         return k, c
 
     def mass_about(self, q: Vector) -> BlockTridiagonal:
-        """That of sections that spin about the tangent as they do, where `mass` takes the rate of
-        the angle of twist for it: see the module's docstring."""
+        """The mass matrix about a state, of sections that spin about the tangent; `mass` takes the
+        rate of the angle of twist for that spin: see the module's docstring."""
 
         def one(part: Any, local: Array) -> Array:
             rows = rolls(self._strains(local), self.sections.n_elements)
