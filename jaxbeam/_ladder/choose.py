@@ -47,7 +47,7 @@ JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may di
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
 LARGE = 0.1  # and where the scout fails
 _UNCONFIRMED = 0.25  # of the tolerance, which the first two rungs that agree may both be off
-# And all that agree: what sets in at once shakes high modes, of which elements have others each.
+# And any two: loads that set in at once shake high modes, whose errors fall but slowly.
 _LEAST = 0.05
 
 

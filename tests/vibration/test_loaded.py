@@ -308,11 +308,9 @@ def test_what_runs_leave_out_of_the_inertia_of_twist(force, aside, three, eight)
     the lowest three and eight frequencies by the mass matrix that runs have."""
     model = jb.SpatialANCF(16)
     rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 1.0, 0.4, torsional_stiffness=0.3))
-    conditions, speed = (
-        Conditions(jb.Loads(tip_force=jnp.array(force)), jb.Damping()),
-        jnp.zeros(()),
-    )
-    equations, (q, _) = model.equations(rotor), conditions.state(model, rotor, speed)
+    conditions = Conditions(jb.Loads(tip_force=jnp.array(force)), jb.Damping())
+    speed, equations = jnp.zeros(()), model.equations(rotor)
+    q, _ = conditions.state(model, rotor, speed)
     assert np.linalg.norm(equations.tip(q)[1:]) == pytest.approx(aside, abs=0.01)
     stiffness = conditions.system(model, rotor, speed).stiffness
     square, without = (
