@@ -166,7 +166,7 @@ def _chosen(ask: "_Asker", tolerance: float, own: Sequence[AbstractModel]) -> Ch
 
     judge, left = _refined(ask, elements, tolerance)
     noise = ask.now(judge, 0.1).distance(ask(judge))
-    left = max(left, _LEAST * tolerance) + float(noise) + left_out_by(judge, beforehand)
+    left = left + float(noise) + left_out_by(judge, beforehand)
     trial = _Trial(ask, tolerance, beforehand, scout, nonlinear, judge, left)
     for model in (scout, *elements):
         if model in ask.found or model == scout:
@@ -274,7 +274,7 @@ def _refined(
         judge, left, before = fine, here, apart
         if apart <= JUDGE * tolerance:
             break
-    return judge, left
+    return judge, max(left, _LEAST * tolerance)
 
 
 @dataclasses.dataclass

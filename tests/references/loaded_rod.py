@@ -13,9 +13,9 @@ per length, m_s mass and j polar inertia per length. The root is clamped at the 
 a_1, its axes leaned by the cone about -a_2. A following force at the tip has constant components
 along t, d_2, d_3 there.
 
-Sections have no inertia of rotation but that about the tangent, of small vibration alone. So has a
-body at the tip: mass M at r + c t, J |dt/dt|^2 / 2 for its inertia across and J_a (t.phi')^2 / 2
-about the rod.
+The only inertia of rotation of sections is that about the tangent, in small vibration alone. A body
+at the tip has the mass M at r + c t and the energies J |dt/dt|^2 / 2, for its inertia across, and
+J_a (t.phi')^2 / 2, about the rod.
 
 Method. All fields are polynomials through Chebyshev points, and the equations are integrated from
 the end where a field is given, so that nothing is differentiated: spectral accuracy, and matrices

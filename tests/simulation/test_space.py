@@ -234,7 +234,8 @@ ONE, PLAIN = jb.SpatialANCF(1), jb.Beam(1.0, 1.0, 1e4, 1.0, 0.5, torsional_stiff
 
 
 def bent(moment, **more):
-    """The tip of one element under a moment in the plane, 0 where there is none, and the status."""
+    """Axial displacement of the tip of one element under a moment in the plane, 0 where there is no
+    steady state, and the status."""
     rotor = jb.Rotor(PLAIN, **more)
     loads = jb.Loads(tip_moment=jnp.stack([0 * moment, 0 * moment, moment]))
     start = jb.steady_start(ONE, rotor, jb.ConstantSpeed(0.0), loads=loads, throw=False)

@@ -153,8 +153,8 @@ class Equations(eqx.Module):
         return -k, -c
 
     def mass_about(self, q: Vector) -> Any:
-        """The mass matrix of small motion about a state, of the kind of `mass`, which it is unless
-        that leaves out what only a state tells."""
+        """The mass matrix of small motion about a state, of the kind of `mass`: it is
+        `mass` itself, unless the true one depends on coordinates."""
         return self.mass
 
     def elastic_tangent(self, q: Vector) -> Any:
