@@ -47,7 +47,8 @@ for _name, _words in (
     for _word in _words:
         for _what in ("stiffness", "bending_stiffness"):
             _NAMES[f"{_word}_{_what}"] = _name, UNITS[_name]
-# Blanks that do not break, which part thousands in numbers.
+# Commas, and blanks that do not break, which part thousands in numbers.
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _GROUPED = re.compile("(?<=\\d)[\u00a0\u202f](?=\\d{3})")
 
 
@@ -78,7 +79,7 @@ def read_csv(
 
     `_bending_stiffness` may stand for `_stiffness`. Other columns are named in `ignored`. Each
     later line is a station. Values are linear from one to the next; two equal ones are a step.
-    Where no comma parts entries, numbers may have a decimal comma, all of them or none.
+    Numbers may have a decimal comma, all of them or none; in quotes, where commas part entries.
 
     `length`, in m, is needed with x_over_L; with x it is the last station. `axial_stiffness`, in N,
     takes the place of the column, and is needed without one. Frequencies of bending hardly depend
@@ -94,7 +95,7 @@ def read_csv(
     the file cannot be read.
     """
     path = Path(path)
-    (line, titles), *rows = _records(path)
+    ((line, titles), *rows), by = _records(path)
     columns: dict[str, Column] = {}
     unlike: dict[str, str] = {}  # columns whose names begin with x_, and what follows
     for i, title in enumerate(titles):
@@ -124,13 +125,14 @@ def read_csv(
     if by_length and length is not None:
         raise mistake(path, line, columns[PLACE].title, "says the length, so none must be given")
     return blade(
-        path, line, titles, columns, _with_points(path, rows, columns),
+        path, line, titles, columns, _with_points(path, rows, columns, by),
         None if by_length else length, axial_stiffness, named, by_length=by_length,
     )  # fmt: skip
 
 
-def _records(path: Path) -> list[Row]:
-    """Lines that are not empty, by entries, each as long as the titles if only blanks are more."""
+def _records(path: Path) -> tuple[list[Row], str]:
+    """Lines that are not empty, by entries, each as long as the titles if only blanks are more; and
+    what parts entries."""
     lines = [re.sub("[\u200b\ufeff\0]", "", line) for line in read_lines(path)]
     lines = ["" if line.lstrip().startswith("#") else line for line in lines]
     declared = re.fullmatch(r"\s*sep=([,;\t])\s*", lines[0], re.IGNORECASE)  # as for Excel
@@ -151,7 +153,7 @@ def _records(path: Path) -> list[Row]:
     for _, cells in records[1:]:
         while len(cells) > len(titles) and not cells[-1]:
             cells.pop()
-    return records
+    return records, by
 
 
 def _parsed(lines: Sequence[str], by: str) -> Iterator[Row]:
@@ -164,8 +166,11 @@ def _parsed(lines: Sequence[str], by: str) -> Iterator[Row]:
         line = reader.line_num + 1
 
 
-def _with_points(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> list[Row]:
-    """Rows whose numbers have decimal points where they had commas."""
+def _with_points(
+    path: Path, rows: Sequence[Row], columns: Mapping[str, Column], by: str
+) -> list[Row]:
+    """Rows whose numbers have decimal points where they had commas. Where entries are parted `by`
+    commas, too, and all in numbers could be of thousands, nobody knows what they are."""
     numbers = [(column.title, column.number) for column in columns.values()]
     found = [
         (line, title, cells[i])
@@ -176,6 +181,11 @@ def _with_points(path: Path, rows: Sequence[Row], columns: Mapping[str, Column])
         if "," in cell and pointed is not None:
             what = f"{cell} has a comma, but numbers in line {pointed} have a decimal point"
             raise mistake(path, line, title, what)
+    commas = [entry for entry in found if "," in entry[2]]
+    if by == "," and commas and all(_THOUSANDS.fullmatch(cell) for _, _, cell in commas):
+        line, title, cell = commas[0]
+        what = f'the comma of "{cell}" may be of thousands or a decimal one: write a point or none'
+        raise mistake(path, line, title, what)
     places = {i for _, i in numbers}
     return [
         (line, [c.replace(",", ".") if i in places else c for i, c in enumerate(cells)])

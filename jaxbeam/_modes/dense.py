@@ -3,7 +3,7 @@
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,21 +24,27 @@ from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
 
+ROUNDING = 1e-3  # of a frequency, at most
 TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
 
 def dense_modes(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
     any; with `free` also where hinges leave motions that nothing holds."""
-    eigenvalue, shape, direction, number, positive = _selected(system, wanted, free)
+    eigenvalue, shape, direction, number, positive, finite, rounding = _selected(
+        system, wanted, free
+    )
     matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
     tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
-    finite = jnp.all(jnp.isfinite(eigenvalue)) & jnp.all(jnp.isfinite(shape))
+    finite &= jnp.all(jnp.isfinite(shape))
+    accurate = residual.max() <= tolerance  # NaN is not
+    if rounding is not None:
+        accurate &= rounding.max() <= ROUNDING
     found = first_broken(
         (positive, Status.NO_EQUILIBRIUM),
         (finite, Status.NOT_FINITE),
-        (residual.max() <= tolerance, Status.INACCURATE),  # NaN is not
+        (accurate, Status.INACCURATE),
     )
     status = first_failure(system.status, found)
     share = energy_share(system.mass, shape, system.directions)
@@ -58,9 +64,9 @@ def energy_share(
     return share / jnp.sum(share, -1, keepdims=True)
 
 
-def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, ...]:
-    """Eigenvalues, shapes, directions and numbers of the modes wanted, and whether the axial
-    stiffness is positive definite."""
+def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Any, ...]:
+    """Eigenvalues, shapes, directions and numbers of the modes wanted, whether the axial stiffness
+    is positive definite, whether all there are were found, and what rounding may do to each."""
     groups = [
         _group(system, transverse, axial, free)
         for transverse, axial in system.coupling
@@ -69,6 +75,8 @@ def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, 
     rows = np.concatenate([group.rows for group in groups])
     direction_of, number_of = _labels(system.directions, rows)
     eigenvalue = jnp.concatenate([group.eigenvalue for group in groups])
+    # What could not be found may be among the lowest.
+    finite = ~jnp.any(jnp.isnan(eigenvalue))
     shape = jax.scipy.linalg.block_diag(*[group.shape for group in groups])
     starts = np.cumsum([0, *(group.rows.size for group in groups)])
     label = jnp.concatenate([a.label + i for a, i in zip(groups, starts[:-1], strict=True)])
@@ -86,7 +94,10 @@ def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Array, 
         named = (direction[None] == directions) & (number[None] == numbers)
         pick, (direction, number) = jnp.argmax(named, axis=1), wanted.named
     positive = functools.reduce(jnp.logical_and, [group.positive for group in groups])
-    return eigenvalue[pick], shape[pick][:, np.argsort(rows)], direction, number, positive
+    roundings = [group.rounding for group in groups if group.rounding is not None]
+    rounding = jnp.concatenate(roundings)[pick] if roundings else None
+    shape = shape[pick][:, np.argsort(rows)]
+    return eigenvalue[pick], shape, direction, number, positive, finite, rounding
 
 
 class _Group(NamedTuple):
@@ -98,6 +109,7 @@ class _Group(NamedTuple):
     shape: Complex[Array, "n n"]
     label: Int[Array, " n"]
     positive: Array
+    rounding: Float[Array, " n"] | None
 
 
 def _labels(directions: tuple[Direction, ...], rows: np.ndarray) -> tuple[Array, Array]:
@@ -137,7 +149,25 @@ def _group(
         label = _assign(_participation(m, own, shape, here, sizes, free, bent))
     if system.general:
         shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
-    return _Group(rows, eigenvalue, shape, label, positive == 1)
+    rounding = _rounding(m, g, k, eigenvalue, shape)
+    return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)
+
+
+def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array) -> Array | None:
+    """What rounding may do to frequencies, relative, in single precision, where it is much: to
+    |x|^T |K| |x|, of the lowest modes, which all others have some of, and to |x|^T |M| |x|, over
+    what is left of them; to what is far above the lowest; and how far x^H Q x is from zero."""
+    if jnp.finfo(m.dtype).bits > 32:
+        return None
+    moves = eigenvalue != 0
+    size, omega = jnp.abs(x), jnp.where(moves, jnp.abs(eigenvalue), jnp.inf)
+    stiff, heavy = (jnp.sum(size * (size @ jnp.abs(a)), 1) for a in (k, m))
+    mass, drag, held = (jnp.sum(x.conj() * (x @ a.T), 1) for a in (m, g, k))
+    left = jnp.abs(eigenvalue**2 * mass + eigenvalue * drag + held) / omega**2
+    mass = jnp.abs(mass)
+    high = jnp.where(moves, omega, 0.0) / jnp.min(omega)
+    units = jnp.max(stiff / (omega**2 * mass)) + heavy / mass + high
+    return (jnp.finfo(m.dtype).eps * units + left / mass) / 2
 
 
 def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:

@@ -367,14 +367,6 @@ def _factor(a: Float[Array, "n n"]) -> Float[Array, ""]:
     return jnp.all(jnp.isfinite(cholesky(a))).astype(a.dtype)
 
 
-@one_by_one
-def principal_rows(a: Float[Array, "m n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Singular values of a tall matrix, the largest first, and its right singular vectors as rows.
-    Of a matrix without derivatives: those of vectors of values that are alike do not exist."""
-    _, value, rows = jnp.linalg.svd(jnp.linalg.qr(a, mode="r"), full_matrices=False)
-    return value, rows
-
-
 def modes_and_squares(
     mass: Array, stiffness: Array, more: Array | None = None
 ) -> tuple[Array, Array]:
@@ -383,11 +375,13 @@ def modes_and_squares(
     flexible = jnp.linalg.solve(stiffness if more is None else stiffness + more * mass, f)
     a = f.T @ flexible
     y, nu = jax.lax.linalg.eigh(symmetric_part(a), symmetrize_input=False)
-    order = jnp.argsort(1 / nu)
+    # Of the fastest modes nothing but rounding may be left, of which the sign says nothing.
+    size = jnp.abs(nu)
+    nu = jax.lax.select(size < len(nu) * jnp.finfo(nu.dtype).eps * nu[-1], size, nu)
+    mu, order = jax.lax.sort_key_val(1 / nu, jnp.arange(len(nu)))
     v = (flexible @ y)[:, order].T
-    return v / jnp.sqrt(jnp.sum(v * (v @ mass), axis=1))[:, None], 1 / nu[order] - (
-        0.0 if more is None else more
-    )
+    v = v / jnp.sqrt(jnp.sum(v * (v @ mass), axis=1))[:, None]
+    return v, mu if more is None else mu - more
 
 
 def _settled_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:

@@ -253,7 +253,7 @@ def damping_in_range(damping: Damping) -> Array:
 
 def in_plane(stray: Array, kept: Array) -> Array:
     """Whether what points out of the plane of rotation is but rounding of what points along it."""
-    return jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept) + 1e-12)
+    return jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept))
 
 
 def loads_in_range(
@@ -267,7 +267,7 @@ def loads_in_range(
     force = tip if isinstance(tip, Array) else jnp.zeros(3, gravity.dtype)
     stray = jnp.stack([push[2], force[2], *along[:, 2]])
     most = jnp.max(jnp.abs(along[:, 1]))
-    kept = jnp.stack([jnp.max(jnp.abs(push)), force[1], most, most])
+    kept = jnp.stack([jnp.max(jnp.abs(push)), jnp.max(jnp.abs(force)), most, most])
     return jnp.all(jnp.isfinite(given)), in_plane(stray, kept)
 
 

@@ -97,9 +97,9 @@ class Span(eqx.Module):
         """int_0^1 f."""
         return _by_parts(lambda f: jnp.tensordot(jnp.asarray(self.weight), f, 1), f)
 
-    def at_edges(self, f: Any) -> Array:
-        """int_0^xi f at the edges, (e + 1, ...)."""
-        parts = self._by_segment(f)[1]
+    def at_edges(self, f: Array) -> Array:
+        """int_0^xi f at the edges, (e + 1, n), of f (p, n)."""
+        parts = self._over(f, _gauss(self.points)[1][None])[:, 0]
         return _before(jnp.concatenate([parts, 0 * parts[:1]]), True)
 
     def interpolated(self, f: Array, xi: np.ndarray) -> Array:
@@ -116,17 +116,18 @@ class Span(eqx.Module):
         f = f.reshape(len(self.edges) - 1, self.points, *f.shape[1:])
         return jnp.einsum("qp,qp...->q...", rows, f[where])
 
-    def _by_segment(self, f: Array) -> tuple[Array, Array]:
-        """f times the rate (e, points, ...), and integrals over segments (e, ...)."""
-        beside = (1,) * (f.ndim - 1)
-        paced = f * jnp.asarray(self.rate).reshape(self.rate.size, *beside)
-        paced = paced.reshape(len(self.edges) - 1, self.points, *f.shape[1:])
-        return paced, jnp.tensordot(paced, _gauss(self.points)[1], (1, 0))
+    def _over(self, f: Array, rows: np.ndarray) -> Array:
+        """Integrals (e, r, n) in each segment with these rows (r, points) of weights, of f (p, n).
+        The rates go with the weights: products of small matrices take f as it lies in memory."""
+        rate = jnp.asarray(self.rate).reshape(-1, 1, self.points)
+        by_segment = f.reshape(len(self.edges) - 1, self.points, f.shape[1])
+        return jnp.asarray(rows)[None] * rate @ by_segment
 
     def _integrated(self, f: Array, own: np.ndarray, forward: bool) -> Array:
-        paced, parts = self._by_segment(f)
-        within = jnp.einsum("ij,ej...->ei...", own, paced)
-        return (within + _before(parts, forward)[:, None]).reshape(f.shape)
+        whole = _gauss(self.points)[1][None]
+        within = self._over(f.reshape(f.shape[0], -1), np.concatenate([own, whole]))
+        out = within[:, :-1] + _before(within[:, -1], forward)[:, None]
+        return out.reshape(f.shape)
 
 
 def _by_parts(function: Callable[[Array], Array], f: Any) -> Array:
@@ -139,8 +140,11 @@ def _by_parts(function: Callable[[Array], Array], f: Any) -> Array:
 
 
 def _before(parts: Array, forward: bool) -> Array:
-    """Sums of all parts before each, or behind it: in groups, and over groups, which compiles as
-    two small matrices do, much faster than a running sum."""
+    """Sums of all parts (e, n) before each, or behind it: by a matrix; of many in groups, and over
+    groups, which compiles as two small matrices do, much faster than a running sum."""
+    if len(parts) <= _MANY:
+        inside = np.tri(len(parts), k=-1)
+        return jnp.asarray(inside if forward else inside.T) @ parts
     size = int(np.ceil(np.sqrt(len(parts))))
     groups = -(-len(parts) // size)
     beyond = ((0, groups * size - len(parts)), *((0, 0),) * (parts.ndim - 1))
@@ -153,6 +157,7 @@ def _before(parts: Array, forward: bool) -> Array:
     return before.reshape(groups * size, *parts.shape[1:])[: len(parts)]  # there may be no columns
 
 
+_MANY = 128  # segments of which sums are grouped
 _NEARER, _TURNS = 4.0, 10  # ratio of segments towards the ends, and how many towards the root
 _FLAT = 1e-2  # ratios whose logarithm is below need no crowding
 

@@ -179,6 +179,10 @@ SAID = {
         "line 3, column mass_per_length_kg_per_m: 1,5 has a comma, but numbers in line 3 have",
     ),
     "thousands": (CSV.replace("300", '"3,000,00"').replace("0.5", '"0,5"'), "not a number, '3.000"),
+    "commas of thousands": (
+        CSV.replace("0.5,", "1,").replace("300", '"3,000"'),
+        'the comma of "3,000" may be of thousands or a decimal one',
+    ),
     "a day": (CSV.replace(",300,", ",10-12,"), "not a number, '10-12'"),
     "a unit of elastodyn": (
         ELASTODYN.replace("(kg/m)", "(slug/ft)"),

@@ -14,7 +14,7 @@ import scipy.optimize
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import planar_eigenpairs
-from tests.helpers import NAMES, build, finite_difference, slender
+from tests.helpers import NAMES, build, finite_difference, run_optimised, slender
 from tests.references import power_series
 from tests.tiers import exhaustive, slow
 
@@ -612,6 +612,38 @@ def test_shorter_floats_are_promoted():
     assert found.dtype == jnp.float64
     np.testing.assert_array_equal(found, expected)
     jb.modes(jb.ANCF(2), slender(), jnp.float32(1.0))
+
+
+SHORT = """
+import jaxbeam as jb
+
+def found():
+    beam = jb.Beam(4.0, 1.5, 1e6, 2000.0, 900.0)
+    for model in (jb.ExactRodANCF(16), jb.ANCF(6)):
+        for tip_mass in (0.0, 60.0, 240.0, 6000.0, 6e6):
+            rotor, which = jb.Rotor(beam, 0.5, tip_mass), jb.labels(in_plane=2)
+            found = jb.modes(model, rotor, 0.0, which, throw=False)
+            yield int(found.status), *found.frequency.tolist()
+
+if __name__ == "__main__":
+    for each in found():
+        print(*each)
+"""
+
+
+@pytest.mark.slow
+def test_what_short_floats_cannot_tell_has_a_status():
+    """Stiffness matrices of many elements, and masses of bodies that are heavy, leave little of the
+    lowest frequencies in 32 bits: references are of 64 bits."""
+    whole = {"__name__": "reference"}
+    exec(SHORT, whole)
+    exact = np.array([*whole["found"]()])
+    assert not exact[:, 0].any()
+    lines = run_optimised("-c", SHORT, level=0).splitlines()
+    short = np.array([[float(number) for number in line.split()] for line in lines])
+    fine = short[:, 0] == jb.Status.OK
+    assert 3 < fine.sum() < len(fine)
+    np.testing.assert_allclose(short[fine], exact[fine], rtol=1e-3)
 
 
 def test_parameters_that_no_constructor_has_seen():

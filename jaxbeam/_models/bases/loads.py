@@ -12,8 +12,8 @@ With c the compliance, m the mass per length and T the tension at unit speed, be
 
 (and g' = 1 where the root yields), curvatures are c times that, all over x / L. With twist or pitch
 the same moments bend the beam across, too. Of these more than twice as many are made as functions
-are asked for; a singular value decomposition keeps what counts most, each being given the share of
-motion that its polynomial has.
+are asked for; a subspace of them is kept in which most is, each being given the share of motion
+that its polynomial has.
 
 Without tension they are one step of inverse iteration from polynomials, the Ritz vectors of E. L.
 Wilson, M. Yuan, J. M. Dickens, Earthquake Engineering and Structural Dynamics 10, 1982.
@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._models.bases.basis import Polynomials
-from jaxbeam._numerics.linalg import principal_rows
+from jaxbeam._numerics.subspace import principal
 from jaxbeam._programs.platforms import once
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
@@ -63,15 +63,12 @@ class Kind:
         return [max(n - (spring is not None), 0) for n, spring in counts]
 
 
-def span_of(kind: Kind, rotor: Rotor, finer: int = 1) -> Span:
-    """Points of integration; `finer` cuts segments into so many."""
+def span_of(kind: Kind, rotor: Rotor, beside: int = 0) -> Span:
+    """Points of integration, and so many more of each segment."""
     beam = rotor.beam
     cut = shortened(beam.edges, kind.grading > 1)
-    more = _MORE + 3 * (kind.grading > 1)  # towards the root powers are not whole
+    more = _MORE + 3 * (kind.grading > 1) + beside  # towards the root powers are not whole
     points = Polynomials(kind.grading).points(kind.points, cut, more)
-    if finer > 1:
-        inner = np.linspace(cut[:-1], cut[1:], finer, endpoint=False).T.ravel()
-        cut = (*inner.tolist(), 1.0)
     stiffnesses = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
     stiffnesses += [beam.axial_stiffness] if kind.counts[0] else []
     return Span.following(stiffnesses, cut, points)
@@ -279,9 +276,10 @@ def _mix(columns: Array, n: int, pulled: int) -> Array:
     size = jnp.concatenate([size[: n + pulled], size[: columns.shape[1] - n - pulled]])
     rank = np.concatenate([np.arange(k) for k in (n, pulled, columns.shape[1] - n - pulled)])
     share: Any = (1.0 + rank) ** -_FALLS / size
-    value, rows = principal_rows(columns * share[None])
-    value = jnp.maximum(value, jnp.finfo(value.dtype).eps * value[0])
-    return share[:, None] * (rows[:n] / value[:n, None]).T
+    # Begins with those that count most, each with some that count less: of itself it may have
+    # nothing that others do not have.
+    start = np.eye(n)[np.argsort(np.argsort(rank, kind="stable")) % n]
+    return share[:, None] * principal(columns * share[None], start)
 
 
 def section_angle(rotor: Rotor, at: Callable[[Property], Array]) -> Any:

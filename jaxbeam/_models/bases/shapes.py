@@ -149,11 +149,11 @@ class Shape(NamedTuple):
 
 
 def shape_of(
-    kind: Kind, rotor: Rotor, mixes: Mixes, parts: Sequence[Array], finer: int = 1
+    kind: Kind, rotor: Rotor, mixes: Mixes, parts: Sequence[Array], beside: int = 0
 ) -> tuple[Profile, Shape]:
-    """What coordinates, by direction, are at the points of integration, or so many times as many;
-    those of models without axial functions have to be real."""
-    loads = Loads.on(kind, rotor, span_of(kind, rotor, finer))
+    """What coordinates, by direction, are at the points of integration, or at those of so many
+    more in each segment; those of models without axial functions have to be real."""
+    loads = Loads.on(kind, rotor, span_of(kind, rotor, beside))
     if kind.counts[0]:
         parts = [jnp.concatenate([q.real, q.imag], 1) for q in parts]
     roots = _at_root(loads, parts)

@@ -8,12 +8,13 @@ one, stiffness as it is at each point.
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, bending_integrals, stretch_integrals
-from jaxbeam._models.bases.loads import Counts, Profile
+from jaxbeam._models.bases.loads import Counts, Profile, in_beam_axes
 from jaxbeam._models.bases.shapes import COMPONENTS, Shapes, all_functions, ends_of
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
@@ -86,9 +87,9 @@ def weighted(shapes: Shapes, rotor: Rotor) -> ShapeIntegrals:
     one_hot = one_hots(shapes.counts)
     share, *beyond = outboard(rotor.beam.mass_per_length, span)
     share = span.weight * share
-    pulls = [_gram(f.slope, span.weight * shape) for shape in (jnp.ones_like(share), *beyond)]
-    alike = one_hot @ one_hot.T
-    bends = np.outer(one_hot[:, 0] == 0, one_hot[:, 0] == 0)
+    pulls = span.weight[None] * jnp.stack([jnp.ones_like(share), *beyond])
+    axial, *bends = (_grams(own, pulls) for own in by_direction(f.slope, shapes.counts))
+    rests = [jnp.zeros_like(gram) for gram in (axial, *bends)]
     return ShapeIntegrals(
         one_hot=one_hot,
         tip=shapes.ends.tip,
@@ -98,8 +99,8 @@ def weighted(shapes: Shapes, rotor: Rotor) -> ShapeIntegrals:
         gram=_gram(f.value, share),
         mean=share @ f.value,
         first=(share * span.xi) @ f.value,
-        tension=jnp.stack(pulls) * (alike * bends)[None],
-        axial_tension=jnp.stack(pulls) * (alike * ~bends)[None],
+        tension=_side_by_side([rests[0], *bends]),
+        axial_tension=_side_by_side([axial, *rests[1:]]),
     )
 
 
@@ -123,13 +124,23 @@ def varying_stiffness(shapes: Shapes, rotor: Rotor) -> Matrix:
     EI_vv = EI_zz c^2 + EI_yy s^2 and EI_ww = EI_yy c^2 + EI_zz s^2, c = cos(theta) and so on, and
     EI_vw = (EI_zz - EI_yy) s c between the two directions.
     """
-    length, span, f = rotor.beam.length, shapes.span, shapes.at
-    one_hot = one_hots(shapes.counts)
+    length, span, f, counts = rotor.beam.length, shapes.span, shapes.at, shapes.counts
     profile, weight = Profile.of(rotor, span), span.weight
-    stretch = _gram(f.slope * one_hot[None, :, 0], weight * profile.axial)
-    first, second = profile.in_section_axes(*(f.curvature * one_hot[None, :, k] for k in (1, 2)))
-    bending = _gram(first, weight * profile.in_plane) + _gram(second, weight * profile.flap)
-    return stretch / length + bending / length**3 + springs(shapes.ends.root, one_hot, rotor)
+    stretch = by_direction(f.slope, counts)[0]
+    _, first, second = by_direction(f.curvature, counts)
+    (in_plane, flap), across = in_beam_axes(profile.in_plane, profile.flap, profile.section_axes)
+    blocks = [
+        _gram(stretch, weight * profile.axial / length),
+        _gram(first, weight * in_plane / length**3),
+        _gram(second, weight * flap / length**3),
+    ]
+    out = jax.scipy.linalg.block_diag(*blocks)
+    if across is not None:
+        crossed = first.T @ ((weight * across / length**3)[:, None] * second)
+        start = (counts[0], counts[0] + counts[1])
+        upper = jax.lax.dynamic_update_slice(jnp.zeros_like(out), crossed, start)
+        out = out + upper + upper.T
+    return out + springs(shapes.ends.root, one_hots(counts), rotor)
 
 
 def springs(root: Any, one_hot: np.ndarray, rotor: Rotor) -> Any:
@@ -140,6 +151,24 @@ def springs(root: Any, one_hot: np.ndarray, rotor: Rotor) -> Any:
             slope = root * one_hot[:, k]
             out = out + spring / rotor.beam.length**2 * slope[:, None] * slope[None]
     return out
+
+
+def by_direction(columns: Array, counts: Counts) -> list[Array]:
+    """Columns (p, n) of all coordinates, of each direction by themselves."""
+    return jnp.split(columns, np.cumsum(counts)[:-1], 1)
+
+
+def _grams(f: Array, weights: Array) -> Array:
+    """Integrals (w, n, n) of products of functions (p, n) by weights (w, p): one product of
+    matrices."""
+    weighed = jnp.moveaxis(weights, 0, 1)[:, :, None] * f[:, None]
+    both = (f.T @ weighed.reshape(len(f), -1)).reshape(f.shape[1], len(weights), f.shape[1])
+    return jax.vmap(symmetric_part, 1)(both)
+
+
+def _side_by_side(blocks: list[Array]) -> Array:
+    """Blocks (w, k, k) on the diagonal."""
+    return jax.vmap(lambda *each: jax.scipy.linalg.block_diag(*each))(*blocks)
 
 
 def _gram(f: Any, weight: Any) -> Any:

@@ -34,7 +34,7 @@ from jaxbeam._models.bases.shapes import (
     shape_of,
     shapes_on,
 )
-from jaxbeam._models.bases.truncation import forms, frequency_error, tension
+from jaxbeam._models.bases.truncation import MORE_POINTS, forms, frequency_error, tension
 from jaxbeam._models.contract.bands import BandTables
 from jaxbeam._models.contract.elasticity import LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
@@ -122,7 +122,7 @@ class _Modal(CartesianModel):
         shape = shape if self.n_stretch else shape.real
         parts = self._by_direction(shape)
         if system.shapes is not None and system.shapes.mixes is not None:
-            profile, found = shape_of(self._kind, rotor, system.shapes.mixes, parts, 2)
+            profile, found = shape_of(self._kind, rotor, system.shapes.mixes, parts, MORE_POINTS)
         else:
             span = self.basis.rule(2 * self.products, shortened(rotor.beam.edges))
             profile = Profile.of(rotor, span)
