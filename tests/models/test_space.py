@@ -16,7 +16,7 @@ from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub, spinning
 from tests.references.quaternions import rotation
 from tests.references.rod import Rod, helix, solved
-from tests.tiers import slow
+from tests.tiers import exhaustive, slow
 
 STILL = jb.ConstantSpeed(0.0)
 N = 4  # elements of the beam of which the one below is part
@@ -57,6 +57,25 @@ def test_force_and_tangent_are_derivatives_of_the_energy(is_turned):
     for seed in range(3):
         for a, b in zip(*both(bent(seed)), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-14 * np.abs(b).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_turned", [True, exhaustive(False)])
+def test_viscous_forces_are_those_of_rates_of_strain(is_turned):
+    """B^T D B e', and its derivatives, by those of strains."""
+    law = element(is_turned)
+
+    def force(e, rate):
+        change = jax.jvp(law.strains, (e,), (rate,))[1]
+        return jax.vjp(law.strains, e)[1](law.stresses(change))[0]
+
+    @jax.jit
+    def both(*state):
+        found = law.viscous(*state), *law.viscous_tangents(*state)
+        return found, (force(*state), *jax.jacfwd(force, (0, 1))(*state))
+
+    for a, b in zip(*both(bent(0), bent(1)), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-14 * np.abs(b).max())
 
 
 @pytest.mark.parametrize("seed", range(6))

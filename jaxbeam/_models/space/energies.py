@@ -50,7 +50,8 @@ from jaxbeam._models.space.frames import (
     stretched,
 )
 from jaxbeam._models.space.points import Points
-from jaxbeam._programs.lanes import beside, contract, held, total
+from jaxbeam._models.space.rotated import Rotated, Way
+from jaxbeam._programs.lanes import beside, contract, held, total, transposed
 from jaxbeam._types import Number
 
 # Gauss points of an element and their weights, exact to degree 5, as small bending and twist want
@@ -177,7 +178,7 @@ class SpatialElement(Strained):
         _, moments, on_turn = self._moments(at)
         return self._gathered(at, at.points.forces(moments), on_turn, moments[0])
 
-    def _gathered(self, at: "_Rotated", on_points: Any, on_turn: Array, on_rate: Array) -> Natural:
+    def _gathered(self, at: Rotated, on_points: Any, on_turn: Array, on_rate: Array) -> Natural:
         """Forces by what bending and torsion do at Gauss points, on the turn and its rate too."""
         loads = jnp.stack([*on_points[:3], on_turn, *on_points[3:], on_rate])
         loads = _back(at.points, loads.reshape(2, 4, 1, *on_turn.shape))
@@ -192,7 +193,7 @@ class SpatialElement(Strained):
         density = (twist * k + by_v * v + by_w * w) / 2
         return total(beside(self.rule.weights, natural.ndim - 1) * density)
 
-    def _at(self, natural: Natural) -> "_Rotated":
+    def _at(self, natural: Natural) -> Rotated:
         """What is at the Gauss points, in the axes of the first node's frame."""
         none, lanes = jnp.zeros_like(natural[0]), natural.ndim - 1
         first = jnp.stack([natural[0], none, none])
@@ -202,17 +203,16 @@ class SpatialElement(Strained):
             contract(beside(self.rule.tables, lanes), stations[None, :, None], 3, lanes + 1)
         )
         cos, sin = held((jnp.cos(here[3]), jnp.sin(here[3])))
-        return _Rotated(Points.of(here[:3], ahead[:3]), cos, sin, ahead[3])
+        return Rotated(Points.of(here[:3], ahead[:3]), cos, sin, ahead[3])
 
-    def _moments(self, at: "_Rotated") -> tuple[Array, Array, Array]:
+    def _moments(self, at: Rotated) -> tuple[Array, Array, Array]:
         """Twist and curvatures of the section (3, g), the moments of twist and of bending about the
         axes before the turn (3, g), and what bending does on the turn (g)."""
         _, second, third = at.points.seen
         v, w = at.cos * second + at.sin * third, at.cos * third - at.sin * second
         twist = at.rate + at.points.rise
         by_v, by_w = self._bends(v, w)
-        by_2, by_3 = at.cos * by_v - at.sin * by_w, at.sin * by_v + at.cos * by_w
-        moments = jnp.stack([self.torsion * twist, by_2, by_3])
+        moments = jnp.stack([self.torsion * twist, *at.before_turn(by_v, by_w)])
         return held((jnp.stack([twist, v, w]), moments, by_v * w - by_w * v))
 
     def _bends(self, v: Array, w: Array) -> tuple[Array, Array]:
@@ -223,33 +223,86 @@ class SpatialElement(Strained):
     def _second(self, natural: Natural) -> tuple[Natural, Float[Array, "10 10 *lanes"]]:
         """First and second derivatives of `_turns`."""
         rule, at, lanes = self.rule, self._at(natural), natural.ndim - 1
-        (_, v, w), moments, on_turn = self._moments(at)
-        none, one = jnp.zeros_like(v), jnp.ones_like(v)
-        # How twist and curvatures of the section, in this order, go with r', turn, L r'' and rate;
-        # what moments do, and how that goes with the turn.
-        ways = jnp.stack([
-            jnp.stack([one, none, none]), jnp.stack([none, at.cos, at.sin]),
-            jnp.stack([none, -at.sin, at.cos]), moments, jnp.stack([none, -moments[2], moments[1]]),
-        ])  # fmt: skip
-        _, k2, k3 = at.points.seen
-        on_turns = jnp.stack([none, w, -v, on_turn, -moments[1] * k2 - moments[2] * k3])
-        forces = jax.vmap(at.points.forces)(ways)
-        on_rates = jnp.stack([one, none, none, moments[0], none])
-        loads = jnp.stack([*forces[:3], on_turns, *forces[3:], on_rates])
-        loads = held(_back(at.points, loads.reshape(2, 4, *on_turns.shape)))
-        by = held(_natural(_by_stations(rule.tables, loads)))
+        strains, moments, on_turn = self._moments(at)
+        by = self._by([*at.strain_ways(strains), *at.moment_ways(moments, on_turn)], at)
         weights = beside(rule.weights[None], lanes)
-        stiff = jax.vmap(lambda k, v, w: jnp.stack([self.torsion * k, *self._bends(v, w)]))(
-            by[:, 0], by[:, 1], by[:, 2]
-        )
-        stiff = held(weights[None] * stiff)
+        stiff = held(weights[None] * jax.vmap(self._stiff)(by[:, :3]))
         second = self._fixed(at, moments, by[:, 4])
         for way in range(3):
             for g in range(len(rule.weights)):
                 second = second + by[:, None, way, g] * stiff[None, :, way, g]
         return total(jnp.moveaxis(weights * by[:, 3], 1, 0)), second
 
-    def _fixed(self, at: "_Rotated", moments: Array, on_turn: Array) -> Array:
+    def _stiff(self, strains: Float[Array, "3 *rest"]) -> Array:
+        """Moments of twist and of bending about the axes of the section, from its twist and
+        curvatures."""
+        twist, v, w = strains
+        return jnp.stack([self.torsion * twist, *self._bends(v, w)])
+
+    def _by(self, ways: list[Way], at: Rotated) -> Float[Array, "10 k g *lanes"]:
+        """What each of k ways does on `Natural`."""
+        moments, on_turns, on_rates = (jnp.stack(each) for each in zip(*ways, strict=True))
+        forces = jax.vmap(at.points.forces)(moments)
+        loads = jnp.stack([*forces[:3], on_turns, *forces[3:], on_rates])
+        loads = held(_back(at.points, loads.reshape(2, 4, *on_turns.shape)))
+        return held(_natural(_by_stations(self.rule.tables, loads)))
+
+    @transposed(on=False)
+    def viscous_tangents(self, e: Local, rate: Local) -> tuple[Array, Array]:
+        """Derivatives as in `Strained`, in a smaller program, by the strains' own ones."""
+        lanes = e.ndim - 1
+        b, change = jax.jvp(self._by_local, (e,), (rate,))
+        rates = held(contract(b, rate[:, None], 0, max(lanes, 1)))
+        by = (held(jax.vmap(self._stressed)(a)) for a in (change, b))
+        by_e, by_rate = (contract(b[:, None], a[None], 2, lanes) for a in by)
+        return by_e + self._geometric(e, rates), by_rate
+
+    def viscous(self, e: Local, rate: Local) -> Local:
+        """Force as in `Strained`, in a smaller program."""
+        b, lanes = self._by_local(e), e.ndim - 1
+        rates = held(contract(b, rate[:, None], 0, max(lanes, 1)))
+        return contract(b, self._stressed(rates)[None], 1, lanes)
+
+    def _stressed(self, strains: Array) -> Array:
+        """Stresses by all strains (s, *lanes), in the order of `_by_local`."""
+        points, rest = len(self.rule.pulls), strains.shape[1:]
+        pull, moments = self.stresses((strains[:points], strains[points:].reshape(3, -1, *rest)))
+        return jnp.concatenate([pull, moments.reshape(-1, *rest)])
+
+    def _by_local(self, e: Local) -> Float[Array, "13 s *lanes"]:
+        """Derivatives of all strains by the local coordinates: of stretch, and then of twist and
+        curvatures, point by point."""
+        n, at = self.n_elements, self._at(deformation(e, self.n_elements))
+        bends = self._by(at.strain_ways(self._moments(at)[0]), at)
+        bends = pulled_back(frames(e, n), bends.reshape(10, -1, *e.shape[1:]), n)
+        d = matvec(self.rule.strained, gradients(e))
+        rows = self._rows_of(stretched(d) / (1 + elongation(d))[None])
+        return held(jnp.concatenate([_padded(rows), bends], 1))
+
+    def _rows_of(self, along: Float[Array, "3 p *lanes"]) -> Float[Array, "9 p *lanes"]:
+        """Derivatives by the gradient's values of what goes along vectors at points of stretch."""
+        table = beside(self.rule.strained.T[None], along.ndim - 2)
+        return (along[:, None] * table).reshape(9, *along.shape[1:])
+
+    def _geometric(self, e: Local, rates: Array) -> Float[Array, "13 13 *lanes"]:
+        """Second derivatives of all strains, times the stresses by these rates."""
+        rule, n, lanes = self.rule, self.n_elements, e.ndim - 1
+        points = len(rule.pulls)
+        d = matvec(rule.strained, gradients(e))
+        size = 1 + elongation(d)
+        pull = beside(rule.pulls, lanes) * _pulled(self.stretching, rates[:points] / size)
+        natural = deformation(e, n)
+        at = self._at(natural)
+        (_, v, w), *_ = self._moments(at)
+        twist, by_v, by_w = self._stiff(rates[points:].reshape(3, -1, *e.shape[1:]))
+        moments = jnp.stack([twist, *at.before_turn(by_v, by_w)])
+        by = self._by(at.moment_ways(moments, by_v * w - by_w * v), at)
+        force = total(jnp.moveaxis(beside(rule.weights[None], lanes) * by[:, 0], 1, 0))
+        second = self._fixed(at, moments, by[:, 1])
+        bent = pulled_back_tangent(frames(e, n), force, second, n)
+        return bent + self._by_pulls(stretched(d) / size[None], -pull, pull)
+
+    def _fixed(self, at: Rotated, moments: Array, on_turn: Array) -> Array:
         """The part of second derivatives that belongs to moments that stay as they are: what they
         do goes by this with the turn (10, g)."""
         rule = self.rule
@@ -273,26 +326,23 @@ class SpatialElement(Strained):
         rule, lanes = self.rule, e.ndim - 1
         d = matvec(rule.strained, gradients(e))
         strain = elongation(d)
-        size, r = 1 + strain, stretched(d)
+        size = 1 + strain
         w = beside(rule.pulls, lanes) * _pulled(self.stretching, 1 / size)
-        rows = (r[:, None] * beside(rule.strained.T[None], lanes)).reshape(9, *r.shape[1:])
-        rows = held(rows / size[None])
+        return self._by_pulls(stretched(d) / size[None], w, w * strain)
+
+    def _by_pulls(
+        self, t: Float[Array, "3 p *lanes"], w: Array, alike: Array
+    ) -> Float[Array, "13 13 *lanes"]:
+        """The sum of w t t^T + alike 1 over points of stretch, by the gradients there."""
+        rule, lanes = self.rule, t.ndim - 2
+        rows = held(self._rows_of(t))
         both = contract(held(w[None] * rows)[:, None], rows[None], 2, lanes + 1)
-        pairs = rule.strained.T[:, None] * rule.strained.T[None]  # (3, 3, g)
-        alike = held(matvec(pairs.reshape(9, -1), (w * strain)[None])[0])
-        alike = alike.reshape(3, 3, *e.shape[1:])
+        pairs = rule.strained.T[:, None] * rule.strained.T[None]  # (3, 3, p)
+        alike = held(matvec(pairs.reshape(9, -1), alike[None])[0])
+        alike = alike.reshape(3, 3, *t.shape[2:])
         ways: Any = beside(np.eye(3)[:, None, :, None], lanes)
-        both = both + (ways * alike[None, :, None]).reshape(9, 9, *e.shape[1:])
+        both = both + (ways * alike[None, :, None]).reshape(9, 9, *t.shape[2:])
         return jnp.pad(both, ((0, 4), (0, 4), *((0, 0),) * lanes))
-
-
-class _Rotated(NamedTuple):
-    """Points, the cosine and the sine of the turn there, and its rate."""
-
-    points: Points
-    cos: Array
-    sin: Array
-    rate: Array
 
 
 def _back(points: Points, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
