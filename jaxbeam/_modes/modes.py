@@ -100,6 +100,7 @@ def find(
     status, error = first_failure(given, found.status), found.frequency_error
     # How few functions are enough on a uniform beam is for its user to say.
     if error is not None and rotor.varies:
+        error = jnp.where(status == Status.OK, error, jnp.nan)
         resolved = jnp.max(error) <= RESOLVED
         status = first_failure(status, first_broken((resolved, Status.TOO_FEW_FUNCTIONS)))
     ok = status == Status.OK
