@@ -24,7 +24,7 @@ from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
 
-ROUNDING = 1e-3  # of a frequency, at most
+ROUNDING = 1e-3  # what rounding may change a frequency by, relative, where that is OK
 TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
 

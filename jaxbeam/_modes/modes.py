@@ -58,8 +58,8 @@ def modes(
 
     Real symmetric computations while the stiffness is positive definite, the general eigenproblem
     with growth rates where it is not. In a batch of 256 cases or more, by one `jax.vmap` or
-    several, models that have `bands` are some ten times faster a case, and compile for longer; on a
-    GPU, which is slow with dense ones, in any batch.
+    several, models that have `bands` are some ten times faster a case in 64 bits, and compile for
+    longer; on a GPU, which is slow with dense ones, in any batch.
 
     Eigenvalues and shapes are differentiable with respect to every parameter and the speed, in
     both modes and to any order, wherever the eigenvalue is simple among modes that are coupled;

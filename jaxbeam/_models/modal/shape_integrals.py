@@ -88,7 +88,7 @@ def weighted(shapes: Shapes, rotor: Rotor) -> ShapeIntegrals:
     share, *beyond = outboard(rotor.beam.mass_per_length, span)
     share = span.weight * share
     pulls = span.weight[None] * jnp.stack([jnp.ones_like(share), *beyond])
-    axial, *bends = (_grams(own, pulls) for own in by_direction(f.slope, shapes.counts))
+    axial, *bends = (_grams(own, pulls) for own in _of_each(f.slope, shapes.counts))
     rests = [jnp.zeros_like(gram) for gram in (axial, *bends)]
     return ShapeIntegrals(
         one_hot=one_hot,
@@ -126,8 +126,8 @@ def varying_stiffness(shapes: Shapes, rotor: Rotor) -> Matrix:
     """
     length, span, f, counts = rotor.beam.length, shapes.span, shapes.at, shapes.counts
     profile, weight = Profile.of(rotor, span), span.weight
-    stretch = by_direction(f.slope, counts)[0]
-    _, first, second = by_direction(f.curvature, counts)
+    stretch = _of_each(f.slope, counts)[0]
+    _, first, second = _of_each(f.curvature, counts)
     (in_plane, flap), across = in_beam_axes(profile.in_plane, profile.flap, profile.section_axes)
     blocks = [
         _gram(stretch, weight * profile.axial / length),
@@ -153,8 +153,8 @@ def springs(root: Any, one_hot: np.ndarray, rotor: Rotor) -> Any:
     return out
 
 
-def by_direction(columns: Array, counts: Counts) -> list[Array]:
-    """Columns (p, n) of all coordinates, of each direction by themselves."""
+def _of_each(columns: Array, counts: Counts) -> list[Array]:
+    """Columns (p, n) of all coordinates, those of each direction by themselves."""
     return jnp.split(columns, np.cumsum(counts)[:-1], 1)
 
 

@@ -176,14 +176,7 @@ class SpatialElement(Strained):
         """The gradient of `_turns`."""
         at = self._at(natural)
         _, moments, on_turn = self._moments(at)
-        return self._gathered(at, at.points.forces(moments), on_turn, moments[0])
-
-    def _gathered(self, at: Rotated, on_points: Any, on_turn: Array, on_rate: Array) -> Natural:
-        """Forces by what bending and torsion do at Gauss points, on the turn and its rate too."""
-        loads = jnp.stack([*on_points[:3], on_turn, *on_points[3:], on_rate])
-        loads = _back(at.points, loads.reshape(2, 4, 1, *on_turn.shape))
-        tables = self.rule.tables * self.rule.weights[None, None, :, None]
-        return _natural(total(jnp.moveaxis(_by_stations(tables, loads), 3, 0)))[:, 0]
+        return self._over_points(self._by(at.moment_ways(moments, on_turn)[:1], at)[:, 0])
 
     def _turns(self, natural: Natural) -> Number:
         """Energy of bending and torsion."""
@@ -231,7 +224,7 @@ class SpatialElement(Strained):
         for way in range(3):
             for g in range(len(rule.weights)):
                 second = second + by[:, None, way, g] * stiff[None, :, way, g]
-        return total(jnp.moveaxis(weights * by[:, 3], 1, 0)), second
+        return self._over_points(by[:, 3]), second
 
     def _stiff(self, strains: Float[Array, "3 *rest"]) -> Array:
         """Moments of twist and of bending about the axes of the section, from its twist and
@@ -247,11 +240,16 @@ class SpatialElement(Strained):
         loads = held(_back(at.points, loads.reshape(2, 4, *on_turns.shape)))
         return held(_natural(_by_stations(self.rule.tables, loads)))
 
+    def _over_points(self, values: Float[Array, "10 g *lanes"]) -> Natural:
+        """Integral of what is at the Gauss points."""
+        weights = beside(self.rule.weights[None], values.ndim - 2)
+        return total(jnp.moveaxis(weights * values, 1, 0))
+
     @transposed(on=False)
     def viscous_tangents(self, e: Local, rate: Local) -> tuple[Array, Array]:
         """Derivatives as in `Strained`, in a smaller program, by the strains' own ones."""
         lanes = e.ndim - 1
-        b, change = jax.jvp(self._by_local, (e,), (rate,))
+        b, change = jax.jvp(self._strain_rows, (e,), (rate,))
         rates = held(contract(b, rate[:, None], 0, max(lanes, 1)))
         by = (held(jax.vmap(self._stressed)(a)) for a in (change, b))
         by_e, by_rate = (contract(b[:, None], a[None], 2, lanes) for a in by)
@@ -259,17 +257,17 @@ class SpatialElement(Strained):
 
     def viscous(self, e: Local, rate: Local) -> Local:
         """Force as in `Strained`, in a smaller program."""
-        b, lanes = self._by_local(e), e.ndim - 1
+        b, lanes = self._strain_rows(e), e.ndim - 1
         rates = held(contract(b, rate[:, None], 0, max(lanes, 1)))
         return contract(b, self._stressed(rates)[None], 1, lanes)
 
     def _stressed(self, strains: Array) -> Array:
-        """Stresses by all strains (s, *lanes), in the order of `_by_local`."""
+        """Stresses by all strains (s, *lanes), in the order of `_strain_rows`."""
         points, rest = len(self.rule.pulls), strains.shape[1:]
         pull, moments = self.stresses((strains[:points], strains[points:].reshape(3, -1, *rest)))
         return jnp.concatenate([pull, moments.reshape(-1, *rest)])
 
-    def _by_local(self, e: Local) -> Float[Array, "13 s *lanes"]:
+    def _strain_rows(self, e: Local) -> Float[Array, "13 s *lanes"]:
         """Derivatives of all strains by the local coordinates: of stretch, and then of twist and
         curvatures, point by point."""
         n, at = self.n_elements, self._at(deformation(e, self.n_elements))
@@ -297,9 +295,8 @@ class SpatialElement(Strained):
         twist, by_v, by_w = self._stiff(rates[points:].reshape(3, -1, *e.shape[1:]))
         moments = jnp.stack([twist, *at.before_turn(by_v, by_w)])
         by = self._by(at.moment_ways(moments, by_v * w - by_w * v), at)
-        force = total(jnp.moveaxis(beside(rule.weights[None], lanes) * by[:, 0], 1, 0))
         second = self._fixed(at, moments, by[:, 1])
-        bent = pulled_back_tangent(frames(e, n), force, second, n)
+        bent = pulled_back_tangent(frames(e, n), self._over_points(by[:, 0]), second, n)
         return bent + self._by_pulls(stretched(d) / size[None], -pull, pull)
 
     def _fixed(self, at: Rotated, moments: Array, on_turn: Array) -> Array:
