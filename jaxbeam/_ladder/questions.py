@@ -14,7 +14,7 @@ from jaxbeam._checks import check_kind, checked_speed, count_functions
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import checked_conditions
 from jaxbeam._models.modal.theories import Hybrid
-from jaxbeam._modes.modes import find
+from jaxbeam._modes.modes import found_about
 from jaxbeam._modes.wanted import choose
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import Rotor
@@ -115,6 +115,29 @@ class Question(eqx.Module):
         """
 
 
+_END = (0.99, 1.0)  # places x / L between which the slope at the tip is taken
+
+
+def _strained_most(rotor: Rotor) -> np.ndarray:
+    """Places x / L: the largest strains are at the root, unless the beam is weaker elsewhere."""
+    beam = rotor.beam
+    return np.zeros(1) if beam.is_uniform else np.append(0.0, beside_kinks(beam.edges)[0])
+
+
+def _deformed(rotor: Rotor, ends: Array, strain: Array, curvature: Array) -> tuple[Array, ...]:
+    """`size`, `slope` and `constitutive_uncertainty` of an `Answer`, from displacements (T, 2, 3)
+    at `_END`, strains (T, p) and curvatures (T, p, 2) where the beam is strained most."""
+    beam, places = rotor.beam, _strained_most(rotor)
+    size = jnp.max(jnp.linalg.norm(ends[:, 1, 1:], axis=1)) / beam.length
+    rise = jnp.linalg.norm(ends[:, 1, 1:] - ends[:, 0, 1:], axis=1)
+    slope = jnp.max(rise) / ((_END[1] - _END[0]) * beam.length)
+    both = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
+    stiffness = jnp.stack([along(each, places) for each in both], 1)
+    stiffness = stiffness / along(beam.axial_stiffness, places)[:, None]
+    bent = jnp.sum(curvature**2 * stiffness[None], 2)
+    return size, slope, jnp.max(jnp.abs(strain)) + jnp.max(bent)
+
+
 class _InTime(Question):
     order: ClassVar[int] = 4
     motion: Motion
@@ -149,19 +172,11 @@ class _InTime(Question):
             balance_tolerance=jnp.maximum(1e-3, 10 * accuracy),  # type: ignore[arg-type]
         )  # fmt: skip
         value = self.read(model, rotor, run)
-        ends = run.displacement((0.99, 1.0))
-        size = jnp.max(jnp.linalg.norm(ends[:, 1, 1:], axis=1)) / rotor.beam.length
-        rise = jnp.linalg.norm(ends[:, 1, 1:] - ends[:, 0, 1:], axis=1)
-        slope = jnp.max(rise) / (0.01 * rotor.beam.length)
+        places = _strained_most(rotor)
+        size, slope, law = _deformed(
+            rotor, run.displacement(_END), run.strain(places), run.curvature(places)
+        )
         scale = jnp.max(jnp.abs(value)) + jnp.zeros_like(value)
-        beam = rotor.beam
-        # The largest strains are at the root, unless the beam is weaker elsewhere.
-        places = np.zeros(1) if beam.is_uniform else np.append(0.0, beside_kinks(beam.edges)[0])
-        both = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
-        stiffness = jnp.stack([along(each, places) for each in both], 1)
-        stiffness = stiffness / along(beam.axial_stiffness, places)[:, None]
-        bent = jnp.sum(run.curvature(places) ** 2 * stiffness[None], 2)
-        law = jnp.max(jnp.abs(run.strain(places))) + jnp.max(bent)
         numbers = (value, scale, size, slope, law)
         value, scale, size, slope, law = nan_unless(run.status == Status.OK, numbers)
         steps = run.solution.stats["num_steps"]
@@ -302,14 +317,20 @@ class ModalFrequencies(Question):
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
         # Rungs are held against each other: what functions leave out is among their errors.
         wanted, conditions = choose(model, self.which), checked_conditions(self.loads, NO_DAMPING)
-        found = find(model, rotor, self.angular_speed, wanted, False, conditions)
+        speed = self.angular_speed
+        found, system = found_about(model, rotor, speed, wanted, False, conditions)
         value = found.frequency
-        zero = nan_unless(found.status == Status.OK, jnp.zeros_like(self.angular_speed))
+        deformed: tuple[Array, ...] = (0 * speed, 0 * speed, rotor.steady_strain(speed))
+        if conditions is not None:
+            assert system.state is not None
+            at, q, places = model.equations(rotor), system.state, _strained_most(rotor)
+            seen = at.displacement(q, np.array(_END)), at.strain(q, places), at.curvature(q, places)
+            deformed = _deformed(rotor, *(a[None] for a in seen))
+        size, slope, law = nan_unless(found.status == Status.OK, deformed)
         # A mode that diverges where another theory has it vibrate must not pass as 0 of 0.
         tiny = 1e-9 * rotor.beam.frequency_scale
         scale = jnp.maximum(jnp.abs(value), tiny)
-        law = rotor.steady_strain(self.angular_speed)
-        return Answer(value, scale, zero, zero, jnp.asarray(0), found.status, law)
+        return Answer(value, scale, size, slope, jnp.asarray(0), found.status, law)
 
     def speed(self) -> Scalar:
         return jnp.abs(self.angular_speed)

@@ -3,7 +3,7 @@
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,26 +31,25 @@ TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in dou
 def dense_modes(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
     any; with `free` also where hinges leave motions that nothing holds."""
-    eigenvalue, shape, direction, number, positive, finite, rounding = _selected(
-        system, wanted, free
-    )
+    chosen = _chosen(system, wanted, free)
+    eigenvalue, shape = chosen.eigenvalue, chosen.shape
     matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
     tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
-    finite &= jnp.all(jnp.isfinite(shape))
     accurate = residual.max() <= tolerance  # NaN is not
-    if rounding is not None:
-        accurate &= rounding.max() <= ROUNDING
+    if chosen.rounding is not None:
+        accurate &= chosen.rounding.max() <= ROUNDING
     found = first_broken(
-        (positive, Status.NO_EQUILIBRIUM),
-        (finite, Status.NOT_FINITE),
+        (chosen.positive, Status.NO_EQUILIBRIUM),
+        (chosen.finite & jnp.all(jnp.isfinite(shape)), Status.NOT_FINITE),
         (accurate, Status.INACCURATE),
     )
     status = first_failure(system.status, found)
     share = energy_share(system.mass, shape, system.directions)
     return Modes(
-        eigenvalue, shape, direction, number, share, residual, status, system.steady_strain
-    )
+        eigenvalue, shape, chosen.direction, chosen.number, share, residual, status,
+        system.steady_strain,
+    )  # fmt: skip
 
 
 def energy_share(
@@ -64,9 +63,20 @@ def energy_share(
     return share / jnp.sum(share, -1, keepdims=True)
 
 
-def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Any, ...]:
-    """Eigenvalues, shapes, directions and numbers of the modes wanted, whether the axial stiffness
-    is positive definite, whether all there are were found, and what rounding may do to each."""
+class _Chosen(NamedTuple):
+    """The modes wanted, out of all that there are."""
+
+    eigenvalue: Complex[Array, " k"]
+    shape: Complex[Array, "k n"]
+    direction: Array
+    number: Array
+    positive: Array  # whether the axial stiffness is positive definite
+    finite: Array  # whether all modes that there are were found
+    rounding: Float[Array, " k"] | None  # what it may do to each
+
+
+def _chosen(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
+    """The modes wanted."""
     groups = [
         _group(system, transverse, axial, free)
         for transverse, axial in system.coupling
@@ -97,7 +107,7 @@ def _selected(system: LinearSystem, wanted: Wanted, free: bool) -> tuple[Any, ..
     roundings = [group.rounding for group in groups if group.rounding is not None]
     rounding = jnp.concatenate(roundings)[pick] if roundings else None
     shape = shape[pick][:, np.argsort(rows)]
-    return eigenvalue[pick], shape, direction, number, positive, finite, rounding
+    return _Chosen(eigenvalue[pick], shape, direction, number, positive, finite, rounding)
 
 
 class _Group(NamedTuple):

@@ -89,6 +89,14 @@ def find(
 ) -> Modes:  # fmt: skip
     """What `modes` does once its arguments are checked; unless `judged`, modes are those of the
     model, however many of its functions they would need."""
+    return found_about(model, rotor, speed, wanted, judged, conditions)[0]
+
+
+def found_about(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool,
+    conditions: Conditions | None,
+) -> tuple[Modes, LinearSystem]:  # fmt: skip
+    """`find`, and the matrices of which these are the modes."""
     alone = conditions is None
     given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
     # What rounding does in single precision is judged by dense matrices.
@@ -111,7 +119,7 @@ def find(
     elif extra is not None:
         eigenvalue = _eigenvalue(model.forms, rotor, speed, eigenvalue, shape, extra)
     share = _valued(found.energy_share, energy_share(system.mass, shape, system.directions))
-    return Modes(
+    result = Modes(
         eigenvalue=nan_unless(ok, eigenvalue),
         shape=nan_unless(ok, shape),
         direction=found.direction,
@@ -123,6 +131,7 @@ def find(
         frequency_error=error,
         model=model,
     )
+    return result, system
 
 
 def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Array, Array]:

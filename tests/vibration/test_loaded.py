@@ -440,3 +440,9 @@ def test_the_ladder_answers_about_loaded_states():
     assert isinstance(choice.model, jb.SpatialANCF)
     fine = jb.modes(jb.SpatialANCF(20), ROTOR, 3.0, question.which, loads=loads).frequency
     assert np.abs(choice.answer / np.asarray(fine) - 1).max() < 1e-3
+    # What is known beforehand is of the deformed state, by the coarsest elements that answer.
+    start = jb.steady_start(jb.SpatialANCF(20), ROTOR, jb.ConstantSpeed(3.0), loads=loads)
+    equations = jb.SpatialANCF(20).equations(ROTOR)
+    tip = equations.displacement(start.q, np.ones(1))[0]
+    size = jnp.linalg.norm(tip[1:]) / ROTOR.beam.length
+    np.testing.assert_allclose(choice.indicators.size, size, rtol=5e-2)

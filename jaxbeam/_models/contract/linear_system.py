@@ -17,8 +17,8 @@ class LinearSystem(eqx.Module):
     nothing else; that is what the eigensolver builds on. In-plane and axial coordinates of a
     straight beam that turns in its plane are such, with flap alone. `directions` names the
     direction of each coordinate, `shapes` are the functions on a beam that varies, `state` are the
-    coordinates of planar elements in the steady state. `steady_strain` is the largest axial strain
-    of the steady state: of a uniform beam that at the root, in `ANCF` of the steady state, else
+    coordinates of the steady state, of planar elements and under loads. `steady_strain` is the
+    largest axial strain of it: of a uniform beam that at the root, in `ANCF` of the state, else
     P / EA from the tension on the undeformed beam, without loads. Unless `status` is OK all numbers
     are NaN.
 

@@ -88,6 +88,7 @@ class Conditions(eqx.Module):
         return dataclasses.replace(
             small_motion(model, rotor, speed, equations, (q, status), inputs),
             coupling=_ALL,
+            state=q,
             damping=damping,
             general=True,
             conservative=self.loads.is_plain and damping is None,
