@@ -70,6 +70,11 @@ def peak(scale):
         stepsize_controller=diffrax.PIDController(1e-6, 1e-6))
     return jnp.max(jnp.abs(solution.ys))
 """
+BATCH = """
+def lowest(speed):
+    return jb.modes(model, rotor, speed, which, throw=False).frequency
+speeds = jnp.linspace(0.0, 5.0, 256)
+"""
 FIT = """
 import numpy as np
 true = dict(axial=5e5, bending=566.0, flap=700.0, hub_radius=0.5, tip_mass=0.1)
@@ -120,17 +125,22 @@ def by_tip_mass(model: jb.models.AbstractModel) -> Callable[[Any], Any]:
 
 def gradients_of_runs() -> Iterator[Row]:
     """Derivatives of the peak of a spin-up by the tip mass, of one run and of batches of 256, over
-    the same runs alone: ratios of CPU time, all settings as they are by default."""
+    the same runs alone, and runs one by one over a batch of equal ones: ratios of CPU time, all
+    settings as they are by default."""
     masses, one = jnp.linspace(0.05, 0.3, 256), jnp.asarray(0.1)
     for name, model in (("8 elements", jb.ExactRodANCF(8)), ("6 polynomials", jb.Hybrid(0, 6, 0))):
         peak = by_tip_mass(model)
         grad = jax.grad(peak)
+        alone, together = jax.jit(peak), jax.jit(jax.vmap(peak))
         for what, forward, reverse, at in (
-            ("a run", peak, grad, one),
-            ("256 runs", jax.vmap(peak), jax.vmap(grad), masses),
+            ("a run", alone, grad, one),
+            ("256 runs", together, jax.vmap(grad), masses),
         ):
-            price = cpu_seconds(jax.jit(reverse), at) / cpu_seconds(jax.jit(forward), at)
+            price = cpu_seconds(jax.jit(reverse), at) / cpu_seconds(forward, at)
             yield "reverse mode over forward run", f"spin-ups, {name}: {what}", price, "-"
+        equal = jnp.full_like(masses, one)
+        price = equal.size * cpu_seconds(alone, one) / cpu_seconds(together, equal)
+        yield "loop over batch", f"256 equal spin-ups, {name}", price, "-"
 
 
 def cpu_seconds(function: Callable[..., Any], *args: Any) -> float:
@@ -252,6 +262,13 @@ FIRST = {
     "spin-up": ("peak(0.1)", SCENE + SPIN_UP, True),
     "gradient of its peak": ("jax.jit(jax.grad(peak))(0.1)", SCENE + SPIN_UP, True),
     "modes": ("jb.modes(model, rotor, 5.0, which)", SCENE, False),
+    "256 modes, 10 elements": (
+        "jax.jit(jax.vmap(lowest))(speeds)",
+        SCENE + "model, which = jb.ExactRodANCF(10), jb.labels(in_plane=2)" + BATCH, False,
+    ),
+    "256 modes, 16 + 8 polynomials": (
+        "jax.jit(jax.vmap(lowest))(speeds)", SCENE + "model = jb.Hybrid(8, 16, 0)\n" + BATCH, False,
+    ),
     "southwell": ("jb.southwell(model, rotor, 0.0, which)", SCENE, False),
     "critical_speed": ("jb.critical_speed(jb.models.ChordANCF(4), rotor)", SCENE, False),
     "floquet": (

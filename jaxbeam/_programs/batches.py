@@ -37,6 +37,8 @@ def batchable(
     @function.def_vmap
     def rule(size: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
         own = tuple(batched[0])
+        if not any(own):  # JAX asks so for values whose derivatives alone are of each case
+            return _shared(one, leaves)
         found = unless(size, own, leaves) if unless else None
         if found is not None:
             return found
@@ -73,6 +75,8 @@ def _batch(
     @function.def_vmap
     def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
         varies = tuple(batched[0])
+        if not any(varies):
+            return _shared(lambda leaves: many(size, own, leaves), leaves)
         found = _case_by_case(unless, more, own, varies, leaves) if unless else None
         if found is not None:
             return found
@@ -97,6 +101,8 @@ def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None)
 
     @function.def_vmap
     def rule(size: int, batched: Any, *given: Array) -> tuple[Any, Any]:
+        if not any(batched):
+            return _shared(one, *given)
         axes = [0 if own else None for own in batched]
 
         def on_cpu(*given: Array) -> Any:
@@ -160,6 +166,12 @@ def mended(found: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
         return jax.tree.map(lambda all, one: all.at[which].set(one), found, again(which))
 
     return jax.lax.fori_loop(0, jnp.sum(~certain), mend, found)
+
+
+def _shared(function: Callable[..., Any], *given: Any) -> tuple[Any, Any]:
+    """What all cases of a batch have in common, as a rule for batches returns it."""
+    out = function(*given)
+    return out, jax.tree.map(lambda _: False, out)
 
 
 def _flat(more: int, size: int, a: Array, own: bool, varies: bool) -> Array:

@@ -97,25 +97,59 @@ def _without_dead_parts(closed: ClosedJaxpr) -> ClosedJaxpr:
     return ClosedJaxpr(body, closed.consts)
 
 
+def without_rules(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of arrays without the rules for reverse mode (`jax.custom_vjp`) that its parts may
+    have. One that nothing was asked of would stay, and JAX refuses to push forward through it."""
+
+    def run(*args: Any) -> Any:
+        closed, out = jax.make_jaxpr(function, return_shape=True)(*args)
+        plain = _mended(closed, _has_rule, _without_rule)
+        return jax.tree.unflatten(
+            jax.tree.structure(out), jaxpr_as_fun(plain)(*jax.tree.leaves(args))
+        )
+
+    return run
+
+
+def _has_rule(equation: JaxprEqn) -> bool:
+    return equation.primitive.name == "custom_vjp_call"
+
+
+def _without_rule(equation: JaxprEqn) -> Callable[..., Any]:
+    return jaxpr_as_fun(_mended(equation.params["call_jaxpr"], _has_rule, _without_rule))
+
+
 def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
     """The program with long sums in pieces, at any depth: XLA gives them to a library, which a
     function that is compiled as one cannot call."""
-    return ClosedJaxpr(_short_body(closed.jaxpr), closed.consts)
+    return _mended(
+        closed, _is_long_sum,
+        lambda equation: functools.partial(_short_sum, axes=equation.params["axes"]),
+    )  # fmt: skip
 
 
-def _short_body(body: Jaxpr) -> Jaxpr:
-    if not any(_is_long_sum(equation) for equation in _equations(body)):
+_Wrong = Callable[[JaxprEqn], bool]
+_Instead = Callable[[JaxprEqn], Callable[..., Any]]
+
+
+def _mended(closed: ClosedJaxpr, is_wrong: _Wrong, instead: _Instead) -> ClosedJaxpr:
+    """The program with functions `instead` of some of its equations, at any depth."""
+    return ClosedJaxpr(_mended_body(closed.jaxpr, is_wrong, instead), closed.consts)
+
+
+def _mended_body(body: Jaxpr, is_wrong: _Wrong, instead: _Instead) -> Jaxpr:
+    if not any(is_wrong(equation) for equation in _equations(body)):
         return body
 
     def inside(value: Any) -> Any:
         if isinstance(value, ClosedJaxpr):
-            return _shortened(value)
-        return _short_body(value) if isinstance(value, Jaxpr) else value
+            return _mended(value, is_wrong, instead)
+        return _mended_body(value, is_wrong, instead) if isinstance(value, Jaxpr) else value
 
     def mended(equation: JaxprEqn) -> JaxprEqn:
-        if _is_long_sum(equation):
-            pieces = jax.jit(functools.partial(_short_sum, axes=equation.params["axes"]))
-            [call] = jax.make_jaxpr(pieces)(equation.invars[0].aval).jaxpr.eqns
+        if is_wrong(equation):
+            function, values = jax.jit(instead(equation)), [v.aval for v in equation.invars]
+            [call] = jax.make_jaxpr(function)(*values).jaxpr.eqns
             return call.replace(invars=equation.invars, outvars=equation.outvars)
         inner = jax.tree.map(inside, equation.params, is_leaf=_is_jaxpr)
         return equation.replace(params=inner)

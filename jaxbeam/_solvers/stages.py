@@ -32,6 +32,7 @@ from jaxtyping import Array, Float
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._numerics.linalg import inverse, outer
 from jaxbeam._programs.lanes import beside, contract, held, total, transposed
+from jaxbeam._programs.one_function import without_rules
 from jaxbeam._solvers.steps import combined
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number, Vector
@@ -119,6 +120,15 @@ def _beginning(
 def back_through_stages(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> Any:
     """Cotangents of those of the arguments (system, h, y0, start, inputs, ...) of a step that are
     `moving`, from those of its end, error and polynomial. Those of others are None."""
+    arrays, rest = eqx.partition((args, found, out), eqx.is_array)
+
+    def back(arrays: Any) -> Any:
+        return _back(table, moving, *eqx.combine(arrays, rest))
+
+    return without_rules(back)(arrays)
+
+
+def _back(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> Any:
     own, still = eqx.partition(args, moving)
     _, h, y0 = args[:3]
     n, g, done, past = len(y0.q), table.gamma * h, found.done, found.past

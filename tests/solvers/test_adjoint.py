@@ -206,16 +206,22 @@ def test_batch_with_a_lane_that_fails():
 
 @pytest.mark.exhaustive
 def test_by_times_of_outputs():
-    """The first is where the run begins, the last where it ends."""
+    """The first is where the run begins, the last where it ends. As differences have it: the adjoint
+    of diffrax depends here on how it is compiled."""
 
-    def value(p, **options):
-        times = jnp.stack([0.2 * p[6], 0.3 * p[0], 0.31 * p[3], 1.3 * p[1]])
-        run = spin_up(jb.Hybrid(0, 2, 0), P, times, **options)
+    @jax.jit
+    def value(p):
+        times = jnp.stack([0.2 * p[6], 0.3 * p[0], 0.312 * p[3], 1.3 * p[1]])
+        run = spin_up(
+            jb.Hybrid(0, 2, 0), P, times, max_steps=256,
+            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01,
+        )  # fmt: skip
         return run.tip[1:, 1]
 
-    fixed = {"stepsize_controller": diffrax.ConstantStepSize(), "dt0": 0.01, "max_steps": 256}
-    # Whether the last step, or only what is interpolated, ends later is a matter of rounding.
-    check(*both(value, 3, P / jnp.array([1, 1, 1, 5.0, 1, 1, 10, 1]), **fixed), 1e-8)
+    p, h = P / jnp.array([1, 1, 1, 5.0, 1, 1, 10, 1]), 1e-6
+    ours = reverse_mode(value, 3)[1](p)
+    other = [(value(p + h * e) - value(p - h * e)) / (2 * h) for e in np.eye(8)]
+    check(ours, np.stack(other, 1), 2e-4)
 
 
 @pytest.mark.exhaustive
@@ -251,6 +257,27 @@ def test_with_jumps_and_closures():
         return run.tip[-1:, 1]
 
     check(*both(value, 1, jnp.array([0.33, 0.5, 0.7, 0.2])), 1e-9)
+
+
+@pytest.mark.slow
+def test_a_step_is_pushed_forward_and_back():
+    """By its state alone, so that rules of parts of which nothing is asked must be gone: each one
+    and in a batch of directions, as differences have it."""
+    motion = jb.SmoothSpinUp(3.0, 0.9)
+    scene = Scene(jb.Hybrid(0, 2, 0), rotor_of(P), motion, jb.Loads(), jb.Damping(), TIMES)
+    number = step_of(lambda p: scene, 2)
+
+    @jax.jit
+    def slope(q):
+        with kernels_reverse_mode():
+            return jax.grad(lambda q: number(P, q, 0.3 * q, jnp.array([0.7, 0.72])))(q)
+
+    q, h = jnp.array([0.01, -0.004]), 1e-5
+    hessian = jax.jit(jax.jacfwd(slope))(q)
+    expected = [(slope(q + h * e) - slope(q - h * e)) / (2 * h) for e in np.eye(2)]
+    check(hessian, np.stack(expected, 1), 1e-6)
+    one = jax.jit(lambda q: jax.jvp(slope, (q,), (jnp.array([1.0, 0.0]),))[1])(q)
+    check(one[None], hessian[:, :1].T, 1e-12)
 
 
 @pytest.mark.exhaustive
