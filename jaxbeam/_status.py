@@ -63,7 +63,7 @@ class Status(enum.IntEnum):
     INVALID_MOTION = (
         12,
         "motion must be finite over the whole run, its durations and frequencies > 0, its "
-        "rotation proper orthogonal",
+        "rotation proper orthogonal; in floquet and tongue its speed repeats after the period",
         INPUT,
     )
     INVALID_LOAD = 13, "gravity and all other loads must be finite over the whole run", INPUT
@@ -105,7 +105,8 @@ class Status(enum.IntEnum):
     INACCURATE = (
         23,
         "eigenvectors miss their equation by more than 1e-9 (see residual): use fewer "
-        "functions, or keep away from a critical speed",
+        "functions, or keep away from a critical speed; in tongue: modes are not recognised at "
+        "this depth, take a smaller one",
     )
     MAX_STEPS = (
         24,

@@ -72,10 +72,14 @@ class FreeParameter(eqx.Module):
 
     def unit(self, z: Scalar) -> tuple[Scalar, Scalar]:
         """d value / dz, and what a change of the parameter is measured by: that, but no less than
-        a tenth of it at the guess; without bounds, so of the value and the guess."""
-        slope = jax.grad(self.value)
-        here = jnp.abs(self.value(z)) if self.bounded == (False, False) else slope(z)
-        return slope(z), jnp.maximum(here, 0.1 * slope(jnp.zeros_like(z)))
+        a tenth of it at the guess, nor, between two bounds, of the distance from the lower one;
+        without bounds, so of the value and the guess."""
+        slope, value = jax.grad(self.value), self.value(z)
+        here = jnp.abs(value) if self.bounded == (False, False) else slope(z)
+        least = slope(jnp.zeros_like(z))
+        if all(self.bounded):  # at the upper one the slope says nothing of how large changes are
+            least = jnp.maximum(least, value - self.lower)
+        return slope(z), jnp.maximum(here, 0.1 * least)
 
     def room(self, z: Scalar) -> Scalar:
         """The distance from a value of the parameter to its nearest bound."""

@@ -305,7 +305,8 @@ class _Trial:
         """The error of a rung, which is asked for it."""
         apart = self.ask.apart(model, self.judge)
         # If its law is another one what that may change counts, even if it agrees by chance.
-        return apart + self.left + (0.0 if model.is_reference else self.constitutive_uncertainty)
+        law = 0.0 if model.is_reference else self.constitutive_uncertainty
+        return apart + self.left + law if np.isfinite(apart) else np.inf
 
     def look_at(self, rung: Rung, may_ask: bool) -> None:
         """Give the verdict on a rung, which is asked only while none is chosen, and not in vain."""

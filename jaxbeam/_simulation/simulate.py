@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, finite_rows, without_derivatives
+from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
@@ -186,7 +186,7 @@ def _simulate(
     if controller is None:
         controller = adaptive(1e-6, 1e-6 * size, times)
     how = (solver, controller, dt0, event, max_steps, adjoint)
-    history = _integrated(now, y0, times, seen, how, saveat, progress_meter)
+    history = _integrated(now, y0, times, (seen, moment), how, saveat, progress_meter)
     return _judged(given, now, history, balance_tolerance)
 
 
@@ -214,7 +214,7 @@ def adaptive(rtol: Any, atol: Any, times: Array) -> diffrax.PIDController:
 
 
 def _integrated(
-    now: Scene, y0: State, times: Array, seen: Seen, how: tuple[Any, ...],
+    now: Scene, y0: State, times: Array, seen: tuple[Seen, Scalar], how: tuple[Any, ...],
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> _History:  # fmt: skip
     """A run by our own loop, or by diffrax where that is asked for more than ours can do."""
@@ -223,7 +223,7 @@ def _integrated(
     backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
     start_time = times[0]
     if not backsolved:
-        controller = following(controller, StepLimits(now, times, seen))
+        controller = following(controller, StepLimits(now, times, *seen))
     if now.jumps.size:
         late = without_derivatives(now.after(times[0]) - times[0])
         solver, start_time = AfterImpulse(solver), times[0] + late
@@ -257,13 +257,16 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
         (balanced, Status.UNBALANCED),
     )  # fmt: skip
     status = first_failure(given, run.ended, numbers)
-    when = jnp.where(reached, at, t0)
+    # What is out of range was not simulated, but something harmless in its place.
+    simulated = in_range(given)
+    end_time = jnp.max(jnp.where(reached, at, t0), initial=t0)
+    at, imbalance = nan_unless(reached & simulated, (at, imbalance))
     return Simulation(
-        times=jnp.where(reached, at, jnp.nan),
-        state=state,
-        imbalance=jnp.where(reached & in_range(given), imbalance, jnp.nan),
+        times=at,
+        state=nan_unless(simulated, state),
+        imbalance=imbalance,
         status=status,
-        end_time=jnp.max(when, initial=t0),
+        end_time=nan_unless(simulated, end_time),
         solution=run.solution,
         scene=now,
     )
@@ -364,7 +367,8 @@ def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax
     """Event that ends a run where a deflection reaches `limit` (m, > 0) either way.
 
     It does so to rounding in time. `component` 0, 1, 2: axial, in plane, flap, of the point x =
-    `xi` L, 0 to 1. The last output is at the event. Give it to `simulate` as `event`.
+    `xi` L, 0 to 1. The last output is at the event. A run that starts beyond it ends where it comes
+    back. Give it to `simulate` as `event`.
 
     Raises `ValueError` or `TypeError` for a number out of range or of another kind.
     """

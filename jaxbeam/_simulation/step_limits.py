@@ -21,11 +21,16 @@ from jaxbeam._rotor.motion import Hub
 from jaxbeam._simulation.checks import Seen
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._simulation.scene import Scene
+from jaxbeam._solvers.system import State
 from jaxbeam._types import Scalar
 
 SAMPLES = 1024  # of a run
 # A pulse as long as a stride reaches 1.4, two strides 0.5, three 0.3, a smooth course 0.12.
 _UNSEEN = 0.3
+# Where nothing moves errors are zero, however long a step is; but not those of derivatives. So
+# steps follow the first mode there, if that takes no more of them than there are samples.
+_AT_REST = 2.5
+_STILL = 1e-9  # displacements over the length that count for none
 _FLOOR = 1e-6  # changes that are smaller than this, relative to the largest value, do not count
 # Of a vector that stands for three components: no motion of interest is normal to it.
 _ASLANT = np.array([0.48, 0.6, 0.64])
@@ -44,11 +49,13 @@ class StepLimits(eqx.Module):
     spacing: Scalar  # of the samples, s
     longest_step: Float[Array, "64 3"]  # see `_longest_step`, s
     pauses: Pauses  # which steps keep out of
+    at_rest: Scalar  # longest step where nothing has moved yet, s
     velocities: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
     speed: Scalar  # the largest velocity, m/s
 
-    def __init__(self, scene: Scene, times: Array, seen: Seen) -> None:
-        """`seen` is what acts at `SAMPLES` + 1 times `during` the run."""
+    def __init__(self, scene: Scene, times: Array, seen: Seen, moment: Scalar) -> None:
+        """`seen` is what acts at `SAMPLES` + 1 times `during` the run, and in a `moment` the first
+        mode moves by a tenth of a radian."""
         scene, times, (hub, force, span) = without_derivatives((scene, times, seen))
         self.start, self.spacing = times[0], (times[-1] - times[0]) / SAMPLES
         velocities, signals = jax.vmap(scene.velocities_of)(hub), _signals(hub, force, span)
@@ -61,6 +68,7 @@ class StepLimits(eqx.Module):
         rates = jnp.max(jnp.abs(jax.vmap(scene.velocity_rates_of)(hub)), 1)
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
+        self.at_rest = jnp.maximum(_AT_REST * without_derivatives(moment), self.spacing)
         self.longest_step = self.spacing * _longest_step(signals, sudden)
         self.pauses = scene.pauses
         self.velocities = scene.velocities_of(scene.hub(scene.after(times[0])))
@@ -69,6 +77,11 @@ class StepLimits(eqx.Module):
     def duration(self) -> Scalar:
         """How long the run lasts, in s."""
         return SAMPLES * self.spacing
+
+    def resting(self, length: Scalar, y: State, t: Scalar, end: Scalar) -> Scalar:
+        """Where a step from t and the state y may end as far as derivatives go."""
+        still = jnp.max(jnp.abs(y.q)) <= _STILL * length
+        return jnp.where(still, jnp.minimum(end, t + self.at_rest), end)
 
     def limit(self, t: Scalar, end: Scalar) -> Scalar:
         """Where a step from t may end, when `end` is wanted."""

@@ -22,7 +22,7 @@ from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
-from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import is_hinged, naming
 from jaxbeam._rotor.loads import NO_DAMPING, Loads
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
@@ -32,9 +32,11 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 _HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
 # Loads that are looked at, over the softest stiffness of the tip times the length: up to twenty,
-# from where a section that hardly resists torsion buckles. That of Euler's column is 0.82.
+# from where a section that hardly resists torsion buckles. That of Euler's column is 0.82. Where
+# the root yields they go on to as much of the stiffness that the beam has when it is clamped.
 _LEAST, _LARGEST, _SCANNED = 1 / 60, 20.0, 48
 _RATIO = (_LARGEST / _LEAST) ** (1 / (_SCANNED - 1))
+_MOST_YIELDING = 1e6  # of softness, over that with a clamped root, that is still looked beyond
 _NEAR = 1e-6  # of what halving finds to what is exact, relative
 
 
@@ -44,7 +46,7 @@ class CriticalLoad(eqx.Module):
     | field     | shape | unit  |                                                                  |
     |-----------|-------|-------|------------------------------------------------------------------|
     | factor    | ()    |       | least factor of the loads at which the beam loses its stability; |
-    |           |       |       | infinite where there is none                                     |
+    |           |       |       | infinite where there is none in the range that is searched       |
     | direction | ()    |       | `Direction` of the coordinates that take most of the elastic     |
     |           |       |       | energy of what gives way; without meaning where there is no such |
     |           |       |       | factor                                                           |
@@ -77,9 +79,10 @@ def critical_load(
 
     The lowest eigenvalue of K is looked at for 48 loads, each 16 % above the last, from 1 / 60
     up to 20 times the softest stiffness of the tip times the length (3 EI / L^2 of the softer
-    bending); its change of sign is then found to rounding. Infinity means that there is none up to
-    there. It is differentiable by rotor, loads and speed, in both modes and to any order, as
-    `critical_speed` is.
+    bending); its change of sign is then found to rounding. Where the root yields the tip is softer,
+    and more loads are looked at, up to where they would end if it were clamped. Infinity means that
+    there is none up to there. It is differentiable by rotor, loads and speed, in both modes and to
+    any order, as `critical_speed` is.
 
     Loads that follow the tip, and moments at it, have no potential: at the least load two
     frequencies meet, from where the beam flutters, or one is zero (M. Beck, Zeitschrift fuer
@@ -150,10 +153,13 @@ def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix
 
 
 class _Unloaded(NamedTuple):
-    """The beam without its loads: K, and a unit of their factor."""
+    """The beam without its loads: K, and a unit of their factor; how often that goes into the unit
+    with a clamped root, and how many loads are to be looked at."""
 
     k: Matrix
     unit: Scalar
+    yields: Scalar
+    looks: Array
 
     @classmethod
     def of(cls, model: AbstractModel, given: _Given) -> "_Unloaded":
@@ -163,7 +169,9 @@ class _Unloaded(NamedTuple):
         equations = model.equations(rotor)
         ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
         soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
-        softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
+        softness, clamped = _largest(soft), _largest(soft - _by_springs(rotor))
+        yields = jnp.maximum(softness / jnp.where(clamped > 0, clamped, softness), 1.0)
+        more = jnp.ceil(jnp.log(jnp.minimum(yields, _MOST_YIELDING)) / np.log(_RATIO)).astype(int)
         parts: Any = (
             (loads.tip_force, 1.0),
             (loads.gravity, equations.rigid_moments[0]),
@@ -171,7 +179,8 @@ class _Unloaded(NamedTuple):
             (loads.span_moments(jnp.zeros_like(speed)), equations.length),
         )
         weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
-        return cls(k, equations.length / (softness * jnp.where(weight > 0, weight, 1.0)))
+        unit = equations.length / (softness * jnp.where(weight > 0, weight, 1.0))
+        return cls(k, unit, yields, _SCANNED + more)
 
     def held(self, rotor: AnyRotor, status: Code) -> Code:
         """The status of a search, if the unloaded beam is held at all: on a free hinge at rest it
@@ -184,14 +193,28 @@ class _Unloaded(NamedTuple):
         return jnp.where(least > _HELD, status, nowhere)
 
 
+def _largest(a: Matrix) -> Scalar:
+    """The largest eigenvalue of a symmetric matrix."""
+    return -lowest_eigenpair(-a, jnp.eye(len(a), dtype=a.dtype))[0]
+
+
+def _by_springs(rotor: AnyRotor) -> Matrix:
+    """What springs at the root add to the softness of the tip, in m/N (3, 3)."""
+    softness: list[Any] = [0.0, 0.0]
+    if isinstance(rotor, Rotor):
+        square = rotor.beam.length**2
+        softness = [0.0 if spring is None else square / spring for spring in rotor.springs]
+    return jnp.diag(jnp.stack(jnp.broadcast_arrays(0.0, *softness)))
+
+
 def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
     """Critical factor, direction and place where loads have a potential, and a status."""
     bare = _Unloaded.of(model, given)
-    k0, unit = bare
+    k0, unit = bare.k, bare.unit
     groups = Groups((naming(model.directions),), (np.arange(len(k0)),))
     scan = Scan(
-        lambda factor: _loaded(model, given, factor)[1:], groups, k0, _LARGEST * unit,
-        _RATIO * jnp.ones_like(unit), _SCANNED,
+        lambda factor: _loaded(model, given, factor)[1:], groups, k0,
+        _LARGEST * unit * bare.yields, _RATIO * jnp.ones_like(unit), bare.looks,
     )  # fmt: skip
     end = scan.run(_LEAST * unit, 0, jnp.ones_like(k0[0]))
     factor = jnp.where(end.found, end.value, jnp.inf)
@@ -209,7 +232,7 @@ def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPl
     bare = _Unloaded.of(model, given)
     end = first_lost(
         lambda factor: _loaded(model, given, factor), len(bare.k), _LEAST * bare.unit, _RATIO,
-        _SCANNED,
+        bare.looks,
     )  # fmt: skip
     mode = end.mode
 

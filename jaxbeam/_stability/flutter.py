@@ -134,7 +134,7 @@ class Lost(NamedTuple):
 
 def first_lost(
     loaded: Callable[[Scalar], tuple[Matrix, Matrix, Code]], n: int, bottom: Scalar, ratio: float,
-    looks: int,
+    looks: Array,
 ) -> Lost:  # fmt: skip
     """The least load, from `bottom` on and each `ratio` times the last, under which a mode is lost:
     found by halving what lies between."""

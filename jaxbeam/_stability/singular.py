@@ -117,7 +117,7 @@ class Scan(NamedTuple):
     k0: Matrix  # by which eigenvalues are measured
     top: Scalar
     ratio: Scalar  # of one value that is looked at to the last
-    looks: int  # up to the top
+    looks: Array | int  # up to the top
 
     def run(self, bottom: Scalar, first: int, x: Vector) -> Search:
         """The search from the value `bottom` on; until something is found, `direction` is that of

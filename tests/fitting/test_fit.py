@@ -359,6 +359,19 @@ def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
 
 
 @pytest.mark.slow
+def test_a_parameter_at_its_upper_bound_near_the_guess_is_known():
+    """The room that the search had is no measure of what the data tell."""
+    x = np.linspace(0.0, 1.0, 20)
+    free = {"a": jb.FreeParameter(0.5, upper=0.53), "b": jb.FreeParameter(1.0)}
+    found = jb.fit(line(x, 0.6 + 2 * x, 1e-2), free, progress=0)
+    assert bool(found.at_bound["a"])
+    design = np.stack([np.ones(20), x], 1)
+    wanted = 1e-2 * np.sqrt(np.linalg.inv(design.T @ design)[0, 0])
+    np.testing.assert_allclose(found.standard_deviation["a"], wanted, rtol=1e-6)
+    assert "cannot tell" not in str(found)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("guess", [0.0, 1e-3, 1e3])
 def test_whether_data_tell_a_parameter_does_not_depend_on_units(guess):
     x = np.linspace(-1.0, 1.0, 20)

@@ -715,15 +715,19 @@ def test_batch_keeps_failures_to_themselves():
             model, jb.Rotor(BLADE, 0.4, tip_mass), jb.SmoothSpinUp(3.0, duration),
             jnp.linspace(0.0, 1.0, 5), throw=False,
         )  # fmt: skip
-        return run.tip[-1, 1], run.status
+        return run.tip[-1, 1], run.status, (run.end_time, run.times, run.state)
 
     tips = jnp.array([0.3, -1.0, np.nan, 0.3, 0.1])
     durations = jnp.array([1.0, 1.0, 1.0, -2.0, 0.7])
-    value, status = jax.jit(jax.vmap(case))(tips, durations)
+    value, status, more = jax.jit(jax.vmap(case))(tips, durations)
     ok, tip, motion = jb.Status.OK, jb.Status.INVALID_TIP_MASS, jb.Status.INVALID_MOTION
     np.testing.assert_array_equal(status, [ok, tip, tip, motion, ok])
+    # What is out of range was not simulated, so that it has no other numbers either.
+    for field in jax.tree.leaves(more):
+        assert np.isnan(field[1:4]).all()
+        assert np.isfinite(field[jnp.array([0, 4])]).all()
     for i in (0, 4):
-        alone, _ = jax.jit(case)(tips[i], durations[i])
+        alone = jax.jit(case)(tips[i], durations[i])[0]
         np.testing.assert_allclose(value[i], alone, rtol=1e-9)
 
 
@@ -776,3 +780,28 @@ def test_a_gap_in_motion_or_load_between_outputs_is_named():
     push = jb.Loads(tip_force=lambda t: jnp.array([0.0, gap(t, 1.0), 0.0]))
     assert run(torn, jb.Loads()) == jb.Status.INVALID_MOTION
     assert run(steady, push) == jb.Status.INVALID_LOAD
+
+
+@pytest.mark.slow
+def test_derivatives_of_a_run_at_rest():
+    """By a speed that is zero: nothing moves, and yet steps are as short as derivatives need. As
+    differences have it, which move."""
+    times = jnp.linspace(0.0, 3.0, 7)
+    motion = jb.SmoothSpinUp
+
+    @jax.jit
+    def both(speed, rate):
+        def tip(speed):
+            run = jb.simulate(
+                jb.Hybrid(0, 2, 0), ROTOR, motion(speed, 1.5), times, throw=False,
+                adjoint=diffrax.ForwardMode(),
+            )  # fmt: skip
+            return run.tip[:, 1]
+
+        return jax.jvp(tip, (speed,), (rate,))
+
+    h = 1e-4
+    expected = (both(h, 0.0)[0] - both(-h, 0.0)[0]) / (2 * h)
+    found = both(0.0, 1.0)[1]
+    assert float(jnp.abs(expected).max()) > 1e-3
+    np.testing.assert_allclose(found, expected, atol=1e-5 * float(jnp.abs(expected).max()))

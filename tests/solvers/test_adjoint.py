@@ -206,8 +206,8 @@ def test_batch_with_a_lane_that_fails():
 
 @pytest.mark.exhaustive
 def test_by_times_of_outputs():
-    """The first is where the run begins, the last where it ends. As differences have it: the adjoint
-    of diffrax depends here on how it is compiled."""
+    """The first is where the run begins, the last where it ends. As differences have it: what the
+    adjoint of diffrax says here depends on how it is compiled."""
 
     @jax.jit
     def value(p):

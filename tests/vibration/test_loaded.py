@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.optimize
 
 import jaxbeam as jb
 from jaxbeam._models.contract.loaded import Conditions, loads_at
@@ -198,6 +199,45 @@ def test_a_column_under_a_force_that_follows_its_tip():
     assert np.abs(above[above.real > 0.05].imag - frequency[1]) < 0.1
     damped = jb.modes(jb.SpatialANCF(8), rotor, 0.0, 3, loads=loads, damping=jb.Damping(0.1))
     np.testing.assert_allclose(damped.eigenvalue.real, -0.05, rtol=1e-9)
+
+
+def followed(load, square, spring):
+    """The determinant of a column of unit length, mass and bending stiffness on a root spring k,
+    under a force P that follows its tip: w_xxxx + P w_xx = omega^2 w, with w = 0 and w_xx = k w_x
+    at the root, w_xx = w_xxx = 0 at the tip."""
+    root = np.sqrt(load**2 + 4 * square)
+    a, b = np.sqrt((root + load) / 2), np.sqrt((root - load) / 2)
+    # w = A (cos a x - cosh b x) + B sin a x + C sinh b x, which is zero at the root.
+    ca, sa, cb, sb = np.cos(a), np.sin(a), np.cosh(b), np.sinh(b)
+    rows = [
+        [-(a**2) - b**2, -spring * a, -spring * b],
+        [-(a**2) * ca - b**2 * cb, -(a**2) * sa, b**2 * sb],
+        [a**3 * sa - b**3 * sb, -(a**3) * ca, b**3 * cb],
+    ]
+    return np.linalg.det(np.array(rows))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("spring", [0.5, 3.0])
+def test_a_column_on_a_soft_root_flutters(spring):
+    """At a load far beyond what its root would bear if it did not follow. Where two roots of the
+    determinant meet, it and its derivative by the square of the frequency are zero."""
+
+    def meets(at):
+        load, square = at
+        h = 1e-5 * square
+        up, down = (followed(load, square + s * h, spring) for s in (1, -1))
+        return [followed(load, square, spring), (up - down) / (2 * h)]
+
+    rotor = jb.Rotor(UNIT, root_springs=jb.RootSprings(in_plane=spring))
+    loads = jb.Loads(tip_force=[-1.0, 0.0, 0.0], follows=True)
+    found = jb.critical_load(jb.SpatialANCF(16), rotor, loads)
+    start = np.array([float(found.factor), float(found.frequency) ** 2])
+    exact = scipy.optimize.root(meets, 1.01 * start, tol=1e-12)
+    assert exact.success
+    assert exact.x[0] > 16.0
+    np.testing.assert_allclose(found.factor, exact.x[0], rtol=1e-4)
+    np.testing.assert_allclose(found.frequency, np.sqrt(exact.x[1]), rtol=1e-3)
 
 
 @pytest.mark.exhaustive
