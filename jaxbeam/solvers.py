@@ -15,9 +15,8 @@ with any controller and event: it is the derivative of what was computed, to rou
 states of a run at most (and a number or three for each of `max_steps`), and computes those between
 once more where there are more steps. Forward mode wants `adjoint=diffrax.ForwardMode()`, and
 `BacksolveAdjoint` a solver of diffrax itself. Second derivatives go forward over reverse:
-`jax.jacfwd(jax.grad(f))`, and with elements one direction at a time, `jax.jvp(jax.grad(f), (p,),
-(direction,))`, since `jax.jacfwd` ends in a RecursionError there. docs/speed.md says what gradients
-cost.
+`jax.jacfwd(jax.grad(f))`. docs/speed.md says what gradients cost. Steps follow what moves, also
+where derivatives would want shorter ones: docs/limitations.md says when.
 
 **Balance of energy.** A run that the solver calls a success, but whose energy is not balanced by
 the work done, is reported as `UNBALANCED`, and its answers are NaN: an explicit solver at loose

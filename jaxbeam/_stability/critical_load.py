@@ -23,7 +23,7 @@ from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
-from jaxbeam._rotor.directions import is_hinged, naming
+from jaxbeam._rotor.directions import Direction, is_hinged, naming
 from jaxbeam._rotor.loads import NO_DAMPING, Loads
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
 from jaxbeam._stability.singular import AbstractPlace, Groups, Scan, answer, direction_of_energy
@@ -169,9 +169,9 @@ class _Unloaded(NamedTuple):
         equations = model.equations(rotor)
         ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
         soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
-        softness, clamped = _largest(soft), _largest(soft - _by_springs(rotor))
-        yields = jnp.maximum(softness / jnp.where(clamped > 0, clamped, softness), 1.0)
-        more = jnp.ceil(jnp.log(jnp.minimum(yields, _MOST_YIELDING)) / np.log(_RATIO)).astype(int)
+        softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
+        yields = jnp.clip(softness / _softness(model, rotor, softness), 1.0, _MOST_YIELDING)
+        more = jnp.ceil(jnp.log(yields) / np.log(_RATIO)).astype(int)
         parts: Any = (
             (loads.tip_force, 1.0),
             (loads.gravity, equations.rigid_moments[0]),
@@ -193,18 +193,20 @@ class _Unloaded(NamedTuple):
         return jnp.where(least > _HELD, status, nowhere)
 
 
-def _largest(a: Matrix) -> Scalar:
-    """The largest eigenvalue of a symmetric matrix."""
-    return -lowest_eigenpair(-a, jnp.eye(len(a), dtype=a.dtype))[0]
+def _softness(model: AbstractModel, rotor: AnyRotor, own: Scalar) -> Scalar:
+    """The largest softness of the tip with a clamped root and without rotation, L^3 / (3 EI) of the
+    `mean` beam, where the root yields; else its `own`."""
+    if not isinstance(rotor, Rotor) or all(spring is None for spring in rotor.springs):
+        return own
+    bends = [way in model.directions for way in (Direction.IN_PLANE, Direction.FLAP)]
+    return 4 / 3 * rotor.beam.length * jnp.max(rotor.compliance[np.flatnonzero(bends)])
 
 
-def _by_springs(rotor: AnyRotor) -> Matrix:
-    """What springs at the root add to the softness of the tip, in m/N (3, 3)."""
-    softness: list[Any] = [0.0, 0.0]
-    if isinstance(rotor, Rotor):
-        square = rotor.beam.length**2
-        softness = [0.0 if spring is None else square / spring for spring in rotor.springs]
-    return jnp.diag(jnp.stack(jnp.broadcast_arrays(0.0, *softness)))
+def _diagonal(k0: Matrix, k: Matrix) -> Matrix:
+    """The diagonal of K itself, where it is positive. Where loads move a beam far from where it was,
+    K_0 has its axial stiffness in what is bending now: the sign would be that of rounding."""
+    own = jnp.diag(k)
+    return jnp.diag(jnp.where(own > 0, own, jnp.diag(k0)))
 
 
 def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
@@ -213,7 +215,7 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
     k0, unit = bare.k, bare.unit
     groups = Groups((naming(model.directions),), (np.arange(len(k0)),))
     scan = Scan(
-        lambda factor: _loaded(model, given, factor)[1:], groups, k0,
+        lambda factor: _loaded(model, given, factor)[1:], groups, functools.partial(_diagonal, k0),
         _LARGEST * unit * bare.yields, _RATIO * jnp.ones_like(unit), bare.looks,
     )  # fmt: skip
     end = scan.run(_LEAST * unit, 0, jnp.ones_like(k0[0]))

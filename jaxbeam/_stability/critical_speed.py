@@ -191,7 +191,7 @@ def _search(
         system = model.matrices(rotor, speed)
         return system.stiffness, system.status
 
-    scan = Scan(at, groups, k0, top, ratio, _SCANNED)
+    scan = Scan(at, groups, lambda _: k0, top, ratio, _SCANNED)
     end = scan.run(bottom, tears, shape[tears])
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
@@ -233,7 +233,7 @@ def _search_under(
         tears = groups.directions.index(Direction.AXIAL)
         bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
         ratio = (top / bottom) ** (1 / (_SCANNED - 1))
-        scan = Scan(at, every, rest, top, ratio, _SCANNED)
+        scan = Scan(at, every, lambda _: rest, top, ratio, _SCANNED)
         end = scan.run(bottom, 0, x)
         torn = jnp.where(end.softest[0] > _HARD, jnp.inf, speed[tears])
         found, x = jnp.where(end.found, end.value, torn), end.x

@@ -114,7 +114,7 @@ class Scan(NamedTuple):
 
     at: Callable[[Scalar], tuple[Matrix, Code]]  # K at a value of the parameter, and a status
     groups: "Groups"
-    k0: Matrix  # by which eigenvalues are measured
+    measure: Callable[[Matrix], Matrix]  # from K to what its eigenvalues are measured by
     top: Scalar
     ratio: Scalar  # of one value that is looked at to the last
     looks: Array | int  # up to the top
@@ -142,7 +142,8 @@ class Scan(NamedTuple):
         of the bracket, with the value at an end that stays halved each time."""
         one = jnp.ones_like(search.value)
         stiffness, status = self.at(search.value)
-        pairs = [softest(rows, stiffness, self.k0) for rows in self.groups.rows]
+        by = self.measure(stiffness)
+        pairs = [softest(rows, stiffness, by) for rows in self.groups.rows]
         values, x = (jnp.stack(each) for each in zip(*pairs, strict=True))
         least, low = jnp.min(values), jnp.argmin(values)
         here, stable = jnp.stack([search.value, least]), least > 0

@@ -241,6 +241,24 @@ def test_a_column_on_a_soft_root_flutters(spring):
 
 
 @pytest.mark.exhaustive
+def test_a_beam_that_swings_far_on_a_soft_root_is_stable():
+    """Pushed sideways it turns towards the load, by which it is stretched: K is positive definite,
+    though where bending was soft there is axial stiffness then, ten decades above it."""
+    soft = jb.Beam(1.0, 1.0, 1e8, 1.0, 50.0, torsional_stiffness=5.0, polar_inertia=1e-4)
+    rotor = jb.Rotor(soft, root_springs=jb.RootSprings(in_plane=0.01))
+    found = jb.critical_load(jb.SpatialANCF(4), rotor, jb.Loads(tip_force=[0.0, 1.0, 0.0]))
+    assert float(found.factor) == np.inf
+    model = jb.SpatialANCF(4).suited(rotor)
+
+    def lowest(force):
+        loads = jb.Loads(tip_force=jnp.stack([0 * force, force, 0 * force]))
+        return jb.modes(model, rotor, 0.0, 1, loads=loads).frequency[0]
+
+    frequency = jax.lax.map(lowest, jnp.array([1e-3, 3e-3, 1e-2, 0.1, 1.0]))
+    assert (np.diff(frequency) > 0).all()
+
+
+@pytest.mark.exhaustive
 def test_a_strip_loses_its_stiffness_sideways_at_prandtls_load():
     """With a dead load in its stiff plane, 4.0126 (EI GJ)^1/2 / L^2 in the narrow limit."""
     strip = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, 1e4, 1.0, torsional_stiffness=1.0, polar_inertia=1e-3))

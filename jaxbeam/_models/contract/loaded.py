@@ -18,7 +18,7 @@ from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
-from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, is_hinged
 from jaxbeam._rotor.loads import (
     NO_DAMPING,
@@ -79,8 +79,12 @@ class Conditions(eqx.Module):
         q, status = equilibrium(equations, *inputs)
         # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
         near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
-        nowhere = Status.NOT_HELD if is_hinged(rotor) else Status.DIVERGED
-        status = first_failure(status, first_broken((near, nowhere)))
+        held = jnp.asarray(True)
+        if isinstance(rotor, Rotor) and is_hinged(rotor):
+            held = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
+        status = first_failure(
+            status, first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
+        )
         rates, damping = (self.damping.mass_coefficient, self.damping.stiffness_coefficient), None
         if rates != (None, None):
             _, by_rates = equations.damping_tangents(q, jnp.zeros_like(q), *rates)
