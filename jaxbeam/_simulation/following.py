@@ -75,10 +75,7 @@ class _Following(diffrax.AbstractStepSizeController):
         )
         t0, t1 = without_derivatives((t0, t1))
         if isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController):
-            size, y, now, end = without_derivatives(
-                (args.equations.length, y1_candidate, jnp.asarray(start), jnp.asarray(wanted))
-            )
-            wanted = step_limits.resting(size, y, now, end)
+            wanted = step_limits.resting(args, y1_candidate, start, wanted)
         else:
             # It knows the steps that it wants alone, and not those into which they are divided.
             whole = step_limits.pauses.passed(t1) >= state.wanted  # which may be within a pause

@@ -78,9 +78,11 @@ class StepLimits(eqx.Module):
         """How long the run lasts, in s."""
         return SAMPLES * self.spacing
 
-    def resting(self, length: Scalar, y: State, t: Scalar, end: Scalar) -> Scalar:
-        """Where a step from t and the state y may end as far as derivatives go."""
-        still = jnp.max(jnp.abs(y.q)) <= _STILL * length
+    def resting(self, scene: Scene, y: State, t: Any, end: Any) -> Array:
+        """Where a step from t and the state y may end, as far as derivatives go, when `end` is
+        wanted."""
+        length, q, t, end = without_derivatives((scene.equations.length, y.q, t, end))
+        still = jnp.max(jnp.abs(q)) <= _STILL * length
         return jnp.where(still, jnp.minimum(end, t + self.at_rest), end)
 
     def limit(self, t: Scalar, end: Scalar) -> Scalar:

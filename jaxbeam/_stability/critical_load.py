@@ -203,8 +203,8 @@ def _softness(model: AbstractModel, rotor: AnyRotor, own: Scalar) -> Scalar:
 
 
 def _diagonal(k0: Matrix, k: Matrix) -> Matrix:
-    """The diagonal of K itself, where it is positive. Where loads move a beam far from where it was,
-    K_0 has its axial stiffness in what is bending now: the sign would be that of rounding."""
+    """The diagonal of K itself, where it is positive. Where loads move a beam far from where it is
+    without them, K_0 is axially stiff in what bends: the sign would be that of rounding."""
     own = jnp.diag(k)
     return jnp.diag(jnp.where(own > 0, own, jnp.diag(k0)))
 
