@@ -264,10 +264,11 @@ FIRST = {
     "modes": ("jb.modes(model, rotor, 5.0, which)", SCENE, False),
     "256 modes, 10 elements": (
         "jax.jit(jax.vmap(lowest))(speeds)",
-        SCENE + "model, which = jb.ExactRodANCF(10), jb.labels(in_plane=2)" + BATCH, False,
+        SCENE + "model, which = jb.ExactRodANCF(10), jb.labels(in_plane=2)\n" + BATCH, False,
     ),
     "256 modes, 16 + 8 polynomials": (
-        "jax.jit(jax.vmap(lowest))(speeds)", SCENE + "model = jb.Hybrid(8, 16, 0)\n" + BATCH, False,
+        "jax.jit(jax.vmap(lowest))(speeds)",
+        SCENE + "model, which = jb.Hybrid(8, 16, 0), jb.labels(in_plane=2)\n" + BATCH, False,
     ),
     "southwell": ("jb.southwell(model, rotor, 0.0, which)", SCENE, False),
     "critical_speed": ("jb.critical_speed(jb.models.ChordANCF(4), rotor)", SCENE, False),
