@@ -60,8 +60,8 @@ ANY = "angular_speed", "mean", "depth"  # whether they are finite is asked with 
 def test_construction(which, value):
     """Numbers in range are taken; anything else is refused, by name."""
     make, arguments, key = which
-    if value is None and make is jb.Damping:
-        return
+    if value is None and (make is jb.Damping or key == "tip_mass"):
+        return  # there is none
     told = "damping" if make is jb.Damping else key
     number = isinstance(value, int | float) and not isinstance(value, bool)
     within = number and (isinstance(value, float) or abs(value) < 2**1023)
