@@ -95,6 +95,16 @@ class BlockTridiagonal(eqx.Module):
         """What solves with this matrix, once eliminated; differentiable in both modes."""
         return BlockInverse(self)
 
+    def matrix_of(self, linear: Callable[[_Vector], _Vector]) -> Float[Array, "n n"]:
+        """The matrix, as an array, of a linear map that is zero wherever this one is. Three blocks
+        apart columns have no row in common, so that one vector tells of many of them."""
+        k, b, _ = self.rows.shape
+        place = np.arange(k * b)[self.absent :]
+        probes = place % (3 * b) == np.arange(3 * b)[:, None]
+        found = jax.vmap(linear)(jnp.asarray(probes, self.rows.dtype))
+        near = np.abs(place[:, None] // b - place // b) <= 1
+        return jnp.where(near, found[place % (3 * b)].T, 0.0)
+
     def blocked(self, x: _Vector) -> Float[Array, "k b *lanes"]:
         """A vector block by block, zero where it is absent."""
         return padded(x, self.absent, 0).reshape(*self.rows.shape[:2], *x.shape[1:])

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import positive_definite, solve
 
 _FAR = 0.5  # for unknowns to go at once
@@ -26,12 +27,15 @@ def find_root(
     start: Float[Array, " n"],
     acceptable: Callable[[Float[Array, " n"]], Bool[Array, ""]] = lambda _: jnp.asarray(True),
     support: Float[Array, "n n"] | None = None,
+    jacobian: Callable[..., BlockTridiagonal] | None = None,
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
     """x with residual(x) = 0, and the share of the load that was reached (1: all of it).
 
     Newton's method on residual(x, fraction), with the fraction raised from zero to one in adaptive
     steps where one step will not do. Unknowns should be of order one. `acceptable` bars roots that
-    mean nothing. Differentiable to any order by the implicit function theorem.
+    mean nothing. Differentiable to any order by the implicit function theorem. A residual whose
+    derivatives are block-tridiagonal may come with its `jacobian`(x, fraction): without that a
+    function of many unknowns is differentiated by one after the other.
 
     With a `support`, the root of a gradient of an energy is looked for once more where none was
     found, one at which the energy is no minimum, or one far away: Newton's method may have jumped
@@ -39,13 +43,15 @@ def find_root(
     since what nothing but the load holds goes far at once under any share of it. If that ends in a
     minimum it is the answer.
     """
-    search = _Search(residual, acceptable, support)
+    search = _Search(residual, acceptable, support, jacobian)
+    like = None if jacobian is None else jax.eval_shape(jacobian, start, jnp.ones((), start.dtype))
+
+    def solved(linear: Callable[[Array], Array], y: Array) -> Array:
+        by_all = jax.jacfwd(linear)(jnp.zeros_like(y)) if like is None else like.matrix_of(linear)
+        return _held(by_all, y)
+
     return jax.lax.custom_root(
-        residual,
-        start,
-        lambda _, start: search.run(start),
-        lambda g, y: _held(jax.jacfwd(g)(jnp.zeros_like(y)), y),
-        has_aux=True,
+        residual, start, lambda _, start: search.run(start), solved, has_aux=True
     )
 
 
@@ -55,6 +61,7 @@ class _Search(NamedTuple):
     residual: Callable[..., Array]
     acceptable: Callable[[Array], Array]
     support: Array | None
+    jacobian: Callable[..., BlockTridiagonal] | None
 
     def run(self, start: Array) -> tuple[Array, Array]:
         """The root, and how far the load was raised."""
@@ -110,7 +117,7 @@ class _Search(NamedTuple):
 
         def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
             x, _, _, k = state
-            value, slope = value_and_jacobian(residual, x)
+            value, slope = self._value_and_slope(residual, x, fraction, held)
             dx = _held(slope, value)
             return x - dx, slope, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
 
@@ -123,6 +130,17 @@ class _Search(NamedTuple):
         minimum = jnp.asarray(True) if support is None else positive_definite(slope + slope.T)
         # At round-off the step stalls slightly above the tolerance: accept that.
         return x, (change < 1e-10) & self.acceptable(x), minimum
+
+    def _value_and_slope(
+        self, residual: Callable[[Array], Array], x: Array, fraction: Array, held: Array
+    ) -> tuple[Array, Array]:
+        """The residual with its support, and its derivatives."""
+        if self.jacobian is None:
+            return value_and_jacobian(residual, x)
+        slope = self.jacobian(x, fraction).dense()
+        if self.support is not None:
+            slope = slope + held * (1 - fraction) * self.support
+        return residual(x), slope
 
 
 def _held(slope: Float[Array, "n n"], value: Float[Array, " n"]) -> Float[Array, " n"]:

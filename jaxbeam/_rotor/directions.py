@@ -81,17 +81,20 @@ APART: tuple[CouplingGroup, ...] = (
 
 
 def coupling_groups(rotor: AnyRotor) -> tuple[CouplingGroup, ...]:
-    """Which directions of modes are coupled: flap with none, unless sections are turned or the beam
-    is coned; torsion too where it is coned, and all with all where it is both."""
+    """Which directions of modes are coupled: flap with none, unless sections are turned, the beam
+    is coned, or there is a body at the tip, whose spin about the beam couples it with torsion;
+    torsion too where it is coned, and all with all where it is both."""
     if not isinstance(rotor, Rotor):
         return APART
     if rotor.precone is not None:
         if rotor.couples_bending:
             return ((tuple(Direction), tuple(Direction)),)
         return (((Direction.IN_PLANE, Direction.TORSION), (Direction.FLAP, Direction.AXIAL)),)
+    twisting = (Direction.TORSION,) * rotor.tip_body.is_body
+    alone = () if twisting else (_TORSION,)
     if rotor.couples_bending:
-        return (((Direction.IN_PLANE, Direction.FLAP), (Direction.AXIAL,)), _TORSION)
-    return APART
+        return (((Direction.IN_PLANE, Direction.FLAP), (Direction.AXIAL, *twisting)), *alone)
+    return (((Direction.IN_PLANE,), (Direction.AXIAL,)), ((Direction.FLAP,), twisting), *alone)
 
 
 def is_hinged(rotor: AnyRotor) -> bool:

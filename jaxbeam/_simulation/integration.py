@@ -1,5 +1,6 @@
 """The way from a scene to the solution of diffrax: by our own loop, or by that of diffrax."""
 
+from collections.abc import Callable
 from typing import Any
 
 import diffrax
@@ -107,14 +108,33 @@ def _end(
                 found = jnp.where(which, value, found)
         return found
 
+    # Between signs that differ Newton's method cannot leave the way: a step that ends beyond a peak
+    # has a slope that points away from where the limit was met.
+    lower, upper = _bracket(lambda t: ahead(t, None), *without_derivatives((step.t0, step.t1)))
     root = optimistix.root_find(
-        ahead, event.root_finder, step.t1, options={"lower": step.t0, "upper": step.t1},
-        throw=False,
-    ).value  # fmt: skip
+        ahead, event.root_finder, upper, options={"lower": lower, "upper": upper}, throw=False
+    ).value
     first = came.kept == 0
     return jnp.where(first, came.t, root), jnp.where(
         first, came.y, output(settings.solver, step, root)
     )
+
+
+def _bracket(
+    function: Callable[[Scalar], Scalar], lower: Scalar, upper: Scalar
+) -> tuple[Scalar, Scalar]:
+    """A millionth of the interval, or less, at whose ends the function has the signs that it has
+    at those of the whole one."""
+    sign = jnp.sign(without_derivatives(function(lower)))
+
+    def halve(_: Any, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        lower, upper = ends
+        middle = (lower + upper) / 2
+        before = jnp.sign(without_derivatives(function(middle))) == sign
+        return jnp.where(before, middle, lower), jnp.where(before, upper, middle)
+
+    ends: tuple[Scalar, Scalar] = jax.lax.fori_loop(0, 24, halve, (lower, upper))
+    return ends
 
 
 def is_far(scene: Scene, y: State) -> Array:

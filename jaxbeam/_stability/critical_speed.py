@@ -47,9 +47,10 @@ from jaxbeam._stability.singular import (
     softest,
 )
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Matrix, Scalar, Vector
+from jaxbeam._types import Code, Matrix, Number, Scalar, Vector
 
 _HAIR = 1e-10  # EI / L, of a spring beside which a hinge is free
+_ROUGH = 1e-11  # EA L, more than rounding does near tearing to the stiffness of a hinge
 _HARD = 0.1  # of its stiffness at rest, that of a rod which does not tear
 _SCANNED = 64  # speeds at which a model that is not affine is looked at
 
@@ -173,13 +174,13 @@ def _search(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar
 ) -> tuple[Scalar, Code, Vector, Code]:
     """Critical speed, the direction and the shape that give way, and a status."""
-    groups, free = groups_of(model, rotor), rotor
-    rotor = _held(rotor)
+    groups, free, hair = groups_of(model, rotor), rotor, _hair(rotor, is_affine(model, rotor))
+    rotor = _held(rotor, hair)
     k0, speed, shape = _alone(model, rotor, zero, groups)
     sound = _sound(speed)
     if is_affine(model, rotor):
         if rotor is not free:
-            speed = _freed(speed, shape, k0, _undeformed(model, free, zero), rotor)
+            speed = _freed(speed, shape, k0, _undeformed(model, free, zero), rotor, hair)
         first = jnp.argmin(speed)
         return speed[first], groups.codes[first], shape[first], sound
 
@@ -191,14 +192,18 @@ def _search(
         system = model.matrices(rotor, speed)
         return system.stiffness, system.status
 
-    scan = Scan(at, groups, lambda _: k0, top, ratio, _SCANNED)
+    scan = Scan(at, groups, lambda _: k0, top, ratio, _SCANNED, rotor is not free)
     end = scan.run(bottom, tears, shape[tears])
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
     hardens = end.softest[tears] > _HARD
     torn = jnp.where(hardens, jnp.inf, speed[tears])
+    speed = jnp.where(end.found, end.value, torn)
+    if rotor is not free:
+        rest = _undeformed(model, free, zero)
+        speed = _freed(speed[None], end.x[None], k0, rest, rotor, hair)[0]
     return (
-        jnp.where(end.found, end.value, torn),
+        speed,
         jnp.where(end.found, end.direction, groups.codes[tears]),
         jnp.where(end.found, end.x, shape[tears]),
         first_failure(sound, scan.status(end)),
@@ -210,7 +215,7 @@ def _search_under(
 ) -> tuple[Scalar, Code, Vector, Code]:
     """The search under loads."""
     groups = groups_of(model, rotor)
-    rest, speed, _ = _alone(model, _held(rotor), zero, groups)
+    rest, speed, _ = _alone(model, _held(rotor, _hair(rotor, True)), zero, groups)
     every = Groups((naming(model.directions),), (np.arange(len(rest)),))
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
@@ -247,19 +252,30 @@ def _sound(speed: Float[Array, "*f"]) -> Code:
     return first_broken((jnp.all(~jnp.isnan(speed)), Status.NOT_FINITE))
 
 
-def _held(rotor: AnyRotor) -> AnyRotor:
+def _hair(rotor: AnyRotor, is_affine: bool) -> Number | float:
+    """The spring, over EI / L, beside which a hinge is free. It holds more than rounding drives
+    out: with tension the stiffness of elements is a difference of larger numbers."""
+    if is_affine or not isinstance(rotor, Rotor):
+        return _HAIR
+    beam = rotor.beam.mean
+    ratio = beam.axial_stiffness / beam.in_plane_bending_stiffness
+    return jnp.maximum(_ROUGH * ratio * beam.length**2, _HAIR)
+
+
+def _held(rotor: AnyRotor, hair: Number | float) -> AnyRotor:
     """The rotor with hairs of springs where hinges are free, so that K at rest is definite."""
     if not isinstance(rotor, Rotor) or rotor.root_springs is None:
         return rotor
     beam = rotor.beam.mean
-    hair = _HAIR * beam.in_plane_bending_stiffness / beam.length
-    held = jax.tree.map(lambda k: jnp.maximum(k, hair), rotor.root_springs)
+    hair = hair * beam.in_plane_bending_stiffness / beam.length
+    held = jax.tree.map(lambda k: jnp.where(k < hair / 10, hair, k), rotor.root_springs)
     return eqx.tree_at(lambda r: r.root_springs, rotor, held)
 
 
 def _freed(
-    speed: Float[Array, " f"], shape: Float[Array, "f n"], k0: Matrix, free: Matrix, rotor: AnyRotor
-) -> Float[Array, " f"]:
+    speed: Float[Array, " f"], shape: Float[Array, "f n"], k0: Matrix, free: Matrix,
+    rotor: AnyRotor, hair: Number | float,
+) -> Float[Array, " f"]:  # fmt: skip
     """The speeds without hairs: what swings on nothing else gives way at once, or, where that takes
     far more than a hair would bear, is neither held nor driven out at any speed."""
 
@@ -267,7 +283,7 @@ def _freed(
         return jnp.sum(shape * (shape @ k), 1)
 
     swings = energy(free) < energy(k0) / 2
-    at_once = speed**2 < 1e4 * _HAIR * rotor.frequency_scale**2
+    at_once = speed**2 < 1e4 * hair * rotor.frequency_scale**2
     return jnp.where(swings, jnp.where(at_once, 0.0, jnp.inf), speed)
 
 

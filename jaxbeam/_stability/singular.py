@@ -118,6 +118,7 @@ class Scan(NamedTuple):
     top: Scalar
     ratio: Scalar  # of one value that is looked at to the last
     looks: Array | int  # up to the top
+    hinged: bool = False  # whether there may be motions that nothing holds, but for rounding
 
     def run(self, bottom: Scalar, first: int, x: Vector) -> Search:
         """The search from the value `bottom` on; until something is found, `direction` is that of
@@ -145,6 +146,10 @@ class Scan(NamedTuple):
         by = self.measure(stiffness)
         pairs = [softest(rows, stiffness, by) for rows in self.groups.rows]
         values, x = (jnp.stack(each) for each in zip(*pairs, strict=True))
+        if self.hinged:
+            size, eps = jnp.abs(x), jnp.finfo(x.dtype).eps
+            rough = jnp.sum(size * (size @ jnp.abs(stiffness)), 1) / jnp.sum(x * (x @ by), 1)
+            values = values + eps * rough
         least, low = jnp.min(values), jnp.argmin(values)
         here, stable = jnp.stack([search.value, least]), least > 0
         weight = jnp.stack([one, jnp.where(stable == search.stable, one / 2, one)])

@@ -15,7 +15,7 @@ along t, d_2, d_3 there.
 
 The only inertia of rotation of sections is that about the tangent, in small vibration alone. A body
 at the tip has the mass M at r + c t and the energies J |dt/dt|^2 / 2, for its inertia across, and
-J_a (t.phi')^2 / 2, about the rod.
+J_a (t.phi' + t.W)^2 / 2, about the rod, without the gyroscopic force by which J_a t.W turns t.
 
 Method. All fields are polynomials through Chebyshev points, and the equations are integrated from
 the end where a field is given, so that nothing is differentiated: spectral accuracy, and matrices
@@ -147,6 +147,7 @@ def _at_tip(rod: Rod, last: np.ndarray, extra: np.ndarray) -> np.ndarray:
     centre = last[:3] + rod.offset * t
     pull = rod.tip_mass * (np.asarray(rod.gravity) + _outward(rod, centre)) + extra[:3]
     across = rod.inertia * _outward(rod, t) + extra[3:6]
+    across = across + np.array([0.0, 0.0, rod.axial_inertia * rod.speed**2]) * t
     force = turn @ np.asarray(rod.force) + pull
     moment = turn @ np.asarray(rod.moment) + np.cross(t, rod.offset * pull + across)
     return np.concatenate([force, moment + t * extra[6]])
@@ -275,6 +276,8 @@ def eigenvalues(rod: Rod, n: int = 32, steps: int = 6) -> np.ndarray:
     firsts = np.concatenate([each, [4 * k, 4 * k + 3]])
     seconds = np.concatenate([k + each, [4 * k + 1, 4 * k + 4]])
     turn[firsts, seconds], turn[seconds, firsts] = -spin, spin
+    if rod.axial_inertia and rod.speed:  # W t_3 is part of the spin about t
+        turn[-1, -2], turn[-2, -1] = rod.speed, -rod.speed * rod.axial_inertia / rod.inertia
     kept = mass > 0
     reach = (reach * mass)[np.ix_(kept, kept)]
     turn = turn[np.ix_(kept, kept)]

@@ -219,3 +219,13 @@ def test_elements_with_bodies_and_following_loads_tend_to_the_rod():
         assert largest[1] < largest[0] / 12
         assert largest[-1] < 1e-6
         assert extrapolated(found, (4, 1)) < 1e-7
+
+
+@pytest.mark.exhaustive
+def test_a_body_that_spins_about_the_beam_couples_flap_with_torsion():
+    """With its axis t at t.phi' + t.Omega: that drives flap out, and joins it with torsion. The
+    third frequency would be 7 % higher without; 1.1e-6 is left of all five with 32 elements."""
+    body = dict(offset=0.15, inertia=0.02, axial_inertia=0.05, polar=0.03, follows=True)
+    found = np.abs(errors(replace(TAME, cone=0.0, **body))).max(1)
+    assert (found[1:] < found[:-1] / 10).all()
+    assert found[-1] < 1.2e-5

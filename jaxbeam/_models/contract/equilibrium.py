@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxbeam._models.contract.span_integrals import SpanForce
+from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._rotor.motion import Hub
@@ -26,24 +27,37 @@ def equilibrium(
     rest = jnp.zeros(equations.mass.shape[0], equations.length.dtype)
     scale = equations.energy_scale / equations.length
 
-    def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
+    def share(fraction: Scalar | float) -> tuple[Hub, Any]:
+        """So much of the load: the motion of the hub, and what acts at the tip."""
         root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else
         part = Hub(
             root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,
             fraction * hub.angular_velocity_rate, fraction * hub.gravity,
         )  # fmt: skip
-        force = jax.tree.map(lambda part: fraction * part, tip_force)
+        return part, jax.tree.map(lambda part: fraction * part, tip_force)
+
+    def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
+        part, force = share(fraction)
         q = equations.length * q
         out = equations.force(part, q, rest, force)
         if span is not None:
             out = out + fraction * span.on(q)
         return -out / scale
 
+    def jacobian(q: Vector, fraction: Scalar) -> Any:
+        part, force = share(fraction)
+        k = equations.tangents(part, equations.length * q, rest, force)[0]
+        if span is not None and span.stiffness is not None:
+            k = k + fraction * span.stiffness
+        return (equations.length / scale) * k
+
     # Of the size of what loads do to a rigid beam, by the acceleration that they give its mass.
     load = jnp.max(jnp.abs(residual(rest)))
     inertia = dense(equations.mass) / equations.as_force(rest, jnp.ones_like(rest))[:, None]
     support = jax.lax.stop_gradient(inertia * load / jnp.max(jnp.abs(inertia)))
-    q, done = find_root(residual, rest, support=support)
+    # Those of elements are known, and cost much less than derivatives by each of many unknowns.
+    known = isinstance(equations.mass, BlockTridiagonal)
+    q, done = find_root(residual, rest, support=support, jacobian=jacobian if known else None)
     q = equations.length * q
     status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
     return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)

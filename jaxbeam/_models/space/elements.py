@@ -23,6 +23,7 @@ angle, L^2 times a twist. Any array may have further axes, of lanes, behind thos
 
 from typing import Any, Self
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -72,6 +73,7 @@ class SpatialEquations(SpatialElasticity):
     tip_mass: Float[Array, "2 2 *#lanes"]
     tip_polar: Number
     axes: Float[Array, "3 3 *#lanes"] | None  # rows: of the beam in those of the hub
+    bears_body: bool = eqx.field(static=True)
 
     def __init__(self, rotor: Rotor, n_elements: int) -> None:
         length = rotor.beam.length
@@ -95,6 +97,7 @@ class SpatialEquations(SpatialElasticity):
         slope = jnp.broadcast_to(length * A1[None], place.shape)
         self.straight = self._nodal(jnp.stack([place, slope], 1))
         body = rotor.tip_body
+        self.bears_body = body.is_body
         if isinstance(body, TipBody):
             self.tip_mass, self.tip_polar = body_mass(body, length), body.axial_inertia / length**2
         else:
@@ -137,6 +140,8 @@ class SpatialEquations(SpatialElasticity):
             of_elements(self._nodes(q)), of_elements(field),
         )  # fmt: skip
         at_tip = self._borne(field[-1])
+        if self.bears_body:
+            at_tip = at_tip + self._spun(hub, self._nodes(q)[-1], speed[-1])
         if tip_force is not None:
             at_tip = at_tip - self._pushed(tip_force, q)
         return -self._gathered(own, at_tip, self._at_ends(self.ends.force, q))
@@ -148,6 +153,8 @@ class SpatialEquations(SpatialElasticity):
         both = (self._four(matrix) for matrix in hub_matrices(hub))
         k, c = (self._matrix(mixed_rows(self.gram, mixing)) for mixing in both)
         k = k + self.elastic_tangent(q)
+        if self.bears_body:
+            k, c = (a + self._matrix(b) for a, b in zip((k, c), self._spun_rows(hub), strict=True))
         if isinstance(tip_force, TipLoad):
             k = k + self._matrix(-self._pushed_tangent(tip_force, q))
         return k, c
@@ -179,7 +186,12 @@ class SpatialEquations(SpatialElasticity):
         own = self._nodes(v) + self._by(skew_spin, self._nodes(q))
         roll = jnp.concatenate([velocity, self.length * spin[:1]])
         carried = self._by(skew_spin, self.straight) + self._constant(roll)
-        return self._product(own, own / 2 + carried)
+        energy = self._product(own, own / 2 + carried)
+        if self.bears_body:
+            turned = total(spin * self._seen(self._nodes(q)[-1, 1]))
+            rest = self._nodes(v)[-1, 0, 3] + self.length * spin[0]
+            energy = energy + self.tip_polar * turned * (rest + turned / 2)
+        return energy
 
     def first_moment(self, q: Vector) -> Triple:
         nodes, units = self._nodes(q), np.eye(4)[:3]
@@ -284,6 +296,37 @@ class SpatialEquations(SpatialElasticity):
         moved = contract(self.tip_mass[:, :, None], field[None], 1, field.ndim - 2)
         twist = jnp.stack([self.tip_polar * field[0, 3], 0 * field[0, 3]])
         return jnp.concatenate([moved[:, :3], twist[:, None]], 1)
+
+    def _spun(
+        self, hub: Hub, u: Float[Array, "2 4 *#lanes"], rate: Float[Array, "2 4 *#lanes"]
+    ) -> Float[Array, "2 4 *#lanes"]:
+        """What a body at the tip does that spins about its axis t at a' + omega.t, but for what
+        a'' + omega_1' do: j (omega'.u' + omega.t') on the twist, -j (a' + omega.t) omega on the
+        slope."""
+        spin, push = hub.angular_velocity, hub.angular_velocity_rate
+        turned, turns = self._seen(u[1]), self._seen(rate[1])
+        about = rate[0, 3] + self.length * spin[0] + total(spin * turned)
+        twist = self.tip_polar * (total(push * turned) + total(spin * turns))
+        slope = self._ordered(-self.tip_polar * about * spin, 0 * twist)
+        return jnp.stack([self._ordered(0 * spin, twist), slope])
+
+    def _spun_rows(self, hub: Hub) -> tuple[Array, Array]:
+        """Rows of blocks of its derivatives by coordinates and rates."""
+        spin, push = hub.angular_velocity, hub.angular_velocity_rate
+        none = jnp.zeros_like(spin[0])
+        slope, rate = (
+            jnp.concatenate([jnp.zeros_like(a), a])
+            for a in (self._ordered(spin, none), self._ordered(push, none))
+        )
+        twist = beside(np.eye(8)[3], spin.ndim - 1)
+        stiff = twist[:, None] * rate[None] - slope[:, None] * slope[None]
+        drag = twist[:, None] * slope[None] - slope[:, None] * twist[None]
+
+        def at_tip(block: Array) -> Array:
+            row = jnp.pad(self.tip_polar * block, ((0, 0), (8, 8), *((0, 0),) * (spin.ndim - 1)))
+            return padded(row[None], len(self.straight) - 1, 0)
+
+        return at_tip(stiff), at_tip(drag)
 
     def _hub(self, hub: Hub) -> Hub:
         """Motion of the hub in axes of the beam."""
