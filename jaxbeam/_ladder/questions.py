@@ -252,8 +252,10 @@ class DeflectionHistory(_AtPoint):
 class PeakDeflection(_AtPoint):
     """The largest displacement of a point either way (`Simulation.peak`, m), shape (1,).
 
-    Without sign: a free vibration goes as far one way as the other. `motion`, `times`, `component`,
-    `xi`, `loads`, `damping` and `max_steps` are those of `DeflectionHistory`.
+    Without sign: a free vibration goes as far one way as the other. Between `times` by the cubic of
+    `Simulation.peak`, whose error all models share, so that no estimate knows it: give several
+    times in each period. `motion`, `component`, `xi`, `loads`, `damping` and `max_steps` are those
+    of `DeflectionHistory`.
 
     Raises `ValueError` or `TypeError` for a malformed argument.
     """

@@ -369,8 +369,8 @@ def deflection_limit(limit: Any, component: int = 1, xi: float = 1.0) -> diffrax
     It does so to rounding in time. `component` 0, 1, 2: axial, in plane, flap, of the point x =
     `xi` L, 0 to 1. The last output is at the event. A run that starts beyond it ends where it comes
     back. Ends of steps tell: what goes beyond and comes back within one step is not seen, which is
-    for limits within 1e-4 of a peak, and within a few per cent where `stepsize_controller` allows
-    errors of 1e-4 and more. Give it to `simulate` as `event`.
+    for limits within 1e-4 of a peak, and within some per cent where `stepsize_controller` allows
+    errors of 1e-3. Give it to `simulate` as `event`.
 
     Raises `ValueError` or `TypeError` for a number out of range or of another kind.
     """

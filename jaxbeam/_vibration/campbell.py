@@ -23,6 +23,8 @@ from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
 from jaxbeam._vibration.crossing import Crossing, crossing
 
+_CLOSER = 17  # speeds at which it is looked at once more between two
+
 
 class Campbell(eqx.Module):
     """Frequency over speed for labelled modes of one rotor.
@@ -52,22 +54,30 @@ class Campbell(eqx.Module):
         `harmonics` is a list of numbers > 0. Sign changes between neighbouring speeds of the
         diagram, in whatever order they were given and but for those that failed, refined by
         `crossing`; two crossings between two neighbours are not seen. Where a label changes branch
-        in a veering and the line passes through the gap, there is no crossing. Ordered by speed;
-        their numbers are those of Python.
+        in a veering and the line passes through the gap, there is no crossing; a sixteenth of the
+        interval is looked at each then, since the branches may cross the line beside the gap.
+        Ordered by speed; their numbers are those of Python.
 
         Raises `ValueError` for other harmonics.
         """
         factors = concrete_array("harmonics", harmonics)
         if factors.ndim != 1 or not (np.isfinite(factors) & (factors > 0)).all():
             raise ValueError(f"harmonics must be a list of numbers > 0, got {harmonics!r}")
-        found = []
+        found = self._crossings(factors.tolist(), True)
+        return sorted(found, key=lambda crossing: crossing.angular_speed)
+
+    def _crossings(self, harmonics: list[float], closer: bool) -> list[Crossing]:
+        """The crossings, in any order; if asked to, from a closer look where a label jumps over a
+        line: it may come back to it between the same two speeds."""
+        found: dict[tuple[tuple[float, float], float], list[Crossing]] = {}
+        jumped = []
         for column, label in enumerate(self.labels):
             frequency = self.table["frequency"][:, column]
             there = np.flatnonzero(np.isfinite(frequency))
             speed, order = np.unique(self.table.coords["angular_speed"][there], return_index=True)
             there = there[order]
             growing = self.table["growth_rate"][there, column] > 0
-            for harmonic in factors.tolist():
+            for harmonic in harmonics:
                 # A gap that is zero at rest, in divergence, is no resonance.
                 gap = np.where(growing, np.nan, frequency[there] - harmonic * np.abs(speed))
                 # A root on a sample counts once, for the interval that it begins.
@@ -80,8 +90,17 @@ class Campbell(eqx.Module):
                         loads=self.loads, damping=self.damping, throw=False,
                     )  # fmt: skip
                     if at.status == Status.OK:
-                        found.append(jax.tree.map(lambda number: number.item(), at))
-        return sorted(found, key=lambda crossing: crossing.angular_speed)
+                        own = jax.tree.map(lambda number: number.item(), at)
+                        found.setdefault((bracket, harmonic), []).append(own)
+                    elif at.status == Status.NO_CROSSING:
+                        jumped.append((bracket, harmonic))
+        for bracket, harmonic in dict.fromkeys(jumped) if closer else ():
+            near = campbell(
+                self.model, self.rotor, np.linspace(*bracket, _CLOSER), self.labels,
+                loads=self.loads, damping=self.damping,
+            )  # fmt: skip
+            found[bracket, harmonic] = near._crossings([harmonic], False)
+        return [each for some in found.values() for each in some]
 
 
 def campbell(

@@ -40,6 +40,7 @@ def test_sums_and_products_are_those_of_dense_matrices(blocks, size, absent):
     near = np.asarray(BlockTridiagonal(jnp.ones_like(rows), absent).dense())
     for own, expected in zip(found, (2.25 * full @ x, x @ full, near * (xs.T @ ys)), strict=True):
         np.testing.assert_allclose(own, expected, rtol=1e-12)
+    np.testing.assert_array_equal(a.matrix_of(lambda x: full @ x), full)
 
 
 @pytest.mark.slow

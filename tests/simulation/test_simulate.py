@@ -277,6 +277,30 @@ def test_event_ends_the_run_where_the_limit_is_reached():
     np.testing.assert_allclose(np.abs(run.peak()[0]), 0.05, rtol=1e-5)
 
 
+@pytest.mark.slow
+def test_events_are_found_however_long_the_step_in_which_they_are():
+    """Near a peak a step ends beyond it, with a slope that points away from the event; what a step
+    passes and comes back from it does not see."""
+    model, motion, times = jb.Hybrid(0, 2, 0), jb.motions.QuinticSpinUp(3.0, 3.0), (0.0, 4.0)
+    fine = np.linspace(*times, 2001)
+    way = np.abs(jb.simulate(model, ROTOR, motion, fine, stepsize_controller=TIGHT).tip[:, 1])
+    last = way.argmax() + 1
+    below = np.geomspace(1e-4, 0.1, 128)
+    limits = way.max() * (1 - below)
+
+    def end(limit):
+        run = jb.simulate(
+            model, ROTOR, motion, times, event=jb.deflection_limit(limit), throw=False,
+            stepsize_controller=diffrax.PIDController(rtol=1e-3, atol=1e-4),
+        )  # fmt: skip
+        return run.end_time
+
+    found = np.asarray(jax.jit(jax.vmap(end))(limits))
+    seen, exact = found < times[1], np.interp(limits, way[:last], fine[:last])
+    assert below[~seen].max() < 0.1
+    np.testing.assert_allclose(found[seen], exact[seen], atol=3e-4)
+
+
 @pytest.mark.exhaustive
 def test_diffrax_objects_pass_through():
     times = np.linspace(0, 1, 5)

@@ -362,3 +362,12 @@ def test_printed_matrices():
         np.testing.assert_allclose(ours[name_][across], whole[across], atol=1e-9)
         once = (ours[name_] - masses[name_]) / 2
         np.testing.assert_allclose(once[along], whole[along], atol=1e-9)
+
+
+@pytest.mark.exhaustive
+def test_elements_in_space_tear_as_any_rod():
+    """Before that they are stretched by more than the range of their bending."""
+    beam = jb.Beam(5.0, 0.3, 4e6, 500.0, 300.0, torsional_stiffness=300.0)
+    found = jb.critical_speed(jb.SpatialANCF(4), jb.Rotor(beam, 0.3))
+    np.testing.assert_allclose(found.angular_speed, np.pi / 10 * np.sqrt(4e6 / 0.3), rtol=1e-4)
+    assert found.direction == jb.models.Direction.AXIAL

@@ -172,6 +172,21 @@ def test_a_hinge_gives_way_at_once_or_never():
 
 
 @pytest.mark.exhaustive
+def test_elements_on_a_hinge_in_the_axis_tear_before_they_give_way():
+    """Neither held nor driven out, which is what rounding makes of differences of large numbers. A
+    body that reaches beyond the axis drives it out at once, as the hybrid theory says."""
+    free = jb.RootSprings(0.0)
+    tears = np.pi / (2 * LENGTH) * np.sqrt(5e6 / 0.2)
+    for n in (4, 8):
+        found = jb.critical_speed(jb.ExactRodANCF(n), hinged(root_springs=free))
+        np.testing.assert_allclose(found.angular_speed, tears, rtol=1e-6)
+        assert found.direction == jb.models.Direction.AXIAL
+    beyond = hinged(0.5, root_springs=free, tip_mass=None, tip_body=jb.TipBody(3.0, -12.0, 0.1))
+    assert jb.critical_speed(jb.Hybrid(0, 8, 0), beyond).angular_speed == 0.0
+    assert jb.critical_speed(jb.ExactRodANCF(4), beyond).angular_speed == 0.0
+
+
+@pytest.mark.exhaustive
 def test_a_column_on_a_free_hinge_is_held_by_nothing_but_its_speed():
     """Turned by phi the rod's load along the axis has the moment P L phi about its root, what
     carries it on its circle one of Omega^2 R (rho L^2 / 2) phi the other way."""

@@ -335,6 +335,27 @@ def test_no_resonance_where_a_label_changes_branch():
 
 
 @pytest.mark.exhaustive
+def test_a_line_that_passes_through_a_gap_meets_the_branches_beside_it():
+    """Between 3 and 4 rad/s both labels change branch, and what is then the upper one is met by the
+    line twice the speed: frequencies in order, which are smooth, tell where."""
+    at = [0.0, 0.5, 1.0]
+    beam = jb.Beam(
+        5.0, jb.Spanwise(at, [0.3, 0.2, 0.1]), 4e6, jb.Spanwise(at, [500.0, 400.0, 200.0]),
+        jb.Spanwise(at, [300.0, 250.0, 100.0]), twist=jb.Spanwise([0, 1], [0.3, 0.0]),
+    )  # fmt: skip
+    rotor, model = jb.Rotor(beam, 0.5, 0.1, pitch=0.2), jb.Hybrid(0, 8, 8)
+    speeds = np.linspace(0.0, 10.0, 801)
+    both = jax.jit(jax.vmap(lambda s: jb.modes(model, rotor, s, 2, throw=False).frequency))(speeds)
+    gap = np.asarray(both) - 2 * speeds[:, None]
+    i, column = np.nonzero(gap[:-1] * gap[1:] < 0)
+    before, after = gap[i, column], gap[i + 1, column]
+    exact = np.sort(speeds[i] - (speeds[1] - speeds[0]) * before / (after - before))
+    diagram = jb.campbell(model, rotor, np.linspace(0, 10, 11), jb.labels(in_plane=1, flap=1))
+    found = [c.angular_speed for c in diagram.crossings([2])]
+    np.testing.assert_allclose(found, exact, atol=1e-4)
+
+
+@pytest.mark.exhaustive
 def test_status_in_sweeps():
     model, label = jb.Hybrid(4, 8, 0), jb.models.Label(IN_PLANE, 1)
 

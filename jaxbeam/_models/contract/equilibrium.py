@@ -55,9 +55,9 @@ def equilibrium(
     load = jnp.max(jnp.abs(residual(rest)))
     inertia = dense(equations.mass) / equations.as_force(rest, jnp.ones_like(rest))[:, None]
     support = jax.lax.stop_gradient(inertia * load / jnp.max(jnp.abs(inertia)))
-    # Those of elements are known, and cost much less than derivatives by each of many unknowns.
-    known = isinstance(equations.mass, BlockTridiagonal)
-    q, done = find_root(residual, rest, support=support, jacobian=jacobian if known else None)
+    # That of elements costs much less than derivatives by each of many unknowns.
+    by_elements = isinstance(equations.mass, BlockTridiagonal)
+    q, done = find_root(residual, rest, support=support, jacobian=jacobian if by_elements else None)
     q = equations.length * q
     status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
     return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)

@@ -188,9 +188,9 @@ class SpatialEquations(SpatialElasticity):
         carried = self._by(skew_spin, self.straight) + self._constant(roll)
         energy = self._product(own, own / 2 + carried)
         if self.bears_body:
-            turned = total(spin * self._seen(self._nodes(q)[-1, 1]))
+            about = total(spin * self._seen(self._nodes(q)[-1, 1]))
             rest = self._nodes(v)[-1, 0, 3] + self.length * spin[0]
-            energy = energy + self.tip_polar * turned * (rest + turned / 2)
+            energy = energy + self.tip_polar * about * (rest + about / 2)
         return energy
 
     def first_moment(self, q: Vector) -> Triple:
@@ -304,11 +304,11 @@ class SpatialEquations(SpatialElasticity):
         a'' + omega_1' do: j (omega'.u' + omega.t') on the twist, -j (a' + omega.t) omega on the
         slope."""
         spin, push = hub.angular_velocity, hub.angular_velocity_rate
-        turned, turns = self._seen(u[1]), self._seen(rate[1])
-        about = rate[0, 3] + self.length * spin[0] + total(spin * turned)
-        twist = self.tip_polar * (total(push * turned) + total(spin * turns))
-        slope = self._ordered(-self.tip_polar * about * spin, 0 * twist)
-        return jnp.stack([self._ordered(0 * spin, twist), slope])
+        slope, turns = self._seen(u[1]), self._seen(rate[1])
+        about = rate[0, 3] + self.length * spin[0] + total(spin * slope)
+        twist = self.tip_polar * (total(push * slope) + total(spin * turns))
+        held_back = self._ordered(-self.tip_polar * about * spin, 0 * twist)
+        return jnp.stack([self._ordered(0 * spin, twist), held_back])
 
     def _spun_rows(self, hub: Hub) -> tuple[Array, Array]:
         """Rows of blocks of its derivatives by coordinates and rates."""
