@@ -23,7 +23,7 @@ from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
 from jaxbeam._vibration.crossing import Crossing, crossing
 
-_CLOSER = 17  # speeds at which it is looked at once more between two
+_CLOSER = 17  # speeds of the closer look at an interval in which a label jumps
 
 
 class Campbell(eqx.Module):
@@ -54,8 +54,8 @@ class Campbell(eqx.Module):
         `harmonics` is a list of numbers > 0. Sign changes between neighbouring speeds of the
         diagram, in whatever order they were given and but for those that failed, refined by
         `crossing`; two crossings between two neighbours are not seen. Where a label changes branch
-        in a veering and the line passes through the gap, there is no crossing; a sixteenth of the
-        interval is looked at each then, since the branches may cross the line beside the gap.
+        in a veering and the line passes through the gap, there is no crossing. Branches may still
+        cross the line beside the gap, so such an interval is looked at again in sixteen parts.
         Ordered by speed; their numbers are those of Python.
 
         Raises `ValueError` for other harmonics.
