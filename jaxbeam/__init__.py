@@ -4,7 +4,8 @@ Say `jax.config.update("jax_enable_x64", True)` and `import jaxbeam as jb`. Ever
 units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad` goes through.
 
 What rotates        Beam, Rotor; Loads and Damping act on it
-As built            Spanwise: a property along the span; RootSprings, TipBody; jb.blades
+As built            Spanwise: a property along the span; RootSprings, TipBody, PointMasses,
+                    PointForces: what is at its ends and between; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     ExactRodANCF, GreenANCF, ANCF in finite elements in the plane,
                     SpatialANCF in space: it bends both ways and twists
@@ -64,6 +65,8 @@ if TYPE_CHECKING:
     from jaxbeam._rotor.ends import TipBody as TipBody
     from jaxbeam._rotor.loads import Damping as Damping
     from jaxbeam._rotor.loads import Loads as Loads
+    from jaxbeam._rotor.points import PointForces as PointForces
+    from jaxbeam._rotor.points import PointMasses as PointMasses
     from jaxbeam._rotor.spanwise import Spanwise as Spanwise
     from jaxbeam._rotor.spins import ConstantSpeed as ConstantSpeed
     from jaxbeam._rotor.spins import SmoothSpinUp as SmoothSpinUp

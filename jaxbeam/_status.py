@@ -212,6 +212,7 @@ class Status(enum.IntEnum):
         "angle must be finite and > 0, damping_ratio finite, growth finite and > 1",
         INPUT,
     )
+    INVALID_POINT_MASSES = 48, "point masses must be finite and >= 0", INPUT
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

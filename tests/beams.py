@@ -47,6 +47,7 @@ AS_BUILT = jb.Rotor(
         twist=jb.Spanwise([0, 1], [0.4, -0.1]),
         torsional_stiffness=jb.Spanwise([0, 0.3, 0.3, 1], [6.0, 5.0, 4.0, 3.0]),
         polar_inertia=jb.Spanwise([0, 1], [0.02, 0.01]),
+        point_masses=jb.PointMasses([0.45, 0.7], [0.2, 0.1]),
     ),
     hub_radius=0.4,
     pitch=0.2,

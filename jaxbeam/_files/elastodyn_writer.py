@@ -107,6 +107,11 @@ def _coefficients(name: str, row: Any) -> np.ndarray:
 
 def _rows(beam: Beam) -> np.ndarray:
     """The table, by stations that increase."""
+    if beam.point_masses is not None:
+        raise ValueError(
+            "point_masses: a blade file of ElastoDyn has none; leave them out, or spread them over "
+            "mass_per_length"
+        )
     twist = 0.0 if beam.twist is None else beam.twist
     given = (
         twist,

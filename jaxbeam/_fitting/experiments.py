@@ -220,7 +220,7 @@ class StaticData(Experiment):
         self.angular_speed = checked_speed(angular_speed)
         conditions = checked_conditions(loads, NO_DAMPING)
         if conditions is not None:
-            status = conditions.status(self.model, self.angular_speed)
+            status = conditions.status(self.model, self.rotor, self.angular_speed)
             if is_concrete(status):
                 raise_unless_ok(self.loads, status)
 

@@ -24,12 +24,14 @@ from jaxbeam._rotor.parameters import (
     parameter,
     part,
 )
+from jaxbeam._rotor.points import PointMasses, WithPoints
 from jaxbeam._rotor.span import Span, on, outboard, tension
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
     Property,
     along,
     at_ends,
+    edges_between,
     mean,
     points_within,
 )
@@ -63,6 +65,8 @@ class Beam(Parameters):
     `polar_inertia`, the moment of inertia about the beam per length, in kg m, > 0; without the
     latter that of a solid section, rho (EI_zz + EI_yy) / EA. No other model looks at them.
 
+    `point_masses` are `PointMasses` that the beam carries between its ends, or None.
+
     Raises `TypeError` for what is no real number, nor varies along the span as it may, and
     `ValueError` for what is not allowed; numbers that are traced are told of by a `Status` instead.
     """
@@ -79,6 +83,7 @@ class Beam(Parameters):
     polar_inertia: Property | None = optional(
         Status.INVALID_POLAR_INERTIA, varies=True, of_torsion=True
     )
+    point_masses: PointMasses | None = None
 
     def __init__(
         self,
@@ -90,7 +95,9 @@ class Beam(Parameters):
         twist: Real | AbstractSpanwise | None = None,
         torsional_stiffness: Real | AbstractSpanwise | None = None,
         polar_inertia: Real | AbstractSpanwise | None = None,
+        point_masses: PointMasses | None = None,
     ) -> None:
+        check_kind("point_masses", point_masses, PointMasses, type(None))
         self._take(locals())
 
     @classmethod
@@ -110,27 +117,19 @@ class Beam(Parameters):
         `in_plane_second_moment` and `flap_second_moment`, which is the former by default; all > 0.
         Raises as `Beam` does.
         """
+        if flap_second_moment is None:
+            flap_second_moment = in_plane_second_moment
         named = {
             "youngs_modulus": youngs_modulus,
             "density": density,
             "area": area,
             "in_plane_second_moment": in_plane_second_moment,
+            "flap_second_moment": flap_second_moment,
         }
-        if flap_second_moment is not None:
-            named["flap_second_moment"] = flap_second_moment
-        section = {name: numpy_if_concrete(positive(name, value)) for name, value in named.items()}
-        modulus = section["youngs_modulus"]
-        in_plane = modulus * section["in_plane_second_moment"]
-        flap = in_plane
-        if flap_second_moment is not None:
-            flap = modulus * section["flap_second_moment"]
-        return cls(
-            length=length,
-            mass_per_length=section["density"] * section["area"],
-            axial_stiffness=modulus * section["area"],
-            in_plane_bending_stiffness=in_plane,
-            flap_bending_stiffness=flap,
+        modulus, density, area, *moments = (
+            numpy_if_concrete(positive(name, value)) for name, value in named.items()
         )
+        return cls(length, density * area, modulus * area, *(modulus * i for i in moments))
 
     @classmethod
     def from_slenderness(cls, slenderness: Real, *, flap_to_in_plane: Real = 1.0) -> Self:
@@ -158,15 +157,29 @@ class Beam(Parameters):
     @property
     def edges(self) -> tuple[float, ...]:
         """x / L between which all properties are smooth, from 0 to 1."""
-        return 0.0, *sorted({kink for p in self._varying() for kink in p.kinks}), 1.0
+        return edges_between(self._varying())
+
+    @property
+    def stiffness_edges(self) -> tuple[float, ...]:
+        """x / L between which all but the mass is smooth, from 0 to 1."""
+        return edges_between(self._varying(mass=False))
 
     @property
     def steps(self) -> tuple[float, ...]:
         """x / L at which a property may jump."""
         return tuple(sorted({step for p in self._varying() for step in p.steps}))
 
-    def _varying(self) -> list[AbstractSpanwise]:
-        every = (getattr(self, field.name) for field in dataclasses.fields(self))
+    @property
+    def mass_with_points(self) -> Property:
+        """Mass per length with the `point_masses`, in kg/m: what has inertia along the span."""
+        if self.point_masses is None:
+            return self.mass_per_length
+        return WithPoints(self.mass_per_length, self.point_masses, self.length)
+
+    def _varying(self, *, mass: bool = True) -> list[AbstractSpanwise]:
+        names = (field.name for field in dataclasses.fields(self))
+        every = [getattr(self, name) for name in names if name != "mass_per_length"]
+        every += [self.mass_with_points] * mass
         return [value for value in every if isinstance(value, AbstractSpanwise)]
 
     @property
@@ -174,17 +187,15 @@ class Beam(Parameters):
         """The uniform beam whose properties are the means of these over the span."""
         if self.is_uniform:
             return self
-        means = (
-            mean(getattr(self, field.name))
-            for field in dataclasses.fields(self)
-            if "optional" not in field.metadata
-        )
-        return Beam(*means)
+        return Beam(
+            self.length, mean(self.mass_with_points), mean(self.axial_stiffness),
+            mean(self.in_plane_bending_stiffness), mean(self.flap_bending_stiffness),
+        )  # fmt: skip
 
     @property
     def mass(self) -> Number:
-        """Mass of the beam, int rho dx, in kg."""
-        return mean(self.mass_per_length) * self.length
+        """Mass of the beam, int rho dx, and of what is at points of it, in kg."""
+        return mean(self.mass_with_points) * self.length
 
     @property
     def frequency_scale(self) -> Number:
@@ -252,9 +263,10 @@ class Rotor(Parameters):
         """What a model has to know: names of all that is given and need not be, but for what
         torsion is made of, and what of it goes together."""
         more = self.couples_bending or self.tip_body.is_body
+        properties = self.beam.mass_per_length, *self.beam._varying(mass=False)
         return (
             *(CONED_AND_MORE,) * (more and self.precone is not None),
-            *("spanwise",) * bool(self.beam._varying()),
+            *("spanwise",) * any(isinstance(p, AbstractSpanwise) for p in properties),
             *("tip_body",) * self.tip_body.is_body,
             *super().features,
         )
@@ -263,6 +275,11 @@ class Rotor(Parameters):
     def tip_mass(self) -> Number:
         """The mass at the tip, in kg."""
         return self.tip_body.mass
+
+    @property
+    def length(self) -> Number:
+        """The length of the beam, in m."""
+        return self.beam.length
 
     @property
     def springs(self) -> tuple[Number | None, Number | None]:
@@ -312,7 +329,7 @@ class Rotor(Parameters):
             first, second = length / 2, radius**2 + radius * length + length**2 / 3
         else:
             xi, weight = points_within(beam.edges)
-            share: Any = weight * along(beam.mass_per_length, xi) * length / mass
+            share: Any = weight * along(beam.mass_with_points, xi) * length / mass
             first = length * (share @ xi)
             second = share @ (radius + length * xi) ** 2
         return jnp.stack(
@@ -338,7 +355,7 @@ class Rotor(Parameters):
         if beam.is_uniform:
             return (c0 + c1 + c2 / 2) / beam.axial_stiffness
         span = Span.between(beam.edges, _POINTS)
-        share, outside, moment = outboard(beam.mass_per_length, span)
+        share, outside, moment = outboard(beam.mass_with_points, span)
         strain = (c0 + c1 * outside + c2 * moment) / on(beam.axial_stiffness, span)
         # Beside every kink, where the stiffness may have a step.
         first, last = at_ends(beam.axial_stiffness, beam.edges)

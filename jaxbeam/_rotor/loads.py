@@ -1,5 +1,5 @@
-"""What acts on the beam beside its hub: gravity, force and moment at the tip, a force along the
-span, damping."""
+"""What acts on the beam beside its hub: gravity, force and moment at the tip, forces along the
+span and on points of it, damping."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import is_there, kind_of, real_array, real_scalar, renamed, require, traceable
+from jaxbeam._checks import (
+    check_kind,
+    is_there,
+    kind_of,
+    real_array,
+    real_scalar,
+    renamed,
+    require,
+    traceable,
+)
 from jaxbeam._rotor.motion import (
     Times,
     check_function_of_time,
@@ -18,9 +27,10 @@ from jaxbeam._rotor.motion import (
     no_times,
     time_list,
 )
+from jaxbeam._rotor.points import PointForces
 from jaxbeam._rotor.spanwise import AbstractSpanwise, along, points_within, samples, taken
 from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar, Triple, is_concrete
+from jaxbeam._types import Number, Real, Scalar, Triple, is_concrete
 
 TipPart = Triple | Callable[[Scalar], Triple] | None
 
@@ -61,6 +71,7 @@ class Loads(eqx.Module):
     |                  |       | of them, each a number, a `Spanwise` or a `SpanwiseFunction`;   |
     |                  |       | or a function of time to three such; integrated with six points |
     |                  |       | of each element or as products of functions, and between kinks  |
+    | point_forces     | N     | `PointForces`: of struts, wires and brakes between the ends     |
 
     A force along the beam stiffens it in tension and softens it in compression in every model
     that knows of `Rotor.tension`. A callable that is a pytree carries its parameters as leaves.
@@ -75,6 +86,7 @@ class Loads(eqx.Module):
     tip_force: TipPart
     tip_moment: TipPart
     force_per_length: Any  # three numbers or `Spanwise`, a function of time to such, or None
+    point_forces: PointForces | None
     changes: Times | None
     jumps: Float[Array, " j"] | None
     follows: bool = eqx.field(static=True)
@@ -82,7 +94,10 @@ class Loads(eqx.Module):
     def __init__(
         self, gravity: Any = None, tip_force: Any = None, changes: Any = (), jumps: Any = (),
         *, tip_moment: Any = None, follows: bool = False, force_per_length: Any = None,
+        point_forces: PointForces | None = None,
     ) -> None:  # fmt: skip
+        check_kind("point_forces", point_forces, PointForces, type(None))
+        self.point_forces = point_forces
         # No arrays where there are none, so that `NO_LOADS` starts no backend of JAX.
         self.changes = time_list("changes", changes) if is_there(changes) else None
         self.jumps = time_list("jumps", jumps) if is_there(jumps) else None
@@ -97,8 +112,13 @@ class Loads(eqx.Module):
     @property
     def are_none(self) -> bool:
         """Whether nothing acts."""
-        parts = self.gravity, self.tip_force, self.tip_moment, self.force_per_length
-        return all(part is None for part in parts)
+        parts = self.gravity, self.tip_force, self.tip_moment
+        return not self.act_along_span and all(part is None for part in parts)
+
+    @property
+    def act_along_span(self) -> bool:
+        """Whether there are forces between the ends."""
+        return not (self.force_per_length is self.point_forces is None)
 
     @property
     def is_plain(self) -> bool:
@@ -109,8 +129,9 @@ class Loads(eqx.Module):
     def features(self) -> tuple[str, ...]:
         """What a model has to know, beyond gravity and a force in hub axes at its tip."""
         follows = self.follows and not (self.tip_force is self.tip_moment is None)
-        there = self.tip_moment is not None, follows, self.force_per_length is not None
-        names = "tip_moment", "follows", "force_per_length"
+        given = self.tip_moment, self.force_per_length, self.point_forces
+        there = follows, *(part is not None for part in given)
+        names = "follows", "tip_moment", "force_per_length", "point_forces"
         return tuple(f"loads.{name}" for name, it in zip(names, there, strict=True) if it)
 
     def at_tip(self, t: Scalar) -> Triple | TipLoad | None:
@@ -128,27 +149,35 @@ class Loads(eqx.Module):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """The x / L at which the force along the span is not smooth."""
+        """The x / L at which forces along the span are not smooth."""
         parts = self.force_per_length
         if callable(parts):
             now = jax.ShapeDtypeStruct((), jnp.result_type(float))
             parts = eqx.filter_eval_shape(lambda t: tuple(self.force_per_length(t)), now)
         varying = [part for part in parts or () if isinstance(part, AbstractSpanwise)]
-        return tuple(sorted({kink for part in varying for kink in part.kinks}))
+        kinks = {kink for part in varying for kink in part.kinks}
+        if self.point_forces is not None:
+            kinks |= set(self.point_forces.boxes.kinks)
+        return tuple(sorted(kinks))
 
-    def along_span(self, t: Scalar, xi: Float[np.ndarray, " p"]) -> Float[Array, "p 3"] | None:
-        """The force per length at time t and places x / L, none of which is a kink."""
-        parts = self.force_per_length
+    def along_span(
+        self, t: Scalar, xi: Float[np.ndarray, " p"], length: Number
+    ) -> Float[Array, "p 3"] | None:
+        """The force per length at time t and places x / L, none of which is a kink, of a beam of
+        this length."""
+        parts, points = self.force_per_length, self.point_forces
+        out = None if points is None else points.along_span(t, xi, length)
         if parts is None:
-            return None
+            return out
         parts = parts(t) if callable(parts) else parts
-        return jnp.stack([along(part, xi) for part in parts], 1)
+        spread = jnp.stack([along(part, xi) for part in parts], 1)
+        return spread if out is None else spread + out
 
-    def span_moments(self, t: Scalar) -> Float[Array, "2 3"] | None:
-        """int f d xi and int xi f d xi of the force per length f, in N/m."""
+    def span_moments(self, t: Scalar, length: Number) -> Float[Array, "2 3"] | None:
+        """int f dx and int x / L f dx of the force per length f, in N."""
         xi, weight = points_within((0.0, *self.kinks, 1.0))
-        force = self.along_span(t, xi)
-        return None if force is None else jnp.stack([weight, weight * xi]) @ force
+        force = self.along_span(t, xi, length)
+        return None if force is None else length * jnp.stack([weight, weight * xi]) @ force
 
     def change_times(self) -> Times:
         """The times that were given as `changes`."""

@@ -71,7 +71,7 @@ class Parameters(eqx.Module):
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
             value, rule = getattr(self, field.name), field.metadata
-            if rule and value is not None and is_concrete(value):
+            if "status" in rule and value is not None and is_concrete(value):
                 check(rule["status"], value, rule["zero"], rule.get("most"))
 
     def status(self, angular_speed: Scalar) -> Code:
@@ -87,7 +87,7 @@ class Parameters(eqx.Module):
             value = getattr(self, field.name)
             if isinstance(value, Parameters):
                 yield from value._rules()
-            elif value is not None:
+            elif value is not None and "status" in field.metadata:
                 yield value, field.metadata
 
     def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:

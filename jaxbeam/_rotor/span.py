@@ -22,6 +22,7 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, at_ends
 # Segments of a beam at least, so that what is not smooth is seen; where a table has fewer intervals
 # several are in each, which follow stiffnesses that fall to both ends of it by decades.
 _FEWEST = 48
+_SHORT = 1e-4  # of the span: a segment in which nothing but a step or a point is, left whole
 _STEEPEST = 8.0  # logarithm of the ratio of stiffnesses at the ends of a segment that is followed
 
 
@@ -238,9 +239,11 @@ def shortened(edges: tuple[float, ...], root: bool = False) -> tuple[float, ...]
     """Edges with others between them, so that no segment is too long and none of few has to follow
     too much; one more near the tip, for what tapers almost to a point there. With `root` they go on
     towards the root as a geometric series does, for powers of x that are not whole."""
-    out, each = [0.0], -(-_FEWEST // (len(edges) - 1))
+    sizes = np.diff(edges)
+    out, each = [0.0], -(-_FEWEST // int(np.sum(sizes > _SHORT)))
     for start, end in itertools.pairwise(edges):
         parts = max(int(np.ceil((end - start) * _FEWEST / 2 - 1e-9)), each)
+        parts = parts if end - start > _SHORT else 1
         out += [*np.linspace(start, end, parts + 1)[1:-1].tolist(), end]
     near = (out[1] * _NEARER ** np.arange(-_TURNS, 0.0)).tolist() if root else []
     tip = 1 - (1 - out[-2]) / _NEARER

@@ -229,6 +229,11 @@ def beside_kinks(edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     return places[:-1] + near, places[1:] - near
 
 
+def edges_between(properties: Sequence[AbstractSpanwise]) -> tuple[float, ...]:
+    """x / L between which all of these are smooth, from 0 to 1."""
+    return 0.0, *sorted({kink for p in properties for kink in p.kinks}), 1.0
+
+
 def taken(name: str, value: Any, varies: bool) -> Property:
     """An argument that is a number or, if it may, varies along the span; else an error."""
     if isinstance(value, AbstractSpanwise) and varies:

@@ -32,7 +32,7 @@ def scene_status(
     by itself: what the cases of a batch share stays one for all)."""
 
     def seen(t: Scalar) -> Seen:
-        return motion.hub(t, loads.gravity), loads.at_tip(t), loads.span_moments(t)
+        return motion.hub(t, loads.gravity), loads.at_tip(t), loads.span_moments(t, rotor.length)
 
     def one(t: Scalar, x: Seen) -> tuple[Array, Array, Array]:
         hub, tip, span = x

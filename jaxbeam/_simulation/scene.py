@@ -83,9 +83,9 @@ class Scene(SecondOrderSystem):
             lambda s: (
                 s.equations, s.span, s.inverse_mass, s.motion, s.pauses, s.last,
                 s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.loads.changes,
-                s.loads.jumps,
+                s.loads.jumps, s.loads.point_forces,
             ),
-            self, (equations, *(None,) * 10), is_leaf=lambda leaf: leaf is None,
+            self, (equations, *(None,) * 11), is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 
@@ -114,9 +114,10 @@ class Scene(SecondOrderSystem):
             span = SpanLoad(span.integral, eqx.filter_closure_convert(span.density, t))
         scene: Scene = eqx.tree_at(
             lambda s: (
-                s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.span,
+                s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length,
+                s.loads.point_forces, s.span,
             ),
-            self, (motion, *own, None, span),
+            self, (motion, *own, None, None, span),
             is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return scene

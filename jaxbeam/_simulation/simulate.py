@@ -330,7 +330,7 @@ def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Seen) -> tuple[Sc
     if force is not None:
         moment = moment - jax.vmap(lambda load: bending(load, equations.length))(force)
     if span is not None:
-        moment = moment - equations.length**2 * span[:, 1, 1:]
+        moment = moment - equations.length * span[:, 1, 1:]
     static = moment * rotor.compliance[None]
     at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
     # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.

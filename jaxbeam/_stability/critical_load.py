@@ -99,7 +99,8 @@ def critical_load(
     conditions = checked_conditions(loads, NO_DAMPING)
     if conditions is None:
         raise ValueError(
-            "loads: there are none; give tip_force=..., gravity=... or force_per_length=..."
+            "loads: there are none; give tip_force=..., gravity=... force_per_length=... or "
+            "point_forces=..."
         )
     result = _critical(model, rotor, speed, conditions.loads)
     return finish(result, throw)
@@ -176,7 +177,7 @@ class _Unloaded(NamedTuple):
             (loads.tip_force, 1.0),
             (loads.gravity, equations.rigid_moments[0]),
             (loads.tip_moment, 1 / equations.length),
-            (loads.span_moments(jnp.zeros_like(speed)), equations.length),
+            (loads.span_moments(jnp.zeros_like(speed), equations.length), 1.0),
         )
         weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
         unit = equations.length / (softness * jnp.where(weight > 0, weight, 1.0))

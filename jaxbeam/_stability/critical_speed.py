@@ -123,7 +123,7 @@ def _critical(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions | None
 ) -> CriticalSpeed:
     one = jnp.ones_like(zero)  # what turns in the hub does so at any speed, though not at rest
-    at_speed = jnp.asarray(0) if conditions is None else conditions.status(model, one)
+    at_speed = jnp.asarray(0) if conditions is None else conditions.status(model, rotor, one)
     given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
     fixed = without_derivatives((rotor, zero))
     if conditions is None:

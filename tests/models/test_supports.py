@@ -17,6 +17,10 @@ TWISTING = jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, torsional_stiffness=3.0)
 VARYING = jb.Beam(1.0, jb.Spanwise([0.0, 1.0], [1.0, 0.9]), 1e4, 16.0, 1.0, torsional_stiffness=3.0)
 HAVING = {  # a rotor and loads with each of the features, and what goes before it
     "spanwise": (jb.Rotor(VARYING), {}),
+    "beam.point_masses": (
+        jb.Rotor(dataclasses.replace(TWISTING, point_masses=jb.PointMasses([0.5], [0.1]))),
+        {},
+    ),
     "beam.twist": (jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, 0.1, 3.0)), {}),
     "pitch": (jb.Rotor(TWISTING, pitch=0.0), {}),
     "precone": (jb.Rotor(TWISTING, precone=0.0), {}),
@@ -31,9 +35,14 @@ HAVING = {  # a rotor and loads with each of the features, and what goes before 
     "loads.tip_moment": (jb.Rotor(TWISTING), {"tip_moment": [0, 0, 1.0]}),
     "loads.follows": (jb.Rotor(TWISTING), {"tip_force": [0, 1.0, 0], "follows": True}),
     "loads.force_per_length": (jb.Rotor(TWISTING), {"force_per_length": [0, 1.0, 0]}),
+    "loads.point_forces": (
+        jb.Rotor(TWISTING),
+        {"point_forces": jb.PointForces([0.5], [[0, 1.0, 0]])},
+    ),
 }
 BOTH_WAYS = {"spanwise", "beam.twist", "pitch", "root_springs.in_plane", "root_springs.flap",
-             "tip_body", "tip_body.flap_inertia", "loads.force_per_length"}  # fmt: skip
+             "tip_body", "tip_body.flap_inertia", "loads.force_per_length", "beam.point_masses",
+             "loads.point_forces"}  # fmt: skip
 FLAT = BOTH_WAYS - {"beam.twist", "pitch", "root_springs.flap"}
 KNOWN = {
     jb.Hybrid: BOTH_WAYS,

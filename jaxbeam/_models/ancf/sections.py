@@ -113,13 +113,16 @@ class Sections(eqx.Module):
             self.bending_stiffness = beam.in_plane_bending_stiffness
             self.law = law(self.bending_stiffness / (self.axial_stiffness * beam.length**2), n)
             return
-        self.parts = parts = cuts(beam.edges, n)
-        s, weight = gauss_points(parts)
+        s, weight = gauss_points(cuts(beam.edges, n))
         xi = (np.arange(n)[:, None, None] + s) / n
         shapes = hermite(s.ravel(), 1 / n).value.reshape(*s.shape, 4)
         gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes)
-        mass = at_points(beam.mass_per_length, xi) * beam.length
+        mass = at_points(beam.mass_with_points, xi) * beam.length
         self.mass = jnp.sum(gram * mass[..., None, None], (1, 2))
+        # Strains are integrated between kinks of stiffnesses alone: runs do that in every step.
+        self.parts = parts = cuts(beam.stiffness_edges, n)
+        s, weight = gauss_points(parts)
+        xi = (np.arange(n)[:, None, None] + s) / n
         axial, bending = (
             at_points(value, xi)
             for value in (beam.axial_stiffness, beam.in_plane_bending_stiffness)

@@ -101,7 +101,7 @@ class Profile(eqx.Module):
         mass, axial, in_plane, flap = (
             on(value, span)
             for value in (
-                beam.mass_per_length, beam.axial_stiffness, beam.in_plane_bending_stiffness,
+                beam.mass_with_points, beam.axial_stiffness, beam.in_plane_bending_stiffness,
                 beam.flap_bending_stiffness,
             )
         )  # fmt: skip
@@ -150,7 +150,7 @@ class Loads(eqx.Module):
     def on(cls, kind: Kind, rotor: Rotor, span: Span) -> Self:
         beam, length = rotor.beam, rotor.beam.length
         mean, profile = beam.mean, Profile.of(rotor, span)
-        share, outside, moment = outboard(beam.mass_per_length, span)
+        share, outside, moment = outboard(beam.mass_with_points, span)
         beside = rotor.tip_mass / beam.mass * rotor.tip_mass_radius / length
         (first, second), across = profile.compliances
         in_plane, flap = mean.in_plane_bending_stiffness, mean.flap_bending_stiffness

@@ -139,7 +139,7 @@ def tension(profile: Profile, rotor: Rotor, speed: Scalar, rounds: int = 0) -> A
     stretched, to that power of the strain."""
     span, beam = profile.span, rotor.beam
     c0, c1, c2 = rotor.tension(speed)
-    share, outside, moment = outboard(beam.mass_per_length, span)
+    share, outside, moment = outboard(beam.mass_with_points, span)
     rigid = pull = c0 + c1 * outside + c2 * moment
     for _ in range(rounds):
         strain = beam.length * pull / profile.axial

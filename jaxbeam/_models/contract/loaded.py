@@ -30,7 +30,7 @@ from jaxbeam._rotor.loads import (
 )
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Scalar, Vector
+from jaxbeam._types import Code, Number, Scalar, Vector
 
 _ALL = ((tuple(Direction), tuple(Direction)),)
 Held = TypeVar("Held", bound="Conditions | None")
@@ -42,11 +42,11 @@ class Conditions(eqx.Module):
     loads: Loads
     damping: Damping
 
-    def status(self, model: AbstractModel, speed: Scalar) -> Code:
+    def status(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Code:
         """Whether these are in range, and nothing turns in the hub."""
         loads, none = self.loads, jnp.zeros(3, speed.dtype)
         gravity = none if loads.gravity is None else loads.gravity
-        tip, span = loads.at_tip(none[0]), loads.span_moments(none[0])
+        tip, span = loads.at_tip(none[0]), loads.span_moments(none[0], rotor.length)
         finite, planar = loads_in_range(gravity, -gravity, tip, span)
         return first_broken(
             (finite, Status.INVALID_LOAD),
@@ -114,10 +114,11 @@ class SpanLoad(eqx.Module):
     @classmethod
     def of(cls, equations: Equations, loads: Loads) -> "SpanLoad | None":
         """The force along the span of some loads, if there is one."""
-        if loads.force_per_length is None:
+        if not loads.act_along_span:
             return None
         integral = equations.span_integral(loads.kinks)
-        return cls(integral, _Density(loads, tuple(integral.points[0].tolist())))
+        places = tuple(integral.points[0].tolist())
+        return cls(integral, _Density(loads, equations.length, places))
 
     def __call__(self, t: Scalar) -> SpanForce:
         """The generalised force at time t."""
@@ -128,10 +129,11 @@ class _Density(eqx.Module):
     """The force along the span at places x / L."""
 
     loads: Loads
+    length: Number
     xi: tuple[float, ...] = eqx.field(static=True)
 
     def __call__(self, t: Scalar) -> Float[Array, "p 3"]:
-        density: Any = self.loads.along_span(t, np.array(self.xi))
+        density: Any = self.loads.along_span(t, np.array(self.xi), self.length)
         return density
 
 
@@ -154,8 +156,11 @@ def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
     if not isinstance(loads, Loads):
         raise TypeError(f"loads must be of class Loads, got {kind_of(loads)}")
     checked_damping(damping)
-    for name in ("tip_force", "tip_moment", "force_per_length"):
-        if callable(getattr(loads, name)):
+    given = {name: getattr(loads, name) for name in ("tip_force", "tip_moment", "force_per_length")}
+    if loads.point_forces is not None:
+        given["point_forces.forces"] = loads.point_forces.forces
+    for name, part in given.items():
+        if callable(part):
             raise ValueError(
                 f"loads.{name} must be constant for a steady state: got a function of time"
             )
@@ -195,6 +200,6 @@ def guarded_conditions(
     given, rotor, speed = guarded(rotor, speed)
     if conditions is None:
         return given, rotor, speed, conditions
-    status = conditions.status(model, speed)
+    status = conditions.status(model, rotor, speed)
     held = harmless(status == Status.OK, conditions)
     return first_failure(given, status), rotor, speed, held

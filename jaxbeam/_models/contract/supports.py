@@ -31,13 +31,24 @@ _REFUSED = {
     ),
     "loads.tip_moment": ("moment at its tip", "take SpatialANCF, or leave it out"),
     "loads.follows": ("load that follows its tip", "take SpatialANCF, or leave it out"),
+    "beam.point_masses": ("masses at points of the beam", "take Hybrid or ExactRodANCF"),
+    "loads.point_forces": (
+        "forces on points of the beam",
+        "take Hybrid or ExactRodANCF, or leave them out",
+    ),
     "loads.force_per_length": (
         "force along the span",
         "take Hybrid or ExactRodANCF, or leave it out",
     ),
 }
 _NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N m^2, to the Beam"}
-AS_BUILT = frozenset({"spanwise", "tip_body", "loads.force_per_length"})  # what all beams know
+# What all beams know.
+AS_BUILT = frozenset(
+    {
+        "spanwise", "beam.point_masses", "tip_body", "loads.force_per_length",
+        "loads.point_forces",
+    }
+)  # fmt: skip
 ROOT_SPRINGS = frozenset({"root_springs", "root_springs.in_plane", "root_springs.flap"})
 TURNED = frozenset({"beam.twist", "pitch"})
 

@@ -58,7 +58,7 @@ class _Cone(NamedTuple):
         ways = slice(None, n), slice(n, None)
         first, second = (Functions(*(a[:, way] for a in shapes.at)) for way in ways)
         return cls(
-            rotor, span, beam.length * span.weight * on(beam.mass_per_length, span),
+            rotor, span, beam.length * span.weight * on(beam.mass_with_points, span),
             on(beam.in_plane_bending_stiffness, span), on(beam.flap_bending_stiffness, span),
             (first, second), (shapes.ends.root[:n], shapes.ends.root[n:]),
         )  # fmt: skip

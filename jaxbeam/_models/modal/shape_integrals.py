@@ -85,7 +85,7 @@ def weighted(shapes: Shapes, rotor: Rotor) -> ShapeIntegrals:
     """Integrals of a beam whose properties vary; `elastic` is left out."""
     span, f = shapes.span, shapes.at
     one_hot = one_hots(shapes.counts)
-    share, *beyond = outboard(rotor.beam.mass_per_length, span)
+    share, *beyond = outboard(rotor.beam.mass_with_points, span)
     share = span.weight * share
     pulls = span.weight[None] * jnp.stack([jnp.ones_like(share), *beyond])
     axial, *bends = (_grams(own, pulls) for own in _of_each(f.slope, shapes.counts))

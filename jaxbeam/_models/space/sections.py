@@ -51,7 +51,7 @@ class SpatialSections(eqx.Module):
         beam, n = rotor.beam, n_elements
         assert beam.torsional_stiffness is not None
         self.n_elements, self.alike = n, beam.is_uniform and rotor.pitch is None
-        self.parts = parts = cuts(beam.edges, n)[: 1 if self.alike else n]
+        self.parts = parts = cuts(beam.stiffness_edges, n)[: 1 if self.alike else n]
         s, weight = gauss_points(parts, GAUSS)
         xi = (np.arange(len(parts))[:, None, None] + s) / n
         lag, flap, torsion = (
@@ -79,7 +79,7 @@ class SpatialSections(eqx.Module):
         law: Any = SpatialElement(bending, torsion / over, n, stretching)
         if len(parts[0]) == 2:
             law = jax.tree.map(lambda a: a[:, 0], law)
-        self.each = SpatialPart(law, *_inertia(beam, parts, n))
+        self.each = SpatialPart(law, *_inertia(beam, n, self.alike))
         if self.alike:
             self.each = jax.tree.map(lambda a: a[0], self.each)
 
@@ -125,14 +125,15 @@ def _stretching(s: np.ndarray, weight: np.ndarray, axial: Any) -> Float[Array, "
     return own + jnp.clip(jnp.max(needed, 1, keepdims=True), 0.0, 1.0) * gap
 
 
-def _inertia(beam: Beam, parts: Cuts, n_elements: int) -> list[Float[Array, "E 4 4"]]:
+def _inertia(beam: Beam, n_elements: int, alike: bool) -> list[Float[Array, "E 4 4"]]:
     """Mass of elements, and their polar inertia over L^2, by values and slopes of their ends."""
+    parts = cuts(beam.edges, n_elements)[: 1 if alike else n_elements]
     s, weight = gauss_points(parts)
     weight = weight * len(parts) / n_elements  # of an element, over x / L
     xi = (np.arange(len(parts))[:, None, None] + s) / n_elements
     shapes = hermite(s.ravel(), 1 / n_elements).value.reshape(*s.shape, 4)
     gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes)
-    mass = at_points(beam.mass_per_length, xi) * beam.length
+    mass = at_points(beam.mass_with_points, xi) * beam.length
     if beam.polar_inertia is None:
         axial, lag, flap = (
             at_points(value, xi)
@@ -140,7 +141,8 @@ def _inertia(beam: Beam, parts: Cuts, n_elements: int) -> list[Float[Array, "E 4
                 beam.axial_stiffness, beam.in_plane_bending_stiffness, beam.flap_bending_stiffness
             )
         )  # fmt: skip
-        polar = mass * (lag + flap) / (axial * beam.length**2)
+        own = at_points(beam.mass_per_length, xi) * beam.length
+        polar = own * (lag + flap) / (axial * beam.length**2)
     else:
         polar = at_points(beam.polar_inertia, xi) / beam.length
     return [jnp.sum(gram * a[..., None, None], (1, 2)) for a in (mass, polar)]
