@@ -195,8 +195,8 @@ class Equations(eqx.Module):
         mass_coefficient: Number | None,
         stiffness_coefficient: Number | None,
     ) -> tuple[Any, Any]:
-        """Derivatives of `damping`, as it enters `force`, by q and q'; here for inertia that does
-        not depend on q."""
+        """Derivatives of `damping`, as it enters `force`, by q and q', in runs: with `mass`; here
+        for inertia that does not depend on q."""
         own: Any = self.mass
         k, c = 0 * own, 0 * own
         if mass_coefficient is not None:
@@ -205,3 +205,11 @@ class Equations(eqx.Module):
             by_q, by_v = self.viscous_tangents(q, v)
             k, c = k + stiffness_coefficient * by_q, c + stiffness_coefficient * by_v
         return k, c
+
+    def damping_about(
+        self, q: Vector, mass_coefficient: Number | None, stiffness_coefficient: Number | None
+    ) -> Any:
+        """The matrix of damping in small motion about a state, as it enters `force`, of the kind of
+        `mass`: its inertia is that of this motion, `mass_about`."""
+        _, c = self.damping_tangents(q, jnp.zeros_like(q), None, stiffness_coefficient)
+        return c if mass_coefficient is None else c + mass_coefficient * self.mass_about(q)

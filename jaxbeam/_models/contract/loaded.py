@@ -87,8 +87,7 @@ class Conditions(eqx.Module):
         )
         rates, damping = (self.damping.mass_coefficient, self.damping.stiffness_coefficient), None
         if rates != (None, None):
-            _, by_rates = equations.damping_tangents(q, jnp.zeros_like(q), *rates)
-            damping = generalised(equations, q, by_rates)
+            damping = generalised(equations, q, equations.damping_about(q, *rates))
         return dataclasses.replace(
             small_motion(model, rotor, speed, equations, (q, status), inputs),
             coupling=_ALL,

@@ -35,7 +35,7 @@ class SpatialANCF(AbstractModel[Rotor]):
     polar radius of gyration. So frequencies of torsion are those at rest, nearly, at any speed.
     Inertia of twist is that of the spin of sections about the tangent in small motion about a state
     (`modes`), and in runs that of the rate of the angle of twist, which in beams that are bent far
-    is another one.
+    is another one. Damping in proportion to mass has the inertia of each.
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
     number, errors with the fourth power of an element's length. Roots that yield have a slope more
