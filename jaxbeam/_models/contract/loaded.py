@@ -15,7 +15,7 @@ from jaxbeam._models.contract.base import AbstractModel, generalised, guarded, s
 from jaxbeam._models.contract.equations import Equations, Inputs
 from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
-from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
+from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor, Rotor
@@ -94,7 +94,7 @@ class Conditions(eqx.Module):
             state=q,
             damping=damping,
             general=True,
-            conservative=self.loads.is_plain and damping is None,
+            conservative=self.loads.has_potential and damping is None,
         )
 
 
@@ -115,10 +115,10 @@ class SpanLoad(eqx.Module):
         """The force along the span of some loads, if there is one."""
         if loads.force_per_length is None:
             return None
-        integral = equations.span_integral(loads.kinks)
+        integral = equations.span_integral(loads.kinks, loads.follows)
         return cls(integral, _Density(loads, tuple(integral.points[0].tolist())))
 
-    def __call__(self, t: Scalar) -> SpanForce:
+    def __call__(self, t: Scalar) -> AbstractSpanForce:
         """The generalised force at time t."""
         return self.integral.generalised_force(self.density(t))
 
@@ -134,7 +134,7 @@ class _Density(eqx.Module):
         return density
 
 
-def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, SpanForce | None]:
+def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, AbstractSpanForce | None]:
     """What acts at the tip, and along the span, at time t."""
     span = SpanLoad.of(equations, loads)
     return loads.at_tip(t), None if span is None else span(t)
@@ -168,10 +168,10 @@ def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
 def checked_potential(loads: Any) -> Conditions | None:
     """Loads that have a potential, without damping; None where there are none."""
     conditions = checked_conditions(loads, NO_DAMPING)
-    if loads.is_plain:
+    if loads.has_potential:
         return conditions
     raise ValueError(
-        f"{loads.features[0]}: a moment, or a force that follows the tip, has no "
+        f"{loads.features[0]}: a moment, or a force that turns with the beam, has no "
         "potential; leave it out, or take jaxbeam.modes at the speeds that matter, whose "
         "frequencies and growth rates tell"
     )

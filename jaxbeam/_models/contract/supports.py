@@ -30,7 +30,7 @@ _REFUSED = {
         "leave flap_inertia out, or take Hybrid",
     ),
     "loads.tip_moment": ("moment at its tip", "take SpatialANCF, or leave it out"),
-    "loads.follows": ("load that follows its tip", "take SpatialANCF, or leave it out"),
+    "loads.follows": ("load that turns with its sections", "take SpatialANCF, or leave it out"),
     "loads.force_per_length": (
         "force along the span",
         "take Hybrid or ExactRodANCF, or leave it out",
