@@ -42,9 +42,8 @@ what is missing, is said in docs/vibration.md.
 at 40 and 70 % of its span: sensors, joints, a brake. All theories know them, and `PointForces` of
 the loads, as they know a mass per length: each is spread over a millionth of the span. Functions of
 `Hybrid` that suit the beam follow them (12 of them, with a mass of 0.2 to 5 beams at 37 % of the
-span: the first three frequencies to 1e-9), elements at the rate of a step of the mass unless the
-place is a node: 8 elements with a mass of one beam there have 2e-6, 2e-5 and 4e-4, on a node the
-same.
+span: the first three frequencies to 1e-9). With a mass of one beam 8 elements are off by 2e-6,
+2e-5 and 4e-4, whether or not a node is there.
 
 **Ends.** A `Rotor` has a `pitch`, `root_springs` where its root yields in plane or in flap (zero is
 a free hinge) and, where what is at its tip is no point, a `tip_body` in the place of a `tip_mass`.

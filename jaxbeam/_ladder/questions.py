@@ -195,7 +195,7 @@ class _InTime(Question):
 
     @property
     def space_alone(self) -> str:
-        return "" if self.loads.is_plain else self.loads.features[0]
+        return "" if self.loads.has_potential else self.loads.features[0]
 
     @property
     def functions(self) -> tuple[int, ...]:

@@ -64,9 +64,9 @@ class Loads(eqx.Module):
     | changes          | s     | shape (k,): when a load begins or ends something smoothly       |
     | jumps            | s     | shape (j,): when it jumps                                       |
     | tip_moment       | N m   | as `tip_force`; `SpatialANCF` alone bears it                    |
-    | follows          |       | whether force and moment at the tip turn with the section       |
-    |                  |       | there, as those of a thruster do: then their axes are those of  |
-    |                  |       | the section (see `TipLoad`)                                     |
+    | follows          |       | whether forces and moment turn with the sections where they     |
+    |                  |       | act, as that of a thruster and a pressure do: then their axes   |
+    |                  |       | are those of the section (see `TipLoad`); `SpatialANCF` alone   |
     | force_per_length | N/m   | along the span, by the unstretched length, in hub axes: three   |
     |                  |       | of them, each a number, a `Spanwise` or a `SpanwiseFunction`;   |
     |                  |       | or a function of time to three such; integrated with six points |
@@ -121,17 +121,22 @@ class Loads(eqx.Module):
         return not (self.force_per_length is self.point_forces is None)
 
     @property
-    def is_plain(self) -> bool:
-        """Whether all there is at the tip is a force in hub axes."""
-        return self.tip_moment is None and not (self.follows and self.tip_force is not None)
+    def turns(self) -> bool:
+        """Whether something turns with the sections."""
+        parts = self.tip_force, self.tip_moment, self.force_per_length, self.point_forces
+        return self.follows and any(part is not None for part in parts)
+
+    @property
+    def has_potential(self) -> bool:
+        """Whether there are forces in hub axes alone."""
+        return self.tip_moment is None and not self.turns
 
     @property
     def features(self) -> tuple[str, ...]:
         """What a model has to know, beyond gravity and a force in hub axes at its tip."""
-        follows = self.follows and not (self.tip_force is self.tip_moment is None)
-        given = self.tip_moment, self.force_per_length, self.point_forces
-        there = follows, *(part is not None for part in given)
-        names = "follows", "tip_moment", "force_per_length", "point_forces"
+        given = self.force_per_length, self.point_forces
+        there = self.tip_moment is not None, self.turns, *(part is not None for part in given)
+        names = "tip_moment", "follows", "force_per_length", "point_forces"
         return tuple(f"loads.{name}" for name, it in zip(names, there, strict=True) if it)
 
     def at_tip(self, t: Scalar) -> Triple | TipLoad | None:
@@ -140,7 +145,7 @@ class Loads(eqx.Module):
             jnp.asarray(part(t)) if callable(part) else part
             for part in (self.tip_force, self.tip_moment)
         )
-        if self.is_plain:
+        if moment is None and not (self.follows and force is not None):
             return force
         none = jnp.zeros(3, t.dtype)
         return TipLoad(

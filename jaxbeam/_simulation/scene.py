@@ -211,7 +211,7 @@ class Scene(SecondOrderSystem):
         hub, tip_force, span = x
         out = self.equations.force(hub, q, v, tip_force)
         if span is not None:
-            out = out + span.on(q)
+            out = out + span.on(self.equations, q)
         return out - self.equations.as_force(q, self._damping(q, v))
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
@@ -223,8 +223,9 @@ class Scene(SecondOrderSystem):
     def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
         hub, tip_force, span = x
         k, c = self.equations.tangents(hub, q, v, tip_force)
-        if span is not None and span.stiffness is not None:
-            k = k + span.stiffness
+        by_span = None if span is None else span.tangent(self.equations, q)
+        if by_span is not None:
+            k = k + by_span
         if (
             self.damping.mass_coefficient is not None
             or self.damping.stiffness_coefficient is not None
@@ -253,7 +254,7 @@ class Scene(SecondOrderSystem):
         if tip_force is not None:
             out = out + equations.tip_power(q, v, tip_force)
         if span is not None:
-            out = out + span.power(q, v)
+            out = out + span.power(equations, q, v)
         return out / self.work_unit
 
     def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Number:
@@ -328,7 +329,7 @@ class Scene(SecondOrderSystem):
     def _span_action(self, span: SpanLoad, t: Scalar, q: Vector) -> tuple[Triple, Triple]:
         """Force along the span in all, and its moment about the centre of the hub."""
         equations, (xi, weight) = self.equations, span.integral.points
-        force = equations.length * weight[:, None] * span.density(t)
+        force = equations.length * weight[:, None] * span.integral.acting(q, span.density(t))
         tip = equations.undeformed.tip
         root = (equations.tip_radius - equations.length) * jnp.eye(3, dtype=q.dtype)[0]
         place = root[None] + xi[:, None] * (tip - root)[None] + equations.displacement(q, xi)

@@ -4,7 +4,7 @@ At rest in the hub under loads that have a potential a beam is stable while its 
 deformed state, is positive definite; damping only helps. So what comes first as the loads grow is
 that K becomes singular: with the load along the beam its bending gives way (Euler), with a load
 across in its stiff direction bending the other way and twist do together (lateral buckling). Loads
-that follow the tip, and moments, have none, and the beam may flutter first: see `flutter.py`.
+that turn with the beam, and moments, have none, and it may flutter first: see `flutter.py`.
 """
 
 import functools
@@ -84,7 +84,7 @@ def critical_load(
     there is none up to there. It is differentiable by rotor, loads and speed, in both modes and to
     any order, as `critical_speed` is.
 
-    Loads that follow the tip, and moments at it, have no potential: at the least load two
+    Loads that turn with the beam, and moments at its tip, have no potential: at the least load two
     frequencies meet, from where the beam flutters, or one is zero (M. Beck, Zeitschrift fuer
     angewandte Mathematik und Physik 3, 1952). That is without damping, of which a little may well
     make it flutter sooner (H. Ziegler, Ingenieur-Archiv 20, 1952): ask `modes` with `damping`. It
@@ -115,10 +115,10 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
         model, rotor, speed, Conditions(loads, NO_DAMPING)
     )
     assert conditions is not None
-    if not loads.is_plain:
+    if not loads.has_potential:
         status = first_failure(status, first_broken((speed == 0, Status.NO_POTENTIAL)))
     given = rotor, speed, conditions.loads
-    find = _buckling if loads.is_plain else _lost
+    find = _buckling if loads.has_potential else _lost
     found, direction, place, searched = find(model, without_derivatives(given))
     status = first_failure(status, searched)
     exists = jnp.isfinite(found) & (status == Status.OK)
@@ -150,7 +150,7 @@ def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix
     rotor, speed, loads = given
     system = Conditions(loads, NO_DAMPING).system(model, rotor, speed, factor)
     k = system.stiffness
-    return system.mass, symmetric_part(k) if loads.is_plain else k, system.status
+    return system.mass, symmetric_part(k) if loads.has_potential else k, system.status
 
 
 class _Unloaded(NamedTuple):

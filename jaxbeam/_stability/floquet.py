@@ -26,11 +26,10 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import count_functions, kind_of, numpy_if_concrete, positive
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel, checked_case, generalised
 from jaxbeam._models.contract.loaded import checked_damping
 from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import (
-    dense,
     eigensystem,
     inverse,
     lowest_eigenpair,
@@ -241,8 +240,8 @@ class Reduced(NamedTuple):
         q = jnp.zeros(len(self.model.directions), m.dtype)
         if not equations.is_linear:
             q, _ = self.model.steady(self.rotor, speed)
-        d = dense(equations.damping_tangents(q, jnp.zeros_like(q), *rates)[1])
-        return m, g, k, (d / equations.as_force(q, jnp.ones_like(q))[:, None])[own], system.status
+        d = generalised(equations, q, equations.damping_about(q, *rates))
+        return m, g, k, d[own], system.status
 
     @property
     def mean_speed(self) -> Scalar:

@@ -283,7 +283,7 @@ def test_what_it_cannot_do_it_says():
             jb.ExactRodANCF(2), jb.Rotor(stiff), STILL, loads=jb.Loads(tip_moment=[0, 0, 1])
         )
     loads = jb.Loads(tip_force=[0, 1, 0], follows=True)
-    with pytest.raises(ValueError, match=r"loads\.follows: Hybrid has no load that follows"):
+    with pytest.raises(ValueError, match=r"loads\.follows: Hybrid has no load that turns with"):
         jb.simulate(jb.Hybrid(), jb.Rotor(stiff), STILL, [0.0, 1.0], loads=loads)
     with pytest.raises(TypeError, match="follows must be True or False"):
         jb.Loads(tip_force=[0, 1, 0], follows=1)

@@ -10,8 +10,9 @@ axis; all vectors are in axes of the hub. By the length s of the unstretched rod
 
 where r_1 is the small vibration, phi the small rotation of sections in it, g gravity, f a force
 per length, m_s mass and j polar inertia per length. The root is clamped at the distance R along
-a_1, its axes leaned by the cone about -a_2. A following force at the tip has constant components
-along t, d_2, d_3 there.
+a_1, its axes leaned by the cone about -a_2. Loads that follow have constant components along
+t, d_2, d_3: a force and a moment at the tip those of the section there, a force per length those of
+each section.
 
 The only inertia of rotation of sections is that about the tangent, in small vibration alone. A body
 at the tip has the mass M at r + c t and the energies J |dt/dt|^2 / 2, for its inertia across, and
@@ -133,6 +134,7 @@ def _rates(rod: Rod, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     t = axes[:, 0]
     rate = (1 + np.sum(n * t, 0) / rod.at("axial", x)) * t
     line = np.stack([_at(f, x) for f in rod.line])
+    line = np.einsum("ijk,jk->ik", axes, line) if rod.follows else line
     weight = rod.at("mass", x) * (np.reshape(rod.gravity, (3, 1)) + _outward(rod, r))
     parts = [rate, times_vector(q, kappa) / 2, -line - weight, -np.cross(rate, n, axis=0)]
     return rod.length * np.concatenate(parts)

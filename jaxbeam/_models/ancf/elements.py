@@ -146,7 +146,7 @@ class ElementEquations(Equations):
         k = -(spin**2) * self.mass + rate * self.skew_mass + self.elastic_tangent(q)
         return k, 2 * spin * self.skew_mass
 
-    def span_integral(self, kinks: tuple[float, ...]) -> ElementSpanIntegral:
+    def span_integral(self, kinks: tuple[float, ...], follows: bool) -> ElementSpanIntegral:
         return ElementSpanIntegral.of(self, self.element.n_elements, kinks)
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:

@@ -152,8 +152,9 @@ def small_motion(
     hub, tip, span = (spinning(speed), None, None) if inputs is None else inputs
     q, status = state
     k, c = equations.tangents(hub, q, jnp.zeros_like(q), tip)
-    if span is not None and span.stiffness is not None:
-        k = k + span.stiffness
+    by_span = None if span is None else span.tangent(equations, q)
+    if by_span is not None:
+        k = k + by_span
     return LinearSystem(
         mass=generalised(equations, q, equations.mass_about(q)),
         gyroscopic=generalised(equations, q, c),

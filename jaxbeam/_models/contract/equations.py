@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.shapes import Shapes
-from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
+from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total, transposed
@@ -18,7 +18,7 @@ from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
-Inputs = tuple[Hub, Any, SpanForce | None]
+Inputs = tuple[Hub, Any, AbstractSpanForce | None]
 
 
 class Undeformed(NamedTuple):
@@ -141,9 +141,10 @@ class Equations(eqx.Module):
         """Force and moment of a load at the tip, in hub axes, in N and N m."""
         return tip_force, jnp.zeros_like(tip_force)
 
-    def span_integral(self, kinks: tuple[float, ...]) -> AbstractSpanIntegral:
+    def span_integral(self, kinks: tuple[float, ...], follows: bool) -> AbstractSpanIntegral:
         """What a force along the span, smooth but for these x / L, does on the coordinates; of
-        models that support `loads.force_per_length`."""
+        models that support `loads.force_per_length`. If it follows, it turns with the sections: of
+        those that support `loads.follows`."""
         raise NotImplementedError
 
     @transposed(on=False)
@@ -195,8 +196,8 @@ class Equations(eqx.Module):
         mass_coefficient: Number | None,
         stiffness_coefficient: Number | None,
     ) -> tuple[Any, Any]:
-        """Derivatives of `damping`, as it enters `force`, by q and q'; here for inertia that does
-        not depend on q."""
+        """Derivatives of `damping`, as it enters `force`, by q and q', in runs: with `mass`; here
+        for inertia that does not depend on q."""
         own: Any = self.mass
         k, c = 0 * own, 0 * own
         if mass_coefficient is not None:
@@ -205,3 +206,11 @@ class Equations(eqx.Module):
             by_q, by_v = self.viscous_tangents(q, v)
             k, c = k + stiffness_coefficient * by_q, c + stiffness_coefficient * by_v
         return k, c
+
+    def damping_about(
+        self, q: Vector, mass_coefficient: Number | None, stiffness_coefficient: Number | None
+    ) -> Any:
+        """The matrix of damping in small motion about a state, as it enters `force`, of the kind of
+        `mass`: its inertia is that of this motion, `mass_about`."""
+        _, c = self.damping_tangents(q, jnp.zeros_like(q), None, stiffness_coefficient)
+        return c if mass_coefficient is None else c + mass_coefficient * self.mass_about(q)

@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxbeam._models.contract.span_integrals import SpanForce
+from jaxbeam._models.contract.span_integrals import AbstractSpanForce
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.newton import find_root
@@ -15,7 +15,7 @@ from jaxbeam._types import Code, Scalar, Vector
 
 
 def equilibrium(
-    equations: Any, hub: Hub, tip_force: Any = None, span: SpanForce | None = None
+    equations: Any, hub: Hub, tip_force: Any = None, span: AbstractSpanForce | None = None
 ) -> tuple[Vector, Code]:
     """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
 
@@ -41,14 +41,16 @@ def equilibrium(
         q = equations.length * q
         out = equations.force(part, q, rest, force)
         if span is not None:
-            out = out + fraction * span.on(q)
+            out = out + fraction * span.on(equations, q)
         return -out / scale
 
     def jacobian(q: Vector, fraction: Scalar) -> Any:
         part, force = share(fraction)
-        k = equations.tangents(part, equations.length * q, rest, force)[0]
-        if span is not None and span.stiffness is not None:
-            k = k + fraction * span.stiffness
+        q = equations.length * q
+        k = equations.tangents(part, q, rest, force)[0]
+        by_span = None if span is None else span.tangent(equations, q)
+        if by_span is not None:
+            k = k + fraction * by_span
         return (equations.length / scale) * k
 
     # Of the size of what loads do to a rigid beam, by the acceleration that they give its mass.

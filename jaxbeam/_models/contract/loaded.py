@@ -15,7 +15,7 @@ from jaxbeam._models.contract.base import AbstractModel, generalised, guarded, s
 from jaxbeam._models.contract.equations import Equations, Inputs
 from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
-from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanForce
+from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor, Rotor
@@ -87,15 +87,14 @@ class Conditions(eqx.Module):
         )
         rates, damping = (self.damping.mass_coefficient, self.damping.stiffness_coefficient), None
         if rates != (None, None):
-            _, by_rates = equations.damping_tangents(q, jnp.zeros_like(q), *rates)
-            damping = generalised(equations, q, by_rates)
+            damping = generalised(equations, q, equations.damping_about(q, *rates))
         return dataclasses.replace(
             small_motion(model, rotor, speed, equations, (q, status), inputs),
             coupling=_ALL,
             state=q,
             damping=damping,
             general=True,
-            conservative=self.loads.is_plain and damping is None,
+            conservative=self.loads.has_potential and damping is None,
         )
 
 
@@ -116,11 +115,11 @@ class SpanLoad(eqx.Module):
         """The force along the span of some loads, if there is one."""
         if not loads.act_along_span:
             return None
-        integral = equations.span_integral(loads.kinks)
+        integral = equations.span_integral(loads.kinks, loads.follows)
         places = tuple(integral.points[0].tolist())
         return cls(integral, _Density(loads, equations.length, places))
 
-    def __call__(self, t: Scalar) -> SpanForce:
+    def __call__(self, t: Scalar) -> AbstractSpanForce:
         """The generalised force at time t."""
         return self.integral.generalised_force(self.density(t))
 
@@ -137,7 +136,7 @@ class _Density(eqx.Module):
         return density
 
 
-def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, SpanForce | None]:
+def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, AbstractSpanForce | None]:
     """What acts at the tip, and along the span, at time t."""
     span = SpanLoad.of(equations, loads)
     return loads.at_tip(t), None if span is None else span(t)
@@ -174,10 +173,10 @@ def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
 def checked_potential(loads: Any) -> Conditions | None:
     """Loads that have a potential, without damping; None where there are none."""
     conditions = checked_conditions(loads, NO_DAMPING)
-    if loads.is_plain:
+    if loads.has_potential:
         return conditions
     raise ValueError(
-        f"{loads.features[0]}: a moment, or a force that follows the tip, has no "
+        f"{loads.features[0]}: a moment, or a force that turns with the beam, has no "
         "potential; leave it out, or take jaxbeam.modes at the speeds that matter, whose "
         "frequencies and growth rates tell"
     )

@@ -1,7 +1,7 @@
 """What a force along the span does on the coordinates of a model."""
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,22 +14,37 @@ from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Matrix, Number, Vector
 
-_POINTS = 6  # in an element: products with cubics are exact up to degree eight
+POINTS = 6  # in an element: products with cubics are exact up to degree eight
 
 
-class SpanForce(NamedTuple):
+class AbstractSpanForce(eqx.Module):
+    """What a force along the span does on the coordinates of some equations of motion. It is
+    linear in its arrays: so many times these are so many times the force."""
+
+    @abc.abstractmethod
+    def on(self, equations: Any, q: Vector) -> Vector:
+        """The generalised force where the coordinates are q."""
+
+    @abc.abstractmethod
+    def tangent(self, equations: Any, q: Vector) -> Any:
+        """Minus its derivative by q, of the kind of `Equations.mass`; None where that is zero."""
+
+    def power(self, equations: Any, q: Vector, v: Vector) -> Number:
+        """What it does, in W."""
+        return total(self.on(equations, q) * v)
+
+
+class SpanForce(AbstractSpanForce):
     """A generalised force that is linear in the coordinates: force - stiffness q."""
 
     force: Vector
     stiffness: Matrix | None  # None: zero
 
-    def on(self, q: Vector) -> Vector:
-        """The force where the coordinates are q."""
+    def on(self, equations: Any, q: Vector) -> Vector:
         return self.force if self.stiffness is None else self.force - applied(self.stiffness, q)
 
-    def power(self, q: Vector, v: Vector) -> Number:
-        """What it does, in W."""
-        return total(self.on(q) * v)
+    def tangent(self, equations: Any, q: Vector) -> Matrix | None:
+        return self.stiffness
 
 
 class AbstractSpanIntegral(eqx.Module):
@@ -41,8 +56,12 @@ class AbstractSpanIntegral(eqx.Module):
         """Places x / L and weights."""
 
     @abc.abstractmethod
-    def generalised_force(self, density: Float[Array, "p 3"]) -> SpanForce:
+    def generalised_force(self, density: Float[Array, "p 3"]) -> AbstractSpanForce:
         """The generalised force of a force per length at these places, in N/m."""
+
+    def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
+        """That force per length in axes of the hub."""
+        return density
 
 
 class ElementSpanIntegral(AbstractSpanIntegral):
@@ -53,7 +72,7 @@ class ElementSpanIntegral(AbstractSpanIntegral):
 
     @property
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        return points_within(self.edges, _POINTS)
+        return points_within(self.edges, POINTS)
 
     def generalised_force(self, density: Float[Array, "p 3"]) -> SpanForce:
         equations = self.equations

@@ -30,7 +30,7 @@ _REFUSED = {
         "leave flap_inertia out, or take Hybrid",
     ),
     "loads.tip_moment": ("moment at its tip", "take SpatialANCF, or leave it out"),
-    "loads.follows": ("load that follows its tip", "take SpatialANCF, or leave it out"),
+    "loads.follows": ("load that turns with its sections", "take SpatialANCF, or leave it out"),
     "beam.point_masses": ("masses at points of the beam", "take Hybrid or ExactRodANCF"),
     "loads.point_forces": (
         "forces on points of the beam",

@@ -238,7 +238,7 @@ class CartesianEquations(Equations):
             start += count
         return jnp.concatenate(out)
 
-    def span_integral(self, kinks: tuple[float, ...]) -> FunctionSpanIntegral:
+    def span_integral(self, kinks: tuple[float, ...], follows: bool) -> FunctionSpanIntegral:
         model, edges = self.model, tuple(sorted({0.0, 0.25, 0.5, 0.75, 1.0, *kinks}))
         at = self._at(model.functions_from.rule(model.products, edges).xi)
         return FunctionSpanIntegral(at.value, at.slope, self.length, model, edges)

@@ -32,10 +32,11 @@ from jaxtyping import Array, Float
 from jaxbeam._models.ancf.sections import body_mass
 from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.equations import Undeformed
-from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
+from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, ElementSpanIntegral
 from jaxbeam._models.space.elasticity import SpatialElasticity
 from jaxbeam._models.space.ends import Ends, in_beam_axes, push, push_tangent
 from jaxbeam._models.space.energies import elongation, section_angles
+from jaxbeam._models.space.following import FollowingIntegral
 from jaxbeam._models.space.frames import A1, axes, rolls
 from jaxbeam._models.space.nodes import (
     Nodes,
@@ -175,8 +176,9 @@ class SpatialEquations(SpatialElasticity):
         own = self.sections.by_element(one, local) + padded(at_tip[None], len(local) - 1, 0)
         return self._matrix(mixed_rows(self.gram, _MOVED) + assembled(own))
 
-    def span_integral(self, kinks: tuple[float, ...]) -> ElementSpanIntegral:
-        return ElementSpanIntegral.of(self, self.sections.n_elements, kinks)
+    def span_integral(self, kinks: tuple[float, ...], follows: bool) -> AbstractSpanIntegral:
+        kind = FollowingIntegral if follows else ElementSpanIntegral
+        return kind.of(self, self.sections.n_elements, kinks)
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u', and for the

@@ -90,12 +90,12 @@ def spatial_rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> Spati
     s, size, h = start + (end - start) * places, (end - start) * weights, 1 / n_elements
     rates = [1 - 4 * s + 3 * s**2, (6 * s - 6 * s**2) / h, 3 * s**2 - 2 * s]
     return SpatialRule(
-        h * size, along_element(s), along_element(s, 1) / h, _angles(s, h),
+        h * size, along_element(s), along_element(s, 1) / h, turns(s, h),
         np.stack(rates, 1), h * pulls, along_element(ends),
     )  # fmt: skip
 
 
-def _angles(s: np.ndarray, h: float) -> Float[np.ndarray, "p 3"]:
+def turns(s: np.ndarray, h: float) -> Float[np.ndarray, "p 3"]:
     """The turn at points s by its rates at both ends, and by what it is between these."""
     return np.stack([h * (s - 2 * s**2 + s**3), 3 * s**2 - 2 * s**3, h * (s**3 - s**2)], 1)
 
@@ -110,7 +110,7 @@ def section_angles(e: Float[Array, "p 13"], s: np.ndarray, n_elements: int) -> F
         first, here = (t / jnp.linalg.norm(t) for t in (first, here))
         return e[9] + by_angles @ deformation(e, n_elements)[7:] + between(first, here)
 
-    shapes = along_element(s), _angles(s, 1 / n_elements)
+    shapes = along_element(s), turns(s, 1 / n_elements)
     return jax.vmap(one)(e, *map(jnp.asarray, shapes))
 
 

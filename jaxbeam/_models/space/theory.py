@@ -26,16 +26,16 @@ class SpatialANCF(AbstractModel[Rotor]):
     engineering strain, k_1 the twist per length and (k_2, k_3) the curvatures of the frame that the
     section keeps, all by the unstretched length. In a plane it converges to what `ExactRodANCF`
     does, which integrates stretch with more points. Rotations may be of any size, within an element
-    less than a right angle. It takes moments and loads that follow the tip (`Loads`), pitch, twist,
-    pre-cone, springs of the root and bodies at the tip of one inertia across the beam; the beam
-    needs its `torsional_stiffness`. Left out: shear, rotary inertia of bending, the moment of a
-    gyroscope with which the axial inertia of a body answers where the beam points out of the plane
-    of rotation, the moment that turns flat sections into that plane (propeller moment), and what
-    tension does to torsion: it untwists twisted sections, and stiffens torsion by T i^2 / GJ, i the
-    polar radius of gyration. So frequencies of torsion are those at rest, nearly, at any speed.
-    Inertia of twist is that of the spin of sections about the tangent in small motion about a state
-    (`modes`), and in runs that of the rate of the angle of twist, which in beams that are bent far
-    is another one.
+    less than a right angle. It takes moments, and loads that turn with the sections (`Loads`),
+    pitch, twist, pre-cone, springs of the root and bodies at the tip of one inertia across the
+    beam; the beam needs its `torsional_stiffness`. Left out: shear, rotary inertia of bending, the
+    moment of a gyroscope with which the axial inertia of a body answers where the beam points out
+    of the plane of rotation, the moment that turns flat sections into that plane (propeller
+    moment), and what tension does to torsion: it untwists twisted sections, and stiffens torsion by
+    T i^2 / GJ, i the polar radius of gyration. So frequencies of torsion are those at rest, nearly,
+    at any speed. Inertia of twist is that of the spin of sections about the tangent in small motion
+    about a state (`modes`), and in runs that of the rate of the angle of twist, which in beams that
+    are bent far is another one. Damping in proportion to mass has the inertia of each.
 
     Each of `n_elements` elements has 8 coordinates, and the clamped root two. Costs go with their
     number, errors with the fourth power of an element's length. Roots that yield have a slope more
