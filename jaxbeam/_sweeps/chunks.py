@@ -47,7 +47,8 @@ class Work(NamedTuple):
             result = batched(function, filled)
             refuse_traced(result)  # of what the function reads from outside
             found = named(jax.device_get(result))
-            return {name: np.asarray(leaf)[lanes] for name, leaf in found.items()}
+            kept = {name: np.asarray(leaf, self.specs[name].dtype) for name, leaf in found.items()}
+            return {name: leaf[lanes] for name, leaf in kept.items()}
 
         for lanes, found in _isolated(run, np.arange(n)):
             if isinstance(found, str):

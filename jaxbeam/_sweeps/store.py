@@ -14,6 +14,7 @@ mark of their sweep, so that those of another one do not count: a folder may be 
 sweep, and another begin in its place.
 """
 
+import contextlib
 import io
 import json
 import os
@@ -271,9 +272,23 @@ def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
         )
     if cases is None or not _whole(cases, identity):
         raise ValueError(f"{folder}: cases.npz is missing or damaged; run the same sweep again")
-    specs = {n: Spec(np.dtype(d), tuple(s)) for n, (d, s) in identity["results"].items()}
+    specs = {
+        n: Spec(_readable(folder, n, d), tuple(s)) for n, (d, s) in identity["results"].items()
+    }
     store = Folder(folder, _digest(identity), specs, len(cases), identity["chunk"])
     return store, identity, cases
+
+
+def _readable(folder: Path, name: str, described: str) -> np.dtype:
+    """The type of a result by its description, which once was none for types beyond NumPy's."""
+    with contextlib.suppress(TypeError):
+        dtype = np.dtype(described)
+        if dtype.kind in "biufc":
+            return dtype
+    raise ValueError(
+        f"{folder}: {name} was written as {described!r}, which does not say what its numbers are: "
+        "run the sweep again, with another folder"
+    )
 
 
 def _identity(folder: Path) -> dict[str, Any]:

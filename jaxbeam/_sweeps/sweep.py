@@ -1,9 +1,6 @@
 """Run one function over many cases: in chunks, on devices or workers, with nothing lost."""
 
 import contextlib
-import functools
-import hashlib
-import inspect
 import os
 import sys
 import time
@@ -14,6 +11,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._checks import plain
@@ -21,6 +19,7 @@ from jaxbeam._sweeps.cases import Cases, checked_cases, refuse_traced
 from jaxbeam._sweeps.chunks import Columns, Work, batched, made_with, named, placed
 from jaxbeam._sweeps.devices import checked_devices, on_devices
 from jaxbeam._sweeps.executors import on_executor
+from jaxbeam._sweeps.identity import program_of
 from jaxbeam._sweeps.store import Folder, Memory, Spec, opened
 from jaxbeam._sweeps.table import Table, as_table, coordinate, layout
 
@@ -45,7 +44,8 @@ def sweep(
     a dictionary, dataclass or `eqx.Module` of arrays. It is compiled once (again only for another
     function object, so what it reads from outside is frozen: bind arrays that change between sweeps
     with `jax.tree_util.Partial(function, *arrays)`) and vectorised over `chunk` cases at a time,
-    which bounds the memory it needs; results go to NumPy as they come.
+    which bounds the memory it needs; results go to NumPy as they come. Numbers of types that NumPy
+    has not (bfloat16, float8, int4) are kept, the same ones, as float32 or integers of 8 bits.
 
     One failing case never touches another. If the result has an entry `status` it is the status of
     the case; otherwise a case is `NOT_FINITE` when any of its results is not. A case that raises
@@ -143,7 +143,7 @@ class _Job(NamedTuple):
             if self.folder is None:
                 return specs, Memory(specs, len(cases), chunk)
             identity = {
-                **_program(self.function, first), "cases": len(cases), "chunk": chunk,
+                **program_of(self.function, first), "cases": len(cases), "chunk": chunk,
                 "parameters": cases.described(), "dims": self.dims, **made_with(),
             }  # fmt: skip
         return specs, opened(self.folder, identity, specs, cases)
@@ -181,11 +181,26 @@ def _specs(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[
     out = named(eqx.filter_eval_shape(batched, function, columns))
     if not out:
         raise TypeError("the swept function must return at least one array")
-    specs = {name: Spec(np.dtype(leaf.dtype), leaf.shape[1:]) for name, leaf in out.items()}
+    specs = {name: Spec(_kept_as(name, leaf.dtype), leaf.shape[1:]) for name, leaf in out.items()}
     status = specs.setdefault("status", Spec(np.dtype(int), ()))
     if status.shape or status.dtype.kind != "i":
         raise ValueError("the entry status of a result must be an integer scalar, see Status")
     return specs
+
+
+def _kept_as(name: str, dtype: Any) -> np.dtype:
+    """The type of a result in NumPy, which has none of its own for bfloat16, float8 and int4: the
+    shortest one that holds the same numbers."""
+    if isinstance(dtype, np.dtype) and dtype.isbuiltin == 1:
+        return dtype
+    wider = {jnp.floating: np.float32, jnp.signedinteger: np.int8, jnp.unsignedinteger: np.uint8}
+    for kind, kept in wider.items():
+        if jnp.issubdtype(dtype, kind):
+            return np.dtype(kept)
+    raise TypeError(
+        f"the swept function must return numbers, but {name} is of {dtype}: of a key of random "
+        "numbers return jax.random.key_data(key), and leave out what is no number"
+    )
 
 
 def compiled(
@@ -195,47 +210,6 @@ def compiled(
     device = checked_devices(devices)[0]
     first = jax.device_put(cases.at(np.arange(min(chunk, len(cases)))), device)
     batched.lower(placed(function, device), first).compile()
-
-
-def _program(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[str, Any]:
-    """What tells a function from others: the program that it compiles to, with all constants in
-    it, and the arrays bound to it; beside them, for people, what it reads."""
-    text = batched.lower(function, columns).as_text()
-    program = hashlib.sha256(text.encode())
-    for leaf in jax.tree.leaves(eqx.filter(function, eqx.is_array)):
-        program.update(np.asarray(leaf).tobytes())
-    bare = inspect.unwrap(function)
-    while isinstance(bare, functools.partial):  # that of JAX is one
-        bare = bare.func
-    name = getattr(bare, "__qualname__", type(bare).__qualname__)
-    return {
-        "function": f"{getattr(bare, '__module__', None)}.{name}",
-        "reads": _reads(function, bare),
-        "program": program.hexdigest(),
-    }
-
-
-def _reads(function: Any, bare: Any) -> dict[str, str]:
-    """Modules and numbers that a function is bound to, or finds outside."""
-    parts: dict[str, Any] = {}
-    if isinstance(function, eqx.Module):
-        parts = {name: getattr(function, name) for name in vars(function)}
-    elif isinstance(function, functools.partial):
-        parts = {**{str(i): a for i, a in enumerate(function.args)}, **function.keywords}
-    if inspect.isfunction(bare):
-        with contextlib.suppress(ValueError):  # of a name that is not bound yet
-            outside = inspect.getclosurevars(bare)
-            parts |= {**outside.globals, **outside.nonlocals}
-    kinds = (eqx.Module, int, float, str, np.ndarray, jax.Array, tuple, dict)
-
-    def number(leaf: Any) -> Any:
-        return leaf.item() if eqx.is_array(leaf) and leaf.ndim == 0 else leaf
-
-    return {
-        name: eqx.tree_pformat(jax.tree.map(number, part), short_arrays=False)
-        for name, part in parts.items()
-        if isinstance(part, kinds)
-    }
 
 
 class _Progress:

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import functools
 import json
 import os
 import random
@@ -18,7 +19,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._sweeps import store, sweep
+from jaxbeam._sweeps import identity, store, sweep
+from jaxbeam._sweeps.identity import program_of
 from tests.helpers import environment, run_optimised
 from tests.sweeps.common import assert_same
 
@@ -211,6 +213,100 @@ def test_bound_arrays_and_what_is_read_tell_sweeps_apart(tmp_path):
     assert "hub_radius=0.25" in told["reads"]["rotor"]
     assert told["precision"] == "float64"
     assert told["versions"]["jax"] == jax.__version__
+
+
+@jax.custom_vjp
+def scaled_backwards(factors, a):
+    return a
+
+
+scaled_backwards.defvjp(lambda f, a: (a, f), lambda f, g: (jnp.zeros_like(f), (f * g).sum()))
+READERS = {
+    "itself": lambda c, a: (c * a).sum(),
+    "a loop": lambda c, a: jax.lax.scan(lambda s, x: (s * (x + c).sum(), None), a, c)[0],
+    "a branch": lambda c, a: jax.lax.cond(a > 0, lambda a: (c * a).sum(), lambda a: a, a),
+    "a program": lambda c, a: jax.jit(lambda a: (c * a).sum())(a),
+    "a derivative": lambda c, a: jax.grad(lambda a: scaled_backwards(c, a))(a),
+    "its end": lambda c, a: c,
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_constants_are_found_wherever_they_stand(reader):
+    read, numbers = READERS[reader], np.append(np.arange(5.0), 0.123)
+    for constant in (numbers, jnp.asarray(numbers)):
+        traced = jax.make_jaxpr(functools.partial(read, constant))(0.5)
+        assert any(np.array_equal(numbers, found) for found in identity._constants(traced))
+
+
+APART = """
+import numpy as np, jax, jax.numpy as jnp
+from jaxbeam._sweeps.identity import program_of
+from tests.sweeps.test_store import READERS
+assert jax.config.jax_use_simplified_jaxpr_constants
+for read in READERS.values():
+    for kind in (np.asarray, jnp.asarray):
+        constants = [kind(np.append(np.arange(5.0), x)) for x in (1, 1, 2)]
+        functions = [lambda a, c=c: read(c, a) for c in constants]
+        assert len({program_of(f, {"a": jnp.zeros(1)})["program"] for f in functions}) == 2
+"""
+
+
+@pytest.mark.exhaustive
+def test_constants_that_are_arguments_of_programs_tell_sweeps_apart():
+    """As a setting of JAX makes them, which is read when it is imported."""
+    settings = {"JAX_USE_SIMPLIFIED_JAXPR_CONSTANTS": "1", "JAX_ENABLE_X64": "1"}
+    there = environment(HASTY) | settings
+    subprocess.run([sys.executable, "-c", APART], env=there, check=True, timeout=600)
+
+
+def test_a_key_that_is_closed_over_tells_sweeps_apart(tmp_path):
+    def noisy(key, a):
+        return a + jax.random.normal(key)
+
+    one, other = jax.random.key(0), jax.random.key(1)
+    cases = jb.grid(a=[0.5])
+    table = jb.sweep(lambda a: noisy(one, a), cases, folder=tmp_path / "kept")
+    assert table["value"] == 0.5 + jax.random.normal(one)
+    with pytest.raises(ValueError, match="different in program"):
+        jb.sweep(lambda a: noisy(other, a), cases, folder=tmp_path / "kept")
+    bound = [jax.tree_util.Partial(noisy, key) for key in (one, one, other)]
+    assert len({program_of(each, {"a": jnp.zeros(1)})["program"] for each in bound}) == 2
+    with pytest.raises(TypeError, match=r"numbers, but value is of key<fry>.*key_data\(key\)"):
+        jb.sweep(lambda a: jax.random.fold_in(one, 1), cases)
+
+
+def test_numbers_of_types_that_numpy_has_not(tmp_path):
+    """They are kept by the shortest type that holds them, and NaN among them is seen."""
+    wide = dict.fromkeys(["bfloat16", "float8_e5m2", "float8_e4m3fn"], np.float32)
+    kinds = {**wide, "int4": np.int8, "uint4": np.uint8, "float16": np.float16, "int8": np.int8}
+
+    def short(a):
+        return {kind: a.astype(kind) for kind in kinds}
+
+    cases = jb.grid(a=[1.0, 2.5, 7.0, float("nan")])
+    table = jb.sweep(short, cases, chunk=3, folder=tmp_path / "kept")
+    assert_same(table, jb.Table.load(tmp_path / "kept"))
+    table.save(tmp_path / "kept.npz")
+    assert_same(table, jb.Table.load(tmp_path / "kept.npz"))
+    assert_same(table, jb.sweep(short, cases, chunk=3))
+    assert table["status"].tolist() == [0, 0, 0, jb.Status.NOT_FINITE]
+    for kind, kept in kinds.items():
+        assert table[kind].dtype == kept
+        np.testing.assert_array_equal(table[kind][:3], [1, 2 if "int" in kind else 2.5, 7])
+
+
+@pytest.mark.parametrize("described", ["<V2", "<f1"])
+def test_a_folder_of_numbers_that_cannot_be_told_says_so(described, tmp_path):
+    """Such as were once written for bfloat16 and float8."""
+    jb.sweep(lambda a: a, jb.grid(a=[1.0]), folder=tmp_path / "kept")
+    path = tmp_path / "kept" / "sweep.json"
+    told = json.loads(path.read_text())
+    told["results"]["value"][0] = described
+    del told["check"]
+    path.write_text(json.dumps({**told, "check": store._digest(told)}))
+    with pytest.raises(ValueError, match=r"value was written as .*another folder"):
+        jb.Table.load(tmp_path / "kept")
 
 
 def before_chunk(monkeypatch, number, happens):
@@ -424,7 +520,8 @@ import sys
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxbeam as jb
-from jaxbeam._sweeps import store, sweep
+from jaxbeam._sweeps import identity, store, sweep
+from jaxbeam._sweeps.identity import program_of
 from tests.sweeps.common import MANY, spin
 jb.sweep(spin, MANY, chunk=4, folder=sys.argv[1])
 """
