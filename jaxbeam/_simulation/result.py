@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxbeam._checks import concrete_array
+from jaxbeam._checks import places
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finite_rows, nan_unless, per_case
+from jaxbeam._results import asked_with, finite_rows, nan_unless, per_case
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, trusted
@@ -31,7 +33,10 @@ class Simulation(eqx.Module):
     | status     | ()     |      | `Status`                                                      |
     | end_time   | ()     | s    | the last output time that was reached                         |
     | solution   |        |      | the solution of diffrax: statistics, interpolation, events    |
-    | scene      |        |      | what was simulated                                            |
+    | scene      |        |      | what was simulated: its equations, motion, loads and damping; |
+    |            |        |      | part of no table                                              |
+    | model      |        |      | of what theory; no array, and part of no table                |
+    | rotor      |        |      | of what, as it was given; part of no table                    |
 
     Everything else is computed when asked for. Displacements are in the hub frame, components
     axial, in plane, flap, from the undeformed place; points are given as xi = x / L.
@@ -53,8 +58,10 @@ class Simulation(eqx.Module):
     status: Int[Array, "..."]
     end_time: Float[Array, "..."]
     solution: diffrax.Solution
-    scene: Scene
+    scene: Scene = asked_with()
     is_partial: bool = eqx.field(static=True, default=False)
+    model: AbstractModel | None = eqx.field(static=True, default=None)
+    rotor: AnyRotor | None = asked_with()
 
     @property
     def partial(self) -> "Simulation":
@@ -176,10 +183,7 @@ def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
 
 
 def _points(xi: Any) -> tuple[float, ...]:
-    points = np.atleast_1d(concrete_array("xi", xi))
-    if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
-        raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
-    return tuple(points.tolist())
+    return tuple(places(xi).tolist())
 
 
 def checked_point(component: int, xi: float) -> tuple[int, float]:

@@ -1,5 +1,6 @@
 """Motions in time: a model on a moving hub, integrated with diffrax."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import diffrax
@@ -130,7 +131,7 @@ def simulate(
         stepsize_controller, dt0, saveat,
         adjoint, event, progress_meter, max_steps, balance_tolerance,
     )  # fmt: skip
-    return finish(result, throw)
+    return dataclasses.replace(finish(result, throw), model=model, rotor=rotor)
 
 
 _KINDS = {
