@@ -10,7 +10,9 @@ import functools
 import os
 import pickle
 import sys
-from collections.abc import Callable, Generator, Sequence
+import time
+import warnings
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import (
     ALL_COMPLETED,
     FIRST_COMPLETED,
@@ -34,6 +36,8 @@ except ImportError:
 _DEATHS = 3  # of workers, after which the chunk that they had is given up
 _MADE = 10  # executors, after which it is given up that one of them ever answers
 _MANY = 1024  # chunks sent ahead to an executor that does not say how many workers it has
+_LOOK = 5.0  # seconds without an answer, after which it is looked whether there are workers
+_PATIENCE = 45.0  # seconds without any worker, after which no other is believed to come
 
 
 def on_executor(
@@ -44,10 +48,10 @@ def on_executor(
     Executors of the standard library end with the first worker that dies: they are made again, and
     what they had not answered is sent again. A chunk that was out at two deaths is tried alone, so
     that it is to blame for a third. Dask replaces workers by itself; a chunk that it gives up is
-    tried alone once more.
+    tried alone once more. It waits for ever where all of them are gone: `_Watch` does not.
     """
     job, pool = _pickled(work), _made(executor)
-    made, answered = 1, False
+    made, answered, watch = 1, False, _Watch()
     ahead = 2 * getattr(pool, "_max_workers", _MANY // 2)
     deaths: collections.Counter[int] = collections.Counter()
     waiting = collections.deque(numbers)
@@ -68,8 +72,7 @@ def on_executor(
                     running[future] = waiting.popleft()
             except BrokenExecutor as error:
                 broken = error
-            ended = wait(running, return_when=ALL_COMPLETED if broken else FIRST_COMPLETED).done
-            for future in ended:
+            for future in watch.ended(pool, running, all_of_them=broken is not None):
                 number = running.pop(future)
                 found = _found(future)
                 if not isinstance(found, BaseException):
@@ -98,6 +101,53 @@ def on_executor(
             future.cancel()
         if not isinstance(executor, Executor):
             pool.shutdown(wait=False)
+
+
+class _Watch:
+    """Waits for answers of an executor as long as it has workers, or may yet have some."""
+
+    def __init__(self) -> None:
+        self.start = time.monotonic()
+        self.seen: float | None = None  # when there last was a worker
+        self.warned = False
+
+    def ended(self, pool: Executor, running: Any, all_of_them: bool) -> Iterable[Any]:
+        """What ended of what is running; nothing, now and then, while there is nothing yet."""
+        if self.seen is None:
+            self._look(pool)
+        if all_of_them:
+            return wait(running, return_when=ALL_COMPLETED).done
+        ended = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED).done
+        if not ended:
+            self._look(pool)
+        return ended
+
+    def _look(self, pool: Executor) -> None:
+        workers, now = _workers(pool), time.monotonic()
+        if workers is None:
+            return
+        if workers:
+            self.seen = now
+        elif self.seen is not None and now - self.seen > _PATIENCE:
+            raise RuntimeError(
+                f"all workers of the executor are gone, and for {now - self.seen:.0f} s none came "
+                "in their place: start others, and run the same sweep again (with a folder it goes "
+                "on from the chunks that are done)"
+            )
+        elif self.seen is None and now - self.start > _PATIENCE and not self.warned:
+            self.warned = True
+            warnings.warn("the executor has no workers: the sweep waits for one", stacklevel=2)
+
+
+def _workers(pool: Executor) -> int | None:
+    """How many workers there are, if the executor is one of Dask, which knows."""
+    client = getattr(pool, "_client", None)
+    if client is None:
+        return None
+    try:
+        return len(client.nthreads())
+    except Exception:  # of a scheduler that does not answer, which ends its chunks by itself
+        return None
 
 
 def _made(executor: Any) -> Executor:

@@ -9,6 +9,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
@@ -40,7 +41,7 @@ def program_of(function: Callable[..., Any], columns: dict[str, jax.Array]) -> d
 
 def plain_array(value: Any) -> np.ndarray:
     """Numbers in NumPy, of a key of random numbers those that it is made of."""
-    is_key = eqx.is_array(value) and jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key)
+    is_key = eqx.is_array(value) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
     return np.asarray(jax.random.key_data(value) if is_key else value)
 
 

@@ -64,7 +64,8 @@ def sweep(
     `executor=lambda: ProcessPoolExecutor(8, multiprocessing.get_context("spawn"))`, or
     `lambda: loky.get_reusable_executor(8)`. The function is pickled once. The chunk of a worker
     that died is sent again; one that three workers died of is given up: its cases get
-    `Status.RAISED`, a folder holds them as missing, the others are kept.
+    `Status.RAISED`, a folder holds them as missing, the others are kept. Where all workers of
+    Dask are gone, and none comes in their place for 45 seconds, it raises `RuntimeError`.
 
     The numbers depend neither on devices nor on workers of the same kind.
 

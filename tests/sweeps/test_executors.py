@@ -11,7 +11,13 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from pathlib import Path
 
 import dask
@@ -22,6 +28,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._sweeps import executors
 from tests.sweeps.common import CASES, MANY, assert_same, found_modes, raising
 from tests.tiers import slow
 
@@ -214,6 +221,102 @@ def test_what_is_not_wanted_any_more_is_cancelled(tmp_path, monkeypatch):
     assert [future.cancelled() for future in sent] == [False, *5 * [True]]
 
 
+class Leaving(Executor):
+    """Its workers answer some chunks and are gone; it says how many there are, look by look, and
+    when nothing is left to say the chunks are answered."""
+
+    def __init__(self, *workers, answers=0):
+        self.numbers, self.left, self.waiting = list(workers), answers, []
+        self._client = self
+
+    def nthreads(self):
+        number = self.numbers.pop(0)
+        if not self.numbers:
+            for answer in self.waiting:
+                answer()
+        return dict.fromkeys(range(number))
+
+    def submit(self, work, *arguments):
+        future, self.left = Future(), self.left - 1
+        self.waiting.append(lambda: future.set_result(work(*arguments)))
+        if self.left >= 0:
+            self.waiting.pop()()
+        return future
+
+
+@pytest.fixture
+def hasty(monkeypatch):
+    """Looks at once, and has no patience."""
+    for name in ("_LOOK", "_PATIENCE"):
+        monkeypatch.setattr(executors, name, 0.0)
+
+
+def test_workers_that_are_gone_for_good_end_a_sweep(hasty, tmp_path):
+    """What is done stays done."""
+    cases = jb.grid(a=np.arange(9.0))
+    with (
+        Leaving(2, 1, 0, 0, answers=4) as pool,
+        pytest.raises(RuntimeError, match=r"all workers of the executor are gone.*again"),
+    ):
+        jb.sweep(sine, cases, chunk=1, executor=pool, folder=tmp_path / "kept")
+    with pytest.raises(ValueError, match="5 of 9 chunks are missing"):
+        jb.Table.load(tmp_path / "kept")
+    with ThreadPoolExecutor(1) as pool:
+        table = jb.sweep(sine, cases, chunk=1, executor=pool, folder=tmp_path / "kept")
+    np.testing.assert_array_equal(table["value"], np.sin(np.arange(9.0)))
+
+
+def test_workers_that_come_late_or_come_back_are_waited_for(hasty, monkeypatch):
+    one = jb.grid(a=[1.0])
+    with (
+        Leaving(0, 0, 0, 0) as pool,
+        pytest.warns(UserWarning, match="has no workers: the sweep waits for one"),
+    ):
+        assert jb.sweep(sine, one, executor=pool)["value"] == np.sin(1.0)
+    monkeypatch.setattr(executors, "_PATIENCE", 1e9)
+    with Leaving(1, 0, 0, 0) as pool:
+        assert jb.sweep(sine, one, executor=pool)["value"] == np.sin(1.0)
+
+
+@pytest.mark.exhaustive
+def test_a_cluster_that_lost_all_its_workers_ends_a_sweep(tmp_path):
+    """Their nannies give up those that are killed while they start."""
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
+            silence_logs=50,
+        ) as workers,
+        distributed.Client(workers) as client,
+    ):  # fmt: skip
+        over = threading.Event()
+
+        def kill():
+            while not over.wait(0.2):
+                for nanny in list(workers.workers.values()):
+                    if nanny.pid:
+                        os.kill(nanny.pid, signal.SIGKILL)
+
+        killer, index = threading.Timer(1.0, kill), tmp_path / "kept" / "index.txt"
+        killer.start()
+        try:
+            with pytest.raises(RuntimeError, match="all workers of the executor are gone"):
+                jb.sweep(
+                    long, MANY, chunk=4, executor=client.get_executor(), folder=tmp_path / "kept"
+                )
+        finally:
+            over.set()
+            killer.join()
+        before = index.read_bytes().count(b"\n") if index.exists() else 0
+        workers.scale(0)
+        workers.scale(2)
+        client.wait_for_workers(2, timeout=120)
+        table = jb.sweep(
+            long, MANY, chunk=4, executor=client.get_executor(), folder=tmp_path / "kept"
+        )
+    assert index.read_bytes().count(b"\n") == 250 >= before
+    assert_same(table, jb.sweep(long, MANY, chunk=4))
+
+
 @pytest.mark.exhaustive
 def test_processes_of_the_standard_library(tmp_path):
     one = jb.sweep(found_modes, CASES, chunk=4)
@@ -243,6 +346,7 @@ BY_MPI = """
 import jax
 from mpi4py.futures import MPIPoolExecutor
 import jaxbeam as jb
+from jaxbeam._sweeps import executors
 from tests.sweeps.common import CASES, assert_same, found_modes
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import jaxbeam as jb
 from jaxbeam._sweeps import identity, store, sweep
 from jaxbeam._sweeps.identity import program_of
 from tests.helpers import environment, run_optimised
-from tests.sweeps.common import assert_same
+from tests.sweeps.common import READERS, assert_same
 
 CASES = jb.grid(a=np.linspace(0.0, 1.0, 10), b=[0.0, 1.0, float("nan")])
 
@@ -215,22 +215,6 @@ def test_bound_arrays_and_what_is_read_tell_sweeps_apart(tmp_path):
     assert told["versions"]["jax"] == jax.__version__
 
 
-@jax.custom_vjp
-def scaled_backwards(factors, a):
-    return a
-
-
-scaled_backwards.defvjp(lambda f, a: (a, f), lambda f, g: (jnp.zeros_like(f), (f * g).sum()))
-READERS = {
-    "itself": lambda c, a: (c * a).sum(),
-    "a loop": lambda c, a: jax.lax.scan(lambda s, x: (s * (x + c).sum(), None), a, c)[0],
-    "a branch": lambda c, a: jax.lax.cond(a > 0, lambda a: (c * a).sum(), lambda a: a, a),
-    "a program": lambda c, a: jax.jit(lambda a: (c * a).sum())(a),
-    "a derivative": lambda c, a: jax.grad(lambda a: scaled_backwards(c, a))(a),
-    "its end": lambda c, a: c,
-}
-
-
 @pytest.mark.parametrize("reader", READERS)
 def test_constants_are_found_wherever_they_stand(reader):
     read, numbers = READERS[reader], np.append(np.arange(5.0), 0.123)
@@ -242,7 +226,7 @@ def test_constants_are_found_wherever_they_stand(reader):
 APART = """
 import numpy as np, jax, jax.numpy as jnp
 from jaxbeam._sweeps.identity import program_of
-from tests.sweeps.test_store import READERS
+from tests.sweeps.common import READERS
 assert jax.config.jax_use_simplified_jaxpr_constants
 for read in READERS.values():
     for kind in (np.asarray, jnp.asarray):
