@@ -212,6 +212,20 @@ class Status(enum.IntEnum):
         "angle must be finite and > 0, damping_ratio finite, growth finite and > 1",
         INPUT,
     )
+    LOADS_ACROSS = (
+        48,
+        "loads across the beam do not change the stiffness of a model that is linear, so that "
+        "nothing gives way under them there: take SpatialANCF, which buckles sideways (it needs "
+        "torsional_stiffness and polar_inertia), or ExactRodANCF in the plane; or keep of the "
+        "loads what is along the beam",
+        INPUT,
+    )
+    SEARCH_ENDED = (
+        49,
+        "the beam is stable under the largest of the loads that are looked at, and under larger "
+        "ones it may not be (see critical_load): where loads bend it until it hangs from them "
+        "nothing gives way; else take more elements or another model, or ask modes with loads",
+    )
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)
