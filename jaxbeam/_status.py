@@ -54,7 +54,7 @@ class Status(enum.IntEnum):
         "flap_bending_stiffness must be finite and > 0",
         INPUT,
     )
-    INVALID_HUB_RADIUS = 6, "hub_radius must be finite and >= 0", INPUT
+    INVALID_HUB_RADIUS = 6, "hub_radius must be finite", INPUT
     INVALID_TIP_MASS = 7, "tip_mass must be finite and >= 0", INPUT
     INVALID_ANGULAR_SPEED = 8, "angular_speed must be finite", INPUT
     INVALID_MASS = 9, "mass must be finite and > 0", INPUT

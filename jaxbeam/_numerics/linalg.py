@@ -69,10 +69,13 @@ def _lapack_inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
     return jnp.linalg.inv(a)
 
 
-def largest(a: Float[Array, "..."]) -> Float[Array, ""]:
-    """The largest of numbers, with the derivative of the one that it is. That of `jnp.max` divides
-    by how many are equal to it: none, where a compiler makes them twice, once with more digits."""
-    return a.reshape(-1)[jnp.argmax(a)]
+def largest(
+    a: Float[Array, "..."], by: Callable[[Array], Array] = jnp.positive
+) -> Float[Array, ""]:
+    """The largest of numbers, or the one with most `by` another measure, with the derivative of the
+    one that it is. That of `jnp.max` divides by how many are equal to it: none, where a compiler
+    makes them twice, once with more digits."""
+    return a.reshape(-1)[jnp.argmax(by(a))]
 
 
 def dense(a: Float[Array, "n n"] | BlockTridiagonal | SmallMatrix) -> Float[Array, "n n"]:

@@ -188,7 +188,9 @@ def coned_system(
         mass=block(m_lag, m_x + inertia(z, z, z_tip, z_tip)),
         gyroscopic=jnp.block([[0 * m_lag, coriolis], [-coriolis.T, 0 * m_x]]),
         stiffness=block(k_lag, k_flap),
-        steady_strain=largest(jnp.append(pull / on(rotor.beam.axial_stiffness, span), at_root)),
+        steady_strain=largest(
+            jnp.append(at_root, pull / on(rotor.beam.axial_stiffness, span)), by=jnp.abs
+        ),
         status=status,
         directions=directions,
         coupling=coupling_groups(rotor),
