@@ -54,7 +54,7 @@ class Status(enum.IntEnum):
         "flap_bending_stiffness must be finite and > 0",
         INPUT,
     )
-    INVALID_HUB_RADIUS = 6, "hub_radius must be finite and >= 0", INPUT
+    INVALID_HUB_RADIUS = 6, "hub_radius must be finite", INPUT
     INVALID_TIP_MASS = 7, "tip_mass must be finite and >= 0", INPUT
     INVALID_ANGULAR_SPEED = 8, "angular_speed must be finite", INPUT
     INVALID_MASS = 9, "mass must be finite and > 0", INPUT
@@ -212,7 +212,21 @@ class Status(enum.IntEnum):
         "angle must be finite and > 0, damping_ratio finite, growth finite and > 1",
         INPUT,
     )
-    INVALID_POINT_MASSES = 48, "point masses must be finite and >= 0", INPUT
+    LOADS_ACROSS = (
+        48,
+        "loads across the beam do not change the stiffness of a model that is linear, so that "
+        "nothing gives way under them there: take SpatialANCF, which buckles sideways (it needs "
+        "torsional_stiffness and polar_inertia), or ExactRodANCF in the plane; or keep of the "
+        "loads what is along the beam",
+        INPUT,
+    )
+    SEARCH_ENDED = (
+        49,
+        "the beam is stable under the largest of the loads that are looked at, and under larger "
+        "ones it may not be (see critical_load): where loads bend it until it hangs from them "
+        "nothing gives way; else take more elements or another model, or ask modes with loads",
+    )
+    INVALID_POINT_MASSES = 50, "point masses must be finite and >= 0", INPUT
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

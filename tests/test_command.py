@@ -242,7 +242,7 @@ def test_further_scenes_are_accepted():
         ("length = 8.0", "length = [8.0]", "[beam] length must be a number, got [8.0]"),
         (BEAM, "[beam]\nfile = 3\n", "[beam] file must be a text in quotes, got 3"),
         ("length = 8.0", "length = -8.0", "[beam] length must be finite and > 0, got -8.0"),
-        ("hub_radius = 0.5", "hub_radius = -1", "[rotor] hub_radius must be finite and >= 0"),
+        ("hub_radius = 0.5", "hub_radius = inf", "[rotor] hub_radius must be finite"),
         ("n_flap = 0", "n_flap = 1.5", "[model] n_flap must be an int, got float"),
         ("in_plane = 2\n", "in_plane = 2\nbasis = {}\n", "[frequencies] has no basis"),
         ("in_plane = 2\n", "in_plane = 2.0\n", "[frequencies] in_plane must be an int, got float"),

@@ -17,11 +17,11 @@ import jaxbeam as jb
 from jaxbeam._status import raise_unless_ok, said
 from tests.helpers import run_optimised
 
-SENTENCE = "hub_radius must be finite and >= 0"
+SENTENCE = "length must be finite and > 0"
 
 
-def stiffness(hub_radius):
-    rotor = jb.models.SpringRotor(1.0, 1.0, hub_radius, 100.0, 1.0)
+def stiffness(length):
+    rotor = jb.models.SpringRotor(1.0, length, 1.0, 100.0, 1.0)
     return jb.models.DiscreteLP().linearise(rotor, 0.5).stiffness.sum()
 
 

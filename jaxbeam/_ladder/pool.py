@@ -35,7 +35,7 @@ class Know(eqx.Module):
     def __call__(self, **parameters: Scalar) -> dict[str, Any]:
         rotor, question = self.situation(**parameters)
         speed = question.speed()
-        strain = rotor.steady_strain(speed)
+        strain = jnp.abs(rotor.steady_strain(speed))
         status = rotor.status(jnp.zeros_like(speed))  # the rest is for the first answer to say
         return {"strain": strain, "planar": is_planar(question, rotor), "status": status}
 

@@ -276,7 +276,7 @@ class RootStrain(_InTime):
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
         """The stretch that matters, which is far smaller than the deflection."""
-        return jnp.minimum(size, rotor.steady_strain(self.speed()) + 1e-12)
+        return jnp.minimum(size, jnp.abs(rotor.steady_strain(self.speed())) + 1e-12)
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
         force = run.hub_force[:, 0]
@@ -322,7 +322,7 @@ class ModalFrequencies(Question):
         speed = self.angular_speed
         found, system = found_about(model, rotor, speed, wanted, False, conditions)
         value = found.frequency
-        deformed: tuple[Array, ...] = (0 * speed, 0 * speed, rotor.steady_strain(speed))
+        deformed: tuple[Array, ...] = (0 * speed, 0 * speed, jnp.abs(rotor.steady_strain(speed)))
         if conditions is not None:
             assert system.state is not None
             at, q, places = model.equations(rotor), system.state, _strained_most(rotor)

@@ -140,7 +140,7 @@ class Indicators(eqx.Module):
     | field                | shape |                                                              |
     |----------------------|-------|--------------------------------------------------------------|
     | stiffening_ratio     | ()    | motion-induced over elastic stiffness at the largest speed   |
-    | steady_strain        | ()    | P(0) / EA at the largest speed                               |
+    | steady_strain        | ()    | P / EA at the largest speed, its largest magnitude           |
     | size                 | ()    | largest deflection of the tip over the length, linear theory |
     |                      |       | (where none bears what is asked, the coarsest elements)      |
     | slope                | ()    | largest slope there, of the same                             |
@@ -176,7 +176,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
     unknown = jnp.full_like(speed, jnp.inf)
     return Indicators(
         stiffening_ratio=stiffening_of(shape[0], rotor, speed),
-        steady_strain=rotor.steady_strain(speed),
+        steady_strain=jnp.abs(rotor.steady_strain(speed)),
         size=unknown,
         slope=unknown,
         rest_frequency=omega[:6],

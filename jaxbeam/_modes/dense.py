@@ -16,6 +16,7 @@ from jaxbeam._modes.wanted import Wanted
 from jaxbeam._numerics.linalg import (
     gyroscopic_eigenpairs,
     planar_eigenpairs,
+    positive_definite,
     solve_columns,
     symmetric_modes,
 )
@@ -149,6 +150,10 @@ def _group(
     else:
         nt = system.where(*transverse).size
         eigenvalue, shape, positive = planar_eigenpairs(m, g, k, nt, free)
+        if Direction.FLAP in axial:  # of a coned beam: it may be stable though flap alone is not
+            axially = system.where(Direction.AXIAL)
+            own = system.stiffness[np.ix_(axially, axially)]
+            positive = positive_definite(own).astype(int) if axially.size else jnp.ones((), int)
     sizes = [size for direction in directions if (size := system.where(direction).size)]
     label = jnp.arange(n)
     if len(sizes) > 1:  # in one direction alone the rank is the number

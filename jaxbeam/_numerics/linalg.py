@@ -69,10 +69,13 @@ def _lapack_inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
     return jnp.linalg.inv(a)
 
 
-def largest(a: Float[Array, "..."]) -> Float[Array, ""]:
-    """The largest of numbers, with the derivative of the one that it is. That of `jnp.max` divides
-    by how many are equal to it: none, where a compiler makes them twice, once with more digits."""
-    return a.reshape(-1)[jnp.argmax(a)]
+def largest(
+    a: Float[Array, "..."], by: Callable[[Array], Array] = jnp.positive
+) -> Float[Array, ""]:
+    """The largest of numbers, or the one with most `by` another measure, with the derivative of the
+    one that it is. That of `jnp.max` divides by how many are equal to it: none, where a compiler
+    makes them twice, once with more digits."""
+    return a.reshape(-1)[jnp.argmax(by(a))]
 
 
 def dense(a: Float[Array, "n n"] | BlockTridiagonal | SmallMatrix) -> Float[Array, "n n"]:
@@ -146,14 +149,14 @@ def planar_eigenpairs(
     has the singular values 1 / omega. The lowest frequencies are the largest singular values, so
     they come out to full relative accuracy however stiff the rest is.
 
-    K indefinite in w. The general problem in nu = 1 / omega^2, z = (w, -u / lambda),
+    K indefinite. The general problem in nu = 1 / omega^2, z = (w, -u / lambda),
 
         A^-1 B z = nu z,  A = [[K_w, 0], [g^T, K_u]],  B = [[M_w, -g], [0, M_u]],
 
     gives growing and decaying modes (without axial coordinates a symmetric problem does). Of a pair
-    +-lambda the one with Im > 0 is returned, of a real pair the growing one.
-
-    K not positive in u: there is no steady state to vibrate about; `positive` is 0, results NaN.
+    +-lambda the one with Im > 0 is returned, of a real pair the growing one. Where K is not
+    positive definite in u `positive` is 0: if these are axial there is no steady state to vibrate
+    about.
 
     K_w singular, or nearly, as it may be where hinges are `free`: as if it were definite, see
     `_numerics/loose.py`.
@@ -207,7 +210,7 @@ class _Planar(NamedTuple):
         return new, x / jnp.where(more == 0, 1.0, jnp.sqrt(norm))[None]
 
     def indefinite(self) -> tuple[Array, Array]:
-        """Returns the modes where K_w is not positive definite."""
+        """Returns the modes where K is not positive definite."""
         m, g, k, nt, transverse = self
         zero = jnp.zeros(g.shape, m.dtype)
         a = jnp.block([[k[:nt, :nt], zero], [g.T, k[nt:, nt:]]])
@@ -267,10 +270,9 @@ def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[A
             nan = jnp.full((n, n), jnp.nan, m.dtype) + 0j
             return nan[0], nan
 
-        cases = [loose, nothing] if free else [definite, indefinite, nothing]
-        case = 0 if free else jnp.where(stable, 0, 1)
-        case = jnp.where(finite & axial_ok, case, len(cases) - 1)
-        lam, x = jax.lax.switch(case, cases, None)
+        case = jnp.where(axial_ok if free else axial_ok & stable, 0, 1)
+        case = jnp.where(finite, case, 2)
+        lam, x = jax.lax.switch(case, [loose if free else definite, indefinite, nothing], None)
         return lam, x.T, axial_ok.astype(int)
 
     return one_by_one(solver, None if free else quick)

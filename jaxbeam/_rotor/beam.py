@@ -217,14 +217,16 @@ class Rotor(Parameters):
     | field        | symbol | unit | allowed                   |
     |--------------|--------|------|---------------------------|
     | beam         |        |      | a `Beam`                  |
-    | hub_radius   | R      | m    | >= 0                      |
+    | hub_radius   | R      | m    | any                       |
     | tip_mass     | m_t    | kg   | >= 0                      |
     | pitch        | theta  | rad  | -2 pi to 2 pi, or None    |
     | root_springs |        |      | `RootSprings`, or None    |
     | tip_body     |        |      | a `TipBody`               |
     | precone      | beta   | rad  | -pi / 2 to pi / 2 or None |
 
-    The hub radius is the distance from the axis of rotation to the root of the beam. The root is
+    The hub radius is the distance from the axis of rotation to the root of the beam, along it: below
+    zero the beam points inward, from a rim to the axis, and beyond it where -R < L. What is before
+    the axis is pushed towards the root, and buckles at a speed (`critical_speed`). The root is
     clamped unless there are `root_springs`. What is at the tip is a point, of the `tip_mass`, or a
     `tip_body`, which has a mass of its own: one of them is given, or none, where nothing is there.
     `tip_mass` reads the mass of either, `tip_body` the body or the point. Sections are as the beam
@@ -236,7 +238,7 @@ class Rotor(Parameters):
     """
 
     beam: Beam
-    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
+    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=None)
     tip_body: Tip = part()
     pitch: Scalar | None = angle(Status.INVALID_PITCH, FULL_TURN)
     root_springs: RootSprings | None = None
@@ -349,11 +351,14 @@ class Rotor(Parameters):
         )  # fmt: skip
 
     def steady_strain(self, angular_speed: Number) -> Number:
-        """P / EA, without unit, where it is largest: for a uniform beam at the root."""
+        """P / EA, without unit, where its magnitude is largest: for a uniform beam at the root, or
+        where it crosses the axis."""
         c0, c1, c2 = self.tension(angular_speed)
         beam = self.beam
         if beam.is_uniform:
-            return (c0 + c1 + c2 / 2) / beam.axial_stiffness
+            before = 1 - jnp.clip(-self.hub_radius / beam.length, 0.0, 1.0)
+            root, axis = c0 + c1 + c2 / 2, c0 + c1 * before + c2 * before * (2 - before) / 2
+            return jnp.where(jnp.abs(axis) > jnp.abs(root), axis, root) / beam.axial_stiffness
         span = Span.between(beam.edges, _POINTS)
         share, outside, moment = outboard(beam.mass_with_points, span)
         strain = (c0 + c1 * outside + c2 * moment) / on(beam.axial_stiffness, span)
@@ -362,7 +367,7 @@ class Rotor(Parameters):
         before = span.at_edges(jnp.stack([share, span.xi * share], 1))
         outside, moment = (before[-1:] - before).T
         force = c0 + c1 * outside + c2 * moment
-        return largest(jnp.concatenate([strain, force[:-1] / first, force[1:] / last]))
+        return largest(jnp.concatenate([strain, force[:-1] / first, force[1:] / last]), by=jnp.abs)
 
     def tears(self, angular_speed: Number) -> Any:
         """Whether a uniform rod of constant axial stiffness has no steady state at this speed.

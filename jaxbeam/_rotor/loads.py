@@ -28,10 +28,12 @@ from jaxbeam._rotor.motion import (
     time_list,
 )
 from jaxbeam._rotor.points import PointForces
+from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import AbstractSpanwise, along, points_within, samples, taken
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple, is_concrete
 
+_POINTS = 8  # of each segment between kinks, at which loads along the span are looked at
 TipPart = Triple | Callable[[Scalar], Triple] | None
 
 
@@ -303,6 +305,30 @@ def loads_in_range(
     most = jnp.max(jnp.abs(along[:, 1]))
     kept = jnp.stack([jnp.max(jnp.abs(push)), jnp.max(jnp.abs(force)), most, most])
     return jnp.all(jnp.isfinite(given)), in_plane(stray, kept)
+
+
+def are_along(loads: Loads, length: Number) -> Array:
+    """Whether loads that are constant act along the undeformed beam, of this length, alone."""
+    span = Span.between((0.0, *loads.kinks, 1.0), _POINTS)
+    given = [loads.gravity, loads.tip_force, loads.along_span(jnp.zeros(()), span.xi, length)]
+    rows = [jnp.atleast_2d(part) for part in given if part is not None]
+    fine = [in_plane(jnp.abs(row[:, 1:]), jnp.max(jnp.abs(row))) for row in rows]
+    return jnp.all(jnp.stack(fine))
+
+
+def only_pull(loads: Loads, length: Scalar) -> Array:
+    """Whether loads that are constant do nothing but pull at every section of a straight beam of a
+    length: along it there is no larger load under which it might give way."""
+    span = Span.between((0.0, *loads.kinks, 1.0), _POINTS)
+    force = jnp.zeros(span.xi.size + 1, length.dtype)
+    density = loads.along_span(jnp.zeros_like(length), span.xi, length)
+    if density is not None:
+        pull = density[:, 0]
+        force = length * jnp.append(span.beyond(pull), span.total(pull))
+    if loads.tip_force is not None:
+        force = force + loads.tip_force[0]
+    down = jnp.asarray(False) if loads.gravity is None else loads.gravity[0] < 0
+    return are_along(loads, length) & loads.has_potential & jnp.all(force >= 0) & ~down
 
 
 # What public functions take where nothing is given.

@@ -20,7 +20,7 @@ class SpringRotor(Parameters):
     |-----------------------|--------|--------|---------|
     | mass                  | m      | kg     | > 0     |
     | length                | L      | m      | > 0     |
-    | hub_radius            | d      | m      | >= 0    |
+    | hub_radius            | d      | m      | any     |
     | translational_spring  | k_T    | N/m    | > 0     |
     | torsional_spring      | k_r    | N m    | > 0     |
 
@@ -30,7 +30,7 @@ class SpringRotor(Parameters):
     varies: ClassVar[bool] = False  # there is nothing along which it could
     mass: Scalar = parameter(Status.INVALID_MASS)
     length: Scalar = parameter(Status.INVALID_LENGTH)
-    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=True)
+    hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=None)
     translational_spring: Scalar = parameter(Status.INVALID_TRANSLATIONAL_SPRING)
     torsional_spring: Scalar = parameter(Status.INVALID_TORSIONAL_SPRING)
 

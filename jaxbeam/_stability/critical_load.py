@@ -16,17 +16,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._models.contract.base import AbstractModel, checked_case
-from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
+from jaxbeam._models.contract.base import AbstractModel, checked_case, small_motion
+from jaxbeam._models.contract.loaded import (
+    Conditions,
+    checked_conditions,
+    equations_under,
+    guarded_conditions,
+)
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, is_hinged, naming
-from jaxbeam._rotor.loads import NO_DAMPING, Loads
+from jaxbeam._rotor.loads import NO_DAMPING, Loads, are_along, only_pull
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
-from jaxbeam._stability.singular import AbstractPlace, Groups, Scan, answer, direction_of_energy
+from jaxbeam._stability.singular import (
+    AbstractPlace,
+    Groups,
+    Scan,
+    answer,
+    direction_of_energy,
+    gives_way,
+)
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
@@ -36,6 +48,7 @@ _HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
 # the root yields they go on to as much of the stiffness that the beam has when it is clamped.
 _LEAST, _LARGEST, _SCANNED = 1 / 60, 20.0, 48
 _RATIO = (_LARGEST / _LEAST) ** (1 / (_SCANNED - 1))
+_FURTHER, _MOST = 2.0, 1e3  # times what is expected, and, times that range, at most
 _MOST_YIELDING = 1e6  # of softness, over that with a clamped root, that is still looked beyond
 _NEAR = 1e-6  # of what halving finds to what is exact, relative
 
@@ -46,7 +59,7 @@ class CriticalLoad(eqx.Module):
     | field     | shape | unit  |                                                                  |
     |-----------|-------|-------|------------------------------------------------------------------|
     | factor    | ()    |       | least factor of the loads at which the beam loses its stability; |
-    |           |       |       | infinite where there is none in the range that is searched       |
+    |           |       |       | infinite where there is none, however large                      |
     | direction | ()    |       | `Direction` of the coordinates that take most of the elastic     |
     |           |       |       | energy of what gives way; without meaning where there is no such |
     |           |       |       | factor                                                           |
@@ -77,12 +90,16 @@ def critical_load(
     Where the loads have a potential (gravity, a force in hub axes), K at the equilibrium under them
     is singular there, and the beam buckles.
 
-    The lowest eigenvalue of K is looked at for 48 loads, each 16 % above the last, from 1 / 60
-    up to 20 times the softest stiffness of the tip times the length (3 EI / L^2 of the softer
-    bending); its change of sign is then found to rounding. Where the root yields the tip is softer,
-    and more loads are looked at, up to where they would end if it were clamped. Infinity means that
-    there is none up to there. It is differentiable by rotor, loads and speed, in both modes and to
-    any order, as `critical_speed` is.
+    Of linear models K is affine in the factor, K_0 + factor K_1, and this is one eigenproblem. Only
+    what is along the beam changes their stiffness: loads across are refused (`LOADS_ACROSS`). Of
+    others the lowest eigenvalue of K is looked at for 48 loads, each 16 % above the last, from
+    1 / 60 up to 20 times the softest stiffness of the tip times the length (3 EI / L^2 of the
+    softer bending); its change of sign is then found to rounding. More loads are looked at where
+    the root yields, up to where they would end if it were clamped, and up to twice the load at
+    which K would be singular if it went on as it begins. Infinity means that there is none: loads
+    along the beam that pull at every section only stiffen it. Otherwise a beam that is stable up to
+    the last load has the status `SEARCH_ENDED`. The factor is differentiable by rotor, loads and
+    speed, in both modes and to any order, as `critical_speed` is.
 
     Loads that turn with the beam, and moments at its tip, have no potential: at the least load two
     frequencies meet, from where the beam flutters, or one is zero (M. Beck, Zeitschrift fuer
@@ -146,42 +163,50 @@ class _Place(AbstractPlace):
 
 
 def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix, Matrix, Code]:
-    """M and K about the equilibrium under so many times the loads, and the status of the search."""
+    """M and K about the equilibrium under so many times the loads, and the status of the search;
+    of linear models these are the same about any state."""
     rotor, speed, loads = given
-    system = Conditions(loads, NO_DAMPING).system(model, rotor, speed, factor)
+    conditions = Conditions(loads, NO_DAMPING)
+    equations = equations_under(model, rotor, loads)
+    if equations.is_linear:
+        still = jnp.zeros(len(model.directions), speed.dtype), jnp.asarray(int(Status.OK))
+        inputs = conditions.inputs(equations, speed, factor)
+        system = small_motion(model, rotor, speed, equations, still, inputs)
+    else:
+        system = conditions.system(model, rotor, speed, factor)
     k = system.stiffness
     return system.mass, symmetric_part(k) if loads.has_potential else k, system.status
 
 
 class _Unloaded(NamedTuple):
-    """The beam without its loads: K, and a unit of their factor; how often that goes into the unit
-    with a clamped root, and how many loads are to be looked at."""
+    """The beam without its loads, and which loads are to be looked at: from the `first` on so many
+    `looks`, up to the `last`."""
 
     k: Matrix
-    unit: Scalar
-    yields: Scalar
+    first: Scalar
+    last: Scalar
     looks: Array
 
     @classmethod
     def of(cls, model: AbstractModel, given: _Given) -> "_Unloaded":
-        rotor, speed, loads = given
-        _, k, _ = _loaded(model, given, jnp.zeros_like(speed))
-        k = symmetric_part(k)
-        equations = model.equations(rotor)
-        ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
-        soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
-        softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
-        yields = jnp.clip(softness / _softness(model, rotor, softness), 1.0, _MOST_YIELDING)
-        more = jnp.ceil(jnp.log(yields) / np.log(_RATIO)).astype(int)
-        parts: Any = (
-            (loads.tip_force, 1.0),
-            (loads.gravity, equations.rigid_moments[0]),
-            (loads.tip_moment, 1 / equations.length),
-            (loads.span_moments(jnp.zeros_like(speed), equations.length), 1.0),
-        )
-        weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
-        unit = equations.length / (softness * jnp.where(weight > 0, weight, 1.0))
-        return cls(k, unit, yields, _SCANNED + more)
+        rotor, speed, _ = given
+
+        def look(_: Any, state: tuple[Matrix, Matrix, Scalar, Scalar]) -> Any:
+            """K without loads, and then as it begins to change."""
+            k0, _, unit, _ = state
+            k = symmetric_part(_loaded(model, given, _LEAST * unit)[1])
+            k0 = jnp.where(unit == 0, k, k0)
+            return (k0, k, *_unit(model, given, k0))
+
+        zero, n = jnp.zeros_like(speed), len(model.directions)
+        k = jnp.zeros((n, n), speed.dtype)
+        k0, k, unit, yields = jax.lax.fori_loop(0, 2, look, (k, k, zero, zero))
+        straight, _ = gives_way(np.arange(n), (k - k0) / (_LEAST * unit), k0)
+        last = _LARGEST * unit * yields
+        further = jnp.clip(_FURTHER * straight, last, _MOST * last)
+        last = jnp.where(jnp.isfinite(straight), further, last)
+        looks = jnp.ceil(jnp.log(last / (_LEAST * unit)) / np.log(_RATIO) - 1e-6).astype(int)
+        return cls(k0, _LEAST * unit, last, looks + 1)
 
     def held(self, rotor: AnyRotor, status: Code) -> Code:
         """The status of a search, if the unloaded beam is held at all: on a free hinge at rest it
@@ -192,6 +217,25 @@ class _Unloaded(NamedTuple):
         scaled = self.k / (size[None] * size[:, None])
         least, _ = lowest_eigenpair(scaled, jnp.eye(len(scaled), dtype=scaled.dtype))
         return jnp.where(least > _HELD, status, nowhere)
+
+
+def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scalar]:
+    """The factor of loads that bend the tip by about a length, by the stiffness k without them; and
+    how often that goes into what it would be with a clamped root."""
+    rotor, speed, loads = given
+    equations = model.equations(rotor)
+    ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
+    soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
+    softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
+    yields = jnp.clip(softness / _softness(model, rotor, softness), 1.0, _MOST_YIELDING)
+    parts: Any = (
+        (loads.tip_force, 1.0),
+        (loads.gravity, equations.rigid_moments[0]),
+        (loads.tip_moment, 1 / equations.length),
+        (loads.span_moments(jnp.zeros_like(speed), equations.length), 1.0),
+    )
+    weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
+    return equations.length / (softness * jnp.where(weight > 0, weight, 1.0)), yields
 
 
 def _softness(model: AbstractModel, rotor: AnyRotor, own: Scalar) -> Scalar:
@@ -212,30 +256,50 @@ def _diagonal(k0: Matrix, k: Matrix) -> Matrix:
 
 def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
     """Critical factor, direction and place where loads have a potential, and a status."""
+    if model.equations(given[0]).is_linear:
+        return _affine(model, given)
     bare = _Unloaded.of(model, given)
-    k0, unit = bare.k, bare.unit
+    k0 = bare.k
     groups = Groups((naming(model.directions),), (np.arange(len(k0)),))
     scan = Scan(
         lambda factor: _loaded(model, given, factor)[1:], groups, functools.partial(_diagonal, k0),
-        _LARGEST * unit * bare.yields, _RATIO * jnp.ones_like(unit), bare.looks,
+        bare.last, _RATIO * jnp.ones_like(bare.last), bare.looks,
     )  # fmt: skip
-    end = scan.run(_LEAST * unit, 0, jnp.ones_like(k0[0]))
+    end = scan.run(bare.first, 0, jnp.ones_like(k0[0]))
     factor = jnp.where(end.found, end.value, jnp.inf)
     place = _Place(x=end.x, exists=end.found, model=model)
+    settled = end.found | only_pull(given[2], model.equations(given[0]).length)
+    status = first_failure(scan.status(end), first_broken((settled, Status.SEARCH_ENDED)))
     return (
         factor,
         direction_of_energy(model.directions, k0, end.x),
         place,
-        bare.held(given[0], scan.status(end)),
+        bare.held(given[0], status),
     )
+
+
+def _affine(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
+    """The same of linear models, of which loads along the beam alone change the stiffness, by so
+    much for each unit of them."""
+    speed, loads = given[1:]
+    zero, one = jnp.zeros_like(speed), jnp.ones_like(speed)
+    k0, k1 = jax.jvp(lambda factor: _loaded(model, given, factor)[1], (zero,), (one,))
+    bare = _Unloaded(k0, zero, zero, jnp.asarray(0))
+    factor, x = gives_way(np.arange(len(k0)), k1, k0)
+    status = first_broken(
+        (are_along(loads, model.equations(given[0]).length), Status.LOADS_ACROSS),
+        (~jnp.isnan(factor), Status.NOT_FINITE),
+    )
+    place = _Place(x=x, exists=jnp.isfinite(factor), model=model)
+    direction = direction_of_energy(model.directions, k0, x)
+    return factor, direction, place, bare.held(given[0], status)
 
 
 def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
     """The search where loads have no potential."""
     bare = _Unloaded.of(model, given)
     end = first_lost(
-        lambda factor: _loaded(model, given, factor), len(bare.k), _LEAST * bare.unit, _RATIO,
-        bare.looks,
+        lambda factor: _loaded(model, given, factor), len(bare.k), bare.first, _RATIO, bare.looks,
     )  # fmt: skip
     mode = end.mode
 
@@ -248,7 +312,10 @@ def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPl
     )  # fmt: skip
     exact = polished(place, given, end.upper)
     near = jnp.abs(exact - end.upper) <= _NEAR * end.upper
-    status = first_failure(end.status, first_broken((near | ~end.found, Status.INACCURATE)))
+    status = first_failure(
+        end.status,
+        first_broken((end.found, Status.SEARCH_ENDED), (near, Status.INACCURATE)),
+    )
     factor = jnp.where(end.found, exact, jnp.inf)
     return (
         factor,

@@ -13,8 +13,8 @@ real lambda; so p modes grow without oscillation, and p is all that a Hamiltonia
 negative energies can have. Damping changes none of it (theorem of Kelvin, Tait and Chetaev).
 
 So the critical speed is the smallest one at which K is singular, and what is singular names it: a
-transverse block, divergence; the axial one, where the centrifugal load grows as fast with stretch
-as the rod can carry: it tears.
+transverse block, divergence, which in a beam that points inward is buckling; the axial one, where
+the centrifugal load grows as fast with stretch as the rod can carry: it tears.
 
 B is the paper of `_models/contract/__init__.py`.
 """
@@ -83,7 +83,7 @@ def critical_speed(
     `model`, `rotor` and `loads` are those of `modes`. Where K is affine in Omega^2 (`Hybrid`,
     `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`) this is one eigenproblem, K_0 x = -Omega^2
     K_1 x. Else K, at the steady state of each speed, is looked at from half the first rest
-    frequency up to the speed at which a rod of constant axial stiffness tears, and the speed at
+    frequency (of a beam that points inward from where it might buckle, if that is sooner) up to the speed at which a rod of constant axial stiffness tears, and the speed at
     which its lowest eigenvalue changes sign is found to rounding. It is also the root of the scalar
     f of the bordered system
 
@@ -185,7 +185,7 @@ def _search(
         return speed[first], groups.codes[first], shape[first], sound
 
     tears = groups.directions.index(Direction.AXIAL)
-    bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
+    bottom, top = _bottom(rotor, speed), 0.999 * speed[tears]
     ratio = (top / bottom) ** (1 / (_SCANNED - 1))
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
@@ -240,7 +240,7 @@ def _search_under(
         found, status = jnp.sqrt(square), _sound(square)
     else:
         tears = groups.directions.index(Direction.AXIAL)
-        bottom, top = jnp.min(speed) / 2, 0.999 * speed[tears]
+        bottom, top = _bottom(rotor, speed), 0.999 * speed[tears]
         ratio = (top / bottom) ** (1 / (_SCANNED - 1))
         scan = Scan(at, every, lambda _: rest, top, ratio, _SCANNED)
         end = scan.run(bottom, 0, x)
@@ -249,6 +249,21 @@ def _search_under(
         status = first_failure(_sound(speed), scan.status(end))
     status = first_failure(at_rest, status)
     return found, direction_of_energy(model.directions, rest, x), x, status
+
+
+def _bottom(rotor: AnyRotor, speed: Float[Array, " f"]) -> Scalar:
+    """The first speed to look at: half the first rest frequency; of a beam that is pushed towards
+    its root no more than what its whole push would buckle, were it at the tip (Euler)."""
+    bottom = jnp.min(speed) / 2
+    if not isinstance(rotor, Rotor):
+        return bottom
+    outside = rotor.tension(jnp.ones_like(bottom))[0]
+    push = -jnp.minimum(jnp.minimum(outside, rotor.rigid_moments[1]), 0.0)
+    beam = rotor.beam.mean
+    softer = jnp.minimum(beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
+    euler = np.pi**2 / 4 * softer / beam.length**2
+    buckles = jnp.sqrt(euler / jnp.where(push > 0, push, 1.0))
+    return jnp.where(push > 0, jnp.minimum(bottom, buckles), bottom)
 
 
 def _sound(speed: Float[Array, "*f"]) -> Code:

@@ -192,8 +192,8 @@ def blades(draw):
 
 def expected(p):
     """Status of the first number that is out of range."""
-    signs = {"twist", "pitch", "offset", "angular_speed"}
-    zero = {"hub_radius", "tip_mass", "inertia", "lag", "flap"}
+    signs = {"twist", "pitch", "offset", "angular_speed", "hub_radius"}
+    zero = {"tip_mass", "inertia", "lag", "flap"}
     for key, status in (TABLES | NUMBERS).items():
         for value in np.atleast_1d(p[key]):
             fine = math.isfinite(value) and (

@@ -206,7 +206,7 @@ def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
         "duration": np.exp(rng.uniform(np.log(1.0), np.log(8.0), n)),
         "hub": rng.uniform(0.0, 1.0, n),
     }
-    bad = {3: ("speed", np.nan), 8: ("hub", -1.0), 14: ("duration", 0.0)}
+    bad = {3: ("speed", np.nan), 8: ("hub", np.nan), 14: ("duration", 0.0)}
     for i, (name, value) in bad.items():
         columns[name][i] = value
     table = sweep_of(tolerance, **columns)
@@ -237,7 +237,7 @@ def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
 @pytest.mark.exhaustive
 def test_sweep_of_frequencies_on_a_grid():
     """Against power series; a case that raises, and one out of range, touch no other."""
-    speeds, hubs, tolerance = [0.5, 2.0, 5.0, 1000.0, 8.0], [0.0, 1.0, -1.0], 1e-2
+    speeds, hubs, tolerance = [0.5, 2.0, 5.0, 1000.0, 8.0], [0.0, 1.0, np.nan], 1e-2
     table = jb.ladder_sweep(
         steady, jb.grid(gamma=speeds, hub=hubs), tolerance, representatives=4, chunk=4
     )
@@ -248,7 +248,7 @@ def test_sweep_of_frequencies_on_a_grid():
             if gamma > 100:
                 assert status == jb.Status.RAISED
                 assert "too fast" in table.message(gamma=gamma, hub=hub)
-            elif hub < 0:
+            elif np.isnan(hub):
                 assert status == jb.Status.INVALID_HUB_RADIUS
             else:
                 exact = np.array(power_series.frequencies(gamma, hub, 0.0, 1000.0, count=2))
@@ -260,7 +260,7 @@ def test_sweep_of_frequencies_on_a_grid():
 
 @pytest.mark.slow
 def test_sweep_where_no_case_is_in_range():
-    table = jb.ladder_sweep(steady, jb.points(gamma=[1.0, np.nan], hub=[-1.0, 0.0]), chunk=2)
+    table = jb.ladder_sweep(steady, jb.points(gamma=[1.0, np.nan], hub=[np.inf, 0.0]), chunk=2)
     assert [jb.Status(int(s)).name for s in table["status"]] == [
         "INVALID_HUB_RADIUS", "INVALID_ANGULAR_SPEED",
     ]  # fmt: skip

@@ -20,6 +20,7 @@ from tests.tiers import exhaustive, slow
 STIFF = 1e9  # axial stiffness of what the reference has as inextensible: no model here uses it
 QUARTERS, TABLE = (0, 0.2, 0.45, 0.7, 1), ((2, 1.2, 1, 0.8, 0.3), (3, 1.5, 1, 0.5, 0.1))
 EIGHTH = np.pi / 4
+CANTILEVER = np.array([1.8751040687119611, 4.694091132974174]) ** 2
 
 
 def _power(factor, base, exponent, x):
@@ -292,6 +293,54 @@ def test_precone(ratio, hub, tip, speed, cone):
     wanted = reference.coned(theirs, speed, cone, 4)
     np.testing.assert_allclose(np.sort(found.frequency), wanted, rtol=1e-9)
     assert np.max(found.residual) < 1e-12
+
+
+def about_the_axis(first, second, speed):
+    """The rates of a shaft about its axis in each mode, of the rest frequencies that both ways
+    have, growing ones and those that swing: see `coned.py`."""
+    square = [1, 0, first**2 + second**2 + 2 * speed**2, 0]
+    rates = np.roots([*square, (first**2 - speed**2) * (second**2 - speed**2)])
+    return [rate for rate in rates if rate.imag > 1e-6 or rate.real > 1e-6]
+
+
+@pytest.mark.slow
+def test_a_cone_of_a_right_angle_is_a_shaft():
+    """Round: rest frequency less and plus the speed, also beyond it; of two stiffnesses: unstable
+    between the two rest frequencies."""
+    rest = CANTILEVER
+
+    def found(ratio, speed):
+        rotor = jb.Rotor(jb.Beam(1.0, 1.0, STIFF, ratio, 1.0), 0.0, precone=np.pi / 2)
+        return jb.modes(jb.Hybrid(0, 8, 8), rotor, speed, jb.labels(in_plane=2, flap=2))
+
+    for speed in (0.5 * rest[0], 1.5 * rest[0]):
+        round_one = found(1.0, speed)
+        wanted = np.sort(np.abs(np.concatenate([rest - speed, rest + speed])))
+        np.testing.assert_allclose(np.sort(round_one.frequency), wanted, rtol=1e-7)
+        np.testing.assert_allclose(round_one.growth_rate, 0.0, atol=1e-9)
+        assert abs(round_one.steady_strain) < 1e-20
+    for speed in (0.5 * rest[0], 1.5 * rest[0], 2.5 * rest[0]):
+        rates = np.asarray(found(4.0, speed).eigenvalue)
+        wanted = np.concatenate([about_the_axis(2 * w, w, speed) for w in rest])
+        assert (rates.real.max() > 1e-6) == (rest[0] < speed < 2 * rest[0])
+        ours, wanted = (sorted(each, key=abs) for each in (rates, wanted))
+        np.testing.assert_allclose(ours, wanted, atol=1e-5)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("springs", [None, (5.0, 3.0)])
+@pytest.mark.parametrize(("cone", "speed", "hub"), [(90.0, 2.0, 0.3), (89.9, 2.0, 0.3),
+                                                    (60.0, 3.0, 0.3), (90.0, 5.0, 0.0)])  # fmt: skip
+def test_steep_cones_by_elements_in_space(cone, speed, hub, springs):
+    """Extrapolated from 4 and 8 elements, which know nothing of azimuths."""
+    beam = jb.Beam(1.0, 1.0, 1e7, 4.0, 1.0, torsional_stiffness=1e7, polar_inertia=1e-7)
+    root = springs and jb.RootSprings(*springs)
+    rotor = jb.Rotor(beam, hub, 0.1, precone=np.deg2rad(cone), root_springs=root)
+    first, second, found = (
+        np.asarray(jb.modes(model, rotor, speed, 3).eigenvalue)
+        for model in (jb.SpatialANCF(4), jb.SpatialANCF(8), jb.Hybrid(0, 10, 10))
+    )
+    np.testing.assert_allclose(found, (16 * second - first) / 15, rtol=3e-4, atol=1e-6)
 
 
 @pytest.mark.exhaustive

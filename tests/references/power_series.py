@@ -16,6 +16,7 @@ multiple precision make them exact to 20 digits.
 
 import functools
 import math
+from collections.abc import Callable
 
 import mpmath
 import numpy as np
@@ -34,11 +35,12 @@ def _splines(intervals: int = 48, degree: int = 6) -> tuple[np.ndarray, ...]:
     return x, weight, *(spline.derivative(d)(x) if d else spline(x) for d in range(3))
 
 
-def _galerkin(gamma: float, hub: float, tip: float, slenderness: float | None, plane: str):
+def _bending(gamma: float, hub: float, tip: float, plane: str) -> tuple[np.ndarray, np.ndarray]:
+    """K and M of bending."""
     x, weight, f, df, ddf = _splines()
     p = hub * (1 - x) + (1 - x**2) / 2 + tip * (hub + 1)
     end = np.zeros(f.shape[1])
-    end[-1] = 1.0  # a clamped B-spline basis interpolates its end
+    end[-1] = 1.0
 
     def gram(table: np.ndarray, q: np.ndarray | float) -> np.ndarray:
         return table.T @ ((weight * q)[:, None] * table)
@@ -46,7 +48,19 @@ def _galerkin(gamma: float, hub: float, tip: float, slenderness: float | None, p
     mass = gram(f, 1.0) + tip * np.outer(end, end)
     c = 1.0 if plane == "in plane" else 0.0
     bending = gram(ddf, 1.0) + gamma**2 * gram(df, p) - c * gamma**2 * mass
-    bending, mass_w = bending[2:, 2:], mass[2:, 2:]
+    return bending[2:, 2:], mass[2:, 2:]
+
+
+def _galerkin(gamma: float, hub: float, tip: float, slenderness: float | None, plane: str):
+    x, weight, f, df, _ = _splines()
+    end = np.zeros(f.shape[1])
+    end[-1] = 1.0  # a clamped B-spline basis interpolates its end
+
+    def gram(table: np.ndarray, q: np.ndarray | float) -> np.ndarray:
+        return table.T @ ((weight * q)[:, None] * table)
+
+    mass = gram(f, 1.0) + tip * np.outer(end, end)
+    bending, mass_w = _bending(gamma, hub, tip, plane)
     if slenderness is None:
         nu = scipy.linalg.eigh(mass_w, bending, eigvals_only=True)
         return np.sort(nu[nu > 0] ** -0.5)
@@ -129,19 +143,37 @@ def frequencies(
 ) -> tuple[float, ...]:
     """Lowest frequencies over sqrt(EI / (rho L^4)), to double precision."""
     guesses = _galerkin(gamma, hub, tip, slenderness, plane)[:count]
-    growth = gamma * float(np.sqrt(hub + 0.5 + tip * (hub + 1))) + float(np.sqrt(max(guesses)))
-    with mpmath.workdps(40 + int(1.8 * growth)):
-        found = []
-        for guess in guesses:
-            args = (gamma, hub, tip, slenderness, plane)
-            low, high = mpmath.mpf(guess) * (1 - mpmath.mpf(10) ** -7), mpmath.mpf(guess)
-            at_low, at_high = _determinant(low, *args), _determinant(high, *args)
-            for _ in range(8):
-                if abs(high - low) < abs(high) * mpmath.mpf(10) ** -18:
-                    break
-                new = high - at_high * (high - low) / (at_high - at_low)
-                low, at_low = high, at_high
-                high, at_high = new, _determinant(new, *args)
-            assert abs(high - guess) < 1e-6 * guess, "the Galerkin guess was not near a root"
-            found.append(float(high))
-    return tuple(found)
+    others = gamma, hub, tip, slenderness, plane
+    with mpmath.workdps(_digits(gamma, hub, tip, max(guesses))):
+        return tuple(_root(lambda omega: _determinant(omega, *others), each) for each in guesses)
+
+
+def _digits(gamma: float, hub: float, tip: float, omega: float) -> int:
+    """Digits that outweigh the growth of the solutions; where the beam is pushed they swing."""
+    growth = gamma * float(np.sqrt(abs(hub) + 0.5 + tip * abs(hub + 1))) + float(np.sqrt(omega))
+    return 40 + int(1.8 * growth)
+
+
+def _root(function: Callable, guess: float) -> float:
+    """The root near a guess, by secants."""
+    low, high = mpmath.mpf(guess) * (1 - mpmath.mpf(10) ** -7), mpmath.mpf(guess)
+    at_low, at_high = function(low), function(high)
+    for _ in range(8):
+        if abs(high - low) < abs(high) * mpmath.mpf(10) ** -18:
+            break
+        new = high - at_high * (high - low) / (at_high - at_low)
+        low, at_low = high, at_high
+        high, at_high = new, function(new)
+    assert abs(high - guess) < 1e-6 * guess, "the Galerkin guess was not near a root"
+    return float(high)
+
+
+def critical_speed(hub: float, tip: float = 0.0, plane: str = "in plane") -> float:
+    """The lowest speed at which a frequency is zero, where there is one: w = 0 in the equations,
+    in which stretch stands by itself then."""
+    bent = [_bending(gamma, hub, tip, plane)[0] for gamma in (0.0, 1.0)]
+    largest = scipy.linalg.eigh(bent[0] - bent[1], bent[0], eigvals_only=True)[-1]
+    assert largest > 0, "it is stable at any speed"
+    guess = largest**-0.5
+    with mpmath.workdps(_digits(guess, hub, tip, 0.0)):
+        return _root(lambda gamma: _determinant(0.0, gamma, hub, tip, None, plane), guess)

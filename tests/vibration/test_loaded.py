@@ -259,8 +259,9 @@ def test_a_beam_that_swings_far_on_a_soft_root_is_stable():
     though where bending was soft there is axial stiffness then, ten decades above it."""
     soft = jb.Beam(1.0, 1.0, 1e8, 1.0, 50.0, torsional_stiffness=5.0, polar_inertia=1e-4)
     rotor = jb.Rotor(soft, root_springs=jb.RootSprings(in_plane=0.01))
-    found = jb.critical_load(jb.SpatialANCF(4), rotor, jb.Loads(tip_force=[0.0, 1.0, 0.0]))
-    assert float(found.factor) == np.inf
+    aside = jb.Loads(tip_force=[0.0, 1.0, 0.0])
+    found = jb.critical_load(jb.SpatialANCF(4), rotor, aside, throw=False)
+    assert found.status == jb.Status.SEARCH_ENDED
     model = jb.SpatialANCF(4).suited(rotor)
 
     def lowest(force):

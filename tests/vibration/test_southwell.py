@@ -365,7 +365,7 @@ def test_status_in_sweeps():
     def resonance(hub_radius):
         return jb.crossing(model, slender(60.0, hub_radius), (0.5, 9.0), label, 1.0, throw=False)
 
-    cases, status = jb.grid(hub_radius=[0.0, -1.0, 3.0]), jb.Status
+    cases, status = jb.grid(hub_radius=[0.0, np.nan, 3.0]), jb.Status
     table = jb.sweep(coefficient, cases)
     assert table["status"].tolist() == [status.OK, status.INVALID_HUB_RADIUS, status.OK]
     table = jb.sweep(resonance, cases)

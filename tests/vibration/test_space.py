@@ -144,6 +144,75 @@ def test_a_column_buckles_under_the_load_of_euler(model):
     )
 
 
+def pushed_at_the_tip_and_pulled_along_the_span():
+    """Its load, for P = 1, p = 3, L = 2 and EI = 3: EI t'' = f (p s - P) t with t' = 0 at the tip,
+    s = 0, and t = 0 at the root, by its power series."""
+
+    def at_the_root(f):
+        a = [1.0, 0.0]
+        for n in range(120):
+            before = a[n - 1] if n else 0.0
+            a.append(f / 3 * (3 * before - a[n]) / ((n + 2) * (n + 1)))
+        return np.polynomial.polynomial.polyval(2.0, a)
+
+    low, high = 20.0, 40.0
+    assert (np.array([at_the_root(f) for f in np.linspace(0.0, low, 50)]) > 0).all()
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if at_the_root(middle) > 0 else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize(
+    ("model", "error"),
+    [(jb.Hybrid(0, 8, 8), 1e-4), exhaustive(jb.Hybrid(0, 16, 0), 1e-8),
+     exhaustive(jb.ExactRodANCF(16), 2e-4), exhaustive(jb.VonKarman(13, 8, 0), 2e-3)],
+)  # fmt: skip
+def test_a_column_buckles_beyond_the_range_that_is_searched_at_first(model, error):
+    """Where a force along the span pulls, and none but the end is pushed."""
+    exact = pushed_at_the_tip_and_pulled_along_the_span()
+    np.testing.assert_allclose(exact, 28.551027, rtol=1e-7)  # by scipy, too
+    loads = jb.Loads(tip_force=[-1.0, 0, 0], force_per_length=(3.0, 0, 0))
+    found = jb.critical_load(model, jb.Rotor(jb.Beam(2.0, 1.0, 1e9, 3.0, 6.0)), loads)
+    np.testing.assert_allclose(found.factor, exact, rtol=error)
+    assert found.direction == Direction.IN_PLANE
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 1e6])
+def test_a_load_across_a_linear_model_is_refused_with_the_model_to_take(stiffness):
+    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, stiffness, 2 * stiffness))
+    for model, loads in (
+        (jb.Hybrid(0, 4, 4), jb.Loads(tip_force=[0.0, 1.0, 0.0])),
+        (jb.Classical(0, 4, 4), jb.Loads(force_per_length=(-1.0, 0.0, 1.0))),
+    ):
+        with pytest.raises(ValueError, match=r"loads across .* take SpatialANCF"):
+            jb.critical_load(model, rotor, loads)
+    pull = jb.Loads(tip_force=[1.0, 0.0, 0.0])
+    assert jb.critical_load(jb.Hybrid(0, 4, 4), rotor, pull).factor == np.inf
+
+
+@pytest.mark.exhaustive
+def test_the_end_of_a_search_is_not_infinity():
+    """A load across is stable up to where it ends; a pull is at any load, also one that outweighs
+    a push at some sections, and none does where a push is left."""
+    rotor = jb.Rotor(jb.Beam(2.0, 1.0, 1e9, 3.0, 6.0))
+
+    @jax.jit
+    @jax.vmap
+    def of(tip, along):
+        loads = jb.Loads(
+            tip_force=jnp.stack([tip[0], tip[1], 0 * tip[0]]), force_per_length=(along, 0.0, 0.0)
+        )
+        found = jb.critical_load(jb.ExactRodANCF(4), rotor, loads, throw=False)
+        return found.factor, found.status
+
+    tips = jnp.array([[0.0, 1.0], [1.0, 0.0], [0.0, 0.0], [5.0, 0.0], [1.0, 0.0]])
+    factor, status = of(tips, jnp.array([0.0, 0.0, 1.0, -2.0, -2.0]))
+    assert status.tolist() == [jb.Status.SEARCH_ENDED, 0, 0, 0, 0]
+    np.testing.assert_array_equal(factor[:4], [np.nan, np.inf, np.inf, np.inf])
+    assert np.isfinite(factor[4])
+
+
 @pytest.mark.exhaustive
 def test_columns_of_any_slenderness_buckle_under_the_load_of_a_rod_that_gets_shorter():
     """P (1 - P / EA) = pi^2 EI / 4 L^2; none is lost where the search comes upon a stiffness that

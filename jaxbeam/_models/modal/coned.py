@@ -11,16 +11,24 @@ With t the elevation of the tangent above the plane of rotation, X the distance 
 
     t = cone + turn of the root + ...,   X = R + int cos t dx,
 
-the steady state is where int EI_yy t'^2 dx - W^2 int X^2 dm is stationary. Small changes e of the
-elevation and p of the azimuth, with the twist c that keeps the curvature about the beam zero, c' =
--p' sin t, have the energies
+the steady state is where int EI_yy t'^2 dx - W^2 int X^2 dm is stationary. A small change of it
+turns the tangent by e in elevation and by b across, to the side of the plane that it lies in; the
+section follows without torsion if it turns about the tangent by c, c' = t' b. The energies are
 
-    EI_yy e'^2 + EI_zz (p' cos t)^2 + (EI_zz - EI_yy) (t'^2 c^2 + 2 t' cos t p' c)
-    + H cos t (e^2 + p^2) - m W^2 (X_1^2 + Y_1^2)
+    EI_yy e'^2 + EI_zz (b' + t' c)^2 - EI_yy [t'^2 b^2 - b'^2 + (b' + t' c)^2]
+    + H cos t (e^2 + b^2) - m W^2 (X_1^2 + Y_1^2)
 
-and m (X_1'^2 + Y_1'^2 + Z_1'^2) (rates there) over two, X_1 = -int e sin t, Y_1 = int p cos t,
-Z_1 = int e cos t and H the radial force W^2 int_x^L X dm. Lag and flap move in quadrature. Springs
-of the root act about the axes of the cone, see `lag_of_root`.
+and m (X_1'^2 + Y_1'^2 + Z_1'^2) (rates there) over two, X_1 = -int e sin t, Y_1 = int b, Z_1 = int
+e cos t and H the radial force W^2 int_x^L X dm. Lag and flap move in quadrature. What the first
+moments EI_yy t' do along changes of second order is in these terms by (EI_yy t')' = H sin t, so
+that nothing is divided by cos t: a cone may be a right angle, a shaft in the axis. Springs of the
+root act about the axes of the cone, see `lag_of_root`.
+
+About the axis of rotation the energy is no minimum beyond the first frequency at rest, and yet the
+beam may be stable, by Coriolis forces: modes tell. For sections of two stiffnesses they grow
+between the two frequencies,
+
+    (lambda^2 + w_1^2 - W^2) (lambda^2 + w_2^2 - W^2) + 4 W^2 lambda^2 = 0.
 """
 
 from typing import Any, NamedTuple
@@ -32,10 +40,12 @@ from jaxtyping import Array, Float
 from jaxbeam._models.bases.basis import Functions
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._numerics.linalg import largest
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction, coupling_groups
 from jaxbeam._rotor.span import Span, on
+from jaxbeam._rotor.spanwise import at_ends
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vector
 
@@ -99,33 +109,31 @@ class _Cone(NamedTuple):
         return bent_by, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
 
-def lag_of_root(lag: Any, moment: Any, cone: Any, bent_by: Scalar) -> Scalar:
-    """What the root does to a small azimuth p of the tangent there, in N m, at a steady turn a in
+def lag_of_root(lag: Any, moment: Any, bent_by: Scalar) -> Scalar:
+    """What the root does to a small turn b of the tangent across, in N m, at a steady turn a in
     flap, by a spring against lag and the moment by which it holds the flap.
 
     Its axes are those of the cone. Springs have k phi^2 / 2, phi the components about these of the
-    least rotation from the direction of the cone to the tangent. With t = cone + a, f = a / sin a
+    least rotation from the direction of the cone to the tangent. With f = a / sin a
 
-        phi_lag = f p cos t,   phi_flap = a + (f' cos cone + f sin cone) cos t p^2 / 2,
+        phi_lag = f b,   phi_flap = a - (a - sin a cos a) / (2 sin^2 a) b^2,
 
-    so that a hinge for lag is across the blade as it stands, not about the axis of rotation: the
-    tangent sinks as it swings, and the moment in flap, that of its spring or of a clamp, does work.
+    so that a hinge for lag is across the blade as it stands, not about the axis of rotation, and
+    the moment in flap, that of its spring or of a clamp, does work.
     """
     small = jnp.abs(bent_by) < 1e-2
     a = jnp.where(small, 1.0, bent_by)
     ratio = jnp.where(small, 1 + bent_by**2 / 6 + 7 * bent_by**4 / 360, a / jnp.sin(a))
-    slope = (jnp.sin(a) - a * jnp.cos(a)) / jnp.sin(a) ** 2
-    slope = jnp.where(small, bent_by / 3 + 7 * bent_by**3 / 90, slope)
-    cos = jnp.cos(cone + bent_by)
-    bent = slope * jnp.cos(cone) + ratio * jnp.sin(cone)
-    held: Scalar = lag * (ratio * cos) ** 2 + moment * bent * cos
+    sinks = (a - jnp.sin(a) * jnp.cos(a)) / jnp.sin(a) ** 2
+    sinks = jnp.where(small, 2 * bent_by / 3 + 4 * bent_by**3 / 45, sinks)
+    held: Scalar = lag * ratio**2 - moment * sinks
     return held
 
 
 def coned_system(
     rotor: Rotor, speed: Scalar, shapes: Shapes, directions: tuple[Direction, ...]
 ) -> LinearSystem:
-    """Matrices of small motion for bending functions alone: p = f' q / L in plane, e in flap."""
+    """Matrices of small motion for bending functions alone: b = f' q / L in plane, e in flap."""
     cone = _Cone.of(rotor, shapes)
     span = cone.span
     bent_by, status = cone.steady(speed)
@@ -134,15 +142,23 @@ def coned_system(
     sin, cos = jnp.sin(elevation)[:, None], jnp.cos(elevation)[:, None]
     first, second = cone.bends
     # Columns are functions; angles for a coordinate of one metre, displacements in metres.
-    azimuth, azimuth_rate = first.slope / length, first.curvature / length**2
+    across, across_rate = first.slope / length, first.curvature / length**2
     rise, bending = second.slope / length, second.curvature / length**2
-    ways = [length * a for a in (azimuth * cos, -rise * sin, rise * cos)]
+    ways = [length * a for a in (across, -rise * sin, rise * cos)]
     y, x, z = (span.up_to(a) for a in ways)
     y_tip, x_tip, z_tip = (span.total(a) for a in ways)
-    roll = -length * span.up_to(azimuth_rate * sin)
-    # The radial force: of what is beyond a point, and of the tip mass.
+    turn = cone.ends[1] @ bent_by
+    # The least rotation of the root turns it about the tangent as well.
+    roll = (
+        length * span.up_to(bent[:, None] * across)
+        + jnp.tan(turn / 2) * cone.ends[0][None] / length
+    )
+    side = across_rate + bent[:, None] * roll  # the curvature in the section's other direction
+    # The radial force, of what is beyond a point and of the tip mass, and what of it is a pull.
     outward = span.beyond(dm / span.weight * at)
-    force = speed**2 * (outward + tip_mass * tip) * cos[:, 0]
+    pull = speed**2 * (outward + tip_mass * tip) * cos[:, 0]
+    whole = speed**2 * (jnp.sum(dm * at) + tip_mass * tip) * jnp.cos(rotor.precone + turn)
+    at_root = whole / at_ends(rotor.beam.axial_stiffness, rotor.beam.edges)[0][0]
 
     def over(weight: Any, a: Any, b: Any) -> Any:
         return a.T @ (weight[:, None] * b)
@@ -152,21 +168,21 @@ def coned_system(
 
     dx = length * span.weight
     excess = cone.lag - cone.flap
-    mixed = over(dx * excess * bent, azimuth_rate * cos, roll)
     lag, flap = cone.springs()
     height, height_tip = length * span.up_to(sin[:, 0]), length * span.total(sin[:, 0])
     moment = -(speed**2) * ((dm * at) @ height + tip_mass * tip * height_tip)
-    held = lag_of_root(lag, moment, rotor.precone, cone.ends[1] @ bent_by), flap
+    held = lag_of_root(lag, moment, turn), flap
     springs = [k * (e / length)[:, None] * (e / length)[None]
                for k, e in zip(held, cone.ends, strict=True)]  # fmt: skip
     m_lag, m_x = inertia(y, y, y_tip, y_tip), inertia(x, x, x_tip, x_tip)
     k_lag = (
-        over(dx * cone.lag, azimuth_rate * cos, azimuth_rate * cos)
-        + over(dx * excess * bent**2, roll, roll)
-        + mixed + mixed.T + over(dx * force, azimuth, azimuth) - speed**2 * m_lag + springs[0]
+        over(dx * excess, side, side)
+        + over(dx * cone.flap, across_rate, across_rate)
+        + over(dx * (pull - cone.flap * bent**2), across, across)
+        - speed**2 * m_lag + springs[0]
     )  # fmt: skip
     k_flap = (
-        over(dx * cone.flap, bending, bending) + over(dx * force, rise, rise) - speed**2 * m_x
+        over(dx * cone.flap, bending, bending) + over(dx * pull, rise, rise) - speed**2 * m_x
         + springs[1]
     )  # fmt: skip
     coriolis = 2 * speed * inertia(y, x, y_tip, x_tip)
@@ -175,7 +191,9 @@ def coned_system(
         mass=block(m_lag, m_x + inertia(z, z, z_tip, z_tip)),
         gyroscopic=jnp.block([[0 * m_lag, coriolis], [-coriolis.T, 0 * m_x]]),
         stiffness=block(k_lag, k_flap),
-        steady_strain=rotor.steady_strain(speed),
+        steady_strain=largest(
+            jnp.append(at_root, pull / on(rotor.beam.axial_stiffness, span)), by=jnp.abs
+        ),
         status=status,
         directions=directions,
         coupling=coupling_groups(rotor),
