@@ -3,6 +3,7 @@ case, what they are asked with, no derivatives."""
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -36,6 +37,16 @@ def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
         if noted:
             error.add_note(str(result))
         raise
+
+
+class InHertz:
+    """What has a `frequency` in rad/s."""
+
+    @property
+    def frequency_hz(self) -> Any:
+        """`frequency` / (2 pi), in Hz, of the same shape."""
+        frequency: Any = self.frequency  # type: ignore[attr-defined]
+        return frequency / (2 * math.pi)
 
 
 def asked_with() -> Any:

@@ -48,7 +48,7 @@ UNITS = {
     "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
     "angular_speed": "rad/s", "frequency": "rad/s", "translational_spring": "N/m",
     "torsional_spring": "N m", "mass": "kg", "mass_coefficient": "1/s",
-    "stiffness_coefficient": "s",
+    "stiffness_coefficient": "s", "angular_speed_rpm": "rpm", "mean_rpm": "rpm",
 }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from jaxbeam._checks import places
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._modes.shapes import ShapePolynomials, fit
-from jaxbeam._results import Method, asked_with, harmless, nan_unless, per_case
+from jaxbeam._results import InHertz, Method, asked_with, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._status import Status
@@ -36,7 +36,7 @@ def of_places(method: Method) -> Method:
     return told  # type: ignore[return-value]
 
 
-class Modes(eqx.Module):
+class Modes(InHertz, eqx.Module):
     """k modes x e^(lambda t) of M q'' + G q' + K q = 0 with n coordinates, damping being part of G.
 
     | field           | shape  | unit  |                                                           |
