@@ -107,8 +107,7 @@ def found_about(
     fixed = without_derivatives((system, (rotor, speed, wanted)))
     found, extra = search(model, bands, *fixed, is_hinged(rotor), judged and alone)
     status, error = first_failure(given, found.status), found.frequency_error
-    # How few functions are enough on a uniform beam is for its user to say.
-    if error is not None and rotor.varies:
+    if error is not None and model.judged(rotor):
         error = jnp.where(status == Status.OK, error, jnp.nan)
         resolved = jnp.max(error) <= RESOLVED
         status = first_failure(status, first_broken((resolved, Status.TOO_FEW_FUNCTIONS)))

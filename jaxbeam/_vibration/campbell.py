@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import concrete_array
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel, checked_case, fastest
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose
@@ -126,7 +126,7 @@ def campbell(
     if not isinstance(which, Sequence):
         raise TypeError(f"which must be labels, got {which!r}")
     which = tuple(which)
-    model, rotor, _ = checked_case(model, rotor)
+    model, rotor, _ = checked_case(model, rotor, fastest(angular_speeds))
     table = sweep(
         # the rotor as an argument: diagrams of other rotors reuse the compiled code
         jax.tree_util.Partial(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import real_scalar
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel, checked_case, fastest
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose
@@ -67,7 +67,7 @@ def crossing(
             raise ValueError(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )
-    model, rotor, _ = checked_case(model, rotor)
+    model, rotor, _ = checked_case(model, rotor, fastest(ends))
     conditions = checked_conditions(loads, damping)
     speed, status = _crossing(model, rotor, choose(model, (label,)), conditions, ratio, *ends)
     result = Crossing(label, ratio, speed, status)

@@ -23,7 +23,7 @@ from jaxbeam._rotor.directions import Direction, coupling_groups
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._status import Status, first_failure
-from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
 
 TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
 
@@ -116,6 +116,15 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         """
         return self
 
+    def at_speed(self, rotor: TheRotor, speed: Any) -> Self:
+        """The model with functions that follow a rotor at this speed (rad/s), the largest of
+        several, where numbers are known and how many functions there are is not its user's own."""
+        return self
+
+    def judged(self, rotor: TheRotor) -> bool:
+        """Whether too few functions are a failure: how many are enough is not its user's to say."""
+        return isinstance(rotor, Rotor) and rotor.varies
+
     def frequency_error(
         self, system: LinearSystem, rotor: TheRotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
@@ -188,14 +197,22 @@ def checked_model(model: Any) -> AbstractModel:
 def checked_case(
     model: Any, rotor: Any, angular_speed: Any = 0.0
 ) -> tuple[AbstractModel[Any], Any, Scalar]:
-    """A model as it suits a rotor, the rotor that it takes, and the angular speed, all checked.
+    """A model as it suits a rotor at an angular speed, the rotor that it takes, and the speed, all
+    checked.
 
     Public functions begin with that: rotors that a model does not know are refused here.
     """
     rotor = checked_rotor(checked_model(model).rotor_type, rotor)
     model = model.suited(rotor)
     check_supported(model, rotor, moving=False)
-    return model, rotor, checked_speed(angular_speed)
+    speed = checked_speed(angular_speed)
+    return model.at_speed(rotor, speed), rotor, speed
+
+
+def fastest(speeds: Any) -> Any:
+    """The largest of several speeds, as far as they are known and finite."""
+    known = np.asarray(speeds, float) if is_concrete(speeds) else np.zeros(0)
+    return np.max(np.abs(known[np.isfinite(known)]), initial=0.0)
 
 
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:

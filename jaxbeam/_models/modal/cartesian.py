@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Functions
+from jaxbeam._models.bases.layered import massless
 from jaxbeam._models.bases.shapes import Shapes, shortening
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.equations import Equations, Undeformed
@@ -120,6 +121,8 @@ class CartesianEquations(Equations):
             sampled = model.sampled(rotor, shapes)
             tip_rotation = TipRotation.of(rotor, body, sampled, stiffening is not None)
         inertia = gram * (t.one_hot @ t.one_hot.T)
+        if least := massless(model.functions_from, gram.dtype):
+            inertia = inertia + least * (mass + tip_mass) * np.eye(len(t.one_hot))
         return cls(
             mass=inertia if tip_rotation is None else inertia + tip_rotation.mass,
             gram=gram,

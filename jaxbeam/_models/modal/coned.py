@@ -38,6 +38,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Functions
+from jaxbeam._models.bases.layered import massless
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._numerics.linalg import largest
@@ -187,8 +188,11 @@ def coned_system(
     )  # fmt: skip
     coriolis = 2 * speed * inertia(y, x, y_tip, x_tip)
     block = jax.scipy.linalg.block_diag
+    mass = block(m_lag, m_x + inertia(z, z, z_tip, z_tip))
+    if least := massless(shapes.basis, mass.dtype):
+        mass = mass + least * (rotor.beam.mass + tip_mass) * jnp.eye(len(mass))
     return LinearSystem(
-        mass=block(m_lag, m_x + inertia(z, z, z_tip, z_tip)),
+        mass=mass,
         gyroscopic=jnp.block([[0 * m_lag, coriolis], [-coriolis.T, 0 * m_x]]),
         stiffness=block(k_lag, k_flap),
         steady_strain=largest(

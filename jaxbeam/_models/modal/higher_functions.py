@@ -8,8 +8,10 @@ x, too, only the last coefficients matter. To second order the next functions j 
 
     |d l| = sum_j |r_j|^2 / |Q_jj| / |x^H (2 l M + G) x|
 
-(with pitch the two of one number, in plane and in flap, have stiffness in common, which counts),
-where |x^H (2 l M + G) x| is 2 |l| for unit modal mass, but for what the Coriolis force does in it.
+(with pitch the two of one number, in plane and in flap, have stiffness in common, which counts; and
+of a soft beam, which tension holds more than its stiffness does, Q has much beside its diagonal, and
+takes in functions far beyond the next: so the sum is enlarged as that of a mode which stands still
+would be, `_enlarged`), where |x^H (2 l M + G) x| is 2 |l| for unit modal mass, but for what the Coriolis force does in it.
 This is the estimate of `_models/bases/truncation.py` for beams on which all is known beforehand.
 """
 
@@ -20,9 +22,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.polynomial import legendre
 
 from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
 from jaxbeam._models.bases.loads import Counts, in_beam_axes
+from jaxbeam._models.modal.finer import relative
 from jaxbeam._models.modal.shape_integrals import shape_integrals
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
@@ -141,6 +145,8 @@ def frequency_error(
     held = jnp.maximum(jnp.abs(held), elastic / 4)
 
     energy = jnp.abs(left) ** 2 / held
+    if tensioned:
+        energy = energy * _enlarged(model, rotor, speed, left)
     whole = jnp.sum(energy, 1)
     if mixed:  # and of pairs what they have in common
         (r, t), (h, g) = (jnp.moveaxis(a[:, higher.pairs], 1, 0) for a in (left, held))
@@ -148,9 +154,107 @@ def frequency_error(
         crossed = 2 * across * (r * t.conj()).real
         of_pairs = (jnp.abs(r) ** 2 * g - crossed + jnp.abs(t) ** 2 * h) / both
         whole = whole + jnp.sum(of_pairs - jnp.sum(energy[:, higher.pairs], 1), 1)
-    scale = 2 * jnp.abs(eigenvalue) ** 2
-    positive = scale > 0
-    return jnp.where(positive, whole / jnp.where(positive, scale, 1.0), 0.0)
+    return relative(whole, 2 * jnp.abs(eigenvalue) ** 2)
+
+
+def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
+    """By what the energies of the next functions are to be multiplied, (k, e), for what is beside
+    the diagonal and for all functions before and beyond: r^H K^-1 r over the sum of |r_j|^2 / K_jj.
+    K is that of flap, also in plane: there the first mode may be held next to nothing by it, of
+    which others have no part."""
+    polynomials = _polynomials(model.basis)
+    assert polynomials is not None
+    mixed = rotor.pitch is not None and min(model.counts[1:]) > 0
+    direction = _higher(model.basis, model.counts, mixed).direction
+    own = np.subtract(model.counts, _slopes(model.basis, model.counts))
+    elastic, _ = _stiffness(rotor)
+    pulls = jnp.stack(rotor.tension(speed)) / rotor.beam.length
+    ways = [k for k in (Direction.IN_PLANE, Direction.FLAP) if model.counts[k]]
+    if not ways:
+        return jnp.ones_like(left.real)
+    tables, block = _bands(polynomials.grading, tuple(int(own[k]) for k in ways))
+    here = np.stack([np.flatnonzero(direction == k)[: block.shape[-1]] for k in ways])
+
+    def enlarged(elastic: Array, tables: Array, block: Array, r: Array) -> Array:
+        weights = jnp.concatenate([elastic[None], pulls])
+        whole = jax.vmap(_condensed)(jnp.einsum("srtj,t->srj", tables, weights))
+        own = jnp.tensordot(weights, block, 1)
+        alone = jnp.sum(jnp.abs(r) ** 2 / jnp.diag(own), 1)
+        both = _energy(whole[0] + whole[1, ::-1, ::-1] - own, r)
+        return jnp.where(alone > 0, both / jnp.where(alone > 0, alone, 1.0), 1.0)
+
+    ratios = jax.vmap(enlarged)(
+        elastic[np.array(ways)], tables, block, jnp.moveaxis(left[:, here], 1, 0)
+    )
+    of_each = np.stack([direction == k for k in ways])
+    return jnp.where(of_each.any(0), jnp.maximum(ratios, 1.0).T @ of_each, 1.0)
+
+
+def _energy(a: Array, r: Array) -> Array:
+    """r^H a^-1 r of each row of r, for a small positive matrix."""
+    out = jnp.zeros(len(r), a.dtype)
+    while len(a):
+        first, pivot = r[:, 0], a[0, 0]
+        out = out + jnp.abs(first) ** 2 / pivot
+        r = r[:, 1:] - first[:, None] * (a[0, 1:] / pivot)
+        a = a[1:, 1:] - a[1:, :1] * (a[0, 1:] / pivot)
+    return out
+
+
+_FAR = 64  # functions beyond those of a model: they see layers of a ten thousandth of the length
+
+
+@functools.lru_cache(maxsize=64)
+def _bands(grading: int, counts: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """`_bands_of` each of these numbers, side by side: (n, 2, rows, 4, band), and the block."""
+    each = [_bands_of(grading, n) for n in counts]
+    most = max(len(rows) for found in each for rows in found[:2])
+
+    def longer(rows: np.ndarray) -> np.ndarray:
+        nothing = np.zeros((most - len(rows), *rows.shape[1:]))
+        nothing[:, 0, 0] = 1.0
+        return np.concatenate([nothing, rows])
+
+    sides = np.stack([[longer(rows) for rows in found[:2]] for found in each])
+    return sides, np.stack([block for _, _, block in each])
+
+
+@functools.lru_cache(maxsize=64)
+def _bands_of(grading: int, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Products of functions with themselves and others, of curvatures and by the three parts of
+    tension: of those beyond n, the last one first, with the next ones (far, 4, band); of those up
+    to there, the first one first, with the ones before; of the first beyond n with each other."""
+    width, size = 4 * grading, n + _FAR * grading
+    t, w = legendre.leggauss(grading * (size + 4))
+    xi, rate = ((1 + t) / 2) ** grading, grading * ((1 + t) / 2) ** (grading - 1) / 2
+    root = np.sqrt(w * rate)[:, None]
+    q, r = np.linalg.qr(root * legendre.legvander(t, size - 1))
+    inverse = np.linalg.inv(legendre.legvander(t, t.size - 1))
+    inside = legendre.legval(t, legendre.legint(inverse, lbnd=-1, axis=0)).T * rate[None]
+    slope = inside @ (q * np.sign(np.diag(r)) / root)
+    shapes = (np.ones_like(xi), 1 - xi, (1 - xi**2) / 2)
+    tables = [np.eye(size), *(slope.T @ (root**2 * p[:, None] * slope) for p in shapes)]
+    whole = np.pad(np.stack(tables), ((0, 0), (width, width), (width, width)))
+    places = np.arange(size) + width
+    beyond = [whole[:, i, i : i + width + 1] for i in places[: n - 1 : -1]]
+    before = [whole[:, i, i - width : i + 1][:, ::-1] for i in places[: n + width]]
+    first = slice(n + width, n + 2 * width)
+    return np.stack(beyond), np.stack(before), whole[:, first, first]
+
+
+def _condensed(band: Float[Array, "r band"]) -> Array:
+    """What a symmetric band matrix is to the last of its rows, once those before are eliminated.
+    Rows are those of entries from the diagonal to the ones before; the last row comes first."""
+    width = band.shape[1] - 1
+
+    def eliminate(window: Array, row: Array) -> tuple[Array, None]:
+        whole = jnp.pad(window, ((1, 0), (1, 0))).at[0].add(row).at[1:, 0].add(row[1:])
+        last = whole[:, -1]
+        return (whole - last[:, None] * last[None] / last[-1])[:-1, :-1], None
+
+    # Before the first there are none: a unit matrix, coupled with nothing.
+    window, _ = jax.lax.scan(eliminate, jnp.eye(width, dtype=band.dtype), band)
+    return window
 
 
 def _stiffness(rotor: Rotor) -> tuple[Float[Array, " 3"], Any]:

@@ -25,6 +25,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import check_kind, count_functions
 from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
+from jaxbeam._models.bases.layered import LAYERS, Layered, has_layers, is_soft
 from jaxbeam._models.bases.loads import Counts, Kind, Mixes, Profile
 from jaxbeam._models.bases.shapes import (
     Shapes,
@@ -45,7 +46,7 @@ from jaxbeam._models.contract.supports import (
     Neglects,
     check_supported,
 )
-from jaxbeam._models.modal import higher_functions
+from jaxbeam._models.modal import finer, higher_functions
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._models.modal.coned import coned_system
@@ -106,6 +107,13 @@ class _Modal(CartesianModel):
         if rotor.root_springs is not None and not follows(own, rotor):
             own = Yielding(own, *(spring is not None for spring in rotor.springs))
         return dataclasses.replace(self, basis=own)
+
+    def judged(self, rotor: Rotor) -> bool:
+        """Also of a uniform beam, by default: with as many functions as the class has by itself in
+        each direction that it has, or with layers."""
+        own = ((self.n_in_plane, type(self).n_in_plane), (self.n_flap, type(self).n_flap))
+        by_default = all(n in (0, default) for n, default in own)
+        return super().judged(rotor) or by_default or has_layers(self.basis)
 
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array | None:
         """What pulls at sections in steady rotation, in N; None in a theory that does not know."""
@@ -168,7 +176,9 @@ class _Linear(_Modal):
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
         """The estimate for uniform beams, by what the next functions would add:
-        `higher_functions.py`; for others as in `_Modal`."""
+        `higher_functions.py`, `finer.py`; for others as in `_Modal`."""
+        if has_layers(self.basis) and rotor.precone is None:
+            return finer.frequency_error(self, rotor, speed, eigenvalue, shape)
         if rotor.varies or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
         # What derives from these may have terms that are not known there.
@@ -196,6 +206,21 @@ class Hybrid(_Linear):
     supports_in_matrices = frozenset({"precone"})
     called = "hybrid"
     neglects = Neglects(deflection=0.3, strain=0.4)
+
+    def at_speed(self, rotor: Rotor, speed: Any) -> Self:
+        """By default layers, of a uniform beam so soft that polynomials leave out 1e-6 and more."""
+        own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
+        if own != Polynomials() or rotor.varies or not self.judged(rotor):
+            return self
+        if not is_soft(rotor, speed):
+            return self
+        basis: Basis = Layered()
+        if isinstance(self.basis, Yielding):
+            basis = dataclasses.replace(self.basis, basis=basis)
+        counts = {
+            name: n + LAYERS for name in ("n_in_plane", "n_flap") if (n := getattr(self, name))
+        }
+        return dataclasses.replace(self, basis=basis, **counts)
 
     @property
     def foreshortens(self) -> bool:

@@ -1,0 +1,166 @@
+"""Functions for soft beams, with the thin layers that tension leaves to bending at both ends.
+
+Where tension carries a beam its slope follows a string's, but for layers of width sqrt(EI / P) in
+which bending turns it to what the ends ask for: a clamp, a body at the tip, an end without moment.
+There curvature goes with exp(-kappa xi), kappa = L sqrt(P / EI), and polynomials need some
+kappa^(1/2) functions to follow it. Exponentials of a geometric series of kappa are together what
+any of them is, to an error that falls exponentially with their number: so functions need not know
+how soft a beam is.
+
+All is in NumPy, at Gauss points of segments that get shorter towards both ends: curvatures are
+made orthonormal there and then integrated, so that slopes and values belong to them to rounding.
+"""
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.polynomial import legendre
+
+from jaxbeam._models.bases.basis import Basis, Functions, Polynomials, Yielding, segments
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.span import Span
+from jaxbeam._types import is_concrete
+
+_SOFTEST, _STIFFEST = 3e5, 40.0  # kappa of the layers
+_ROOT, _TIP = 18, 10  # layers at either end: there is less to follow at the tip
+LAYERS = _ROOT + _TIP
+_POINTS = 10  # of each segment: the narrowest layer is e^-20 where it ends
+_HALVINGS, _MIDDLE = 20, 4  # segments at the ends are 2^-20 long, and in the middle 2^-4
+_MORE = 12  # polynomials beyond those of a model, which tell what these leave out
+
+_Array = np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Layered(Basis):
+    """Polynomials, and layers at both ends, for beams that rotation or a tip mass holds out.
+
+    Of n bending functions 28 are layers, exponentials exp(-kappa xi) and exp(-kappa (1 - xi)) of
+    kappa from 40 to 3e5, and n - 28 polynomials, of which 16 are enough for three modes each way.
+    They follow a beam whose kappa = L sqrt(P / EI), P its tension at the root, is anything up to
+    1e5; `Hybrid()` takes them by itself where that is above 40 and numbers are known, and under
+    `jit`, `vmap` and `grad` `Hybrid(10, 44, 44, jb.models.Layered())` does.
+
+    Raises `ValueError` where there are no more than 28 bending functions.
+    """
+
+    def bending(self, n: int, xi: _Array) -> Functions:
+        return _at(n - LAYERS, False, xi)
+
+    def stretch(self, n: int, xi: _Array) -> Functions:
+        return Polynomials().stretch(n, xi)
+
+    def quadrature(self, n: int) -> tuple[_Array, _Array]:
+        span = segments(_edges(), _POINTS)
+        return span.xi, span.weight
+
+    def rule(self, n: int, edges: tuple[float, ...]) -> Span:
+        own = np.array(_edges())
+        # What is next to an edge of the beam makes way for it.
+        far = np.min(np.abs(own[:, None] - np.array(edges[1:-1])), 1, initial=1.0) > 1e-9
+        return segments(tuple(sorted({*own[far].tolist(), *edges})), _POINTS)
+
+
+@dataclasses.dataclass(frozen=True)
+class Finer(Layered):
+    """The functions of `Layered`, and behind them others: more polynomials, and layers in between."""
+
+    def bending(self, n: int, xi: _Array) -> Functions:
+        return _at(n - more_functions() - LAYERS, True, xi)
+
+
+def has_layers(basis: Basis | None) -> bool:
+    """Whether a basis is this one, be it at a root that yields."""
+    return isinstance(basis.basis if isinstance(basis, Yielding) else basis, Layered)
+
+
+def massless(basis: Basis | None, dtype: Any) -> float:
+    """What to add to the mass matrix, over the mass. Layers carry next to none, less than rounding
+    makes of it, which need not be positive: by 50 roundings of int f'' f'' it is, and frequencies
+    are lower by as many times kappa or less."""
+    return 50 * float(jnp.finfo(dtype).eps) if has_layers(basis) else 0.0
+
+
+def is_soft(rotor: Rotor, speed: Any) -> bool:
+    """Whether a uniform beam, at a speed in rad/s, is so soft that 16 polynomials leave out more
+    than 1e-6 of a frequency; not, where numbers are traced or have 32 bits."""
+    if not is_concrete((rotor, speed)) or jnp.finfo(jnp.result_type(speed)).bits <= 32:
+        return False
+    rotor, speed = jax.tree.map(np.asarray, (rotor, speed))  # whose arithmetic is not compiled
+    beam, (c0, c1, c2) = rotor.beam, rotor.tension(speed)
+    softer = np.minimum(beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
+    return bool((c0 + c1 + c2 / 2) * beam.length**2 > _STIFFEST**2 * softer)
+
+
+def more_functions() -> int:
+    """How many functions of bending `Finer` has beyond those of `Layered`."""
+    return _MORE + LAYERS - 2
+
+
+def _edges() -> tuple[float, ...]:
+    near = 2.0 ** np.arange(-_HALVINGS, -_MIDDLE)
+    middle = np.linspace(0.0, 1.0, 2**_MIDDLE + 1)
+    return tuple(np.concatenate([[0.0], near, middle[1:-1], 1 - near[::-1], [1.0]]).tolist())
+
+
+def _layers(xi: _Array, between: bool) -> list[_Array]:
+    """Curvatures of the layers, or of ones in between."""
+    columns = []
+    for count, x in ((_ROOT, xi), (_TIP, 1 - xi)):
+        kappas = np.geomspace(_STIFFEST, _SOFTEST, 2 * count - 1)[int(between) :: 2]
+        columns += [np.exp(-kappa * x) * kappa**0.5 for kappa in kappas]
+    return columns
+
+
+def _curvatures(polynomials: int, finer: bool, xi: _Array) -> _Array:
+    """Of all functions, before they are made orthonormal."""
+
+    def degrees(first: int, last: int) -> list[_Array]:
+        return [legendre.legval(2 * xi - 1, np.eye(last)[k]) for k in range(first, last)]
+
+    columns = degrees(0, polynomials) + _layers(xi, False)
+    if finer:
+        columns += degrees(polynomials, polynomials + _MORE) + _layers(xi, True)
+    return np.stack(columns, 1)
+
+
+@functools.lru_cache(maxsize=16)
+def _tables(polynomials: int, finer: bool) -> tuple[_Array, _Array, _Array]:
+    """Values, slopes and curvatures at the points, (segments, points, n)."""
+    if polynomials < 1:
+        raise ValueError(f"Layered has {LAYERS} layers: take more bending functions than that")
+    span = segments(_edges(), _POINTS)
+    root = np.sqrt(span.weight)[:, None]
+    q, r = np.linalg.qr(root * _curvatures(polynomials, finer, span.xi))
+    curvature = q * np.sign(np.diag(r)) / root
+    curvature = curvature.reshape(-1, _POINTS, curvature.shape[1])
+    slope = _integrated(curvature)
+    return _integrated(slope), slope, curvature
+
+
+def _integrated(f: _Array) -> _Array:
+    """int_0^xi f at the points of each segment."""
+    t, w = legendre.leggauss(_POINTS)
+    half = np.diff(_edges())[:, None, None] / 2
+    powers = legendre.legint(np.linalg.inv(legendre.legvander(t, _POINTS - 1)), lbnd=-1, axis=0)
+    inside = legendre.legval(t, powers).T @ f * half
+    whole = w @ f * half[:, 0]
+    before: _Array = np.cumsum(whole, 0) - whole
+    return inside + before[:, None]
+
+
+def _at(polynomials: int, finer: bool, xi: _Array) -> Functions:
+    edges, xi = np.array(_edges()), np.asarray(xi, float)
+    where = np.clip(np.searchsorted(edges, xi, side="right") - 1, 0, edges.size - 2)
+    nodes, _ = legendre.leggauss(_POINTS)
+    t = 2 * (xi - edges[where]) / np.diff(edges)[where] - 1
+    rows = legendre.legvander(t, _POINTS - 1) @ np.linalg.inv(
+        legendre.legvander(nodes, _POINTS - 1)
+    )
+    return Functions(
+        *(np.einsum("pi,pin->pn", rows, f[where]) for f in _tables(polynomials, finer))
+    )

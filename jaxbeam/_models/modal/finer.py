@@ -1,0 +1,60 @@
+"""What functions with layers leave out of a frequency: what a finer set of them adds.
+
+The functions of `Layered` are the first of those of `Finer`. With the residual r = Q(l) x of a mode
+x among these, Q(l) = l^2 M + l G + K, which is zero for its own functions, to second order
+
+    |d l| = r^H (K + W^2 M)^-1 r / |x^H (2 l M + G) x|,
+
+W the speed, where K + W^2 M, which holds motion in plane as it does flap, stands for Q: what is
+left out is far above the mode. (`truncation.py` takes the
+compliance of bending alone for K^-1, which of a beam that tension holds says too little.)
+"""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.bases.basis import Yielding
+from jaxbeam._models.bases.layered import Finer, more_functions
+from jaxbeam._numerics.linalg import solve_columns
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._types import Scalar
+
+
+def frequency_error(
+    model: Any, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
+) -> Float[Array, " k"]:
+    """Estimate for each eigenvalue, relative; zero for zero ones. `shape` (k, n) are modes with
+    unit modal mass."""
+    more = more_functions()
+    counts = [n + more * (n > 0) for n in model.counts[1:]]
+    basis = Finer()
+    if isinstance(model.basis, Yielding):
+        basis = dataclasses.replace(model.basis, basis=basis)
+    finer = dataclasses.replace(model, n_in_plane=counts[0], n_flap=counts[1], basis=basis)
+    system = finer.matrices(rotor, speed)
+    ways = zip(finer.counts, model.counts, strict=True)
+    own = np.concatenate([np.arange(many) < few for many, few in ways])
+    x = jnp.zeros((len(shape), own.size), shape.dtype).at[:, np.flatnonzero(own)].set(shape)
+    lam = eigenvalue[:, None]
+    mass, gyroscopic = x @ system.mass.T, x @ system.gyroscopic.T
+    left = lam**2 * mass + lam * gyroscopic + x @ system.stiffness.T
+    left = jnp.where(own[None], 0.0, left)
+    holds = system.stiffness + speed**2 * system.mass
+    both = solve_columns(holds, jnp.concatenate([left.real, left.imag]).T)
+    real, imaginary = jnp.split(both.T, 2)
+    energy = jnp.sum(left.real * real + left.imag * imaginary, 1)
+    slope = jnp.sum(x.conj() * (2 * lam * mass + gyroscopic), 1)
+    return relative(energy, jnp.abs(slope) * jnp.abs(eigenvalue))
+
+
+def relative(change: Array, scale: Array) -> Array:
+    """The error of an eigenvalue l, relative to the right one, by the change of l^2 / 2 over that
+    of `scale`, l^2: also where little is left of it. Zero for zero ones."""
+    positive = scale > 0
+    error = jnp.abs(change) / jnp.where(positive, scale, 1.0)
+    left = jnp.log1p(-jnp.minimum(2 * error, 1 - 1e-4))
+    return jnp.where(positive, jnp.maximum(jnp.expm1(-left / 2), error), 0.0)
