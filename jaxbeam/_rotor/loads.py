@@ -21,6 +21,8 @@ from jaxbeam._checks import (
     traceable,
 )
 from jaxbeam._rotor.motion import (
+    Clock,
+    Later,
     Times,
     check_function_of_time,
     function_of_time,
@@ -185,6 +187,20 @@ class Loads(eqx.Module):
         xi, weight = points_within((0.0, *self.kinks, 1.0))
         force = self.along_span(t, xi, length)
         return None if force is None else length * jnp.stack([weight, weight * xi]) @ force
+
+    def since(self, origin: Scalar) -> "Loads":
+        """The same loads by a clock that shows zero at time `origin` (s), as `Motion.since`."""
+        clock, parts = Clock(origin, self.jump_times()), {}
+        for name in ("tip_force", "tip_moment", "force_per_length"):
+            if callable(part := getattr(self, name)):
+                parts[name] = Later(part, clock)
+        for name in ("changes", "jumps"):
+            if (times := getattr(self, name)) is not None:
+                parts[name] = times - origin
+        loads: Loads = eqx.tree_at(
+            lambda s: tuple(getattr(s, name) for name in parts), self, tuple(parts.values())
+        )
+        return loads
 
     def change_times(self) -> Times:
         """The times that were given as `changes`."""

@@ -248,6 +248,11 @@ class TabulatedSpeed(Spin):
     def valid(self, t: Scalar) -> Array:
         return super().valid(t) & jnp.all(jnp.diff(self.times) > 0)
 
+    def since(self, origin: Scalar) -> "TabulatedSpeed":
+        """The table with other times: the difference of times that are close is exact."""
+        table: TabulatedSpeed = eqx.tree_at(lambda s: s.times, self, self.times - origin)
+        return table
+
     def _piece(self, t: Scalar) -> tuple[Scalar, Scalar, Array, Scalar]:
         """Time since the piece at t began, time beyond the table, and the piece."""
         first, last = self.times[0], self.times[-1]

@@ -53,8 +53,7 @@ class _Following(diffrax.AbstractStepSizeController):
     ) -> Any:
         """The end of the first step, and the state of the controller."""
         step_limits = self.step_limits
-        # With jumps a run begins a moment late, which some controllers would refuse.
-        wanted, inner = self.controller.init(terms, step_limits.start, t1, y0, dt0, args, *rest)
+        wanted, inner = self.controller.init(terms, t0, t1, y0, dt0, args, *rest)
         state = _Followed(
             jnp.asarray(wanted),
             inner,
@@ -78,25 +77,25 @@ class _Following(diffrax.AbstractStepSizeController):
             wanted = step_limits.resting(args, y1_candidate, start, wanted)
         else:
             # It knows the steps that it wants alone, and not those into which they are divided.
-            whole = step_limits.pauses.passed(t1) >= state.wanted  # which may be within a pause
+            # What it wanted may be one with a declared time.
+            whole = t1 >= state.wanted - step_limits.pauses.near
             start = jnp.where(whole, start, t1)
             wanted = jnp.where(whole, wanted, state.wanted)
             inner = _chosen(whole, inner, state.inner)
 
         h = length(t0, t1)
-        hub, *_ = inputs_along(args, t0, h)
+        hub, *_ = inputs_along(args.within(t0, t1), t0, h)
         velocities = jax.vmap(args.velocities_of)(hub)
         rate = jax.vmap(args.velocity_rates_of)(hub)
         before = state.velocities
         if args.jumps.size:
-            before = jnp.where(args.jumped(t0), velocities[0], before)
+            before = jnp.where(step_limits.pauses.jumped(t0), velocities[0], before)
         mismatch = velocities[-1] - before - h * (WEIGHTS @ rate[1:-1])
         speed = jnp.maximum(state.speed, jnp.max(jnp.abs(velocities)))
         off, rounding = jnp.max(jnp.abs(mismatch)), float(jnp.finfo(h.dtype).eps)
-        shortest = h <= jnp.maximum(
-            _SHORTEST * step_limits.duration, 16 * step_limits.pauses.margin
-        )
-        seen = shortest | (off <= (_MISMATCH + 32 * rounding) * speed)
+        shortest = h <= jnp.maximum(_SHORTEST * step_limits.duration, step_limits.pauses.near)
+        unknown = step_limits.rounding * jnp.max(jnp.abs(rate))  # since times are rounded
+        seen = shortest | (off <= (_MISMATCH + 32 * rounding) * speed + unknown)
         missed = state.missed + mismatch
 
         kept = keep & seen
@@ -106,12 +105,11 @@ class _Following(diffrax.AbstractStepSizeController):
         jump = shortest & (off > (_JUMP + 1e2 * rounding) * speed)
         lost = kept & (jump | (jnp.max(jnp.abs(missed)) > (_MISSED + 1e3 * rounding) * speed))
         result = diffrax.RESULTS.where(lost, MOTION_MISSED, result)
-        if step_limits.pauses.opens.size:
-            resumed = step_limits.pauses.passed(start)
-            stopped = kept & (resumed > start)
+        if step_limits.pauses.first.size:
+            stopped = kept & step_limits.pauses.at(t1)
             jumped = jumped | stopped
-            start = jnp.where(stopped, resumed, start)
-            # A controller that knows of the same times may want a step that ends within the pause.
+            # A controller that knows of the same times leaves a gap at them.
+            start = jnp.where(stopped, t1, start)
             wanted = jnp.where(stopped & (wanted <= start), start + h, wanted)
         end = jnp.where(
             again,
@@ -186,13 +184,13 @@ class AfterImpulse(diffrax.AbstractWrappedSolver):
         """What the solver within has."""
         return self.solver.error_order(terms)
 
-    def init(self, *args: Any) -> Any:
-        """What the solver within has."""
-        return self.solver.init(*args)
+    def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: Scene) -> Any:
+        """What the solver within has, after a jump at t0."""
+        return self.solver.init(terms, t0, t1, y0, args.within(t0))
 
-    def func(self, *args: Any) -> Any:
-        """What the solver within has."""
-        return self.solver.func(*args)
+    def func(self, terms: Any, t0: Any, y0: State, args: Scene) -> Any:
+        """What the solver within has, after a jump at t0."""
+        return self.solver.func(terms, t0, y0, args.within(t0))
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: State, args: Scene, solver_state: Any,
@@ -201,6 +199,6 @@ class AfterImpulse(diffrax.AbstractWrappedSolver):
         """One step, after the impulse if there is one."""
         if made_jump is not False:
             # Steps also resume after what begins or ends smoothly, and where a controller says so.
-            after_impulse = made_jump & args.jumped(t0)
+            after_impulse = made_jump & args.pauses.jumped(t0)
             y0 = jax.lax.cond(after_impulse, lambda: args.after_impulse(t0, y0), lambda: y0)
-        return self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
+        return self.solver.step(terms, t0, t1, y0, args.within(t0, t1), solver_state, made_jump)

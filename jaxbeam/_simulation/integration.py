@@ -1,7 +1,7 @@
 """The way from a scene to the solution of diffrax: by our own loop, or by that of diffrax."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import optimistix
 from jax.flatten_util import ravel_pytree
+from jax.tree_util import Partial
 from jaxtyping import Array
 
 from jaxbeam._results import without_derivatives
@@ -23,30 +24,106 @@ from jaxbeam._types import Scalar
 # Controllers that never tell of a jump, which saves code; with others one may come at any step.
 _NEVER_JUMP = (diffrax.PIDController, diffrax.ConstantStepSize, diffrax.StepTo)
 
+_SAVE_STATE = diffrax.SubSaveAt(t1=True).fn  # what diffrax has where no function is given
+
 EnergySamples = tuple[Array, State] | None  # times, infinite where a run did not get, and states
 
 
+class Calendar(NamedTuple):
+    """Outputs at `times` by the user's clock, of a run that counts time since an `origin`."""
+
+    times: Array
+    origin: Scalar
+
+    @property
+    def since(self) -> Array:
+        """The times, since the origin."""
+        return self.times - self.origin
+
+    def event(self, event: diffrax.Event | None) -> diffrax.Event | None:
+        """An event whose conditions ask by the user's clock."""
+        if event is None:
+            return None
+        found = jax.tree.map(
+            lambda f: Partial(_by_clock, f, self.origin), event.cond_fn, is_leaf=callable
+        )
+        return eqx.tree_at(lambda e: e.cond_fn, event, found, is_leaf=callable)
+
+    def dated(self, solution: diffrax.Solution) -> diffrax.Solution:
+        """A solution by the time since the origin, by the user's clock."""
+        t0, t1, ts = jax.tree.map(
+            lambda t: self.origin + t, (solution.t0, solution.t1, solution.ts)
+        )
+        path = solution.interpolation
+        dense = None if path is None else _Dense(path, self.origin)
+        out: diffrax.Solution = eqx.tree_at(
+            lambda s: (s.t0, s.t1, s.ts, s.interpolation), solution, (t0, t1, ts, dense),
+            is_leaf=lambda x: x is None,
+        )  # fmt: skip
+        return out
+
+    def saved(self, sub: diffrax.SubSaveAt, scene: Scene) -> diffrax.SubSaveAt:
+        """What diffrax saves, with times since the origin, by a function that asks by the clock."""
+        if sub.fn is not _SAVE_STATE:
+            sub = eqx.tree_at(lambda s: s.fn, sub, Partial(_by_clock, sub.fn, self.origin))
+        if sub.ts is None:
+            return sub
+        times = _after_jumps(scene, sub.ts - self.origin, self.since[-1])
+        return eqx.tree_at(lambda s: s.ts, sub, times)
+
+    def controller(self, given: Any) -> Any:
+        """A controller of diffrax that knows times, with these since the origin."""
+        if isinstance(given, diffrax.StepTo):
+            return diffrax.StepTo(given.ts - self.origin)
+        if not isinstance(given, diffrax.ClipStepSizeController):
+            return given
+        moved = (
+            None if times is None else times - self.origin
+            for times in (given.step_ts, given.jump_ts)
+        )  # fmt: skip
+        return eqx.tree_at(
+            lambda c: (c.step_ts, c.jump_ts, c.controller), given,
+            (*moved, self.controller(given.controller)), is_leaf=lambda leaf: leaf is None,
+        )  # fmt: skip
+
+
+def _after_jumps(scene: Scene, times: Array, end: Scalar) -> Array:
+    """Times of outputs: at a jump, what comes after is asked for, if anything does."""
+    if not scene.jumps.size:
+        return times
+    own, end = without_derivatives((times, end))
+    return times + (jnp.minimum(jax.vmap(scene.pauses.after)(own), end) - own)
+
+
+def _by_clock(function: Any, origin: Scalar, t: Any, y: Any, args: Scene, **more: Any) -> Any:
+    """A user's function of time, state and scene, so long after the origin."""
+    for name in ("t0", "t1"):
+        if name in more:
+            more[name] = more[name] + origin
+    return function(t + origin, y, args.since(-origin), **more)
+
+
 def integrate(
-    scene: Scene, y0: State, start: Scalar, times: Array, solver: diffrax.AbstractSolver,
+    scene: Scene, y0: State, calendar: Calendar, solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController, dt0: Any,
     event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
 ) -> tuple[diffrax.Solution, EnergySamples]:  # fmt: skip
-    """Outputs at `times` (and at the end of the run, with an event), and states all along the run;
-    with the discrete adjoint, or if `adjoint` is `ForwardMode` with derivatives in that mode.
-
-    The first step begins at `start`, a moment after the first time if something jumps there.
-    """
+    """Outputs at the times of a calendar (and at the end of the run, with an event), and states all
+    along the run by its own time; with the discrete adjoint, or if `adjoint` is `ForwardMode` with
+    derivatives in that mode."""
     inner = getattr(controller, "controller", controller)
     settings = Settings(
         second_order_term(solver), solver, controller, dt0, event,
         is_far if event is None else None, max_steps,
-        bool(scene.pauses.opens.size) or not isinstance(inner, _NEVER_JUMP),
+        bool(scene.pauses.first.size) or not isinstance(inner, _NEVER_JUMP),
     )  # fmt: skip
     # Outputs may miss where energies are large.
-    watch = jnp.maximum(without_derivatives(during(times)), start)
-    every = jnp.sort(jnp.concatenate([times, watch]))
+    wanted = calendar.since
+    watch = without_derivatives(during(wanted))
+    start, every = wanted[0], jnp.sort(jnp.concatenate([wanted, watch]))
+    asked = _after_jumps(scene, every, every[-1])
     scene = _prepared(scene, solver).with_closures_traced(start)
-    inputs, constant = Inputs(scene, y0, start, every), without_derivatives(settings)
+    inputs, constant = Inputs(scene, y0, start, asked), without_derivatives(settings)
     came = integrate_steps(constant, inputs)[0] if adjoint is not None else run(inputs, constant)
     n = y0.q.size
 
@@ -58,21 +135,22 @@ def integrate(
     def states(outputs: Array) -> State:
         return State(outputs[:, :n], outputs[:, n:-1], outputs[:, -1])
 
-    ts, outputs = at(times)
+    seconds, outputs = at(wanted)
+    ts = jnp.where(jnp.isfinite(seconds), calendar.times, jnp.inf)
     happened = came.stopped
     for each in came.happened:
         happened |= each
     mask = None
     if event is not None:
         end, last = _end(settings, inputs, event, came)
-        ts = jnp.append(jnp.where(ts <= end, ts, jnp.inf), jnp.inf)
+        ts = jnp.append(jnp.where(seconds <= end, ts, jnp.inf), jnp.inf)
         place = jnp.sum(jnp.isfinite(ts))
-        ts = ts.at[place].set(end)
+        ts = ts.at[place].set(calendar.origin + end)
         outputs = jnp.concatenate([outputs, last[None]]).at[place].set(last)
         structure = jax.tree.structure(event.cond_fn, is_leaf=callable)
         mask = jax.tree.unflatten(structure, came.happened)
     solution = diffrax.Solution(
-        t0=start, t1=times[-1], ts=ts, ys=states(outputs), interpolation=None,
+        t0=calendar.times[0], t1=calendar.times[-1], ts=ts, ys=states(outputs), interpolation=None,
         stats={
             "num_steps": came.steps, "num_accepted_steps": came.kept,
             "num_rejected_steps": came.steps - came.kept, "max_steps": max_steps,
@@ -143,37 +221,60 @@ def is_far(scene: Scene, y: State) -> Array:
 
 
 def by_diffrax(
-    scene: Scene, y0: State, start: Scalar, times: Array, solver: diffrax.AbstractSolver,
+    scene: Scene, y0: State, calendar: Calendar, solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController, dt0: Any,
     event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> tuple[diffrax.Solution, EnergySamples]:  # fmt: skip
     """A run by diffrax itself, with all that it knows: what is saved, progress, other adjoints."""
-    scene = _prepared(scene, solver)
+    scene, times = _prepared(scene, solver), calendar.since
     watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)
     if saveat is None:
-        saveat = diffrax.SaveAt(ts=times, t1=event is not None)
-    saveat, _ = held_within(saveat, times, start)
+        saveat = diffrax.SaveAt(ts=calendar.times, t1=event is not None)
+    saveat = _each(lambda sub: calendar.saved(sub, scene), saveat)
     if watched:
         # See above.
-        watch = diffrax.SubSaveAt(
-            ts=during(jnp.stack([start, times[-1]])), fn=lambda t, y, args: without_derivatives(y)
-        )
+        watch = diffrax.SubSaveAt(ts=during(times), fn=lambda t, y, args: without_derivatives(y))
         saveat = eqx.tree_at(lambda s: s.subs, saveat, (saveat.subs, watch))
         event = diffrax.Event(_runaway) if event is None else event
     solution = diffrax.diffeqsolve(
-        second_order_term(solver), solver, start, times[-1], dt0, y0, scene, saveat=saveat,
+        second_order_term(solver), solver, times[0], times[-1], dt0, y0, scene, saveat=saveat,
         stepsize_controller=controller, max_steps=max_steps, throw=False, event=event,
         adjoint=diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
         progress_meter=diffrax.NoProgressMeter() if progress_meter is None else progress_meter,
     )  # fmt: skip
     if not watched:
-        return solution, None
+        return calendar.dated(solution), None
     assert solution.ts is not None
     assert solution.ys is not None
     (ts, seen), (ys, states) = solution.ts, solution.ys
     own = eqx.tree_at(lambda s: (s.ts, s.ys), solution, (ts, ys), is_leaf=lambda x: x is None)
-    return own, (seen, states)
+    return calendar.dated(own), (seen, states)
+
+
+class _Dense(diffrax.AbstractPath):
+    """Dense output of a run that counts time since an origin, by the user's clock."""
+
+    interpolation: Any
+    origin: Scalar
+
+    @property
+    def t0(self) -> Any:
+        return self.interpolation.t0 + self.origin
+
+    @property
+    def t1(self) -> Any:
+        return self.interpolation.t1 + self.origin
+
+    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
+        """The state at t0, or its change from t0 to t1."""
+        if t1 is not None:
+            t1 = t1 - self.origin
+        return self.interpolation.evaluate(t0 - self.origin, t1, left)
+
+    def derivative(self, t: Any, left: bool = True) -> Any:
+        """The rate of the state at t."""
+        return self.interpolation.derivative(t - self.origin, left)
 
 
 def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
@@ -181,9 +282,7 @@ def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
     return is_far(*without_derivatives((args, y)))
 
 
-def held_within(
-    saveat: diffrax.SaveAt, times: Array, earliest: Scalar | None = None
-) -> tuple[diffrax.SaveAt, Array]:
+def held_within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, Array]:
     """`saveat` with its times held within the run, and whether they were."""
     within = jnp.asarray(True)
 
@@ -192,8 +291,13 @@ def held_within(
         if sub.ts is None:
             return sub
         within &= jnp.all((sub.ts >= times[0]) & (sub.ts <= times[-1]))
-        ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0] if earliest is None else earliest, times[-1])
+        ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0], times[-1])
         return eqx.tree_at(lambda s: s.ts, sub, ts)
 
-    subs = jax.tree.map(held, saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
-    return eqx.tree_at(lambda s: s.subs, saveat, subs, is_leaf=lambda s: s is None), within
+    return _each(held, saveat), within
+
+
+def _each(change: Callable[[diffrax.SubSaveAt], diffrax.SubSaveAt], saveat: Any) -> diffrax.SaveAt:
+    subs = jax.tree.map(change, saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
+    out: diffrax.SaveAt = eqx.tree_at(lambda s: s.subs, saveat, subs, is_leaf=lambda s: s is None)
+    return out

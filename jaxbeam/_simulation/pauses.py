@@ -1,4 +1,4 @@
-"""Spans of time about what is declared, which no step enters."""
+"""Declared times, at which steps end and go on, and what is asked on either side of them."""
 
 import equinox as eqx
 import jax
@@ -6,45 +6,112 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._results import without_derivatives
-from jaxbeam._rotor.motion import Times
+from jaxbeam._rotor.motion import Times, place
 from jaxbeam._types import Scalar
+
+_CLOSE = 1e-11  # times, relative to the run, that are one: less than controllers make a step of
 
 
 class Pauses(eqx.Module):
-    """Steps end where a pause opens and resume where it closes, a few units of rounding later.
+    """Steps end at a declared time, and go on from there: no time is lost.
 
-    A pause reaches from `margin` before a declared time to `margin` after it; declared times that
-    are too close for a step between them share one. No derivatives are taken by what is in here.
+    Declared times that are closer than a step can be are one, and steps end at the first of them.
+    What jumps is asked for on either side, a few units of rounding before the first and after the
+    last. No derivatives are taken by what is in here.
     """
 
-    opens: Times
-    closes: Times
-    jumps: Bool[Array, " k"]  # whether something jumps within
-    margin: Scalar  # s
+    # Of each declared time the first and the last of those that are one with it, in order.
+    first: Times
+    last: Times
+    jumps: Bool[Array, " k"]  # whether something jumps there
+    end: Scalar  # of the run, s
+    near: Scalar  # s: times that are no further apart are one
 
-    def __init__(self, changes: Times, jumps: Float[Array, " j"], margin: Scalar) -> None:
-        changes, jumps, self.margin = without_derivatives((changes, jumps, margin))
-        times = jnp.sort(jnp.concatenate([changes, jumps]))
-        if not times.size:
-            self.opens, self.closes, self.jumps = times, times, times > 0
+    def __init__(
+        self, changes: Times, jumps: Float[Array, " j"], times: Array | None = None
+    ) -> None:
+        """Of a run over `times`, if there is to be one."""
+        changes, jumps, times = without_derivatives((changes, jumps, times))
+        every = jnp.concatenate([changes, jumps])
+        zero = jnp.zeros((), every.dtype)
+        start, self.end, self.near = zero - jnp.inf, zero + jnp.inf, zero
+        if times is not None:
+            start, self.end = times[0], times[-1]
+            # The loop makes no step that is shorter, and functions of time know no jump better.
+            unit = float(jnp.finfo(zero.dtype).eps)
+            known = 32 * unit * jnp.maximum(jnp.abs(start), jnp.abs(self.end))
+            self.near = jnp.maximum(max(_CLOSE, 128 * unit) * (self.end - start), known)
+        every = jnp.sort(jnp.where(jnp.isfinite(every), every, jnp.inf))
+        if not every.size:
+            self.first, self.last, self.jumps = every, every, every > 0
             return
-        # Of each time the first and the last of those that it shares its pause with; infinite ones
-        # are not apart, and never come.
-        apart, end = jnp.diff(times) > 4 * self.margin, jnp.ones(1, bool)
-        first = jnp.where(jnp.concatenate([end, apart]), times, -jnp.inf)
-        last = jnp.where(jnp.concatenate([apart, end]), times, jnp.inf)
-        # By halves: of a few times XLA's own `cummax` takes a quarter of a second to compile.
-        opens = jax.lax.associative_scan(jnp.maximum, first)
-        closes = jax.lax.associative_scan(jnp.minimum, last, reverse=True)
-        self.opens, self.closes = opens - self.margin, closes + self.margin
-        own = jumps[None]
-        self.jumps = jnp.any((self.opens[:, None] < own) & (own < self.closes[:, None]), 1)
+
+        def one(first: Scalar, t: Scalar) -> tuple[Scalar, Scalar]:
+            first = jnp.where(t > first + self.near, t, first)
+            return first, jnp.minimum(first, t)  # which is t before the run
+
+        # One after the other, so that no pause is longer than `near`, however many times there are.
+        _, self.first = jax.lax.scan(one, start, every, unroll=every.size <= 8)
+        self.last = every[_places(self.first, self.first, "right") - 1]
+        jumps = jnp.sort(jumps)
+        self.jumps = _places(jumps, self.last, "right") > _places(jumps, self.first, "left")
+
+    def since(self, origin: Scalar) -> "Pauses":
+        """The same by a clock that shows zero at time `origin`."""
+        pauses: Pauses = eqx.tree_at(
+            lambda s: (s.first, s.last, s.end), self,
+            (self.first - origin, self.last - origin, self.end - origin),
+        )  # fmt: skip
+        return pauses
 
     def ahead(self, t: Scalar) -> Scalar:
-        """Where the next pause opens after t."""
-        return jnp.min(jnp.where(self.opens > t, self.opens, jnp.inf), initial=jnp.inf)
+        """The next declared time after t, unless the run ends with it."""
+        i = place(self.first, t, "right")
+        stop = self.first[jnp.minimum(i, self.first.size - 1)]
+        there = (i < self.first.size) & (stop < self.end - self.near)
+        return jnp.where(there, stop, jnp.inf)
 
-    def passed(self, t: Scalar) -> Scalar:
-        """t, or where the pause closes in which a step ended at t, rounded as it may be."""
-        within = (self.opens - self.margin / 2 <= t) & (t < self.closes)
-        return jnp.max(jnp.where(within, self.closes, t), initial=t)
+    def at(self, t: Scalar) -> Array:
+        """Whether a step that ends at t ends at a declared time."""
+        return self.first[self._of(t)] == t
+
+    def jumped(self, t: Scalar) -> Array:
+        """Whether something jumps where a step ends or begins at t."""
+        i = self._of(t)
+        return self.jumps[i] & (self.first[i] == t)
+
+    def before(self, t: Scalar) -> Scalar:
+        """The latest time to ask for in a step that ends at t, infinite where nothing jumps."""
+        i = self._of(t)
+        return jnp.where(self.jumps[i] & (self.first[i] == t), self.early(t), jnp.inf)
+
+    @property
+    def latest(self) -> Scalar:
+        """The latest time to ask for in a run: what jumps where it ends is no part of it."""
+        first = jnp.where(self.jumps & (self.first >= self.end - self.near), self.first, jnp.inf)
+        first = jnp.min(first, initial=jnp.inf)
+        early = self.early(first)
+        return jnp.where(early <= self.end, early, jnp.inf)
+
+    def after(self, t: Scalar) -> Scalar:
+        """The earliest time to ask for in a step that begins at t, which is t where nothing
+        jumps."""
+        i = self._of(t)
+        late = self.last[i] + self._room(self.last[i])
+        return jnp.where(self.jumps[i] & (self.first[i] <= t), jnp.maximum(t, late), t)
+
+    def early(self, t: Times) -> Times:
+        """A few units of rounding before t, which may be infinite."""
+        there = t < jnp.inf
+        return jnp.where(there, t - self._room(jnp.where(there, t, 0.0)), t)
+
+    def _of(self, t: Scalar) -> Array:
+        """Which of the declared times t belongs to, if it does to any."""
+        return jnp.maximum(place(self.first, t, "right") - 1, 0)
+
+    def _room(self, t: Scalar) -> Scalar:
+        return jnp.finfo(t.dtype).eps * (4 * jnp.abs(t) + self.near)
+
+
+def _places(times: Times, of: Times, side: str) -> Array:
+    return jax.vmap(lambda t: place(times, t, side))(of)

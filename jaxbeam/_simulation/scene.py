@@ -18,7 +18,7 @@ from jaxbeam._programs.lanes import total
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import Damping, Loads
-from jaxbeam._rotor.motion import Hub, Motion, Times, skew
+from jaxbeam._rotor.motion import Clock, Hub, Later, Motion, Times, skew
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
@@ -44,8 +44,8 @@ class Scene(SecondOrderSystem):
     motion: Motion
     loads: Loads
     damping: Damping
-    pauses: Pauses  # which steps keep out of
-    last: Scalar  # moment of motion and loads that is part of the run, s
+    pauses: Pauses  # at which steps end
+    between: tuple[Scalar, Scalar] | None  # within what times motion and loads are asked for, s
 
     def __init__(
         self, model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
@@ -56,19 +56,34 @@ class Scene(SecondOrderSystem):
         self.equations = equations_under(model, rotor, loads)
         self.span, self.inverse_mass = SpanLoad.of(self.equations, loads), None
         self.motion, self.loads, self.damping = motion, loads, damping
-        size = self.equations.length
-        latest = jnp.zeros_like(size) if times is None else jnp.max(jnp.abs(times))
-        unit = jnp.finfo(size.dtype).eps
         changes = jnp.concatenate([motion.change_times(), loads.change_times()])
-        self.pauses = Pauses(changes, self.jumps, 4 * unit * latest)
-        self.last = jnp.full_like(size, jnp.inf)
-        if times is not None and self.jumps.size:
-            # What jumps at the end is no part of the run, nor what jumps so shortly before it that
-            # the last step passes over it (see `solvers.run`).
-            pauses, end = self.pauses, jax.lax.stop_gradient(times[-1])
-            ends = pauses.jumps & (pauses.opens <= end)
-            ends &= pauses.closes >= end - 128 * unit * jnp.abs(end)
-            self.last = jnp.min(jnp.where(ends, pauses.opens, jnp.inf))
+        self.pauses = Pauses(changes, self.jumps, times)
+        self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.jumps.size else None
+
+    def since(self, origin: Scalar) -> "Scene":
+        """The same scene by a clock that shows zero at time `origin`, as `Motion.since`."""
+        span, pauses = self.span, self.pauses.since(origin)
+        if span is not None:
+            clock = Clock(origin, self.loads.jump_times())
+            span = SpanLoad(span.integral, Later(span.density, clock))
+        between = None if self.between is None else (self.between[0], pauses.latest)
+        scene: Scene = eqx.tree_at(
+            lambda s: (s.motion, s.loads, s.span, s.pauses, s.between), self,
+            (self.motion.since(origin), self.loads.since(origin), span, pauses, between),
+            is_leaf=lambda leaf: leaf is None,
+        )  # fmt: skip
+        return scene
+
+    def within(self, t0: Scalar, t1: Scalar | None = None) -> "Scene":
+        """The scene of a step from t0 to t1, which asks for what jumps there on its own side."""
+        if self.between is None:
+            return self
+        t0, latest = without_derivatives((t0, self.between[1]))
+        if t1 is not None:
+            latest = jnp.minimum(latest, self.pauses.before(without_derivatives(t1)))
+        earliest = self.pauses.after(t0)
+        scene: Scene = eqx.tree_at(lambda s: s.between, self, (earliest, latest))
+        return scene
 
     @property  # type: ignore[misc]
     def mass(self) -> Matrix | BlockTridiagonal | SmallMatrix:  # type: ignore[override]
@@ -81,7 +96,7 @@ class Scene(SecondOrderSystem):
             return None
         without: Scene = eqx.tree_at(
             lambda s: (
-                s.equations, s.span, s.inverse_mass, s.motion, s.pauses, s.last,
+                s.equations, s.span, s.inverse_mass, s.motion, s.pauses, s.between,
                 s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.loads.changes,
                 s.loads.jumps, s.loads.point_forces,
             ),
@@ -131,8 +146,12 @@ class Scene(SecondOrderSystem):
         return scene
 
     def _within(self, t: Scalar) -> Scalar:
-        """t, or a moment earlier at the end of a run that ends where something jumps."""
-        return jnp.minimum(t, self.last) if self.jumps.size else t
+        """t, or a moment earlier or later where a step ends or begins at something that jumps."""
+        if self.between is None:
+            return t
+        own = jax.lax.stop_gradient(t)
+        earliest, latest = self.between
+        return t + (jnp.minimum(jnp.maximum(own, earliest), latest) - own)
 
     @property
     def jumps(self) -> Times:
@@ -142,17 +161,10 @@ class Scene(SecondOrderSystem):
     def after(self, t: Scalar) -> Scalar:
         """t, or a moment later where something jumps at t; at the end of the run, which no jump
         is part of, a moment earlier."""
-        if not self.jumps.size:
+        if self.between is None:
             return t
-        pauses = self.pauses
-        within = pauses.jumps & (pauses.opens < t) & (t < pauses.closes)
-        late = jnp.max(jnp.where(within, pauses.closes - t, 0.0))
-        return self._within(t + jax.lax.stop_gradient(late))
-
-    def jumped(self, t: Scalar) -> Array:
-        """Whether something jumped in a pause that closes at t, where a step begins."""
-        pauses = self.pauses
-        return jnp.any(pauses.jumps & (jnp.abs(pauses.closes - t) < pauses.margin / 2))
+        own = jax.lax.stop_gradient(t)
+        return self._within(t + (self.pauses.after(own) - own))
 
     def velocities_of(self, hub: Hub) -> Float[Array, " 6"]:
         """Velocity of the hub and what its rotation makes of it at the tip, in m/s."""
@@ -165,7 +177,7 @@ class Scene(SecondOrderSystem):
         )
 
     def after_impulse(self, t: Scalar, y: State) -> State:
-        """y after what `jumped` in the pause that closes at t.
+        """y after what jumps at the declared time t.
 
         A jump of the hub's velocities is a rate without end: the generalised momentum that it
         leaves behind is that of the inertia forces, M dq' = -(inertia forces of the jump), q stays,
@@ -173,8 +185,8 @@ class Scene(SecondOrderSystem):
         has derivatives: y goes on to it with the rates before, and back with those after. A load
         may jump at the same time by another parameter: between the two the load alone is new.
         """
-        after = jax.lax.stop_gradient(t)
-        before = self.pauses.opens[jnp.argmin(jnp.abs(self.pauses.closes - after))]
+        t = jax.lax.stop_gradient(t)
+        before, after = self.pauses.before(t), self.pauses.after(t)
         late = _late(self.motion.jump_times(), before, after)
         load_late = _late(self.loads.jump_times(), before, after)
         (old, *old_loads), (new, *new_loads) = self.inputs(before + late), self.inputs(after + late)

@@ -28,6 +28,7 @@ from jaxbeam._simulation.checks import (
 )
 from jaxbeam._simulation.following import MOTION_MISSED, AfterImpulse, following
 from jaxbeam._simulation.integration import (
+    Calendar,
     EnergySamples,
     by_diffrax,
     held_within,
@@ -198,7 +199,8 @@ class _History(NamedTuple):
     reached: Array  # of the times of outputs, (T,)
     times: Array  # where they were reached
     state: State  # NaN where they were not
-    t0: Scalar
+    calendar: Calendar
+    scene: Scene  # by the time since the origin of the calendar
     watch: EnergySamples  # states on the way, for the balance of energy
     ended: Code  # what the solver says
     solution: diffrax.Solution
@@ -222,33 +224,38 @@ def _integrated(
     solver, controller, dt0, event, max_steps, adjoint = how
     ours = isinstance(solver, SecondOrderSolver) and isinstance(adjoint, diffrax.ForwardMode | None)
     backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
-    start_time = times[0]
+    # Time is counted from where the run begins: late times are rounded.
+    calendar = Calendar(times, without_derivatives(times[0]))
+    scene = now.since(calendar.origin)
+    event, controller = calendar.event(event), calendar.controller(controller)
     if not backsolved:
-        controller = following(controller, StepLimits(now, times, *seen))
+        controller = following(controller, StepLimits(scene, times, *seen))
     if now.jumps.size:
-        late = without_derivatives(now.after(times[0]) - times[0])
-        solver, start_time = AfterImpulse(solver), times[0] + late
-        y0 = jax.lax.cond(late > 0, lambda: now.after_impulse(start_time, y0), lambda: y0)
-    how = (now, y0, start_time, times, solver, controller, dt0, event, max_steps, adjoint)
+        solver, start = AfterImpulse(solver), calendar.since[0]
+        jumped = scene.pauses.jumped(without_derivatives(start))
+        y0 = jax.lax.cond(jumped, lambda: scene.after_impulse(start, y0), lambda: y0)
+    how = (scene, y0, calendar, solver, controller, dt0, event, max_steps, adjoint)
     if ours and saveat is None and progress_meter is None:
         solution, watch = integrate(*how)
     else:
         solution, watch = by_diffrax(*how, saveat, progress_meter)
     ended = _solver_status(solution.result, event is None and not backsolved)
     at, state = _saved(solution, times, y0.q.size)
-    at = jnp.where(at <= start_time, times[0], at)
+    if saveat is None:  # as they were given, without rounding on the way there and back
+        own = at[: times.size]
+        rounding = 16 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
+        at = at.at[: times.size].set(jnp.where(jnp.abs(own - times) <= rounding, times, own))
     reached = jnp.isfinite(at)
     state = jax.tree.map(lambda a: jnp.where(_beside(reached, a), a, jnp.nan), state)
-    return _History(y0, reached, at, state, times[0], watch, ended, solution)
+    return _History(y0, reached, at, state, calendar, scene, watch, ended, solution)
 
 
 def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) -> Simulation:
     """The result: its status is that of what was `given`, else of the solver, else of the numbers
     that it found."""
-    reached, at, state, t0 = run.reached, run.times, run.state, run.t0
-    imbalance, near, fits = _account(
-        *without_derivatives((now, t0, run.start, (at, state), run.watch))
-    )
+    reached, at, state, t0 = run.reached, run.times, run.state, run.calendar.times[0]
+    saved = at - run.calendar.origin, state
+    imbalance, near, fits = _account(*without_derivatives((run.scene, run.start, saved, run.watch)))
     finite = finite_rows(jnp.concatenate([state.q, state.v, state.work[:, None]], 1))
     balanced = jnp.abs(imbalance) <= balance_tolerance
     # At once, since each search of so many numbers is some programs of its own to compile.
@@ -283,11 +290,11 @@ def _beside(mask: Array, values: Array) -> Array:
 
 
 def _account(
-    scene: Scene, t0: Scalar, y0: State, saved: tuple[Array, State], watch: EnergySamples
+    scene: Scene, y0: State, saved: tuple[Array, State], watch: EnergySamples
 ) -> tuple[Array, Array, Array]:
     """Account of saved states: change of energy less work over the largest energy; and of these and
     those between, whether no tip is too far away and no element beyond its range."""
-    start = t0[None], jax.tree.map(lambda a: a[None], y0)
+    start = jnp.zeros_like(saved[0], shape=1), jax.tree.map(lambda a: a[None], y0)
     parts = [saved, start] if watch is None else [saved, start, watch]
     times, states = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
     reached = jnp.isfinite(times)
@@ -301,7 +308,7 @@ def _account(
         good = jnp.stack([~is_far(scene, y), scene.equations.is_in_range(y.q)])
         return balance, jnp.sum(jnp.abs(parts)), good
 
-    balance, size, good = jax.vmap(one)(jnp.where(reached, times, t0), states)
+    balance, size, good = jax.vmap(one)(jnp.where(reached, times, 0.0), states)
     # Of motions as small as this (1e-60 lengths) parts are so close to the smallest number that
     # what one piece of the program computes is zero in another.
     least = scene.equations.energy_scale * jnp.finfo(size.dtype).tiny ** 0.4

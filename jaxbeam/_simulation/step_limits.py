@@ -45,19 +45,20 @@ def during(times: Array, parts: int = 64) -> Array:
 class StepLimits(eqx.Module):
     """How far steps may reach, and how fast the hub moves at most; without derivatives."""
 
-    start: Scalar
+    rounding: Scalar  # of times by the clock of motion and loads, s
     spacing: Scalar  # of the samples, s
     longest_step: Float[Array, "64 3"]  # see `_longest_step`, s
-    pauses: Pauses  # which steps keep out of
+    pauses: Pauses  # at which steps end
     at_rest: Scalar  # longest step where nothing has moved yet, s
     velocities: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
     speed: Scalar  # the largest velocity, m/s
 
     def __init__(self, scene: Scene, times: Array, seen: Seen, moment: Scalar) -> None:
-        """`seen` is what acts at `SAMPLES` + 1 times `during` the run, and in a `moment` the first
-        mode moves by a tenth of a radian."""
+        """`scene` counts time since the first of `times`; `seen` is what acts at `SAMPLES` + 1
+        times `during` the run, and in a `moment` the first mode moves by a tenth of a radian."""
         scene, times, (hub, force, span) = without_derivatives((scene, times, seen))
-        self.start, self.spacing = times[0], (times[-1] - times[0]) / SAMPLES
+        self.spacing = (times[-1] - times[0]) / SAMPLES
+        self.rounding = 8 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
         velocities, signals = jax.vmap(scene.velocities_of)(hub), _signals(hub, force, span)
         # At once, since each search of so many numbers is some programs of its own to compile.
         sizes = jnp.stack([jnp.max(jnp.abs(velocities), 1), *jnp.abs(signals)])
@@ -71,7 +72,7 @@ class StepLimits(eqx.Module):
         self.at_rest = jnp.maximum(_AT_REST * without_derivatives(moment), self.spacing)
         self.longest_step = self.spacing * _longest_step(signals, sudden)
         self.pauses = scene.pauses
-        self.velocities = scene.velocities_of(scene.hub(scene.after(times[0])))
+        self.velocities = scene.velocities_of(scene.hub(scene.after(jnp.zeros_like(times[0]))))
 
     @property
     def duration(self) -> Scalar:
@@ -87,15 +88,16 @@ class StepLimits(eqx.Module):
 
     def limit(self, t: Scalar, end: Scalar) -> Scalar:
         """Where a step from t may end, when `end` is wanted."""
-        place = ((t - self.start) / (16 * self.spacing)).astype(int)
+        place = (t / (16 * self.spacing)).astype(int)
         within, cell_end, beyond = self.longest_step[place]
-        end = jnp.minimum(end, jnp.minimum(t + within, self.start + cell_end + beyond))
-        if not self.pauses.opens.size:
+        end = jnp.minimum(end, jnp.minimum(t + within, cell_end + beyond))
+        if not self.pauses.first.size:
             return end
         stop = self.pauses.ahead(t)
         left, h = stop - t, end - t
         # Two steps of one length rather than a long one and a splinter.
-        return jnp.where(h >= left, stop, jnp.where(h > 0.501 * left, t + left / 2, end))
+        half = jnp.where(h > 0.501 * left, t + left / 2, end)
+        return jnp.where(end >= self.pauses.early(stop), stop, half)
 
 
 def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:
