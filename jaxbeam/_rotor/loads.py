@@ -190,10 +190,12 @@ class Loads(eqx.Module):
 
     def since(self, origin: Scalar) -> "Loads":
         """The same loads by a clock that shows zero at time `origin` (s), as `Motion.since`."""
-        clock, parts = Clock(origin, self.jump_times()), {}
+        clock, parts = Clock(origin, self.jump_times()), dict[str, Any]()
         for name in ("tip_force", "tip_moment", "force_per_length"):
             if callable(part := getattr(self, name)):
                 parts[name] = Later(part, clock)
+        if self.point_forces is not None:
+            parts["point_forces"] = self.point_forces.since(clock)
         for name in ("changes", "jumps"):
             if (times := getattr(self, name)) is not None:
                 parts[name] = times - origin

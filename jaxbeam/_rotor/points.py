@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import concrete_array, real_array, require
-from jaxbeam._rotor.motion import check_function_of_time, function_of_time
+from jaxbeam._rotor.motion import Clock, Later, check_function_of_time, function_of_time
 from jaxbeam._rotor.parameters import Parameters
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, along, at_ends, samples
 from jaxbeam._status import Status
@@ -113,6 +113,13 @@ class PointForces(eqx.Module):
     def boxes(self) -> Boxes:
         """The pieces of the span on which they act."""
         return Boxes.about(self.places)
+
+    def since(self, clock: Clock) -> "PointForces":
+        """The same forces by a clock that shows zero at its origin."""
+        if not callable(self.forces):
+            return self
+        later: PointForces = eqx.tree_at(lambda s: s.forces, self, Later(self.forces, clock))
+        return later
 
     def along_span(self, t: Scalar, xi: np.ndarray, length: Number) -> Float[Array, "p 3"]:
         """Force per length at time t and places x / L, in N/m."""
