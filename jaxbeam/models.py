@@ -9,8 +9,8 @@ and `GreenANCF` in finite elements in the plane, `SpatialANCF` in space. Here ar
   element. It fails above a speed, and is here to show where;
 - `SpringRotor`, the two-degree-of-freedom analogue of Yoo, Ryan and Scott, with its models
   `DiscreteNC`, `DiscreteNP`, `DiscreteLC`, `DiscreteLP` and `DiscreteNS`;
-- `Polynomials` and `CantileverModes`, bases for the modal models (`Hybrid(basis=...)`). How many
-  functions are needed is said in docs/vibration.md;
+- `Polynomials`, `CantileverModes` and, for beams that are all but strings, `Layered`: bases for the
+  modal models (`Hybrid(basis=...)`). How many functions are needed is said in docs/vibration.md;
 - `Label` and `Direction`, the names of modes that `jaxbeam.labels` makes;
 - `AbstractModel` and `LinearSystem`, what a model of your own derives from, and what
   `model.linearise` returns: the matrices of mass, gyroscopic coupling and stiffness.
@@ -33,6 +33,7 @@ from jaxbeam._models.ancf.theories import SmallStrainANCF as SmallStrainANCF
 from jaxbeam._models.ancf.theories import TangentANCF as TangentANCF
 from jaxbeam._models.bases.basis import CantileverModes as CantileverModes
 from jaxbeam._models.bases.basis import Polynomials as Polynomials
+from jaxbeam._models.bases.layered import Layered as Layered
 from jaxbeam._models.contract.base import AbstractModel as AbstractModel
 from jaxbeam._models.contract.linear_system import LinearSystem as LinearSystem
 from jaxbeam._models.discrete import DiscreteLC as DiscreteLC

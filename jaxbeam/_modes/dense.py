@@ -29,10 +29,13 @@ ROUNDING = 1e-3  # what rounding may change a frequency by, relative, where that
 TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
 
-def dense_modes(system: LinearSystem, wanted: Wanted, free: bool = False) -> Modes:
+def dense_modes(
+    system: LinearSystem, wanted: Wanted, loose: Bool[Array, " 4"] | None = None
+) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
-    any; with `free` also where hinges leave motions that nothing holds."""
-    chosen = _chosen(system, wanted, free)
+    any. At a root that yields `loose` says in which directions nothing may hold it: there a
+    frequency may be zero, elsewhere one of zero is lost in rounding."""
+    chosen = _chosen(system, wanted, loose is not None)
     eigenvalue, shape = chosen.eigenvalue, chosen.shape
     matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
@@ -40,6 +43,8 @@ def dense_modes(system: LinearSystem, wanted: Wanted, free: bool = False) -> Mod
     accurate = residual.max() <= tolerance  # NaN is not
     if chosen.rounding is not None:
         accurate &= chosen.rounding.max() <= ROUNDING
+    if loose is not None:
+        accurate &= jnp.all((eigenvalue != 0) | loose[chosen.direction])
     found = first_broken(
         (chosen.positive, Status.NO_EQUILIBRIUM),
         (chosen.finite & jnp.all(jnp.isfinite(shape)), Status.NOT_FINITE),
@@ -164,19 +169,26 @@ def _group(
         label = _assign(_participation(m, own, shape, here, sizes, free, bent))
     if system.general:
         shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
-    rounding = _rounding(m, g, k, eigenvalue, shape)
+    rounding = _rounding(m, g, k, eigenvalue, shape, free)
     return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)
 
 
-def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array) -> Array | None:
-    """What rounding may do to frequencies, relative, in single precision, where it is much: to
-    |x|^T |K| |x|, of the lowest modes, which all others have some of, and to |x|^T |M| |x|, over
-    what is left of them; to what is far above the lowest; and how far x^H Q x is from zero."""
-    if jnp.finfo(m.dtype).bits > 32:
+def _rounding(
+    m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: bool
+) -> Array | None:
+    """What rounding may do to frequencies, relative, where it may be much. In double precision that
+    is where a root that is all but `free` leaves little of x^H K x: to |x|^T |K| |x| over that. In
+    single precision to that of the lowest modes, which all others have some of, and to
+    |x|^T |M| |x|, over what is left of them; to what is far above the lowest; and how far x^H Q x
+    is from zero."""
+    double = jnp.finfo(m.dtype).bits > 32
+    if double and not free:
         return None
     moves = eigenvalue != 0
     size, omega = jnp.abs(x), jnp.where(moves, jnp.abs(eigenvalue), jnp.inf)
     stiff, heavy = (jnp.sum(size * (size @ jnp.abs(a)), 1) for a in (k, m))
+    if double:
+        return jnp.finfo(m.dtype).eps * stiff / (2 * omega**2)
     mass, drag, held = (jnp.sum(x.conj() * (x @ a.T), 1) for a in (m, g, k))
     left = jnp.abs(eigenvalue**2 * mass + eigenvalue * drag + held) / omega**2
     mass = jnp.abs(mass)

@@ -18,7 +18,7 @@ from jaxbeam._modes.result import Modes, own_tip
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._programs.batches import batchable, in_rows, mended
 from jaxbeam._programs.platforms import by_platform
-from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import CouplingGroup, Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, Vector
@@ -47,7 +47,7 @@ def search(
 
     def complete(system: LinearSystem, case: _Case) -> tuple[Modes, Mixes | None]:
         rotor, speed, wanted = case
-        found = dense_modes(system, wanted, free)
+        found = dense_modes(system, wanted, _loose(rotor) if free else None)
         shape = found.shape * _sign(model, rotor, system, found)[:, None]
         error = None
         if judged:
@@ -74,6 +74,14 @@ def search(
     if judged and rotor.varies and isinstance(model, CartesianModel):
         return batchable(one, many)(leaves)
     return one(leaves)
+
+
+def _loose(rotor: AnyRotor) -> Bool[Array, " 4"]:
+    """By direction, whether the root has a hinge that no spring holds."""
+    springs = rotor.springs if isinstance(rotor, Rotor) else (None, None)
+    in_plane, flap = (jnp.asarray(spring is not None and spring == 0) for spring in springs)
+    no = jnp.zeros((), bool)
+    return jnp.stack([no, in_plane, flap, no])
 
 
 def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Case) -> _Found:

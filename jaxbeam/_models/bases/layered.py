@@ -67,7 +67,7 @@ class Layered(Basis):
 
 @dataclasses.dataclass(frozen=True)
 class Finer(Layered):
-    """The functions of `Layered`, and behind them others: more polynomials, and layers in between."""
+    """The functions of `Layered`, then others: more polynomials, and layers in between."""
 
     def bending(self, n: int, xi: _Array) -> Functions:
         return _at(n - more_functions() - LAYERS, True, xi)

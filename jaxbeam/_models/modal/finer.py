@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Yielding
-from jaxbeam._models.bases.layered import Finer, more_functions
+from jaxbeam._models.bases.layered import Finer, massless, more_functions
 from jaxbeam._numerics.linalg import solve_columns
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._types import Scalar
@@ -48,6 +48,9 @@ def frequency_error(
     real, imaginary = jnp.split(both.T, 2)
     energy = jnp.sum(left.real * real + left.imag * imaginary, 1)
     slope = jnp.sum(x.conj() * (2 * lam * mass + gyroscopic), 1)
+    # Less what the mass that layers have been given, but have not, takes away.
+    given = massless(model.basis, x.real.dtype) * (rotor.beam.mass + rotor.tip_mass)
+    energy = energy - jnp.abs(eigenvalue) ** 2 * given * jnp.sum(jnp.abs(shape) ** 2, 1)
     return relative(energy, jnp.abs(slope) * jnp.abs(eigenvalue))
 
 

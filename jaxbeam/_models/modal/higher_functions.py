@@ -9,9 +9,9 @@ x, too, only the last coefficients matter. To second order the next functions j 
     |d l| = sum_j |r_j|^2 / |Q_jj| / |x^H (2 l M + G) x|
 
 (with pitch the two of one number, in plane and in flap, have stiffness in common, which counts; and
-of a soft beam, which tension holds more than its stiffness does, Q has much beside its diagonal, and
-takes in functions far beyond the next: so the sum is enlarged as that of a mode which stands still
-would be, `_enlarged`), where |x^H (2 l M + G) x| is 2 |l| for unit modal mass, but for what the Coriolis force does in it.
+in a soft beam, which tension holds more than its stiffness does, the next functions take along
+others before and far beyond, for which `_enlarged` enlarges the sum), where |x^H (2 l M + G) x| is
+2 |l| for unit modal mass, but for what the Coriolis force does in it.
 This is the estimate of `_models/bases/truncation.py` for beams on which all is known beforehand.
 """
 
@@ -179,7 +179,7 @@ def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
         weights = jnp.concatenate([elastic[None], pulls])
         whole = jax.vmap(_condensed)(jnp.einsum("srtj,t->srj", tables, weights))
         own = jnp.tensordot(weights, block, 1)
-        alone = jnp.sum(jnp.abs(r) ** 2 / jnp.diag(own), 1)
+        alone = jnp.sum(jnp.abs(r) ** 2 / jnp.diag(own)[None], 1)
         both = _energy(whole[0] + whole[1, ::-1, ::-1] - own, r)
         return jnp.where(alone > 0, both / jnp.where(alone > 0, alone, 1.0), 1.0)
 
@@ -187,7 +187,7 @@ def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
         elastic[np.array(ways)], tables, block, jnp.moveaxis(left[:, here], 1, 0)
     )
     of_each = np.stack([direction == k for k in ways])
-    return jnp.where(of_each.any(0), jnp.maximum(ratios, 1.0).T @ of_each, 1.0)
+    return jnp.where(of_each.any(0)[None], jnp.maximum(ratios, 1.0).T @ of_each, 1.0)
 
 
 def _energy(a: Array, r: Array) -> Array:
@@ -196,8 +196,8 @@ def _energy(a: Array, r: Array) -> Array:
     while len(a):
         first, pivot = r[:, 0], a[0, 0]
         out = out + jnp.abs(first) ** 2 / pivot
-        r = r[:, 1:] - first[:, None] * (a[0, 1:] / pivot)
-        a = a[1:, 1:] - a[1:, :1] * (a[0, 1:] / pivot)
+        r = r[:, 1:] - first[:, None] * (a[:1, 1:] / pivot)
+        a = a[1:, 1:] - a[1:, :1] * (a[:1, 1:] / pivot)
     return out
 
 
