@@ -91,6 +91,21 @@ def test_columns_and_units_of_elastodyn(old, new, tmp_path):
     is_the_blade(reading(tmp_path, text, length=50.0, axial_stiffness=1e10))
 
 
+def test_each_factor_of_elastodyn_is_that_of_its_column(tmp_path):
+    factors = {"AdjBlMs": 2.0, "AdjFlSt": 3.0, "AdjEdSt": 5.0}
+    text = ELASTODYN
+    for name, factor in factors.items():
+        text = text.replace(f"1 {name}", f"{factor} {name}")
+    plain, given = (
+        reading(tmp_path, each, length=50.0, axial_stiffness=1e10).beam
+        for each in (ELASTODYN, text)
+    )
+    columns = "mass_per_length", "flap_bending_stiffness", "in_plane_bending_stiffness"
+    for column, factor in zip(columns, factors.values(), strict=True):
+        found, exact = (getattr(beam, column).values for beam in (given, plain))
+        np.testing.assert_allclose(found, factor * exact, rtol=1e-14)
+
+
 def test_names_in_small_letters_are_used_and_not_ignored(tmp_path):
     small = ELASTODYN.replace("AdjFlSt", "adjflst\n1 flsttunr(1)")
     text = small.replace("{title}", "BlFract BMassDen")
