@@ -329,8 +329,10 @@ def test_a_cone_of_a_right_angle_is_a_shaft():
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("springs", [None, (5.0, 3.0)])
-@pytest.mark.parametrize(("cone", "speed", "hub"), [(90.0, 2.0, 0.3), (89.9, 2.0, 0.3),
-                                                    (60.0, 3.0, 0.3), (90.0, 5.0, 0.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cone", "speed", "hub"),
+    [(90.0, 2.0, 0.3), (89.9, 2.0, 0.3), (60.0, 3.0, 0.3), (90.0, 5.0, 0.0)],
+)
 def test_steep_cones_by_elements_in_space(cone, speed, hub, springs):
     """Extrapolated from 4 and 8 elements, which know nothing of azimuths."""
     beam = jb.Beam(1.0, 1.0, 1e7, 4.0, 1.0, torsional_stiffness=1e7, polar_inertia=1e-7)
