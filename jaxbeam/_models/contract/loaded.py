@@ -19,7 +19,7 @@ from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, SpanFo
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor, Rotor
-from jaxbeam._rotor.directions import Direction, is_hinged
+from jaxbeam._rotor.directions import ALL_COUPLED, Direction, is_hinged
 from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
 from jaxbeam._rotor.loads import (
     NO_DAMPING,
@@ -33,7 +33,6 @@ from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Scalar, Vector
 
-_ALL = ((tuple(Direction), tuple(Direction)),)
 Held = TypeVar("Held", bound="Conditions | None")
 
 
@@ -92,7 +91,7 @@ class Conditions(eqx.Module):
             damping = generalised(equations, q, by_rates)
         return dataclasses.replace(
             small_motion(model, rotor, speed, equations, (q, status), inputs),
-            coupling=_ALL,
+            coupling=ALL_COUPLED,
             state=q,
             damping=damping,
             general=True,
