@@ -167,7 +167,8 @@ class HistoryData(Experiment):
                 raise TypeError(f"{name} must not be given: HistoryData has its own")
         self.of, self.options = of, options
         self.loads, self.damping = loads, damping
-        check_scene(self.motion, self.loads, self.damping, self.times[0])
+        case = self.model, self.rotor
+        check_scene(self.motion, self.loads, self.damping, self.times[0], case, throw=True)
 
     def predicted(self) -> Float[Array, "T ..."]:
         """The history of a run, NaN where the run failed."""

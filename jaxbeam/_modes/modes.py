@@ -78,7 +78,7 @@ def modes(
     no steady state exists or is found, or modes are not resolved (`Status`).
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    conditions = checked_conditions(loads, damping)
+    conditions = checked_conditions(loads, damping, (model, rotor), (speed,), throw)
     result = find(model, rotor, speed, choose(model, which), conditions=conditions)
     return dataclasses.replace(finish(result, throw), rotor=rotor)
 

@@ -224,14 +224,15 @@ class Rotor(Parameters):
     | tip_body     |        |      | a `TipBody`               |
     | precone      | beta   | rad  | -pi / 2 to pi / 2 or None |
 
-    The hub radius is the distance from the axis of rotation to the root of the beam, along it: below
-    zero the beam points inward, from a rim to the axis, and beyond it where -R < L. What is before
-    the axis is pushed towards the root, and buckles at a speed (`critical_speed`). The root is
-    clamped unless there are `root_springs`. What is at the tip is a point, of the `tip_mass`, or a
+    The hub radius is the distance from the axis of rotation to the root, along the beam: below zero
+    the beam points inward, from a rim to the axis, and beyond it where -R < L. What is before the
+    axis is pushed towards the root, and buckles at a speed (`critical_speed`). The root is clamped
+    unless there are `root_springs`. What is at the tip is a point, of the `tip_mass`, or a
     `tip_body`, which has a mass of its own: one of them is given, or none, where nothing is there.
     `tip_mass` reads the mass of either, `tip_body` the body or the point. Sections are as the beam
     says unless `pitch` turns them all, an angle added to the twist. With a `precone` the beam
-    leaves the hub at that angle from the plane of rotation, towards a3. None is not there: a pitch
+    leaves the hub at that angle from the plane of rotation, towards a3: at a right angle it is a
+    shaft, in the axis where the hub radius is zero. None is not there: a pitch
     of zero counts as one, and lets models look for what it might couple.
 
     Raises `TypeError` and `ValueError` as `Beam` does, and `ValueError` for both masses at the tip.

@@ -73,6 +73,7 @@ def labels(**counts: Unpack[Counts]) -> tuple[Label, ...]:
 # anything may be coupled with anything.
 CouplingGroup = tuple[tuple[Direction, ...], tuple[Direction, ...]]
 _TORSION: CouplingGroup = ((Direction.TORSION,), ())
+ALL_COUPLED: tuple[CouplingGroup, ...] = ((tuple(Direction), tuple(Direction)),)
 APART: tuple[CouplingGroup, ...] = (
     ((Direction.IN_PLANE,), (Direction.AXIAL,)),
     ((Direction.FLAP,), ()),
@@ -88,7 +89,7 @@ def coupling_groups(rotor: AnyRotor) -> tuple[CouplingGroup, ...]:
         return APART
     if rotor.precone is not None:
         if rotor.couples_bending:
-            return ((tuple(Direction), tuple(Direction)),)
+            return ALL_COUPLED
         return (((Direction.IN_PLANE, Direction.TORSION), (Direction.FLAP, Direction.AXIAL)),)
     twisting = (Direction.TORSION,) * rotor.tip_body.is_body
     alone = () if twisting else (_TORSION,)

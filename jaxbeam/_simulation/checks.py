@@ -10,9 +10,11 @@ from jaxtyping import Array
 
 from jaxbeam._checks import check_kind, kind_of, real_array, require
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction
+from jaxbeam._rotor.first_look import refuse, stays_in_plane
 from jaxbeam._rotor.loads import Damping, Loads, damping_in_range, in_plane, loads_in_range
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._solvers.system import State
@@ -66,7 +68,12 @@ def increasing(times: Array) -> Array:
     return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
 
 
-def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
+def check_scene(
+    motion: Any, loads: Any, damping: Any, t: Array,
+    case: tuple[AbstractModel, AnyRotor] | None = None, throw: bool = False,
+) -> None:  # fmt: skip
+    """Raise for what is no scene. Of a `case`, a model and a rotor, what is plain from numbers is
+    told at once, with `throw` also what has a status: see `first_look.py`."""
     for name, value, kind in (
         ("motion", motion, Motion), ("loads", loads, Loads), ("damping", damping, Damping)
     ):  # fmt: skip
@@ -78,6 +85,11 @@ def check_scene(motion: Any, loads: Any, damping: Any, t: Array) -> None:
         raise ValueError(f"motion.velocities must return two vectors of shape (3,), got {shapes}")
     if loads.gravity is not None:
         eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
+    if case is not None:
+        model, rotor = case
+        check_supported(model, rotor, loads)
+        planar = Direction.FLAP in model.directions or stays_in_plane(loads, motion)
+        refuse(throw, (planar, Status.OUT_OF_PLANE))
 
 
 def checked_times(times: Any) -> Array:

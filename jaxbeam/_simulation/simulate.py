@@ -16,6 +16,7 @@ from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.first_look import is_finite, refuse
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._simulation.checks import (
@@ -42,7 +43,7 @@ from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver, run_core
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure, in_range
-from jaxbeam._types import Code, Scalar
+from jaxbeam._types import Code, Scalar, is_concrete
 
 
 def simulate(
@@ -108,14 +109,16 @@ def simulate(
     """
     model, rotor, _ = checked_case(model, rotor)
     times = checked_times(times)
-    check_scene(motion, loads, damping, times[0])
+    check_scene(motion, loads, damping, times[0], (model, rotor), throw)
     if start is not None:
         start = checked_start(model, start)
+        refuse(throw, (is_finite(start.q, start.v), Status.INVALID_START))
     if max_steps is not None:
         count_functions("max_steps", max_steps, least=1)
     real_scalar("balance_tolerance", balance_tolerance)
     if dt0 is not None:
-        real_scalar("dt0", dt0)
+        forward = real_scalar("dt0", dt0)
+        refuse(throw, (not is_concrete(forward) or float(forward) > 0, Status.INVALID_TIMES))
     _check_kinds(
         solver=solver, stepsize_controller=stepsize_controller, saveat=saveat, adjoint=adjoint,
         event=event, progress_meter=progress_meter,

@@ -59,7 +59,7 @@ def steady_start(
     """
     model, rotor, _ = checked_case(model, rotor)
     t = real_scalar("t", t)
-    check_scene(motion, loads, NO_DAMPING, t)
+    check_scene(motion, loads, NO_DAMPING, t, (model, rotor), throw)
     return finish(_steady(model, rotor, motion, t, loads), throw)
 
 

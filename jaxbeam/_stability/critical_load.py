@@ -29,6 +29,7 @@ from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, is_hinged, naming
+from jaxbeam._rotor.first_look import acts_along, refuse
 from jaxbeam._rotor.loads import NO_DAMPING, Loads, are_along, only_pull
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
 from jaxbeam._stability.singular import (
@@ -40,7 +41,7 @@ from jaxbeam._stability.singular import (
     gives_way,
 )
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Matrix, Scalar, Vector
+from jaxbeam._types import Code, Matrix, Scalar, Vector, is_concrete
 
 _HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
 # Loads that are looked at, over the softest stiffness of the tip times the length: up to twenty,
@@ -113,12 +114,17 @@ def critical_load(
     Raises as `modes` does, and `ValueError` for loads that change in time, or none.
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    conditions = checked_conditions(loads, NO_DAMPING)
+    conditions = checked_conditions(loads, NO_DAMPING, (model, rotor), (speed,), throw)
     if conditions is None:
         raise ValueError(
             "loads: there are none; give tip_force=..., gravity=... force_per_length=... or "
             "point_forces=..."
         )
+    refuse(
+        throw,
+        (loads.has_potential or not (is_concrete(speed) and float(speed)), Status.NO_POTENTIAL),
+        (not model.is_linear or acts_along(loads), Status.LOADS_ACROSS),
+    )
     result = _critical(model, rotor, speed, conditions.loads)
     return finish(result, throw)
 
@@ -189,7 +195,7 @@ class _Unloaded(NamedTuple):
 
     @classmethod
     def of(cls, model: AbstractModel, given: _Given) -> "_Unloaded":
-        rotor, speed, _ = given
+        speed = given[1]
 
         def look(_: Any, state: tuple[Matrix, Matrix, Scalar, Scalar]) -> Any:
             """K without loads, and then as it begins to change."""
@@ -279,8 +285,8 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
 
 
 def _affine(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
-    """The same of linear models, of which loads along the beam alone change the stiffness, by so
-    much for each unit of them."""
+    """`_buckling` of linear models: loads along the beam alone change the stiffness, and by so much
+    for each unit of them."""
     speed, loads = given[1:]
     zero, one = jnp.zeros_like(speed), jnp.ones_like(speed)
     k0, k1 = jax.jvp(lambda factor: _loaded(model, given, factor)[1], (zero,), (one,))

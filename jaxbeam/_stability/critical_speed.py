@@ -83,8 +83,9 @@ def critical_speed(
     `model`, `rotor` and `loads` are those of `modes`. Where K is affine in Omega^2 (`Hybrid`,
     `Classical`, `SmallStrainANCF`, `DiscreteLC`, `LP`) this is one eigenproblem, K_0 x = -Omega^2
     K_1 x. Else K, at the steady state of each speed, is looked at from half the first rest
-    frequency (of a beam that points inward from where it might buckle, if that is sooner) up to the speed at which a rod of constant axial stiffness tears, and the speed at
-    which its lowest eigenvalue changes sign is found to rounding. It is also the root of the scalar
+    frequency (of a beam that points inward from where it might buckle, if that is sooner) up to the
+    speed at which a rod of constant axial stiffness tears, and the speed at which its lowest
+    eigenvalue changes sign is found to rounding. It is also the root of the scalar
     f of the bordered system
 
         [[K, b], [b^T, 0]] (x, f) = (0, 1),
@@ -111,7 +112,8 @@ def critical_speed(
     Raises as `modes` does, and `ValueError` for loads without a potential.
     """
     model, rotor, zero = checked_case(model, rotor)
-    result = _critical(model, rotor, zero, checked_potential(loads))
+    conditions = checked_potential(loads, (model, rotor), throw)
+    result = _critical(model, rotor, zero, conditions)
     return finish(result, throw)
 
 

@@ -133,11 +133,10 @@ def campbell(
         raise TypeError(f"which must be labels, got {which!r}")
     which = tuple(which)
     model, rotor, _ = checked_case(model, rotor, fastest(angular_speeds))
+    conditions = checked_conditions(loads, damping, (model, rotor))
     table = sweep(
         # the rotor as an argument: diagrams of other rotors reuse the compiled code
-        jax.tree_util.Partial(
-            _campbell_case, model, rotor, choose(model, which), checked_conditions(loads, damping)
-        ),
+        jax.tree_util.Partial(_campbell_case, model, rotor, choose(model, which), conditions),
         grid(angular_speed=angular_speeds),
         dims={
             name: {"mode": [str(label) for label in which]} for name in ("frequency", "growth_rate")

@@ -73,7 +73,7 @@ def crossing(
                 f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
             )
     model, rotor, _ = checked_case(model, rotor, fastest(ends))
-    conditions = checked_conditions(loads, damping)
+    conditions = checked_conditions(loads, damping, (model, rotor), ends, throw)
     speed, status = _crossing(model, rotor, choose(model, (label,)), conditions, ratio, *ends)
     result = Crossing(label, ratio, speed, status)
     return finish(result, throw)

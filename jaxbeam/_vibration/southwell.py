@@ -60,7 +60,7 @@ def southwell(
     Raises as `modes` does, and `ValueError` for loads without a potential.
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
-    conditions = checked_potential(loads)
+    conditions = checked_potential(loads, (model, rotor), throw)
     result = _southwell(model, rotor, speed, choose(model, which), conditions)
     return finish(result, throw)
 

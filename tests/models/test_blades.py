@@ -329,8 +329,10 @@ def test_a_cone_of_a_right_angle_is_a_shaft():
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("springs", [None, (5.0, 3.0)])
-@pytest.mark.parametrize(("cone", "speed", "hub"), [(90.0, 2.0, 0.3), (89.9, 2.0, 0.3),
-                                                    (60.0, 3.0, 0.3), (90.0, 5.0, 0.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cone", "speed", "hub"),
+    [(90.0, 2.0, 0.3), (89.9, 2.0, 0.3), (60.0, 3.0, 0.3), (90.0, 5.0, 0.0)],
+)
 def test_steep_cones_by_elements_in_space(cone, speed, hub, springs):
     """Extrapolated from 4 and 8 elements, which know nothing of azimuths."""
     beam = jb.Beam(1.0, 1.0, 1e7, 4.0, 1.0, torsional_stiffness=1e7, polar_inertia=1e-7)
@@ -341,6 +343,23 @@ def test_steep_cones_by_elements_in_space(cone, speed, hub, springs):
         for model in (jb.SpatialANCF(4), jb.SpatialANCF(8), jb.Hybrid(0, 10, 10))
     )
     np.testing.assert_allclose(found, (16 * second - first) / 15, rtol=3e-4, atol=1e-6)
+
+
+@pytest.mark.exhaustive
+def test_a_shaft_may_be_turned_about_its_axis():
+    """Which changes nothing, between the two rest frequencies and beyond; by elements in space,
+    which bear a pitch with a cone."""
+    beam = jb.Beam(1.0, 1.0, 1e5, 4.0, 1.0, torsional_stiffness=1e3, polar_inertia=1e-4)
+    model = jb.SpatialANCF(2)
+    for speed in (5.0, 9.0):
+        found = [
+            np.asarray(
+                jb.modes(model, jb.Rotor(beam, precone=np.pi / 2, **more), speed, 4).eigenvalue
+            )
+            for more in ({}, {"pitch": 0.4})
+        ]
+        np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-6)
+        assert (found[0].real.max() > 1e-6) == (speed == 5.0)
 
 
 @pytest.mark.exhaustive

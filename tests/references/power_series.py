@@ -52,7 +52,7 @@ def _bending(gamma: float, hub: float, tip: float, plane: str) -> tuple[np.ndarr
 
 
 def _galerkin(gamma: float, hub: float, tip: float, slenderness: float | None, plane: str):
-    x, weight, f, df, _ = _splines()
+    _, weight, f, df, _ = _splines()
     end = np.zeros(f.shape[1])
     end[-1] = 1.0  # a clamped B-spline basis interpolates its end
 

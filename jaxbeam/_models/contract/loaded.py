@@ -1,7 +1,7 @@
 """Small motion about the state that loads deform, with damping."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -19,7 +19,8 @@ from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractS
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor, Rotor
-from jaxbeam._rotor.directions import Direction, is_hinged
+from jaxbeam._rotor.directions import ALL_COUPLED, Direction, is_hinged
+from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
 from jaxbeam._rotor.loads import (
     NO_DAMPING,
     NO_LOADS,
@@ -32,7 +33,6 @@ from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Number, Scalar, Vector
 
-_ALL = ((tuple(Direction), tuple(Direction)),)
 Held = TypeVar("Held", bound="Conditions | None")
 
 
@@ -90,7 +90,7 @@ class Conditions(eqx.Module):
             damping = generalised(equations, q, equations.damping_about(q, *rates))
         return dataclasses.replace(
             small_motion(model, rotor, speed, equations, (q, status), inputs),
-            coupling=_ALL,
+            coupling=ALL_COUPLED,
             state=q,
             damping=damping,
             general=True,
@@ -149,9 +149,13 @@ def checked_damping(damping: Any) -> Damping:
     return damping
 
 
-def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
+def checked_conditions(
+    loads: Any, damping: Any, case: tuple[AbstractModel, AnyRotor] | None = None,
+    speeds: Iterable[Any] = (), throw: bool = False,
+) -> Conditions | None:  # fmt: skip
     """Loads and damping, if they are what a beam can turn steadily under; None where there are
-    none."""
+    none. Of a `case`, a model and a rotor, what is plain from numbers is told at once, with
+    `throw` also what has a status, at `speeds`: see `first_look.py`."""
     if not isinstance(loads, Loads):
         raise TypeError(f"loads must be of class Loads, got {kind_of(loads)}")
     checked_damping(damping)
@@ -167,12 +171,24 @@ def checked_conditions(loads: Any, damping: Any) -> Conditions | None:
         loads = NO_LOADS
     if loads is NO_LOADS and damping.mass_coefficient is damping.stiffness_coefficient is None:
         return None
+    if case is not None:
+        model, rotor = case
+        check_supported(model, rotor, loads)
+        planar = Direction.FLAP in model.directions or stays_in_plane(loads)
+        refuse(
+            throw,
+            (rests_in_hub(loads, speeds), Status.TURNING_GRAVITY),
+            (planar, Status.OUT_OF_PLANE),
+        )
     return Conditions(loads, damping)
 
 
-def checked_potential(loads: Any) -> Conditions | None:
-    """Loads that have a potential, without damping; None where there are none."""
-    conditions = checked_conditions(loads, NO_DAMPING)
+def checked_potential(
+    loads: Any, case: tuple[AbstractModel, AnyRotor], throw: bool
+) -> Conditions | None:
+    """Loads that have a potential, without damping, for a model and a rotor that turns; None where
+    there are none."""
+    conditions = checked_conditions(loads, NO_DAMPING, case, (1.0,), throw)
     if loads.has_potential:
         return conditions
     raise ValueError(

@@ -88,6 +88,19 @@ class _Cone(NamedTuple):
         tip = self.rotor.hub_radius + length * self.span.total(cos)
         return elevation, flap.curvature @ bent_by / length, at, tip
 
+    def height(self, sin: Vector, at: Vector, tip: Scalar) -> Scalar:
+        """int X Z dm, Z the height above the root."""
+        length, tip_mass = self.rotor.beam.length, self.rotor.tip_mass
+        heights, end = length * self.span.up_to(sin), length * self.span.total(sin)
+        return (self.mass * at) @ heights + tip_mass * tip * end
+
+    def strain(self, pull: Vector, outward: Scalar, angle: Scalar) -> Scalar:
+        """The largest strain: of a pull at the points, and of the whole radial force at the root,
+        which is turned there."""
+        stiffness, root = self.rotor.beam.axial_stiffness, jnp.cos(self.rotor.precone + angle)
+        at_root = outward * root / at_ends(stiffness, self.rotor.beam.edges)[0][0]
+        return largest(jnp.append(at_root, pull / on(stiffness, self.span)), by=jnp.abs)
+
     def steady(self, speed: Scalar) -> tuple[Vector, Code]:
         """Turns of the flap functions in steady rotation, rad, and the status of the search."""
         length, spring = self.rotor.beam.length, self.springs()[1]
@@ -148,18 +161,14 @@ def coned_system(
     ways = [length * a for a in (across, -rise * sin, rise * cos)]
     y, x, z = (span.up_to(a) for a in ways)
     y_tip, x_tip, z_tip = (span.total(a) for a in ways)
-    turn = cone.ends[1] @ bent_by
+    angle = cone.ends[1] @ bent_by
     # The least rotation of the root turns it about the tangent as well.
-    roll = (
-        length * span.up_to(bent[:, None] * across)
-        + jnp.tan(turn / 2) * cone.ends[0][None] / length
-    )
+    by_root = jnp.tan(angle / 2) * cone.ends[0][None] / length
+    roll = length * span.up_to(bent[:, None] * across) + by_root
     side = across_rate + bent[:, None] * roll  # the curvature in the section's other direction
     # The radial force, of what is beyond a point and of the tip mass, and what of it is a pull.
     outward = span.beyond(dm / span.weight * at)
     pull = speed**2 * (outward + tip_mass * tip) * cos[:, 0]
-    whole = speed**2 * (jnp.sum(dm * at) + tip_mass * tip) * jnp.cos(rotor.precone + turn)
-    at_root = whole / at_ends(rotor.beam.axial_stiffness, rotor.beam.edges)[0][0]
 
     def over(weight: Any, a: Any, b: Any) -> Any:
         return a.T @ (weight[:, None] * b)
@@ -170,9 +179,8 @@ def coned_system(
     dx = length * span.weight
     excess = cone.lag - cone.flap
     lag, flap = cone.springs()
-    height, height_tip = length * span.up_to(sin[:, 0]), length * span.total(sin[:, 0])
-    moment = -(speed**2) * ((dm * at) @ height + tip_mass * tip * height_tip)
-    held = lag_of_root(lag, moment, turn), flap
+    moment = -(speed**2) * cone.height(sin[:, 0], at, tip)
+    held = lag_of_root(lag, moment, angle), flap
     springs = [k * (e / length)[:, None] * (e / length)[None]
                for k, e in zip(held, cone.ends, strict=True)]  # fmt: skip
     m_lag, m_x = inertia(y, y, y_tip, y_tip), inertia(x, x, x_tip, x_tip)
@@ -195,9 +203,7 @@ def coned_system(
         mass=mass,
         gyroscopic=jnp.block([[0 * m_lag, coriolis], [-coriolis.T, 0 * m_x]]),
         stiffness=block(k_lag, k_flap),
-        steady_strain=largest(
-            jnp.append(at_root, pull / on(rotor.beam.axial_stiffness, span)), by=jnp.abs
-        ),
+        steady_strain=cone.strain(pull, speed**2 * (jnp.sum(dm * at) + tip_mass * tip), angle),
         status=status,
         directions=directions,
         coupling=coupling_groups(rotor),
