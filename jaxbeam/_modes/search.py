@@ -68,7 +68,8 @@ def search(
             return in_rows(alone, size, _ROW, own, leaves)
 
         at_once = jax.vmap(one, ([0 if varies else None for varies in own],))
-        return by_platform(leaves, cpu=rows if reaches(size, _ROW + 1) else at_once, default=at_once)
+        cpu = rows if reaches(size, _ROW + 1) else at_once
+        return by_platform(leaves, cpu=cpu, default=at_once)
 
     rotor = case[0]
     if judged and rotor.varies and isinstance(model, CartesianModel):

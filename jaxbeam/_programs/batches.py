@@ -24,7 +24,7 @@ Otherwise = Callable[[int, tuple[bool, ...], list[Array]], tuple[Any, Any] | Non
 
 
 def reaches(size: int, number: int) -> bool:
-    """Whether a batch has at least so many cases: one of any size, a symbol of `jax.export`, does."""
+    """Whether a batch has so many cases; one of any size, a symbol of `jax.export`, has."""
     return not isinstance(size, int) or size >= number
 
 
