@@ -16,7 +16,7 @@ from jaxbeam._modes.banded import Bands, Lowest
 from jaxbeam._modes.dense import TOLERANCE, dense_modes
 from jaxbeam._modes.result import Modes, own_tip
 from jaxbeam._modes.wanted import Wanted
-from jaxbeam._programs.batches import batchable, in_rows, mended
+from jaxbeam._programs.batches import batchable, in_rows, mended, reaches
 from jaxbeam._programs.platforms import by_platform
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import CouplingGroup, Direction
@@ -68,7 +68,8 @@ def search(
             return in_rows(alone, size, _ROW, own, leaves)
 
         at_once = jax.vmap(one, ([0 if varies else None for varies in own],))
-        return by_platform(leaves, cpu=rows if size > _ROW else at_once, default=at_once)
+        cpu = rows if reaches(size, _ROW + 1) else at_once
+        return by_platform(leaves, cpu=cpu, default=at_once)
 
     rotor = case[0]
     if judged and rotor.varies and isinstance(model, CartesianModel):
@@ -110,7 +111,7 @@ def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _C
 
             return mended(*jax.vmap(quick, (axes,))(leaves), again)
 
-        if size >= MANY:
+        if reaches(size, MANY):
             return by_bands(leaves)
         # Elsewhere libraries take one case at a time for much longer than bands take all.
         return by_platform(leaves, cpu=jax.vmap(dense, (axes,)), default=by_bands)

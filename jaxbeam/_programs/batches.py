@@ -23,6 +23,11 @@ _LARGE = 4 * CPU_LANES  # batches from which little is lost in the last row of s
 Otherwise = Callable[[int, tuple[bool, ...], list[Array]], tuple[Any, Any] | None]
 
 
+def reaches(size: int, number: int) -> bool:
+    """Whether a batch has so many cases; one of any size, a symbol of `jax.export`, has."""
+    return not isinstance(size, int) or size >= number
+
+
 def batchable(
     one: Callable[..., Any], many: Many, apart: bool = False, unless: Otherwise | None = None
 ) -> Callable[..., Any]:
@@ -81,7 +86,7 @@ def _batch(
         if found is not None:
             return found
         shares = any(v and not o for v, o in zip(varies, own, strict=True))
-        if apart and shares and size >= _LARGE:
+        if apart and shares and reaches(size, _LARGE):
             out = _batch(in_turn, more, varies)(leaves)
         else:
             out = as_one(more, varies, leaves)

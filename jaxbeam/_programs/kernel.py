@@ -17,7 +17,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
-from jaxbeam._programs.batches import CPU_LANES, batchable
+from jaxbeam._programs.batches import CPU_LANES, batchable, reaches
 from jaxbeam._programs.lanes import in_kernel
 from jaxbeam._programs.one_function import as_one_function
 from jaxbeam._programs.platforms import by_platform
@@ -245,7 +245,7 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
                     size, width, moves, leaves, first,
                 )  # fmt: skip
 
-            if size <= CPU_LANES:
+            if not reaches(size, CPU_LANES + 1):
                 return by(size)(leaves)
             return by_platform(leaves, cpu=by(CPU_LANES), default=by(size))
 

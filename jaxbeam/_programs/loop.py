@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxbeam._programs.anywhere import anywhere
-from jaxbeam._programs.batches import CPU_LANES, batchable
+from jaxbeam._programs.batches import CPU_LANES, batchable, reaches
 from jaxbeam._programs.platforms import by_platform
 
 # Cases that other devices than a CPU work on together: one that makes place for the next costs
@@ -88,7 +88,7 @@ def _loop(more: GoesOn, once: Step, given: _Leaves, start: _Leaves, riders: _Rid
         ensemble = _Ensemble(
             lambda *now: more(*whole(*now)), lambda *now: once(*whole(*now)), size, moves[count:]
         )
-        if size <= CPU_LANES:
+        if not reaches(size, CPU_LANES + 1):
             return ensemble.together(moving, leaves[count:])
         return by_platform(
             moving, leaves[count:], cpu=ensemble.by(CPU_LANES), default=ensemble.by(_MANY)
