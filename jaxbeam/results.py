@@ -1,10 +1,10 @@
 """What the functions of `jaxbeam` return, to look up what is in it, and for annotations.
 
 Each has the name of its function: `Modes`, `Southwell`, `Campbell`, `Crossing`, `CriticalSpeed`,
-`CriticalLoad`, `Floquet`, `Tongue`, `Simulation`, `SteadyStart`, `StableStep`, `Amplification`,
-`StiffeningRatio`, `Fit`. `ShapePolynomials` come from `Modes.polynomials`, a `Scene` is what a run
-goes through, and `Cases` come from `jaxbeam.grid` and `jaxbeam.points`. What is asked of a batch of
-results has the axes of the batch in front.
+`CriticalLoad`, `Floquet`, `Tongue`, `Steady`, `Simulation`, `SteadyStart`, `StableStep`,
+`Amplification`, `StiffeningRatio`, `Fit`. `ShapePolynomials` come from `Modes.polynomials`, a
+`Scene` is what a run goes through, and `Cases` come from `jaxbeam.grid` and `jaxbeam.points`. What
+is asked of a batch of results has the axes of the batch in front.
 
 **No number comes from a case that failed.** What can fail has a `status` (see `jaxbeam.Status`): it
 raises unless `throw=False` is given. `sweep`, `ladder_sweep` and `campbell` are batches by
@@ -25,6 +25,7 @@ from jaxbeam._simulation.result import Simulation as Simulation
 from jaxbeam._simulation.scene import Scene as Scene
 from jaxbeam._simulation.stable_step import Amplification as Amplification
 from jaxbeam._simulation.stable_step import StableStep as StableStep
+from jaxbeam._simulation.steady import Steady as Steady
 from jaxbeam._simulation.steady import SteadyStart as SteadyStart
 from jaxbeam._stability.critical_load import CriticalLoad as CriticalLoad
 from jaxbeam._stability.critical_speed import CriticalSpeed as CriticalSpeed

@@ -169,6 +169,15 @@ def on(value: Property, span: Span) -> Array:
     return value.within(span.edges, span.s.reshape(-1, span.points)).reshape(-1)
 
 
+def polar_inertia(beam: Any, at: Callable[[Property], Array]) -> Array:
+    """Polar inertia per length (kg m) of a beam where `at` looks at its properties: if it is not
+    given, that of a section whose material is alike throughout, mass (EI_zz + EI_yy) / EA."""
+    if beam.polar_inertia is not None:
+        return at(beam.polar_inertia)
+    lag, flap = at(beam.in_plane_bending_stiffness), at(beam.flap_bending_stiffness)
+    return at(beam.mass_per_length) * (lag + flap) / at(beam.axial_stiffness)
+
+
 def outboard(mass: Property, span: Span) -> tuple[Array, Array, Array]:
     """Share of a mass per length at points, int_x^L dm over the mass, and int_x^L x dm over the
     mass and the length: what 1, 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""

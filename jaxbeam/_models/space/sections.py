@@ -18,6 +18,7 @@ from jaxbeam._models.space.energies import GAUSS, SIMPSON, SpatialElement, spati
 from jaxbeam._programs.lanes import contract
 from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._rotor.beam import Beam, Rotor
+from jaxbeam._rotor.span import polar_inertia
 from jaxbeam._rotor.spanwise import along
 from jaxbeam._types import Number
 
@@ -133,14 +134,5 @@ def _inertia(beam: Beam, parts: Cuts, n_elements: int) -> list[Float[Array, "E 4
     shapes = hermite(s.ravel(), 1 / n_elements).value.reshape(*s.shape, 4)
     gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes)
     mass = at_points(beam.mass_per_length, xi) * beam.length
-    if beam.polar_inertia is None:
-        axial, lag, flap = (
-            at_points(value, xi)
-            for value in (
-                beam.axial_stiffness, beam.in_plane_bending_stiffness, beam.flap_bending_stiffness
-            )
-        )  # fmt: skip
-        polar = mass * (lag + flap) / (axial * beam.length**2)
-    else:
-        polar = at_points(beam.polar_inertia, xi) / beam.length
+    polar = polar_inertia(beam, lambda value: at_points(value, xi)) / beam.length
     return [jnp.sum(gram * a[..., None, None], (1, 2)) for a in (mass, polar)]
