@@ -85,6 +85,14 @@ def concrete_array(name: str, value: Any) -> np.ndarray:
     return np.asarray(array, float)
 
 
+def places(xi: Any) -> np.ndarray:
+    """The argument `xi` of what is asked along the span, as places x / L: (p,) of NumPy."""
+    points = np.atleast_1d(concrete_array("xi", xi))
+    if points.ndim > 1 or not ((points >= 0) & (points <= 1)).all():
+        raise ValueError(f"xi must be x / L in [0, 1], one or several in a row, got {xi}")
+    return points
+
+
 def _real(name: str, value: Any) -> Any:
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)

@@ -1,7 +1,9 @@
 """What results share: how a failure is told, NaN where a case failed, answers of a batch case by
-case, no derivatives."""
+case, what they are asked with, no derivatives."""
 
+import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -35,6 +37,40 @@ def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
         if noted:
             error.add_note(str(result))
         raise
+
+
+class InHertz:
+    """What has a `frequency` in rad/s."""
+
+    @property
+    def frequency_hz(self) -> Any:
+        """`frequency` / (2 pi), in Hz, of the same shape."""
+        frequency: Any = self.frequency  # type: ignore[attr-defined]
+        return frequency / (2 * math.pi)
+
+
+def asked_with() -> Any:
+    """Field of what a result needs to answer with, such as the rotor whose modes they are. It was
+    given and not found, so it is no part of a table: see `found_alone`."""
+    return eqx.field(default=None, metadata={"asked_with": True})
+
+
+def found_alone(tree: Any) -> Any:
+    """A pytree in which results are without what they are asked with."""
+
+    def needs(node: Any) -> list[str]:
+        fields = dataclasses.fields(node) if isinstance(node, eqx.Module) else ()
+        return [field.name for field in fields if field.metadata.get("asked_with")]
+
+    def alone(node: Any) -> Any:
+        names = needs(node)
+        without = len(names) * [None]
+        return eqx.tree_at(
+            lambda found: [getattr(found, name) for name in names], node, without,
+            is_leaf=lambda leaf: leaf is None,
+        ) if names else node  # fmt: skip
+
+    return jax.tree.map(alone, tree, is_leaf=lambda node: bool(needs(node)))
 
 
 def per_case(method: Method) -> Method:

@@ -6,8 +6,8 @@ what a fit leaves over, `swept` any number of a table over its parameters, `hist
 `import jaxbeam`.
 """
 
-import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,12 +23,11 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from jaxbeam._checks import check_kind
 from jaxbeam._fitting.result import Fit
 from jaxbeam._models.bases.loads import section_angle
-from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._modes.result import Modes
 from jaxbeam._rotor import spanwise
-from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.motion import axes as section_axes
 from jaxbeam._simulation.result import Simulation
@@ -49,7 +48,7 @@ UNITS = {
     "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
     "angular_speed": "rad/s", "frequency": "rad/s", "translational_spring": "N/m",
     "torsional_spring": "N m", "mass": "kg", "mass_coefficient": "1/s",
-    "stiffness_coefficient": "s",
+    "stiffness_coefficient": "s", "angular_speed_rpm": "rpm", "mean_rpm": "rpm",
 }  # fmt: skip
 
 
@@ -97,27 +96,25 @@ def campbell(
     ax.set_xlim(speed[0], speed[-1])
 
 
-def mode_shape(
-    model: AbstractModel, rotor: Rotor, found: Modes, mode: Label, ax: Axes, points: int = 201,
-    **style: object,
-) -> None:  # fmt: skip
+def mode_shape(found: Modes, mode: Label, ax: Axes, points: int = 201, **style: object) -> None:
     """Draw the shape of one mode over x / L: its own displacement, of a mode of torsion the angle.
 
-    `found` are `modes` of `model` and `rotor`, `mode` is the label of one of them, `ax` the axes of
+    `found` are what `jaxbeam.modes` returns, `mode` is the label of one of them, `ax` the axes of
     matplotlib to draw into; the line has so many `points`, and `**style` is what `Axes.plot` takes.
     The largest value is one.
 
-    Raises `ValueError` for a mode that is not among those found.
+    Raises `ValueError` for a mode that is not among those found, and `TypeError` for what are no
+    modes: they know their model and their rotor.
     """
+    check_kind("found", found, Modes)
     if mode not in found.labels:
         there = ", ".join(map(str, found.labels))
         raise ValueError(f"mode must be one of those found, {there}, got {mode}")
     xi = np.linspace(0, 1, points)
-    found = dataclasses.replace(found, model=model)
     if mode.direction == Direction.TORSION:
-        every = found.torsion(rotor, xi, tip=True)
+        every = found.torsion(xi, tip=True)
     else:
-        every = found.displacement(rotor, xi, tip=True)[..., mode.direction]
+        every = found.displacement(xi, tip=True)[..., mode.direction]
     # Over what the tip does, so that the phase of the mode is gone.
     shape = np.asarray(every[found.labels.index(mode)]).real
     ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]
@@ -233,17 +230,18 @@ def history(table: Table) -> Figure:
     return figure
 
 
-def filmstrip(rotor: Rotor, run: Simulation, frames: int = 12) -> Figure:
+def filmstrip(run: Simulation, frames: int = 12) -> Figure:
     """The beam in three dimensions at some of the output times of a run, in hub axes and in space.
 
-    `run` is what `simulate` returns for `rotor`, and `frames` how many times are drawn; returns a
-    `Figure` of matplotlib. Each is a ribbon along the middle of its sections, half of it light, so
+    `run` is what `simulate` returns, and `frames` how many times are drawn; returns a `Figure` of
+    matplotlib. Each is a ribbon along the middle of its sections, half of it light, so
     that twist shows; dotted is the path of the tip. The motion has to state the attitude of the
     hub; a hub that moves along is drawn where it began.
 
-    Raises `ValueError` for a batch of runs, or a motion that does not state the attitude.
+    Raises `ValueError` for a batch of runs, or a motion that does not state the attitude, and
+    `TypeError` for what is no run: it knows its rotor.
     """
-    times, ribbons = _ribbons(rotor, run)
+    times, ribbons = _ribbons(run)
     in_space = _in_space(run, times, ribbons)
     colour, scale = colormaps["viridis"], Normalize(0, times[-1])
     figure = Figure((10.5, 5.2), layout="constrained")
@@ -259,15 +257,15 @@ def filmstrip(rotor: Rotor, run: Simulation, frames: int = 12) -> Figure:
     return figure
 
 
-def film(rotor: Rotor, run: Simulation, figure: Figure) -> FuncAnimation:
+def film(run: Simulation, figure: Figure) -> FuncAnimation:
     """The beam as it moves in space, in a `figure` of pyplot's, a frame for each output time.
 
-    `rotor` and `run` are those of `filmstrip`; `film(rotor, run, plt.figure()).save("film.gif")`
-    writes the animation that it returns.
+    `run` is that of `filmstrip`; `film(run, plt.figure()).save("film.gif")` writes the animation
+    that it returns.
 
     Raises as `filmstrip` does.
     """
-    times, ribbons = _ribbons(rotor, run)
+    times, ribbons = _ribbons(run)
     places = _in_space(run, times, ribbons)
     ax = figure.add_subplot(projection="3d")
     _boxed(ax, places, "{}", "")
@@ -286,11 +284,13 @@ def film(rotor: Rotor, run: Simulation, figure: Figure) -> FuncAnimation:
     return FuncAnimation(figure, frame, frames=len(times))
 
 
-def _ribbons(rotor: Rotor, run: Simulation, points: int = 41) -> tuple[np.ndarray, np.ndarray]:
+def _ribbons(run: Simulation, points: int = 41) -> tuple[np.ndarray, np.ndarray]:
     """Output times that were reached, and edge, middle and edge of a ribbon in axes of the hub,
     from where the hub's radius is measured: (T, 3, points, 3)."""
+    check_kind("run", run, Simulation)
     if run.times.ndim != 1:
         raise ValueError("run must be that of one case, got a batch: take one by jax.tree.map")
+    rotor: Any = run.rotor
     xi, length = np.linspace(0, 1, points), float(rotor.beam.length)
     cone = 0.0 if rotor.precone is None else float(rotor.precone)
     out = np.array([np.cos(cone), 0.0, np.sin(cone)])  # along the undeformed beam

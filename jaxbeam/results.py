@@ -6,6 +6,10 @@ Each has the name of its function: `Modes`, `Southwell`, `Campbell`, `Crossing`,
 `Scene` is what a run goes through, and `Cases` come from `jaxbeam.grid` and `jaxbeam.points`. What
 is asked of a batch of results has the axes of the batch in front.
 
+**A result knows its `rotor` and its `model`**, and is asked in one way: what needs to be told
+nothing is a property (`run.tip`, `found.frequency`), what is asked along the span is a method of
+the places xi = x / L (`run.torsion(xi)`, `found.displacement(xi)`), one number or p of them.
+
 **No number comes from a case that failed.** What can fail has a `status` (see `jaxbeam.Status`): it
 raises unless `throw=False` is given. `sweep`, `ladder_sweep` and `campbell` are batches by
 themselves: they have one status for each case, and never raise for it. The answers of a case that

@@ -277,9 +277,7 @@ def shapes(out: Path) -> None:
     """Deflections in both directions at rated speed; the larger one is one at its largest."""
     model, xi = few(14), np.linspace(0.0, 1.0, 201)
     found = jb.modes(model, jb.Rotor(BEAM, HUB), RATED * RPM, LOWEST)
-    moves = np.einsum(
-        "cpn,kn->kcp", model.displacement(xi, jb.Rotor(BEAM, HUB)), np.asarray(found.shape).real
-    )[:, 1:]
+    moves = np.array(found.displacement(xi).real).transpose(0, 2, 1)[:, 1:]
     figure, axes = plt.subplots(1, 5, figsize=(14, 3.6), layout="constrained", sharey=True)
     for k, (ax, move) in enumerate(zip(axes, moves, strict=True)):
         move = move / move.flat[np.argmax(np.abs(move))]

@@ -254,7 +254,7 @@ def mode_shape_figure(out: Path, quick: bool) -> None:
             found = jb.modes(model, rotor(hub, tip), gamma, FIRST_THREE)
             for k, label in enumerate(FIRST_THREE):
                 jbplot.mode_shape(
-                    model, rotor(hub, tip), found, label, ax, color=f"C{k}", linestyle=style,
+                    found, label, ax, color=f"C{k}", linestyle=style,
                     label=rf"mode {k + 1}, $\gamma$ = {gamma:g}",
                 )  # fmt: skip
         ax.axhline(0, color="0.8", lw=0.8, zorder=0)

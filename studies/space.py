@@ -299,7 +299,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     wing(quick)
     buckling(out, quick)
     run = inclined(out, quick)
-    common.save_figure(filmstrip(INCLINED, run), out / "filmstrip.png", dpi=130)
+    common.save_figure(filmstrip(run), out / "filmstrip.png", dpi=130)
     return common.finish(began, "figures and tables are", out)
 
 

@@ -369,9 +369,9 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
         axial_stiffness = 1e9
         [rotor]
         hub_radius = 1.0
-        [root_springs]
+        [rotor.root_springs]
         flap = 4e6
-        [tip_body]
+        [rotor.tip_body]
         mass = 5.0
         offset = 0.1
         [frequencies]
@@ -461,7 +461,7 @@ def test_springs_are_swept_also_under_the_name_of_a_count(tmp_path):
         axial_stiffness = 5e6
         in_plane_bending_stiffness = 566.0
         flap_bending_stiffness = 400.0
-        [root_springs]
+        [rotor.root_springs]
         [frequencies]
         angular_speed = 5.0
         flap = 1

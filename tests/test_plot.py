@@ -23,13 +23,13 @@ def modes_of(model, *shapes):
     return Modes(
         jnp.ones(k, complex), vectors.astype(complex), directions, jnp.ones(k, int),
         jnp.ones((k, 4)),
-        jnp.zeros(k), jnp.asarray(0), jnp.asarray(0.0), None, model,
+        jnp.zeros(k), jnp.asarray(0), jnp.asarray(0.0), None, model, ROTOR,
     )  # fmt: skip
 
 
-def drawn(model, found, mode):
+def drawn(found, mode):
     ax = Figure().subplots()
-    plot.mode_shape(model, ROTOR, found, mode, ax, len(XI))
+    plot.mode_shape(found, mode, ax, len(XI))
     return ax.lines[0].get_ydata()
 
 
@@ -46,9 +46,7 @@ def test_a_mode_is_drawn_in_its_direction_whatever_its_phase(phase):
     for row, label in enumerate(labels):
         wanted = table[row] @ table[row, -1]
         assert wanted[-1] > 0
-        np.testing.assert_allclose(
-            drawn(model, found, label), wanted / np.abs(wanted).max(), atol=1e-12
-        )
+        np.testing.assert_allclose(drawn(found, label), wanted / np.abs(wanted).max(), atol=1e-12)
 
 
 def test_a_mode_that_is_not_there_is_named():
@@ -56,7 +54,7 @@ def test_a_mode_that_is_not_there_is_named():
     (flap,), (torsion,) = jb.labels(flap=1), jb.labels(torsion=1)
     found = modes_of(model, (int(flap.direction), jnp.ones(4, complex)))
     with pytest.raises(ValueError, match=f"mode must be one of those found, {flap}, got {torsion}"):
-        drawn(model, found, torsion)
+        drawn(found, torsion)
 
 
 def test_harmonics_and_names_are_checked_before_anything_is_drawn():

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from jaxbeam._files.bmodes import is_main_file, is_section_file, read_bmodes
-from jaxbeam._files.csv import read_csv
+from jaxbeam._files.csv import count_named, read_csv
 from jaxbeam._files.elastodyn import head_of_stations, read_elastodyn
 from jaxbeam._files.tables import BladeTable
 from jaxbeam._files.texts import FilePath, read_lines
@@ -19,17 +19,22 @@ def read_blade(
 ) -> BladeTable:
     """A beam from a file of any format that is known, by what is in it and not by its name.
 
-    A line of titles with BlFract makes it a blade file of ElastoDyn (`read_elastodyn`); a line
+    Columns with names that `read_csv` knows, in the first line, make it a table; a line of titles
+    with BlFract makes it a blade file of ElastoDyn (`read_elastodyn`); a line
     that names a sec_props_file, or the lines of BModes in their order, a main file of BModes, and
-    n_secs before rows of numbers a section file (`read_bmodes`); all else is a table (`read_csv`).
+    n_secs before rows of numbers a section file (`read_bmodes`). Files of BeamDyn, AeroDyn, HAWC2,
+    windIO and VABS, towers and primary files of ElastoDyn, and workbooks are named, and not read.
     `path` is that of the file; `length` (m) and `axial_stiffness` (N, a number or one that varies
     along the span) are what the file does not say, as these readers want it. Returns a
     `BladeTable`.
 
     Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
-    the file cannot be read.
+    the file cannot be read. Of a file that is none of these it says what it looks like, and what is
+    read.
     """
     lines = read_lines(Path(path))
+    if count_named(Path(path), lines) >= 2:
+        return read_csv(path, length=length, axial_stiffness=axial_stiffness)
     if head_of_stations(lines) is not None:
         return read_elastodyn(path, length=length, axial_stiffness=axial_stiffness)
     if is_main_file(lines) or is_section_file(lines):

@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.names import meanings
 from jaxbeam._files.nrel import (
     REASONS,
     Head,
@@ -24,10 +26,8 @@ from jaxbeam._files.tables import (
     FLAP,
     IN_PLANE,
     MASS,
-    PLACE,
     POLARS,
     TORSION,
-    TWIST,
     UNITS,
     BladeTable,
     unit_in,
@@ -40,6 +40,7 @@ from jaxbeam._types import Real
 # Columns of a section file.
 _SECTION = ["sec_loc", "str_tw", "tw_iner", "mass_den", "flp_iner", "edge_iner", "flp_stff"]
 _SECTION += ["edge_stff", "tor_stff", "axial_stff", "cg_offst", "sc_offst", "tc_offst"]
+_USED = "sec_loc str_tw mass_den flp_iner edge_iner flp_stff edge_stff tor_stff axial_stff"
 # Factors of properties in a main file.
 _FACTORS = {
     "sec_mass_mult": MASS, "flp_iner_mult": POLARS[0], "lag_iner_mult": POLARS[1],
@@ -228,6 +229,8 @@ def _sections(
 ) -> BladeTable:
     """The blade of a section file, its properties times factors."""
     first = next((i for i in range(1, len(lines)) if lines[i].strip()), None)
+    if first is None or not is_section_file(lines):
+        refuse_other(path, lines, "read_bmodes")
     if first is None:
         raise ValueError(f"{path}: no n_secs, titles and units after the first line")
     count = count_of(path, first + 1, "n_secs", value_in(lines[first]))
@@ -237,12 +240,7 @@ def _sections(
     head = between[-2] if len(between) > 1 else below
     has_units = len(between) > 1 or all(unit_in(u) in _ANY_UNIT for u in lines[below].split())
     units = lines[below] if has_units and between else ""
-    expected = {
-        "sec_loc": PLACE, "mass_den": MASS, "flp_stff": FLAP, "edge_stff": IN_PLANE,
-        "str_tw": TWIST, "axial_stff": AXIAL, "tor_stff": TORSION, "flp_iner": POLARS[0],
-        "edge_iner": POLARS[1],
-    }  # fmt: skip
-    scaled = {title: (name, factors.get(name, 1.0)) for title, name in expected.items()}
+    scaled = meanings(_USED, factors)
     rows = table_rows(path, lines, start, count, "n_secs", len(_SECTION))
     needed = ("sec_loc", "mass_den", "flp_stff", "edge_stff", "axial_stff")
     titles = Head(head + 1, _SECTION, units, below + 1)

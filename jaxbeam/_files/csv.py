@@ -5,17 +5,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from jaxbeam._files.formats import no_format, refuse_other
+from jaxbeam._files.names import NAMES
 from jaxbeam._files.tables import (
     AXIAL,
     FLAP,
     IN_PLANE,
-    LENGTHS,
     MASS,
     PLACE,
-    POLAR,
-    TORSION,
-    TWIST,
-    UNITS,
     BladeTable,
     Column,
     Row,
@@ -27,26 +24,13 @@ from jaxbeam._files.texts import FilePath, mistake, read_lines
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._types import Real
 
-# By name: the property, and its units.
-_NAMES: dict[str, tuple[str, Mapping[str, float]]] = {
-    name: (meaning, UNITS[meaning])
-    for meaning, names in {
-        PLACE: "x_over_l x/l",
-        MASS: "mass_per_length",
-        AXIAL: "axial_stiffness",
-        TWIST: "twist structural_twist",
-        TORSION: "torsional_stiffness torsion_stiffness",
-        POLAR: "polar_inertia",
-    }.items()
-    for name in names.split()
-} | {"x": (PLACE, LENGTHS)}
-for _name, _words in (
-    (IN_PLANE, ("in_plane", "edge", "edgewise", "lag")),
-    (FLAP, ("flap", "flapwise")),
-):
-    for _word in _words:
-        for _what in ("stiffness", "bending_stiffness"):
-            _NAMES[f"{_word}_{_what}"] = _name, UNITS[_name]
+# Words that units are made of, beside those that are taken: what follows a name is its unit if all
+# of it are such, and else part of another name, as in x_cg_m.
+_UNIT_WORD = re.compile(
+    r"per|deg\w*|rad\w*|grad|gon|turns?|rev|ft|in|inch(es)?|yd|lb[fm]?s?|klbf?|kips?|slugs?|psi|ksi"
+    r"|([kMG]?(N|Pa|lbf?|kg|m|cm|mm|ft|in)\d?)+",
+    re.IGNORECASE,
+)
 # Commas, and blanks that do not break, which part thousands in numbers.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _GROUPED = re.compile("(?<=\\d)[\u00a0\u202f](?=\\d{3})")
@@ -64,22 +48,29 @@ def read_csv(
     columns, in any order, each a name and then a unit: `flap_stiffness_N_m2` or `flap stiffness [N
     m^2]`.
 
-    | name                                    | unit                                           |
-    |-----------------------------------------|------------------------------------------------|
-    | x_over_L or x/L, from 0 to 1            | none                                           |
-    | or x, from 0 at the root                | m, cm, mm                                      |
-    | mass_per_length                         | kg/m, g/m, t/m; after a name `_kg_per_m`       |
-    | in_plane_stiffness, or edge, edgewise,  | N m^2, kN m^2, MN m^2, GN m^2, N mm^2; after a |
-    | lag for in_plane                        | name `_N_m2`                                   |
-    | flap_stiffness, or flapwise             | the same                                       |
-    | axial_stiffness, if there               | N, kN, MN, GN                                  |
-    | twist or structural_twist, if there     | deg, rad                                       |
-    | torsional_stiffness, if there           | as the other stiffnesses                       |
-    | polar_inertia, if there                 | kg m, g m, t m                                 |
+    | name                                   | or                                | unit           |
+    |----------------------------------------|-----------------------------------|----------------|
+    | x_over_L, x/L (from 0 to 1)            | BlFract, sec_loc, span_fraction   | none           |
+    | or x (from 0 at the root)              |                                   | m, cm, mm      |
+    | mass_per_length                        | BMassDen, mass_den, linear_mass,  | kg/m, g/m, t/m |
+    |                                        | linear_density, rhoA              |                |
+    | in_plane_stiffness (edge, edgewise,    | EI_edge, EIedge, edge_EI, and so  | N m^2, kN m^2, |
+    | lag, lead_lag for in_plane)            | on; EdgStff, edge_stff            | MN m^2, GN m^2,|
+    |                                        |                                   | N mm^2         |
+    | flap_stiffness (flapwise,              | EI_flap, EIflap, flap_EI, and so  | the same       |
+    | out_of_plane for flap)                 | on; FlpStff, flp_stff             |                |
+    | axial_stiffness, if there              | EA, EAStff, axial_stff            | N, kN, MN, GN  |
+    | twist, structural_twist, if there      | StrcTwst, str_tw, twist_angle     | deg, rad       |
+    | torsional_stiffness, if there          | GJ, GJStff, tor_stff              | as in plane    |
+    | polar_inertia, if there                | or both flap_inertia and          | kg m, g m, t m,|
+    |                                        | edge_inertia, FlpIner and EdgIner | kg m^2/m       |
 
-    `_bending_stiffness` may stand for `_stiffness`. Other columns are named in `ignored`. Each
-    later line is a station. Values are linear from one to the next; two equal ones are a step.
-    Numbers may have a decimal comma, all of them or none; in quotes, where commas part entries.
+    `_bending_stiffness` and `_rigidity` may stand for `_stiffness`. A name without brackets is
+    followed by its unit, as in `flap_stiffness_N_m2` and `mass_per_length_kg_per_m`. Units are
+    converted; any other one is refused. Torsional stiffness and polar inertia are taken where they
+    are positive at all stations. All other columns are named in `ignored`. Each later line is a
+    station. Values are linear from one to the next; two equal ones are a step. Numbers may have a
+    decimal comma, all of them or none; in quotes, where commas part entries.
 
     `length`, in m, is needed with x_over_L; with x it is the last station. `axial_stiffness`, in N,
     takes the place of the column, and is needed without one. Frequencies of bending hardly depend
@@ -95,28 +86,22 @@ def read_csv(
     the file cannot be read.
     """
     path = Path(path)
-    ((line, titles), *rows), by = _records(path)
+    lines = read_lines(path)
+    if count_named(path, lines) < 2:
+        refuse_other(path, lines, "read_csv")
+    ((line, titles), *rows), by = _records(path, lines)
     columns: dict[str, Column] = {}
-    unlike: dict[str, str] = {}  # columns whose names begin with x_, and what follows
     for i, title in enumerate(titles):
         name, unit = _parted(title)
-        if name in _NAMES:
-            meaning, units = _NAMES[name]
-            if name == "x" and unit not in units and title[1:2] == "_":
-                unlike[title] = unit
-                continue
+        if name in NAMES:
+            meaning, units = NAMES[name]
             factor = factor_of(path, line, title, unit, units)
             if meaning in columns:
                 also = columns[meaning].title
                 raise mistake(path, line, title, f"is {meaning} again, after column {also}")
             columns[meaning] = Column(title, i, factor)
-    if unlike and PLACE not in columns:
-        title, unit = next(iter(unlike.items()))
-        allowed = ", ".join(LENGTHS)
-        what = (
-            f"is not known as x, whose unit must be {allowed}, got {unit!r}, and there is no other"
-        )
-        raise mistake(path, line, title, what)
+    if not columns:
+        raise no_format(path, f"since line {line} names no column of a table")
     named = {
         PLACE: "x_over_L", MASS: "mass_per_length_kg_per_m", IN_PLANE: "in_plane_stiffness_N_m2",
         FLAP: "flap_stiffness_N_m2", AXIAL: "axial_stiffness_N",
@@ -130,10 +115,10 @@ def read_csv(
     )  # fmt: skip
 
 
-def _records(path: Path) -> tuple[list[Row], str]:
+def _records(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
     """Lines that are not empty, by entries, each as long as the titles if only blanks are more; and
     what parts entries."""
-    lines = [re.sub("[\u200b\ufeff\0]", "", line) for line in read_lines(path)]
+    lines = [re.sub("[\u200b\ufeff\0]", "", line) for line in lines]
     lines = ["" if line.lstrip().startswith("#") else line for line in lines]
     declared = re.fullmatch(r"\s*sep=([,;\t])\s*", lines[0], re.IGNORECASE)  # as for Excel
     if declared:
@@ -193,16 +178,28 @@ def _with_points(
     ]
 
 
+def count_named(path: Path, lines: Sequence[str]) -> int:
+    """How many columns have names that are known, if these are the lines of a table."""
+    try:
+        ((_, titles), *_), _ = _records(path, lines)
+    except ValueError:
+        return 0
+    return sum(_parted(title)[0] in NAMES for title in titles)
+
+
 def _parted(title: str) -> tuple[str, str]:
-    """Name, as in `_NAMES` if it is one, and unit of a column."""
+    """Name, as in `NAMES` if it is one, and unit of a column."""
     bracketed = re.fullmatch(r"([^\[(]*)[\[(](.*)[\])]", title)
     said, unit = bracketed.groups() if bracketed else (title, "")
     said = re.sub(r"[\s_-]+", "_", said.strip())
     said = re.sub(r"^x_?/_?l(?![a-z])", "x/l", said, flags=re.IGNORECASE)
-    if bracketed:
-        name = said.lower()
-    else:
-        fits = [n for n in _NAMES if f"{said}_".lower().startswith(f"{n}_")]
+    name = said.lower()
+    if not bracketed:
+        fits = [n for n in NAMES if f"{name}_".startswith(f"{n}_")]
         name = max(fits, key=len, default=title)
         unit = said[len(name) + 1 :]
+        words = re.split(r"[_*/^·.]", unit) if unit_in(unit) else []
+        if name in NAMES and not all(map(_UNIT_WORD.fullmatch, words)):
+            taken = NAMES[name][1]
+            name = name if unit_in(unit.replace("_per_", "/")) in taken else title
     return name, unit_in(unit.replace("_per_", "/"))

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.names import meanings
 from jaxbeam._files.nrel import (
     Head,
     blade_of,
@@ -13,20 +15,12 @@ from jaxbeam._files.nrel import (
     require,
     table_rows,
 )
-from jaxbeam._files.tables import (
-    AXIAL,
-    FLAP,
-    IN_PLANE,
-    MASS,
-    PLACE,
-    POLARS,
-    TORSION,
-    TWIST,
-    BladeTable,
-)
+from jaxbeam._files.tables import FLAP, IN_PLANE, MASS, BladeTable
 from jaxbeam._files.texts import FilePath, read_lines
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._types import Real
+
+_COLUMNS = "blfract strctwst bmassden flpstff edgstff eastff gjstff flpiner edginer"
 
 
 def read_elastodyn(
@@ -59,6 +53,7 @@ def read_elastodyn(
     lines = read_lines(path)
     head = head_of_stations(lines)
     if head is None:
+        refuse_other(path, lines, "read_elastodyn")
         raise ValueError(f"{path}: no line has BlFract among titles, so there are no stations")
     titles = _titles(lines[head])
     said = named(lines, _free(lines), head)
@@ -67,12 +62,7 @@ def read_elastodyn(
     size = said["nblinpst"][0]
     count = count_of(path, size.line, size.name, size.text)
     mass, flap, edge = (number(path, said, name, False) for name in used[1:])
-    columns = {
-        "blfract": (PLACE, 1.0), "bmassden": (MASS, mass), "flpstff": (FLAP, flap),
-        "edgstff": (IN_PLANE, edge), "eastff": (AXIAL, 1.0), "strctwst": (TWIST, 1.0),
-        "gjstff": (TORSION, 1.0), "flpiner": (POLARS[0], 1.0),
-        "edginer": (POLARS[1], 1.0),
-    }  # fmt: skip
+    columns = meanings(_COLUMNS, {MASS: mass, FLAP: flap, IN_PLANE: edge})
     units = lines[head + 1] if head + 1 < len(lines) else ""
     rows = table_rows(path, lines, head + 2, count, "NBlInpSt", len(titles))
     needed = ("BlFract", "StrcTwst", "BMassDen", "FlpStff", "EdgStff", "EAStff")

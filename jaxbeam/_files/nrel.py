@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 from jaxbeam._files.tables import (
     PLACE,
-    POLARS,
-    TORSION,
     UNITS,
     BladeTable,
     Column,
@@ -18,7 +16,7 @@ from jaxbeam._files.tables import (
     ignoring,
     unit_in,
 )
-from jaxbeam._files.texts import as_number, entries, is_number, mistake, number_in
+from jaxbeam._files.texts import entries, is_number, mistake, number_in
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._types import Real
 
@@ -26,11 +24,7 @@ REASONS = {
     name: reason
     for reason, names in {
         "it belongs to the aerodynamics": "aerocent pitchaxis",
-        "a Beam takes it if it is > 0 at all stations": "gjstff tor_stff",
         "bending and torsion are coupled by no stiffness": "alpha",
-        "sections have no rotary inertia in bending, and about the beam where both are > 0": (
-            "flpiner edginer flp_iner edge_iner"
-        ),
         "the axes of inertia are those of the stiffness": "tw_iner",
         "the beam is straight": "precrvref preswpref",
         "the centre of mass is on the axis of the beam": "flpcgof edgcgof cg_offst",
@@ -172,21 +166,11 @@ def blade_of(
             raise mistake(path, head.line, title, what)
         factor *= factor_of(path, head.units_line, title, own, allowed)
         columns[name] = Column(title, i, factor)
-    for together in ((TORSION,), POLARS):  # which many files leave at zero
-        there = [columns[name] for name in together if name in columns]
-        if len(there) < len(together) or not all(_positive(row, c) for row in rows for c in there):
-            for name in together:
-                columns.pop(name, None)
     titles = {meanings[title.lower()][0]: title for title in needed}
     return blade(
         path, head.line, head.titles, columns, rows, length, axial_stiffness, titles,
         reasons=REASONS,
     )  # fmt: skip
-
-
-def _positive(row: Row, column: Column) -> bool:
-    text = row[1][column.number]
-    return not is_number(text) or not as_number(text) <= 0  # what is no number is said later
 
 
 def ignoring_too(table: BladeTable, others: Iterable[Value]) -> BladeTable:

@@ -86,8 +86,14 @@ UNITS: dict[str, Mapping[str, float]] = {  # by property, the one of the formats
     FLAP: _STIFFNESSES,
     AXIAL: _FORCES,
     TWIST: {"deg": DEGREES, "rad": FEATHER},
-    TORSION: _STIFFNESSES,
-    **{name: {"kgm": 1.0, "gm": 1e-3, "tm": 1e3} for name in (POLAR, *POLARS)},
+    TORSION: _STIFFNESSES | {"Nm2/rad": 1.0},
+    **{name: {"kgm": 1.0, "kgm2/m": 1.0, "gm": 1e-3, "tm": 1e3} for name in (POLAR, *POLARS)},
+}
+# What a beam need not have is taken if it is positive at all stations: many files leave it at zero.
+_TOGETHER = {
+    (TORSION,): "a Beam takes it if it is > 0 at all stations",
+    (POLAR,): "a Beam takes it if it is > 0 at all stations",
+    POLARS: "sections have no rotary inertia in bending, and about the beam where both are > 0",
 }
 
 
@@ -95,6 +101,7 @@ def unit_in(text: str) -> str:
     """A unit as `UNITS` has it: without brackets, blanks and signs of products and powers."""
     plain = text.strip().strip("[]()").replace("²", "2").replace("°", "deg")
     plain = re.sub(r"degrees?\b", "deg", re.sub(r"radians?\b", "rad", plain))
+    plain = re.sub(r"[\s*·⋅.]*m\s*\^?\s*[-⁻][1¹]$", "/m", plain)
     plain = re.sub(r"(?<=\w)\s*[*^·⋅.-]{1,2}\s*(?=\w)|[\s_]", "", plain)
     return "" if plain == "-" else plain
 
@@ -126,7 +133,7 @@ def blade(
     `named` has the properties that must be there, and what a column of each could be called;
     `reasons` why columns of the format are not used, by title in small letters.
     """
-    columns = dict(columns)
+    columns, left = _used(columns, rows)
     given = columns.pop(AXIAL, None) if axial_stiffness is not None else None
     there = {*columns} if axial_stiffness is None else {*columns, AXIAL}
     missing = [title for name, title in named.items() if name not in there]
@@ -157,8 +164,31 @@ def blade(
     for i, title in enumerate(titles):
         values = [cells[i] for _, cells in rows]
         if i not in used and not all(is_number(value, 0) for value in values):
-            ignored.append(ignoring(title or f"column {i + 1}", values, reasons or {}))
+            why = {**(reasons or {}), **({title.lower(): left[i]} if i in left else {})}
+            ignored.append(ignoring(title or f"column {i + 1}", values, why))
     return BladeTable(beam, tuple(ignored))
+
+
+def _used(
+    columns: Mapping[str, Column], rows: Sequence[Row]
+) -> tuple[dict[str, Column], dict[int, str]]:
+    """The columns that are taken, and why others are not, by number."""
+    taken, left = dict(columns), dict[int, str]()
+    for names, why in _TOGETHER.items():
+        there = [taken[name] for name in names if name in taken]
+        again = names == POLARS and POLAR in taken
+        if (
+            again
+            or len(there) < len(names)
+            or not all(_positive(r, c) for r in rows for c in there)
+        ):
+            left |= {taken.pop(name).number: why for name in names if name in taken}
+    return taken, left
+
+
+def _positive(row: Row, column: Column) -> bool:
+    text = row[1][column.number] if column.number < len(row[1]) else ""
+    return not is_number(text) or not as_number(text) <= 0  # what is no number is said later
 
 
 def _numbers(

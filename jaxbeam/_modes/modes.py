@@ -1,5 +1,6 @@
 """Frequencies, growth rates and mode shapes about steady rotation, labelled and differentiable."""
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -79,7 +80,8 @@ def modes(
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     conditions = checked_conditions(loads, damping)
     result = find(model, rotor, speed, choose(model, which), conditions=conditions)
-    return finish(result, throw)
+    asked = {"rotor": rotor, "angular_speed": speed, "conditions": conditions}
+    return dataclasses.replace(finish(result, throw), **asked)
 
 
 @Program

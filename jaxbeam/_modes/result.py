@@ -1,6 +1,7 @@
 """Modes of one case, or of a batch."""
 
-from typing import Any
+import functools
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,18 +9,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
-from jaxbeam._checks import concrete_array
+from jaxbeam._checks import places
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.loaded import Conditions
+from jaxbeam._modes.section_loads import modal_loads
 from jaxbeam._modes.shapes import ShapePolynomials, fit
-from jaxbeam._results import nan_unless, per_case
+from jaxbeam._results import InHertz, Method, asked_with, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vectors
 
 
-class Modes(eqx.Module):
+def of_places(method: Method) -> Method:
+    """A method of `Modes` that took their rotor once: whoever still gives one is told."""
+    name = method.__name__
+
+    @functools.wraps(method)
+    def told(self: Any, *args: Any, **kwargs: Any) -> Any:
+        if "rotor" in kwargs or any(isinstance(value, AnyRotor) for value in args):
+            places = "" if name == "polynomials" else "xi"
+            raise TypeError(
+                f"{name} takes no rotor, since modes know theirs: write modes.{name}({places})"
+            )
+        return method(self, *args, **kwargs)
+
+    return told  # type: ignore[return-value]
+
+
+class Modes(InHertz, eqx.Module):
     """k modes x e^(lambda t) of M q'' + G q' + K q = 0 with n coordinates, damping being part of G.
 
     | field           | shape  | unit  |                                                           |
@@ -42,6 +61,9 @@ class Modes(eqx.Module):
     |                 |        |       | beams, about loaded states, and on uniform beams but for  |
     |                 |        |       | `Hybrid` and `Classical` with `Polynomials`               |
     | model           |        |       | whose modes they are; no array, and part of no table      |
+    | rotor           |        |       | whose modes they are, as it was given; part of no table   |
+    | angular_speed   | ()     | rad/s | of the hub, as it was given; part of no table             |
+    | conditions      |        |       | loads and damping, None without; part of no table         |
 
     (*) kg^-1/2 for coordinates in metres.
 
@@ -66,6 +88,9 @@ class Modes(eqx.Module):
     steady_strain: Scalar
     frequency_error: Float[Array, " k"] | None = None
     model: AbstractModel | None = eqx.field(static=True, default=None)
+    rotor: AnyRotor | None = asked_with()
+    angular_speed: Scalar | None = asked_with()
+    conditions: Conditions | None = asked_with()
 
     @property
     def frequency(self) -> Float[Array, "... k"]:
@@ -89,35 +114,71 @@ class Modes(eqx.Module):
         of these for each case."""
         return _named(np.asarray(self.direction), np.asarray(self.number))
 
-    def displacement(
-        self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
-    ) -> Complex[Array, "... k p 3"]:
+    @of_places
+    @per_case
+    def displacement(self, xi: Any = 1.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
         """Amplitudes of modes along the span: axial, in plane and flap, to first order.
 
-        They are at x = `xi` L, a number from 0 to 1 or p of them, of the `rotor` whose modes they
-        are; the motion is the real part of these times e^(lambda t).
+        They are at x = `xi` L, one number or p of them from 0 to 1; the motion is the real part of
+        these times e^(lambda t).
 
         Of unit modal mass, in kg^-1/2; with `tip` such that the displacement of the tip in the
         mode's own direction is one, of modes of torsion L times the angle there. Differentiable,
-        under `jit`, and of a batch of one rotor with its axes in front; where rotors differ from
-        case to case, `jax.vmap` it over both.
+        and under `jit` and `vmap`; of a batch with its axes in front.
 
-        Raises `ValueError` for xi out of range, and `TypeError` where it is traced.
+        Raises `ValueError` for points out of range, and `TypeError` for traced ones.
         """
-        return _displacement(self, rotor, _places(xi), tip)
+        asked, points = _asked(self), places(xi)
+        table = asked.model.displacement(points, asked.rotor)
+        return nan_unless(asked.fine, jnp.einsum("cpn,kn->kpc", table, asked.shapes(tip)))
 
-    def torsion(
-        self, rotor: AnyRotor, xi: Any = 1.0, *, tip: bool = False
-    ) -> Complex[Array, "... k p"]:
-        """L times the angle of torsion at `xi` of the `rotor`: zero but in `SpatialANCF`.
+    @of_places
+    @per_case
+    def torsion(self, xi: Any = 1.0, *, tip: bool = False) -> Complex[Array, "... k p"]:
+        """L times the angle of torsion at `xi`, as in `displacement`, with the same `tip`, units
+        and errors: zero but in `SpatialANCF`."""
+        asked, points = _asked(self), places(xi)
+        return nan_unless(asked.fine, asked.shapes(tip) @ asked.model.torsion(points).T)
 
-        `tip`, units and batches are as in `displacement`.
+    @of_places
+    @per_case
+    def section_force(self, xi: Any = 0.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
+        """Forces in sections at `xi` that go with modes: tension, shear in plane, shear in flap.
 
-        Raises `ValueError` where `xi` is not within 0 and 1.
+        From equilibrium, and in the axes of sections, as `section_moment`. `tip` and batches are as
+        in `displacement`; of unit modal mass in N kg^-1/2, with `tip` in N/m.
+
+        Raises `ValueError` for points out of range, a `SpringRotor`, which has no sections, and a
+        pre-cone in `Hybrid`; and `TypeError` for traced points.
         """
-        return _torsion(self, rotor, _places(xi), tip)
+        return self._section_loads(xi, tip)[0]
 
-    def polynomials(self, rotor: AnyRotor) -> ShapePolynomials:
+    @of_places
+    @per_case
+    def section_moment(self, xi: Any = 0.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
+        """Modal moments in sections at `xi`: of torsion, of bending in plane, of bending in flap.
+
+        By so much, times e^(lambda t), the moment in a section differs from that of the steady
+        state, in the axes of the section, which turn with it (see `Simulation.section_moment`): it
+        is of the inertia of the mode outboard, and of what steady forces, tension above all, do on
+        the beam that it bends. So it is as accurate as the shape, where EI times its curvature is
+        not. `Classical` leaves that of tension out of its modes, and has it here. `tip` and batches
+        are as in `displacement`; of unit modal mass in N m kg^-1/2, with `tip` in N.
+
+        Raises `ValueError` for points out of range, a `SpringRotor`, which has no sections, and a
+        pre-cone in `Hybrid`; and `TypeError` for traced points.
+        """
+        return self._section_loads(xi, tip)[1]
+
+    def _section_loads(self, xi: Any, tip: bool) -> Any:
+        asked, points = _asked(self), tuple(places(xi).tolist())
+        speed, conditions = harmless(asked.fine, (self.angular_speed, self.conditions))
+        value = harmless(asked.fine, self.eigenvalue)
+        about = asked.model, asked.rotor, speed, conditions
+        return nan_unless(asked.fine, modal_loads(*about, value, asked.shapes(tip), points))
+
+    @of_places
+    def polynomials(self) -> ShapePolynomials:
         """The shapes of bending modes as ElastoDyn (OpenFAST) takes them: c_2 xi^2 + ... + c_6 xi^6
         by least squares over the span, scaled to c_2 + ... + c_6 = 1.
 
@@ -127,66 +188,59 @@ class Modes(eqx.Module):
         deflection both ways. It turns the whole blade by its own pitch, so that shapes are those of
         a rotor without one. Value and slope at the root are zero, so that shapes of a root that
         yields do not fit: look at `misfit`, which for clamped blades is 1e-3 or so.
-        `jaxbeam.blades.write_elastodyn` writes them into a file. `rotor` and batches are as in
-        `displacement`.
+        `jaxbeam.blades.write_elastodyn` writes them into a file.
 
         Raises `ValueError` for a rotor with a pitch.
         """
-        if isinstance(rotor, Rotor) and rotor.pitch is not None:
+        if isinstance(self.rotor, Rotor) and self.rotor.pitch is not None:
             raise ValueError(
                 "rotor.pitch must be None for shapes of modes, since ElastoDyn turns the blade by "
                 "a pitch of its own: take the modes of the rotor without its pitch"
             )
-        return _polynomials(self, rotor)
+        return _polynomials(self)
+
+
+class _Asked(NamedTuple):
+    """Modes of one case that are asked: harmless numbers take the place of those of a case that
+    failed, where it is not `fine`."""
+
+    model: AbstractModel
+    rotor: AnyRotor
+    shape: Vectors
+    direction: Int[Array, " k"]
+    fine: Array
+
+    def shapes(self, tip: bool) -> Vectors:
+        """Shapes as they are, or divided by what the tip does in the direction of each."""
+        if not tip:
+            return self.shape
+        return self.shape / own_tip(self.model, self.rotor, self.shape, self.direction)[:, None]
+
+
+def _asked(modes: Modes) -> _Asked:
+    if modes.model is None or modes.rotor is None:
+        raise ValueError(
+            "these modes do not say of which model and rotor they are: take those of modes()"
+        )
+    fine = modes.status == Status.OK
+    rotor, shape = harmless(fine, modes.rotor), harmless(fine, modes.shape)
+    return _Asked(modes.model, rotor, shape, modes.direction, fine)
 
 
 @per_case
-def _displacement(
-    modes: Modes, rotor: AnyRotor, xi: np.ndarray, tip: bool
-) -> Complex[Array, "k p 3"]:
-    table = _model_of(modes).displacement(xi, rotor)
-    return jnp.einsum("cpn,kn->kpc", table, _scaled(modes, rotor, tip))
-
-
-def _places(xi: Any) -> np.ndarray:
-    """The argument as places x / L."""
-    points = np.atleast_1d(concrete_array("xi", xi))
-    if points.ndim > 1 or not np.all((points >= 0) & (points <= 1)):
-        raise ValueError(f"xi must be x / L from 0 to 1, one or several in a row, got {xi}")
-    return points
-
-
-@per_case
-def _torsion(modes: Modes, rotor: AnyRotor, xi: np.ndarray, tip: bool) -> Complex[Array, "k p"]:
-    return _scaled(modes, rotor, tip) @ _model_of(modes).torsion(xi).T
-
-
-@per_case
-def _polynomials(modes: Modes, rotor: AnyRotor) -> ShapePolynomials:
-    direction = modes.direction
+def _polynomials(modes: Modes) -> ShapePolynomials:
+    asked = _asked(modes)
+    direction = asked.direction
     bends = (direction == Direction.IN_PLANE) | (direction == Direction.FLAP)
-    bent = jnp.where(bends[:, None], _scaled(modes, rotor, True), 1.0).real
-    into = fit(rotor)
-    table = _model_of(modes).displacement(into.xi, rotor)
+    bent = jnp.where(bends[:, None], asked.shapes(True), 1.0).real
+    into = fit(asked.rotor)
+    table = asked.model.displacement(into.xi, asked.rotor)
     in_plane, flap = (bent @ table[axis].T for axis in (1, 2))
     is_flap = (direction == Direction.FLAP)[:, None]
     # The first axis of a section turns towards flap, the second away from in plane.
     own, across = jnp.where(is_flap, flap, in_plane), jnp.where(is_flap, -in_plane, flap)
     found = jax.vmap(into.of)(own, across)
-    return ShapePolynomials(*nan_unless(bends & (modes.status == Status.OK), found))
-
-
-def _model_of(modes: Modes) -> AbstractModel:
-    if modes.model is None:
-        raise ValueError("these modes do not say of which model they are: take those of modes()")
-    return modes.model
-
-
-def _scaled(modes: Modes, rotor: AnyRotor, tip: bool) -> Vectors:
-    """Shapes as they are, or divided by what the tip does in the direction of each."""
-    if not tip:
-        return modes.shape
-    return modes.shape / own_tip(_model_of(modes), rotor, modes.shape, modes.direction)[:, None]
+    return ShapePolynomials(*nan_unless(bends & asked.fine, found))
 
 
 def own_tip(

@@ -152,8 +152,10 @@ class SpanwiseFunction(AbstractSpanwise):
         places = np.unique(concrete_array("kinks", kinks)) if len(kinks) else np.zeros(0)
         if not np.all((places > 0) & (places < 1)):
             raise ValueError(f"kinks must be between 0 and 1 (x / L), got {tuple(kinks)}")
-        if jax.tree.leaves(function) == [function]:  # it is no pytree: jit would stumble over it
-            function = jax.tree_util.Partial(function)
+        # What of it is no pytree, it as a whole or a function inside, jit would stumble over.
+        function = jax.tree.map(
+            lambda leaf: jax.tree_util.Partial(leaf) if callable(leaf) else leaf, function
+        )
         self.function, self.kinks = function, tuple(places.tolist())
         self.steps = self.kinks  # for all that is known of it
 

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import concrete_array
+from jaxbeam._checks import places
 from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
 from jaxbeam._results import per_case
 from jaxbeam._rotor.beam import AnyRotor
@@ -156,10 +156,7 @@ class AlongSpan(eqx.Module):
 
 def points_of(xi: Any) -> tuple[float, ...]:
     """The argument as places x / L."""
-    points = np.atleast_1d(concrete_array("xi", xi))
-    if points.ndim != 1 or not ((points >= 0) & (points <= 1)).all():
-        raise ValueError(f"xi must be a number or a list of numbers in [0, 1], got {xi}")
-    return tuple(points.tolist())
+    return tuple(places(xi).tolist())
 
 
 def _displacement(now: Instant, *xi: float) -> Float[Array, "p 3"]:

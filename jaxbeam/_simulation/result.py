@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finite_rows, nan_unless, per_case
+from jaxbeam._results import asked_with, finite_rows, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._simulation.along_span import AlongSpan, Instant, points_of
 from jaxbeam._simulation.scene import Scene
@@ -33,8 +34,10 @@ class Simulation(AlongSpan):
     | status     | ()     |      | `Status`                                                      |
     | end_time   | ()     | s    | the last output time that was reached                         |
     | solution   |        |      | the solution of diffrax: statistics, interpolation, events    |
-    | scene      |        |      | what was simulated                                            |
-    | rotor      |        |      | of what rotor                                                 |
+    | scene      |        |      | what was simulated: its equations, motion, loads and damping; |
+    |            |        |      | part of no table                                              |
+    | model      |        |      | of what theory; no array, and part of no table                |
+    | rotor      |        |      | of what, as it was given; part of no table                    |
 
     Everything else is computed when asked for. Displacements are in the hub frame, components
     axial, in plane, flap, from the undeformed place; points are given as xi = x / L. Along the span
@@ -58,9 +61,10 @@ class Simulation(AlongSpan):
     status: Int[Array, "..."]
     end_time: Float[Array, "..."]
     solution: diffrax.Solution
-    scene: Scene
-    rotor: AnyRotor
+    scene: Scene = asked_with()
     is_partial: bool = eqx.field(static=True, default=False)
+    model: AbstractModel | None = eqx.field(static=True, default=None)
+    rotor: AnyRotor | None = asked_with()
 
     @property
     def partial(self) -> "Simulation":
@@ -120,7 +124,8 @@ class Simulation(AlongSpan):
 
 @Program
 def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
-    scene, rotor = run.scene, run.rotor
+    # A NaN of a case that failed would spoil the gradient by what its rotor shares with others.
+    scene, rotor = run.scene, harmless(in_range(run.status), run.rotor)
     valid, times, state = run._outputs(trusted(run.status))
 
     def one(t: Scalar, y: State) -> Any:

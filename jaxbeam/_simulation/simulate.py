@@ -1,5 +1,6 @@
 """Motions in time: a model on a moving hub, integrated with diffrax."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import diffrax
@@ -130,7 +131,7 @@ def simulate(
         stepsize_controller, dt0, saveat,
         adjoint, event, progress_meter, max_steps, balance_tolerance,
     )  # fmt: skip
-    return finish(result, throw)
+    return dataclasses.replace(finish(result, throw), model=model, rotor=rotor)
 
 
 _KINDS = {
@@ -187,7 +188,7 @@ def _simulate(
         controller = adaptive(1e-6, 1e-6 * size, times)
     how = (solver, controller, dt0, event, max_steps, adjoint)
     history = _integrated(now, y0, times, (seen, moment), how, saveat, progress_meter)
-    return _judged(given, now, rotor, history, balance_tolerance)
+    return _judged(given, now, history, balance_tolerance)
 
 
 class _History(NamedTuple):
@@ -241,9 +242,7 @@ def _integrated(
     return _History(y0, reached, at, state, times[0], watch, ended, solution)
 
 
-def _judged(
-    given: Code, now: Scene, rotor: AnyRotor, run: _History, balance_tolerance: float
-) -> Simulation:
+def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) -> Simulation:
     """The result: its status is that of what was `given`, else of the solver, else of the numbers
     that it found."""
     reached, at, state, t0 = run.reached, run.times, run.state, run.t0
@@ -271,7 +270,6 @@ def _judged(
         end_time=nan_unless(simulated, end_time),
         solution=run.solution,
         scene=now,
-        rotor=rotor,
     )
 
 

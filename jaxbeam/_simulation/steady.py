@@ -1,8 +1,10 @@
 """The state in which a beam rests in its hub."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -17,7 +19,7 @@ from jaxbeam._models.contract.loaded import (
     resting,
 )
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, nan_unless
+from jaxbeam._results import asked_with, finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
 from jaxbeam._rotor.motion import Motion
@@ -26,7 +28,7 @@ from jaxbeam._simulation.along_span import AlongSpan, Instant
 from jaxbeam._simulation.checks import check_scene, scene_status
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
-from jaxbeam._status import Status, first_failure
+from jaxbeam._status import Status, first_failure, in_range
 from jaxbeam._types import Code, Scalar
 
 
@@ -38,8 +40,9 @@ class Steady(AlongSpan):
     | q             | (n,)  | m     | coordinates of the model                                     |
     | angular_speed | ()    | rad/s |                                                              |
     | status        | ()    |       | `Status`; unless OK the answers are NaN                      |
-    | scene         |       |       | model, hub and loads                                         |
-    | rotor         |       |       |                                                              |
+    | scene         |       |       | equations, motion and loads; part of no table                |
+    | model         |       |       | of what theory; no array, and part of no table               |
+    | rotor         |       |       | of what, as it was given; part of no table                   |
 
     Along the span, at xi = x / L, it answers `displacement`, `rotation`, `strain`, `curvature`,
     `torsion`, `section_force` and `section_moment`, and as a whole `tip`, `hub_force`, `hub_torque`
@@ -49,8 +52,9 @@ class Steady(AlongSpan):
     q: Float[Array, "... n"]
     angular_speed: Float[Array, "..."]
     status: Code
-    scene: Scene
-    rotor: AnyRotor
+    scene: Scene = asked_with()
+    model: AbstractModel | None = eqx.field(static=True, default=None)
+    rotor: AnyRotor | None = asked_with()
 
     def _each(self, function: Callable[..., Any], *xi: float) -> Any:
         return _asked(self, function, xi)
@@ -82,7 +86,8 @@ def steady(
     """
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     checked_conditions(loads, NO_DAMPING)
-    return finish(_steady(model, rotor, speed, Conditions(loads, NO_DAMPING)), throw)
+    found = finish(_steady(model, rotor, speed, Conditions(loads, NO_DAMPING)), throw)
+    return dataclasses.replace(found, model=model, rotor=rotor)
 
 
 @Program
@@ -92,7 +97,7 @@ def _steady(model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Co
     status = first_failure(given, status)
     scene = Scene(model, rotor, ConstantSpeed(speed), conditions.loads, NO_DAMPING)
     q, at = nan_unless(status == Status.OK, (q, speed))
-    return Steady(q, at, status, scene, rotor)
+    return Steady(q, at, status, scene)
 
 
 @Program
@@ -101,7 +106,8 @@ def _asked(steady: Steady, function: Callable[..., Any], xi: tuple[float, ...]) 
     q = jnp.where(fine, steady.q, 0.0)  # NaN would end up in gradients
     # Not zeros that are known: of a program with these, XLA 0.10 for the CPU ends the process.
     state = State(q, 0 * q)
-    now = Instant(steady.scene, steady.rotor, jnp.zeros((), q.dtype), state, rests=True)
+    rotor = harmless(in_range(steady.status), steady.rotor)
+    now = Instant(steady.scene, rotor, jnp.zeros((), q.dtype), state, rests=True)
     return nan_unless(fine, function(now, *xi))
 
 

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from jaxbeam._programs.program import Program
+from jaxbeam._results import found_alone
 from jaxbeam._status import Status, said, unlogged
 from jaxbeam._sweeps.cases import refuse_traced
 from jaxbeam._sweeps.store import Part, Spec
@@ -21,8 +22,8 @@ _MADE_WITH = ("jaxbeam", "jax", "jaxlib", "equinox", "diffrax", "numpy")
 
 @Program  # its errors, unlike those of jax.jit, say only what went wrong
 def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
-    """`function(**parameters)` of every case."""
-    return jax.vmap(lambda parameters: function(**parameters))(columns)
+    """What `function(**parameters)` finds, of every case."""
+    return jax.vmap(lambda parameters: found_alone(function(**parameters)))(columns)
 
 
 class Work(NamedTuple):

@@ -4,6 +4,7 @@ import dataclasses
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -230,6 +231,23 @@ def test_functions_along_the_span_under_jit():
     np.testing.assert_allclose(jax.jit(hidden)(1.0), 12.0, rtol=1e-12)
     with pytest.raises(ValueError, match="mass_per_length"):
         jax.jit(lambda: hidden(3.0))()
+
+
+def test_a_function_of_the_span_may_hold_functions_of_its_own():
+    """As the layers of a network hold what they are passed through: a rotor goes through `jit`."""
+
+    class Layer(eqx.Module):
+        scale: jax.Array
+        through: Callable
+
+        def __call__(self, xi):
+            return 1.0 + self.through(self.scale * xi)
+
+    layer = SpanwiseFunction(Layer(jnp.asarray(0.5), jnp.square))
+    rotor = jb.Rotor(jb.Beam(**GOOD | {"mass_per_length": layer}))
+    found = jax.jit(lambda r: (r, r.beam.mass_per_length.at(np.ones(1))))(rotor)
+    np.testing.assert_allclose(found[1], 1.25)
+    assert jax.tree.structure(found[0]) == jax.tree.structure(rotor)
 
 
 @pytest.mark.parametrize("values", [[3.0, 2.0], [3.0, 2.0, 1.0, 0.5, 0.2], 3.0])

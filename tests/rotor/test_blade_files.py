@@ -2,6 +2,7 @@
 
 import re
 
+import jax
 import numpy as np
 import pytest
 
@@ -229,3 +230,121 @@ def test_what_a_main_file_says_of_a_missing_file(tmp_path):
     said = r"blade\.txt, line 12, column sec_props_file: the section file .*no_such\.dat cannot be"
     with pytest.raises(ValueError, match=said):
         reading(tmp_path, deck)
+
+
+# As the title of a kind says, a file of each in a few lines.
+NEIGHBOURS = {
+    "a BeamDyn blade file": "BEAMDYN\nown\n---\n2 station_total - number\n1 damp_type\n",
+    "a BeamDyn primary file": "BEAMDYN\nown\n1 member_total\n3 kp_total\nkp_xr kp_yr kp_zr\n",
+    "an ElastoDyn tower file": "TOWER\nown\n2 NTwInpSt\nHtFract TMassDen TwFAStif TwSSStif\n",
+    "an ElastoDyn primary file": 'ED\nown\n63.0 TipRad - (m)\n"a.dat" BldFile(1) - blade\n',
+    "an AeroDyn blade file": "AERODYN\nown\n2 NumBlNds\nBlSpn BlCrvAC BlSwpAC BlTwist BlChord\n",
+    "a HAWC2 htc file": "; own\nbegin new_htc_structure;\n  begin main_body;\n",
+    "a HAWC2 st file": "1 ; number of sets\n#1 own\nr m x_cg y_cg\n$1 2\n0 1 0 0\n1 1 0 0\n",
+    "a windIO YAML file": "name: own\ncomponents:\n  blade:\n    outer_shape_bem: {}\n",
+    "a VABS .K file": " The 6X6 Mass Matrix\n ====\n\n 1 0 0 0 0 0\n",
+    "an Excel workbook (save it as CSV)": b"PK\x03\x04\x14\x00\x06\x00\x08\x00[Content_Types].xml",
+}
+ALL_READERS = blades.read_blade, blades.read_csv, blades.read_elastodyn, blades.read_bmodes
+
+
+@pytest.mark.parametrize("title", NEIGHBOURS)
+def test_files_of_neighbours_are_named(title, tmp_path):
+    path, text = tmp_path / "file", NEIGHBOURS[title]
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    for read in ALL_READERS:
+        with pytest.raises(ValueError, match=re.escape(f"file is {title}, which is not read; kno")):
+            read(path, length=12.0)
+
+
+def test_a_reader_names_the_one_that_reads_a_file(tmp_path):
+    path = tmp_path / "file"
+    for text, title, reader in (
+        (ELASTODYN.format(title="own"), "an ElastoDyn blade file", blades.read_elastodyn),
+        (DECK.format(title="own"), "a BModes main file", blades.read_bmodes),
+        (SECTIONS, "a BModes section file", blades.read_bmodes),
+    ):
+        path.write_text(text)
+        for read in {*ALL_READERS[1:]} - {reader}:
+            said = f"file is {title}: take {reader.__name__}, or read_blade"
+            with pytest.raises(ValueError, match=said):
+                read(path, length=12.0)
+    for text in ("a letter\nof two lines\n", "1,2,3\n4,5,6\n", "{}"):
+        with pytest.raises(ValueError, match=r"is of no known kind, .*; known are tables of named"):
+            reading(tmp_path, text)
+
+
+SYNONYMS = {
+    "x/L": "BlFract sec_loc span_fraction x_over_L",
+    "mass_per_length [kg/m]": "BMassDen(kg/m) mass_den_kg_per_m rhoA[kg*m^-1] linear_mass[t/m]",
+    "edge_stiffness [N m^2]": "EdgStff[Nm2] edge_stff(Nm²) EIedge_N_m2 EI_lag[GNm2] lag-EI(N·m^2)",
+    "flap_stiffness [N m^2]": "FlpStff(Nm^2) flp_stff_kN_m2 EIflap[N*m**2] EI_flapwise_Nm2",
+    "EA [N]": "EAStff[kN] axial_stff_N axial_stiffness(MN) Axial_Rigidity[N]",
+    "GJ [Nm2]": "GJStff(Nm^2) tor_stff_N_m2 torsional_stiffness[kNm2] GJ[Nm2/rad] GJ_Nm2",
+    "polar_inertia [kg m]": "polar_inertia_kg_m2_per_m torsional_inertia(kgm) polar_inertia[gm]",
+}
+
+
+def test_properties_have_the_names_that_people_use(tmp_path):
+    row = [1.0, 20.0, 2e6, 1e6, 1e8, 5e5, 0.4]
+    plain = dict(zip(SYNONYMS, row, strict=True))
+    units = {"kN": 1e3, "MN": 1e6, "GN": 1e9, "t/": 1e3, "[g": 1e-3}
+
+    def read(titles, numbers):
+        lines = [titles, [0.0, *numbers[1:]], numbers]
+        text = "\n".join(";".join(map(str, line)) for line in lines)
+        return reading(tmp_path, f"# comment\n# another\n{text}", length=12.0)
+
+    wanted = read([*plain], row)
+    assert wanted.ignored == ()
+    assert float(wanted.beam.torsional_stiffness.values[0]) == 5e5
+    for i, (title, others) in enumerate(SYNONYMS.items()):
+        for other in others.split():
+            factor = next((f for unit, f in units.items() if unit in other), 1.0)
+            titles = [other if name == title else name for name in plain]
+            found = read(titles, [x / factor if j == i else x for j, x in enumerate(row)])
+            assert found.ignored == ()
+            same_numbers(found.beam, wanted.beam)
+    alone = read([*[*plain][:6], "FlpIner [kg m]"], row)
+    assert "no rotary inertia in bending" in alone.ignored[0]
+    assert alone.beam.polar_inertia is None
+
+
+def same_numbers(beam, other):
+    leaves = (jax.tree.leaves(each) for each in (beam, other))
+    for a, b in zip(*leaves, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
+def test_inertias_of_both_directions_are_the_polar_one(tmp_path):
+    text = CSV.replace("\n", ",0.3,0.2,0.0\n").replace(
+        ",0.3,0.2,0.0", ",FlpIner_kg_m,edge_iner (kg m),GJ [Nm2]", 1
+    )
+    found = reading(tmp_path, text, length=50.0, axial_stiffness=1e10)
+    np.testing.assert_allclose(found.beam.polar_inertia.values, 0.5)
+    assert found.ignored == ()
+    assert found.beam.torsional_stiffness is None  # zero at all stations
+
+
+@pytest.mark.parametrize(
+    ("title", "got"),
+    [
+        ("GJ [deg]", "'deg'"), ("GJ [lbf ft^2]", "'lbfft2'"), ("GJ", "none"), ("GJ []", "none"),
+        ("GJ_kip_ft2", "'kipft2'"), ("polar inertia [kg m^2]", "'kgm2'"), ("EA [Nm2]", "'Nm2'"),
+        ("twist [1/m]", "'1/m'"), ("tor_stff_N_m", "'Nm'"),
+    ],
+)  # fmt: skip
+def test_units_are_never_ignored(title, got, tmp_path):
+    text = CSV.replace("\n", ",1.0\n").replace(",1.0", f",{title}", 1)
+    with pytest.raises(ValueError, match=re.escape(f"column {title}: its unit must be ")) as caught:
+        reading(tmp_path, text, length=50.0, axial_stiffness=1e10)
+    assert str(caught.value).endswith(f"got {got}")
+
+
+@pytest.mark.parametrize("title", ["EA_offset_m", "x_cg_m", "twist_center", "GJ ratio [-]", "mass"])
+def test_names_that_begin_like_others_are_others(title, tmp_path):
+    text = CSV.replace("\n", ",1.0\n").replace(",1.0", f",{title}", 1)
+    found = reading(tmp_path, text, length=50.0, axial_stiffness=1e10)
+    assert found.ignored == (
+        f"{title} is ignored: a Beam has nothing of this name (in the file up to 1).",
+    )

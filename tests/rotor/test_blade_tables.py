@@ -347,7 +347,7 @@ BAD_CSV = {
     ),
     "a place in feet": (
         csv_with(*GOOD, titles=CSV_TITLES.replace("x_over_L", "x_ft")),
-        "line 2, column x_ft: is not known as x, whose unit must be m, cm, mm, got 'ft', and",
+        "line 2, column x_ft: its unit must be m, cm, mm, got 'ft'",
     ),
     "missing": (
         csv_with(*GOOD, titles="x_over_L,twist_deg,chord,flap_stiffness_N_m2,thickness"),

@@ -189,7 +189,7 @@ def test_films_show_where_the_beam_is(tmp_path):
     """Faces of ribbons are those of displacement, in axes of the hub and in space."""
     times = jnp.linspace(0.0, 0.2, 3)
     run = jb.simulate(MODEL, CONED, jb.SmoothSpinUp(2.0, 0.5, AXIS), times)
-    strip = plot.filmstrip(CONED, run, frames=2)
+    strip = plot.filmstrip(run, frames=2)
     hub, space = strip.axes[:2]
     assert (hub.get_title(), space.get_title()) == ("axes of the hub", "space")
     tips = [np.stack(ax.lines[-1].get_data_3d(), 1) for ax in (hub, space)]
@@ -197,10 +197,10 @@ def test_films_show_where_the_beam_is(tmp_path):
     np.testing.assert_allclose(tips[0], np.asarray(run.tip) + out, rtol=0, atol=1e-14)
     turn = jax.vmap(run.scene.motion.attitude)(times)
     np.testing.assert_allclose(tips[1], np.einsum("tij,tj->ti", turn, tips[0]), atol=1e-14)
-    plot.film(CONED, run, Figure()).save(tmp_path / "film.gif", "pillow", dpi=20)
+    plot.film(run, Figure()).save(tmp_path / "film.gif", "pillow", dpi=20)
     assert (tmp_path / "film.gif").stat().st_size > 0
     with pytest.raises(ValueError, match="run must be that of one case"):
-        plot.filmstrip(CONED, eqx.tree_at(lambda r: r.times, run, run.times[None]))
+        plot.filmstrip(eqx.tree_at(lambda r: r.times, run, run.times[None]))
 
 
 ALONE = """

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._results import found_alone
 from jaxbeam.blades import SpanwiseFunction, read_elastodyn, write_elastodyn
+from jaxbeam.results import Modes
 
 UNIFORM = jb.Rotor(jb.Beam(2.0, 3.0, 1e7, 50.0, 20.0))
 MODEL = jb.Hybrid(0, 8, 8)
@@ -30,21 +32,19 @@ def of(speed, rotor=UNIFORM):
 
 def test_displacements_are_those_of_a_cantilever():
     found = of(0.0)
-    u = found.displacement(UNIFORM, XI, tip=True)
+    u = found.displacement(XI, tip=True)
     exact = np.stack([cantilever(root, XI) for root in (*ROOTS, ROOTS[0])])
     np.testing.assert_allclose(u[:2, :, 2], exact[:2], atol=1e-4)
     np.testing.assert_allclose(u[0, :, 2], exact[0], atol=1e-8)
     np.testing.assert_allclose(u[2, :, 1], exact[2], atol=1e-9)
     assert not np.any(u[:2, :, :2])
     # Of unit modal mass: the mean of phi^2 is a quarter of its square at the tip.
-    np.testing.assert_allclose(
-        np.abs(found.displacement(UNIFORM)[2, 0, 1]), 2 / np.sqrt(6.0), rtol=1e-9
-    )
-    assert not np.any(found.torsion(UNIFORM, XI))
+    np.testing.assert_allclose(np.abs(found.displacement()[2, 0, 1]), 2 / np.sqrt(6.0), rtol=1e-9)
+    assert not np.any(found.torsion(XI))
 
 
 def test_polynomials_are_the_least_squares_fit_and_say_how_far_they_are_off():
-    fits = of(0.0).polynomials(UNIFORM)
+    fits = of(0.0).polynomials()
     x = (1 - np.cos(np.linspace(0, np.pi, 4001))) / 2
     weight = np.gradient(x)
     for row, misfit, root in zip(*fits, (*ROOTS, ROOTS[0]), strict=True):
@@ -62,24 +62,70 @@ def test_shapes_of_a_batch_and_under_jit():
     speeds = jnp.array([0.0, 3.0])
     many = jax.jit(jax.vmap(of))(speeds)
     for found, alone in (
-        (many.polynomials(UNIFORM).coefficients, lambda m: m.polynomials(UNIFORM).coefficients),
-        (many.displacement(UNIFORM, XI, tip=True), lambda m: m.displacement(UNIFORM, XI, tip=True)),
+        (many.polynomials().coefficients, lambda m: m.polynomials().coefficients),
+        (many.displacement(XI, tip=True), lambda m: m.displacement(XI, tip=True)),
     ):
         one = jax.jit(lambda w: alone(of(w)))(3.0)  # noqa: B023
         np.testing.assert_allclose(found[1], one, atol=1e-9)
+
+
+def test_modes_know_their_rotor_in_batches_too():
+    """Beams that vary, from case to case: of each the shapes are functions of its own."""
+
+    def case(root):
+        stiffness = jb.Spanwise([0.0, 1.0], jnp.stack([root, 20.0]))
+        rotor = jb.Rotor(jb.Beam(2.0, 3.0, 1e7, 50.0, stiffness))
+        one = jnp.ones(1)
+        fields = one + 0j, one[None] + 0j, 2 * one.astype(int), one, one[None], one
+        status = jnp.where(root > 0, 0, 1)
+        return Modes(*fields, status, one[0], model=jb.Hybrid(0, 0, 1), rotor=rotor)
+
+    @jax.jit
+    def asked(roots):
+        inside = jax.vmap(lambda root: case(root).displacement(XI))(roots)
+        many = jax.vmap(case)(roots)
+        return inside, many.displacement(XI), jax.vmap(lambda m: m.displacement(XI))(many)
+
+    inside, outside, one_by_one = asked(jnp.array([20.0, 900.0, jnp.nan]))
+    np.testing.assert_allclose(outside, inside, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(one_by_one, inside, rtol=1e-12, atol=1e-14)
+    assert np.isnan(outside[2]).all()
+    shape = np.abs(outside[:2, 0, :, 2])
+    assert np.ptp(shape[:, 10] / shape[:, -1]) > 0.02
+
+
+def test_a_rotor_is_not_asked_for_twice():
+    found = of(0.0)
+    for ask in (
+        lambda: found.torsion(UNIFORM, XI), lambda: found.displacement(UNIFORM),
+        lambda: found.displacement(xi=XI, rotor=UNIFORM), lambda: found.polynomials(UNIFORM),
+    ):  # fmt: skip
+        with pytest.raises(TypeError, match=r"takes no rotor, since modes know theirs: write mod"):
+            ask()
+
+
+def test_what_modes_are_asked_with_is_no_column_of_a_table():
+    found = found_alone({"found": of(0.0), "more": jnp.ones(2)})
+    assert found["found"].rotor is None
+    assert jax.tree.structure(found_alone(found)) == jax.tree.structure(found)
+    table = jb.sweep(lambda w: {"found": of(w)}, jb.grid(w=[0.0, 1.0]))
+    assert {name.rpartition(".")[2] for name in table} == {
+        "eigenvalue", "shape", "direction", "number", "energy_share", "residual", "status",
+        "steady_strain", "frequency_error",
+    }  # fmt: skip
 
 
 def test_polynomials_are_differentiable_and_a_case_that_failed_has_none():
     """The more a blade turns the more its first mode is a straight line."""
 
     def last(speed):
-        return of(speed).polynomials(UNIFORM).coefficients[0, 0]
+        return of(speed).polynomials().coefficients[0, 0]
 
     rate, step = jax.jit(jax.grad(last))(3.0), 1e-4
     np.testing.assert_allclose(rate, (last(3 + step) - last(3 - step)) / (2 * step), rtol=1e-5)
     failed = of(jnp.nan)
-    assert np.all(np.isnan(failed.polynomials(UNIFORM).misfit))
-    assert np.all(np.isnan(failed.displacement(UNIFORM, XI, tip=True)))
+    assert np.all(np.isnan(failed.polynomials().misfit))
+    assert np.all(np.isnan(failed.displacement(XI, tip=True)))
 
 
 TWIST = jb.Spanwise([0.0, 0.4, 1.0], [0.6, 0.2, 0.0])
@@ -94,10 +140,10 @@ def test_with_twist_the_deflection_is_what_the_shape_does_to_turned_sections():
     """int int p'' (cos, -sin)(twist), as ElastoDyn adds it up, by the trapezoidal rule."""
     rotor = jb.Rotor(BLADE, 0.3)
     found = jb.modes(jb.Hybrid(0, 10, 10), rotor, 1.0, WHICH)
-    rows, misfit = found.polynomials(rotor)
+    rows, misfit = found.polynomials()
     x = np.linspace(0.0, 1.0, 4001)
     angle = np.interp(x, TWIST.stations, TWIST.values)
-    u = found.displacement(rotor, x).real
+    u = found.displacement(x).real
 
     def twice(curvature):
         for _ in range(2):
@@ -194,9 +240,9 @@ def test_what_cannot_be_written_is_said(tmp_path):
         (TypeError, "beam must be known", lambda: jax.jit(lambda b: write(beam=b))(beam)),
         (
             ValueError, "rotor.pitch must be None .* take the modes of the rotor without its pitch",
-            lambda: of(0.0).polynomials(jb.Rotor(beam, pitch=0.1)),
+            lambda: of(0.0, jb.Rotor(beam, pitch=0.1)).polynomials(),
         ),
-        (ValueError, "xi must be x / L", lambda: of(0.0).displacement(UNIFORM, 1.5)),
+        (ValueError, "xi must be x / L", lambda: of(0.0).displacement(1.5)),
     ):  # fmt: skip
         with pytest.raises(error, match=text):
             call()

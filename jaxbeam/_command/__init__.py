@@ -1,0 +1,1 @@
+"""What `python -m jaxbeam` reads: scenes in TOML, and the questions that they ask."""
