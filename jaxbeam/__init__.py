@@ -9,7 +9,8 @@ As built            Spanwise: a property along the span; RootSprings, TipBody, P
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     ExactRodANCF, GreenANCF, ANCF in finite elements in the plane,
                     SpatialANCF in space: it bends both ways and twists
-At a steady speed   modes; labels name the modes that are asked for
+At a steady speed   steady: the state that loads and rotation deform, with internal forces
+                    modes; labels name the modes that are asked for
                     southwell, stiffening_ratio: how fast they stiffen
                     campbell, crossing: frequencies over speed, resonances with harmonics of it
                     critical_speed, critical_load: where the beam, or the theory, loses its
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
     from jaxbeam._rotor.units import rpm as rpm
     from jaxbeam._simulation.simulate import deflection_limit as deflection_limit
     from jaxbeam._simulation.simulate import simulate as simulate
+    from jaxbeam._simulation.steady import steady as steady
     from jaxbeam._simulation.steady import steady_start as steady_start
     from jaxbeam._stability.critical_load import critical_load as critical_load
     from jaxbeam._stability.critical_speed import critical_speed as critical_speed

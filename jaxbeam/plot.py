@@ -26,10 +26,10 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from jaxbeam._checks import check_kind
 from jaxbeam._fitting.result import Fit
 from jaxbeam._models.bases.loads import section_angle
-from jaxbeam._models.space.frames import axes as section_axes
 from jaxbeam._modes.result import Modes
 from jaxbeam._rotor import spanwise
 from jaxbeam._rotor.directions import Direction, Label
+from jaxbeam._rotor.motion import axes as section_axes
 from jaxbeam._simulation.result import Simulation
 from jaxbeam._status import Status
 from jaxbeam._sweeps.table import Table

@@ -1,10 +1,10 @@
 """What the functions of `jaxbeam` return, to look up what is in it, and for annotations.
 
 Each has the name of its function: `Modes`, `Southwell`, `Campbell`, `Crossing`, `CriticalSpeed`,
-`CriticalLoad`, `Floquet`, `Tongue`, `Simulation`, `SteadyStart`, `StableStep`, `Amplification`,
-`StiffeningRatio`, `Fit`. `ShapePolynomials` come from `Modes.polynomials`, a `Scene` is what a run
-goes through, and `Cases` come from `jaxbeam.grid` and `jaxbeam.points`. What is asked of a batch of
-results has the axes of the batch in front.
+`CriticalLoad`, `Floquet`, `Tongue`, `Steady`, `Simulation`, `SteadyStart`, `StableStep`,
+`Amplification`, `StiffeningRatio`, `Fit`. `ShapePolynomials` come from `Modes.polynomials`, a
+`Scene` is what a run goes through, and `Cases` come from `jaxbeam.grid` and `jaxbeam.points`. What
+is asked of a batch of results has the axes of the batch in front.
 
 **A result knows its `rotor` and its `model`**, and is asked in one way: what needs to be told
 nothing is a property (`run.tip`, `found.frequency`), what is asked along the span is a method of
@@ -29,6 +29,7 @@ from jaxbeam._simulation.result import Simulation as Simulation
 from jaxbeam._simulation.scene import Scene as Scene
 from jaxbeam._simulation.stable_step import Amplification as Amplification
 from jaxbeam._simulation.stable_step import StableStep as StableStep
+from jaxbeam._simulation.steady import Steady as Steady
 from jaxbeam._simulation.steady import SteadyStart as SteadyStart
 from jaxbeam._stability.critical_load import CriticalLoad as CriticalLoad
 from jaxbeam._stability.critical_speed import CriticalSpeed as CriticalSpeed

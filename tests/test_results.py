@@ -291,6 +291,10 @@ NUMBERS = {
     "stiffening_ratio": (
         lambda p, x: jb.stiffening_ratio(rotor(p), x, throw=False).ratio, [1.0, np.inf, np.nan]
     ),
+    "steady": (
+        lambda p, x: jb.steady(jb.GreenANCF(1), rotor(p), x, throw=False).section_force(0.3)[0, 0],
+        [1.0, 1e9, np.nan],
+    ),
     "steady_start": (
         lambda p, x: jb.steady_start(
             jb.GreenANCF(1), rotor(p), jb.ConstantSpeed(x), throw=False

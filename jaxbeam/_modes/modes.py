@@ -80,7 +80,8 @@ def modes(
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     conditions = checked_conditions(loads, damping, (model, rotor), (speed,), throw)
     result = find(model, rotor, speed, choose(model, which), conditions=conditions)
-    return dataclasses.replace(finish(result, throw), rotor=rotor)
+    asked = {"rotor": rotor, "angular_speed": speed, "conditions": conditions}
+    return dataclasses.replace(finish(result, throw), **asked)
 
 
 @Program

@@ -12,6 +12,8 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 from jaxbeam._checks import check_kind, places
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.loaded import Conditions
+from jaxbeam._modes.section_loads import modal_loads
 from jaxbeam._modes.shapes import ShapePolynomials, fit
 from jaxbeam._results import InHertz, Method, asked_with, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor, Rotor
@@ -62,6 +64,8 @@ class Modes(InHertz, eqx.Module):
     |                 |        |       | `Hybrid` and `Classical` with `Polynomials`               |
     | model           |        |       | whose modes they are; no array, and part of no table      |
     | rotor           |        |       | whose modes they are, as it was given; part of no table   |
+    | angular_speed   | ()     | rad/s | of the hub, as it was given; part of no table             |
+    | conditions      |        |       | loads and damping, None without; part of no table         |
 
     (*) kg^-1/2 for coordinates in metres.
 
@@ -87,6 +91,8 @@ class Modes(InHertz, eqx.Module):
     frequency_error: Float[Array, " k"] | None = None
     model: AbstractModel | None = eqx.field(static=True, default=None)
     rotor: AnyRotor | None = asked_with()
+    angular_speed: Scalar | None = asked_with()
+    conditions: Conditions | None = asked_with()
 
     @property
     def frequency(self) -> Float[Array, "... k"]:
@@ -135,6 +141,43 @@ class Modes(InHertz, eqx.Module):
         and errors: zero but in `SpatialANCF`."""
         asked, points = _asked(self), places(xi)
         return nan_unless(asked.fine, asked.shapes(tip) @ asked.model.torsion(points).T)
+
+    @of_places
+    @per_case
+    def section_force(self, xi: Any = 0.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
+        """Forces in sections at `xi` that go with modes: tension, shear in plane, shear in flap.
+
+        From equilibrium, and in the axes of sections, as `section_moment`. `tip` and batches are as
+        in `displacement`; of unit modal mass in N kg^-1/2, with `tip` in N/m.
+
+        Raises `ValueError` for points out of range, a `SpringRotor`, which has no sections, and a
+        pre-cone in `Hybrid`; and `TypeError` for traced points.
+        """
+        return self._section_loads(xi, tip)[0]
+
+    @of_places
+    @per_case
+    def section_moment(self, xi: Any = 0.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
+        """Modal moments in sections at `xi`: of torsion, of bending in plane, of bending in flap.
+
+        By so much, times e^(lambda t), the moment in a section differs from that of the steady
+        state, in the axes of the section, which turn with it (see `Simulation.section_moment`): it
+        is of the inertia of the mode outboard, and of what steady forces, tension above all, do on
+        the beam that it bends. So it is as accurate as the shape, where EI times its curvature is
+        not. `Classical` leaves that of tension out of its modes, and has it here. `tip` and batches
+        are as in `displacement`; of unit modal mass in N m kg^-1/2, with `tip` in N.
+
+        Raises `ValueError` for points out of range, a `SpringRotor`, which has no sections, and a
+        pre-cone in `Hybrid`; and `TypeError` for traced points.
+        """
+        return self._section_loads(xi, tip)[1]
+
+    def _section_loads(self, xi: Any, tip: bool) -> Any:
+        asked, points = _asked(self), tuple(places(xi).tolist())
+        speed, conditions = harmless(asked.fine, (self.angular_speed, self.conditions))
+        value = harmless(asked.fine, self.eigenvalue)
+        about = asked.model, asked.rotor, speed, conditions
+        return nan_unless(asked.fine, modal_loads(*about, value, asked.shapes(tip), points))
 
     @of_places
     def polynomials(self) -> ShapePolynomials:

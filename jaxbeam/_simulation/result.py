@@ -1,6 +1,7 @@
 """What comes out of a simulation, computed when asked for."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import diffrax
@@ -10,18 +11,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxbeam._checks import places
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._programs.program import Program
-from jaxbeam._results import asked_with, finite_rows, nan_unless, per_case
+from jaxbeam._results import asked_with, finite_rows, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._simulation.along_span import AlongSpan, Instant, points_of
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, trusted
 from jaxbeam._types import Scalar, Vector
 
 
-class Simulation(eqx.Module):
+class Simulation(AlongSpan):
     """What became of a scene: T times, n coordinates, p points.
 
     | field      | shape  | unit |                                                               |
@@ -39,7 +40,9 @@ class Simulation(eqx.Module):
     | rotor      |        |      | of what, as it was given; part of no table                    |
 
     Everything else is computed when asked for. Displacements are in the hub frame, components
-    axial, in plane, flap, from the undeformed place; points are given as xi = x / L.
+    axial, in plane, flap, from the undeformed place; points are given as xi = x / L. Along the span
+    there are `displacement`, `rotation`, `strain`, `curvature`, `torsion`, `section_force` and
+    `section_moment`; `tip`, `hub_force`, `hub_torque` and energies by time.
 
     **Runs that failed** do not pass for others. `peak` is NaN unless `status` is OK (a run that an
     event of yours ended is OK). Histories of a run that was stopped (`MAX_STEPS`, `STEP_FAILED`,
@@ -72,72 +75,17 @@ class Simulation(eqx.Module):
         """
         return dataclasses.replace(self, is_partial=True)
 
-    @per_case
-    def displacement(self, xi: Any = 1.0) -> Float[Array, "T p 3"]:
-        """Displacement of the points x = `xi` L, one number or p of them from 0 to 1, in m.
-
-        Raises `ValueError` for points out of range, and `TypeError` for traced ones.
-        """
-        return self._each(_displacement, *_points(xi))
-
-    @property
-    @per_case
-    def tip(self) -> Float[Array, "T 3"]:
-        """Displacement of the tip, in m."""
-        return self.displacement()[:, 0]
-
-    @per_case
-    def strain(self, xi: Any = 0.0) -> Float[Array, "T p"]:
-        """Axial strain of the centre line at `xi`, as in `displacement`."""
-        return self._each(_strain, *_points(xi))
-
-    @per_case
-    def curvature(self, xi: Any = 0.0) -> Float[Array, "T p 2"]:
-        """In-plane and flap curvature at `xi`, as in `displacement`, in 1/m.
-
-        In axes that turn with the section, but not with pitch and twist that the beam has by
-        itself: surface strain is the axial one less y times it.
-        """
-        return self._each(_curvature, *_points(xi))
-
-    @per_case
-    def torsion(self, xi: Any = 1.0) -> Float[Array, "T p"]:
-        """Angle of torsion at `xi`, as in `displacement`, in rad: zero but in `SpatialANCF`.
-
-        By it the section has turned about the tangent from where the least rotation from a1 to the
-        tangent brings it.
-        """
-        return self._each(_torsion, *_points(xi))
-
-    @property
-    @per_case
-    def strain_energy(self) -> Float[Array, " T"]:
-        """Strain energy, in J."""
-        return self._each(_strain_energy)
-
     @property
     @per_case
     def energy(self) -> Float[Array, " T"]:
         """Kinetic energy in the inertial frame plus strain energy, in J."""
-        return self._each(Scene.total_energy)
+        return self._each(_energy)
 
     @property
     @per_case
     def jacobi_integral(self) -> Float[Array, " T"]:
         """Kinetic energy seen from the hub, centrifugal potential and strain energy, in J."""
         return self._each(_jacobi)
-
-    @property
-    @per_case
-    def hub_force(self) -> Float[Array, "T 3"]:
-        """Force of the hub on the beam, in N, hub axes."""
-        return self._each(Scene.reaction)[0]
-
-    @property
-    @per_case
-    def hub_torque(self) -> Float[Array, "T 3"]:
-        """Moment of the hub on the beam about the centre of the hub, in N m, hub axes."""
-        return self._each(Scene.reaction)[1]
 
     @per_case
     def peak(self, component: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
@@ -154,7 +102,7 @@ class Simulation(eqx.Module):
             raise ValueError("peak needs two or more output times")
         return _peak(self, *checked_point(component, xi))
 
-    def _each(self, function: Any, *xi: float) -> Any:
+    def _each(self, function: Callable[..., Any], *xi: float) -> Any:
         return _mapped(self, function, xi)
 
     def _outputs(self, fine: Array) -> tuple[Array, Array, State]:
@@ -176,48 +124,33 @@ class Simulation(eqx.Module):
 
 @Program
 def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
-    scene = run.scene
+    # A NaN of a case that failed would spoil the gradient by what its rotor shares with others.
+    scene, rotor = run.scene, harmless(in_range(run.status), run.rotor)
     valid, times, state = run._outputs(trusted(run.status))
-    found = jax.vmap(lambda t, y: function(scene, scene.after(t), y, *xi))(times, state)
+
+    def one(t: Scalar, y: State) -> Any:
+        return function(Instant(scene, rotor, scene.after(t), y), *xi)
+
+    found = jax.vmap(one)(times, state)
     return nan_unless(valid, found)
-
-
-def _points(xi: Any) -> tuple[float, ...]:
-    return tuple(places(xi).tolist())
 
 
 def checked_point(component: int, xi: float) -> tuple[int, float]:
     whole = isinstance(component, int | np.integer) and not isinstance(component, bool)
     if not whole or component not in (0, 1, 2):
         raise ValueError(f"component must be 0 (axial), 1 (in plane) or 2 (flap), got {component}")
-    points = _points(xi)
+    points = points_of(xi)
     if len(points) != 1:
         raise ValueError(f"xi must be one number in [0, 1], got {xi}")
     return int(component), points[0]
 
 
-def _displacement(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 3"]:
-    return scene.equations.displacement(y.q, np.array(xi))
+def _energy(now: Instant) -> Scalar:
+    return now.scene.total_energy(now.t, now.y)
 
 
-def _strain(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
-    return scene.equations.strain(y.q, np.array(xi))
-
-
-def _curvature(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, "p 2"]:
-    return scene.equations.curvature(y.q, np.array(xi))
-
-
-def _torsion(scene: Scene, t: Scalar, y: State, *xi: float) -> Float[Array, " p"]:
-    return scene.equations.torsion(y.q, np.array(xi))
-
-
-def _strain_energy(scene: Scene, t: Scalar, y: State) -> Scalar:
-    return scene.equations.strain_energy(y.q)
-
-
-def _jacobi(scene: Scene, t: Scalar, y: State) -> Scalar:
-    return sum(scene.energies(t, y))  # type: ignore[return-value]
+def _jacobi(now: Instant) -> Scalar:
+    return sum(now.scene.energies(now.t, now.y))  # type: ignore[return-value]
 
 
 @Program

@@ -309,15 +309,18 @@ class Scene(SecondOrderSystem):
         )
         return rigid + self.equations.kinetic_energy(q, v, velocity, spin)
 
-    def reaction(self, t: Scalar, y: State) -> tuple[Triple, Triple]:
-        """Force and moment about the centre of the hub by which the hub moves the beam.
+    def reaction(
+        self, t: Scalar, y: State, acceleration: Vector | None = None
+    ) -> tuple[Triple, Triple]:
+        """Force and moment about the centre of the hub by which the hub moves the beam, whose
+        `acceleration` q'' is by default that of the equations.
 
         F = p' + omega x p - M g - F_tip, C = H' + omega x H + v x p - S x g - r_tip x F_tip -
         M_tip, with p = dT/dv and H = dT/domega. Damping by `Damping.mass` is taken to act between
         hub and beam.
         """
         hub, q, v = self.hub(t), y.q, y.v
-        a = self.acceleration(t, q, v)
+        a = self.acceleration(t, q, v) if acceleration is None else acceleration
         (p, h), (dp, dh) = jax.jvp(
             jax.grad(self.kinetic, argnums=(2, 3)),
             (q, v, hub.velocity, hub.angular_velocity),
@@ -342,9 +345,7 @@ class Scene(SecondOrderSystem):
         """Force along the span in all, and its moment about the centre of the hub."""
         equations, (xi, weight) = self.equations, span.integral.points
         force = equations.length * weight[:, None] * span.integral.acting(q, span.density(t))
-        tip = equations.undeformed.tip
-        root = (equations.tip_radius - equations.length) * jnp.eye(3, dtype=q.dtype)[0]
-        place = root[None] + xi[:, None] * (tip - root)[None] + equations.displacement(q, xi)
+        place = equations.undeformed_at(xi) + equations.displacement(q, xi)
         return jnp.sum(force, 0), jnp.sum(jnp.cross(place, force), 0)
 
 

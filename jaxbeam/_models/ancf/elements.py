@@ -262,6 +262,14 @@ class ElementEquations(Equations):
         shapes, local = self._around(q, xi)
         return jnp.sum(shapes.slope * local, 2) / self.length
 
+    def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        across, along = self.gradient(q, xi)
+        return jnp.stack([1 + along, across, jnp.zeros_like(along)], 1)
+
+    @property
+    def pieces(self) -> tuple[float, ...]:
+        return tuple(np.linspace(0.0, 1.0, self.element.n_elements + 1).tolist())
+
     def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
         shapes, local = self._around(q, xi)
         rate, other = jnp.sum(shapes.curvature * local, 2) / self.length**2

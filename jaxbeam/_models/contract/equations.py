@@ -14,7 +14,9 @@ from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractS
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total, transposed
-from jaxbeam._rotor.motion import Hub
+from jaxbeam._rotor.ends import Tip, TipBody
+from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
+from jaxbeam._rotor.span import Span
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
@@ -128,6 +130,68 @@ class Equations(eqx.Module):
     def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         """Angle of torsion at x = xi L, in rad: none, but in space."""
         return jnp.zeros(len(xi), q.dtype)
+
+    @property
+    def pieces(self) -> tuple[float, ...]:
+        """Edges x / L from 0 to 1 between which displacements are smooth; of beams."""
+        raise NotImplementedError
+
+    def undeformed_at(self, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """Places x = xi L of the undeformed beam, in hub axes from the centre of the hub, in m."""
+        tip = self.undeformed.tip
+        root = (self.tip_radius - self.length) * jnp.eye(3, dtype=tip.dtype)[0]
+        return root[None] + jnp.asarray(xi)[:, None] * (tip - root)[None]
+
+    def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
+        """Where the points of a span are, in hub axes from the centre of the hub, in m."""
+        return self.undeformed_at(span.xi) + self.displacement(q, np.asarray(span.xi))
+
+    def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """r' in hub axes, along the tangent, at x = xi L; of beams."""
+        raise NotImplementedError
+
+    def section_axes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3 3"]:
+        """Rows: the tangent and the axes in which `curvature` is, in hub axes, of sections at
+        x = xi L."""
+        r = self.direction(q, xi).T
+        return jnp.moveaxis(axes(r / jnp.linalg.norm(r, axis=0)[None], self.torsion(q, xi)), 2, 0)
+
+    def rotation(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """Rotation of sections at x = xi L from where they are in the undeformed beam, as the axis
+        times the angle in rad: along the beam, about a3 and about -a2, these leaned with it."""
+        beam = self.section_axes(jnp.zeros_like(q), np.zeros(1))[0]
+        along = beam @ self.section_axes(q, xi)[:, 0].T
+        about, lowering, lag = rotation_vector(along, self.torsion(q, xi))
+        return jnp.stack([about, lag, -lowering], 1)
+
+    def roll(self, q: Vector, v: Vector, xi: np.ndarray) -> Float[Array, " p"] | None:
+        """The rate, seen from the hub, at which sections turn about the tangent, in rad/s; None
+        where that has no inertia."""
+        return None
+
+    def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+        """Kinetic energy of what is at the tip, in J: of its mass M where it is, r + c r', and of a
+        body J |dr'/dt|^2 / 2 and `spin_energy`."""
+
+        def centre(q: Vector) -> tuple[Triple, Triple]:
+            end, along = self.undeformed.tip + self.tip(q), self.end(q)
+            return body.centre(end, along), along
+
+        (place, along), (moving, rate) = jax.jvp(centre, (q,), (v,))
+        moving = moving + velocity + cross(spin, place)
+        energy = body.mass * total(moving * moving) / 2
+        if isinstance(body, TipBody):
+            rate = rate + cross(spin, along)
+            energy = energy + body.inertia * total(rate * rate) / 2 + self.spin_energy(q, v, spin)
+        return energy
+
+    def end(self, q: Vector) -> Triple:
+        """r' at the tip as a body there has it."""
+        return self.direction(q, np.ones(1))[0]
+
+    def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
+        """What a body at the tip has beside M |dr/dt|^2 / 2 and J |dr'/dt|^2 / 2, in J."""
+        return jnp.zeros_like(self.length)
 
     def is_in_range(self, q: Vector) -> Array:
         """Whether the beam is deformed by no more than what the model is made for."""

@@ -58,7 +58,7 @@ class Conditions(eqx.Module):
     def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of the steady state, and the status of the search for it."""
         equations = equations_under(model, rotor, self.loads)
-        return equilibrium(equations, *self.inputs(equations, speed))
+        return resting(rotor, equations, self.inputs(equations, speed))
 
     def inputs(self, equations: Equations, speed: Scalar, factor: Scalar | None = None) -> Inputs:
         """The hub that turns steadily, in gravity, and what acts at the tip and along the span; all
@@ -76,15 +76,7 @@ class Conditions(eqx.Module):
         times the loads."""
         equations = equations_under(model, rotor, self.loads)
         inputs = self.inputs(equations, speed, factor)
-        q, status = equilibrium(equations, *inputs)
-        # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
-        near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
-        held = jnp.asarray(True)
-        if isinstance(rotor, Rotor) and is_hinged(rotor):
-            held = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
-        status = first_failure(
-            status, first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
-        )
+        q, status = resting(rotor, equations, inputs)
         rates, damping = (self.damping.mass_coefficient, self.damping.stiffness_coefficient), None
         if rates != (None, None):
             damping = generalised(equations, q, equations.damping_about(q, *rates))
@@ -96,6 +88,20 @@ class Conditions(eqx.Module):
             general=True,
             conservative=self.loads.has_potential and damping is None,
         )
+
+
+def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
+    """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
+    either where the tip would be farther than ten lengths."""
+    q, status = equilibrium(equations, *inputs)
+    # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
+    near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
+    held = jnp.asarray(True)
+    if isinstance(rotor, Rotor) and is_hinged(rotor):
+        held = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
+    return q, first_failure(
+        status, first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
+    )
 
 
 def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equations:

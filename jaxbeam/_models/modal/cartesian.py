@@ -48,7 +48,7 @@ from jaxbeam._programs.lanes import (
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, hub_matrices, skew
-from jaxbeam._rotor.span import tension
+from jaxbeam._rotor.span import Span, tension
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
 
@@ -67,7 +67,7 @@ class CartesianEquations(Equations):
 
     with its centre at r = r_L + c e, the second term that of a particle at e which only the
     rotation of the hub carries along, and what `tip_rotation` adds by its axial inertia J_x and by
-    another inertia in flap. What the rigid beam has by J_x is left out.
+    another inertia in flap.
     """
 
     mass: Matrix | SmallMatrix
@@ -168,7 +168,7 @@ class CartesianEquations(Equations):
 
     @property
     def undeformed(self) -> Undeformed:
-        """The undeformed beam, with a body whose inertia in flap is another than in plane."""
+        """The undeformed beam, with what a body has beside inertia in plane."""
         out = super().undeformed
         if self.tip_rotation is None:
             return out
@@ -338,6 +338,40 @@ class CartesianEquations(Equations):
             table = self.shapes.shortening(places)
         return out.at[:, 0].add(-jnp.einsum("a,pab,b->p", q, table, q) / (2 * self.length))
 
+    def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
+        """Where points are: as `displacement` has it, by integrals from point to point."""
+        at, each = self._at(np.asarray(span.xi)), self.model.one_hot * q[:, None]
+        place = self.undeformed_at(span.xi) + at.value @ each
+        if not self.model.foreshortens:
+            return place
+        slope = at.slope @ each[:, 1:]
+        shorter = span.up_to(jnp.sum(slope * slope, 1)[:, None]) / (2 * self.length)
+        return place - shorter * np.eye(3)[:1]
+
+    def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        """r', to second order in theories of arc length."""
+        slope = self._at(xi).slope @ (self.model.one_hot * q[:, None]) / self.length
+        out = slope + np.eye(3)[:1]
+        if not self.model.foreshortens:
+            return out
+        return out - jnp.sum(slope[:, 1:] ** 2, 1)[:, None] / 2 * np.eye(3)[:1]
+
+    def end(self, q: Vector) -> Triple:
+        """The unit vector e of the class's docstring."""
+        slope = self._sum(self.shape_integrals.tip_slope * q) / self.length
+        across = slope * np.array([0.0, 1.0, 1.0])
+        short = 0.0 if self.stiffening is None else total(across * across) / 2
+        return across + (1 - short) * np.eye(3)[0]
+
+    def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
+        if self.tip_rotation is None:
+            return jnp.zeros_like(self.length)
+        return self.tip_rotation.energy(q, v, spin) + spin @ self.tip_rotation.inertia @ spin / 2
+
+    @property
+    def pieces(self) -> tuple[float, ...]:
+        return _PIECES
+
     def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         slope = self._at(xi).slope
         gradient = slope @ (self.model.one_hot * q[:, None]) / self.length
@@ -351,6 +385,10 @@ class CartesianEquations(Equations):
 
     def _at(self, xi: np.ndarray) -> Functions:
         return self.model.functions(self.shapes, np.asarray(xi, float))
+
+
+# Between these functions are smooth enough for points of integration; the root has boundary layers.
+_PIECES = (0.0, *(2.0**-k for k in range(9, 3, -1)), *np.linspace(0.125, 0.875, 7).tolist(), 1.0)
 
 
 def _outer(x: Vector | np.ndarray) -> Any:

@@ -72,9 +72,10 @@ class TipRotation(eqx.Module):
         return 0.0 if self.excess is None else self.excess * _outer(self._bent[0])
 
     @property
-    def inertia(self) -> Any:
-        """D's part of the moments of inertia of the undeformed beam, kg m^2."""
-        return 0.0 if self.excess is None else self.excess * _outer(self.first)
+    def inertia(self) -> Matrix:
+        """J_x and D in the moments of inertia of the undeformed beam, kg m^2."""
+        about: Any = self.axial * np.diag([1.0, 0.0, 0.0])
+        return about if self.excess is None else about + self.excess * _outer(self.first)
 
     @property
     def _bent(self) -> tuple[Vector, Vector]:

@@ -37,7 +37,7 @@ from jaxbeam._models.space.elasticity import SpatialElasticity
 from jaxbeam._models.space.ends import Ends, in_beam_axes, push, push_tangent
 from jaxbeam._models.space.energies import elongation, section_angles
 from jaxbeam._models.space.following import FollowingIntegral
-from jaxbeam._models.space.frames import A1, axes, rolls
+from jaxbeam._models.space.frames import A1, carried, rolls
 from jaxbeam._models.space.nodes import (
     Nodes,
     assembled,
@@ -52,7 +52,7 @@ from jaxbeam._programs.lanes import applied, beside, contract, total
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.loads import TipLoad
-from jaxbeam._rotor.motion import Hub, hub_matrices, skew
+from jaxbeam._rotor.motion import Hub, axes, hub_matrices, skew
 from jaxbeam._types import Number, Triple, Vector
 
 _MOVED = np.diag([1.0, 1.0, 1.0, 0.0])  # components of displacement, without the twist
@@ -116,17 +116,21 @@ class SpatialEquations(SpatialElasticity):
 
     @property
     def undeformed(self) -> Undeformed:
-        """The beam that points from the hub along its own axis, where that is not a1."""
+        """The beam that points from the hub along its own axis, where that is not a1, with the
+        axial inertia of a body."""
+        along = A1 if self.axes is None else self.axes[0]
+        about = self.tip_polar * self.length**2 * along[:, None] * along[None]
         if self.axes is None:
-            return super().undeformed
+            straight = super().undeformed
+            return straight._replace(inertia=straight.inertia + about)
         mass, first, second = self.rigid_moments
-        radius, along = self.tip_radius - self.length, self.axes[0]
+        radius = self.tip_radius - self.length
         root, first = radius * A1, first - radius * mass
         second = second - radius * (2 * first + radius * mass)
         mixed = root[:, None] * along[None]
         second_moment = mass * root[:, None] * root[None] + first * (mixed + mixed.T)
         second_moment = second_moment + second * along[:, None] * along[None]
-        inertia = jnp.trace(second_moment) * np.eye(3) - second_moment
+        inertia = jnp.trace(second_moment) * np.eye(3) - second_moment + about
         return Undeformed(mass, mass * root + first * along, inertia, root + self.length * along)
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | TipLoad | None) -> Vector:
@@ -274,6 +278,32 @@ class SpatialEquations(SpatialElasticity):
         t = t / size[None]
         rate = (bend - t * total(t * bend)[None]) / size[None]
         return jnp.einsum("kcp,cp->pk", axes(t, self.torsion(q, xi))[1:], rate)
+
+    def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        r = self.gradient(q, xi) + A1[:, None]
+        return r.T if self.axes is None else r.T @ self.axes
+
+    def section_axes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3 3"]:
+        r = self.gradient(q, xi) + A1[:, None]
+        own = axes(r / jnp.sqrt(total(r * r))[None], self.torsion(q, xi))
+        rows = jnp.moveaxis(own, 2, 0)
+        return rows if self.axes is None else rows @ self.axes
+
+    def roll(self, q: Vector, v: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        def turned(q: Vector) -> tuple[Array, Array]:
+            return self.torsion(q, xi), self.gradient(q, xi)
+
+        (_, d), (rate, moving) = jax.jvp(turned, (q,), (v,))
+        return rate + total(carried(d + A1[:, None]) * moving)
+
+    def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
+        about = total(self._inward(spin) * (self._seen(self._nodes(q)[-1, 1]) / self.length + A1))
+        rate = self._nodes(v)[-1, 0, 3] / self.length
+        return self.tip_polar * self.length**2 * (rate + about) ** 2 / 2
+
+    @property
+    def pieces(self) -> tuple[float, ...]:
+        return tuple(np.linspace(0.0, 1.0, self.sections.n_elements + 1).tolist())
 
     def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         """The angle of torsion at x = xi L, from where the least rotation brings the section."""

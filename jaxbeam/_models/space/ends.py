@@ -9,11 +9,11 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.strained import EndSprings, holding
 from jaxbeam._models.space.energies import elongation
-from jaxbeam._models.space.frames import A1, axes, carried
+from jaxbeam._models.space.frames import A1, carried
 from jaxbeam._programs.lanes import beside, contract, total, transposed
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import TipLoad
-from jaxbeam._rotor.motion import cross
+from jaxbeam._rotor.motion import axes, cross
 from jaxbeam._types import Number, Triple
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.space.points import Points
 from jaxbeam._programs.lanes import beside, contract, held, total
-from jaxbeam._rotor.motion import cross, skew
+from jaxbeam._rotor.motion import axes, cross, skew
 from jaxbeam._types import Number, Triple
 
 Local = Float[Array, "13 *lanes"]
@@ -223,19 +223,6 @@ def _carried_by(r: Triple) -> Float[Array, "3 3 *lanes"]:
     lower = -g[None] * jnp.stack([lower[0] + share, lower[1], lower[2]])
     spin = jnp.stack([none, none, none, none, none, g, none, -g, none]).reshape(3, *lower.shape)
     return spin + jnp.stack([none, r[2], -r[1]])[:, None] * lower[None]
-
-
-def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
-    """Rows: t, and the axes of a section that is turned by an angle from where the least rotation
-    brings a2 and a3, which exists unless t is -a1."""
-    x, y, z = t
-    # 1 / (1 + x), in the second form without cancellation.
-    ahead = x > 0
-    share = jnp.where(ahead, 1.0, 1 - x) / jnp.where(ahead, 1 + x, y * y + z * z)
-    second = jnp.stack([-y, 1 - y * y * share, -y * z * share])
-    third = jnp.stack([-z, -y * z * share, 1 - z * z * share])
-    cos, sin = (a[None] for a in held((jnp.cos(angle), jnp.sin(angle))))
-    return jnp.stack([t, cos * second + sin * third, cos * third - sin * second])
 
 
 def between(t: Triple, u: Triple) -> Number:

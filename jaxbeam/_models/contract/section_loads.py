@@ -1,0 +1,155 @@
+"""Force and moment in sections, from equilibrium of all that is outboard of them.
+
+What a section bears is what acts beyond it: the inertia of the beam in any motion of it and of its
+hub, gravity, forces along the span, and at the tip a load and the inertia of a mass or a body, all
+of it where the deformed beam is. So section forces are as accurate as displacements. The stiffness
+times the curvature of the model, which is a second derivative, is much less so: by 8 elements 0.6
+and 1.8 % low at the root of a blade that loads bend, where equilibrium is 1e-6 off.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.contract.equations import Equations
+from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.loads import Loads
+from jaxbeam._rotor.motion import Hub, cross
+from jaxbeam._rotor.span import Span, on, polar_inertia
+from jaxbeam._types import Number, Scalar, Triple, Vector
+
+_POINTS = 16  # of each piece: products of three cubics and a line are exact
+_Rows = Float[Array, "p 3"]
+
+
+class Outside(NamedTuple):
+    """What acts on a beam at time t: its hub, loads, and damping in proportion to inertia (1/s)."""
+
+    hub: Hub
+    loads: Loads
+    t: Scalar
+    drag: Number | None = None
+
+
+class Moved(NamedTuple):
+    """Coordinates, their rates and the rates of these."""
+
+    q: Vector
+    v: Vector
+    a: Vector
+
+
+def section_loads(
+    rotor: AnyRotor, equations: Equations, outside: Outside, moved: Moved, xi: np.ndarray
+) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
+    """Force (N) and moment (N m) by which what is outboard acts on sections at x = xi L, in their
+    axes: the tangent and the two axes of `Equations.section_axes`. Moments are that about the
+    tangent and those that bend in plane and in flap, which about the axes are the first one, the
+    last one with the sign changed, and the one between.
+
+    Raises `ValueError` for a beam that has no sections.
+    """
+    if not isinstance(rotor, Rotor):
+        raise ValueError(
+            "section_force and section_moment are of beams that have sections, and a SpringRotor "
+            "has none: ask for hub_force and hub_torque"
+        )
+    beam, q = rotor.beam, moved.q
+    edges = sorted({*equations.pieces, *beam.edges, *outside.loads.kinks})
+    span = Span.between(tuple(edges), _POINTS)
+    force, couple = _along(rotor, equations, outside, moved, span)
+    tip_force, tip_moment = _at_tip(rotor, equations, outside, moved)
+    # About the tip, so that towards it moments are not the small difference of large ones.
+    end = equations.undeformed.tip + equations.tip(q)
+    arm = equations.placed(q, span) - end[None]
+    each = jnp.concatenate([force, couple + jnp.cross(arm, force)], 1)
+    beyond = span.interpolated(span.beyond(each), xi)
+    force = tip_force[None] + beyond[:, :3]
+    here = equations.undeformed_at(xi) + equations.displacement(q, xi)
+    moment = tip_moment[None] + beyond[:, 3:] + jnp.cross(end[None] - here, force)
+    axes = equations.section_axes(q, xi)
+    force, (twist, lowering, lag) = (
+        jnp.einsum("pkc,pc->pk", axes, force),
+        jnp.einsum("pkc,pc->kp", axes, moment),
+    )
+    return force, jnp.stack([twist, lag, -lowering], 1)
+
+
+def _along(
+    rotor: Rotor, equations: Equations, outside: Outside, moved: Moved, span: Span
+) -> tuple[_Rows, _Rows]:
+    """Force and couple along the span at its points, by x / L."""
+    (hub, loads, t, drag), (q, v, a) = outside, moved
+    beam, xi = rotor.beam, np.asarray(span.xi)
+    mass = (beam.length * on(beam.mass_with_points, span))[:, None]
+
+    def speed(q: Vector, v: Vector) -> _Rows:
+        return jax.jvp(lambda q: equations.placed(q, span), (q,), (v,))[1]
+
+    def velocity(q: Vector, v: Vector, velocity: Triple, spin: Triple) -> _Rows:
+        return velocity[None] + jnp.cross(spin[None], equations.placed(q, span)) + speed(q, v)
+
+    moving, rate = jax.jvp(velocity, (q, v, *_velocities(hub)), (v, a, *_rates(hub)))
+    force = -mass * (rate + jnp.cross(hub.angular_velocity[None], moving))
+    if drag is not None:
+        force = force - drag * mass * speed(q, v)
+    density = loads.along_span(t, xi, beam.length)
+    if density is not None:
+        if loads.follows:
+            density = jnp.einsum("pkc,pk->pc", equations.section_axes(q, xi), density)
+        force = force + beam.length * density
+    rolls = equations.roll(q, v, xi)
+    if rolls is None:
+        return force, jnp.zeros_like(force)
+    polar = beam.length * polar_inertia(beam, lambda value: on(value, span))
+    tangent = equations.section_axes(q, xi)[:, 0]
+
+    def spun(q: Vector, v: Vector, spin: Triple) -> Any:
+        about: Any = equations.roll(q, v, xi)
+        return about + equations.section_axes(q, xi)[:, 0] @ spin
+
+    inert = jax.jvp(spun, (q, v, hub.angular_velocity), (v, a, hub.angular_velocity_rate))[1]
+    if drag is not None:
+        inert = inert + drag * rolls
+    return force, -(polar * inert)[:, None] * tangent
+
+
+def _at_tip(
+    rotor: Rotor, equations: Equations, outside: Outside, moved: Moved
+) -> tuple[Triple, Triple]:
+    """Force at the tip, and moment about it, of what is there."""
+    (hub, loads, t, drag), (q, v, a) = outside, moved
+    body = rotor.tip_body
+
+    def momenta(q: Vector, v: Vector, velocity: Triple, spin: Triple) -> tuple[Triple, Triple]:
+        def energy(velocity: Triple, spin: Triple) -> Number:
+            return equations.tip_energy(body, q, v, velocity, spin)
+
+        return jax.grad(energy, (0, 1))(velocity, spin)
+
+    (p, h), (dp, dh) = jax.jvp(momenta, (q, v, *_velocities(hub)), (v, a, *_rates(hub)))
+    spin = hub.angular_velocity
+    force, moment = -dp - cross(spin, p), -dh - cross(spin, h) - cross(hub.velocity, p)
+    if drag is not None:
+        still = jnp.zeros_like(spin)
+        p, h = momenta(q, v, still, still)
+        force, moment = force - drag * p, moment - drag * h
+    end = equations.undeformed.tip + equations.tip(q)
+    moment = moment - cross(end, force)
+    load = loads.at_tip(t)
+    if load is None:
+        return force, moment
+    push, couple = equations.tip_action(q, load)
+    return force + push, moment + couple
+
+
+def _velocities(hub: Hub) -> tuple[Triple, Triple]:
+    return hub.velocity, hub.angular_velocity
+
+
+def _rates(hub: Hub) -> tuple[Triple, Triple]:
+    """Rates of the velocities; gravity acts as an acceleration of the hub the other way."""
+    return hub.velocity_rate - hub.gravity, hub.angular_velocity_rate

@@ -1,0 +1,46 @@
+"""Force and moment in sections that go with small motion about a steady state."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex
+
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.loaded import Conditions, equations_under, resting
+from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
+from jaxbeam._programs.program import Program
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS
+from jaxbeam._types import Scalar, Vector, Vectors
+
+
+@Program
+def modal_loads(
+    model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions | None,
+    eigenvalue: Complex[Array, " k"], shape: Vectors, xi: tuple[float, ...],
+) -> tuple[Complex[Array, "k p 3"], Complex[Array, "k p 3"]]:  # fmt: skip
+    """By how much force and moment in sections differ from those of the steady state, in axes that
+    turn with the sections, as factors of e^(lambda t) like the shapes (k, n).
+
+    The derivative of `section_loads` by coordinates, rates and accelerations: inertia of the mode,
+    and what the steady state, its tension above all, does on the beam that the mode bends.
+    """
+    alone = conditions is None
+    conditions = Conditions(NO_LOADS, NO_DAMPING) if conditions is None else conditions
+    equations = equations_under(model, rotor, conditions.loads)
+    inputs = conditions.inputs(equations, speed)
+    # Linear theories have the tension on the undeformed beam.
+    still = jnp.zeros(len(model.directions), speed.dtype)
+    q = still if alone and model.is_linear else resting(rotor, equations, inputs)[0]
+    drag = conditions.damping.mass_coefficient
+    outside = Outside(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
+
+    def loads(q: Vector, v: Vector, a: Vector) -> tuple[Array, Array]:
+        return section_loads(rotor, equations, outside, Moved(q, v, a), np.array(xi))
+
+    _, change = jax.linearize(loads, q, 0 * q, 0 * q)
+    rates = eigenvalue[:, None]
+    moved = shape + 0 * rates, rates * shape, rates**2 * shape
+    real, imaginary = (jax.vmap(change)(*(part(a) for a in moved)) for part in (jnp.real, jnp.imag))
+    force, moment = (jax.lax.complex(a, b) for a, b in zip(real, imaginary, strict=True))
+    return force, moment
