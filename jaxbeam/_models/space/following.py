@@ -25,10 +25,11 @@ from jaxbeam._models.contract.span_integrals import (
     AbstractSpanIntegral,
 )
 from jaxbeam._models.space.energies import turns
-from jaxbeam._models.space.frames import Local, axes, deformation, frames
+from jaxbeam._models.space.frames import Local, deformation, frames
 from jaxbeam._models.space.nodes import of_elements
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.lanes import beside, contract, held, total, transposed
+from jaxbeam._rotor.motion import axes
 from jaxbeam._types import Vector
 
 Pushes = Float[Array, "3 p *lanes"]  # forces at points of one element
