@@ -143,7 +143,7 @@ class Clock(eqx.Module):
         return t + (held - rough)
 
 
-def place(times: Times, t: Scalar, side: str) -> Array:
+def place(times: Array, t: Scalar, side: str) -> Array:
     """How many of increasing times are before t, those at t too if `side` is "right"."""
     if times.size <= 64:  # by comparing all, which compiles in less time
         before = times <= t if side == "right" else times < t

@@ -100,7 +100,7 @@ class Pauses(eqx.Module):
         late = self.last[i] + self._room(self.last[i])
         return jnp.where(self.jumps[i] & (self.first[i] <= t), jnp.maximum(t, late), t)
 
-    def early(self, t: Times) -> Times:
+    def early(self, t: Array) -> Array:
         """A few units of rounding before t, which may be infinite."""
         there = t < jnp.inf
         return jnp.where(there, t - self._room(jnp.where(there, t, 0.0)), t)
@@ -109,9 +109,9 @@ class Pauses(eqx.Module):
         """Which of the declared times t belongs to, if it does to any."""
         return jnp.maximum(place(self.first, t, "right") - 1, 0)
 
-    def _room(self, t: Scalar) -> Scalar:
+    def _room(self, t: Array) -> Array:
         return jnp.finfo(t.dtype).eps * (4 * jnp.abs(t) + self.near)
 
 
-def _places(times: Times, of: Times, side: str) -> Array:
+def _places(times: Array, of: Array, side: str) -> Array:
     return jax.vmap(lambda t: place(times, t, side))(of)
