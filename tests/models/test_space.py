@@ -14,6 +14,7 @@ from jaxbeam._models.space.frames import axes, deformation
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub, spinning
+from tests.beams import TORSION, short
 from tests.references.quaternions import rotation
 from tests.references.rod import Rod, helix, solved
 from tests.tiers import exhaustive, slow
@@ -230,7 +231,7 @@ def test_a_moment_rolls_it_into_a_circle_or_a_helix(moment):
 def test_loads_at_the_tip_do_the_work_of_their_force_and_moment(follows):
     """Power, action on the hub and tangent, about a state without symmetry."""
     model = jb.SpatialANCF(2)
-    equations = model.equations(jb.Rotor(BEAM))
+    equations = model.equations(jb.Rotor(short(**TORSION)))  # whose length is not one
     # Rates that are not those of the deflection itself: these would not turn about the tangent.
     q, v = jnp.asarray(0.05 * np.random.default_rng(1).normal(size=(2, len(model.directions))))
     hub = spinning(jnp.asarray(0.7))

@@ -102,8 +102,9 @@ def test_a_column_under_its_own_weight():
     assert 0 < found[4].real < 2e-4
     assert found[4].imag == 0
     assert found[5].real > 0.1
-    for force in (-2.0, jb.blades.SpanwiseFunction(lambda x: -2.0 + 0 * x)):
-        loads = jb.Loads(force_per_length=(force, 0.0, 0.0))
+    half = jb.blades.SpanwiseFunction(lambda x: -1.0 + 0 * x)  # and half by gravity
+    for force, gravity in ((-2.0, None), (half, [-1.0, 0.0, 0.0])):
+        loads = jb.Loads(gravity, force_per_length=(force, 0.0, 0.0))
         critical = jb.critical_load(model, rotor, loads)
         np.testing.assert_allclose(critical.factor, GREENHILL / 2, rtol=1e-9)
         assert critical.frequency == 0

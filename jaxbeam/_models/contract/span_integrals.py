@@ -60,7 +60,7 @@ class AbstractSpanIntegral(eqx.Module):
         """The generalised force of a force per length at these places, in N/m."""
 
     def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
-        """That force per length in axes of the hub."""
+        """Force per length in axes of the hub, from one as it is given."""
         return density
 
 

@@ -46,7 +46,7 @@ class FollowingForce(AbstractSpanForce):
 
         def one(tables: Any, push: Pushes, local: Array) -> Array:
             (value, slopes, angles), lanes = tables, local.ndim - 3
-            acts = turned(equations._strains(local), push, slopes, angles, n)
+            acts = in_beam_axes(equations._strains(local), push, slopes, angles, n)
             return _on_nodes(equations, acts, value, lanes)
 
         own = self._of_each(one, of_elements(equations._nodes(q)))
@@ -62,7 +62,7 @@ class FollowingForce(AbstractSpanForce):
             units = jnp.broadcast_to(beside(np.eye(13), lanes), (13, *e.shape))
 
             def force(e: Local) -> Pushes:
-                return turned(e, push, slopes, angles, n)
+                return in_beam_axes(e, push, slopes, angles, n)
 
             by = jax.vmap(lambda unit: jax.jvp(force, (e,), (unit,))[1])(units)
             acts = jax.vmap(lambda by: _on_nodes(equations, by, value, lanes))(by)
@@ -105,12 +105,14 @@ class FollowingIntegral(AbstractSpanIntegral):
         _, slopes, angles = _tables(self.parts)
         local = jax.vmap(equations._strains)(of_elements(equations._nodes(q)))
         given = density.reshape(n, -1, 3).swapaxes(1, 2)
-        there = jax.vmap(functools.partial(turned, n_elements=n))(local, given, slopes, angles)
+        there = jax.vmap(functools.partial(in_beam_axes, n_elements=n))(
+            local, given, slopes, angles
+        )
         there = there.swapaxes(1, 2).reshape(-1, 3)
         return jax.vmap(equations._outward)(there)
 
 
-def turned(e: Local, push: Pushes, slopes: Any, angles: Any, n_elements: int) -> Pushes:
+def in_beam_axes(e: Local, push: Pushes, slopes: Any, angles: Any, n_elements: int) -> Pushes:
     """Forces in axes of the beam, from those along the axes of the sections at points of an
     element."""
     lanes = e.ndim - 1
@@ -143,7 +145,7 @@ _GAUSS = (1 + _NODES) / 2, _WEIGHTS / 2
 
 
 def _tables(parts: Cuts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """At the points of each element the functions of its nodes (E, p, 4), and what makes r' and the
+    """Functions of the nodes of each element at its points (E, p, 4), and what makes r' and the
     turn there of what is at its stations and of its rates (E, p, 3)."""
     s, n = _points(parts)[0], len(parts)
     each = hermite(s.ravel(), 1 / n).value, along_element(s.ravel()), turns(s.ravel(), 1 / n)
