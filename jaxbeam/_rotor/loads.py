@@ -276,7 +276,7 @@ def loads_in_range(
 def are_along(loads: Loads) -> Array:
     """Whether loads that are constant act along the undeformed beam alone."""
     span = Span.between((0.0, *loads.kinks, 1.0), _POINTS)
-    given = [loads.gravity, loads.tip_force, loads.along_span(jnp.zeros(()), span.xi)]
+    given: list[Any] = [loads.gravity, loads.tip_force, loads.along_span(jnp.zeros(()), span.xi)]
     rows = [jnp.atleast_2d(part) for part in given if part is not None]
     fine = [in_plane(jnp.abs(row[:, 1:]), jnp.max(jnp.abs(row))) for row in rows]
     return jnp.all(jnp.stack(fine))
@@ -288,10 +288,12 @@ def only_pull(loads: Loads, length: Scalar) -> Array:
     span = Span.between((0.0, *loads.kinks, 1.0), _POINTS)
     force = jnp.zeros(span.xi.size + 1, length.dtype)
     if loads.force_per_length is not None:
-        density = loads.along_span(length, span.xi)[:, 0]
+        parts: Any = loads.along_span(length, span.xi)
+        density = parts[:, 0]
         force = length * jnp.append(span.beyond(density), span.total(density))
-    if loads.tip_force is not None:
-        force = force + loads.tip_force[0]
+    tip: Any = loads.tip_force
+    if tip is not None:
+        force = force + tip[0]
     down = jnp.asarray(False) if loads.gravity is None else loads.gravity[0] < 0
     return are_along(loads) & loads.is_plain & jnp.all(force >= 0) & ~down
 
