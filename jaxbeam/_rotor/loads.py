@@ -328,7 +328,8 @@ def loads_in_range(
 def are_along(loads: Loads, length: Number) -> Array:
     """Whether loads that are constant act along the undeformed beam, of this length, alone."""
     span = Span.between((0.0, *loads.kinks, 1.0), _POINTS)
-    given = [loads.gravity, loads.tip_force, loads.along_span(jnp.zeros(()), span.xi, length)]
+    density = loads.along_span(jnp.zeros(()), span.xi, length)
+    given: list[Any] = [loads.gravity, loads.tip_force, density]
     rows = [jnp.atleast_2d(part) for part in given if part is not None]
     fine = [in_plane(jnp.abs(row[:, 1:]), jnp.max(jnp.abs(row))) for row in rows]
     return jnp.all(jnp.stack(fine))
@@ -343,8 +344,9 @@ def only_pull(loads: Loads, length: Scalar) -> Array:
     if density is not None:
         pull = density[:, 0]
         force = length * jnp.append(span.beyond(pull), span.total(pull))
-    if loads.tip_force is not None:
-        force = force + loads.tip_force[0]
+    tip: Any = loads.tip_force
+    if tip is not None:
+        force = force + tip[0]
     down = jnp.asarray(False) if loads.gravity is None else loads.gravity[0] < 0
     return are_along(loads, length) & loads.has_potential & jnp.all(force >= 0) & ~down
 

@@ -137,6 +137,33 @@ def test_southwell_coefficients_go_on_below_the_axis():
 
 
 @pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [jb.Hybrid(0, 6, 0), jb.ExactRodANCF(3)], ids=name)
+def test_a_rigid_blade_falls_off_its_spring(model):
+    """k + W^2 R L m / 2 = 0 in plane; on a free hinge at once, and outward never."""
+
+    def of(hub, spring):
+        root = jb.RootSprings(in_plane=spring)
+        rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e7, 1e5, 1e5), hub, root_springs=root)
+        return jb.critical_speed(model, rotor).angular_speed
+
+    np.testing.assert_allclose(of(-2.0, 3.0), np.sqrt(3.0), rtol=1e-4)
+    assert of(-2.0, 0.0) == 0
+    if model.is_linear:
+        assert of(0.5, 0.0) == np.inf
+
+
+@pytest.mark.exhaustive
+def test_a_taper_that_points_inward_buckles_alike_in_two_theories():
+    taper, flap = jb.Spanwise([0.0, 1.0], [1.0, 0.3]), jb.Spanwise([0.0, 1.0], [2.0, 0.6])
+    rotor = jb.Rotor(jb.Beam(1.0, jb.Spanwise([0.0, 1.0], [1.0, 0.5]), 1e6, taper, flap), -2.0)
+    modal, elements = (
+        jb.critical_speed(model, rotor).angular_speed
+        for model in (jb.Hybrid(0, 12, 12), jb.ExactRodANCF(8))
+    )
+    np.testing.assert_allclose(elements, modal, rtol=6e-5)
+
+
+@pytest.mark.exhaustive
 def test_strains_have_signs():
     """Uniform and by table, pushed at the root, pulled where the beam crosses the axis."""
     speed, ones = 2.0, jb.Spanwise([0.0, 0.3, 1.0], [1.0, 1.0, 1.0])

@@ -88,7 +88,7 @@ class _Cone(NamedTuple):
         tip = self.rotor.hub_radius + length * self.span.total(cos)
         return elevation, flap.curvature @ bent_by / length, at, tip
 
-    def height(self, sin: Vector, at: Vector, tip: Scalar) -> Scalar:
+    def height(self, sin: Any, at: Any, tip: Scalar) -> Any:
         """int X Z dm, Z the height above the root."""
         length, tip_mass = self.rotor.beam.length, self.rotor.tip_mass
         heights, end = length * self.span.up_to(sin), length * self.span.total(sin)
@@ -97,8 +97,10 @@ class _Cone(NamedTuple):
     def strain(self, pull: Vector, outward: Scalar, angle: Scalar) -> Scalar:
         """The largest strain: of a pull at the points, and of the whole radial force at the root,
         which is turned there."""
-        stiffness, root = self.rotor.beam.axial_stiffness, jnp.cos(self.rotor.precone + angle)
-        at_root = outward * root / at_ends(stiffness, self.rotor.beam.edges)[0][0]
+        stiffness, cone = self.rotor.beam.axial_stiffness, self.rotor.precone
+        assert cone is not None
+        soft = 1 / at_ends(stiffness, self.rotor.beam.edges)[0][0]
+        at_root = outward * jnp.cos(cone + angle) * soft
         return largest(jnp.append(at_root, pull / on(stiffness, self.span)), by=jnp.abs)
 
     def steady(self, speed: Scalar) -> tuple[Vector, Code]:
