@@ -23,12 +23,12 @@ def _default_float() -> Any:
 def real_scalar(name: str, value: Any) -> Scalar:
     """`value` as a real floating-point scalar array, or an error that names the argument.
 
-    Python numbers are welcome, and integers of NumPy. Arrays must be real, floating and without
-    axes: an integer array has no derivative, and a batch belongs outside, in `jax.vmap` or
-    `jaxbeam.sweep`. Shorter floats are promoted to the default float, so that one of them does not
-    spoil a result.
+    Python numbers are welcome, and integers of NumPy, but not masked ones. Arrays must be real,
+    floating and without axes: an integer array has no derivative, and a batch belongs outside, in
+    `jax.vmap` or `jaxbeam.sweep`. Shorter floats are promoted to the default float, so that one of
+    them does not spoil a result.
     """
-    value = plain(value)
+    value = plain(unmasked(name, value))
     if isinstance(value, bool):
         raise TypeError(f"{name} must be a real number, got {value!r}")
     if isinstance(value, int | float):
@@ -71,8 +71,8 @@ def check_kind(name: str, value: Any, kind: type, *others: type) -> None:
 def real_array(name: str, value: Any) -> Array:
     """`value` as an array of real floats of any shape, or an error that names the argument.
 
-    Lists of numbers, integers too, are welcome; complex numbers, booleans, texts and lists of
-    unequal lengths are not.
+    Lists of numbers, integers too, are welcome; complex numbers, booleans, texts, lists of unequal
+    lengths and masked numbers are not. What pandas calls NA is NaN.
     """
     return jnp.asarray(_real(name, value), _default_float())
 
@@ -93,7 +93,34 @@ def places(xi: Any) -> np.ndarray:
     return points
 
 
+def unmasked(name: str, value: Any) -> Any:
+    """Numbers without the masks of `numpy.ma`, which JAX does not know, if nothing is masked, and
+    numbers of pandas, which has types of its own, in NumPy; anything else as it is."""
+    for part in value if isinstance(value, list | tuple) else [value]:
+        if np.ma.isMaskedArray(part) and np.ma.is_masked(part):
+            raise ValueError(
+                f"{name} must not have masked numbers: leave them out, or, where one may be "
+                "missing, give NaN in its place, as by numpy.ma.filled(values, numpy.nan)"
+            )
+    if np.ma.isMaskedArray(value):
+        return value.data
+    kind = getattr(getattr(value, "dtype", None), "kind", "")
+    if kind and kind in "iuf" and not isinstance(value.dtype, np.dtype):
+        return value.to_numpy(dtype=float, na_value=np.nan)
+    return value
+
+
+def with_gaps(value: Any) -> Any:
+    """Numbers of which some may be missing: masked ones are NaN."""
+    if isinstance(value, list | tuple):
+        return [with_gaps(part) for part in value]
+    if np.ma.isMaskedArray(value) and value.dtype.kind in "iuf":
+        return np.ma.filled(value.astype(float), np.nan)
+    return value
+
+
 def _real(name: str, value: Any) -> Any:
+    value = unmasked(name, value)
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)
     except (TypeError, ValueError):  # unequal lengths, or traced numbers in a list

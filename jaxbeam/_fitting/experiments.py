@@ -20,6 +20,7 @@ from jaxbeam._checks import (
     plain,
     real_array,
     real_scalar,
+    with_gaps,
 )
 from jaxbeam._fitting.matching import match_modes
 from jaxbeam._models.contract.base import AbstractModel, checked_case
@@ -38,7 +39,7 @@ from jaxbeam._types import Scalar, is_concrete
 
 
 class Experiment(eqx.Module):
-    """Numbers measured, NaN where one is missing, and the standard deviation of their noise."""
+    """Numbers measured, NaN or masked where missing, and the standard deviation of their noise."""
 
     measured: eqx.AbstractVar[Array]
     noise: eqx.AbstractVar[Array]
@@ -62,12 +63,12 @@ class FrequencyData(Experiment):
     """Frequencies measured at several angular speeds, against those of a model.
 
     `model` and `rotor` are those of `modes`, `angular_speed` (S,) is in rad/s, increasing, and
-    `measured` (S, k) in rad/s, > 0, NaN where missing; `noise` > 0, its standard deviation, is a
-    number or as many. `which` labels the k columns (`jaxbeam.labels`), whatever their order; or it
-    is k, and the columns are the lowest in the plane of rotation, in order. Without it the modes
-    are not known: each row holds k frequencies in any order, and is held against the lowest `among`
-    ones of the model (2 k by default) by the assignment of least squares in which each mode serves
-    once. Modes that the measurement missed are so passed over.
+    `measured` (S, k) in rad/s, > 0, NaN or masked where missing; `noise` > 0, its standard
+    deviation, is a number or as many. `which` labels the k columns (`jaxbeam.labels`), whatever
+    their order; or it is k, and the columns are the lowest in the plane of rotation, in order.
+    Without it the modes are not known: each row holds k frequencies in any order, and is held
+    against the lowest `among` ones of the model (2 k by default) by the assignment of least squares
+    in which each mode serves once. Modes that the measurement missed are so passed over.
 
     Raises `ValueError` or `TypeError`, naming the argument.
     """
@@ -187,9 +188,9 @@ class StaticData(Experiment):
     """Displacements of points of a beam, at rest or in steady rotation under constant loads.
 
     `model`, `rotor` and `loads`, constant in the hub, are those of `modes`; `measured` (p,) in m,
-    NaN where missing, of the points `xi` = x / L, p numbers from 0 to 1 (the tip by default);
-    `noise` > 0, its standard deviation, a number or (p,); `component` is a `Direction` (axial, in
-    plane or flap); `angular_speed` in rad/s.
+    NaN or masked where missing, of the points `xi` = x / L, p numbers from 0 to 1 (the tip by
+    default); `noise` > 0, its standard deviation, a number or (p,); `component` is a `Direction`
+    (axial, in plane or flap); `angular_speed` in rad/s.
 
     Where the hub turns, only gravity along its axis is constant in it, and models in a plane bear
     no loads across it. Forces at the tip and along the span are no functions of time.
@@ -354,7 +355,7 @@ def _increasing(name: str, values: Any) -> Array:
 
 def _data(measured: Any, noise: Any, shape: tuple[Any, ...]) -> tuple[Array, Array]:
     """Measured numbers, of the lengths given (None: any; a last ...: any more axes), and noise."""
-    measured = real_array("measured", measured)
+    measured = real_array("measured", with_gaps(measured))
     given = shape[:-1] if shape[-1] is ... else shape
     right = len(measured.shape) >= len(given) if shape[-1] is ... else measured.ndim == len(given)
     if not right or any(n not in (None, m) for n, m in zip(given, measured.shape, strict=False)):

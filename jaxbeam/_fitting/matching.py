@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxbeam._checks import real_array
+from jaxbeam._checks import real_array, with_gaps
 
 
 def match_modes(measured: Any, computed: Any) -> Array:
@@ -14,13 +14,14 @@ def match_modes(measured: Any, computed: Any) -> Array:
 
     `measured` (k,) and `computed` (n,), k <= n, are in the same unit and any order. The assignment
     of k different modes with the least sum of squares of log(measured / computed), by dynamic
-    programming: on a line the best assignment crosses nothing. NaN among the measured takes no
-    mode, and its index means nothing; NaN among the computed is a mode that is not there. No
-    derivative.
+    programming: on a line the best assignment crosses nothing. NaN (or a masked one) among the
+    measured takes no mode, and its index means nothing; NaN among the computed is a mode that is
+    not there. No derivative.
 
     Raises `ValueError` for other shapes, and `TypeError` for what are no real numbers.
     """
-    measured, computed = real_array("measured", measured), real_array("computed", computed)
+    measured = real_array("measured", with_gaps(measured))
+    computed = real_array("computed", computed)
     if measured.ndim != 1 or computed.ndim != 1 or not 0 < measured.size <= computed.size:
         raise ValueError(
             "measured and computed must be lists, not empty and the latter no shorter, got shapes "

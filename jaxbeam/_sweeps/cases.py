@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxbeam._checks import unmasked
 from jaxbeam._types import is_concrete
 
 
@@ -119,6 +120,7 @@ def refuse_traced(given: Any) -> None:
 
 def _column(name: str, values: Any) -> np.ndarray:
     refuse_traced(values)
+    values = unmasked(name, values)
     try:
         column = np.asarray(values)
     except ValueError:  # lists of unequal lengths
