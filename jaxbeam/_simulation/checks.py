@@ -50,10 +50,12 @@ def scene_status(
     ahead, calm = increasing(times), damping_in_range(damping)
     # At once, since each search of so many numbers is some programs of its own to compile.
     moves, loaded, planar = jnp.all(jnp.stack([moves, loaded, planar]), 1)
+    fastest = jnp.sqrt(jnp.max(jnp.sum(inputs[0].angular_velocity ** 2, 1)))
     status = first_broken(
         (moves, Status.INVALID_MOTION),
         (loaded, Status.INVALID_LOAD),
         (Direction.FLAP in model.directions or planar, Status.OUT_OF_PLANE),
+        (model.resolves(rotor, fastest), Status.TOO_FEW_FUNCTIONS),
     )
     seen = jax.tree.map(lambda a: a[: between.size], inputs)
     motion, loads, seen = harmless(ahead & (status == Status.OK), (motion, loads, seen))

@@ -1,4 +1,4 @@
-"""Soft beams, which tension holds out: functions with layers, by default, and what they leave out."""
+"""Soft beams, which tension holds out: functions with layers, and what they leave out."""
 
 import functools
 

@@ -6,6 +6,7 @@ the root and 2^-14 at the tip; slopes and values are their integrals. Nondimensi
 """
 
 import functools
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ def _tables() -> _Tables:
     x = (edges[:-1, None] + widths[:, None] * (1 + t) / 2).ravel()
     weight = (widths[:, None] * w / 2).ravel()
     slopes, values, tip_slope, tip = [], [], [], []
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in itertools.pairwise(edges):
         h = end - start
         place = np.clip(2 * (x - start) / h - 1, -1, 1)
         beyond = np.maximum(x - end, 0.0)

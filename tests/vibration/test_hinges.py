@@ -68,6 +68,45 @@ def test_at_rest_hinges_swing_freely_and_all_else_is_as_exact_as_ever():
     np.testing.assert_allclose(found.frequency[FLAP][1], flap[0], rtol=1e-7)
 
 
+def test_a_frequency_that_is_lost_in_rounding_is_told():
+    """A spring that holds the root by less than rounding leaves of the stiffness of bending: the
+    frequency is not zero, and nobody knows it. Bending is as right as ever."""
+    lost, soft = of(0.5, 0.0, 1e-13), of(0.5, 0.0, 1e-7)
+    assert lost.status == jb.Status.INACCURATE
+    assert soft.status == jb.Status.OK
+    rigid = np.sqrt(1e-7 / (0.2 * LENGTH**3 / 3))
+    np.testing.assert_allclose(soft.frequency[LAG], rigid, rtol=1e-3)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [jb.ExactRodANCF(4), jb.ANCF(4), jb.SpatialANCF(2)], ids=repr)
+@pytest.mark.parametrize("count", [1, 3])
+def test_elements_tell_what_rounding_leaves(model, count):
+    """Right to 2e-3, or INACCURATE, from a spring that holds well to none at all."""
+    springs = np.repeat(10.0 ** np.arange(-12.0, -1.0)[:, None], count, 1)
+
+    @jax.jit
+    def found(springs):
+        def one(spring):
+            rotor = hinged(root_springs=jb.RootSprings(in_plane=spring))
+            return jb.modes(model, rotor, 0.0, jb.labels(in_plane=1), throw=False)
+
+        return jax.vmap(one)(springs)
+
+    right = np.sqrt(springs / (0.2 * LENGTH**3 / 3))
+    told = 0
+    for spring, exact in zip(springs, right, strict=True):
+        each = found(spring)
+        fine = np.asarray(each.status) == jb.Status.OK
+        told += np.sum(~fine)
+        assert set(np.asarray(each.status)[~fine]) <= {jb.Status.INACCURATE}
+        np.testing.assert_allclose(each.frequency[fine, 0], exact[fine], rtol=2e-3)
+    assert 0 < told < springs.size
+    free = found(np.zeros(count))
+    assert not np.any(free.status)
+    assert not np.any(free.frequency)
+
+
 @pytest.mark.slow
 def test_springs_may_be_zero_in_some_cases_of_a_batch():
     springs, speeds = jnp.array([0.0, 0.0, 50.0, 50.0]), jnp.array([0.0, 4.0, 0.0, 4.0])

@@ -91,9 +91,15 @@ def is_soft(rotor: Rotor, speed: Any) -> bool:
     if not is_concrete((rotor, speed)) or jnp.finfo(jnp.result_type(speed)).bits <= 32:
         return False
     rotor, speed = jax.tree.map(np.asarray, (rotor, speed))  # whose arithmetic is not compiled
-    beam, (c0, c1, c2) = rotor.beam, rotor.tension(speed)
+    beam = rotor.beam
     softer = np.minimum(beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
-    return bool((c0 + c1 + c2 / 2) * beam.length**2 > _STIFFEST**2 * softer)
+    return bool(held_by(rotor, speed) > _STIFFEST**2 * softer)
+
+
+def held_by(rotor: Rotor, speed: Any) -> Any:
+    """P L^2 of a uniform beam in steady rotation, P the tension at its root: kappa^2 times EI."""
+    c0, c1, c2 = rotor.tension(speed)
+    return (c0 + c1 + c2 / 2) * rotor.beam.length**2
 
 
 def more_functions() -> int:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
@@ -124,6 +124,11 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def judged(self, rotor: TheRotor) -> bool:
         """Whether too few functions are a failure: how many are enough is not its user's to say."""
         return isinstance(rotor, Rotor) and rotor.varies
+
+    def resolves(self, rotor: TheRotor, speed: Scalar) -> Bool[Array, ""]:
+        """Whether functions that nobody has chosen can follow a beam that turns as fast as this, to
+        some 1e-3 of its frequencies: for runs, which have no estimate."""
+        return jnp.ones((), bool)
 
     def frequency_error(
         self, system: LinearSystem, rotor: TheRotor, speed: Scalar, eigenvalue: Array, shape: Array

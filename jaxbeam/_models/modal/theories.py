@@ -21,11 +21,11 @@ from typing import Any, Self
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import check_kind, count_functions
 from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
-from jaxbeam._models.bases.layered import LAYERS, Layered, has_layers, is_soft
+from jaxbeam._models.bases.layered import LAYERS, Layered, has_layers, held_by, is_soft
 from jaxbeam._models.bases.loads import Counts, Kind, Mixes, Profile
 from jaxbeam._models.bases.shapes import (
     Shapes,
@@ -114,6 +114,17 @@ class _Modal(CartesianModel):
         own = ((self.n_in_plane, type(self).n_in_plane), (self.n_flap, type(self).n_flap))
         by_default = all(n in (0, default) for n, default in own)
         return super().judged(rotor) or by_default or has_layers(self.basis)
+
+    def resolves(self, rotor: Rotor, speed: Scalar) -> Bool[Array, ""]:
+        """n polynomials follow layers at a clamp of which kappa is no more than n^2."""
+        beam, fine = rotor.beam, super().resolves(rotor, speed)
+        if rotor.varies or not self.judged(rotor) or has_layers(self.basis):
+            return fine
+        stiffness = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
+        for n, own, spring in zip(self.counts[1:], stiffness, rotor.springs, strict=True):
+            if n and spring is None:
+                fine = fine & (held_by(rotor, speed) <= n**4 * own)
+        return fine
 
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array | None:
         """What pulls at sections in steady rotation, in N; None in a theory that does not know."""
