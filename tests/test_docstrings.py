@@ -29,7 +29,8 @@ NEVER_RAISES = {
 }
 # What users hold in their hands and ask for more: of these, methods too.
 ASKED = {
-    "Table", "Cases", "Modes", "Campbell", "Simulation", "Fit", "Answer", "Choice", "BladeTable",
+    "Table", "Cases", "Modes", "Campbell", "Simulation", "Steady", "Fit", "Answer",
+    "Choice", "BladeTable",
 }  # fmt: skip
 # Words with which a first sentence begins that hangs on the name of what it is said of.
 FRAGMENTS = {
@@ -165,7 +166,11 @@ def test_methods_of_results_say_what_they_take_and_raise():
     silent = []
     for name in sorted(ASKED):
         each = public()[name]
-        own = [n for n in each.node.body if isinstance(n, ast.FunctionDef) and n.name[0] != "_"]
+        bases = [base.id for base in each.node.bases if isinstance(base, ast.Name)]
+        known = definitions(each.module)
+        nodes = [each.node, *(known[base].node for base in bases if base in known)]
+        all_of_them = [n for node in nodes for n in node.body]
+        own = [n for n in all_of_them if isinstance(n, ast.FunctionDef) and n.name[0] != "_"]
         for node in own:
             text = ast.get_docstring(node) or ""
             unnamed = [a for a in arguments(Found(each.module, node)) if not names(a, text)]

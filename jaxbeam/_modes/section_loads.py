@@ -19,8 +19,8 @@ def modal_loads(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions | None,
     eigenvalue: Complex[Array, " k"], shape: Vectors, xi: tuple[float, ...],
 ) -> tuple[Complex[Array, "k p 3"], Complex[Array, "k p 3"]]:  # fmt: skip
-    """By how much force and moment in sections differ from those of the steady state, in axes that
-    turn with the sections, as factors of e^(lambda t) like the shapes (k, n).
+    """Force and moment in sections less those of the steady state, in axes that turn with sections,
+    as factors of e^(lambda t) like the shapes (k, n).
 
     The derivative of `section_loads` by coordinates, rates and accelerations: inertia of the mode,
     and what the steady state, its tension above all, does on the beam that the mode bends.
@@ -38,9 +38,11 @@ def modal_loads(
     def loads(q: Vector, v: Vector, a: Vector) -> tuple[Array, Array]:
         return section_loads(rotor, equations, outside, Moved(q, v, a), np.array(xi))
 
-    _, change = jax.linearize(loads, q, 0 * q, 0 * q)
+    def change(*way: Vector) -> tuple[Array, Array]:
+        return jax.jvp(loads, (q, 0 * q, 0 * q), way)[1]
+
     rates = eigenvalue[:, None]
     moved = shape + 0 * rates, rates * shape, rates**2 * shape
-    real, imaginary = (jax.vmap(change)(*(part(a) for a in moved)) for part in (jnp.real, jnp.imag))
-    force, moment = (jax.lax.complex(a, b) for a, b in zip(real, imaginary, strict=True))
-    return force, moment
+    both = (jnp.stack([a.real, a.imag]) for a in moved)
+    force, moment = jax.vmap(jax.vmap(change))(*both)
+    return jax.lax.complex(*force), jax.lax.complex(*moment)

@@ -21,7 +21,7 @@ class Instant(NamedTuple):
     """A scene at one time."""
 
     scene: Scene
-    rotor: AnyRotor
+    rotor: AnyRotor | None
     t: Scalar
     y: State
     rests: bool = False  # in the hub

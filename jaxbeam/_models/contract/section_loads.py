@@ -43,7 +43,7 @@ class Moved(NamedTuple):
 
 
 def section_loads(
-    rotor: AnyRotor, equations: Equations, outside: Outside, moved: Moved, xi: np.ndarray
+    rotor: AnyRotor | None, equations: Equations, outside: Outside, moved: Moved, xi: np.ndarray
 ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
     """Force (N) and moment (N m) by which what is outboard acts on sections at x = xi L, in their
     axes: the tangent and the two axes of `Equations.section_axes`. Moments are that about the

@@ -290,10 +290,10 @@ class SpatialEquations(SpatialElasticity):
         return rows if self.axes is None else rows @ self.axes
 
     def roll(self, q: Vector, v: Vector, xi: np.ndarray) -> Float[Array, " p"]:
-        def turned(q: Vector) -> tuple[Array, Array]:
+        def bent(q: Vector) -> tuple[Array, Array]:
             return self.torsion(q, xi), self.gradient(q, xi)
 
-        (_, d), (rate, moving) = jax.jvp(turned, (q,), (v,))
+        (_, d), (rate, moving) = jax.jvp(bent, (q,), (v,))
         return rate + total(carried(d + A1[:, None]) * moving)
 
     def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
