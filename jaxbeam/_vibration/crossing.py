@@ -1,5 +1,7 @@
 """Speeds at which a frequency is a multiple of the speed."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -30,8 +32,9 @@ class Crossing(InHertz, eqx.Module):
     status: Code
 
     @property
-    def frequency(self) -> Scalar:
-        """`harmonic` times the speed, whose sign does not count, in rad/s."""
+    def frequency(self) -> Any:
+        """`harmonic` times the speed, whose sign does not count, in rad/s; of a batch with its
+        axes."""
         return self.harmonic * abs(self.angular_speed)
 
 
