@@ -12,6 +12,7 @@ import optimistix
 from jaxtyping import Array
 
 from jaxbeam._checks import check_kind, count_functions, kind_of, real_scalar
+from jaxbeam._fitting.bounds import decomposed, least_certain, rooms, settled, units
 from jaxbeam._fitting.experiments import Experiment
 from jaxbeam._fitting.free import FreeParameter, values_of
 from jaxbeam._fitting.result import (
@@ -29,7 +30,6 @@ from jaxbeam._status import Status, first_broken
 from jaxbeam._types import is_concrete
 
 _ENOUGH = 1e-10  # of the sum of squares, absolute plus relative
-_RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
 
 
 class Descent(NamedTuple):
@@ -69,8 +69,9 @@ def fit(
     given that happens at once. `solver` is a least-squares solver of optimistix: it stops where
     both the sum of squares and the variables of the search change by less than 1e-10, absolute
     plus relative, or after `max_steps`, which is no failure where a step of Gauss and Newton would
-    gain less than that; a parameter that ran into a bound by then is held there. `seed`, an int,
-    draws the starts; `progress` (by default on a terminal) tells of each search on stderr.
+    gain less than that. A parameter that the data press against a bound is put there and named in
+    `Fit.at_bound`; all others are found, judged and given intervals as if it were known. `seed`,
+    an int, draws the starts; `progress` (by default on a terminal) tells of each search on stderr.
 
     The covariance is that of Gauss and Newton, (J^T J)^-1. With `known_noise=False` only the
     relative size of the noise is believed and its level taken from the residuals, which priors
@@ -228,8 +229,8 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     found: Any = optimistix.least_squares(
         _residual, solver, z, closed, {"jac": "fwd"}, max_steps=max_steps, throw=False,
     )  # fmt: skip
-    z = found.value
-    residual, jacobian = problem.with_jacobian(z)
+    z, residual, jacobian, side = settled(problem, found.value)
+    held = side != 0
     experiments = problem.experiments_at(z)
     degrees_of_freedom = jnp.asarray(problem.count(experiments) - m)
     square = jnp.sum(residual**2)
@@ -237,25 +238,24 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     level = jnp.where(degrees_of_freedom < 1, jnp.inf, jnp.sqrt(reduced_chi_squared))
     scale = jnp.ones_like(level) if known_noise else level
     finite = jnp.all(jnp.isfinite(jacobian)) & jnp.isfinite(square)
-    units = [free.unit(z[i]) for i, free in enumerate(problem.free.values())]
-    slope, unit = (jnp.stack(column) for column in zip(*units, strict=True))
-    by_unit = jacobian * (unit / jnp.maximum(slope, jnp.finfo(z.dtype).tiny))[None]
-    few = max(m - residual.size, 0)  # rows of zeros, for directions that nothing was measured in
-    by_unit = jnp.pad(jnp.where(finite, by_unit, 0.0), ((0, few), (0, 0)))
-    along, certainty, combinations = jnp.linalg.svd(by_unit, full_matrices=False)
-    certainty = jnp.where(certainty > _RANK * certainty[0], certainty, 0.0)
+    slope, unit = units(problem.free, z)
+    by_unit = jnp.where(finite, jacobian * (unit / slope)[None], 0.0)
+    along, certainty, combinations = decomposed(by_unit, held)
     # What a step of Gauss and Newton would still take off the sum of squares. Where that is lost
     # in rounding, no step is seen to be one downhill, and the solver goes on until it gives up.
-    gain = jnp.where(certainty > 0, jnp.pad(residual, (0, few)) @ along, 0.0)
+    gain = jnp.where(certainty > 0, residual @ along[: residual.size], 0.0)
     arrived = jnp.sum(gain**2) <= _ENOUGH * (1 + square)
     standard_deviation, covariance = uncertainty(certainty, combinations, unit, scale)
-    room = jnp.stack([free.room(z[i]) for i, free in enumerate(problem.free.values())])
-    at_bound = jnp.isfinite(standard_deviation) & (room < 0.1 * standard_deviation)
-    ended = (found.result == optimistix.RESULTS.successful) | arrived | jnp.any(at_bound)
+    room = rooms(problem.free, z)
+    near = jnp.isfinite(standard_deviation) & (jnp.min(room, 0) < 0.1 * standard_deviation)
+    at_bound = jnp.where(near & ~held, jnp.where(room[0] < room[1], -1, 1), side)
+    near_one = jnp.any(at_bound != 0)  # to which the search goes on in ever smaller steps
+    ended = (found.result == optimistix.RESULTS.successful) | arrived | near_one
+    sure = least_certain(certainty, combinations, held) >= scale * UNSURE
     status = first_broken(
         (finite, Status.NOT_FINITE),
         (ended, Status.FIT_NOT_CONVERGED),
-        (jnp.min(certainty) >= scale * UNSURE, Status.NOT_IDENTIFIABLE),
+        (sure, Status.NOT_IDENTIFIABLE),
     )
     numbers = (values_of(problem.free, z), standard_deviation, covariance)
     values, standard_deviation, covariance = nan_unless(status == Status.OK, numbers)

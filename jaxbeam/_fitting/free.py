@@ -81,11 +81,6 @@ class FreeParameter(eqx.Module):
             least = jnp.maximum(least, value - self.lower)
         return slope(z), jnp.maximum(here, 0.1 * least)
 
-    def room(self, z: Scalar) -> Scalar:
-        """The distance from a value of the parameter to its nearest bound."""
-        value = self.value(z)
-        return jnp.minimum(value - self.lower, self.upper - value)
-
 
 def values_of(free: dict[str, FreeParameter], z: Array) -> dict[str, Scalar]:
     """The parameters by name, from the variables of the search."""

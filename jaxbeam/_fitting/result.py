@@ -72,10 +72,14 @@ class Fit(eqx.Module):
     |                     |        | scales                                                       |
     | combinations        | (m, m) | of the parameters, the one that belongs to each, in rows     |
     | parameter_scale     | (m,)   | what their changes are measured by, see `FreeParameter`      |
-    | at_bound            | ()     | by name, whether a bound is nearer than a tenth of the       |
-    |                     |        | standard deviation                                           |
+    | at_bound            | ()     | by name: -1 at the lower bound, 1 at the upper one, else 0   |
     | steps               | ()     | of the last search                                           |
     | status              | ()     | `OK`, `NOT_IDENTIFIABLE`, `FIT_NOT_CONVERGED`, `NOT_FINITE`  |
+
+    A parameter is at a bound where the data press it against that, or where the bound is nearer
+    than a tenth of the standard deviation. Of one that they press, the standard deviation says how
+    well the data would tell it without the bound; those of all others, and the covariance, are
+    conditional on its being there. A large `reduced_chi_squared` then says that the bound is wrong.
 
     Unless the status is `OK`, `parameters`, `standard_deviation`, `covariance` and all that follows
     from them is NaN; `partial` is the same fit with the best that was found. Of a batch, every
@@ -202,10 +206,14 @@ class Fit(eqx.Module):
                 "residuals are larger than the noise explains: the model leaves something out, or "
                 "the noise is larger than said"
             )
-        if bound := ", ".join(name for name, there in self.at_bound.items() if there):
-            lines.append(f"held by a bound: {bound}")
+        sides = {-1: "lower", 1: "upper"}
+        there = {name: sides[int(s)] for name, s in self.at_bound.items() if int(s)}
+        if there:
+            told = ", ".join(f"{name} ({side})" for name, side in there.items())
+            lines.append(f"held by a bound: {told}")
         for sure, combination in zip(self.certainty, self.combinations, strict=True):
-            if float(sure) < float(self.scale) * UNSURE:
+            largest = names[int(np.argmax(np.abs(combination)))]
+            if float(sure) < float(self.scale) * UNSURE and largest not in there:
                 share = ", ".join(
                     f"{float(x):+.2f} {name}"
                     for name, x in zip(names, combination, strict=True)

@@ -358,6 +358,69 @@ def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
     assert 1.95 * wanted < high < 2.06 * wanted
 
 
+PLAIN = jb.FreeParameter(1.0)
+HELD = {  # what is free, and on which side it should be held
+    "upper": ({"a": jb.FreeParameter(0.3, 0.0, 0.5), "b": PLAIN}, {"a": 1}),
+    "lower": ({"a": jb.FreeParameter(1.5, 1.2), "b": PLAIN}, {"a": -1}),
+    "upper alone": ({"a": jb.FreeParameter(0.3, -np.inf, 0.5), "b": PLAIN}, {"a": 1}),
+    "guess near it": ({"a": jb.FreeParameter(0.4999999, 0.0, 0.5), "b": PLAIN}, {"a": 1}),
+    "slope": ({"a": jb.FreeParameter(0.3), "b": jb.FreeParameter(3.0, 2.5, 9.0)}, {"b": -1}),
+    "both": (
+        {"a": jb.FreeParameter(0.3, 0.0, 0.5), "b": jb.FreeParameter(1.0, 0.0, 1.5)},
+        {"a": 1, "b": 1},
+    ),
+    "none": ({"a": jb.FreeParameter(0.3, 0.0, 9.0), "b": PLAIN}, {}),
+}
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("noise", [1e-1, 1e-3, 1e-5])
+@pytest.mark.parametrize("which", HELD)
+def test_bounds_that_exclude_the_truth_are_told_by_name_and_side(which, noise):
+    """What is free, and its deviation, are those of least squares with the rest known."""
+    x = np.linspace(0.0, 1.0, 6)
+    y = 1 + 2 * x + noise * np.random.default_rng(0).normal(size=6)
+    free, sides = HELD[which]
+    found = jb.fit(line(x, y, noise), free, progress=0)
+    assert {name: int(side) for name, side in found.at_bound.items() if side} == sides
+    values = {n: free[n].lower if side < 0 else free[n].upper for n, side in sides.items()}
+    design = {"a": np.ones(6), "b": x}
+    names = [n for n in free if n not in sides]
+    left = y - sum(values[n] * design[n] for n in sides)
+    if names:
+        matrix = np.stack([design[n] for n in names], 1)
+        best = dict(zip(names, np.linalg.lstsq(matrix, left, rcond=None)[0], strict=True))
+        deviations = noise * np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
+        for n, deviation in zip(names, deviations, strict=True):
+            np.testing.assert_allclose(found.standard_deviation[n], deviation, rtol=1e-6)
+            assert abs(found.parameters[n] - best[n]) < 1e-3 * deviation
+    for n in sides:
+        np.testing.assert_allclose(found.parameters[n], values[n], rtol=1e-14)
+        assert f"{n} ({'lower' if sides[n] < 0 else 'upper'})" in str(found)
+    assert (found.excess() > 5) == bool(sides) or noise == 1e-1
+    assert "cannot tell" not in str(found)
+
+
+def test_one_that_is_held_leaves_neighbours_alone():
+    """In a batch, whose data lie on both sides of a bound; what they cannot tell is not held."""
+    x = np.linspace(0.0, 1.0, 6)
+    free = {"a": jb.FreeParameter(0.3, 0.0, 0.5), "b": jb.FreeParameter(1.0)}
+
+    @jax.jit
+    @jax.vmap
+    def found(y, x):
+        return jb.fit(line(x, y, 1e-2), free, throw=False)
+
+    ys = jnp.stack([1.0 + 2 * x, 0.25 + 2 * x, 0.25 + 2 * np.ones(6)])
+    many = found(ys, jnp.stack([x, x, np.ones(6)]))
+    assert many.status.tolist() == [0, 0, jb.Status.NOT_IDENTIFIABLE]
+    assert many.at_bound["a"].tolist()[:2] == [1, 0]
+    assert many.at_bound["b"].tolist()[:2] == [0, 0]
+    np.testing.assert_allclose(many.parameters["a"], [0.5, 0.25, np.nan], rtol=1e-6)
+    best = np.sum((1.0 + 2 * x - 0.5) * x) / np.sum(x**2)
+    np.testing.assert_allclose(many.parameters["b"], [best, 2.0, np.nan], rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_a_parameter_at_its_upper_bound_near_the_guess_is_known():
     """The room that the search had is no measure of what the data tell."""
