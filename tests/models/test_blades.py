@@ -346,23 +346,6 @@ def test_steep_cones_by_elements_in_space(cone, speed, hub, springs):
 
 
 @pytest.mark.exhaustive
-def test_a_shaft_may_be_turned_about_its_axis():
-    """Which changes nothing, between the two rest frequencies and beyond; by elements in space,
-    which bear a pitch with a cone."""
-    beam = jb.Beam(1.0, 1.0, 1e5, 4.0, 1.0, torsional_stiffness=1e3, polar_inertia=1e-4)
-    model = jb.SpatialANCF(2)
-    for speed in (5.0, 9.0):
-        found = [
-            np.asarray(
-                jb.modes(model, jb.Rotor(beam, precone=np.pi / 2, **more), speed, 4).eigenvalue
-            )
-            for more in ({}, {"pitch": 0.4})
-        ]
-        np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-6)
-        assert (found[0].real.max() > 1e-6) == (speed == 5.0)
-
-
-@pytest.mark.exhaustive
 def test_precone_of_a_table():
     """Differences and both modes of derivatives, kinks, a root that yields, a batch; a cone of
     zero is none."""

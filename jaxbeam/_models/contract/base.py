@@ -19,7 +19,7 @@ from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
-from jaxbeam._rotor.directions import ALL_COUPLED, Direction, coupling_groups, is_hinged
+from jaxbeam._rotor.directions import Direction, coupling_groups
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._status import Status, first_failure
@@ -165,7 +165,6 @@ def small_motion(
     under `inputs`, none by default but rotation: the tangents of the equations there."""
     hub, tip, span = (spinning(speed), None, None) if inputs is None else inputs
     q, status = state
-    coupling = coupling_groups(rotor)
     k, c = equations.tangents(hub, q, jnp.zeros_like(q), tip)
     by_span = None if span is None else span.tangent(equations, q)
     if by_span is not None:
@@ -177,10 +176,8 @@ def small_motion(
         steady_strain=steady_strain(rotor, speed, equations, q),
         status=status,
         directions=model.directions,
-        coupling=coupling,
+        coupling=coupling_groups(rotor),
         shapes=equations.functions,
-        # About the axis of rotation it may be stable though its stiffness is not definite.
-        general=coupling == ALL_COUPLED and not is_hinged(rotor),
     )
 
 

@@ -22,10 +22,9 @@ class LinearSystem(eqx.Module):
     root, else P / EA from the tension on the undeformed beam, without loads. Unless `status` is OK
     all numbers are NaN.
 
-    About a state under loads, with damping, or of a coned beam with turned sections, it is
-    `general`: mass q'' + (gyroscopic + damping) q' + stiffness q = 0, in which anything may be
-    coupled, `damping` is symmetric (None: there is none), and stiffness is symmetric where loads
-    have a potential (`conservative`).
+    About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
+    q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
+    none), and stiffness is symmetric where loads have a potential (`conservative`).
     """
 
     mass: Matrix
