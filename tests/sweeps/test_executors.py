@@ -11,8 +11,15 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from pathlib import Path
+from typing import ClassVar
 
 import dask
 import distributed
@@ -212,6 +219,32 @@ def test_what_is_not_wanted_any_more_is_cancelled(tmp_path, monkeypatch):
     with Idle(3) as pool, pytest.raises(OSError, match="Chunks finished before are intact"):
         jb.sweep(sine, jb.points(a=np.arange(9.0)), chunk=1, executor=pool, folder=tmp_path)
     assert [future.cancelled() for future in sent] == [False, *5 * [True]]
+
+
+class Deadly(Executor):
+    """Its worker dies of one case, and is its own process otherwise."""
+
+    tries: ClassVar[list[int]] = []
+
+    def submit(self, function, /, job, columns, deaths):
+        future = Future()
+        if 5.0 in np.asarray(columns["a"]):
+            self.tries.append(deaths)
+            future.set_exception(BrokenExecutor("gone"))
+        else:
+            future.set_result(function(job, columns, deaths))
+        return future
+
+
+def test_a_chunk_that_kills_three_workers_is_given_up_and_not_done(tmp_path):
+    table = jb.sweep(
+        sine, jb.grid(a=np.arange(8.0)), chunk=2, executor=Deadly, folder=tmp_path / "kept"
+    )
+    assert Deadly.tries == [0, 1, 2]
+    lost = np.isin(np.arange(8), [4, 5])
+    np.testing.assert_array_equal(table["status"], np.where(lost, jb.Status.RAISED, jb.Status.OK))
+    with pytest.raises(ValueError, match="1 of 4 chunks are missing"):
+        jb.Table.load(tmp_path / "kept")
 
 
 @pytest.mark.exhaustive
