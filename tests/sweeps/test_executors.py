@@ -19,6 +19,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
 )
 from pathlib import Path
+from typing import ClassVar
 
 import dask
 import distributed
@@ -315,6 +316,32 @@ def test_a_cluster_that_lost_all_its_workers_ends_a_sweep(tmp_path):
         )
     assert index.read_bytes().count(b"\n") == 250 >= before
     assert_same(table, jb.sweep(long, MANY, chunk=4))
+
+
+class Deadly(Executor):
+    """Its worker dies of one case, and is its own process otherwise."""
+
+    tries: ClassVar[list[int]] = []
+
+    def submit(self, function, /, job, columns, deaths):
+        future = Future()
+        if 5.0 in np.asarray(columns["a"]):
+            self.tries.append(deaths)
+            future.set_exception(BrokenExecutor("gone"))
+        else:
+            future.set_result(function(job, columns, deaths))
+        return future
+
+
+def test_a_chunk_that_kills_three_workers_is_given_up_and_not_done(tmp_path):
+    table = jb.sweep(
+        sine, jb.grid(a=np.arange(8.0)), chunk=2, executor=Deadly, folder=tmp_path / "kept"
+    )
+    assert Deadly.tries == [0, 1, 2]
+    lost = np.isin(np.arange(8), [4, 5])
+    np.testing.assert_array_equal(table["status"], np.where(lost, jb.Status.RAISED, jb.Status.OK))
+    with pytest.raises(ValueError, match="1 of 4 chunks are missing"):
+        jb.Table.load(tmp_path / "kept")
 
 
 @pytest.mark.exhaustive

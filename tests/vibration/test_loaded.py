@@ -145,6 +145,7 @@ def test_what_loads_may_be():
         jb.modes(model, ROTOR, 1.0, 1, damping=0.1)
     for which, rotor, speed, gravity, status in (
         (plane, ROTOR, 1.0, [0.0, 1.0, 0.0], Status.TURNING_GRAVITY),
+        (plane, ROTOR, 1.0, [1.0, 0.0, 0.0], Status.TURNING_GRAVITY),
         (plane, ROTOR, 0.0, [0.0, 0.0, 1e-13], Status.OUT_OF_PLANE),
         (plane, ROTOR, 0.0, [0.0, 1.0, 0.0], Status.OK),
     ):
