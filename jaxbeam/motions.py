@@ -39,6 +39,11 @@ the beam gets its impulse, with the work that the impulse does. Gradients by the
 corner are right there, which they are not where steps pass over it. A jump of velocity that nobody
 declared is noticed in every model, and ends the run as `UNRESOLVED`.
 
+**Late times**, as clocks of computers show them, are rounded: 1.7e9 s to 2.4e-7 s. A run counts
+time from its beginning and asks functions of time by their own clock; the times of a
+`TabulatedSpeed` are counted from the beginning, too, and lose nothing (`Motion.since`). Declared
+times that are closer than 1e-11 of the run, or 32 units of rounding of its latest time, are one.
+
 **A motion of your own** derives from `Motion` (any motion in space) or from `Spin` (rotation about
 a fixed axis); `Hub` is what it tells a model.
 """

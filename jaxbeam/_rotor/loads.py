@@ -189,7 +189,7 @@ class Loads(eqx.Module):
         return None if force is None else length * jnp.stack([weight, weight * xi]) @ force
 
     def since(self, origin: Scalar) -> "Loads":
-        """The same loads by a clock that shows zero at time `origin` (s), as `Motion.since`."""
+        """Loads by a clock that shows zero at time `origin` (s), as in `Motion.since`."""
         clock, parts = Clock(origin, self.jump_times()), dict[str, Any]()
         for name in ("tip_force", "tip_moment", "force_per_length"):
             if callable(part := getattr(self, name)):

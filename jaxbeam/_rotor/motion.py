@@ -93,7 +93,7 @@ class Motion(eqx.Module):
         return no_times()
 
     def since(self, origin: Scalar) -> "Motion":
-        """The same motion by a clock that shows zero at time `origin` (s).
+        """Motion by a clock that shows zero at time `origin` (s).
 
         Runs count time from their beginning, since a time of 1.7e9 s, as clocks of computers show
         it, is rounded to 2.4e-7 s. By default `origin` is added again where the motion is asked

@@ -259,11 +259,11 @@ class _Dense(diffrax.AbstractPath):
     origin: Scalar
 
     @property
-    def t0(self) -> Any:
+    def t0(self) -> Any:  # type: ignore[override]
         return self.interpolation.t0 + self.origin
 
     @property
-    def t1(self) -> Any:
+    def t1(self) -> Any:  # type: ignore[override]
         return self.interpolation.t1 + self.origin
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:

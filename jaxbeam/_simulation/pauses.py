@@ -30,7 +30,7 @@ class Pauses(eqx.Module):
     def __init__(
         self, changes: Times, jumps: Float[Array, " j"], times: Array | None = None
     ) -> None:
-        """Of a run over `times`, if there is to be one."""
+        """Pauses of a run over `times`, if there is to be one."""
         changes, jumps, times = without_derivatives((changes, jumps, times))
         every = jnp.concatenate([changes, jumps])
         zero = jnp.zeros((), every.dtype)
@@ -39,8 +39,8 @@ class Pauses(eqx.Module):
             start, self.end = times[0], times[-1]
             # The loop makes no step that is shorter, and functions of time know no jump better.
             unit = float(jnp.finfo(zero.dtype).eps)
-            known = 32 * unit * jnp.maximum(jnp.abs(start), jnp.abs(self.end))
-            self.near = jnp.maximum(max(_CLOSE, 128 * unit) * (self.end - start), known)
+            told = 32 * unit * jnp.maximum(jnp.abs(start), jnp.abs(self.end))
+            self.near = jnp.maximum(max(_CLOSE, 128 * unit) * (self.end - start), told)
         every = jnp.sort(jnp.where(jnp.isfinite(every), every, jnp.inf))
         if not every.size:
             self.first, self.last, self.jumps = every, every, every > 0
@@ -57,7 +57,7 @@ class Pauses(eqx.Module):
         self.jumps = _places(jumps, self.last, "right") > _places(jumps, self.first, "left")
 
     def since(self, origin: Scalar) -> "Pauses":
-        """The same by a clock that shows zero at time `origin`."""
+        """Pauses by a clock that shows zero at time `origin`."""
         pauses: Pauses = eqx.tree_at(
             lambda s: (s.first, s.last, s.end), self,
             (self.first - origin, self.last - origin, self.end - origin),

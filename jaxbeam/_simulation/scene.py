@@ -61,7 +61,7 @@ class Scene(SecondOrderSystem):
         self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.jumps.size else None
 
     def since(self, origin: Scalar) -> "Scene":
-        """The same scene by a clock that shows zero at time `origin`, as `Motion.since`."""
+        """Scene by a clock that shows zero at time `origin`, as in `Motion.since`."""
         span, pauses = self.span, self.pauses.since(origin)
         if span is not None:
             clock = Clock(origin, self.loads.jump_times())

@@ -64,7 +64,7 @@ def struck(shift, delay, how):
         lambda t: jnp.zeros(3), lambda t: 0.3 * jnp.sum(jnp.where(t > at, 1.0, 0.0)) * A3, jumps=at
     )
     push = jb.Loads(tip_force=lambda t: jnp.where(t > at[1], 0.1, 0.0) * A2, jumps=at[1:2])
-    times = shift + jnp.array([0.0, 0.25, 0.3, 0.6])
+    times = shift + jnp.array([0.0, 0.25, 0.3125, 0.625])
     return jb.simulate(MODEL, README_ROTOR, motion, times, loads=push, throw=False, **how)
 
 
