@@ -37,11 +37,13 @@ class Modes(eqx.Module):
     | status          | ()     |       | `Status`; unless OK the numbers are NaN, but for residual |
     | steady_strain   | ()     |       | see `LinearSystem`                                        |
     | frequency_error | (k,)   |       | estimate of what functions and quadrature leave out of    |
-    |                 |        |       | lambda, relative; above 1e-3 on a beam that varies along  |
-    |                 |        |       | the span the status says so. None of elements, of coned   |
-    |                 |        |       | beams, about loaded states, and on uniform beams but for  |
-    |                 |        |       | `Hybrid` and `Classical` with `Polynomials`               |
-    | model           |        |       | whose modes they are; no array, and part of no table      |
+    |                 |        |       | lambda, relative; above 1e-3 the status says so, of a     |
+    |                 |        |       | uniform beam where numbers of functions are those of the  |
+    |                 |        |       | class. None of elements, of coned beams, about loaded     |
+    |                 |        |       | states, and on uniform beams but for `Hybrid` and         |
+    |                 |        |       | `Classical` with `Polynomials` or `Layered`               |
+    | model           |        |       | whose modes they are: of soft beams it may be one with    |
+    |                 |        |       | other functions than were given; part of no table         |
 
     (*) kg^-1/2 for coordinates in metres.
 
