@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.bases.basis import Yielding
+from jaxbeam._models.bases.basis import Basis, Yielding
 from jaxbeam._models.bases.layered import Finer, massless, more_functions
 from jaxbeam._numerics.linalg import solve_columns
 from jaxbeam._rotor.beam import Rotor
@@ -31,7 +31,7 @@ def frequency_error(
     unit modal mass."""
     more = more_functions()
     counts = [n + more * (n > 0) for n in model.counts[1:]]
-    basis = Finer()
+    basis: Basis = Finer()
     if isinstance(model.basis, Yielding):
         basis = dataclasses.replace(model.basis, basis=basis)
     finer = dataclasses.replace(model, n_in_plane=counts[0], n_flap=counts[1], basis=basis)

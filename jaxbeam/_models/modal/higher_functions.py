@@ -175,7 +175,7 @@ def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
     tables, block = _bands(polynomials.grading, tuple(int(own[k]) for k in ways))
     here = np.stack([np.flatnonzero(direction == k)[: block.shape[-1]] for k in ways])
 
-    def enlarged(elastic: Array, tables: Array, block: Array, r: Array) -> Array:
+    def enlarged(elastic: Array, tables: Any, block: Any, r: Array) -> Array:
         weights = jnp.concatenate([elastic[None], pulls])
         whole = jax.vmap(_condensed)(jnp.einsum("srtj,t->srj", tables, weights))
         own = jnp.tensordot(weights, block, 1)
@@ -186,8 +186,9 @@ def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
     ratios = jax.vmap(enlarged)(
         elastic[np.array(ways)], tables, block, jnp.moveaxis(left[:, here], 1, 0)
     )
-    of_each = np.stack([direction == k for k in ways])
-    return jnp.where(of_each.any(0)[None], jnp.maximum(ratios, 1.0).T @ of_each, 1.0)
+    of_each = (direction[None] == np.array(ways)[:, None]).astype(float)
+    bends = np.sum(of_each, 0)[None]
+    return jnp.maximum(ratios, 1.0).T @ of_each + (1 - bends)
 
 
 def _energy(a: Array, r: Array) -> Array:

@@ -209,7 +209,9 @@ class Hybrid(_Linear):
     `Hybrid(n_stretch=0)` is the inextensible (prestressed, bending-only) beam.
 
     `n_stretch`, `n_in_plane` and `n_flap` (10, 16 and 16) are numbers of functions, ints >= 0 of
-    which zero leaves a direction out, of `basis` (`Polynomials()`, or another of `jb.models`).
+    which zero leaves a direction out, of `basis` (`Polynomials()`, or another of `jb.models`). With
+    these numbers, and of bending with zero, uniform beams so soft that tension holds them have
+    `Layered()` functions where speed and rotor are known; with others the choice is the user's own.
 
     Raises `TypeError` or `ValueError` for any other numbers, zeros throughout, or no basis.
     """
