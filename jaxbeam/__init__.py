@@ -9,7 +9,7 @@ Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     ExactRodANCF, GreenANCF, ANCF in finite elements in the plane,
                     SpatialANCF in space: it bends both ways and twists
 At a steady speed   steady: the state that loads and rotation deform, with internal forces
-                    modes; labels name the modes that are asked for
+                    modes; labels name the modes that are asked for; rpm makes rad/s of turns
                     southwell, stiffening_ratio: how fast they stiffen
                     campbell, crossing: frequencies over speed, resonances with harmonics of it
                     critical_speed, critical_load: where the beam, or the theory, loses its

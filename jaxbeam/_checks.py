@@ -13,7 +13,7 @@ from jaxtyping import Array
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_concrete
 
-Init = TypeVar("Init", bound=Callable[..., None])
+Init = TypeVar("Init", bound=Callable[..., Any])
 
 
 def _default_float() -> Any:
@@ -187,7 +187,7 @@ def needs(name: str, why: str) -> Callable[[Init], Init]:
 
 
 def renamed(**new: str) -> Callable[[Init], Init]:
-    """A constructor that says the new name of an argument which is given by its old one."""
+    """A function or constructor that says the new name of an argument given by its old one."""
 
     def telling(init: Init) -> Init:
         @functools.wraps(init)

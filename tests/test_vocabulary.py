@@ -37,6 +37,11 @@ def test_an_old_name_says_the_new_one():
         (jb.Rotor, "root", "root_springs"), (jb.Rotor, "tip", "tip_body"),
         (jb.Damping, "mass", "mass_coefficient"),
         (jb.Damping, "stiffness", "stiffness_coefficient"),
+        (jb.results.Simulation.peak, "component", "direction"),
+        (jb.deflection_limit, "component", "direction"),
+        (jb.ladder.PeakDeflection, "component", "direction"),
+        (jb.ladder.DeflectionHistory, "component", "direction"),
+        (jb.fitting.StaticData, "component", "direction"),
     ],
 )  # fmt: skip
 def test_an_old_argument_says_the_new_one(make, old, new):

@@ -20,6 +20,7 @@ from jaxbeam._checks import (
     plain,
     real_array,
     real_scalar,
+    renamed,
 )
 from jaxbeam._fitting.matching import match_modes
 from jaxbeam._models.contract.base import AbstractModel, checked_case
@@ -187,7 +188,7 @@ class StaticData(Experiment):
 
     `model`, `rotor` and `loads`, constant in the hub, are those of `modes`; `measured` (p,) in m,
     NaN where missing, of the points `xi` = x / L, p numbers from 0 to 1 (the tip by default);
-    `noise` > 0, its standard deviation, a number or (p,); `component` is a `Direction` (axial, in
+    `noise` > 0, its standard deviation, a number or (p,); `direction` is a `Direction` (axial, in
     plane or flap); `angular_speed` in rad/s.
 
     Where the hub turns, only gravity along its axis is constant in it, and models in a plane bear
@@ -204,18 +205,19 @@ class StaticData(Experiment):
     loads: Loads
     angular_speed: Scalar
     xi: tuple[float, ...] = eqx.field(static=True)
-    component: int = eqx.field(static=True)
+    direction: int = eqx.field(static=True)
 
+    @renamed(component="direction")
     def __init__(
         self, model: AbstractModel, rotor: Rotor, loads: Loads, measured: Any, noise: Any,
-        xi: Any = 1.0, component: int = 1, *, angular_speed: Any = 0.0,
+        xi: Any = 1.0, direction: int = 1, *, angular_speed: Any = 0.0,
     ) -> None:  # fmt: skip
         (self.model, self.rotor, _), self.loads = checked_case(model, rotor), loads
         points = np.atleast_1d(concrete_array("xi", xi)).tolist()
-        self.component, _ = checked_point(component, 1.0)
-        self.xi = tuple(checked_point(component, point)[1] for point in points)
-        if component == 2 and Direction.FLAP not in model.directions:
-            raise ValueError("component 2 needs a model with flap functions")
+        self.direction, _ = checked_point(direction, 1.0)
+        self.xi = tuple(checked_point(direction, point)[1] for point in points)
+        if direction == 2 and Direction.FLAP not in model.directions:
+            raise ValueError("direction 2 (flap) needs a model with flap functions")
         self.measured, self.noise = _data(measured, noise, (len(self.xi),))
         self.angular_speed = checked_speed(angular_speed)
         conditions = checked_conditions(loads, NO_DAMPING)
@@ -230,7 +232,7 @@ class StaticData(Experiment):
             self.model, self.rotor, self.angular_speed, Conditions(self.loads, NO_DAMPING)
         )
         q, status = conditions.state(self.model, rotor, speed)
-        value = self.model.equations(rotor).displacement(q, np.array(self.xi))[:, self.component]
+        value = self.model.equations(rotor).displacement(q, np.array(self.xi))[:, self.direction]
         return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import check_kind, checked_speed, count_functions
+from jaxbeam._checks import check_kind, checked_speed, count_functions, renamed
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import checked_conditions
 from jaxbeam._models.modal.theories import Hybrid
@@ -225,28 +225,29 @@ _LEAST = Hybrid(0, 1, 0)
 
 
 class _AtPoint(_InTime):
-    component: int = eqx.field(static=True)
+    direction: int = eqx.field(static=True)
     xi: float = eqx.field(static=True)
 
+    @renamed(component="direction")
     def __init__(
-        self, motion: Motion, times: Any, component: int = 1, xi: float = 1.0, *,
+        self, motion: Motion, times: Any, direction: int = 1, xi: float = 1.0, *,
         loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, max_steps: int = 20_000,
     ) -> None:  # fmt: skip
         super().__init__(motion, times, loads=loads, damping=damping, max_steps=max_steps)
-        self.component, self.xi = checked_point(component, xi)
+        self.direction, self.xi = checked_point(direction, xi)
 
 
 class DeflectionHistory(_AtPoint):
     """Displacement of a point over time, in the hub frame, in m; errors over its largest.
 
     `motion`, `times` (T,) in s, `loads`, `damping` and `max_steps` are those of `simulate`;
-    `component` 0, 1, 2 is axial, in plane, flap, and the point is x = `xi` L, xi from 0 to 1.
+    `direction` 0, 1, 2 is axial, in plane, flap, and the point is x = `xi` L, xi from 0 to 1.
 
     Raises `ValueError` or `TypeError` for a malformed argument.
     """
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
-        return run.displacement(self.xi)[:, 0, self.component]
+        return run.displacement(self.xi)[:, 0, self.direction]
 
 
 class PeakDeflection(_AtPoint):
@@ -254,14 +255,14 @@ class PeakDeflection(_AtPoint):
 
     Without sign: a free vibration goes as far one way as the other. Between `times` by the cubic of
     `Simulation.peak`, whose error all models share, so that no estimate knows it: give several
-    times in each period. `motion`, `component`, `xi`, `loads`, `damping` and `max_steps` are those
+    times in each period. `motion`, `direction`, `xi`, `loads`, `damping` and `max_steps` are those
     of `DeflectionHistory`.
 
     Raises `ValueError` or `TypeError` for a malformed argument.
     """
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
-        return jnp.abs(run.peak(self.component, self.xi)[0])[None]
+        return jnp.abs(run.peak(self.direction, self.xi)[0])[None]
 
 
 class RootStrain(_InTime):

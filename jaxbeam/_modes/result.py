@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
-from jaxbeam._checks import places
+from jaxbeam._checks import check_kind, places
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import Conditions
@@ -18,6 +18,8 @@ from jaxbeam._modes.shapes import ShapePolynomials, fit
 from jaxbeam._results import InHertz, Method, asked_with, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, Label
+from jaxbeam._rotor.span import polar_inertia
+from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vectors
 
@@ -199,6 +201,46 @@ class Modes(InHertz, eqx.Module):
             )
         return _polynomials(self)
 
+    def mac(self, other: "Modes") -> Float[Array, "... k m"]:
+        """The modal assurance criterion between each of the k modes and the m of another result:
+        how alike their shapes are, from 0 to 1, whatever their phase and scale.
+
+        MAC_ij = abs(<u_i, v_j>)^2 / (<u_i, u_i> <v_j, v_j>) with <u, v> = int rho conj(u) . v dx +
+        m_t conj(u(L)) . v(L) + int J conj(theta_u) theta_v dx of the displacements u, v, and the
+        angles of torsion theta, that both have at the same x / L, complex or not. The masses rho
+        and m_t and the polar inertia J are those of the rotor of the first. Both may be of
+        different models, speeds and rotors. One is the same shape; zero are two modes of one beam
+        at rest, since they are orthogonal (but for the turning of a body at its tip).
+
+        `other` are `Modes`, of one case or of a batch with the same axes. NaN where a case failed.
+        Differentiable, and under `jit` and `vmap`. R. J. Allemang, D. L. Brown, A correlation
+        coefficient for modal vector analysis, Proc. 1st IMAC, 1982.
+
+        Raises `TypeError` for what are no modes, and `ValueError` for batches of unlike shapes and
+        where one is of a beam and the other of a `SpringRotor`.
+        """
+        check_kind("other", other, Modes)
+        if not jnp.ndim(other.status):
+            return _mac(self, other)
+        if not jnp.ndim(self.status):
+            return _mac_of_batch(other, self)
+        if jnp.shape(self.status) != jnp.shape(other.status):
+            shapes = f"{jnp.shape(self.status)} and {jnp.shape(other.status)}"
+            raise ValueError(f"other: batches must have the same axes, got {shapes}")
+        return _Two(self, other, self.status).mac()
+
+
+class _Two(eqx.Module):
+    """Modes of two batches, case by case."""
+
+    first: Modes
+    second: Modes
+    status: Code
+
+    @per_case
+    def mac(self) -> Float[Array, "k m"]:
+        return _mac(self.first, self.second)
+
 
 class _Asked(NamedTuple):
     """Modes of one case that are asked: harmless numbers take the place of those of a case that
@@ -241,6 +283,47 @@ def _polynomials(modes: Modes) -> ShapePolynomials:
     own, across = jnp.where(is_flap, flap, in_plane), jnp.where(is_flap, -in_plane, flap)
     found = jax.vmap(into.of)(own, across)
     return ShapePolynomials(*nan_unless(bends & asked.fine, found))
+
+
+@per_case
+def _mac_of_batch(other: Modes, modes: Modes) -> Float[Array, "k m"]:
+    return _mac(modes, other)
+
+
+@per_case
+def _mac(modes: Modes, other: Modes) -> Float[Array, "k m"]:
+    first, second = _asked(modes), _asked(other)
+    if type(first.rotor) is not type(second.rotor):
+        raise ValueError("other must be modes of the same kind of rotor")
+    xi, mass, polar = _masses(first.rotor)
+    (u, a), (v, b) = (
+        (
+            jnp.einsum("cpn,kn->kpc", each.model.displacement(xi, each.rotor), each.shape),
+            each.shape @ each.model.torsion(xi).T,
+        )
+        for each in (first, second)
+    )
+
+    def product(u: Array, v: Array, a: Array, b: Array) -> Array:
+        moved = jnp.einsum("kpc,mpc,p->km", u.conj(), v, mass)
+        return moved + jnp.einsum("kp,mp,p->km", a.conj(), b, polar)
+
+    across = jnp.abs(product(u, v, a, b)) ** 2
+    lengths = (jnp.diagonal(product(w, w, c, c)).real for w, c in ((u, a), (v, b)))
+    own = jnp.outer(*lengths)
+    return nan_unless(first.fine & second.fine, across / own)
+
+
+def _masses(rotor: AnyRotor) -> tuple[np.ndarray, Array, Array]:
+    """Places x / L, the mass at each in kg, and the polar inertia over the length squared."""
+    if not isinstance(rotor, Rotor):
+        return np.ones(1), rotor.mass[None], jnp.zeros(1)
+    beam = rotor.beam
+    xi, weight = points_within(beam.edges)
+    mass = along(beam.mass_per_length, xi) * weight * beam.length
+    mass = jnp.append(mass, rotor.tip_mass)
+    polar = polar_inertia(beam, lambda value: along(value, xi))
+    return np.append(xi, 1.0), mass, jnp.append(polar * weight / beam.length, 0.0)
 
 
 def own_tip(

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jaxbeam._checks import renamed
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._programs.program import Program
 from jaxbeam._results import asked_with, finite_rows, harmless, nan_unless, per_case
@@ -87,20 +88,21 @@ class Simulation(AlongSpan):
         """Kinetic energy seen from the hub, centrifugal potential and strain energy, in J."""
         return self._each(_jacobi)
 
+    @renamed(component="direction")
     @per_case
-    def peak(self, component: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
+    def peak(self, direction: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
         """Largest deflection either way (m, with its sign) of a point, and when (s).
 
-        `component` 0, 1, 2 is axial, in plane, flap, and the point is x = `xi` L. Between output
-        times by cubic interpolation with the rates, exact to fourth order. The value is
-        differentiable; the time carries no derivative. NaN unless `status` is OK: `partial.peak()`
-        is that of the run so far.
+        `direction` 0, 1, 2 is axial, in plane, flap (see `Direction`), the point x = `xi` L.
+        Between output times by cubic interpolation with the rates, exact to fourth order. The value
+        is differentiable; the time carries no derivative. NaN unless `status` is OK:
+        `partial.peak()` is that of the run so far.
 
-        Raises `ValueError` for another component or point, and for fewer than two output times.
+        Raises `ValueError` for another direction or point, and for fewer than two output times.
         """
         if self.times.size < 2:
             raise ValueError("peak needs two or more output times")
-        return _peak(self, *checked_point(component, xi))
+        return _peak(self, *checked_point(direction, xi))
 
     def _each(self, function: Callable[..., Any], *xi: float) -> Any:
         return _mapped(self, function, xi)
@@ -135,14 +137,14 @@ def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
     return nan_unless(valid, found)
 
 
-def checked_point(component: int, xi: float) -> tuple[int, float]:
-    whole = isinstance(component, int | np.integer) and not isinstance(component, bool)
-    if not whole or component not in (0, 1, 2):
-        raise ValueError(f"component must be 0 (axial), 1 (in plane) or 2 (flap), got {component}")
+def checked_point(direction: int, xi: float) -> tuple[int, float]:
+    whole = isinstance(direction, int | np.integer) and not isinstance(direction, bool)
+    if not whole or direction not in (0, 1, 2):
+        raise ValueError(f"direction must be 0 (axial), 1 (in plane) or 2 (flap), got {direction}")
     points = points_of(xi)
     if len(points) != 1:
         raise ValueError(f"xi must be one number in [0, 1], got {xi}")
-    return int(component), points[0]
+    return int(direction), points[0]
 
 
 def _energy(now: Instant) -> Scalar:
@@ -154,11 +156,11 @@ def _jacobi(now: Instant) -> Scalar:
 
 
 @Program
-def _peak(run: Simulation, component: int, xi: float) -> tuple[Scalar, Scalar]:
+def _peak(run: Simulation, direction: int, xi: float) -> tuple[Scalar, Scalar]:
     valid, times, state = run._outputs(run.status == Status.OK)
 
     def place(q: Vector) -> Scalar:
-        return run.scene.equations.displacement(q, np.array([xi]))[0, component]
+        return run.scene.equations.displacement(q, np.array([xi]))[0, direction]
 
     def both(y: State) -> tuple[Scalar, Scalar]:
         return jax.jvp(place, (y.q,), (y.v,))

@@ -14,7 +14,7 @@ from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, harmless, nan_unless
+from jaxbeam._results import InHertz, finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
 from jaxbeam._status import Status, first_broken, first_failure
@@ -118,7 +118,7 @@ def _factor(
     return radius, jnp.all(done)
 
 
-class StableStep(eqx.Module):
+class StableStep(InHertz, eqx.Module):
     """`step`: the largest stable step, in s; infinite where any step is stable.
 
     `frequency` is the highest of the model, in rad/s, the one that limits. Unless `status` is OK

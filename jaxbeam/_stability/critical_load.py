@@ -21,7 +21,7 @@ from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guar
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, nan_unless, without_derivatives
+from jaxbeam._results import InHertz, finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.directions import Direction, is_hinged, naming
 from jaxbeam._rotor.loads import NO_DAMPING, Loads
@@ -40,7 +40,7 @@ _MOST_YIELDING = 1e6  # of softness, over that with a clamped root, that is stil
 _NEAR = 1e-6  # of what halving finds to what is exact, relative
 
 
-class CriticalLoad(eqx.Module):
+class CriticalLoad(InHertz, eqx.Module):
     """Where a beam at rest in the hub buckles.
 
     | field     | shape | unit  |                                                                  |

@@ -16,7 +16,7 @@ from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
+from jaxbeam._results import InHertz, finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import Direction, Label, coupling_groups
 from jaxbeam._rotor.loads import NO_DAMPING, Damping
@@ -26,7 +26,7 @@ from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
 
 
-class Tongue(eqx.Module):
+class Tongue(InHertz, eqx.Module):
     """Boundaries of a region of parametric resonance, at D depths of modulation.
 
     | field           | shape  | unit  |                                                         |

@@ -13,6 +13,7 @@ from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose
+from jaxbeam._results import InHertz
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
@@ -26,7 +27,7 @@ from jaxbeam._vibration.crossing import Crossing, crossing
 _CLOSER = 17  # speeds of the closer look at an interval in which a label jumps
 
 
-class Campbell(eqx.Module):
+class Campbell(InHertz, eqx.Module):
     """Frequency over speed for labelled modes of one rotor.
 
     `table` holds `frequency` and `growth_rate` (rad/s, 1/s; dimensions angular_speed, mode) and
@@ -40,6 +41,11 @@ class Campbell(eqx.Module):
     table: Table = eqx.field(static=True)
     loads: Loads = NO_LOADS
     damping: Damping = NO_DAMPING
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Frequencies in rad/s, (speeds, modes)."""
+        return self.table["frequency"]
 
     @property
     def status(self) -> np.ndarray:

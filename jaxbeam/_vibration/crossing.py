@@ -1,5 +1,7 @@
 """Speeds at which a frequency is a multiple of the speed."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,7 +14,7 @@ from jaxbeam._models.contract.loaded import Conditions, checked_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, nan_unless
+from jaxbeam._results import InHertz, finish, nan_unless
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Label
 from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
@@ -20,7 +22,7 @@ from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Real, Scalar, is_concrete
 
 
-class Crossing(eqx.Module):
+class Crossing(InHertz, eqx.Module):
     """`angular_speed` (rad/s) at which the frequency of the mode `label` is `harmonic` times it,
     and a `status`."""
 
@@ -28,6 +30,12 @@ class Crossing(eqx.Module):
     harmonic: Scalar
     angular_speed: Scalar
     status: Code
+
+    @property
+    def frequency(self) -> Any:
+        """`harmonic` times the speed, whose sign does not count, in rad/s; of a batch with its
+        axes."""
+        return self.harmonic * abs(self.angular_speed)
 
 
 def crossing(

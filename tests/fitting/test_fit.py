@@ -566,8 +566,8 @@ def test_bad_histories_and_problems_are_named():
         jb.fit(at_rest([[3.5, 22.0]]), weighed, known_noise=False)
     with pytest.raises(TypeError, match="descent must be a Descent"):
         jb.fit(at_rest([[3.5, 22.0]]), free, descent=16)
-    with pytest.raises(ValueError, match="component 2 needs a model with flap functions"):
-        jb.fitting.StaticData(jb.GreenANCF(2), slender(), jb.Loads(), [0.0], 1.0, component=2)
+    with pytest.raises(ValueError, match="needs a model with flap functions"):
+        jb.fitting.StaticData(jb.GreenANCF(2), slender(), jb.Loads(), [0.0], 1.0, direction=2)
 
 
 @pytest.mark.exhaustive

@@ -146,8 +146,8 @@ def test_errors():
         jb.ladder.rungs(rotor, rotor)
     with pytest.raises(ValueError, match="accuracy must be finite and > 0"):
         jb.ladder.evaluate(jb.Hybrid(), rotor, question, 0.0)
-    with pytest.raises(ValueError, match="component must be 0"):
-        jb.ladder.PeakDeflection(jb.ConstantSpeed(1.0), TIMES, component=3)
+    with pytest.raises(ValueError, match="direction must be 0"):
+        jb.ladder.PeakDeflection(jb.ConstantSpeed(1.0), TIMES, direction=3)
     cases = jb.points(speed=[1.0])
     with pytest.raises(TypeError, match="situation must return a Rotor and a Question"):
         jb.ladder_sweep(lambda speed: speed, cases)
@@ -276,7 +276,7 @@ def test_space_where_von_karman_is_all_there_is():
 
     def asked(speed):
         motion = jb.SmoothSpinUp(speed, 2.0, jb.motions.inclined_axis(0.8))
-        return jb.ladder.PeakDeflection(motion, TIMES * 3.0, component=2)
+        return jb.ladder.PeakDeflection(motion, TIMES * 3.0, direction=2)
 
     wide = jb.choose_model(rotor, asked(3.0), 1e-3, throw=False)
     assert not wide.met

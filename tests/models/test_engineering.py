@@ -57,7 +57,7 @@ def bent(model, force, slenderness):
     loads = jb.Loads(tip_force=[*force, 0.0])
     return np.array([
         jb.fitting.StaticData(
-            model, slender(slenderness), loads, [0.0], 1.0, component=i
+            model, slender(slenderness), loads, [0.0], 1.0, direction=i
         ).predicted()[0]
         for i in (0, 1)
     ])  # fmt: skip
