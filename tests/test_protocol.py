@@ -1,6 +1,7 @@
 """One protocol for failure, of every public function: what depends on numbers raises the sentence
 of a status, or, with `throw=False`, is that status, beside numbers that are NaN."""
 
+import dataclasses
 import importlib
 import inspect
 import re
@@ -140,7 +141,9 @@ def numbers(result):
         return {"peak": result.peak()}
     if isinstance(result, jb.results.Fit):
         return {"parameters": result.parameters, "deviation": result.standard_deviation}
-    beside = BESIDE.get(type(result).__name__, ())
+    fields = dataclasses.fields(result) if dataclasses.is_dataclass(result) else ()
+    asked_with = [field.name for field in fields if field.metadata.get("asked_with")]
+    beside = (*BESIDE.get(type(result).__name__, ()), *asked_with)
     found = {name: getattr(result, name) for name in vars(result) if name not in beside}
     return eqx.filter(found, eqx.is_inexact_array)
 
