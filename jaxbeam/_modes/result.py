@@ -43,22 +43,22 @@ def of_places(method: Method) -> Method:
 class Modes(InHertz, eqx.Module):
     """k modes x e^(lambda t) of M q'' + G q' + K q = 0 with n coordinates, damping being part of G.
 
-        | field           | shape  | unit  |                                                           |
-        |-----------------|--------|-------|-----------------------------------------------------------|
-        | eigenvalue      | (k,)   | rad/s | lambda = growth_rate + i frequency, frequency >= 0        |
-        | shape           | (k, n) | *     | x, scaled to unit modal mass; while stable the axial part |
-        |                 |        |       | (of coned beams that of flap) is imaginary, the rest      |
-        |                 |        |       | real; under loads or with damping it is of any phase, and |
-        |                 |        |       | x^H M x = 1                                               |
-        | direction       | (k,)   |       | `Direction` of the mode as an integer                     |
-        | number          | (k,)   |       | its number within the direction, from 1                   |
-        | energy_share    | (k, 4) |       | share of kinetic energy by `Direction`                    |
-        | residual        | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M) +     |
-        |                 |        |       | abs(lambda) norm(G) + norm(K)) norm(x))                   |
-        | status          | ()     |       | `Status`; unless OK the numbers are NaN, but for residual |
-        | steady_strain   | ()     |       | see `LinearSystem`                                        |
-        | frequency_error | (k,)   |       | estimate of what functions and quadrature leave out of    |
-        |                 |        |       | lambda, relative; above 1e-3 the status says so, of a     |
+    | field           | shape  | unit  |                                                           |
+    |-----------------|--------|-------|-----------------------------------------------------------|
+    | eigenvalue      | (k,)   | rad/s | lambda = growth_rate + i frequency, frequency >= 0        |
+    | shape           | (k, n) | *     | x, scaled to unit modal mass; while stable the axial part |
+    |                 |        |       | (of coned beams that of flap) is imaginary, the rest      |
+    |                 |        |       | real; under loads or with damping it is of any phase, and |
+    |                 |        |       | x^H M x = 1                                               |
+    | direction       | (k,)   |       | `Direction` of the mode as an integer                     |
+    | number          | (k,)   |       | its number within the direction, from 1                   |
+    | energy_share    | (k, 4) |       | share of kinetic energy by `Direction`                    |
+    | residual        | (k,)   |       | backward error: norm(Q x) / ((abs(lambda)^2 norm(M) +     |
+    |                 |        |       | abs(lambda) norm(G) + norm(K)) norm(x))                   |
+    | status          | ()     |       | `Status`; unless OK the numbers are NaN, but for residual |
+    | steady_strain   | ()     |       | see `LinearSystem`                                        |
+    | frequency_error | (k,)   |       | estimate of what functions and quadrature leave out of    |
+    |                 |        |       | lambda, relative; above 1e-3 the status says so, of a     |
     |                 |        |       | uniform beam where numbers of functions are those of the  |
     |                 |        |       | class. None of elements, of coned beams, about loaded     |
     |                 |        |       | states, and on uniform beams but for `Hybrid` and         |
@@ -69,17 +69,17 @@ class Modes(InHertz, eqx.Module):
     | angular_speed   | ()     | rad/s | of the hub, as it was given; part of no table             |
     | conditions      |        |       | loads and damping, None without; part of no table         |
 
-        (*) kg^-1/2 for coordinates in metres.
+    (*) kg^-1/2 for coordinates in metres.
 
-        **Labels** do not depend on how a speed was reached. Without Coriolis coupling the modes at any
-        speed move in one direction each, and those of one have simple frequencies that never cross, so
-        that their numbers mean something. A coupled mode takes the label of the uncoupled mode *at the
-        same speed* in which it has most of its kinetic energy, each label given once. Through a
-        crossing or a veering a label therefore stays with the kind of motion; inside a veering it
-        changes branch where the two branches share the motion equally. About a state that is bent, the
-        uncoupled modes of bending take axial motion along, and directions are those of the hub. The
-        position among the in-plane and axial modes in order of frequency is the label that follows a
-        branch instead.
+    **Labels** do not depend on how a speed was reached. Without Coriolis coupling the modes at any
+    speed move in one direction each, and those of one have simple frequencies that never cross, so
+    that their numbers mean something. A coupled mode takes the label of the uncoupled mode *at the
+    same speed* in which it has most of its kinetic energy, each label given once. Through a
+    crossing or a veering a label therefore stays with the kind of motion; inside a veering it
+    changes branch where the two branches share the motion equally. About a state that is bent, the
+    uncoupled modes of bending take axial motion along, and directions are those of the hub. The
+    position among the in-plane and axial modes in order of frequency is the label that follows a
+    branch instead.
     """
 
     eigenvalue: Complex[Array, " k"]
