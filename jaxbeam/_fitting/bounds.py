@@ -99,8 +99,8 @@ def decomposed(by_unit: Array, held: Array) -> tuple[Array, Array, Array]:
 
     spread = variance(*certain(by_unit)[1:])
     column = jnp.sqrt(jnp.sum(by_unit**2, 0))
-    known = jnp.isfinite(spread) & (spread > 0)
-    own = jnp.where(known, 1 / jnp.sqrt(jnp.where(known, spread, 1.0)), column)
+    finite = jnp.isfinite(spread) & (spread > 0)
+    own = jnp.where(finite, 1 / jnp.sqrt(jnp.where(finite, spread, 1.0)), column)
     rows = jnp.diag(jnp.where(held, own, 0.0))
     return certain(jnp.concatenate([jnp.where(held[None], 0.0, by_unit), rows]))
 

@@ -401,6 +401,7 @@ def test_bounds_that_exclude_the_truth_are_told_by_name_and_side(which, noise):
     assert "cannot tell" not in str(found)
 
 
+@pytest.mark.exhaustive
 def test_one_that_is_held_leaves_neighbours_alone():
     """In a batch, whose data lie on both sides of a bound; what they cannot tell is not held."""
     x = np.linspace(0.0, 1.0, 6)

@@ -16,6 +16,7 @@ This is the estimate of `_models/bases/truncation.py` for beams on which all is 
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -28,6 +29,8 @@ from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
 from jaxbeam._models.bases.loads import Counts, in_beam_axes
 from jaxbeam._models.modal.finer import relative
 from jaxbeam._models.modal.shape_integrals import shape_integrals
+from jaxbeam._numerics.loose import cholesky, lower_solve
+from jaxbeam._programs.batches import one_by_one
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._types import Scalar
@@ -172,60 +175,54 @@ def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
     ways = [k for k in (Direction.IN_PLANE, Direction.FLAP) if model.counts[k]]
     if not ways:
         return jnp.ones_like(left.real)
-    tables, block = _bands(polynomials.grading, tuple(int(own[k]) for k in ways))
-    here = np.stack([np.flatnonzero(direction == k)[: block.shape[-1]] for k in ways])
-
-    def enlarged(elastic: Array, tables: Any, block: Any, r: Array) -> Array:
-        weights = jnp.concatenate([elastic[None], pulls])
-        whole = jax.vmap(_condensed)(jnp.einsum("srtj,t->srj", tables, weights))
-        own = jnp.tensordot(weights, block, 1)
-        alone = jnp.sum(jnp.abs(r) ** 2 / jnp.diag(own)[None], 1)
-        both = _energy(whole[0] + whole[1, ::-1, ::-1] - own, r)
-        return jnp.where(alone > 0, both / jnp.where(alone > 0, alone, 1.0), 1.0)
-
-    ratios = jax.vmap(enlarged)(
-        elastic[np.array(ways)], tables, block, jnp.moveaxis(left[:, here], 1, 0)
-    )
+    weights = jnp.stack([jnp.concatenate([elastic[k][None], pulls]) for k in ways])
+    width = 4 * polynomials.grading
+    here = np.stack([np.flatnonzero(direction == k)[:width] for k in ways])
+    met = jnp.moveaxis(left[:, here], 1, 0)  # (ways, k, width)
+    solver = _enlarger(polynomials.grading, tuple(int(own[k]) for k in ways))
+    ratios = solver(weights, jnp.concatenate([met.real, met.imag], 1))
     of_each = (direction[None] == np.array(ways)[:, None]).astype(float)
-    bends = np.sum(of_each, 0)[None]
-    return jnp.maximum(ratios, 1.0).T @ of_each + (1 - bends)
+    return ratios.T @ of_each + (1 - np.sum(of_each, 0)[None])
 
 
-def _energy(a: Array, r: Array) -> Array:
-    """r^H a^-1 r of each row of r, for a small positive matrix."""
-    out = jnp.zeros(len(r), a.dtype)
-    while len(a):
-        first, pivot = r[:, 0], a[0, 0]
-        out = out + jnp.abs(first) ** 2 / pivot
-        r = r[:, 1:] - first[:, None] * (a[:1, 1:] / pivot)
-        a = a[1:, 1:] - a[1:, :1] * (a[:1, 1:] / pivot)
-    return out
+@functools.lru_cache(maxsize=64)
+def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array], Array]:
+    """What `_enlarged` does, of (ways, 4) weights of tables and (ways, 2 k, width) residuals, case
+    by case: stiff beams, of which kappa = L sqrt(P / EI) is no more than functions are, need it
+    not."""
+
+    def one(elastic: Array, r: Array, n: int) -> Array:
+        size, k = n + _FAR * grading, len(r) // 2
+        whole = jnp.tensordot(elastic, _products(grading, size), 1)
+        columns = jnp.pad(r.T, ((n, size - n - r.shape[1]), (0, 0)))
+        both = jnp.sum(lower_solve(cholesky(whole), columns) ** 2, 0)
+        alone = jnp.sum(r**2 / jnp.diag(whole)[None, n : n + r.shape[1]], 1)
+        both, alone = (a[:k] + a[k:] for a in (both, alone))
+        return jnp.where(alone > 0, jnp.maximum(both / jnp.where(alone > 0, alone, 1.0), 1.0), 1.0)
+
+    def solver(weights: Array, residuals: Array) -> Array:
+        pulls = weights @ np.array([0.0, 1.0, 1.0, 0.5])
+        soft = jnp.any(pulls > np.array(counts) ** 2 * weights[:, 0])
+        ones = jnp.ones((len(counts), residuals.shape[1] // 2), residuals.dtype)
+
+        def enlarged() -> Array:
+            if len(set(counts)) == 1:  # what is alike is compiled once
+                return jax.lax.map(lambda case: one(*case, counts[0]), (weights, residuals))
+            each = zip(weights, residuals, counts, strict=True)
+            return jnp.stack([one(*case) for case in each])
+
+        return jax.lax.cond(soft, enlarged, lambda: ones)
+
+    found: Callable[[Array, Array], Array] = one_by_one(solver)
+    return found
 
 
 _FAR = 64  # functions beyond those of a model: they see layers of a ten thousandth of the length
 
 
 @functools.lru_cache(maxsize=64)
-def _bands(grading: int, counts: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """`_bands_of` each of these numbers, side by side: (n, 2, rows, 4, band), and the block."""
-    each = [_bands_of(grading, n) for n in counts]
-    most = max(len(rows) for found in each for rows in found[:2])
-
-    def longer(rows: np.ndarray) -> np.ndarray:
-        nothing = np.zeros((most - len(rows), *rows.shape[1:]))
-        nothing[:, 0, 0] = 1.0
-        return np.concatenate([nothing, rows])
-
-    sides = np.stack([[longer(rows) for rows in found[:2]] for found in each])
-    return sides, np.stack([block for _, _, block in each])
-
-
-@functools.lru_cache(maxsize=64)
-def _bands_of(grading: int, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Products of functions with themselves and others, of curvatures and by the three parts of
-    tension: of those beyond n, the last one first, with the next ones (far, 4, band); of those up
-    to there, the first one first, with the ones before; of the first beyond n with each other."""
-    width, size = 4 * grading, n + _FAR * grading
+def _products(grading: int, size: int) -> Float[np.ndarray, "4 n n"]:
+    """Products of so many functions, of curvatures and by the three parts of tension."""
     t, w = legendre.leggauss(grading * (size + 4))
     xi, rate = ((1 + t) / 2) ** grading, grading * ((1 + t) / 2) ** (grading - 1) / 2
     root = np.sqrt(w * rate)[:, None]
@@ -234,28 +231,8 @@ def _bands_of(grading: int, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     inside = legendre.legval(t, legendre.legint(inverse, lbnd=-1, axis=0)).T * rate[None]
     slope = inside @ (q * np.sign(np.diag(r)) / root)
     shapes = (np.ones_like(xi), 1 - xi, (1 - xi**2) / 2)
-    tables = [np.eye(size), *(slope.T @ (root**2 * p[:, None] * slope) for p in shapes)]
-    whole = np.pad(np.stack(tables), ((0, 0), (width, width), (width, width)))
-    places = np.arange(size) + width
-    beyond = [whole[:, i, i : i + width + 1] for i in places[: n - 1 : -1]]
-    before = [whole[:, i, i - width : i + 1][:, ::-1] for i in places[: n + width]]
-    first = slice(n + width, n + 2 * width)
-    return np.stack(beyond), np.stack(before), whole[:, first, first]
-
-
-def _condensed(band: Float[Array, "r band"]) -> Array:
-    """What a symmetric band matrix is to the last of its rows, once those before are eliminated.
-    Rows are those of entries from the diagonal to the ones before; the last row comes first."""
-    width = band.shape[1] - 1
-
-    def eliminate(window: Array, row: Array) -> tuple[Array, None]:
-        whole = jnp.pad(window, ((1, 0), (1, 0))).at[0].add(row).at[1:, 0].add(row[1:])
-        last = whole[:, -1]
-        return (whole - last[:, None] * last[None] / last[-1])[:-1, :-1], None
-
-    # Before the first there are none: a unit matrix, coupled with nothing.
-    window, _ = jax.lax.scan(eliminate, jnp.eye(width, dtype=band.dtype), band)
-    return window
+    tensions = [slope.T @ (root**2 * p[:, None] * slope) for p in shapes]
+    return np.stack([np.eye(size), *tensions])
 
 
 def _stiffness(rotor: Rotor) -> tuple[Float[Array, " 3"], Any]:
