@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from jaxbeam._rotor.spins import ConstantSpeed as ConstantSpeed
     from jaxbeam._rotor.spins import SmoothSpinUp as SmoothSpinUp
     from jaxbeam._rotor.units import rpm as rpm
-    from jaxbeam._simulation.simulate import deflection_limit as deflection_limit
+    from jaxbeam._simulation.limit import deflection_limit as deflection_limit
     from jaxbeam._simulation.simulate import simulate as simulate
     from jaxbeam._simulation.steady import steady as steady
     from jaxbeam._simulation.steady import steady_start as steady_start

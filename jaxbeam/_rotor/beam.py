@@ -232,8 +232,8 @@ class Rotor(Parameters):
     `tip_mass` reads the mass of either, `tip_body` the body or the point. Sections are as the beam
     says unless `pitch` turns them all, an angle added to the twist. With a `precone` the beam
     leaves the hub at that angle from the plane of rotation, towards a3: at a right angle it is a
-    shaft, in the axis where the hub radius is zero. None is not there: a pitch
-    of zero counts as one, and lets models look for what it might couple.
+    shaft, in the axis where the hub radius is zero. None is not there: a pitch of zero counts as
+    one, and lets models look for what it might couple.
 
     Raises `TypeError` and `ValueError` as `Beam` does, and `ValueError` for both masses at the tip.
     """
@@ -280,18 +280,15 @@ class Rotor(Parameters):
         return self.tip_body.mass
 
     @property
+    def springs(self) -> tuple[Number | None, Number | None]:
+        """Springs of the root, in plane and in flap; None where it is clamped."""
+        springs = self.root_springs
+        return (None, None) if springs is None else (springs.in_plane, springs.flap)
+
+    @property
     def length(self) -> Number:
         """The length of the beam, in m."""
         return self.beam.length
-
-    @property
-    def springs(self) -> tuple[Number | None, Number | None]:
-        """Springs of the root, in plane and in flap; None where it is clamped."""
-        return (
-            (None, None)
-            if self.root_springs is None
-            else (self.root_springs.in_plane, self.root_springs.flap)
-        )
 
     @property
     def varies(self) -> bool:

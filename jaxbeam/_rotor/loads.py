@@ -20,9 +20,8 @@ from jaxbeam._checks import (
     require,
     traceable,
 )
+from jaxbeam._rotor.clock import Clock, Later
 from jaxbeam._rotor.motion import (
-    Clock,
-    Later,
     Times,
     check_function_of_time,
     function_of_time,

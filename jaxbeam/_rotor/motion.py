@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import is_there, kind_of, real_array, traceable
 from jaxbeam._programs.lanes import applied, beside, held, product
-from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.clock import Clock
 from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
 Rotation = Float[Array, "3 3"]
@@ -114,43 +114,6 @@ class Motion(eqx.Module):
         return jax.jvp(self.velocities, (t,), (jnp.ones_like(t),))
 
 
-class Clock(eqx.Module):
-    """What the time is, for functions of time that jump at known times, `since` an origin.
-
-    The sum of both is rounded, and may fall on the other side of a jump than it is by the clock
-    that shows zero at the origin: it is held on its own side, a few units of rounding away, which
-    functions may lose that compare times of their own.
-    """
-
-    origin: Scalar
-    jumps: Times
-
-    def __init__(self, origin: Scalar, jumps: Times) -> None:
-        self.origin, self.jumps = without_derivatives((origin, jnp.sort(jumps)))
-
-    def time(self, since: Scalar) -> Scalar:
-        """The time, so long after the origin."""
-        t, jumps = self.origin + since, self.jumps
-        if not jumps.size:
-            return t
-        own, rough = without_derivatives((since, t))
-        i = place(jumps - self.origin, own, "left")
-        room = 4 * jnp.finfo(t.dtype).eps * (jnp.abs(self.origin) + jnp.abs(jumps))
-        last = (jumps + room)[jnp.maximum(i - 1, 0)]
-        coming = (jumps - room)[jnp.minimum(i, jumps.size - 1)]
-        held = jnp.where(i > 0, jnp.maximum(rough, last), rough)
-        held = jnp.where(i < jumps.size, jnp.minimum(held, coming), held)
-        return t + (held - rough)
-
-
-def place(times: Array, t: Scalar, side: str) -> Array:
-    """How many of increasing times are before t, those at t too if `side` is "right"."""
-    if times.size <= 64:  # by comparing all, which compiles in less time
-        before = times <= t if side == "right" else times < t
-        return jnp.sum(before)
-    return jnp.searchsorted(times, t, side=side)
-
-
 class _Since(Motion):
     """A motion by a clock that shows zero at a time of its own."""
 
@@ -177,16 +140,6 @@ class _Since(Motion):
 
     def jump_times(self) -> Times:
         return self.motion.jump_times() - self.clock.origin
-
-
-class Later(eqx.Module):
-    """A function of time, by another clock."""
-
-    function: Callable[[Scalar], Any]
-    clock: Clock
-
-    def __call__(self, t: Scalar) -> Any:
-        return self.function(self.clock.time(t))
 
 
 class Spin(Motion):

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import concrete_array, real_array, require
-from jaxbeam._rotor.motion import Clock, Later, check_function_of_time, function_of_time
+from jaxbeam._rotor.clock import Clock, Later
+from jaxbeam._rotor.motion import check_function_of_time, function_of_time
 from jaxbeam._rotor.parameters import Parameters
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, along, at_ends, samples
 from jaxbeam._status import Status

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._results import without_derivatives
-from jaxbeam._rotor.motion import Times, place
+from jaxbeam._rotor.clock import place
+from jaxbeam._rotor.motion import Times
 from jaxbeam._types import Scalar
 
 _CLOSE = 1e-11  # times, relative to the run, that are one: less than controllers make a step of

@@ -17,8 +17,9 @@ from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.clock import Clock, Later
 from jaxbeam._rotor.loads import Damping, Loads
-from jaxbeam._rotor.motion import Clock, Hub, Later, Motion, Times, skew
+from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector

@@ -4,14 +4,12 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import count_functions, kind_of, positive, real_scalar, renamed
+from jaxbeam._checks import count_functions, kind_of, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives
@@ -36,7 +34,7 @@ from jaxbeam._simulation.integration import (
     integrate,
     is_far,
 )
-from jaxbeam._simulation.result import Simulation, checked_point
+from jaxbeam._simulation.result import Simulation
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import SAMPLES, StepLimits, during
 from jaxbeam._solvers.rodas import Rodas5P
@@ -373,31 +371,3 @@ def _solver_status(result: Any, event_means_runaway: bool) -> Code:
     ):
         status = jnp.where(result == code, meaning, status)
     return status
-
-
-@renamed(component="direction")
-def deflection_limit(limit: Any, direction: int = 1, xi: float = 1.0) -> diffrax.Event:
-    """Event that ends a run where a deflection reaches `limit` (m, > 0) either way.
-
-    It does so to rounding in time. `direction` 0, 1, 2: axial, in plane, flap, of the point x =
-    `xi` L, 0 to 1. The last output is at the event. A run that starts beyond it ends where it comes
-    back. Ends of steps tell: what goes beyond and comes back within one step is not seen, which is
-    for limits within 1e-4 of a peak, and within some per cent where `stepsize_controller` allows
-    errors of 1e-3. Give it to `simulate` as `event`.
-
-    Raises `ValueError` or `TypeError` for a number out of range or of another kind.
-    """
-    return diffrax.Event(
-        _Limit(positive("limit", limit), *checked_point(direction, xi)),
-        optimistix.Newton(rtol=1e-10, atol=1e-10),
-    )
-
-
-class _Limit(eqx.Module):
-    limit: Scalar
-    direction: int = eqx.field(static=True)
-    xi: float = eqx.field(static=True)
-
-    def __call__(self, t: Scalar, y: State, args: Scene, **_: Any) -> Scalar:
-        u = args.equations.displacement(y.q, np.array([self.xi]))[0, self.direction]
-        return self.limit - jnp.abs(u)
