@@ -207,9 +207,11 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array],
 
         def enlarged() -> Array:
             if len(set(counts)) == 1:  # what is alike is compiled once
-                return jax.lax.map(lambda case: one(*case, counts[0]), (weights, residuals))
+                return jax.lax.map(
+                    lambda case: one(case[0], case[1], counts[0]), (weights, residuals)
+                )
             each = zip(weights, residuals, counts, strict=True)
-            return jnp.stack([one(*case) for case in each])
+            return jnp.stack([one(elastic, r, n) for elastic, r, n in each])
 
         return jax.lax.cond(soft, enlarged, lambda: ones)
 
