@@ -78,7 +78,7 @@ def search(
 
 
 def _loose(rotor: AnyRotor) -> Bool[Array, " 4"]:
-    """By direction, whether the root has a hinge that no spring holds."""
+    """Whether the root has a hinge that no spring holds, by direction."""
     springs = rotor.springs if isinstance(rotor, Rotor) else (None, None)
     in_plane, flap = (jnp.asarray(spring is not None and spring == 0) for spring in springs)
     no = jnp.zeros((), bool)

@@ -123,7 +123,7 @@ def _layers(xi: _Array, between: bool) -> list[_Array]:
 
 
 def _curvatures(polynomials: int, finer: bool, xi: _Array) -> _Array:
-    """Of all functions, before they are made orthonormal."""
+    """Curvatures of all functions, before they are made orthonormal."""
 
     def degrees(first: int, last: int) -> list[_Array]:
         return [legendre.legval(2 * xi - 1, np.eye(last)[k]) for k in range(first, last)]

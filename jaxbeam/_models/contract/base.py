@@ -216,8 +216,8 @@ def checked_case(
 
 def fastest(speeds: Any) -> Any:
     """The largest of several speeds, as far as they are known and finite."""
-    known = np.asarray(speeds, float) if is_concrete(speeds) else np.zeros(0)
-    return np.max(np.abs(known[np.isfinite(known)]), initial=0.0)
+    values = np.asarray(speeds, float) if is_concrete(speeds) else np.zeros(0)
+    return np.max(np.abs(values[np.isfinite(values)]), initial=0.0)
 
 
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:

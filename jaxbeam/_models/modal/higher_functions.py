@@ -161,10 +161,10 @@ def frequency_error(
 
 
 def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
-    """By what the energies of the next functions are to be multiplied, (k, e), for what is beside
-    the diagonal and for all functions before and beyond: r^H K^-1 r over the sum of |r_j|^2 / K_jj.
-    K is that of flap, also in plane: there the first mode may be held next to nothing by it, of
-    which others have no part."""
+    """Factors (k, e) of the energies of the next functions, for what is beside the diagonal and for
+    all functions before and beyond: r^H K^-1 r over the sum of |r_j|^2 / K_jj. K is that of flap,
+    also in plane: there the first mode may be held next to nothing by it, of which others have no
+    part."""
     polynomials = _polynomials(model.basis)
     assert polynomials is not None
     mixed = rotor.pitch is not None and min(model.counts[1:]) > 0
@@ -207,9 +207,11 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array],
 
         def enlarged() -> Array:
             if len(set(counts)) == 1:  # what is alike is compiled once
-                return jax.lax.map(lambda case: one(*case, counts[0]), (weights, residuals))
+                return jax.lax.map(
+                    lambda case: one(case[0], case[1], counts[0]), (weights, residuals)
+                )
             each = zip(weights, residuals, counts, strict=True)
-            return jnp.stack([one(*case) for case in each])
+            return jnp.stack([one(elastic, r, n) for elastic, r, n in each])
 
         return jax.lax.cond(soft, enlarged, lambda: ones)
 

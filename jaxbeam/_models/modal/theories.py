@@ -109,8 +109,8 @@ class _Modal(CartesianModel):
         return dataclasses.replace(self, basis=own)
 
     def judged(self, rotor: Rotor) -> bool:
-        """Also of a uniform beam, by default: with as many functions as the class has by itself in
-        each direction that it has, or with layers."""
+        """True also of a uniform beam with layers, or by default: with as many functions as the
+        class has by itself, or none."""
         own = ((self.n_in_plane, type(self).n_in_plane), (self.n_flap, type(self).n_flap))
         by_default = all(n in (0, default) for n, default in own)
         return super().judged(rotor) or by_default or has_layers(self.basis)
@@ -221,7 +221,7 @@ class Hybrid(_Linear):
     neglects = Neglects(deflection=0.3, strain=0.4)
 
     def at_speed(self, rotor: Rotor, speed: Any) -> Self:
-        """By default layers, of a uniform beam so soft that polynomials leave out 1e-6 and more."""
+        """Layers by default, of a uniform beam so soft that polynomials leave out 1e-6 and more."""
         own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
         if own != Polynomials() or rotor.varies or not self.judged(rotor):
             return self
