@@ -48,7 +48,7 @@ from jaxbeam._rotor.directions import Direction, coupling_groups
 from jaxbeam._rotor.span import Span, on
 from jaxbeam._rotor.spanwise import at_ends
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar, Vector
+from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 
 class _Cone(NamedTuple):
@@ -146,6 +146,11 @@ def lag_of_root(lag: Any, moment: Any, bent_by: Scalar) -> Scalar:
     return held
 
 
+def _over(weight: Array, a: Array, b: Array) -> Matrix:
+    """Integrals of products of functions (p, n) by weights (p,)."""
+    return a.T @ (weight[:, None] * b)
+
+
 def coned_system(
     rotor: Rotor, speed: Scalar, shapes: Shapes, directions: tuple[Direction, ...]
 ) -> LinearSystem:
@@ -172,11 +177,8 @@ def coned_system(
     outward = span.beyond(dm / span.weight * at)
     pull = speed**2 * (outward + tip_mass * tip) * cos[:, 0]
 
-    def over(weight: Any, a: Any, b: Any) -> Any:
-        return a.T @ (weight[:, None] * b)
-
     def inertia(a: Any, b: Any, a_tip: Any, b_tip: Any) -> Any:
-        return over(dm, a, b) + tip_mass * a_tip[:, None] * b_tip[None]
+        return _over(dm, a, b) + tip_mass * a_tip[:, None] * b_tip[None]
 
     dx = length * span.weight
     excess = cone.lag - cone.flap
@@ -187,13 +189,13 @@ def coned_system(
                for k, e in zip(held, cone.ends, strict=True)]  # fmt: skip
     m_lag, m_x = inertia(y, y, y_tip, y_tip), inertia(x, x, x_tip, x_tip)
     k_lag = (
-        over(dx * excess, side, side)
-        + over(dx * cone.flap, across_rate, across_rate)
-        + over(dx * (pull - cone.flap * bent**2), across, across)
+        _over(dx * excess, side, side)
+        + _over(dx * cone.flap, across_rate, across_rate)
+        + _over(dx * (pull - cone.flap * bent**2), across, across)
         - speed**2 * m_lag + springs[0]
     )  # fmt: skip
     k_flap = (
-        over(dx * cone.flap, bending, bending) + over(dx * pull, rise, rise) - speed**2 * m_x
+        _over(dx * cone.flap, bending, bending) + _over(dx * pull, rise, rise) - speed**2 * m_x
         + springs[1]
     )  # fmt: skip
     coriolis = 2 * speed * inertia(y, x, y_tip, x_tip)
