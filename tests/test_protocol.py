@@ -183,6 +183,7 @@ CHECK_ALONE = (
     "labels",  # names
     "grid",  # parameters, as they were given
     "points",
+    "rpm",  # a product
     "deflection_limit",  # an event
     "motions.inclined_axis",  # a cosine and a sine: NaN for NaN, of which what takes it tells
     "solvers.second_order_term",  # a term of diffrax

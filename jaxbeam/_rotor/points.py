@@ -34,7 +34,7 @@ class Boxes(eqx.Module):
 
     @classmethod
     def about(cls, places: Sequence[float]) -> Self:
-        """Those about places x / L."""
+        """Pieces about places x / L."""
         both = ((at - WIDTH / 2, at + WIDTH / 2) for at in places)
         return cls(tuple((round(a, _DIGITS), round(b, _DIGITS)) for a, b in both))
 
@@ -116,7 +116,7 @@ class PointForces(eqx.Module):
         return Boxes.about(self.places)
 
     def since(self, clock: Clock) -> "PointForces":
-        """The same forces by a clock that shows zero at its origin."""
+        """Forces by a clock that shows zero at its origin."""
         if not callable(self.forces):
             return self
         later: PointForces = eqx.tree_at(lambda s: s.forces, self, Later(self.forces, clock))
