@@ -43,7 +43,7 @@ def fitted(measured):
 @pytest.mark.parametrize(
     ("answer", "argument", "most"),
     [
-        pytest.param(lambda rotor: jb.modes(HYBRID, rotor, 10.0, WHICH), ROTOR, 2300, id="modes"),
+        pytest.param(lambda rotor: jb.modes(HYBRID, rotor, 10.0, WHICH), ROTOR, 2700, id="modes"),
         exhaustive(
             lambda rotor: jb.southwell(HYBRID, rotor, 0.0, WHICH), ROTOR, 4500, id="southwell"
         ),

@@ -1,5 +1,6 @@
 """Small motion about states that loads deform, with damping, and where it is lost."""
 
+import dataclasses
 import functools
 
 import diffrax
@@ -160,9 +161,13 @@ def test_what_loads_may_be():
     ):
         found = jb.modes(plane, rotor, 2.0, 1, loads=jb.Loads(tip_force=force), throw=False)
         assert found.status == status
+    following, turning = jb.Loads(tip_force=[1.0, 0, 0], follows=True), jb.SpatialANCF(1)
+    twisting = jb.Rotor(dataclasses.replace(BEAM, torsional_stiffness=1.0))
     for function in (jb.southwell, jb.critical_speed):
         with pytest.raises(ValueError, match="no potential"):
-            function(model, ROTOR, loads=jb.Loads(tip_force=[1.0, 0, 0], follows=True))
+            function(turning, twisting, loads=following)
+        with pytest.raises(ValueError, match=r"loads\.follows: Hybrid has no"):
+            function(model, ROTOR, loads=following)
     across = jb.Loads(gravity=[0.0, 1.0, 0.0])
     found = jb.critical_speed(plane, ROTOR, loads=across, throw=False)
     assert found.status == Status.TURNING_GRAVITY

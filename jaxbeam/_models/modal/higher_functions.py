@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
@@ -147,9 +148,10 @@ def frequency_error(
         left = left + across * met[:, 5]
     held = jnp.maximum(jnp.abs(held), elastic / 4)
 
-    energy = jnp.abs(left) ** 2 / held
+    energy, scale = jnp.abs(left) ** 2 / held, 2 * jnp.abs(eigenvalue) ** 2
     if tensioned:
-        energy = energy * _enlarged(model, rotor, speed, left)
+        matters = jnp.any(jnp.sum(energy, 1) > _MATTERS * scale)
+        energy = energy * _enlarged(model, rotor, speed, left, matters)
     whole = jnp.sum(energy, 1)
     if mixed:  # and of pairs what they have in common
         (r, t), (h, g) = (jnp.moveaxis(a[:, higher.pairs], 1, 0) for a in (left, held))
@@ -157,10 +159,13 @@ def frequency_error(
         crossed = 2 * across * (r * t.conj()).real
         of_pairs = (jnp.abs(r) ** 2 * g - crossed + jnp.abs(t) ** 2 * h) / both
         whole = whole + jnp.sum(of_pairs - jnp.sum(energy[:, higher.pairs], 1), 1)
-    return relative(whole, 2 * jnp.abs(eigenvalue) ** 2)
+    return relative(whole, scale)
 
 
-def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
+_MATTERS = 1e-10  # an error of which it matters whether it is several times as large
+
+
+def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array, matters: Array) -> Array:
     """Factors (k, e) of the energies of the next functions, for what is beside the diagonal and for
     all functions before and beyond: r^H K^-1 r over the sum of |r_j|^2 / K_jj. K is that of flap,
     also in plane: there the first mode may be held next to nothing by it, of which others have no
@@ -180,16 +185,16 @@ def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array) -> Array:
     here = np.stack([np.flatnonzero(direction == k)[:width] for k in ways])
     met = jnp.moveaxis(left[:, here], 1, 0)  # (ways, k, width)
     solver = _enlarger(polynomials.grading, tuple(int(own[k]) for k in ways))
-    ratios = solver(weights, jnp.concatenate([met.real, met.imag], 1))
+    ratios = solver(weights, jnp.concatenate([met.real, met.imag], 1), matters)
     of_each = (direction[None] == np.array(ways)[:, None]).astype(float)
     return ratios.T @ of_each + (1 - np.sum(of_each, 0)[None])
 
 
 @functools.lru_cache(maxsize=64)
-def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array], Array]:
+def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, Array], Array]:
     """What `_enlarged` does, of (ways, 4) weights of tables and (ways, 2 k, width) residuals, case
-    by case: stiff beams, of which kappa = L sqrt(P / EI) is no more than functions are, need it
-    not."""
+    by case, where it matters: stiff beams, of which kappa = L sqrt(P / EI) is no more than
+    functions are, need it not."""
 
     def one(elastic: Array, r: Array, n: int) -> Array:
         size, k = n + _FAR * grading, len(r) // 2
@@ -200,9 +205,12 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array],
         both, alone = (a[:k] + a[k:] for a in (both, alone))
         return jnp.where(alone > 0, jnp.maximum(both / jnp.where(alone > 0, alone, 1.0), 1.0), 1.0)
 
-    def solver(weights: Array, residuals: Array) -> Array:
+    def needed(weights: Array, matters: Array) -> Array:
         pulls = weights @ np.array([0.0, 1.0, 1.0, 0.5])
-        soft = jnp.any(pulls > np.array(counts) ** 2 * weights[:, 0])
+        stiff = np.array(counts).reshape(*(1,) * (pulls.ndim - 1), -1) ** 2 * weights[..., 0]
+        return jnp.any(matters) & jnp.any(pulls > stiff)
+
+    def solver(weights: Array, residuals: Array, matters: Array) -> Array:
         ones = jnp.ones((len(counts), residuals.shape[1] // 2), residuals.dtype)
 
         def enlarged() -> Array:
@@ -213,9 +221,21 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array],
             each = zip(weights, residuals, counts, strict=True)
             return jnp.stack([one(elastic, r, n) for elastic, r, n in each])
 
-        return jax.lax.cond(soft, enlarged, lambda: ones)
+        return jax.lax.cond(needed(weights, matters), enlarged, lambda: ones)
 
-    found: Callable[[Array, Array], Array] = one_by_one(solver)
+    each = one_by_one(solver)
+    found = custom_vmap(each)
+
+    @found.def_vmap
+    def of_batch(size: int, batched: Any, *given: Array) -> tuple[Array, bool]:
+        """Cases of a batch are not even looked at one by one where none needs it."""
+        axes = [0 if own else None for own in batched]
+        weights, residuals, matters = given
+        ones = jnp.ones((size, len(counts), residuals.shape[-2] // 2), residuals.dtype)
+        return jax.lax.cond(
+            needed(weights, matters), lambda: jax.vmap(each, axes)(*given), lambda: ones
+        ), True
+
     return found
 
 
