@@ -13,7 +13,7 @@ from jaxtyping import Array
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_concrete
 
-Init = TypeVar("Init", bound=Callable[..., Any])
+Told = TypeVar("Told", bound=Callable[..., Any])
 
 
 def _default_float() -> Any:
@@ -198,10 +198,10 @@ def count_functions(name: str, value: int, least: int = 0) -> None:
         raise ValueError(f"{name} must be >= {least}, got {value}")
 
 
-def needs(name: str, why: str) -> Callable[[Init], Init]:
+def needs(name: str, why: str) -> Callable[[Told], Told]:
     """A constructor that says why it needs its first argument, where that is not given."""
 
-    def telling(init: Init) -> Init:
+    def telling(init: Told) -> Told:
         @functools.wraps(init)
         def told(self: Any, *args: Any, **kwargs: Any) -> None:
             if not args and name not in kwargs:
@@ -213,15 +213,15 @@ def needs(name: str, why: str) -> Callable[[Init], Init]:
     return telling
 
 
-def renamed(**new: str) -> Callable[[Init], Init]:
+def renamed(**new: str) -> Callable[[Told], Told]:
     """A function or constructor that says the new name of an argument given by its old one."""
 
-    def telling(init: Init) -> Init:
-        @functools.wraps(init)
-        def told(*args: Any, **kwargs: Any) -> None:
+    def telling(function: Told) -> Told:
+        @functools.wraps(function)
+        def told(*args: Any, **kwargs: Any) -> Any:
             for old in new.keys() & kwargs.keys():
                 raise TypeError(f"{old} is {new[old]} now")
-            init(*args, **kwargs)
+            return function(*args, **kwargs)
 
         return told  # type: ignore[return-value]
 
