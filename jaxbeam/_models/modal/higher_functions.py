@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
@@ -31,7 +30,7 @@ from jaxbeam._models.bases.loads import Counts, in_beam_axes
 from jaxbeam._models.modal.finer import relative
 from jaxbeam._models.modal.shape_integrals import shape_integrals
 from jaxbeam._numerics.loose import cholesky, lower_solve
-from jaxbeam._programs.batches import one_by_one
+from jaxbeam._programs.batches import batchable
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._types import Scalar
@@ -223,20 +222,22 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, 
 
         return jax.lax.cond(needed(weights, matters), enlarged, lambda: ones)
 
-    each = one_by_one(solver)
-    found = custom_vmap(each)
-
-    @found.def_vmap
-    def of_batch(size: int, batched: Any, *given: Array) -> tuple[Array, bool]:
+    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Array:
         """Cases of a batch are not even looked at one by one where none needs it."""
-        axes = [0 if own else None for own in batched]
-        weights, residuals, matters = given
+        weights, residuals, matters = leaves
         ones = jnp.ones((size, len(counts), residuals.shape[-2] // 2), residuals.dtype)
-        return jax.lax.cond(
-            needed(weights, matters), lambda: jax.vmap(each, axes)(*given), lambda: ones
-        ), True
 
-    return found
+        def each(moving: list[Array]) -> Array:
+            rest = iter(moving)
+            return solver(*(next(rest) if o else a for a, o in zip(leaves, own, strict=True)))
+
+        moving = [a for a, o in zip(leaves, own, strict=True) if o]
+        return jax.lax.cond(
+            needed(weights, matters), lambda: jax.lax.map(each, moving), lambda: ones
+        )
+
+    found = batchable(lambda leaves: solver(*leaves), many)
+    return lambda *leaves: found(list(leaves))
 
 
 _FAR = 64  # functions beyond those of a model: they see layers of a ten thousandth of the length
