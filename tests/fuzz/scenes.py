@@ -37,17 +37,18 @@ RULES = rules(jb.Beam) | OF_ROTOR | rules(jb.models.SpringRotor)
 TWISTING = "torsional_stiffness", "polar_inertia"  # of elements in space
 # What a parameter's status is called follows from its name.
 NAMED = {key: Status[f"INVALID_{key.upper()}"] for key in (*RULES, *TWISTING)}
-POSITIVE = {key: s for key, s in NAMED.items() if key in TWISTING or not RULES[key]["zero"]} | {
+LEAST = {key: False if key in TWISTING else RULES[key]["zero"] for key in NAMED}
+POSITIVE = {key: status for key, status in NAMED.items() if LEAST[key] is False} | {
     "duration": Status.INVALID_MOTION,
     "down_at": Status.INVALID_MOTION,
     "frequency": Status.INVALID_MOTION,
     "end": Status.INVALID_TIMES,
 }
-NOT_NEGATIVE = {key: status for key, status in NAMED.items() if key not in POSITIVE} | {
+NOT_NEGATIVE = {key: status for key, status in NAMED.items() if LEAST[key] is True} | {
     "mass_damping": Status.INVALID_DAMPING,
     "stiffness_damping": Status.INVALID_DAMPING,
 }
-FINITE = {
+FINITE = {key: status for key, status in NAMED.items() if LEAST[key] is None} | {
     "angular_speed": Status.INVALID_MOTION,
     "depth": Status.INVALID_MOTION,
     "axis": Status.INVALID_MOTION,
