@@ -266,7 +266,7 @@ NUMBERS = {
         lambda p, x: jb.critical_speed(
             jb.Classical(0, 3, 0), jb.Rotor(BEAM, x, p), throw=False
         ).angular_speed,
-        [0.1, -1.0, np.nan],
+        [0.1, np.inf, np.nan],
     ),
     "stable_step": (
         lambda p, x: jb.solvers.stable_step(
