@@ -77,7 +77,8 @@ def test_energies_are_those_of_strains_and_of_sections_that_spin_about_the_tange
     out = np.array([np.cos(CONE), 0, np.sin(CONE)])
     place = HUB * np.eye(3)[0] + LENGTH * np.append(fine, 1.0)[:, None] * out
     second = np.einsum("p,pi,pj->ij", dm, place, place)
-    whole = dm.sum(), dm @ place, np.trace(second) * np.eye(3) - second, place[-1]
+    inertia = np.trace(second) * np.eye(3) - second + TIP_POLAR * np.outer(out, out)
+    whole = dm.sum(), dm @ place, inertia, place[-1]
     for a, b in zip((moment, *rigid), (dm @ apart, *whole), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
