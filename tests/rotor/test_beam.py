@@ -91,7 +91,7 @@ def test_bad_value_inside_jit_names_the_argument(name):
         return _with(name, value).frequency
 
     with pytest.raises(RuntimeError, match=f"{name} must be finite"):
-        traced(jnp.asarray(-1.0))
+        traced(jnp.asarray(-jnp.inf))
 
 
 BEAM, QUARTER, TURN = jb.Beam.from_slenderness(70.0), np.pi / 2, 2 * np.pi
