@@ -12,6 +12,10 @@ from jaxbeam._rotor.loads import NO_LOADS, Loads
 
 # Of each feature: what a model that does not know it has not, and what to do.
 _REFUSED = {
+    "blade": (
+        "full sections nor curved axes",
+        "take SpatialRod, or the straight beam that blade.beam() makes of it",
+    ),
     "spanwise": ("property that varies along the span", "take Hybrid or ExactRodANCF"),
     "beam.twist": ("turned sections", "take Hybrid or SpatialANCF"),
     "pitch": ("turned sections", "take Hybrid or SpatialANCF"),
