@@ -67,4 +67,5 @@ from jaxbeam._files.csv import read_csv as read_csv
 from jaxbeam._files.elastodyn import read_elastodyn as read_elastodyn
 from jaxbeam._files.elastodyn_writer import write_elastodyn as write_elastodyn
 from jaxbeam._files.tables import BladeTable as BladeTable
+from jaxbeam._rotor.blade import Blade as Blade
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction

@@ -30,8 +30,7 @@ def modal_loads(
     equations = equations_under(model, rotor, conditions.loads)
     inputs = conditions.inputs(equations, speed)
     # Linear theories have the tension on the undeformed beam.
-    still = jnp.zeros(len(model.directions), speed.dtype)
-    q = still if alone and model.is_linear else resting(rotor, equations, inputs)[0]
+    q = equations.rest if alone and model.is_linear else resting(rotor, equations, inputs)[0]
     drag = conditions.damping.mass_coefficient
     outside = Outside(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
 
@@ -39,7 +38,8 @@ def modal_loads(
         return section_loads(rotor, equations, outside, Moved(q, v, a), np.array(xi))
 
     def change(*way: Vector) -> tuple[Array, Array]:
-        return jax.jvp(loads, (q, 0 * q, 0 * q), way)[1]
+        rates = tuple(equations.rates(q, part) for part in way)
+        return jax.jvp(loads, (q, 0 * q, 0 * q), rates)[1]
 
     rates = eigenvalue[:, None]
     moved = shape + 0 * rates, rates * shape, rates**2 * shape

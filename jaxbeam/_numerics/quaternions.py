@@ -3,6 +3,8 @@
 A turn (3,) is the axis times the angle in rad. Arrays may have any axes in front.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -10,6 +12,11 @@ from jaxtyping import Array, Float
 _SMALL = 1e-2  # square of half an angle, below which series are exact to rounding
 Quaternion = Float[Array, "*k 4"]
 Turn = Float[Array, "*k 3"]
+
+
+def leading(a: Any, like: Array) -> Any:
+    """An array with axes of length one in front, as many as another has more."""
+    return a.reshape((1,) * (like.ndim - a.ndim) + a.shape)
 
 
 def crossing(a: Turn) -> Float[Array, "*k 3 3"]:
@@ -24,7 +31,7 @@ def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
     """The matrix of the rotation: 1 + 2 (w x~ + x~ x~) / |q|^2."""
     across = crossing(q[..., 1:])
     turned = q[..., 0, None, None] * across + across @ across
-    return np.eye(3) + 2 * turned / jnp.sum(q * q, -1)[..., None, None]
+    return 2 * turned / jnp.sum(q * q, -1)[..., None, None] + leading(np.eye(3), turned)
 
 
 def product(p: Quaternion, q: Quaternion) -> Quaternion:
@@ -36,7 +43,7 @@ def product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 def conjugate(q: Quaternion) -> Quaternion:
     """The inverse of a quaternion of length one."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+    return q * leading(np.array([1.0, -1.0, -1.0, -1.0]), q)
 
 
 def of_turn(turn: Turn) -> Quaternion:

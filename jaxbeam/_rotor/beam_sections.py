@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._rotor.beam import Beam
-from jaxbeam._rotor.sections import AbstractSections, Places, frames
+from jaxbeam._rotor.sections import AbstractSections, Places
 from jaxbeam._rotor.span import polar_inertia
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, along
 
@@ -52,8 +52,8 @@ class BeamSections(AbstractSections):
         return any(not isinstance(value, Spanwise) for value in self._varying)
 
     def axis_at(self, places: Places) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
-        along = self.beam.length * np.eye(3)[0]
-        return jnp.asarray(places)[:, None] * along, jnp.broadcast_to(along, (len(places), 3))
+        along = self.beam.length[None] * np.eye(3)[0]
+        return jnp.asarray(places)[:, None] * along[None], jnp.broadcast_to(along, (len(places), 3))
 
     def twist_at(self, places: Places) -> Float[Array, " m"]:
         twist = self.beam.twist
@@ -84,5 +84,5 @@ class BeamSections(AbstractSections):
 
 
 def _diagonal(*entries: Any) -> Float[Array, "m 6 6"]:
-    rows: Any = jnp.stack(entries, 1)[:, :, None] * np.eye(6)
+    rows: Any = jnp.stack(entries, 1)[:, :, None] * np.eye(6)[None]
     return rows

@@ -1,7 +1,7 @@
 """A blade of full sections about a curved axis, and the sections of every beam in the same form."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
 import equinox as eqx
@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._checks import concrete_array, real_array, require
+from jaxbeam._checks import concrete_array, real_array
 from jaxbeam._numerics.splines import spline_rows
 from jaxbeam._rotor.beam import Beam
-from jaxbeam._rotor.parameters import FULL_TURN, Parameters, whole
-from jaxbeam._rotor.points import PointMasses
 from jaxbeam._rotor.beam_sections import BeamSections, sections_of
+from jaxbeam._rotor.parameters import FULL_TURN, Parameters, parameter, whole
+from jaxbeam._rotor.points import PointMasses
 from jaxbeam._rotor.sections import AbstractSections, Places, full_matrices, upper_triangles
 from jaxbeam._rotor.spanwise import Spanwise, between, points_within
 from jaxbeam._status import Status
@@ -85,12 +85,12 @@ class Blade(Parameters, AbstractSections):
     """
 
     stations: tuple[float, ...] = eqx.field(static=True)
+    axis_stations: tuple[float, ...] = eqx.field(static=True)
+    kinks: tuple[float, ...] = eqx.field(static=True)
     stiffness: Float[Array, "n 21"] = whole(Status.INVALID_SECTION_STIFFNESS, is_stiffness)
     inertia: Float[Array, "n 21"] = whole(Status.INVALID_SECTION_INERTIA, is_inertia)
     axis: Float[Array, "k 3"] = whole(Status.INVALID_AXIS, is_axis)
-    twist: Float[Array, " k"] = eqx.field(metadata={"status": Status.INVALID_TWIST, "zero": None, "most": FULL_TURN})
-    axis_stations: tuple[float, ...] = eqx.field(static=True)
-    kinks: tuple[float, ...] = eqx.field(static=True)
+    twist: Float[Array, " k"] = parameter(Status.INVALID_TWIST, zero=None, most=FULL_TURN)
     point_masses: PointMasses | None = None
 
     def __init__(
@@ -103,7 +103,7 @@ class Blade(Parameters, AbstractSections):
         self.inertia = _sixes("inertia", inertia, len(self.stations))
         points = real_array("axis", axis)
         if points.ndim == 0:
-            points = points * jnp.asarray(np.eye(2, 3, -1))
+            points = points[None, None] * np.eye(2, 3, -1)
         if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
             raise ValueError(
                 f"axis must be a length or two and more points (k, 3), got shape {points.shape}"
@@ -167,10 +167,8 @@ class Blade(Parameters, AbstractSections):
     def edges(self) -> tuple[float, ...]:
         return tuple(sorted({*self.stations, *self.kinks}))
 
-    def axis_at(
-        self, places: Places
-    ) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
-        value, slope = self._spline(places)
+    def axis_at(self, places: Places) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
+        value, slope = (jnp.asarray(rows) for rows in self._spline(places))
         return value @ self.axis, slope @ self.axis
 
     def twist_at(self, places: Places) -> Float[Array, " m"]:
@@ -181,11 +179,11 @@ class Blade(Parameters, AbstractSections):
         """Stiffnesses in axes of the sections."""
         return full_matrices(self._linear(places) @ self.stiffness)
 
-    def _linear(self, places: Places) -> Float[np.ndarray, "m n"]:
+    def _linear(self, places: Places) -> Float[Array, "m n"]:
         """Rows that interpolate between stations."""
         left, share = between(self.stations, places)
         unit = np.eye(len(self.stations))
-        return (1 - share)[:, None] * unit[left] + share[:, None] * unit[left + 1]
+        return jnp.asarray((1 - share)[:, None] * unit[left] + share[:, None] * unit[left + 1])
 
     def _spline(self, places: Places) -> tuple[np.ndarray, np.ndarray]:
         """Rows that interpolate between points of the axis, and those of slopes."""
@@ -217,6 +215,10 @@ class Blade(Parameters, AbstractSections):
     is_uniform = False  # for what is asked of every beam
     span_features = ("blade",)
 
+    def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        yield from super()._given()
+        yield "torsional_stiffness", {"of_torsion": True}  # every section has one
+
     @property
     def mean(self) -> Beam:
         """The uniform beam whose properties are the means of the reduced `beam` over the span."""
@@ -229,7 +231,7 @@ class Blade(Parameters, AbstractSections):
         _, slope = self.axis_at(places)
         density = self.inertia_at(places)[:, 0, 0] * jnp.sqrt(jnp.sum(slope**2, 1))
         more = 0.0 if self.point_masses is None else jnp.sum(self.point_masses.masses)
-        return weight @ density + more
+        return jnp.asarray(weight) @ density + more
 
     @property
     def frequency_scale(self) -> Number:
@@ -260,21 +262,27 @@ class Blade(Parameters, AbstractSections):
         """
         places = np.asarray(self.stations)
         f = jnp.linalg.inv(full_matrices(self.stiffness))
-        flap, in_plane, both = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
-        angle = jnp.arctan2(2 * both, flap - in_plane + 1e-300) / 2
-        middle, apart = (flap + in_plane) / 2, jnp.hypot((flap - in_plane) / 2, both)
-        at = places + 1e-12 * np.sign(0.5 - places)
-        twist = self.twist_at(at) + angle
+        about2, about3, both = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
+        apart = about2 - about3
+        # Axes that are nearest to those of the section; any will do where all are alike.
+        sign, alike = jnp.where(apart < 0, -1.0, 1.0), (both == 0) & (apart == 0)
+        across, along = jnp.where(alike, 0.0, sign * 2 * both), jnp.where(alike, 1.0, sign * apart)
+        half = jnp.where(alike, 0.0, sign * jnp.hypot(across, along) / 2)
+        middle = (about2 + about3) / 2
         m = full_matrices(self.inertia)
         mass, first = m[:, 0, 0], jnp.stack([m[:, 0, 4], m[:, 0, 5]])
-        polar = m[:, 3, 3] - jnp.sum(first**2, 0) / mass
-        columns = (mass, 1 / f[:, 0, 0], 1 / (middle - apart), 1 / (middle + apart), twist)
-        mass, axial, in_plane, flap, twist, torsion, polar = (
-            Spanwise(self.stations, column) for column in (*columns, 1 / f[:, 3, 3], polar)
-        )
-        return Beam(
-            self.length, mass, axial, in_plane, flap, twist, torsion, polar, self.point_masses
-        )
+        at = places + 1e-12 * np.sign(0.5 - places)
+        columns = {
+            "mass_per_length": mass,
+            "axial_stiffness": 1 / f[:, 0, 0],
+            "in_plane_bending_stiffness": 1 / (middle - half),
+            "flap_bending_stiffness": 1 / (middle + half),
+            "twist": self.twist_at(at) + jnp.arctan2(across, along) / 2,
+            "torsional_stiffness": 1 / f[:, 3, 3],
+            "polar_inertia": m[:, 3, 3] - jnp.sum(first**2, 0) / mass,
+        }
+        tables: Any = {name: Spanwise(self.stations, rows) for name, rows in columns.items()}
+        return Beam(self.length, point_masses=self.point_masses, **tables)
 
 
 def _stations_of(beam: Beam) -> list[float]:
@@ -311,7 +319,9 @@ def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
     if is_concrete(rows):
         values = np.asarray(rows)
         own = np.sqrt(np.abs(np.einsum("nii->ni", values)))
-        apart = np.abs(values - values.swapaxes(1, 2)) > _UNSYMMETRIC * own[:, :, None] * own[:, None]
+        apart = (
+            np.abs(values - values.swapaxes(1, 2)) > _UNSYMMETRIC * own[:, :, None] * own[:, None]
+        )
         if np.any(apart):
             station, row, column = np.argwhere(apart)[0]
             raise ValueError(

@@ -16,10 +16,10 @@ from jaxbeam._types import Code, Scalar, is_concrete
 FULL_TURN = 2 * np.pi * (1 + 1e-6)  # in rad, also where it was rounded to a shorter float
 
 
-def parameter(status: Status, *, zero: bool | None = False) -> Any:
-    """Field of a scalar that is positive, or `zero`; with None it may have any sign. `status` is
-    what breaking that is called."""
-    return eqx.field(metadata={"status": status, "zero": zero})
+def parameter(status: Status, *, zero: bool | None = False, most: float | None = None) -> Any:
+    """Field of a scalar that is positive, or `zero`; with None it may have any sign, and be no more
+    than `most` either way. `status` is what breaking that is called."""
+    return eqx.field(metadata={"status": status, "zero": zero, "most": most})
 
 
 def whole(status: Status, valid: Callable[[Any], Any]) -> Any:

@@ -89,6 +89,11 @@ def check_scene(
         eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
     if case is not None:
         model, rotor = case
+        if not model.in_time:
+            raise ValueError(
+                f"model: {type(model).__name__} has steady states and small motion about them, and "
+                "no motion in time: take SpatialANCF for that"
+            )
         check_supported(model, rotor, loads)
         planar = Direction.FLAP in model.directions or stays_in_plane(loads, motion)
         refuse(throw, (planar, Status.OUT_OF_PLANE))

@@ -321,6 +321,9 @@ class Scene(SecondOrderSystem):
         hub and beam.
         """
         hub, q, v = self.hub(t), y.q, y.v
+        own = self.equations.own_reaction(hub, q, *self.inputs(t)[1:])
+        if own is not None:
+            return own
         a = self.acceleration(t, q, v) if acceleration is None else acceleration
         (p, h), (dp, dh) = jax.jvp(
             jax.grad(self.kinetic, argnums=(2, 3)),

@@ -230,7 +230,7 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
     how often that goes into what it would be with a clamped root."""
     rotor, speed, loads = given
     equations = model.equations(rotor)
-    ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
+    ways = model.displacement(np.ones(1), rotor)[:, 0]
     soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
     softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
     yields = jnp.clip(softness / _softness(model, rotor, softness), 1.0, _MOST_YIELDING)

@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import count_functions, kind_of, numpy_if_concrete, positive
-from jaxbeam._models.contract.base import AbstractModel, checked_case, generalised
+from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.loaded import checked_damping
 from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import (
@@ -38,7 +38,7 @@ from jaxbeam._numerics.linalg import (
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
-from jaxbeam._rotor.directions import Direction, coupling_groups, is_hinged
+from jaxbeam._rotor.directions import Direction, is_hinged
 from jaxbeam._rotor.loads import NO_DAMPING, Damping, damping_in_range, in_plane
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
@@ -143,7 +143,7 @@ def _floquet(
         return jnp.where(fine, motion.angular_speed(t), 0.0)
 
     parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
-    for transverse, axial in coupling_groups(rotor):
+    for transverse, axial in model.coupling(rotor):
         directions = transverse + axial
         if any(direction in model.directions for direction in directions):
             group = Reduced(model, rotor, speed, period, damping, directions)
@@ -237,10 +237,10 @@ class Reduced(NamedTuple):
         if rates == (None, None):
             return m, g, k, jnp.zeros_like(m), system.status
         equations = self.model.equations(self.rotor)
-        q = jnp.zeros(len(self.model.directions), m.dtype)
+        q = equations.rest
         if not equations.is_linear:
             q, _ = self.model.steady(self.rotor, speed)
-        d = generalised(equations, q, equations.damping_about(q, *rates))
+        d = equations.damping_matrix_about(q, *rates)
         return m, g, k, d[own], system.status
 
     @property

@@ -18,7 +18,7 @@ from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.directions import Direction, Label, coupling_groups
+from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.loads import NO_DAMPING, Damping
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._stability.floquet import Reduced, half, left_by, modulation_status, refuse_cone
@@ -94,7 +94,7 @@ def tongue(
     model, rotor, _ = checked_case(model, rotor)
     wanted = choose(model, tuple(pair))
     refuse_cone(rotor)
-    every = [transverse + axial for transverse, axial in coupling_groups(rotor)]
+    every = [transverse + axial for transverse, axial in model.coupling(rotor)]
     groups = [
         directions for directions in every if all(label.direction in directions for label in pair)
     ]

@@ -10,14 +10,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.shapes import Shapes
+from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total, transposed
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
 from jaxbeam._rotor.span import Span
-from jaxbeam._types import Matrix, Number, Triple, Vector
+from jaxbeam._types import Code, Matrix, Number, Triple, Vector
 
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
 Inputs = tuple[Hub, Any, AbstractSpanForce | None]
@@ -84,6 +86,39 @@ class Equations(eqx.Module):
         """A generalised force (its power, in W, is that times q') as it enters `force`."""
         return generalised
 
+    @property
+    def rest(self) -> Vector:
+        """Coordinates of the undeformed beam."""
+        return jnp.zeros(self.mass.shape[0], self.length.dtype)
+
+    def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> tuple[Vector, Code]:
+        """Coordinates at which the beam rests in a hub whose motion does not change, and the status
+        of the search: see `equilibrium`."""
+        return equilibrium(self, hub, tip_force, span)
+
+    def matrices_about(
+        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+    ) -> tuple[Matrix, Matrix, Matrix]:
+        """Mass, what goes with rates, and stiffness of small motion about a state of rest."""
+        k, c = self.tangents(hub, q, jnp.zeros_like(q), tip_force)
+        by_span = None if span is None else span.tangent(self, q)
+        if by_span is not None:
+            k = k + by_span
+        m, c, k = (self.generalised(q, a) for a in (self.mass_about(q), c, k))
+        return m, c, k
+
+    def damping_matrix_about(
+        self, q: Vector, mass_coefficient: Number | None, stiffness_coefficient: Number | None
+    ) -> Matrix:
+        """The matrix of damping in small motion about a state of rest."""
+        rates = mass_coefficient, stiffness_coefficient
+        return self.generalised(q, self.damping_about(q, *rates))
+
+    def generalised(self, q: Vector, a: Any) -> Matrix:
+        """A matrix of forces as those of generalised ones, where `force` scales them; at rest the
+        slope of the scale does not count."""
+        return dense(a) / self.as_force(q, jnp.ones_like(q))[:, None]
+
     @abc.abstractmethod
     def elastic_force(self, q: Vector) -> Vector:
         """Generalised elastic forces; zero at q = 0, the undeformed beam."""
@@ -141,6 +176,23 @@ class Equations(eqx.Module):
         tip = self.undeformed.tip
         root = (self.tip_radius - self.length) * jnp.eye(3, dtype=tip.dtype)[0]
         return root[None] + jnp.asarray(xi)[:, None] * (tip - root)[None]
+
+    def rates(self, q: Vector, change: Vector) -> Vector:
+        """How coordinates begin to change with a small motion about q, of which `matrices_about`
+        are: as that, where motion is by coordinates."""
+        return change
+
+    def own_section_loads(self, q: Vector, xi: np.ndarray) -> tuple[Array, Array] | None:
+        """Force and moment in sections of a beam that rests in its hub, as `section_loads` has
+        them, where the model has them itself."""
+        return None
+
+    def own_reaction(
+        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+    ) -> tuple[Triple, Triple] | None:
+        """Force, and moment about the centre of the hub, by which the hub holds a beam that rests
+        in it, where the model has them itself."""
+        return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
         """Where the points of a span are, in hub axes from the centre of the hub, in m."""

@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of
-from jaxbeam._models.contract.base import AbstractModel, generalised, guarded, small_motion
+from jaxbeam._models.contract.base import AbstractModel, guarded, small_motion
 from jaxbeam._models.contract.equations import Equations, Inputs
-from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
@@ -79,7 +78,7 @@ class Conditions(eqx.Module):
         q, status = resting(rotor, equations, inputs)
         rates, damping = (self.damping.mass_coefficient, self.damping.stiffness_coefficient), None
         if rates != (None, None):
-            damping = generalised(equations, q, equations.damping_about(q, *rates))
+            damping = equations.damping_matrix_about(q, *rates)
         return dataclasses.replace(
             small_motion(model, rotor, speed, equations, (q, status), inputs),
             coupling=ALL_COUPLED,
@@ -93,7 +92,7 @@ class Conditions(eqx.Module):
 def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
     """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
     either where the tip would be farther than ten lengths."""
-    q, status = equilibrium(equations, *inputs)
+    q, status = equations.equilibrium(*inputs)
     # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
     near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
     held = jnp.asarray(True)
