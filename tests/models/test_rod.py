@@ -86,7 +86,7 @@ def test_tangents_are_derivatives_of_forces():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("degree, elements, tolerance", [(8, 1, 1e-10), (5, 2, 1e-8)])
+@pytest.mark.parametrize(("degree", "elements", "tolerance"), [(8, 1, 1e-10), (5, 2, 1e-8)])
 def test_a_composite_beam(degree, elements, tolerance):
     """The tip under 150 N as that of Wang and others, who state it so."""
     blade = Blade([0, 1], [BOX] * 2, [UNIT] * 2, 10.0)

@@ -23,7 +23,6 @@ from jaxbeam._rotor.sections import frames
 from jaxbeam._status import Status, first_broken
 from jaxbeam._types import Code, Matrix, Number, Triple, Vector
 
-
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
 
 
