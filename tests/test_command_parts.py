@@ -180,6 +180,12 @@ def _required(kind):
         ("torsion = 1", "torsion = 1\nangular_speed_rpm = 'fast'",
          "[frequencies] angular_speed_rpm must be a number, got 'fast'"),
         ("hub_radius = 0.4", "hub_radius_rpm = 0.4", "[rotor] has no hub_radius_rpm: did you mean"),
+        ("[frequencies]", "[sweep]\nangular_speed_rpm = [1]\nangular_speed = [2]\n[frequencies]",
+         "[sweep] angular_speed is angular_speed_rpm again"),
+        ("[frequencies]", "[sweep]\nhub_radius = [1.0]\nrotor.hub_radius = [2.0]\n[frequencies]\n"
+         "angular_speed = 1.0", "[sweep] rotor.hub_radius is hub_radius again"),
+        ('name = "SpatialANCF"\nn_elements = 2', 'name = "Hybrid"\nbasis = "Layered"',
+         "[model] basis is made in scripts alone: leave it out"),
     ],
 )  # fmt: skip
 def test_mistakes(old, new, complaint):
@@ -190,6 +196,12 @@ def test_mistakes(old, new, complaint):
     with pytest.raises(ValueError) as caught:  # noqa: PT011
         read(tomllib.loads(text))
     assert complaint in str(caught.value)
+
+
+def test_a_beam_of_a_file_has_what_its_reader_takes():
+    beam = 'name = "Hybrid"\n[beam]\nfile = "blade.csv"\ntwist = 0.1\n'
+    with pytest.raises(ValueError, match=r"\[beam\] has no twist: read_blade takes file, length"):
+        read(tomllib.loads(f"[model]\n{beam}{SPEED}flap = 1"))
 
 
 def test_a_name_that_two_tables_have_is_not_guessed(monkeypatch):

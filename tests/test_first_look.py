@@ -16,6 +16,8 @@ LABEL, TURNING = jb.labels(in_plane=1)[0], jb.ConstantSpeed(1.0)
 ACROSS, DOWN = jb.Loads(gravity=[0.0, -9.8, 0.0]), jb.Loads(gravity=[0.0, 0.0, -9.8])
 ASIDE, OUT = jb.Loads(tip_force=[0.0, 1.0, 0.0]), jb.Loads(tip_force=[0.0, 0.0, 1.0])
 ALONG = jb.Loads(force_per_length=(0.0, 1.0, 1.0))
+PLACES = [0.25, 0.5, 0.75]
+BALANCED = jb.Loads(point_forces=jb.PointForces(PLACES, [[0, 1, 5], [0, 1, -10], [0, 1, 5]]))
 THRUST = jb.Loads(tip_force=[-1.0, 0.0, 0.0], follows=True)
 NOWHERE = jb.solvers.State(jnp.full(9, jnp.nan), jnp.zeros(9))
 
@@ -25,6 +27,8 @@ MISTAKES = {
                        Status.TURNING_GRAVITY),
     "modes in plane": (lambda: jb.modes(PLANAR, ROTOR, 0.0, 2, loads=OUT), Status.OUT_OF_PLANE),
     "along": (lambda: jb.modes(PLANAR, ROTOR, 0.0, 2, loads=ALONG), Status.OUT_OF_PLANE),
+    "points": (lambda: jb.steady(PLANAR, ROTOR, 0.0, loads=BALANCED), Status.OUT_OF_PLANE),
+    "points aside": (lambda: jb.critical_load(LINEAR, ROTOR, BALANCED), Status.LOADS_ACROSS),
     "southwell": (lambda: jb.southwell(LINEAR, ROTOR, 0.0, 2, loads=ACROSS),
                   Status.TURNING_GRAVITY),
     "crossing": (lambda: jb.crossing(LINEAR, ROTOR, (1.0, 2.0), LABEL, 1.0, loads=ACROSS),

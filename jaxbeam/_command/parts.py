@@ -182,6 +182,9 @@ def _known(path: str, key: str, value: Any, parameter: inspect.Parameter) -> Any
             return value
     if _takes_lists(parameter) and isinstance(value, list | dict):
         return _nested(path, key, value)
+    stated = parameter.annotation
+    if inspect.isclass(stated) and not issubclass(stated, int | float):
+        raise ValueError(f"[{path}] {key} is made in scripts alone: leave it out")
     if not is_number(value):
         raise ValueError(f"[{path}] {key} must be a number, got {value!r}")
     return value

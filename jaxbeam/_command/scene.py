@@ -116,7 +116,7 @@ class _Scene:
             kind: Any = class_of("model", self.tables["model"].get("name"), _NAMED["model"])
             return [kind.rotor_type]
         makers: dict[str, list[Any]] = {
-            "beam": [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness, _beam_in],
+            "beam": [jb.Beam, jb.Beam.from_section, jb.Beam.from_slenderness, read_blade],
             "loads": [jb.Loads], "damping": [jb.Damping],
         }  # fmt: skip
         return makers[table] if table in makers else [QUESTIONS[table][0]]
@@ -134,14 +134,18 @@ class _Scene:
         """Raise unless each axis names one number."""
         numbers = self.keys
         paths = {f"{path}.{name}" for name, those in numbers.items() for path in those}
+        meant: dict[str, str] = {}
         for axis in axes:
             name = in_radians(axis, numbers)
-            if name in paths:
-                continue
-            unless_among(name, numbers, f"[sweep] {axis} is not swept", "numbers are")
-            if len(numbers[name]) > 1:
-                those = " or ".join(f"{path}.{name}" for path in numbers[name])
-                raise ValueError(f"[sweep] {axis} is several numbers: write {those}")
+            if name not in paths:
+                unless_among(name, numbers, f"[sweep] {axis} is not swept", "numbers are")
+                if len(numbers[name]) > 1:
+                    those = " or ".join(f"{path}.{name}" for path in numbers[name])
+                    raise ValueError(f"[sweep] {axis} is several numbers: write {those}")
+                name = f"{numbers[name][0]}.{name}"
+            if name in meant:
+                raise ValueError(f"[sweep] {axis} is {meant[name]} again")
+            meant[name] = axis
 
 
 _CLASSES = {("model", "name"), ("motion", "name")}
@@ -192,7 +196,7 @@ def _values(name: str, given: Any) -> list[float]:
     return [float(value) for value in given]
 
 
-def _beam_in(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> Any:
+def read_blade(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> Any:
     table = jb.blades.read_blade(file, length=length, axial_stiffness=axial_stiffness)
     _note("\n".join(f"{file}: {ignored}" for ignored in table.ignored))
     return table

@@ -301,7 +301,7 @@ def _mac(modes: Modes, other: Modes) -> Float[Array, "k m"]:
     (u, a), (v, b) = (
         (
             jnp.einsum("cpn,kn->kpc", each.model.displacement(xi, each.rotor), each.shape),
-            each.shape @ each.model.torsion(xi).T,
+            each.shape @ each.model.torsion(xi).T / each.rotor.length,
         )
         for each in (first, second)
     )
@@ -317,7 +317,7 @@ def _mac(modes: Modes, other: Modes) -> Float[Array, "k m"]:
 
 
 def _masses(rotor: AnyRotor) -> tuple[np.ndarray, Array, Array]:
-    """Places x / L, the mass at each in kg, and the polar inertia over the length squared."""
+    """Places x / L, and the mass (kg) and the polar inertia (kg m^2) at each."""
     if not isinstance(rotor, Rotor):
         return np.ones(1), rotor.mass[None], jnp.zeros(1)
     beam = rotor.beam
@@ -325,7 +325,7 @@ def _masses(rotor: AnyRotor) -> tuple[np.ndarray, Array, Array]:
     mass = along(beam.mass_with_points, xi) * weight * beam.length
     mass = jnp.append(mass, rotor.tip_mass)
     polar = polar_inertia(beam, lambda value: along(value, xi))
-    return np.append(xi, 1.0), mass, jnp.append(polar * weight / beam.length, 0.0)
+    return np.append(xi, 1.0), mass, jnp.append(polar * weight * beam.length, 0.0)
 
 
 def own_tip(

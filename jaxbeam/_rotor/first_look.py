@@ -60,14 +60,17 @@ def _concrete(value: Any) -> np.ndarray | None:
 
 
 def _along_span(loads: Loads) -> list[np.ndarray]:
-    """The force along the span where it is constant: of what varies along it nothing is said."""
-    parts = loads.force_per_length
+    """The force along the span where it is constant, and those on points: of what varies along it
+    nothing is said."""
+    parts, points = loads.force_per_length, loads.point_forces
+    forces = None if points is None else _concrete(points.forces)
+    found = [] if forces is None else [*forces]
     if parts is None or callable(parts):
-        return []
+        return found
     numbers = [_concrete(samples(part)) for part in parts]
     if any(a is None or a.ndim for a in numbers):
-        return []
-    return [np.array(numbers)]
+        return found
+    return [*found, np.array(numbers)]
 
 
 def _small(part: Any, whole: np.ndarray) -> bool:

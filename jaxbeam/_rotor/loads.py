@@ -181,11 +181,15 @@ class Loads(eqx.Module):
         spread = jnp.stack([along(part, xi) for part in parts], 1)
         return spread if out is None else spread + out
 
-    def span_moments(self, t: Scalar, length: Number) -> Float[Array, "2 3"] | None:
-        """int f dx and int x / L f dx of the force per length f, in N."""
+    def span_moments(self, t: Scalar, length: Number) -> Float[Array, "3 3"] | None:
+        """int f dx, int x / L f dx and int abs(f) dx of the force per length f, in N. The last says
+        how large forces are that balance one another."""
         xi, weight = points_within((0.0, *self.kinks, 1.0))
         force = self.along_span(t, xi, length)
-        return None if force is None else length * jnp.stack([weight, weight * xi]) @ force
+        if force is None:
+            return None
+        sums = jnp.stack([weight, weight * xi]) @ force
+        return length * jnp.concatenate([sums, (weight @ jnp.abs(force))[None]])
 
     def since(self, origin: Scalar) -> "Loads":
         """Loads by a clock that shows zero at time `origin` (s), as in `Motion.since`."""
@@ -310,17 +314,16 @@ def in_plane(stray: Array, kept: Array) -> Array:
 
 
 def loads_in_range(
-    gravity: Triple, push: Triple, tip: Any, span: Float[Array, "2 3"] | None
+    gravity: Triple, push: Triple, tip: Any, span: Float[Array, "3 3"] | None
 ) -> tuple[Array, Array]:
     """Whether gravity, the acceleration of the hub less gravity, what is at the tip and along the
     span (see `Loads.span_moments`) are all finite, and whether they are in plane."""
-    along = jnp.zeros((2, 3), gravity.dtype) if span is None else span
+    along = jnp.zeros((3, 3), gravity.dtype) if span is None else span
     given = jnp.concatenate([jnp.stack([gravity, *jax.tree.leaves(tip)]), along])
     # All else that may be at the tip is for models in space.
     force = tip if isinstance(tip, Array) else jnp.zeros(3, gravity.dtype)
-    stray = jnp.stack([push[2], force[2], *along[:, 2]])
-    most = jnp.max(jnp.abs(along[:, 1]))
-    kept = jnp.stack([jnp.max(jnp.abs(push)), jnp.max(jnp.abs(force)), most, most])
+    each = jnp.stack([push, force, along[2]])
+    stray, kept = each[:, 2], jnp.max(jnp.abs(each), 1)
     return jnp.all(jnp.isfinite(given)), in_plane(stray, kept)
 
 

@@ -104,7 +104,7 @@ def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:
     """What forces depend on, one number each."""
     parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
     parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]  # which may be a `TipLoad`
-    parts += [] if span is None else [span[:, 0], span[:, 1]]
+    parts += [] if span is None else [span[:, row] for row in range(3)]
     return jnp.stack([_ASLANT @ part.T for part in parts])
 
 

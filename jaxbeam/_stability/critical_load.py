@@ -234,11 +234,12 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
     soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
     softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
     yields = jnp.clip(softness / _softness(model, rotor, softness), 1.0, _MOST_YIELDING)
+    span = loads.span_moments(jnp.zeros_like(speed), equations.length)
     parts: Any = (
         (loads.tip_force, 1.0),
         (loads.gravity, equations.rigid_moments[0]),
         (loads.tip_moment, 1 / equations.length),
-        (loads.span_moments(jnp.zeros_like(speed), equations.length), 1.0),
+        (None if span is None else span[:2], 1.0),
     )
     weight = sum(jnp.linalg.norm(part) * unit for part, unit in parts if part is not None)
     return equations.length / (softness * jnp.where(weight > 0, weight, 1.0)), yields

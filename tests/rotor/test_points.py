@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxbeam as jb
+from jaxbeam._rotor.loads import loads_in_range
 from jaxbeam._simulation.scene import Scene
 from tests.beams import short
 from tests.references import blade
@@ -47,6 +48,26 @@ def found_with(mass):
     """The first three modes, without an exception for a mass that is none."""
     which = jb.labels(in_plane=3)
     return jb.modes(jb.Hybrid(0, 12, 0), jb.Rotor(with_mass(mass)), 0.0, which, throw=False)
+
+
+def test_forces_that_balance_one_another_are_seen():
+    """Out of the plane they leave neither a sum nor a moment, and are refused there all the same;
+    and steps look out for them."""
+
+    @jax.jit
+    def seen(forces):
+        loads = jb.Loads(point_forces=jb.PointForces([0.25, 0.5, 0.75], forces))
+        moments = loads.span_moments(jnp.zeros(()), 2.0)
+        none = jnp.zeros(3)
+        return moments, loads_in_range(none, none, None, moments)
+
+    for aside in (0.0, 1e-12, 5.0):
+        forces = np.array([[0.0, 1.0, aside], [0.0, 1.0, -2 * aside], [0.0, 1.0, aside]])
+        moments, (finite, planar) = seen(forces)
+        np.testing.assert_allclose(moments[0], [0.0, 3.0, 0.0], atol=1e-9)
+        np.testing.assert_allclose(moments[2], [0.0, 3.0, 4 * aside], atol=1e-9)
+        assert finite
+        assert planar == (aside < 1e-9)
 
 
 def test_frequencies_with_a_point_mass():

@@ -1,5 +1,7 @@
 """The modal assurance criterion between shapes, and frequencies in Hz."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -53,6 +55,19 @@ def test_it_is_what_the_formula_says():
     np.testing.assert_allclose(jnp.diagonal(first.mac(first)), 1.0, rtol=1e-13)
     turned = shaped(first.model, first.shape * jnp.array([1j, -2.0, 0.3 - 0.4j])[:, None])
     np.testing.assert_allclose(first.mac(turned), first.mac(first), rtol=1e-12)
+
+
+def test_angles_of_beams_of_other_lengths_are_angles():
+    """The same displacements and angles at the same x / L, of a beam three times as long: what it
+    does in flap and in torsion goes together as in the first one."""
+    model = jb.SpatialANCF(1)
+    both = random(1, len(model.directions), 6)
+    torsion = np.array([way == 3 for way in model.directions])
+    longer = jb.Rotor(dataclasses.replace(BEAM, length=6.0), 0.1, 0.7)
+    table = [model.displacement(XI, rotor) for rotor in (ROTOR, longer)]
+    np.testing.assert_allclose(*table, rtol=1e-12)
+    other = shaped(model, both * np.where(torsion, 3.0, 1.0), longer)
+    np.testing.assert_allclose(shaped(model, both).mac(other), 1.0, rtol=1e-12)
 
 
 @pytest.mark.exhaustive
