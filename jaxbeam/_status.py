@@ -181,10 +181,10 @@ class Status(enum.IntEnum):
     )
     TOO_FEW_FUNCTIONS = (
         42,
-        "functions, or points of integration, leave out more than 1e-3 of a frequency (see "
-        "frequency_error): take more functions or ask for fewer modes, and of a soft beam whose "
-        "numbers are traced the basis jaxbeam.models.Layered(); where a property varies "
-        "faster than a table with stations of its own would say, give it stations or kinks",
+        "functions, or points of integration, leave out more than 1e-3 of a frequency, of a soft "
+        "beam 1e-6 (see frequency_error): take more functions or ask for fewer modes, and of a "
+        "soft beam whose numbers are traced the basis jaxbeam.models.Layered(); where a property "
+        "varies faster than a table with stations of its own would say, give it stations or kinks",
     )
     NOT_HELD = (
         43,
