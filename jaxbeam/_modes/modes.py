@@ -32,8 +32,6 @@ from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Real, Scalar
 
-RESOLVED = 1e-3  # the largest error of a frequency, relative, that is not a failure
-
 
 def modes(
     model: AbstractModel,
@@ -110,7 +108,7 @@ def found_about(
     status, error = first_failure(given, found.status), found.frequency_error
     if error is not None and model.judged(rotor):
         error = jnp.where(status == Status.OK, error, jnp.nan)
-        resolved = jnp.max(error) <= RESOLVED
+        resolved = jnp.max(error) <= model.most_error(rotor, speed)
         status = first_failure(status, first_broken((resolved, Status.TOO_FEW_FUNCTIONS)))
     ok = status == Status.OK
     eigenvalue, shape = _differentiable(system, ok, found)

@@ -346,7 +346,7 @@ class Rotor(Parameters):
             ]
         )
 
-    def tension(self, angular_speed: Number) -> tuple[Any, Any, Any]:
+    def tension(self, angular_speed: Number | np.ndarray) -> tuple[Any, Any, Any]:
         """Axial force of steady rotation, as three coefficients in N: see `tension`."""
         beam = self.beam
         return tension(

@@ -99,7 +99,8 @@ def floquet(
 
     `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
     of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
-    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`).
+    `TOO_FEW_STEPS`, and `TOO_FEW_FUNCTIONS` where rotation holds the beam out more than the default
+    numbers of functions can follow. The numbers are then NaN (derivatives: as in `modes`).
 
     Raises as `modes` does, `TypeError` for a motion that does not turn about a fixed axis or whose
     period is not given, and `ValueError` for a coned beam.
@@ -135,7 +136,7 @@ def _floquet(
     model: AbstractModel, rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping,
     steps: int,
 ) -> Floquet:  # fmt: skip
-    given = modulation_status(rotor, motion, period, damping)
+    given = modulation_status(model, rotor, motion, period, damping)
     fine = given == Status.OK
     rotor, motion, period, damping = harmless(fine, (rotor, motion, period, damping))
 
@@ -193,8 +194,11 @@ def left_by(steps: int) -> float:
     return 1 / ((steps / half(steps)) ** 6 - 1)
 
 
-def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping) -> Code:
-    """The first of rotor, motion and damping that is out of range."""
+def modulation_status(
+    model: AbstractModel, rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping
+) -> Code:
+    """The first of rotor, motion and damping that is out of range, or too much for a model's own
+    number of functions."""
     t = period * jnp.linspace(0.0, 1.0, 8)
     now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
     scale = jnp.max(jnp.abs(now))
@@ -204,6 +208,7 @@ def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Da
         (repeats & jnp.isfinite(period) & (period > 0), Status.INVALID_MOTION),
         (damping_in_range(damping), Status.INVALID_DAMPING),
         (planar, Status.OUT_OF_PLANE),
+        (model.resolves(rotor, scale), Status.TOO_FEW_FUNCTIONS),
     )
     return first_failure(rotor.status(jnp.zeros_like(period)), modulated)
 

@@ -152,7 +152,7 @@ def _unmodulated(
 ) -> tuple[Modes, Code]:
     """The modes at the mean speed, and the status of the case: whether there is something to do."""
     unit = ModulatedSpeed(mean, 0.0, 1.0)
-    given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
+    given = modulation_status(model, rotor, unit, 2 * jnp.pi / unit.frequency, damping)
     found = find(model, rotor, mean, wanted)
     stable = ~jnp.any(found.growth_rate > 0)
     at_mean = first_broken((stable, Status.NO_EQUILIBRIUM))

@@ -129,6 +129,10 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         """Whether too few functions are a failure: how many are enough is not its user's to say."""
         return isinstance(rotor, Rotor) and rotor.varies
 
+    def most_error(self, rotor: TheRotor, speed: Scalar) -> Any:
+        """The largest `frequency_error`, relative, that is no failure of a model that is judged."""
+        return 1e-3
+
     def resolves(self, rotor: TheRotor, speed: Scalar) -> Bool[Array, ""]:
         """Whether functions that nobody has chosen can follow a beam that turns as fast as this, to
         some 1e-3 of its frequencies: for runs, which have no estimate."""
