@@ -24,16 +24,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.equations import Equations
+from jaxbeam._models.contract.equations import Dampers, Drag, Equations
 from jaxbeam._models.contract.strained import viscous
+from jaxbeam._models.contract.supports import RATIOS
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._rotor.spring_rotor import SpringRotor
-from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
+from jaxbeam._types import Matrix, Scalar, Triple, Vector
 
 
 class _Discrete(AbstractModel[SpringRotor]):
     rotor_type = SpringRotor
+    supports = frozenset({"damping.in_plane_damper"})
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -116,11 +118,15 @@ class _Particle(Equations):
     def first_moment(self, q: Vector) -> Triple:
         return self.rotor.mass * self.tip(q)
 
-    def damping_tangents(
-        self, q: Vector, v: Vector, mass: Number | None, stiffness: Number | None
-    ) -> tuple[Matrix, Matrix]:
+    def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
+        def angle(q: Vector) -> Scalar:
+            return self.strains(self.rotor, q)[1]
+
+        return viscous(angle, lambda rate: dampers[0] * rate, q, v)
+
+    def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Matrix, Matrix]:
         def force(q: Vector, v: Vector) -> Vector:
-            return self.as_force(q, self.damping(q, v, mass, stiffness))
+            return self.as_force(q, self.damping(q, v, drag))
 
         return jax.jacfwd(force, argnums=(0, 1))(q, v)
 
@@ -287,6 +293,7 @@ class DiscreteLC(_Discrete):
     """
 
     is_linear = True
+    supports = _Discrete.supports | RATIOS - {"damping.flap_ratio"}
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -316,6 +323,7 @@ class DiscreteLP(_Discrete):
     """The discrete analogue, linear in s, theta: stiffens with speed as it must."""
 
     is_linear = True
+    supports = _Discrete.supports | RATIOS - {"damping.flap_ratio"}
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates s, in m, and theta, in rad."""
