@@ -24,9 +24,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.equations import Dampers, Drag, Equations
+from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.strained import viscous
-from jaxbeam._models.contract.supports import RATIOS
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._rotor.spring_rotor import SpringRotor
@@ -35,7 +34,6 @@ from jaxbeam._types import Matrix, Scalar, Triple, Vector
 
 class _Discrete(AbstractModel[SpringRotor]):
     rotor_type = SpringRotor
-    supports = frozenset({"damping.in_plane_damper"})
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -117,12 +115,6 @@ class _Particle(Equations):
 
     def first_moment(self, q: Vector) -> Triple:
         return self.rotor.mass * self.tip(q)
-
-    def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
-        def angle(q: Vector) -> Scalar:
-            return self.strains(self.rotor, q)[1]
-
-        return viscous(angle, lambda rate: dampers[0] * rate, q, v)
 
     def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Matrix, Matrix]:
         def force(q: Vector, v: Vector) -> Vector:
@@ -293,7 +285,6 @@ class DiscreteLC(_Discrete):
     """
 
     is_linear = True
-    supports = _Discrete.supports | RATIOS - {"damping.flap_ratio"}
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates x, y, in m."""
@@ -323,7 +314,6 @@ class DiscreteLP(_Discrete):
     """The discrete analogue, linear in s, theta: stiffens with speed as it must."""
 
     is_linear = True
-    supports = _Discrete.supports | RATIOS - {"damping.flap_ratio"}
 
     def equations(self, rotor: SpringRotor) -> _Particle:
         """Equations in the coordinates s, in m, and theta, in rad."""

@@ -53,13 +53,13 @@ class Damping(eqx.Module):
     it (at rest, or without stretch); at other speeds and under loads C stays what it is, as the
     damping of a material does. Where pitch or twist couple flap and lag a mode has the direction
     and number that `modes` would give it. A mode that diverges at `ratio_speed` is not damped.
-    Theories that are linear alone have modes that last: `Hybrid`, `Classical` and the linear
-    discrete ones. All others refuse ratios by name.
+    Theories that are linear alone have modes that last: `Hybrid`, `Classical`, and of `jb.models`
+    `SmallStrainANCF`, `DiscreteLC` and `DiscreteLP`. All others refuse ratios by name.
 
     **Dampers** do the moment -d phi' in a root that yields, phi being the angle of the root, of
     which the `RootSprings` have the energy k phi^2 / 2: a rigid blade with the moment of inertia I
-    about its hinge has the ratio d / (2 (k I)^(1/2)). Of the discrete models the hinge is that of
-    the torsional spring. Where the root is clamped they are refused.
+    about its hinge has the ratio d / (2 (k I)^(1/2)). Where the root is clamped they are refused,
+    and by models that have no such root.
 
     Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """

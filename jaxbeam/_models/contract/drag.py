@@ -77,9 +77,9 @@ def _pairs_jvp(primals: Any, tangents: Any) -> tuple[tuple[Matrix, Vector], tupl
     heavier, stiffer = (phi @ change @ phi.T for change in tangents[:2])
     apart = square[:, None] - square[None]
     same = apart == 0
-    turned = (stiffer - square[:, None] * heavier) / jnp.where(same, 1.0, apart)
-    turned = jnp.where(same, 0.0, turned) - jnp.diag(jnp.diag(heavier)) / 2
-    return (phi, square), (turned @ phi, jnp.diag(stiffer) - square * jnp.diag(heavier))
+    mixing = (stiffer - square[:, None] * heavier) / jnp.where(same, 1.0, apart)
+    mixing = jnp.where(same, 0.0, mixing) - jnp.diag(jnp.diag(heavier)) / 2
+    return (phi, square), (mixing @ phi, jnp.diag(stiffer) - square * jnp.diag(heavier))
 
 
 def _held_together(system: LinearSystem, rotor: AnyRotor) -> Iterator[tuple[Direction, ...]]:

@@ -186,8 +186,8 @@ class EndSprings(Strained):
 
     @abc.abstractmethod
     def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
-        """The same with dampers in the place of springs and nothing at the tip: their `viscous` is
-        what dampers do."""
+        """Dampers in the place of the springs, and nothing at the tip: what they do is `viscous`
+        of this."""
 
     @property
     def are_plain(self) -> bool:

@@ -71,6 +71,12 @@ class Neglects(NamedTuple):
     strain: float = 0.0  # over the steady strain
 
 
+def borne(model: type[Any], *, moving: bool = True) -> frozenset[str]:
+    """Features that models of a class know: those that are linear have modes that last."""
+    own: frozenset[str] = model.supports | (RATIOS if model.is_linear else frozenset())
+    return own if moving else own | vars(model).get("supports_in_matrices", frozenset())
+
+
 def missing(
     model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, *,
     moving: bool = True,
@@ -80,11 +86,9 @@ def missing(
     `moving` is whether equations of motion are asked for, not matrices alone. What derives from a
     class inherits `supports`, as its equations; matrices of their own it has to declare again.
     """
-    borne: frozenset[str] = model.supports
-    if not moving:
-        borne |= vars(model).get("supports_in_matrices", frozenset())
     every = *rotor.features, *loads.features, *damping.features
-    return [feature for feature in every if feature not in borne]
+    own = borne(model, moving=moving)
+    return [feature for feature in every if feature not in own]
 
 
 def unsupported(

@@ -41,7 +41,6 @@ from jaxbeam._models.contract.elasticity import LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.supports import (
     AS_BUILT,
-    RATIOS,
     ROOT_SPRINGS,
     TURNED,
     Neglects,
@@ -178,7 +177,6 @@ class _Modal(CartesianModel):
 
 
 class _Linear(_Modal):
-    supports = _Modal.supports | RATIOS
     is_linear = True
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
