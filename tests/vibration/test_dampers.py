@@ -1,4 +1,4 @@
-"""Ratios of modes and dampers of the root: growth rates, runs, their energy, and what is refused."""
+"""Ratios of modes and dampers of the root: growth rates, runs, energy, and what is refused."""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ import scipy.linalg
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
-from tests.beams import AS_BUILT, short
+from tests.beams import AS_BUILT, SOFT_SPRINGS, short
 from tests.helpers import finite_difference, name
 from tests.tiers import exhaustive, slow
 
@@ -21,7 +21,7 @@ STIFF = jb.Beam(LENGTH, DENSITY, 1e9, 1e8, 1e8, torsional_stiffness=1e6)
 INERTIA = DENSITY * LENGTH**3 / 3
 
 
-@pytest.mark.parametrize("rotor", [ROTOR, exhaustive(jb.Rotor(short(), 0.4, pitch=0.3))])
+@pytest.mark.parametrize("rotor", [slow(ROTOR), exhaustive(jb.Rotor(short(), 0.4, pitch=0.3))])
 def test_modes_have_the_ratios_that_are_given(rotor):
     """By their numbers, beyond the list the last; at the stated speed, to rounding, with all but
     the frequency of the real part: omega stays, since C is diagonal in the modes."""
@@ -41,34 +41,60 @@ def test_modes_have_the_ratios_that_are_given(rotor):
     np.testing.assert_allclose(np.abs(found), free.frequency, rtol=1e-10)
 
 
-def by_hand(model, rotor, ratios, ratio_speed, speed):
-    """Eigenvalues of M q'' + (G + C) q' + K q = 0, C of the modes of each direction by SciPy."""
-    at, now = (model.linearise(rotor, each) for each in (ratio_speed, speed))
-    kinds, c = np.array(model.directions), np.zeros(now.mass.shape)
+def by_hand(model, rotor, ratios, speed):
+    """C = M Phi diag(2 zeta w) Phi^T M of the modes of each direction, by SciPy."""
+    system, kinds = model.linearise(rotor, speed), np.array(model.directions)
+    c = np.zeros(system.mass.shape)
     for direction, (first, rest) in ratios.items():
         own = np.ix_(*[np.flatnonzero(kinds == direction)] * 2)
-        square, phi = scipy.linalg.eigh(np.asarray(at.stiffness)[own], np.asarray(at.mass)[own])
+        m, k = (np.asarray(a)[own] for a in (system.mass, system.stiffness))
+        square, phi = scipy.linalg.eigh(k, m)
         zeta = np.where(np.arange(square.size) == 0, first, rest)
-        heavy = np.asarray(at.mass)[own] @ phi
-        c[own] = heavy @ np.diag(2 * zeta * np.sqrt(square)) @ heavy.T
-    n = len(kinds)
+        c[own] = m @ phi @ np.diag(2 * zeta * np.sqrt(square)) @ phi.T @ m
+    return c
+
+
+KIND = jb.models.Direction
+RATIOS = {KIND.AXIAL: (0.2, 0.2), KIND.IN_PLANE: (0.05, 0.1)}
+GIVEN = jb.Damping(axial_ratio=0.2, in_plane_ratio=[0.05, 0.1], ratio_speed=2.0)
+
+
+@pytest.mark.parametrize(
+    ("model", "rotor"),
+    [
+        (jb.Hybrid(2, 3, 1), ROTOR),
+        *(exhaustive(m, ROTOR) for m in (jb.Classical(2, 3, 2), jb.models.SmallStrainANCF(2))),
+        exhaustive(jb.models.DiscreteLP(), SOFT_SPRINGS),
+        exhaustive(jb.models.DiscreteLC(), SOFT_SPRINGS),
+    ],
+    ids=name,
+)  # fmt: skip
+def test_ratios_as_a_matrix(model, rotor):
+    @jax.jit
+    def matrix():
+        still = jb.ConstantSpeed(0.0)
+        return jb.results.Scene(model, rotor, still, jb.Loads(), GIVEN).damping.matrix
+
+    expected = by_hand(model, rotor, RATIOS, 2.0)
+    np.testing.assert_allclose(matrix(), expected, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("speed", [2.0, 5.0])
+def test_ratios_beside_coriolis_forces(speed):
+    """Of lag and stretch, by an eigenproblem made by itself, at the stated speed and at others."""
+    model = jb.Hybrid(2, 3, 0)
+    found = jb.modes(model, ROTOR, speed, jb.labels(in_plane=3, axial=1), damping=GIVEN)
+    now, c = model.linearise(ROTOR, speed), by_hand(model, ROTOR, RATIOS, 2.0)
+    n = len(model.directions)
     right = -np.linalg.solve(now.mass, np.hstack([now.stiffness, now.gyroscopic + c]))
-    return np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), right]))
-
-
-@pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), exhaustive(jb.Classical(2, 3, 2))], ids=name)
-def test_ratios_at_rest_hold_a_matrix_at_speed(model):
-    """Where Coriolis forces couple lag with stretch, by an eigenproblem made by itself."""
-    kind = jb.models.Direction
-    ratios = {kind.AXIAL: (0.2, 0.2), kind.IN_PLANE: (0.05, 0.1)}
-    damping = jb.Damping(axial_ratio=0.2, in_plane_ratio=[0.05, 0.1])
-    found = jb.modes(model, ROTOR, 2.0, jb.labels(in_plane=3, axial=1), damping=damping)
-    expected = by_hand(model, ROTOR, ratios, 0.0, 2.0)
+    expected = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), right]))
     nearest = np.abs(np.asarray(found.eigenvalue)[:, None] - expected[None]).min(1)
     assert (nearest < 1e-10 * np.abs(found.eigenvalue)).all()
     assert (found.damping_ratio > 0.03).all()
 
 
+@pytest.mark.exhaustive
 def test_turned_sections_keep_the_labels_of_their_modes():
     """At rest the modes of a beam with a pitch are those without one, about other axes, and each
     has the ratio of its label."""
@@ -87,7 +113,7 @@ LAGS = jb.Rotor(STIFF, 0.3, root_springs=jb.RootSprings(LAG))
 @pytest.mark.parametrize(
     ("model", "rotor"),
     [
-        (jb.Hybrid(0, 2, 2), HINGED), (jb.ExactRodANCF(1), LAGS),
+        slow(jb.ExactRodANCF(1), LAGS), exhaustive(jb.Hybrid(0, 2, 2), HINGED),
         *(exhaustive(model, HINGED) for model in (jb.SpatialANCF(1), jb.VonKarman(3, 2, 2))),
         exhaustive(jb.ANCF(2), LAGS),
     ],
@@ -163,9 +189,8 @@ def test_dampers_do_a_moment_on_the_angle_of_the_root(model, rotor):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12 * np.abs(b).max())
 
 
-@pytest.mark.parametrize(
-    "model", [slow(jb.ExactRodANCF(1)), exhaustive(jb.Hybrid(0, 2, 0))], ids=name
-)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [jb.ExactRodANCF(1), jb.Hybrid(0, 2, 0)], ids=name)
 def test_a_damper_takes_the_energy_that_is_lost(model):
     """Jacobi's integral falls by int d phi'^2 dt in a run that swings far, and work is balanced."""
     rotor = jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(LAG))
@@ -199,7 +224,7 @@ def test_a_run_decays_as_its_ratio_says():
     omega, times = mode.frequency[0], jnp.linspace(0.0, 2.0, 41)
     shape = jnp.real(mode.shape[0] / mode.shape[0, 0]) * 1e-3
     run = jb.simulate(
-        model, ROTOR, jb.ConstantSpeed(0.0), times, start=jb.results.State(shape, 0 * shape),
+        model, ROTOR, jb.ConstantSpeed(0.0), times, start=jb.solvers.State(shape, 0 * shape),
         damping=jb.Damping(in_plane_ratio=[zeta, 0.3]),
     )  # fmt: skip
     swings = omega * np.sqrt(1 - zeta**2)
@@ -209,11 +234,12 @@ def test_a_run_decays_as_its_ratio_says():
     assert np.abs(run.imbalance).max() < 1e-6
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "damping"),
     [
         (jb.Hybrid(0, 1, 1), jb.Damping(in_plane_ratio=0.02, flap_ratio=0.05, flap_damper=D)),
-        exhaustive(jb.ExactRodANCF(1), jb.Damping(in_plane_damper=D)),
+        (jb.ExactRodANCF(1), jb.Damping(in_plane_damper=D)),
     ],
     ids=name,
 )
