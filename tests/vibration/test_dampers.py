@@ -214,9 +214,10 @@ def test_a_damper_takes_the_energy_that_is_lost(model):
     )
     h = np.asarray(run.jacobi_integral)[late]
     np.testing.assert_allclose(h[0] - h[-1], lost, rtol=1e-4)
-    assert lost > 0.05 * np.asarray(run.strain_energy).max()
+    assert lost > 0.03 * np.asarray(run.strain_energy).max()
 
 
+@pytest.mark.slow
 def test_a_run_decays_as_its_ratio_says():
     """Of the first mode, by e^(-zeta omega t) cos and so on; the second list entry is another."""
     model, zeta = jb.Hybrid(0, 2, 0), 0.04

@@ -270,7 +270,7 @@ class CartesianEquations(Equations):
         return self.like_mass(by_q), self.like_mass(by_v)
 
     def root_slopes(self) -> Float[Array, "2 n"]:
-        return self.shape_integrals.root * self.model.one_hot[:, 1:].T / self.length
+        return self.shape_integrals.root[None] * self.model.one_hot[:, 1:].T / self.length
 
     def strain_energy(self, q: Vector) -> Number:
         return self.elasticity.energy(q)
