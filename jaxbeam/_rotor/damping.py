@@ -52,7 +52,8 @@ class Damping(eqx.Module):
     loads. There each mode has the growth rate -zeta w, exactly, where Coriolis forces do not couple
     it (at rest, or without stretch); at other speeds and under loads C stays what it is, as the
     damping of a material does. Where pitch or twist couple flap and lag a mode has the direction
-    and number that `modes` would give it. A mode that diverges at `ratio_speed` is not damped.
+    and number that `modes` would give it. Where a mode with a ratio diverges at `ratio_speed` the
+    case fails.
     Theories that are linear alone have modes that last: `Hybrid`, `Classical`, and of `jb.models`
     `SmallStrainANCF`, `DiscreteLC` and `DiscreteLP`. All others refuse ratios by name.
 

@@ -330,3 +330,16 @@ def test_what_is_refused():
         jb.Damping(in_plane_ratio=[[0.1]])
     with pytest.raises(ValueError, match="damping must be finite and >= 0"):
         jb.Damping(flap_ratio=[0.1, -0.1])
+
+
+@pytest.mark.exhaustive
+def test_a_mode_that_diverges_has_no_ratio():
+    """At the speed at which ratios are stated; that of another direction is no matter."""
+
+    def status(**ratio):
+        damping = jb.Damping(ratio_speed=40.0, **ratio)
+        model = jb.Classical(0, 2, 2)
+        return jb.modes(model, ROTOR, 0.0, 2, damping=damping, throw=False).status
+
+    assert status(in_plane_ratio=0.05) == jb.Status.NOT_FINITE
+    assert status(flap_ratio=0.05) == jb.Status.OK

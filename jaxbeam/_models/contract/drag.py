@@ -59,8 +59,12 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
             ratio = ratio[assigned(share)]
         moves = square > 0
         omega = jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)
+        # What diverges has no frequency, and its ratio no meaning: the case is to fail.
+        rounding = 64 * jnp.finfo(m.dtype).eps * jnp.sum(jnp.abs(phi) * (jnp.abs(phi) @ abs(k)), 1)
+        lost = (square < -rounding) & (ratio > 0)
+        rate = jnp.where(lost, jnp.nan, 2 * ratio * omega)
         heavy = phi @ m
-        out = out.at[own].add(heavy.T @ ((2 * ratio * omega)[:, None] * heavy))
+        out = out.at[own].add(heavy.T @ (rate[:, None] * heavy))
     return out
 
 
