@@ -10,7 +10,8 @@ from jaxbeam._models.contract.loaded import Conditions, equations_under, resting
 from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS
+from jaxbeam._rotor.damping import NO_DAMPING
+from jaxbeam._rotor.loads import NO_LOADS
 from jaxbeam._types import Scalar, Vector, Vectors
 
 

@@ -28,9 +28,10 @@ from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.directions import Direction, is_hinged, naming
 from jaxbeam._rotor.first_look import acts_along, refuse
-from jaxbeam._rotor.loads import NO_DAMPING, Loads, are_along, only_pull
+from jaxbeam._rotor.loads import Loads, are_along, only_pull
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
 from jaxbeam._stability.singular import (
     AbstractPlace,

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.equations import Equations
+from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import bent
 from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
@@ -72,16 +72,20 @@ class RodEquations(Equations):
         m, c, k = (self._by_places(q, a) for a in (self.rod.mass, here.gyroscopic, here.stiffness))
         return m, c, k
 
-    def damping_matrix_about(
-        self, q: Vector, mass_coefficient: Number | None, stiffness_coefficient: Number | None
-    ) -> Matrix:
-        out = jnp.zeros_like(self.mass)
-        if mass_coefficient is not None:
-            out = out + mass_coefficient * self._by_places(q, self.rod.mass)
-        if stiffness_coefficient is not None:
+    def root_slopes(self) -> Float[Array, "2 n"]:
+        n, (in_plane, flap) = len(self.rod.free), self.rod.springs
+        first, second = jnp.eye(n, dtype=self.length.dtype)[:2] / self.length
+        about3 = first if flap is None else second
+        return jnp.stack([0 * first if in_plane is None else about3, first])
+
+    def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
+        out = jnp.zeros_like(self.mass) if drag.matrix is None else drag.matrix
+        if drag.mass_coefficient is not None:
+            out = out + drag.mass_coefficient * self._by_places(q, self.rod.mass)
+        if drag.stiffness_coefficient is not None:
             still = self._around(_at_rest(self.length), None, None)
             elastic = balance(self.rod, q, still).elastic
-            out = out + stiffness_coefficient * self._by_places(q, elastic)
+            out = out + drag.stiffness_coefficient * self._by_places(q, elastic)
         return out
 
     def rates(self, q: Vector, change: Vector) -> Vector:
