@@ -61,6 +61,8 @@ so no theory here does that. `SpatialANCF` has frequencies of coned blades that 
 and their motions.
 """
 
+from jaxbeam._files.beamdyn import read_beamdyn as read_beamdyn
+from jaxbeam._files.beamdyn_writer import write_beamdyn as write_beamdyn
 from jaxbeam._files.blade import read_blade as read_blade
 from jaxbeam._files.bmodes import read_bmodes as read_bmodes
 from jaxbeam._files.csv import read_csv as read_csv

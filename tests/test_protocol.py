@@ -190,9 +190,11 @@ CHECK_ALONE = (
     "fitting.match_modes",  # indices; where there is no mode, what they point at is NaN
     "ladder.rungs",  # models, of which none is asked
     "blades.read_blade",  # files: read, or refused with the line that is wrong
+    "blades.read_beamdyn",
     "blades.read_bmodes",
     "blades.read_csv",
     "blades.read_elastodyn",
+    "blades.write_beamdyn",
     "blades.write_elastodyn",
 )
 IN_PYTHON = ("choose_model",)  # no function of JAX: tested below

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 READ = (
     "tables of named columns (CSV), blade files of ElastoDyn, section files and main files of "
-    "BModes"
+    "BModes, primary files and blade files of BeamDyn, HAWC2, windIO and VABS"
 )
 
 
@@ -32,8 +32,8 @@ class Format(NamedTuple):
 
 FORMATS = (
     Format.of("an Excel workbook (save it as CSV)", r"\APK\x03\x04"),
-    Format.of("a BeamDyn blade file", words="station_total"),
-    Format.of("a BeamDyn primary file", words="kp_total"),
+    Format.of("a BeamDyn blade file", words="station_total", reader="read_beamdyn"),
+    Format.of("a BeamDyn primary file", words="kp_total", reader="read_beamdyn"),
     Format.of("an ElastoDyn tower file", words="HtFract TMassDen|TwFAStif"),
     Format.of("an ElastoDyn primary file", r"BldFile\W?1", words="TipRad"),
     Format.of("an AeroDyn blade file", words="BlSpn BlChord"),

@@ -249,8 +249,6 @@ def test_what_a_main_file_says_of_a_missing_file(tmp_path):
 
 # As the title of a kind says, a file of each in a few lines.
 NEIGHBOURS = {
-    "a BeamDyn blade file": "BEAMDYN\nown\n---\n2 station_total - number\n1 damp_type\n",
-    "a BeamDyn primary file": "BEAMDYN\nown\n1 member_total\n3 kp_total\nkp_xr kp_yr kp_zr\n",
     "an ElastoDyn tower file": "TOWER\nown\n2 NTwInpSt\nHtFract TMassDen TwFAStif TwSSStif\n",
     "an ElastoDyn primary file": 'ED\nown\n63.0 TipRad - (m)\n"a.dat" BldFile(1) - blade\n',
     "an AeroDyn blade file": "AERODYN\nown\n2 NumBlNds\nBlSpn BlCrvAC BlSwpAC BlTwist BlChord\n",
