@@ -68,5 +68,7 @@ from jaxbeam._files.bmodes import read_bmodes as read_bmodes
 from jaxbeam._files.csv import read_csv as read_csv
 from jaxbeam._files.elastodyn import read_elastodyn as read_elastodyn
 from jaxbeam._files.elastodyn_writer import write_elastodyn as write_elastodyn
+from jaxbeam._files.hawc2 import read_hawc2 as read_hawc2
+from jaxbeam._files.hawc2_writer import write_hawc2 as write_hawc2
 from jaxbeam._files.tables import BladeTable as BladeTable
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction

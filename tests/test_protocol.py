@@ -194,8 +194,10 @@ CHECK_ALONE = (
     "blades.read_bmodes",
     "blades.read_csv",
     "blades.read_elastodyn",
+    "blades.read_hawc2",
     "blades.write_beamdyn",
     "blades.write_elastodyn",
+    "blades.write_hawc2",
 )
 IN_PYTHON = ("choose_model",)  # no function of JAX: tested below
 

@@ -109,7 +109,7 @@ def _axis(path: Path, lines: Sequence[str], said: Said) -> Axis:
             raise mistake(path, line, None, f"a member has two key points or more, got {size}")
         pieces.append(Piece(points[first : first + size], angles[first : first + size]))
         first += size - 1
-    return axis_of(pieces, lambda slope, angle: angle)
+    return axis_of(pieces)
 
 
 def _sections(path: Path, lines: Sequence[str], said: Said, axis: Axis) -> BladeTable:

@@ -91,7 +91,7 @@ def write_beamdyn(
         *(f"{i} {end - start + 1}" for i, (start, end) in enumerate(itertools.pairwise(ends), 1)),
         "kp_xr kp_yr kp_zr initial_twist",
         "(m) (m) (m) (deg)",
-        *_numbers(rows),
+        *numbers_of(rows),
         "---------------------- MESH PARAMETER ------------------------------------------",
         _line(_ORDER, "order_elem"),
         "---------------------- MATERIAL PARAMETER --------------------------------------",
@@ -115,11 +115,11 @@ def write_beamdyn(
         "---------------------- DAMPING COEFFICIENT -------------------------------------",
         "mu1 mu2 mu3 mu4 mu5 mu6",
         "(-) (-) (-) (-) (-) (-)",
-        *_numbers(mu[None]),
+        *numbers_of(mu[None]),
         "---------------------- DISTRIBUTED PROPERTIES ----------------------------------",
     ]
     for station, k, m in zip(blade.stations, *matrices, strict=True):
-        sections += [repr(station), *_numbers(k), "", *_numbers(m), ""]
+        sections += [repr(station), *numbers_of(k), "", *numbers_of(m), ""]
     for file, lines in ((path, primary), (beside, sections)):
         file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -128,6 +128,6 @@ def _line(value: object, name: str) -> str:
     return f"{value!s:>20}   {name}"
 
 
-def _numbers(rows: np.ndarray) -> list[str]:
+def numbers_of(rows: np.ndarray) -> list[str]:
     """Rows with all digits, and no negative zeros."""
     return [" ".join(f"{value:.17g}" for value in row) for row in rows + 0.0]

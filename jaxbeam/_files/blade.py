@@ -7,12 +7,13 @@ from jaxbeam._files.bmodes import is_main_file, is_section_file, read_bmodes
 from jaxbeam._files.csv import count_named, read_csv
 from jaxbeam._files.elastodyn import head_of_stations, read_elastodyn
 from jaxbeam._files.formats import format_of
+from jaxbeam._files.hawc2 import read_hawc2
 from jaxbeam._files.tables import BladeTable
 from jaxbeam._files.texts import FilePath, read_lines
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._types import Real
 
-_OF_SECTIONS = {read.__name__: read for read in (read_beamdyn,)}
+_OF_SECTIONS = {read.__name__: read for read in (read_beamdyn, read_hawc2)}
 
 
 def read_blade(
@@ -27,8 +28,9 @@ def read_blade(
     with BlFract makes it a blade file of ElastoDyn (`read_elastodyn`); a line
     that names a sec_props_file, or the lines of BModes in their order, a main file of BModes, and
     n_secs before rows of numbers a section file (`read_bmodes`). A line with kp_total behind its
-    value makes it a primary file of BeamDyn, station_total its blade file (`read_beamdyn`). Files
-    of AeroDyn, towers and primary files of ElastoDyn, and workbooks are named, and not read.
+    value makes it a primary file of BeamDyn, station_total its blade file (`read_beamdyn`); "begin
+    main_body" and the like an htc file of HAWC2, "#1" and "$1" its st file (`read_hawc2`). Files of
+    AeroDyn, towers and primary files of ElastoDyn, and workbooks are named, and not read.
 
     `path` is that of the file; `length` (m) and `axial_stiffness` (N, a number or one that varies
     along the span) are what the file does not say, as these readers want it. Returns a

@@ -38,9 +38,11 @@ FORMATS = (
     Format.of("an ElastoDyn primary file", r"BldFile\W?1", words="TipRad"),
     Format.of("an AeroDyn blade file", words="BlSpn BlChord"),
     Format.of(
-        "a HAWC2 htc file", r"^\s*begin\s+(new_htc_structure|main_body|c2_def|timoschenko_input)"
+        "a HAWC2 htc file",
+        r"^\s*begin\s+(new_htc_structure|main_body|c2_def|timoschenko_input)",
+        reader="read_hawc2",
     ),
-    Format.of("a HAWC2 st file", r"^\s*#\s*\d+", r"^\s*\$\s*\d+\s+\d+"),
+    Format.of("a HAWC2 st file", r"^\s*#\s*\d+", r"^\s*\$\s*\d+\s+\d+", reader="read_hawc2"),
     Format.of("a windIO YAML file", r"^['\"]?components['\"]?\s*:", r"^\s+['\"]?blade['\"]?\s*:"),
     Format.of("a VABS .K file", r"the 6x6 mass matrix|^\s*(timoshenko|classical) stiffness matrix"),
     Format.of("an ElastoDyn blade file", words="BlFract NBlInpSt", reader="read_elastodyn"),

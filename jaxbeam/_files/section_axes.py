@@ -3,7 +3,7 @@ share."""
 
 import itertools
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,16 +33,16 @@ _UNSYMMETRIC = 1e-6  # of the geometric mean of entries of the diagonal; below i
 
 
 class Piece(NamedTuple):
-    """Points between kinks, in axes of the blade, and angles at them; splines go through them over
+    """Points between kinks, in axes of a `Blade`, and its twist there; splines go through them over
     the first coordinate, which increases."""
 
     points: Float[np.ndarray, "k 3"]
-    angles: Float[np.ndarray, " k"]
+    twist: Float[np.ndarray, " k"]
 
     def at(self, along: Float[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points, slopes and angles at these values of the first coordinate."""
+        """Points, slopes and twist at these values of the first coordinate."""
         value, slope = spline_rows(self.points[:, 0], along)
-        return value @ self.points, slope @ self.points, value @ self.angles
+        return value @ self.points, slope @ self.points, value @ self.twist
 
     def arc(self, along: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Lengths of arc from the first point."""
@@ -75,23 +75,18 @@ class Axis(NamedTuple):
     given: Float[np.ndarray, " p"]  # shares of the length
 
 
-def axis_of(
-    pieces: Sequence[Piece], twist_of: Callable[[np.ndarray, np.ndarray], np.ndarray]
-) -> Axis:
+def axis_of(pieces: Sequence[Piece]) -> Axis:
     """The axis that goes through pieces one after the other: as many points of it as the splines of
-    a `Blade`, which are over the length of arc, take to follow it to rounding.
-
-    `twist_of` makes of slopes and angles at points the twist of a `Blade`.
-    """
+    a `Blade`, which are over the length of arc, take to follow it."""
     length = sum(float(piece.arc(piece.points[-1:, 0])[0]) for piece in pieces)
     points, twist, places, given = (list[np.ndarray]() for _ in range(4))
     ends = [0.0]
     for piece in pieces:
-        along = _enough(piece, twist_of, length)
-        own, slope, angle = piece.at(along)
+        along = _enough(piece, length)
+        own, _, angle = piece.at(along)
         skipped = slice(bool(points), None)  # the first point is the last one of the piece before
         points.append(own[skipped])
-        twist.append(twist_of(slope, angle)[skipped])
+        twist.append(angle[skipped])
         places.append((ends[-1] + piece.arc(along) / length)[skipped])
         given.append((ends[-1] + piece.arc(piece.points[:, 0]) / length)[skipped])
         ends.append(float(places[-1][-1]))
@@ -103,19 +98,17 @@ def axis_of(
     )  # fmt: skip
 
 
-def _enough(
-    piece: Piece, twist_of: Callable[[np.ndarray, np.ndarray], np.ndarray], length: float
-) -> np.ndarray:
+def _enough(piece: Piece, length: float) -> np.ndarray:
     """Where points are taken: those of the piece, and halfway where splines are not good enough."""
     along, allowed = piece.points[:, 0], _EXACT
     for _ in range(_HALVINGS):
         knots = piece.arc(along)
         both = [along[:-1] + share * np.diff(along) for share in (1 / 3, 1 / 2, 2 / 3)]
         worst = np.zeros(len(along) - 1)
-        exact = _sampled(piece, twist_of, length, along)
+        exact = _sampled(piece, length, along)
         for between in both:
             value, _ = spline_rows(knots, piece.arc(between))
-            off = value @ exact - _sampled(piece, twist_of, length, between)
+            off = value @ exact - _sampled(piece, length, between)
             worst = np.maximum(worst, np.max(np.abs(off), axis=1))
         if np.all(worst <= allowed):
             break
@@ -124,12 +117,9 @@ def _enough(
     return along
 
 
-def _sampled(
-    piece: Piece, twist_of: Callable[[np.ndarray, np.ndarray], np.ndarray], length: float,
-    along: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    points, slope, angle = piece.at(along)
-    return np.concatenate([points / length, twist_of(slope, angle)[:, None]], 1)
+def _sampled(piece: Piece, length: float, along: np.ndarray) -> np.ndarray:
+    points, _, twist = piece.at(along)
+    return np.concatenate([points / length, twist[:, None]], 1)
 
 
 def straight(length: Real) -> Axis:

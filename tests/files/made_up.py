@@ -2,8 +2,8 @@
 a reader must make of them, from its centres and stiffnesses.
 
 It is 10 m long along a1, with a prebend of 0.3 m against a3, a sweep of 0.15 m against a2 and a
-twist of 10 degrees at the root. `expected.json` has six frequencies (Hz) at rest and at 5 rad/s with
-a hub radius of 1 m, of the rod in space by a program of another hand.
+twist of 10 degrees at the root. `expected.json` has six frequencies (Hz) at rest and at 5 rad/s
+with a hub radius of 1 m, of the rod in space by a program of another hand.
 """
 
 from pathlib import Path
@@ -52,19 +52,15 @@ def about(centre, along=0.0, second=0.0, third=0.0, torsion=0.0, flap=0.0, plane
     return matrix
 
 
-def stiffness():
-    """At the middle station: stretch and bending about the tension centre, shear and torsion about
-    the shear centre, principal axes turned by 3 degrees."""
-    turned = np.radians(3.0)
-    axial = about((-0.08, 0.02), along=8e7, flap=1e6, plane=5e6, turned=turned)
-    return axial + about((-0.02, 0.01), second=1.5e7, third=8e6, torsion=6e5, turned=turned)
+# At the middle station: stretch and bending about the tension centre, shear and torsion about the
+# shear centre, principal axes turned by 3 degrees; mass and moments about the centre of mass.
+TENSION_CENTRE, TURNED = (-0.08, 0.02), np.radians(3.0)
+STIFFNESS = about(TENSION_CENTRE, along=8e7, flap=1e6, plane=5e6, turned=TURNED)
+STIFFNESS += about((-0.02, 0.01), second=1.5e7, third=8e6, torsion=6e5, turned=TURNED)
+INERTIA = about((-0.1, 0.01), 60.0, 60.0, 60.0, 2.3, 0.3, 2.0)
 
 
-def inertia():
-    return about((-0.1, 0.01), 60.0, 60.0, 60.0, 2.3, 0.3, 2.0)
-
-
-def is_the_blade(blade, matrices=1e-12, twist=1e-8):
+def is_the_blade(blade, inertia=INERTIA, twist=1e-8):
     """The one above: its axis, twist, length and mass, and the sections of the middle station."""
     along, arc = lengths()
     places = arc[::50] / LENGTH
@@ -79,11 +75,11 @@ def is_the_blade(blade, matrices=1e-12, twist=1e-8):
     np.testing.assert_allclose(blade.stations, STATIONS, rtol=1e-12)
     middle = np.array([0.4])
     for got, true in (
-        (blade.stiffness_at(middle)[0], stiffness()),
-        (blade.inertia_at(middle)[0], inertia()),
+        (blade.stiffness_at(middle)[0], STIFFNESS),
+        (blade.inertia_at(middle)[0], inertia),
     ):
         size = np.sqrt(np.outer(np.diag(true), np.diag(true)))
-        np.testing.assert_allclose(got / size, true / size, atol=matrices)
+        np.testing.assert_allclose(got / size, true / size, atol=1e-12)
 
 
 def are_the_same(blade, other, tolerance=1e-12):

@@ -252,8 +252,6 @@ NEIGHBOURS = {
     "an ElastoDyn tower file": "TOWER\nown\n2 NTwInpSt\nHtFract TMassDen TwFAStif TwSSStif\n",
     "an ElastoDyn primary file": 'ED\nown\n63.0 TipRad - (m)\n"a.dat" BldFile(1) - blade\n',
     "an AeroDyn blade file": "AERODYN\nown\n2 NumBlNds\nBlSpn BlCrvAC BlSwpAC BlTwist BlChord\n",
-    "a HAWC2 htc file": "; own\nbegin new_htc_structure;\n  begin main_body;\n",
-    "a HAWC2 st file": "1 ; number of sets\n#1 own\nr m x_cg y_cg\n$1 2\n0 1 0 0\n1 1 0 0\n",
     "a windIO YAML file": "name: own\ncomponents:\n  blade:\n    outer_shape_bem: {}\n",
     "a VABS .K file": " The 6X6 Mass Matrix\n ====\n\n 1 0 0 0 0 0\n",
     "an Excel workbook (save it as CSV)": b"PK\x03\x04\x14\x00\x06\x00\x08\x00[Content_Types].xml",
