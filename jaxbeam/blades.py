@@ -71,4 +71,6 @@ from jaxbeam._files.elastodyn_writer import write_elastodyn as write_elastodyn
 from jaxbeam._files.hawc2 import read_hawc2 as read_hawc2
 from jaxbeam._files.hawc2_writer import write_hawc2 as write_hawc2
 from jaxbeam._files.tables import BladeTable as BladeTable
+from jaxbeam._files.vabs import read_vabs as read_vabs
+from jaxbeam._files.windio import read_windio as read_windio
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction

@@ -195,6 +195,8 @@ CHECK_ALONE = (
     "blades.read_csv",
     "blades.read_elastodyn",
     "blades.read_hawc2",
+    "blades.read_vabs",
+    "blades.read_windio",
     "blades.write_beamdyn",
     "blades.write_elastodyn",
     "blades.write_hawc2",

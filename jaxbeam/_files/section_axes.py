@@ -14,6 +14,7 @@ from jaxbeam._files.tables import BladeTable
 from jaxbeam._files.texts import mistake
 from jaxbeam._numerics.splines import spline_rows
 from jaxbeam._rotor.blade import Blade
+from jaxbeam._rotor.points import PointMasses
 from jaxbeam._rotor.sections import SIXES
 from jaxbeam._types import Real
 
@@ -139,10 +140,12 @@ def no_axis(path: Path, what: str, better: str) -> ValueError:
 def blade_table(
     axis: Axis, stations: Sequence[float], stiffness: Sixes, inertia: Sixes,
     ignored: Sequence[str] = (), damping: tuple[float, ...] | None = None,
+    point_masses: PointMasses | None = None,
 ) -> BladeTable:  # fmt: skip
     """The result of a reader, of sections in axes of a `Blade`."""
     blade = Blade(
-        stations, stiffness, inertia, axis.points, axis.twist, axis.places, axis.kinks
+        stations, stiffness, inertia, axis.points, axis.twist, axis.places, axis.kinks,
+        point_masses,
     )  # fmt: skip
     return BladeTable(blade, tuple(ignored), damping=damping)
 

@@ -31,8 +31,8 @@ def reading(folder, main=MAIN, sections=SECTIONS, **given):
 
 
 def test_a_blade_of_hawc2():
-    """The file has no product of inertia about axes that are turned by 3 and 5 degrees. Its twist is
-    seen along z, not about the axis."""
+    """The file has no product of inertia about axes that are turned by 3 and 5 degrees. Its twist
+    is seen along z, not about the axis."""
     with pytest.warns(UserWarning, match=r"st\.dat, line 8: ri_x and ri_y are read as .* by 5\.6"):
         blade = blades.read_blade(FOLDER / "blade_hawc2.htc").beam
     about_centre = about(np.subtract((-0.1, 0.01), TENSION_CENTRE), 60, 60, 60, 2.3, 0.3, 2.0)

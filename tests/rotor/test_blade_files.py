@@ -252,8 +252,6 @@ NEIGHBOURS = {
     "an ElastoDyn tower file": "TOWER\nown\n2 NTwInpSt\nHtFract TMassDen TwFAStif TwSSStif\n",
     "an ElastoDyn primary file": 'ED\nown\n63.0 TipRad - (m)\n"a.dat" BldFile(1) - blade\n',
     "an AeroDyn blade file": "AERODYN\nown\n2 NumBlNds\nBlSpn BlCrvAC BlSwpAC BlTwist BlChord\n",
-    "a windIO YAML file": "name: own\ncomponents:\n  blade:\n    outer_shape_bem: {}\n",
-    "a VABS .K file": " The 6X6 Mass Matrix\n ====\n\n 1 0 0 0 0 0\n",
     "an Excel workbook (save it as CSV)": b"PK\x03\x04\x14\x00\x06\x00\x08\x00[Content_Types].xml",
 }
 ALL_READERS = blades.read_blade, blades.read_csv, blades.read_elastodyn, blades.read_bmodes
