@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._rotor.beam import Beam
-from jaxbeam._rotor.points import PointMasses
 from jaxbeam._rotor.sections import AbstractSections, Places
 from jaxbeam._rotor.span import polar_inertia
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, along
@@ -27,10 +26,6 @@ class BeamSections(AbstractSections):
     the polar one as the stiffnesses of bending do, as those of a solid section."""
 
     beam: Beam
-
-    @property
-    def point_masses(self) -> PointMasses | None:  # type: ignore[override]
-        return self.beam.point_masses
 
     @property
     def _varying(self) -> list[AbstractSpanwise]:

@@ -8,8 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._rotor.points import PointMasses
-
 SIXES = np.triu_indices(6)
 _PLACE = np.zeros((6, 6), int)
 _PLACE[SIXES] = np.arange(21)
@@ -29,8 +27,6 @@ def upper_triangles(matrices: Float[Array, "n 6 6"]) -> Float[Array, "n 21"]:
 
 class AbstractSections(eqx.Module):
     """An axis in space, and what is at each place along it, a share of its length from 0 to 1."""
-
-    point_masses: eqx.AbstractVar[PointMasses | None]
 
     @property
     @abc.abstractmethod

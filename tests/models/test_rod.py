@@ -29,10 +29,11 @@ def inertia(mass, centre, about):
     return np.block([[mass * np.eye(3), -mass * c], [mass * c, np.diag(about) - mass * c @ c]])
 
 
+DEFAULT = SpatialRod()
 UNIT = inertia(1.0, (0.0, 0.0, 0.0), (2e-3, 1e-3, 1e-3))
 
 
-def steady(blade, speed=0.0, model=SpatialRod(), rotor=None, **loads):
+def steady(blade, speed=0.0, model=DEFAULT, rotor=None, **loads):
     rotor = jb.Rotor(blade) if rotor is None else rotor
     return jb.steady(model, rotor, speed, loads=jb.Loads(**loads))
 

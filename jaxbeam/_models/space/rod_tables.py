@@ -26,7 +26,7 @@ from numpy.polynomial import legendre
 
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.quaternions import crossing
-from jaxbeam._rotor.beam import Beam, Rotor
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.sections import AbstractSections, frames
@@ -57,7 +57,7 @@ def lagrange(knots: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return legendre.legvander(at, count - 1) @ through, np.stack(slopes, -1) @ through
 
 
-def breaks_of(beam: Beam | AbstractSections) -> tuple[float, ...]:
+def breaks_of(beam: Any) -> tuple[float, ...]:
     """Places at which elements of a beam end: its breaks, and masses at points."""
     points = () if beam.point_masses is None else beam.point_masses.places
     return tuple(sorted({*sections_of(beam).breaks, *points}))
