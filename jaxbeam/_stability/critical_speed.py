@@ -31,8 +31,9 @@ from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.directions import Direction, naming
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._stability.singular import (
     AbstractPlace,
