@@ -38,6 +38,27 @@ function of x / L (`SpanwiseFunction`). Its values are leaves like all others, s
 swept, fitted and differentiated. How many functions such a beam needs, and how `modes` estimates
 what is missing, is said in docs/vibration.md.
 
+**Full sections.** A `Blade` has a stiffness and an inertia of 6 x 6 at each station, about an axis
+that may be curved, swept and twisted. `models.SpatialRod` takes it, and every `Beam`:
+
+```py
+import numpy
+stiffness = numpy.diag([8e7, 1.5e7, 8e6, 6e5, 1e6, 5.5e6])  # N, N m^2: along, shear; torsion, bending
+stiffness[3, 4] = stiffness[4, 3] = 2e5  # it twists where it bends in flap
+inertia = numpy.diag([60.0, 60.0, 60.0, 2.9, 0.3, 2.6])
+swept = [[0, 0, 0], [4, 0, 0], [8, -0.2, 0.1], [10, -0.6, 0.3]]  # axis, from the root
+blade = jb.blades.Blade([0, 1], [stiffness, stiffness / 4], [inertia, inertia / 4], swept)
+print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
+```
+
+```txt
+[1.32466 2.28493 5.14356]
+```
+
+`read_blade` reads such blades from files of BeamDyn, HAWC2 (with FPM) and windIO, and `read_vabs`
+from sections of VABS; `write_beamdyn` and `write_hawc2` write them. `Blade.of(beam)` is the blade
+that a beam is, and `blade.beam()` the straight beam that is left for other models.
+
 **Points.** `Beam(..., point_masses=jb.PointMasses([0.4, 0.7], [2.0, 0.5]))` carries 2 kg and 0.5 kg
 at 40 and 70 % of its span: sensors, joints, a brake. All theories know them, and `PointForces` of
 the loads, as they know a mass per length: each is spread over a millionth of the span. Functions of

@@ -13,7 +13,7 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, along
 
 # Compliance of shear, over L^2 / EI: a beam has none, and elements divide by it. Frequencies fall
 # by some ten times that, in the third mode by a hundred times.
-_SHEAR = 1e-9
+_SHEAR = 1e-8
 
 
 def sections_of(beam: Beam | AbstractSections) -> AbstractSections:

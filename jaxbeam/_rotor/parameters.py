@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -79,7 +80,9 @@ class Parameters(eqx.Module):
             if "status" not in rule or value is None or not is_concrete(value):
                 continue
             if "valid" in rule:
-                if not bool(rule["valid"](value)):
+                with jax.ensure_compile_time_eval():  # under `jit` it would be traced
+                    fine = bool(rule["valid"](value))
+                if not fine:
                     raise ValueError(rule["status"].message)
             else:
                 check(rule["status"], value, rule["zero"], rule.get("most"))

@@ -90,9 +90,10 @@ class RodEquations(Equations):
 
     def rates(self, q: Vector, change: Vector) -> Vector:
         n, rod = len(self.rod.tables.place), self.rod
-        every = jnp.zeros(6 * n, change.dtype).at[rod.free].set(change).reshape(n, 2, 3)
+        every = jnp.zeros(6 * n, change.dtype).at[rod.free].set(change, unique_indices=True)
+        every = every.reshape(n, 2, 3)
         every = every * jnp.stack([jnp.ones_like(self.length), 1 / self.length])[None, :, None]
-        turn = rotation(rod.nodes(q)[1]).at[0].set(jnp.eye(3))
+        turn = rotation(rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
         own = jnp.einsum("nba,nxb->nxa", turn, every).reshape(-1)
         return rod.rates(q, own[rod.free])
 
@@ -167,7 +168,7 @@ class RodEquations(Equations):
     def _by_places(self, q: Vector, matrix: Float[Array, "N N"]) -> Matrix:
         """A matrix by displacements and turns in axes of the beam, the latter times the length."""
         n = len(self.rod.tables.place)
-        turn = rotation(self.rod.nodes(q)[1]).at[0].set(jnp.eye(3))
+        turn = rotation(self.rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
         scale = jnp.stack([jnp.ones_like(self.length), 1 / self.length])
         # Both halves of a change are turned, and the second is over the length.
         by = matrix.reshape(n, 2, 3, n, 2, 3)

@@ -90,7 +90,7 @@ class Rod(eqx.Module):
     def spread(self, change: Float[Array, " f"]) -> Float[Array, "n 6"]:
         """Changes of all nodes from those that are free."""
         every = jnp.zeros(6 * len(self.tables.place), change.dtype)
-        return every.at[self.free].set(change).reshape(-1, 6)
+        return every.at[self.free].set(change, unique_indices=True).reshape(-1, 6)
 
 
 class Balance(NamedTuple):

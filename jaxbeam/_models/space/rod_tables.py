@@ -246,8 +246,11 @@ def _stiffness(
 ) -> Float[Array, "E m m"]:
     """Generalised forces by strains at Gauss points."""
     flexible = _integrated(forces, compliance, length)
-    each = jnp.repeat(weight, 6, 1)
-    out = each[:, :, None] * jax.vmap(inverse)(flexible) * each[:, None]
+    # Stretch is stiffer than bending by many powers of ten: rounding would mix them.
+    size = jnp.sqrt(jnp.diagonal(flexible, axis1=1, axis2=2))
+    each = jnp.repeat(weight, 6, 1) / size
+    alike = jax.vmap(inverse)(flexible / (size[:, :, None] * size[:, None]))
+    out = each[:, :, None] * alike * each[:, None]
     return (out + out.swapaxes(1, 2)) / 2
 
 
