@@ -41,10 +41,9 @@ def test_modes_have_the_ratios_that_are_given(rotor):
     np.testing.assert_allclose(np.abs(found), free.frequency, rtol=1e-10)
 
 
-def by_hand(model, rotor, ratios, speed):
+def by_hand(model, system, ratios):
     """C = M Phi diag(2 zeta w) Phi^T M of the modes of each direction, by SciPy."""
-    system, kinds = model.linearise(rotor, speed), np.array(model.directions)
-    c = np.zeros(system.mass.shape)
+    kinds, c = np.array(model.directions), np.zeros(system.mass.shape)
     for direction, (first, rest) in ratios.items():
         own = np.ix_(*[np.flatnonzero(kinds == direction)] * 2)
         m, k = (np.asarray(a)[own] for a in (system.mass, system.stiffness))
@@ -73,10 +72,12 @@ def test_ratios_as_a_matrix(model, rotor):
     @jax.jit
     def matrix():
         still = jb.ConstantSpeed(0.0)
-        return jb.results.Scene(model, rotor, still, jb.Loads(), GIVEN).damping.matrix
+        scene = jb.results.Scene(model, rotor, still, jb.Loads(), GIVEN)
+        return scene.damping.matrix, model.matrices(rotor, jnp.asarray(2.0))
 
-    expected = by_hand(model, rotor, RATIOS, 2.0)
-    np.testing.assert_allclose(matrix(), expected, atol=1e-10 * np.abs(expected).max())
+    found, system = matrix()
+    expected = by_hand(model, system, RATIOS)
+    np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
 
 
 @pytest.mark.exhaustive
@@ -85,7 +86,7 @@ def test_ratios_beside_coriolis_forces(speed):
     """Of lag and stretch, by an eigenproblem made by itself, at the stated speed and at others."""
     model = jb.Hybrid(2, 3, 0)
     found = jb.modes(model, ROTOR, speed, jb.labels(in_plane=3, axial=1), damping=GIVEN)
-    now, c = model.linearise(ROTOR, speed), by_hand(model, ROTOR, RATIOS, 2.0)
+    now, c = model.linearise(ROTOR, speed), by_hand(model, model.linearise(ROTOR, 2.0), RATIOS)
     n = len(model.directions)
     right = -np.linalg.solve(now.mass, np.hstack([now.stiffness, now.gyroscopic + c]))
     expected = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), right]))
@@ -221,9 +222,9 @@ def test_a_damper_takes_the_energy_that_is_lost(model):
 def test_a_run_decays_as_its_ratio_says():
     """Of the first mode, by e^(-zeta omega t) cos and so on; the second list entry is another."""
     model, zeta = jb.Hybrid(0, 2, 0), 0.04
-    mode = jb.modes(model, ROTOR, 0.0, jb.labels(in_plane=1))
-    omega, times = mode.frequency[0], jnp.linspace(0.0, 2.0, 41)
-    shape = jnp.real(mode.shape[0] / mode.shape[0, 0]) * 1e-3
+    system, times = model.linearise(ROTOR, 0.0), jnp.linspace(0.0, 2.0, 41)
+    square, shapes = scipy.linalg.eigh(system.stiffness, system.mass)
+    omega, shape = np.sqrt(square[0]), jnp.asarray(shapes[:, 0] / shapes[0, 0]) * 1e-3
     run = jb.simulate(
         model, ROTOR, jb.ConstantSpeed(0.0), times, start=jb.solvers.State(shape, 0 * shape),
         damping=jb.Damping(in_plane_ratio=[zeta, 0.3]),
@@ -256,7 +257,33 @@ def test_floquet_at_a_constant_speed(model, damping):
         assert np.abs(np.abs(found.multipliers) - each).min() < 1e-8
 
 
+def form(x):
+    """v^T C v by a ratio, a damper, the spring of the root and the speed of the ratios."""
+    ratio, damper, spring, speed = x
+    rotor = jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(spring))
+    damping = jb.Damping(in_plane_ratio=[ratio, 0.02], in_plane_damper=damper, ratio_speed=speed)
+    model, still = jb.Hybrid(0, 3, 0).suited(rotor), jb.ConstantSpeed(0.0)
+    v = jnp.array([0.3, -0.7, 0.9])
+    return v @ jb.results.Scene(model, rotor, still, jb.Loads(), damping).damping.matrix @ v
+
+
+AT = jnp.array([0.05, 0.3, LAG, 3.0])
+
+
 @pytest.mark.slow
+def test_derivatives_of_ratios_and_dampers():
+    slope, value = jax.jit(jax.grad(form)), jax.jit(form)
+    np.testing.assert_allclose(slope(AT), finite_difference(value, AT), rtol=1e-8)
+
+
+@pytest.mark.exhaustive
+def test_second_derivatives_of_ratios_and_dampers():
+    found = jax.jit(jax.hessian(form))(AT)
+    expected = finite_difference(jax.jit(jax.grad(form)), AT)
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.exhaustive
 def test_gradients_and_batches():
     """By ratios, dampers and the rotor, in reverse mode, against differences; a bad case of a batch
     spoils itself alone."""
