@@ -397,6 +397,7 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
     np.testing.assert_allclose(found, wanted, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_blade_of_full_sections_is_reduced_where_a_scene_says_so(tmp_path, monkeypatch):
     rotors = []
     monkeypatch.setattr(jb, "modes", lambda model, rotor, *_, **__: rotors.append(rotor))

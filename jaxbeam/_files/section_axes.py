@@ -74,23 +74,23 @@ class Axis(NamedTuple):
 def axis_of(pieces: Sequence[Piece]) -> Axis:
     """The axis that goes through pieces one after the other: as many points of it as the splines of
     a `Blade`, which are over the length of arc, take to follow it."""
-    length = sum(float(piece.arc(piece.points[-1:, 0])[0]) for piece in pieces)
+    scale = sum(float(piece.arc(piece.points[-1:, 0])[0]) for piece in pieces)
+    along = [_enough(piece, scale) for piece in pieces]
+    arcs = [piece.arc(own) for piece, own in zip(pieces, along, strict=True)]
+    ends = np.concatenate([[0.0], np.cumsum([arc[-1] for arc in arcs])])
+    length = ends[-1]
     points, twist, places, given = (list[np.ndarray]() for _ in range(4))
-    ends = [0.0]
-    for piece in pieces:
-        along = _enough(piece, length)
-        own, _, angle = piece.at(along)
+    for piece, own, arc, start in zip(pieces, along, arcs, ends[:-1], strict=True):
         skipped = slice(bool(points), None)  # the first point is the last one of the piece before
-        points.append(own[skipped])
+        place, (at, _, angle) = (start + arc) / length, piece.at(own)
+        points.append(at[skipped])
         twist.append(angle[skipped])
-        places.append((ends[-1] + piece.arc(along) / length)[skipped])
-        given.append((ends[-1] + piece.arc(piece.points[:, 0]) / length)[skipped])
-        ends.append(float(places[-1][-1]))
-    every = np.concatenate(places)
-    every[-1] = 1.0
+        places.append(place[skipped])
+        given.append(place[np.searchsorted(own, piece.points[:, 0])][skipped])
+    kinks = [float(each[-1]) for each in places[:-1]]
     return Axis(
-        np.concatenate(points), np.concatenate(twist), every.tolist(), ends[1:-1], length,
-        np.concatenate(given),
+        np.concatenate(points), np.concatenate(twist), np.concatenate(places).tolist(), kinks,
+        float(length), np.concatenate(given),
     )  # fmt: skip
 
 
