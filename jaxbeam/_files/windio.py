@@ -124,7 +124,7 @@ def _second(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
     keys: Keys = (*top, "structure", "elastic_properties")
     sections = _within(path, blade, keys, 2)
     grids, columns = [], []
-    for name, needed, known in (
+    for name, needed, every in (
         ("stiffness_matrix", _NEEDED, _NAMES), ("inertia_matrix", _INERTIA, _INERTIA.split()),
     ):  # fmt: skip
         table = _within(path, sections, (*keys, name), len(keys))
@@ -133,7 +133,7 @@ def _second(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
             _within(path, table, (*keys, name, each), len(keys) + 1)
         columns.append({
             each: _numbers(path, table[each], (*keys, name, each), len(grid))
-            if each in table else np.zeros(len(grid)) for each in known
+            if each in table else np.zeros(len(grid)) for each in every
         })  # fmt: skip
         grids.append(grid)
     stiff = from_triangles(np.stack([columns[0][name] for name in _NAMES], 1))
