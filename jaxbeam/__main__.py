@@ -70,7 +70,7 @@ def main(argv: list[str] | None = None) -> int:
             beam["file"] = str(given.scene.parent / beam["file"])  # it lies beside the scene
         out = given.out or Path(given.scene.stem)
         return 0 if run(read(tables), out, given.cores, given.chunk) else 1
-    except (ValueError, OSError) as error:  # what is wrong with the file or the folder
+    except (ValueError, OSError, ImportError) as error:  # wrong with the file or the folder
         where, said = getattr(error, "filename", None), getattr(error, "strerror", None)
         said = str(said or error).splitlines()[0]
         print(f"{where or given.scene}: {said}", file=sys.stderr)

@@ -5,7 +5,8 @@
 blade file of OpenFAST's ElastoDyn (`read_elastodyn`), and a section file or main file of BModes
 (`read_bmodes`), and tells them apart by what is in them. What else a reader returns is a
 `BladeTable`: it knows what the file says of the `Rotor`, and what in the file is ignored.
-`write_elastodyn` writes a blade file with a beam and the shapes of its modes.
+`write_elastodyn` writes a blade file with a beam and the shapes of its modes. What has full
+sections is read as well, and written for two programs: see "Full sections" below.
 
 Tables can also be written in a script, and their values differentiated:
 
@@ -80,6 +81,36 @@ ratio 16 the first two are 9.2527 and 14.4935, right to all digits. About the un
 cone 9.1311 and 14.5783 would come out, which is further off than 9.2568 and 14.4872 without a cone;
 so no theory here does that. `SpatialANCF` has frequencies of coned blades that are twisted as well,
 and their motions.
+
+**Full sections.** Of files with matrices of six for each section `read_blade(path).beam` is a
+`Blade`, about an axis that may be curved and swept. These are the primary file of BeamDyn, which
+names its blade file (`read_beamdyn`), an htc file of HAWC2, which names its st file
+(`read_hawc2`), a turbine in windIO, version 1 or 2 (`read_windio`; it takes PyYAML, `pip install
+"jaxbeam[yaml]"`), and files of VABS, one for each section, to which you say where they are
+(`read_vabs`). `beam.beam()` is the straight beam that is left of it for theories that know no more.
+A file of sections alone has no axis: with `length=` it is a straight blade without twist.
+
+What programs mean differs, and readers make one thing of it, the axes of a `Blade`:
+
+| | BeamDyn, windIO | HAWC2 | VABS |
+|---|---|---|---|
+| axes of sections, as a1, a2, a3 of a `Blade` | z, -y, x | z, x, y | x1, x2, x3, or turned |
+| order of sixes | x, y, z, about x, y, z | the same | that of a `Blade` |
+| twist | about -z; deg, in windIO 1 rad | about +z, deg | not in files |
+| reference point | the axis | (x_e, y_e), axes turned by pitch | the axis |
+| inertia | a matrix | radii of gyration | a matrix |
+| stations | shares of the length of arc | r, along the arc | arguments |
+
+Splines go through the points of a file over z, and sections are linear between stations; the points
+of a `Blade` are as many as its own splines take to follow that to 1e-9 of the length. A blade that
+`write_beamdyn` or `write_hawc2` writes is read again as it was, to rounding. Key points keep their
+places: where the first one is not at zero, the blade begins there.
+
+Warnings tell where a file may mean something else than its format says: matrices that are not
+symmetric (the mean is taken), radii of gyration in HAWC2 that some programs write about the centre
+of mass (`gyration_about_mass_centre` says which), matrices there that seem to be about the axis
+already, and half chords on the other side of the axis of pitch. Frequencies would not tell: a sign
+of these moves them by 0.1 to 6 %.
 """
 
 from jaxbeam._files.beamdyn import read_beamdyn as read_beamdyn

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -18,7 +19,7 @@ import jaxbeam as jb
 from jaxbeam import plot
 from jaxbeam.__main__ import EXAMPLES, main, read
 from tests.beams import ALUMINIUM
-from tests.rotor.files import DECK, SECTIONS
+from tests.rotor.files import CSV, DECK, SECTIONS
 
 BEAM = """
 [beam]
@@ -394,6 +395,28 @@ def test_a_blade_from_a_table(tmp_path, capsys, monkeypatch):
     wanted = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1, flap=2)).frequency
     found = jb.Table.load(tmp_path / "found" / "frequencies.npz")["frequency"].ravel()
     np.testing.assert_allclose(found, wanted, rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_a_blade_of_full_sections_is_reduced_where_a_scene_says_so(tmp_path, monkeypatch):
+    rotors = []
+    monkeypatch.setattr(jb, "modes", lambda model, rotor, *_, **__: rotors.append(rotor))
+    file = Path(__file__).parent / "data" / "sections" / "primary_beamdyn.inp"
+    table = jb.blades.read_blade(file)
+    with monkeypatch.context() as once:
+        once.setattr(jb.blades, "read_blade", lambda *_, **__: table)
+        beam = {"file": str(file), "reduced": True}
+        tables = {
+            "model": {"name": "Hybrid"}, "beam": beam,
+            "frequencies": {"flap": 1, "angular_speed": 5.0},
+        }  # fmt: skip
+        with pytest.raises(AttributeError):  # of the modes that there are not
+            read(tables).case(angular_speed=5.0)
+    assert eqx.tree_equal(rotors[0].beam, table.beam.beam())
+    (tmp_path / "blade.csv").write_text(CSV)
+    beam |= {"file": str(tmp_path / "blade.csv"), "length": 9.0, "axial_stiffness": 1e9}
+    with pytest.raises(ValueError, match=r"\[beam\] reduced is for files of full sections, which"):
+        read(tables)
 
 
 def test_a_main_file_of_bmodes_says_what_the_rotor_is(tmp_path, capsys, monkeypatch):

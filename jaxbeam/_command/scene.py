@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 import jaxbeam as jb
@@ -196,10 +197,20 @@ def _values(name: str, given: Any) -> list[float]:
     return [float(value) for value in given]
 
 
-def read_blade(file: str, length: Real | None = None, axial_stiffness: Real | None = None) -> Any:
+def read_blade(
+    file: str,
+    length: Real | None = None,
+    axial_stiffness: Real | None = None,
+    reduced: bool = False,
+) -> Any:
     table = jb.blades.read_blade(file, length=length, axial_stiffness=axial_stiffness)
     _note("\n".join(f"{file}: {ignored}" for ignored in table.ignored))
-    return table
+    if not reduced:
+        return table
+    if isinstance(table.beam, jb.Beam):
+        raise ValueError(f"reduced is for files of full sections, which {file} is not")
+    with jax.ensure_compile_time_eval():  # it is made while a program is
+        return table._replace(beam=table.beam.beam())
 
 
 def _speed_in(beam: Any) -> dict[str, float]:

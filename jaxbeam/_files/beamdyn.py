@@ -26,6 +26,7 @@ from jaxbeam._types import Real
 
 _KEYS = "kp_xr", "kp_yr", "kp_zr", "initial_twist"
 ORDER = [2, 1, 0, 5, 4, 3]  # sixes of a `Blade` among those of the file, but for signs
+_MODAL = ("zeta is ignored: it is damping of modes, not of the blade.",)
 _END = 1e-6  # how far from 1 the last station may be
 
 
@@ -47,7 +48,7 @@ def read_beamdyn(path: FilePath, *, length: Real | None = None) -> BladeTable:
     there.
 
     Returns a `BladeTable` whose `beam` is the `Blade`, and whose `damping` has the coefficients mu1
-    to mu6 in its order, or None where damp_type is 0.
+    to mu6 in its order where damp_type is 1.
 
     Source: the user's guide of BeamDyn in the documentation of OpenFAST.
 
@@ -145,7 +146,7 @@ def _sections(path: Path, lines: Sequence[str], said: Said, axis: Axis) -> Blade
     )
     return blade_table(
         axis, places, seen_from(BEAMDYN, stiffness), seen_from(BEAMDYN, inertia),
-        damping=_damping(path, lines, said),
+        _MODAL if number(path, said, "damp_type", True) == 2 else (), _damping(path, lines, said),
     )  # fmt: skip
 
 
@@ -163,12 +164,12 @@ def _next(path: Path, lines: Sequence[str], at: int, width: int, what: str) -> t
 
 def _damping(path: Path, lines: Sequence[str], said: Said) -> tuple[float, ...] | None:
     """Coefficients mu in the order of sixes of a `Blade`, or None."""
-    if number(path, said, "damp_type", True) == 0:
+    if number(path, said, "damp_type", True) != 1:
         return None
     head = next((i for i, line in enumerate(lines) if line.split()[:1] == ["mu1"]), None)
     start = next((i for i in range(head or 0, len(lines)) if head and _is_row(lines[i], 6)), None)
     if start is None:
-        raise ValueError(f"{path}: no row of numbers follows mu1 to mu6, and damp_type is not 0")
+        raise ValueError(f"{path}: no row of numbers follows mu1 to mu6, and damp_type is 1")
     given = [
         number_in(path, start + 1, f"mu{i}", text, True)
         for i, text in enumerate(entries(lines[start])[:6], 1)

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import jax
+
 from jaxbeam._files.beamdyn import read_beamdyn
 from jaxbeam._files.bmodes import is_main_file, is_section_file, read_bmodes
 from jaxbeam._files.csv import count_named, read_csv
@@ -27,7 +29,8 @@ def _vabs(path: FilePath, *, length: Real | None) -> BladeTable:
     if length is None:
         better = "give read_vabs the axis, and a file for each station"
         raise no_axis(Path(path), "a file of VABS", better)
-    return read_vabs([path, path], [0.0, 1.0], length)
+    with jax.ensure_compile_time_eval():
+        return read_vabs([path, path], [0.0, 1.0], length)
 
 
 _OF_SECTIONS = {

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -29,7 +30,9 @@ HAWC2 = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # with the points of the file, they are taken; else more are, until it is better than that, so that
 # what is written and read again is taken as it is.
 _EXACT, _BETTER = 1e-9, 2.5e-10
-_HALVINGS = 9
+_HALVINGS = 12
+_POOR = 1e-6  # what is told
+_NODES = 10
 _UNSYMMETRIC = 1e-6  # of the geometric mean of entries of the diagonal; below it is rounding
 
 
@@ -46,23 +49,15 @@ class Piece(NamedTuple):
         return value @ self.points, slope @ self.points, value @ self.twist
 
     def arc(self, along: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-        """Lengths of arc from the first point."""
-        knots = self.points[:, 0]
-        left = np.clip(np.searchsorted(knots, along, side="right") - 1, 0, len(knots) - 2)
-        whole = _length(self, knots[:-1], knots[1:])
-        before = np.concatenate([[0.0], np.cumsum(whole)])[left]
-        length: np.ndarray = before + _length(self, knots[left], along)
-        return length
-
-
-def _length(piece: Piece, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    node, weight = np.polynomial.legendre.leggauss(16)
-    half = (end - start) / 2
-    along = start[:, None] + half[:, None] * (1 + node)
-    _, slope, _ = piece.at(along.ravel())
-    speed = np.linalg.norm(slope, axis=1).reshape(along.shape)
-    length: np.ndarray = half * (speed @ weight)
-    return length
+        """Lengths of arc from the first point, by Gauss's rule between all of these values."""
+        every = np.union1d(self.points[:, 0], along)
+        node, weight = np.polynomial.legendre.leggauss(_NODES)
+        half = np.diff(every)[:, None] / 2
+        _, slope, _ = self.at((every[:-1, None] + half * (1 + node)).ravel())
+        speed = np.linalg.norm(slope, axis=1).reshape(-1, _NODES)
+        length = np.concatenate([[0.0], np.cumsum(half[:, 0] * (speed @ weight))])
+        found: np.ndarray = length[np.searchsorted(every, along)]
+        return found
 
 
 class Axis(NamedTuple):
@@ -79,23 +74,23 @@ class Axis(NamedTuple):
 def axis_of(pieces: Sequence[Piece]) -> Axis:
     """The axis that goes through pieces one after the other: as many points of it as the splines of
     a `Blade`, which are over the length of arc, take to follow it."""
-    length = sum(float(piece.arc(piece.points[-1:, 0])[0]) for piece in pieces)
+    scale = sum(float(piece.arc(piece.points[-1:, 0])[0]) for piece in pieces)
+    along = [_enough(piece, scale) for piece in pieces]
+    arcs = [piece.arc(own) for piece, own in zip(pieces, along, strict=True)]
+    ends = np.concatenate([[0.0], np.cumsum([arc[-1] for arc in arcs])])
+    length = ends[-1]
     points, twist, places, given = (list[np.ndarray]() for _ in range(4))
-    ends = [0.0]
-    for piece in pieces:
-        along = _enough(piece, length)
-        own, _, angle = piece.at(along)
+    for piece, own, arc, start in zip(pieces, along, arcs, ends[:-1], strict=True):
         skipped = slice(bool(points), None)  # the first point is the last one of the piece before
-        points.append(own[skipped])
+        place, (at, _, angle) = (start + arc) / length, piece.at(own)
+        points.append(at[skipped])
         twist.append(angle[skipped])
-        places.append((ends[-1] + piece.arc(along) / length)[skipped])
-        given.append((ends[-1] + piece.arc(piece.points[:, 0]) / length)[skipped])
-        ends.append(float(places[-1][-1]))
-    every = np.concatenate(places)
-    every[-1] = 1.0
+        places.append(place[skipped])
+        given.append(place[np.searchsorted(own, piece.points[:, 0])][skipped])
+    kinks = [float(each[-1]) for each in places[:-1]]
     return Axis(
-        np.concatenate(points), np.concatenate(twist), every.tolist(), ends[1:-1], length,
-        np.concatenate(given),
+        np.concatenate(points), np.concatenate(twist), np.concatenate(places).tolist(), kinks,
+        float(length), np.concatenate(given),
     )  # fmt: skip
 
 
@@ -103,24 +98,25 @@ def _enough(piece: Piece, length: float) -> np.ndarray:
     """Where points are taken: those of the piece, and halfway where splines are not good enough."""
     along, allowed = piece.points[:, 0], _EXACT
     for _ in range(_HALVINGS):
-        knots = piece.arc(along)
-        both = [along[:-1] + share * np.diff(along) for share in (1 / 3, 1 / 2, 2 / 3)]
-        worst = np.zeros(len(along) - 1)
-        exact = _sampled(piece, length, along)
-        for between in both:
-            value, _ = spline_rows(knots, piece.arc(between))
-            off = value @ exact - _sampled(piece, length, between)
-            worst = np.maximum(worst, np.max(np.abs(off), axis=1))
+        gaps = [along[:-1] + share * np.diff(along) for share in (1 / 3, 1 / 2, 2 / 3)]
+        places = np.concatenate([along, *gaps])
+        points, _, twist = piece.at(places)
+        exact = np.concatenate([points / length, twist[:, None]], 1)
+        arc, count = piece.arc(places), len(along)
+        value, _ = spline_rows(arc[:count], arc[count:])
+        off = np.max(np.abs(value @ exact[:count] - exact[count:]), axis=1)
+        worst = np.max(off.reshape(len(gaps), -1), axis=0)
         if np.all(worst <= allowed):
-            break
+            return along
         allowed = _BETTER
-        along = np.sort(np.concatenate([along, both[1][worst > allowed]]))
+        along = np.sort(np.concatenate([along, gaps[1][worst > allowed]]))
+    if np.max(worst) > _POOR:
+        warnings.warn(
+            f"the axis bends so much that splines are off by {np.max(worst):.1g} of its length: "
+            "look at points that are near to each other",
+            stacklevel=6,
+        )
     return along
-
-
-def _sampled(piece: Piece, length: float, along: np.ndarray) -> np.ndarray:
-    points, _, twist = piece.at(along)
-    return np.concatenate([points / length, twist[:, None]], 1)
 
 
 def straight(length: Real) -> Axis:
@@ -142,11 +138,13 @@ def blade_table(
     ignored: Sequence[str] = (), damping: tuple[float, ...] | None = None,
     point_masses: PointMasses | None = None,
 ) -> BladeTable:  # fmt: skip
-    """The result of a reader, of sections in axes of a `Blade`."""
-    blade = Blade(
-        stations, stiffness, inertia, axis.points, axis.twist, axis.places, axis.kinks,
-        point_masses,
-    )  # fmt: skip
+    """The result of a reader, of sections in axes of a `Blade`; its numbers are known even where it
+    is read while a program is compiled."""
+    with jax.ensure_compile_time_eval():
+        blade = Blade(
+            stations, stiffness, inertia, axis.points, axis.twist, axis.places, axis.kinks,
+            point_masses,
+        )  # fmt: skip
     return BladeTable(blade, tuple(ignored), damping=damping)
 
 

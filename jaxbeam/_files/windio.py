@@ -97,15 +97,12 @@ def _first(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
     keys: Keys = (*top, "elastic_properties_mb", "six_x_six")
     sections = _within(path, blade, keys, 2)
     shape: Keys = (*top, "outer_shape_bem")
-    axis = _axis(
-        path,
-        *(
-            (sections[name], (*keys, name)) if name in sections
-            else (_within(path, blade, (*shape, name), 2), (*shape, name))
-            for name in ("reference_axis", "twist")
-        ),
-        FEATHER,
-    )  # fmt: skip
+    parts = [
+        (sections[name], (*keys, name)) if name in sections
+        else (_within(path, blade, (*shape, name), 2), (*shape, name))
+        for name in ("reference_axis", "twist")
+    ]  # fmt: skip
+    axis = _axis(path, parts, FEATHER)
     grids, matrices = [], []
     for name in ("stiff_matrix", "inertia_matrix"):
         table = _within(path, sections, (*keys, name), len(keys))
@@ -123,11 +120,11 @@ def _second(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
     """The blade of version 2."""
     names = (*top, "reference_axis"), (*top, "outer_shape", "twist")
     parts = [(_within(path, blade, keys, 2), keys) for keys in names]
-    axis = _axis(path, *parts, FEATHER * math.pi / 180)
+    axis = _axis(path, parts, FEATHER * math.pi / 180)
     keys: Keys = (*top, "structure", "elastic_properties")
     sections = _within(path, blade, keys, 2)
     grids, columns = [], []
-    for name, needed, known in (
+    for name, needed, every in (
         ("stiffness_matrix", _NEEDED, _NAMES), ("inertia_matrix", _INERTIA, _INERTIA.split()),
     ):  # fmt: skip
         table = _within(path, sections, (*keys, name), len(keys))
@@ -136,7 +133,7 @@ def _second(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
             _within(path, table, (*keys, name, each), len(keys) + 1)
         columns.append({
             each: _numbers(path, table[each], (*keys, name, each), len(grid))
-            if each in table else np.zeros(len(grid)) for each in known
+            if each in table else np.zeros(len(grid)) for each in every
         })  # fmt: skip
         grids.append(grid)
     stiff = from_triangles(np.stack([columns[0][name] for name in _NAMES], 1))
@@ -178,8 +175,9 @@ def _mu(path: Path, table: Any, keys: Keys) -> tuple[float, ...] | None:
     return tuple(float(mu[i]) for i in ORDER) if np.any(mu) else None
 
 
-def _axis(path: Path, line: tuple[Any, Keys], twist: tuple[Any, Keys], factor: float) -> Axis:
+def _axis(path: Path, parts: Sequence[tuple[Any, Keys]], factor: float) -> Axis:
     """The axis of a line and a twist, each with its keys."""
+    line, twist = parts
     tables = {
         name: _table(path, _within(path, line[0], (*line[1], name), len(line[1])), (*line[1], name))
         for name in "xyz"
@@ -240,7 +238,7 @@ def _within(path: Path, tree: Any, keys: Keys, start: int = 0) -> Any:
     return tree
 
 
-def _listed(path: Path, values: Any, keys: Keys, count: int | None = None) -> Sequence[Any]:
+def _listed(path: Path, values: Any, keys: Keys, count: int | None = None) -> Any:
     if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str):
         raise _wrong(path, keys, f"must be a list, got {values!r}")
     if count is not None and len(values) != count:

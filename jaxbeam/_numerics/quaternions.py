@@ -30,8 +30,8 @@ def crossing(a: Turn) -> Float[Array, "*k 3 3"]:
 def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
     """The matrix of the rotation: 1 + 2 (w x~ + x~ x~) / |q|^2."""
     across = crossing(q[..., 1:])
-    turned = q[..., 0, None, None] * across + across @ across
-    return 2 * turned / jnp.sum(q * q, -1)[..., None, None] + leading(np.eye(3), turned)
+    rotated = q[..., 0, None, None] * across + across @ across
+    return 2 * rotated / jnp.sum(q * q, -1)[..., None, None] + leading(np.eye(3), rotated)
 
 
 def product(p: Quaternion, q: Quaternion) -> Quaternion:
@@ -46,16 +46,16 @@ def conjugate(q: Quaternion) -> Quaternion:
     return q * leading(np.array([1.0, -1.0, -1.0, -1.0]), q)
 
 
-def of_turn(turn: Turn) -> Quaternion:
+def of_turn(vector: Turn) -> Quaternion:
     """The quaternion of length one that turns so: (cos, sin of half the angle along the axis)."""
-    square = jnp.sum(turn * turn, -1, keepdims=True) / 4
+    square = jnp.sum(vector * vector, -1, keepdims=True) / 4
     small = square < _SMALL
     half = jnp.sqrt(jnp.where(small, 1.0, square))
     # Of sin(a) / a and cos(a) by a^2.
     sine = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72)))
     cosine = 1 - square / 2 * (1 - square / 12 * (1 - square / 30 * (1 - square / 56)))
     share = jnp.where(small, sine, jnp.sin(half) / half)
-    return jnp.concatenate([jnp.where(small, cosine, jnp.cos(half)), share * turn / 2], -1)
+    return jnp.concatenate([jnp.where(small, cosine, jnp.cos(half)), share * vector / 2], -1)
 
 
 def turn_of(q: Quaternion) -> Turn:
@@ -71,7 +71,7 @@ def turn_of(q: Quaternion) -> Turn:
     return 2 * x * jnp.where(small, series, jnp.arctan2(sine, w) / sine)
 
 
-def turned(q: Quaternion, turn: Turn) -> Quaternion:
+def rotated(q: Quaternion, vector: Turn) -> Quaternion:
     """q after a turn about axes that turn with it, of length one."""
-    out = product(q, of_turn(turn))
+    out = product(q, of_turn(vector))
     return out / jnp.sqrt(jnp.sum(out * out, -1, keepdims=True))

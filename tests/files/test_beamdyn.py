@@ -65,6 +65,19 @@ def test_a_blade_file_alone_has_no_axis(tmp_path):
         blades.read_blade(FOLDER / "primary_beamdyn.inp", axial_stiffness=1e9)
 
 
+def test_damping_of_modes_is_not_that_of_the_blade(tmp_path):
+    """As blade files of OpenFAST have it since version 5."""
+    for kind, damping, ignored in ((0, None, 0), (2, None, 1)):
+        text = SECTIONS.replace("1   damp_type", f"{kind}   damp_type")
+        text = text.replace(
+            "----- DISTRIBUTED", "--- Modal Damping\n1 n_modes\n0.01 zeta\n--- Distributed"
+        )
+        (tmp_path / "b.inp").write_text(text)
+        table = blades.read_blade(tmp_path / "b.inp", length=10.0)
+        assert table.damping is damping
+        assert len(table.ignored) == ignored
+
+
 def test_matrices_that_are_not_symmetric_are_told(tmp_path):
     first = "1.000000000000000e+07  9.000000000000000e+06 -1.000000000000000e+05"
     assert first in SECTIONS

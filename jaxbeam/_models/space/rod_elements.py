@@ -57,22 +57,22 @@ def bent(tables: RodTables, u: Float[Array, "n 3"], p: Float[Array, "n 4"]) -> B
     shapes, rate = tables.shapes, tables.rate
     u, p = tables.of_elements(u), tables.of_elements(p)
     q = jnp.einsum("gk,ekc->egc", shapes, p)
-    turn = rotation(q)
-    stretch = jnp.einsum("egji,egj->egi", turn, tables.tangent + rate @ u)
+    attitude = rotation(q)
+    stretch = jnp.einsum("egji,egj->egi", attitude, tables.tangent + rate @ u)
     between = jnp.einsum("egcd,ekd->egkc", _seen_from(q), p)
     w, x = between[..., 0], between[..., 1:]
     spin = jnp.sum(rate * w, 2)
     curved = 2 * jnp.einsum("egk,egkc->egc", rate, x)
     strain = jnp.concatenate([stretch - tables.tangent, curved], -1)
-    turns = jnp.einsum("egji,ekjl->egkil", turn, rotation(p))
+    turns = jnp.einsum("egji,ekjl->egkil", attitude, rotation(p))
     about = jnp.concatenate(
         [-x[..., None, :], w[..., None, None] * np.eye(3)[None, None, None] + crossing(x)], -2
     ) / 2  # fmt: skip
     none = jnp.zeros((*w.shape, 8, 3), w.dtype)
     moved = jnp.concatenate([none, rate[..., None, None] * turns], -2)
     values = shapes[None, :, :, None, None] * about
-    turned = jnp.concatenate([values, rate[..., None, None] * about, none[..., :3, :]], -2)
-    by_nodes = jnp.concatenate([moved, turned], -1).transpose(0, 1, 3, 2, 4)
+    rotated = jnp.concatenate([values, rate[..., None, None] * about, none[..., :3, :]], -2)
+    by_nodes = jnp.concatenate([moved, rotated], -1).transpose(0, 1, 3, 2, 4)
     by_nodes = by_nodes.reshape(*by_nodes.shape[:3], -1)
     return Bent(strain, stretch, spin, between, turns, by_nodes, _by_eleven(stretch, curved, spin))
 
@@ -119,12 +119,12 @@ def geometric(
     own = jnp.einsum("egk,egc,egkc->ek", rate, m, x)
     own = own + jnp.einsum("gk,egc,egkc->ek", shapes, about, x)
     own = own - jnp.einsum("gk,eg,egk->ek", shapes, along, w) / 2
-    turning = -own[..., None, None] / 2 * np.eye(3)[None, None]
+    around = -own[..., None, None] / 2 * np.eye(3)[None, None]
     moving = -crossing(on_nodes[..., :3]) / 2
     block = jnp.concatenate(
         [
-            jnp.concatenate([0 * turning, moving.swapaxes(-1, -2)], -1),
-            jnp.concatenate([moving, turning], -1),
+            jnp.concatenate([0 * around, moving.swapaxes(-1, -2)], -1),
+            jnp.concatenate([moving, around], -1),
         ],
         -2,
     )

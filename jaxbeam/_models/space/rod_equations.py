@@ -93,8 +93,8 @@ class RodEquations(Equations):
         every = jnp.zeros(6 * n, change.dtype).at[rod.free].set(change, unique_indices=True)
         every = every.reshape(n, 2, 3)
         every = every * jnp.stack([jnp.ones_like(self.length), 1 / self.length])[None, :, None]
-        turn = rotation(rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
-        own = jnp.einsum("nba,nxb->nxa", turn, every).reshape(-1)
+        attitude = rotation(rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
+        own = jnp.einsum("nba,nxb->nxa", attitude, every).reshape(-1)
         return rod.rates(q, own[rod.free])
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
@@ -102,8 +102,8 @@ class RodEquations(Equations):
         return jnp.asarray(rows) @ self.rod.nodes(q)[0] @ self.axes
 
     def rotation(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
-        turn = turn_of(self._quaternions(q, xi))
-        return turn[:, np.array([0, 2, 1])] * _SIGNS
+        attitude = turn_of(self._quaternions(q, xi))
+        return attitude[:, np.array([0, 2, 1])] * _SIGNS
 
     def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
         p = self._quaternions(q, xi)
@@ -142,8 +142,8 @@ class RodEquations(Equations):
             lambda r: r.springs, self.rod, (None, None), is_leaf=lambda part: part is None
         )
         out = balance(rod, q, self._around(hub, tip_force, span)).residual[0]
-        turn = rotation(self.rod.nodes(q)[1][0])
-        force, moment = turn @ out[:3], turn @ out[3:]
+        attitude = rotation(self.rod.nodes(q)[1][0])
+        force, moment = attitude @ out[:3], attitude @ out[3:]
         moment = moment + jnp.cross(rod.tables.place[0], force)
         return force @ self.axes, moment @ self.axes
 
@@ -168,11 +168,11 @@ class RodEquations(Equations):
     def _by_places(self, q: Vector, matrix: Float[Array, "N N"]) -> Matrix:
         """A matrix by displacements and turns in axes of the beam, the latter times the length."""
         n = len(self.rod.tables.place)
-        turn = rotation(self.rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
+        attitude = rotation(self.rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
         scale = jnp.stack([jnp.ones_like(self.length), 1 / self.length])
         # Both halves of a change are turned, and the second is over the length.
         by = matrix.reshape(n, 2, 3, n, 2, 3)
-        by = jnp.einsum("iab,ixbjyc,jdc,x,y->ixajyd", turn, by, turn, scale, scale)
+        by = jnp.einsum("iab,ixbjyc,jdc,x,y->ixajyd", attitude, by, attitude, scale, scale)
         by = by.reshape(6 * n, 6 * n)
         return by[np.ix_(self.rod.free, self.rod.free)]
 

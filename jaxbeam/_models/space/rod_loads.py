@@ -26,7 +26,7 @@ class Still(NamedTuple):
 
     u: Float[Array, "n 3"]
     p: Float[Array, "n 4"]
-    turn: Float[Array, "n 3 3"]  # rotations of the nodes
+    attitude: Float[Array, "n 3 3"]  # rotations of the nodes
     velocity: Triple
     spin: Triple
 
@@ -34,20 +34,20 @@ class Still(NamedTuple):
 def velocities(tables: RodTables, still: Still) -> _Sixes:
     """Velocities of nodes and their angular velocities, in axes that turn with them."""
     place = tables.place + still.u
-    turning = jnp.broadcast_to(still.spin, place.shape)
-    moving = still.velocity[None] + jnp.cross(turning, place)
-    return jnp.concatenate([_inward(still.turn, moving), _inward(still.turn, turning)], 1)
+    spun = jnp.broadcast_to(still.spin, place.shape)
+    moving = still.velocity[None] + jnp.cross(spun, place)
+    return jnp.concatenate([_inward(still.attitude, moving), _inward(still.attitude, spun)], 1)
 
 
-def _inward(turn: Float[Array, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    return jnp.einsum("nji,nj->ni", turn, vectors)
+def _inward(attitude: Float[Array, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    return jnp.einsum("nji,nj->ni", attitude, vectors)
 
 
 def carried(v: _Sixes) -> Float[Array, "n 6 6"]:
     """[[w~, v~], [0, w~]] of velocities (v, w): what they do to small changes."""
-    moving, turning = crossing(v[:, :3]), crossing(v[:, 3:])
-    upper = jnp.concatenate([turning, moving], 2)
-    return jnp.concatenate([upper, jnp.concatenate([0 * turning, turning], 2)], 1)
+    moving, spun = crossing(v[:, :3]), crossing(v[:, 3:])
+    upper = jnp.concatenate([spun, moving], 2)
+    return jnp.concatenate([upper, jnp.concatenate([0 * spun, spun], 2)], 1)
 
 
 def twisting(p: _Sixes) -> Float[Array, "n 6 6"]:
@@ -66,7 +66,7 @@ class Turning(NamedTuple):
     stiffness: _Matrix  # the symmetric part of -A^T M A - J A
 
 
-def turning(mass: _Matrix, v: _Sixes) -> Turning:
+def spun(mass: _Matrix, v: _Sixes) -> Turning:
     """Of nodes with these velocities, by T = v.M v / 2 with M that is constant."""
     n = len(v)
     a, p = carried(v), (mass @ v.reshape(-1)).reshape(n, 6)
@@ -92,16 +92,16 @@ def acting(
     span: "RodSpanForce | None",
 ) -> NodeForces:  # fmt: skip
     """What gravity, a load at the tip and forces along the span do, in axes of the beam."""
-    turn, n = still.turn, len(still.u)
+    attitude, n = still.attitude, len(still.u)
     none = jnp.zeros((n, 3), still.u.dtype)
     dead = tables.weight[:, :1] * gravity[None]
     if load is not None and not load.follows:
         dead = dead.at[-1].add(load.force)
     if span is not None and span.dead is not None:
         dead = dead + span.dead
-    down = _inward(turn, jnp.broadcast_to(gravity, (n, 3)))
+    down = _inward(attitude, jnp.broadcast_to(gravity, (n, 3)))
     first = tables.weight[:, 1:]
-    pushed = _inward(turn, dead)
+    pushed = _inward(attitude, dead)
     held = jnp.concatenate([pushed, jnp.cross(first, down)], 1)
     by_turn = jnp.concatenate([crossing(pushed), crossing(first) @ crossing(down)], 1)
     block = jnp.concatenate([jnp.zeros((n, 6, 3), down.dtype), by_turn], 2)
@@ -110,15 +110,15 @@ def acting(
     if load is not None and load.follows:
         free = free.at[-1].add(jnp.concatenate([load.force, load.moment]))
     elif load is not None:
-        moment = turn[-1].T @ load.moment
+        moment = attitude[-1].T @ load.moment
         free = free.at[-1, 3:].add(moment)
         block = block.at[-1, 3:, 3:].add(crossing(moment))
     stiffness = -on_diagonal(block)
     if span is not None and span.following is not None:
-        along = jnp.einsum("jab,ijb->ija", turn, span.following)
-        own = _inward(turn, jnp.sum(along, 1))
+        along = jnp.einsum("jab,ijb->ija", attitude, span.following)
+        own = _inward(attitude, jnp.sum(along, 1))
         free = free + jnp.concatenate([own, none], 1)
-        by = jnp.einsum("iba,jbc,ijcd->iajd", turn, turn, crossing(span.following))
+        by = jnp.einsum("iba,jbc,ijcd->iajd", attitude, attitude, crossing(span.following))
         by = jnp.pad(by, ((0, 0), (0, 3), (0, 0), (3, 0))).reshape(6 * n, 6 * n)
         diagonal = jnp.pad(crossing(own), ((0, 0), (0, 3), (3, 0)))
         stiffness = stiffness + by - on_diagonal(diagonal)
@@ -173,8 +173,8 @@ def at_root(
     and about a2, in flap."""
     in_plane, flap = (0.0 if spring is None else spring for spring in springs)
 
-    def energy(turn: Float[Array, "3"]) -> Scalar:
-        _, about2, about3 = turn_of(product(p, of_turn(turn)))
+    def energy(attitude: Float[Array, "3"]) -> Scalar:
+        _, about2, about3 = turn_of(product(p, of_turn(attitude)))
         return (in_plane * about3**2 + flap * about2**2) / 2
 
     rest = jnp.zeros(3, p.dtype)

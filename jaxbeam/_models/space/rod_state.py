@@ -19,13 +19,13 @@ from jaxbeam._models.space.rod_loads import (
     Still,
     acting,
     at_root,
-    turning,
+    spun,
     twisting,
     velocities,
 )
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.linalg import solve
-from jaxbeam._numerics.quaternions import product, rotation, turned
+from jaxbeam._numerics.quaternions import product, rotated, rotation
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._types import Number, Scalar, Triple, Vector
 
@@ -77,15 +77,15 @@ class Rod(eqx.Module):
         u, p = self.nodes(q)
         every = self.spread(change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        return jnp.concatenate([moved, turned(p, every[:, 3:]) - UPRIGHT[None]], 1).reshape(-1)
+        return jnp.concatenate([moved, rotated(p, every[:, 3:]) - UPRIGHT[None]], 1).reshape(-1)
 
     def rates(self, q: Vector, change: Float[Array, " f"]) -> Vector:
         """How q begins to change."""
         u, p = self.nodes(q)
         every = self.spread(change)
         moving = jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        turn = jnp.concatenate([jnp.zeros_like(u[:, :1]), every[:, 3:] / 2], 1)
-        return jnp.concatenate([moving, product(p, turn)], 1).reshape(-1)
+        by_half = jnp.concatenate([jnp.zeros_like(u[:, :1]), every[:, 3:] / 2], 1)
+        return jnp.concatenate([moving, product(p, by_half)], 1).reshape(-1)
 
     def spread(self, change: Float[Array, " f"]) -> Float[Array, "n 6"]:
         """Changes of all nodes from those that are free."""
@@ -121,7 +121,7 @@ def balance(
     elastic = tables.assembled(by.swapaxes(1, 2) @ tables.stiffness @ by)
     bending = tables.assembled(geometric(tables, state, used.reshape(shape), kept))
     still = Still(u, p, rotation(p), around.velocity, around.spin)
-    moving = turning(rod.mass, velocities(tables, still))
+    moving = spun(rod.mass, velocities(tables, still))
     loads = acting(tables, still, around.gravity, around.load, around.span)
     conservative = tables.gathered(kept) - moving.force - loads.conservative
     residual = tables.gathered(on_nodes) - moving.force - loads.force

@@ -188,11 +188,11 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
     sections = sections_of(rotor.beam)
     ends = element_edges(breaks_of(rotor.beam), elements)
     points = Quadrature.of(ends, sections.edges, degree)
-    turn = turned_by_pitch(rotor)
+    attitude = turned_by_pitch(rotor)
     flat = points.places.ravel()
     _, slope = sections.axis_at(flat)
     pace = jnp.sqrt(jnp.sum(slope**2, 1))
-    frame = turn[None] @ frames(slope, sections.twist_at(flat))
+    frame = attitude[None] @ frames(slope, sections.twist_at(flat))
     length = (pace * points.weight.ravel()).reshape(points.weight.shape)
     shapes, _ = lagrange(lobatto(degree), points.within.ravel())
     forces, _ = lagrange(gauss(degree)[0], points.within.ravel())
@@ -209,8 +209,8 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
         a.reshape(*length.shape, -1) for a in (jnp.asarray(shapes), weight)
     ))  # fmt: skip
     tables = RodTables(
-        place=(turn @ sections.axis_at(nodes)[0].T).T + _root(rotor)[None],
-        tangent=((turn @ at_gauss.T).T / size.reshape(-1, 1)).reshape(*within.shape, 3),
+        place=(attitude @ sections.axis_at(nodes)[0].T).T + _root(rotor)[None],
+        tangent=((attitude @ at_gauss.T).T / size.reshape(-1, 1)).reshape(*within.shape, 3),
         rate=jnp.asarray(slopes)[None] / (half * size)[:, :, None],
         stiffness=_stiffness(
             _turned(sections.compliance_at(flat), frame), forces, length,
@@ -223,7 +223,7 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
         ends=ends,
         degree=degree,
     )  # fmt: skip
-    return _with_bodies(tables, rotor, sections, turn, tables.gathered(by_node))
+    return _with_bodies(tables, rotor, sections, attitude, tables.gathered(by_node))
 
 
 def _within(ends: tuple[float, ...], at: np.ndarray) -> np.ndarray:
@@ -272,8 +272,10 @@ def turned_by_pitch(rotor: Rotor) -> Float[Array, "3 3"]:
     angle = rotor.pitch
     if angle is None:
         return jnp.eye(3)
-    turn = jnp.sin(angle) * crossing(jnp.asarray(A1)) + jnp.cos(angle) * np.diag([0.0, 1.0, 1.0])
-    return turn + np.diag(A1)
+    attitude = jnp.sin(angle) * crossing(jnp.asarray(A1)) + jnp.cos(angle) * np.diag(
+        [0.0, 1.0, 1.0]
+    )
+    return attitude + np.diag(A1)
 
 
 def beam_axes(rotor: Rotor) -> Float[Array, "3 3"]:
@@ -291,11 +293,11 @@ def _root(rotor: Rotor) -> Float[Array, "3"]:
 
 
 def _with_bodies(
-    tables: RodTables, rotor: Rotor, sections: AbstractSections, turn: Array, weight: Array
+    tables: RodTables, rotor: Rotor, sections: AbstractSections, attitude: Array, weight: Array
 ) -> RodTables:
     """Elements with masses at points and what is at the tip."""
     _, slope = sections.axis_at(np.ones(1))
-    frame = turn[None] @ frames(slope, sections.twist_at(np.ones(1)))
+    frame = attitude[None] @ frames(slope, sections.twist_at(np.ones(1)))
     tip = _turned(_body(rotor)[None], frame)[0]
     weight = weight.at[-1].add(_weight(tip))
     points, inertia = rotor.beam.point_masses, tables.inertia
