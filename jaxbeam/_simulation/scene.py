@@ -59,7 +59,7 @@ class Scene(SecondOrderSystem):
         self.motion, self.loads, self.damping = motion, loads, damping
         changes = jnp.concatenate([motion.change_times(), loads.change_times()])
         self.pauses = Pauses(changes, self.jumps, times)
-        self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.jumps.size else None
+        self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.pauses.sided else None
 
     def since(self, origin: Scalar) -> "Scene":
         """Scene by a clock that shows zero at time `origin`, as in `Motion.since`."""
