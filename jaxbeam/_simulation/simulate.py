@@ -330,7 +330,8 @@ def _yardstick(
 ) -> tuple[Scalar, Scalar]:
     """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
     loads `seen`, by that of a uniform load of the same moment about the root, that at the start, or
-    that of the first mode after a jump; at least 1e-6 and at most 0.1 lengths. And a time within which the first mode moves, in s."""
+    that of the first mode after a jump; at least 1e-6 and at most 0.1 lengths. And a time within
+    which the first mode moves, in s."""
     equations, (hub, force, span) = scene.equations, seen
     (mass, first, second), radius = equations.rigid_moments, equations.tip_radius - equations.length
     spin, rate = hub.angular_velocity, hub.angular_velocity_rate
