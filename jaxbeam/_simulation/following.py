@@ -73,12 +73,7 @@ class _Following(diffrax.AbstractStepSizeController):
     ) -> Any:  # fmt: skip
         """Whether the step is kept, the next one, and whether a stop was passed between them."""
         step_limits, state = self.step_limits, controller_state
-        sizes = y0, y1_candidate, y_error
-        if step_limits.pauses.sided and isinstance(
-            self.controller, diffrax.AbstractAdaptiveStepSizeController
-        ):
-            quick = step_limits.pauses.apart(t0) < step_limits.quick
-            sizes = _chosen(quick, _displacements(args, t1 - t0, *sizes), sizes)
+        sizes = self._sizes(t0, t1, args, (y0, y1_candidate, y_error))
         keep, start, wanted, jumped, inner, result = self.controller.adapt_step_size(
             t0, t1, sizes[0], sizes[1], args, sizes[2], error_order, state.inner
         )
@@ -132,6 +127,16 @@ class _Following(diffrax.AbstractStepSizeController):
             jnp.where(kept, missed, state.missed), speed,
         )  # fmt: skip
         return kept, start, end, jumped, state, result
+
+    def _sizes(self, t0: Any, t1: Any, scene: Scene, given: tuple[State, ...]) -> tuple[State, ...]:
+        """Both states of a step and its error, as the controller is to see them."""
+        pauses = self.step_limits.pauses
+        adaptive = isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController)
+        if not (pauses.sided and adaptive):
+            return given
+        quick = pauses.apart(t0) < self.step_limits.quick
+        chosen: tuple[State, ...] = _chosen(quick, _displacements(scene, t1 - t0, *given), given)
+        return chosen
 
 
 class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController):
