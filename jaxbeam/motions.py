@@ -39,6 +39,13 @@ the beam gets its impulse, with the work that the impulse does. Gradients by the
 corner are right there, which they are not where steps pass over it. A jump of velocity that nobody
 declared is noticed in every model, and ends the run as `UNRESOLVED`.
 
+**Measured motions** have a corner at each sample; declare its time, as `TabulatedSpeed` does.
+Corners set all modes in motion, and of those that are faster than the samples these know nothing.
+So between declared times, three or more, that are closer than a radian of the first mode, the error
+of a step is that of displacements, mean along the beam: slow modes are followed, in some five or
+ten steps from sample to sample, and fast ones are damped. Moments and torques there hold some per
+cent of what fast modes would do; give a smaller `rtol` where they matter.
+
 **Late times**, as clocks of computers show them, are rounded: 1.7e9 s to 2.4e-7 s. A run counts
 time from its beginning and asks functions of time by their own clock; the times of a
 `TabulatedSpeed` are counted from the beginning, too, and lose nothing (`Motion.since`). Declared

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxbeam._programs.lanes import total
 from jaxbeam._results import without_derivatives
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import StepLimits
@@ -18,6 +19,9 @@ from jaxbeam._types import Scalar
 _MISMATCH = 1e-6  # of the hub's speed in a step, relative to the largest, that is not accepted
 _JUMP = 1e-5  # the same in the shortest step, by which a run ends
 _MISSED = 1e-3  # the same summed over a run
+# What a velocity weighs, as a displacement, in steps of its own: with 2 the balance of energy holds
+# to 1e-3 through some ten thousand corners, each of which sets fast modes in motion.
+_RATE = 2.0
 _SHORTEST = 1e-9  # step, relative to the run: what changes within it is a jump
 # What a run ends with that missed something of its motion; diffrax itself does not use it here.
 MOTION_MISSED = diffrax.RESULTS.max_steps_rejected
@@ -69,8 +73,9 @@ class _Following(diffrax.AbstractStepSizeController):
     ) -> Any:  # fmt: skip
         """Whether the step is kept, the next one, and whether a stop was passed between them."""
         step_limits, state = self.step_limits, controller_state
+        sizes = self._sizes(t0, t1, args, (y0, y1_candidate, y_error))
         keep, start, wanted, jumped, inner, result = self.controller.adapt_step_size(
-            t0, t1, y0, y1_candidate, args, y_error, error_order, state.inner
+            t0, t1, sizes[0], sizes[1], args, sizes[2], error_order, state.inner
         )
         t0, t1 = without_derivatives((t0, t1))
         if isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController):
@@ -123,6 +128,16 @@ class _Following(diffrax.AbstractStepSizeController):
         )  # fmt: skip
         return kept, start, end, jumped, state, result
 
+    def _sizes(self, t0: Any, t1: Any, scene: Scene, given: tuple[State, ...]) -> tuple[State, ...]:
+        """Both states of a step and its error, as the controller is to see them."""
+        pauses = self.step_limits.pauses
+        adaptive = isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController)
+        if not (pauses.sided and adaptive):
+            return given
+        quick = pauses.apart(t0) < self.step_limits.quick
+        chosen: tuple[State, ...] = _chosen(quick, _displacements(scene, t1 - t0, *given), given)
+        return chosen
+
 
 class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController):
     """A controller with tolerances, within steps that follow the motion."""
@@ -147,12 +162,37 @@ def following(
     return _Following(controller, step_limits)
 
 
+def _displacements(
+    scene: Scene, h: Any, y0: State, y1: State, error: State
+) -> tuple[State, State, State]:
+    """Two states and an error as displacements, in m: each coordinate is the mean along the beam,
+    root of mean square by the mass; each rate is too, but that of the error is what it makes of a
+    displacement within a step of length h.
+
+    What has corners sets all modes in motion, those too that no step between two corners resolves.
+    Their displacements are small, but not their velocities; and of these a table whose samples are
+    slower than they are knows nothing.
+    """
+    mass = scene.equations.rigid_moments[0]
+
+    def mean(a: Array) -> Scalar:
+        return jnp.sqrt(jnp.maximum(total(a * (scene.mass @ a)), 0.0) / mass)
+
+    def of(y: State, by_rate: Any) -> State:
+        q = mean(y.q)
+        return State(jnp.full_like(y.q, q), jnp.full_like(y.v, by_rate(q, y.v)), y.work)
+
+    sizes = of(y0, lambda q, _: q), of(y1, lambda q, _: q)
+    return *sizes, of(error, lambda _, v: _RATE * h * mean(v))
+
+
 def _chosen(which: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
 
 
 class AfterImpulse(diffrax.AbstractWrappedSolver):
-    """Any solver, with the impulse of a jump of the hub's velocity where steps resume after one."""
+    """Any solver, asking for what jumps on the side of its step, with the impulse of a jump of the
+    hub's velocity where steps resume after one."""
 
     solver: diffrax.AbstractSolver  # type: ignore[misc]
 
@@ -197,7 +237,7 @@ class AfterImpulse(diffrax.AbstractWrappedSolver):
         made_jump: Any,
     ) -> Any:  # fmt: skip
         """One step, after the impulse if there is one."""
-        if made_jump is not False:
+        if made_jump is not False and args.jumps.size:
             # Steps also resume after what begins or ends smoothly, and where a controller says so.
             after_impulse = made_jump & args.pauses.jumped(t0)
             y0 = jax.lax.cond(after_impulse, lambda: args.after_impulse(t0, y0), lambda: y0)

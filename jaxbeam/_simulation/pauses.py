@@ -10,6 +10,7 @@ from jaxbeam._rotor.clock import place
 from jaxbeam._rotor.motion import Times
 from jaxbeam._types import Scalar
 
+_FEW = 2  # declared times that are no table: where a motion begins and ends, smoothly
 _CLOSE = 1e-11  # times, relative to the run, that are one: less than controllers make a step of
 
 
@@ -18,7 +19,8 @@ class Pauses(eqx.Module):
 
     Declared times that are closer than a step can be are one, and steps end at the first of them.
     What jumps is asked for on either side, a few units of rounding before the first and after the
-    last. No derivatives are taken by what is in here.
+    last; so is what has corners, as three declared times and more are taken for. No derivatives
+    are taken by what is in here.
     """
 
     # Of each declared time the first and the last of those that are one with it, in order.
@@ -27,6 +29,7 @@ class Pauses(eqx.Module):
     jumps: Bool[Array, " k"]  # whether something jumps there
     end: Scalar  # of the run, s
     near: Scalar  # s: times that are no further apart are one
+    sided: bool = eqx.field(static=True)  # whether they are asked for on either side
 
     def __init__(
         self, changes: Times, jumps: Float[Array, " j"], times: Array | None = None
@@ -34,6 +37,7 @@ class Pauses(eqx.Module):
         """Pauses of a run over `times`, if there is to be one."""
         changes, jumps, times = without_derivatives((changes, jumps, times))
         every = jnp.concatenate([changes, jumps])
+        self.sided = bool(jumps.size) or every.size > _FEW
         zero = jnp.zeros((), every.dtype)
         start, self.end, self.near = zero - jnp.inf, zero + jnp.inf, zero
         if times is not None:
@@ -81,25 +85,33 @@ class Pauses(eqx.Module):
         i = self._of(t)
         return self.jumps[i] & (self.first[i] == t)
 
+    def apart(self, t: Scalar) -> Scalar:
+        """How far the declared times are apart between which a step from t lies; infinite before
+        the first of them and after the last, and where they are too few for a table."""
+        if self.first.size <= _FEW:
+            return jnp.full_like(t, jnp.inf)
+        i = place(self.first, t, "right")
+        length = self.first[jnp.minimum(i, self.first.size - 1)] - self.first[jnp.maximum(i - 1, 0)]
+        return jnp.where((i > 0) & (i < self.first.size), length, jnp.inf)
+
     def before(self, t: Scalar) -> Scalar:
-        """The latest time to ask for in a step that ends at t, infinite where nothing jumps."""
-        i = self._of(t)
-        return jnp.where(self.jumps[i] & (self.first[i] == t), self.early(t), jnp.inf)
+        """The latest time to ask for in a step that ends at t, infinite where none is declared."""
+        return jnp.where(self.at(t), self.early(t), jnp.inf)
 
     @property
     def latest(self) -> Scalar:
-        """The latest time to ask for in a run: what jumps where it ends is no part of it."""
-        first = jnp.where(self.jumps & (self.first >= self.end - self.near), self.first, jnp.inf)
+        """The latest time to ask for in a run: what begins where it ends is no part of it."""
+        first = jnp.where(self.first >= self.end - self.near, self.first, jnp.inf)
         first = jnp.min(first, initial=jnp.inf)
         early = self.early(first)
         return jnp.where(early <= self.end, early, jnp.inf)
 
     def after(self, t: Scalar) -> Scalar:
-        """The earliest time to ask for in a step that begins at t, which is t where nothing
-        jumps."""
+        """The earliest time to ask for in a step that begins at t, which is t where none is
+        declared."""
         i = self._of(t)
         late = self.last[i] + self._room(self.last[i])
-        return jnp.where(self.jumps[i] & (self.first[i] <= t), jnp.maximum(t, late), t)
+        return jnp.where(self.first[i] <= t, jnp.maximum(t, late), t)
 
     def early(self, t: Array) -> Array:
         """A few units of rounding before t, which may be infinite."""

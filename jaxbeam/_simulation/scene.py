@@ -62,7 +62,7 @@ class Scene(SecondOrderSystem):
         self.damping = drag_of(damping, model, rotor, self.equations)
         changes = jnp.concatenate([motion.change_times(), loads.change_times()])
         self.pauses = Pauses(changes, self.jumps, times)
-        self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.jumps.size else None
+        self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.pauses.sided else None
 
     def since(self, origin: Scalar) -> "Scene":
         """Scene by a clock that shows zero at time `origin`, as in `Motion.since`."""

@@ -185,7 +185,7 @@ def _simulate(
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = first_failure(given, first_broken((started, Status.INVALID_START)))
         y0 = jax.tree.map(lambda leaf: jnp.where(started, leaf, 0.0), start)
-    size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen)))
+    size, moment = _yardstick(*without_derivatives((rotor, now, y0, seen, times[0])))
     if dt0 is None and isinstance(controller, _CHOOSING | None):
         dt0 = moment
     if controller is None:
@@ -233,8 +233,10 @@ def _integrated(
     event, controller = calendar.event(event), calendar.controller(controller)
     if not backsolved:
         controller = following(controller, StepLimits(scene, times, *seen))
+    if now.pauses.sided:
+        solver = AfterImpulse(solver)
     if now.jumps.size:
-        solver, start = AfterImpulse(solver), calendar.since[0]
+        start = calendar.since[0]
         jumped = scene.pauses.jumped(without_derivatives(start))
         y0 = jax.lax.cond(jumped, lambda: scene.after_impulse(start, y0), lambda: y0)
     how = (scene, y0, calendar, solver, controller, dt0, event, max_steps, adjoint)
@@ -324,10 +326,13 @@ def _parts(_: None, scene: Scene, hub: Hub, y: State) -> Float[Array, "3 *lanes"
     return jnp.stack(scene.energies_in(hub, y))
 
 
-def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Seen) -> tuple[Scalar, Scalar]:
+def _yardstick(
+    rotor: AnyRotor, scene: Scene, y0: State, seen: Seen, start: Scalar
+) -> tuple[Scalar, Scalar]:
     """A deflection of the size to expect, in m, for the tolerance: the largest static one under the
-    loads `seen`, by that of a uniform load of the same moment about the root, or that at the start;
-    at least 1e-6 and at most 0.1 lengths. And a time within which the first mode moves, in s."""
+    loads `seen`, by that of a uniform load of the same moment about the root, that at the start, or
+    that of the first mode after a jump; at least 1e-6 and at most 0.1 lengths. And a time within
+    which the first mode moves, in s."""
     equations, (hub, force, span) = scene.equations, seen
     (mass, first, second), radius = equations.rigid_moments, equations.tip_radius - equations.length
     spin, rate = hub.angular_velocity, hub.angular_velocity_rate
@@ -346,9 +351,22 @@ def _yardstick(rotor: AnyRotor, scene: Scene, y0: State, seen: Seen) -> tuple[Sc
     at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
     # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
     frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.length
-    size = [jnp.linalg.norm(a, axis=-1) for a in (static, at[None], speed[None] / frequency)]
+    parts = [static, at[None], speed[None] / frequency]
+    if scene.jumps.size:
+        parts.append(_blows(scene, start) / frequency)
+    size = [jnp.linalg.norm(a, axis=-1) for a in parts]
     largest = jnp.nan_to_num(jnp.max(jnp.concatenate(size)), nan=0.0)
     return jnp.clip(largest, 1e-6 * equations.length, 0.1 * equations.length), 0.1 / frequency
+
+
+def _blows(scene: Scene, start: Scalar) -> Float[Array, "k 4"]:
+    """Jumps of the hub's velocity across the beam at the tip, in m/s, in a run from its start."""
+    pauses = scene.pauses
+    within = (pauses.first >= start - pauses.near) & (pauses.first < pauses.end)
+    times = jnp.where(within, pauses.first, start)
+    sides = pauses.early(times), jax.vmap(pauses.after)(times)
+    before, after = (jax.vmap(lambda t: scene.velocities_of(scene.hub(t)))(t) for t in sides)
+    return jnp.where(within[:, None], after - before, 0.0)[:, np.array([1, 2, 4, 5])]
 
 
 def _saved(solution: diffrax.Solution, times: Array, n: int) -> tuple[Array, State]:

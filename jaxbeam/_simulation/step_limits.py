@@ -30,6 +30,7 @@ _UNSEEN = 0.3
 # Where nothing moves errors are zero, however long a step is; but not those of derivatives. So
 # steps follow the first mode there, if that takes no more of them than there are samples.
 _AT_REST = 2.5
+_QUICK = 10.0  # the same for what is quicker than the first mode, by a radian of it
 _STILL = 1e-9  # displacements over the length that count for none
 _FLOOR = 1e-6  # changes that are smaller than this, relative to the largest value, do not count
 # Of a vector that stands for three components: no motion of interest is normal to it.
@@ -50,6 +51,7 @@ class StepLimits(eqx.Module):
     longest_step: Float[Array, "64 3"]  # see `_longest_step`, s
     pauses: Pauses  # at which steps end
     at_rest: Scalar  # longest step where nothing has moved yet, s
+    quick: Scalar  # between declared times that are closer than this the beam hardly moves, s
     velocities: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
     speed: Scalar  # the largest velocity, m/s
 
@@ -70,6 +72,7 @@ class StepLimits(eqx.Module):
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
         self.at_rest = jnp.maximum(_AT_REST * without_derivatives(moment), self.spacing)
+        self.quick = _QUICK * without_derivatives(moment)
         self.longest_step = self.spacing * _longest_step(signals, sudden)
         self.pauses = scene.pauses
         self.velocities = scene.velocities_of(scene.hub(scene.after(jnp.zeros_like(times[0]))))
