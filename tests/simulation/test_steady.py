@@ -272,6 +272,23 @@ def test_batches_and_gradients():
     )
 
 
+@pytest.mark.slow
+def test_a_rod_that_tears_does_not_rest_folded():
+    """Beyond the speed at which it tears, the search may end in a rod that lies turned back through
+    the axis: an equilibrium, but of no rod that is clamped."""
+    rotor = jb.Rotor(jb.Beam.from_slenderness(70.0), 0.1, 0.3)
+    speeds = np.array([60.0, 100.0, 150.0, 300.0, 1e6])
+
+    @jax.jit
+    @jax.vmap
+    def status(speed):
+        return jb.steady(jb.ExactRodANCF(2), rotor, speed, throw=False).status
+
+    torn = [bool(rotor.tears(speed)) for speed in speeds]
+    assert torn == [False, True, True, True, True]
+    assert (status(speeds) != jb.Status.OK).tolist() == torn
+
+
 def test_it_is_where_a_run_begins():
     """`steady_start` finds the same state; loads that change in time are refused."""
     model, loads = jb.ExactRodANCF(1), jb.Loads(tip_force=[0.0, -0.3, 0.0])

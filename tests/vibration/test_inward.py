@@ -166,7 +166,7 @@ def test_a_taper_that_points_inward_buckles_alike_in_two_theories():
 @pytest.mark.exhaustive
 def test_strains_have_signs():
     """Uniform and by table, pushed at the root, pulled where the beam crosses the axis."""
-    speed, ones = 2.0, jb.Spanwise([0.0, 0.3, 1.0], [1.0, 1.0, 1.0])
+    speed, ones = jnp.asarray(2.0), jb.Spanwise([0.0, 0.3, 1.0], [1.0, 1.0, 1.0])
     varies = jb.Beam(1.0, ones, SLENDER**2, 1.0, 1.0)
     for hub, tip in ((-2.0, 0.0), (-0.4, 0.1), (-0.9, 0.3), (0.5, 0.1)):
         x = np.linspace(0.0, 1.0, 100_001)

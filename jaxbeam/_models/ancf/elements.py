@@ -277,6 +277,15 @@ class ElementEquations(Equations):
         across, along = self.gradient(q, xi)
         return jnp.stack([1 + along, across, jnp.zeros_like(along)], 1)
 
+    def is_unfolded(self, q: Vector) -> Array:
+        """Whether no half of an element turns by a right angle, the clamp included, which holds
+        across the beam alone."""
+        xi = np.linspace(0.0, 1.0, 2 * self.element.n_elements + 1)
+        along = self.direction(q, xi)
+        clamp = along[:1] if self.yields else np.array([[1.0, 0.0, 0.0]])
+        before = jnp.concatenate([clamp, along[:-1]])
+        return jnp.all(jnp.sum(before * along, 1) > 0)
+
     @property
     def pieces(self) -> tuple[float, ...]:
         return tuple(np.linspace(0.0, 1.0, self.element.n_elements + 1).tolist())

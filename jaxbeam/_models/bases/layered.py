@@ -22,7 +22,7 @@ from numpy.polynomial import legendre
 
 from jaxbeam._models.bases.basis import Basis, Functions, Polynomials, Yielding, segments
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.span import Span
+from jaxbeam._rotor.span import Span, tension
 from jaxbeam._types import is_concrete
 
 _SOFTEST, _STIFFEST = 3e5, 40.0  # kappa of the layers
@@ -124,8 +124,13 @@ def with_layers(basis: Basis) -> Basis:
 
 def held_by(rotor: Rotor, speed: Any) -> Any:
     """P L^2 of a uniform beam in steady rotation, P the tension at its root: kappa^2 times EI."""
-    c0, c1, c2 = rotor.tension(speed)
-    return (c0 + c1 + c2 / 2) * rotor.beam.length**2
+    # From fields, which take numbers of NumPy too, where properties of rotors are of JAX alone.
+    length, tip, end = rotor.beam.length, rotor.tip_body, rotor.hub_radius + rotor.beam.length
+    c0, c1, c2 = tension(
+        speed**2, rotor.hub_radius, tip.mass, rotor.beam.mass_per_length * length, length,
+        tip_mass_radius=tip.centre(end, 1.0),
+    )  # fmt: skip
+    return (c0 + c1 + c2 / 2) * length**2
 
 
 def more_functions() -> int:

@@ -283,6 +283,11 @@ class Equations(eqx.Module):
         """Whether the beam is deformed by no more than what the model is made for."""
         return jnp.asarray(True)
 
+    def is_unfolded(self, q: Vector) -> Array:
+        """Whether the beam is nowhere turned back on itself, as no beam that was straight can be
+        without bending: a search for where it rests may end there."""
+        return jnp.asarray(True)
+
     def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
         """What a load at the tip does, in W."""
         return total(tip_force * jax.jvp(self.tip, (q,), (v,))[1])

@@ -62,4 +62,5 @@ def equilibrium(
     q, done = find_root(residual, rest, support=support, jacobian=jacobian if by_elements else None)
     q = equations.length * q
     status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
+    status = jnp.where(equations.is_unfolded(q), status, Status.NO_EQUILIBRIUM)
     return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)
