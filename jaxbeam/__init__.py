@@ -61,10 +61,10 @@ if TYPE_CHECKING:
     from jaxbeam._modes.modes import modes as modes
     from jaxbeam._rotor.beam import Beam as Beam
     from jaxbeam._rotor.beam import Rotor as Rotor
+    from jaxbeam._rotor.damping import Damping as Damping
     from jaxbeam._rotor.directions import labels as labels
     from jaxbeam._rotor.ends import RootSprings as RootSprings
     from jaxbeam._rotor.ends import TipBody as TipBody
-    from jaxbeam._rotor.loads import Damping as Damping
     from jaxbeam._rotor.loads import Loads as Loads
     from jaxbeam._rotor.points import PointForces as PointForces
     from jaxbeam._rotor.points import PointMasses as PointMasses

@@ -181,10 +181,10 @@ class Status(enum.IntEnum):
     )
     TOO_FEW_FUNCTIONS = (
         42,
-        "functions, or points of integration, leave out more than 1e-3 of a frequency (see "
-        "frequency_error): take more functions or ask for fewer modes, and of a soft beam whose "
-        "numbers are traced the basis jaxbeam.models.Layered(); where a property varies "
-        "faster than a table with stations of its own would say, give it stations or kinks",
+        "functions, or points of integration, leave out more than 1e-3 of a frequency, of a soft "
+        "beam 1e-6 (see frequency_error): take more functions or ask for fewer modes, and of a "
+        "soft beam whose numbers are traced the basis jaxbeam.models.Layered(); where a property "
+        "varies faster than a table with stations of its own would say, give it stations or kinks",
     )
     NOT_HELD = (
         43,
@@ -228,6 +228,19 @@ class Status(enum.IntEnum):
         "nothing gives way; else take more elements or another model, or ask modes with loads",
     )
     INVALID_POINT_MASSES = 50, "point masses must be finite and >= 0", INPUT
+    INVALID_SECTION_STIFFNESS = (
+        55,
+        "stiffness must be finite and positive definite at every station: look at the sign and "
+        "size of couplings, and at the order of the rows (see jaxbeam.Blade)",
+        INPUT,
+    )
+    INVALID_SECTION_INERTIA = (
+        56,
+        "inertia must be finite at every station, with mass > 0 and no moment of inertia below 0: "
+        "look at the order of the rows (see jaxbeam.Blade)",
+        INPUT,
+    )
+    INVALID_AXIS = 57, "points of the axis must be finite, each apart from the next", INPUT
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)
@@ -302,16 +315,19 @@ def said(error: Exception) -> str | None:
 
 @contextlib.contextmanager
 def unlogged() -> Iterator[None]:
-    """Keeps the sentences of cases that raise out of the log: they are collected otherwise."""
+    """Keeps what is said of cases that raise out of the log: it is collected otherwise."""
 
     def none(_: logging.LogRecord) -> bool:
         return False
 
-    _LOG.addFilter(none)
+    logs = _LOG, _LOG_OF_JAX
+    for log in logs:
+        log.addFilter(none)
     try:
         yield
     finally:
-        _LOG.removeFilter(none)
+        for log in logs:
+            log.removeFilter(none)
 
 
 class CaseError(RuntimeError):
@@ -319,9 +335,9 @@ class CaseError(RuntimeError):
 
 
 _SENTENCE = r"(?:EquinoxRuntimeError|CaseError): (.*?)(?:\n\n|$)"
-_LOG = logging.getLogger("jaxbeam")
+_LOG, _LOG_OF_JAX = map(logging.getLogger, ("jaxbeam", "jax._src.callback"))
 # JAX logs the same exception with a stack of its own insides; once is enough.
-logging.getLogger("jax._src.callback").addFilter(
+_LOG_OF_JAX.addFilter(
     lambda record: not (record.exc_info and isinstance(record.exc_info[1], CaseError))
 )
 

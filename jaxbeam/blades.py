@@ -61,10 +61,17 @@ so no theory here does that. `SpatialANCF` has frequencies of coned blades that 
 and their motions.
 """
 
+from jaxbeam._files.beamdyn import read_beamdyn as read_beamdyn
+from jaxbeam._files.beamdyn_writer import write_beamdyn as write_beamdyn
 from jaxbeam._files.blade import read_blade as read_blade
 from jaxbeam._files.bmodes import read_bmodes as read_bmodes
 from jaxbeam._files.csv import read_csv as read_csv
 from jaxbeam._files.elastodyn import read_elastodyn as read_elastodyn
 from jaxbeam._files.elastodyn_writer import write_elastodyn as write_elastodyn
+from jaxbeam._files.hawc2 import read_hawc2 as read_hawc2
+from jaxbeam._files.hawc2_writer import write_hawc2 as write_hawc2
 from jaxbeam._files.tables import BladeTable as BladeTable
+from jaxbeam._files.vabs import read_vabs as read_vabs
+from jaxbeam._files.windio import read_windio as read_windio
+from jaxbeam._rotor.blade import Blade as Blade
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction

@@ -478,8 +478,7 @@ def test_springs_are_swept_also_under_the_name_of_a_count(tmp_path):
 def test_units_at_axes_are_those_of_the_parameters():
     """As the tables of the docstrings have them; of motions, whose angles are in rad."""
     units = dict.fromkeys(("angular_speed", "mean", "frequency"), "rad/s")
-    units |= {"mass_coefficient": "1/s", "stiffness_coefficient": "s"}  # of `Damping`
-    for kind in (jb.Beam, jb.Rotor, jb.models.SpringRotor):
+    for kind in (jb.Beam, jb.Rotor, jb.models.SpringRotor, jb.Damping):
         for row in re.findall(r"^ *\| (\w+) +\|[^|]*\| (\S[^|]*?) *\|", kind.__doc__, re.MULTILINE):
             units[row[0]] = row[1].replace("^2", "²")
     del units["field"]

@@ -104,6 +104,19 @@ def test_numbers_within_are_swept_by_name_and_by_path(asked):
     assert float(asked(both)[1]["damping"].stiffness_coefficient) == 0.1
 
 
+def test_ratios_are_numbers_or_lists_and_are_swept(asked):
+    given = "in_plane_ratio = [0.005]\nflap_ratio = [0.01, 0.02]\nratio_speed_rpm = 30.0\n"
+    text = SCENE.replace("[frequencies]\n", SPEED).replace("SpatialANCF", "Hybrid")
+    text = text.replace("n_elements = 2", "n_flap = 2")
+    text = text.replace("stiffness_coefficient = 1e-3\n", given + "flap_damper = 3.0\n")
+    wanted = jb.Damping(
+        in_plane_ratio=[0.005], flap_ratio=[0.01, 0.02], ratio_speed=jb.rpm(30.0), flap_damper=3.0
+    )
+    assert eqx.tree_equal(asked(text)[1]["damping"], wanted)
+    swept = text.replace("in_plane_ratio = [0.005]\n", "") + "[sweep]\nin_plane_ratio = [0.1]\n"
+    assert float(asked(swept)[1]["damping"].in_plane_ratio) == 0.1
+
+
 def test_an_argument_that_a_class_gains_is_a_key():
     class Brake(eqx.Module):
         places: tuple

@@ -80,7 +80,9 @@ def test_what_cases_of_a_sweep_say_is_collected_and_not_logged(caplog):
         raise KeyError("an error that is handled already")
     except KeyError:
         table = jb.sweep(lambda r: stiffness(r), jb.grid(r=[0.1, -1.0, 0.2]))
+        of_user = jb.sweep(lambda a: eqx.error_if(a, a < 0, "too small"), jb.grid(a=[0.1, -1.0]))
     assert table.errors == {1: SENTENCE}
+    assert of_user.errors == {1: "too small"}
     assert not caplog.records
 
 

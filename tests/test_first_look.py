@@ -90,5 +90,5 @@ def test_what_is_no_mistake_is_let_through():
     jb.modes(LINEAR, ROTOR, 0.0, 2, loads=ACROSS)
     jb.modes(LINEAR, ROTOR, 3.0, 2, loads=DOWN)
     jb.modes(SPACE, ROTOR, 0.0, 2, loads=OUT)
-    still = jb.motions.HubPose(lambda t: (jnp.zeros(3), jnp.eye(3)))
+    still = jb.motions.HubPose(lambda t: jnp.zeros(3), lambda t: jnp.eye(3))
     jb.simulate(PLANAR, ROTOR, still, TIMES, loads=ACROSS)

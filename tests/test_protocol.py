@@ -190,10 +190,16 @@ CHECK_ALONE = (
     "fitting.match_modes",  # indices; where there is no mode, what they point at is NaN
     "ladder.rungs",  # models, of which none is asked
     "blades.read_blade",  # files: read, or refused with the line that is wrong
+    "blades.read_beamdyn",
     "blades.read_bmodes",
     "blades.read_csv",
     "blades.read_elastodyn",
+    "blades.read_hawc2",
+    "blades.read_vabs",
+    "blades.read_windio",
+    "blades.write_beamdyn",
     "blades.write_elastodyn",
+    "blades.write_hawc2",
 )
 IN_PYTHON = ("choose_model",)  # no function of JAX: tested below
 

@@ -21,7 +21,7 @@ import jaxbeam as jb
 
 TABLES = ("model", "beam", "rotor", "motion", "loads", "damping")
 RPM = "_rpm"  # behind the name of a speed: it is in turns per minute
-_SPEEDS = ("angular_speed", "mean")  # of motions and steady rotation
+_SPEEDS = ("angular_speed", "mean", "ratio_speed")  # of motions, rotation and damping
 Numbers = Mapping[str, Any]
 Keys = dict[str, inspect.Parameter]
 
@@ -63,7 +63,8 @@ def is_real(parameter: inspect.Parameter | None) -> bool:
 
 def _takes_lists(parameter: inspect.Parameter) -> bool:
     stated = parameter.annotation
-    return stated is Any or typing.get_origin(stated) in (Sequence, list, tuple)
+    kinds = typing.get_args(stated) if isinstance(stated, types.UnionType) else (stated,)
+    return any(k is Any or typing.get_origin(k) in (Sequence, list, tuple) for k in kinds)
 
 
 def keys_of(maker: Callable[..., Any]) -> Keys:

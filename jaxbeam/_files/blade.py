@@ -2,13 +2,40 @@
 
 from pathlib import Path
 
+from jaxbeam._files.beamdyn import read_beamdyn
 from jaxbeam._files.bmodes import is_main_file, is_section_file, read_bmodes
 from jaxbeam._files.csv import count_named, read_csv
 from jaxbeam._files.elastodyn import head_of_stations, read_elastodyn
+from jaxbeam._files.formats import format_of
+from jaxbeam._files.hawc2 import read_hawc2
+from jaxbeam._files.section_axes import no_axis
 from jaxbeam._files.tables import BladeTable
 from jaxbeam._files.texts import FilePath, read_lines
+from jaxbeam._files.vabs import read_vabs
+from jaxbeam._files.windio import read_windio
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._types import Real
+
+
+def _windio(path: FilePath, *, length: Real | None) -> BladeTable:
+    if length is not None:
+        raise ValueError(f"{path}: a windIO file says the axis, so no length must be given")
+    return read_windio(path)
+
+
+def _vabs(path: FilePath, *, length: Real | None) -> BladeTable:
+    if length is None:
+        better = "give read_vabs the axis, and a file for each station"
+        raise no_axis(Path(path), "a file of VABS", better)
+    return read_vabs([path, path], [0.0, 1.0], length)
+
+
+_OF_SECTIONS = {
+    "read_beamdyn": read_beamdyn,
+    "read_hawc2": read_hawc2,
+    "read_vabs": _vabs,
+    "read_windio": _windio,
+}
 
 
 def read_blade(
@@ -17,16 +44,21 @@ def read_blade(
     length: Real | None = None,
     axial_stiffness: Real | AbstractSpanwise | None = None,
 ) -> BladeTable:
-    """A beam from a file of any format that is known, by what is in it and not by its name.
+    """A beam or a blade from a file of any known format, by what is in it and not by its name.
 
     Columns with names that `read_csv` knows, in the first line, make it a table; a line of titles
     with BlFract makes it a blade file of ElastoDyn (`read_elastodyn`); a line
     that names a sec_props_file, or the lines of BModes in their order, a main file of BModes, and
-    n_secs before rows of numbers a section file (`read_bmodes`). Files of BeamDyn, AeroDyn, HAWC2,
-    windIO and VABS, towers and primary files of ElastoDyn, and workbooks are named, and not read.
+    n_secs before rows of numbers a section file (`read_bmodes`). A line with kp_total behind its
+    value makes it a primary file of BeamDyn, station_total its blade file (`read_beamdyn`); "begin
+    main_body" and the like an htc file of HAWC2, "#1" and "$1" its st file (`read_hawc2`);
+    components with a blade a turbine in windIO (`read_windio`), and titles of its matrices a file
+    of VABS, of which one alone is a uniform blade (`read_vabs`). Files of AeroDyn, towers and
+    primary files of ElastoDyn, and workbooks are named, and not read.
+
     `path` is that of the file; `length` (m) and `axial_stiffness` (N, a number or one that varies
     along the span) are what the file does not say, as these readers want it. Returns a
-    `BladeTable`.
+    `BladeTable`, whose `beam` is a `Beam`, or a `Blade` where the file has full sections.
 
     Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
     the file cannot be read. Of a file that is none of these it says what it looks like, and what is
@@ -37,6 +69,11 @@ def read_blade(
         return read_csv(path, length=length, axial_stiffness=axial_stiffness)
     if head_of_stations(lines) is not None:
         return read_elastodyn(path, length=length, axial_stiffness=axial_stiffness)
+    found = format_of(lines)
+    if found is not None and found.reader in _OF_SECTIONS:
+        if axial_stiffness is not None:
+            raise ValueError(f"{path} is {found.title}, which says axial_stiffness: give none")
+        return _OF_SECTIONS[found.reader](path, length=length)
     if is_main_file(lines) or is_section_file(lines):
         return read_bmodes(path, length=length, axial_stiffness=axial_stiffness)
     return read_csv(path, length=length, axial_stiffness=axial_stiffness)

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 READ = (
     "tables of named columns (CSV), blade files of ElastoDyn, section files and main files of "
-    "BModes"
+    "BModes, primary files and blade files of BeamDyn, HAWC2, windIO and VABS"
 )
 
 
@@ -32,17 +32,28 @@ class Format(NamedTuple):
 
 FORMATS = (
     Format.of("an Excel workbook (save it as CSV)", r"\APK\x03\x04"),
-    Format.of("a BeamDyn blade file", words="station_total"),
-    Format.of("a BeamDyn primary file", words="kp_total"),
+    Format.of("a BeamDyn blade file", words="station_total", reader="read_beamdyn"),
+    Format.of("a BeamDyn primary file", words="kp_total", reader="read_beamdyn"),
     Format.of("an ElastoDyn tower file", words="HtFract TMassDen|TwFAStif"),
     Format.of("an ElastoDyn primary file", r"BldFile\W?1", words="TipRad"),
     Format.of("an AeroDyn blade file", words="BlSpn BlChord"),
     Format.of(
-        "a HAWC2 htc file", r"^\s*begin\s+(new_htc_structure|main_body|c2_def|timoschenko_input)"
+        "a HAWC2 htc file",
+        r"^\s*begin\s+(new_htc_structure|main_body|c2_def|timoschenko_input)",
+        reader="read_hawc2",
     ),
-    Format.of("a HAWC2 st file", r"^\s*#\s*\d+", r"^\s*\$\s*\d+\s+\d+"),
-    Format.of("a windIO YAML file", r"^['\"]?components['\"]?\s*:", r"^\s+['\"]?blade['\"]?\s*:"),
-    Format.of("a VABS .K file", r"the 6x6 mass matrix|^\s*(timoshenko|classical) stiffness matrix"),
+    Format.of("a HAWC2 st file", r"^\s*#\s*\d+", r"^\s*\$\s*\d+\s+\d+", reader="read_hawc2"),
+    Format.of(
+        "a windIO YAML file",
+        r"^['\"]?components['\"]?\s*:",
+        r"^\s+['\"]?blade['\"]?\s*:",
+        reader="read_windio",
+    ),
+    Format.of(
+        "a VABS .K file",
+        r"the 6x6 mass matrix|^\s*(timoshenko|classical) stiffness matrix",
+        reader="read_vabs",
+    ),
     Format.of("an ElastoDyn blade file", words="BlFract NBlInpSt", reader="read_elastodyn"),
     Format.of("a BModes main file", words="sec_props_file", reader="read_bmodes"),
     Format.of("a BModes section file", words="n_secs", reader="read_bmodes"),

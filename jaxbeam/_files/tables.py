@@ -22,8 +22,9 @@ class BladeTable(NamedTuple):
 
     | field         | unit  |                                                                   |
     |---------------|-------|-------------------------------------------------------------------|
-    | beam          |       | the `Beam`                                                        |
-    | ignored       |       | a sentence for each thing in the file that a `Beam` does not have |
+    | beam          |       | the `Beam`; of a file that has full sections the `Blade`, which a |
+    |               |       | `Rotor` takes as well                                             |
+    | ignored       |       | a sentence for each thing in the file that it does not have       |
     |               |       | and that changes something (offsets of zero do not)               |
     | hub_radius    | m     | as in `Rotor`                                                     |
     | tip_mass      | kg    | as in `Rotor`                                                     |
@@ -31,12 +32,15 @@ class BladeTable(NamedTuple):
     | angular_speed | rad/s |                                                                   |
     | precone       | rad   | None: zero, too                                                   |
     | tip_body      |       | of the tip mass; None: it is a point                              |
+    | damping       | s     | of files with full sections: six factors of the stiffnesses that  |
+    |               |       | make damping of them, in the order of sixes of a `Blade`          |
 
-    From `hub_radius` on all are None but for a main file of BModes, which knows more than the beam;
-    `rotor()` puts them together.
+    From `hub_radius` to `tip_body` all are None but for a main file of BModes, which knows more
+    than the beam; `rotor()` puts them together. `beam.beam()` is what is left of a `Blade` for
+    models that know no more than a `Beam`: `table.rotor(beam=table.beam.beam())`.
     """
 
-    beam: Beam
+    beam: Any  # a `Beam`, or a `Blade`
     ignored: tuple[str, ...]
     hub_radius: float | None = None  # m
     tip_mass: float | None = None  # kg
@@ -44,6 +48,7 @@ class BladeTable(NamedTuple):
     angular_speed: float | None = None  # rad/s
     precone: float | None = None  # rad; None: zero, too
     tip_body: TipBody | None = None  # None: a point
+    damping: tuple[float, ...] | None = None  # s
 
     def rotor(self, **instead: Any) -> Rotor:
         """The rotor that the file tells of, with other arguments of `Rotor` given by name.

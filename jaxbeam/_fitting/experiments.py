@@ -29,8 +29,9 @@ from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guar
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose, lowest_in_plane
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Direction, Label
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._simulation.checks import check_scene, checked_times
 from jaxbeam._simulation.result import Simulation, checked_point

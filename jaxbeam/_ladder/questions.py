@@ -18,8 +18,9 @@ from jaxbeam._modes.modes import found_about
 from jaxbeam._modes.wanted import choose
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Direction, Label
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spanwise import along, at_root, beside_kinks
 from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
@@ -154,6 +155,11 @@ class _InTime(Question):
         self.motion, self.times, self.max_steps = motion, checked_times(times), max_steps
         self.loads, self.damping = loads, damping
         check_scene(self.motion, self.loads, self.damping, self.times[0])
+        if damping.ratios:
+            raise ValueError(
+                f"{damping.features[0]}: elements, which judge, have no ratios of modes: give a "
+                "stiffness_coefficient"
+            )
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
         """The displacement over length that matters, where the largest deflection is `size`."""

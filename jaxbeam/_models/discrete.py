@@ -24,12 +24,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.equations import Equations
+from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.strained import viscous
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._rotor.spring_rotor import SpringRotor
-from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
+from jaxbeam._types import Matrix, Scalar, Triple, Vector
 
 
 class _Discrete(AbstractModel[SpringRotor]):
@@ -116,11 +116,9 @@ class _Particle(Equations):
     def first_moment(self, q: Vector) -> Triple:
         return self.rotor.mass * self.tip(q)
 
-    def damping_tangents(
-        self, q: Vector, v: Vector, mass: Number | None, stiffness: Number | None
-    ) -> tuple[Matrix, Matrix]:
+    def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Matrix, Matrix]:
         def force(q: Vector, v: Vector) -> Vector:
-            return self.as_force(q, self.damping(q, v, mass, stiffness))
+            return self.as_force(q, self.damping(q, v, drag))
 
         return jax.jacfwd(force, argnums=(0, 1))(q, v)
 

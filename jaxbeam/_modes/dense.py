@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from jaxbeam._models.contract.labelling import assigned, participation
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
@@ -17,8 +18,6 @@ from jaxbeam._numerics.linalg import (
     gyroscopic_eigenpairs,
     planar_eigenpairs,
     positive_definite,
-    solve_columns,
-    symmetric_modes,
 )
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
@@ -166,7 +165,7 @@ def _group(
         here = [direction for direction in directions if system.where(direction).size]
         # What moves in quadrature to bending alone does not follow it.
         bent = system.general or transverse == axial or Direction.FLAP in axial
-        label = _assign(_participation(m, own, shape, here, sizes, free, bent))
+        label = assigned(participation(m, own, shape, here, sizes, free, bent))
     if system.general:
         shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
     rounding = _rounding(m, g, k, eigenvalue, shape, free)
@@ -237,56 +236,6 @@ def _apart(m: Array, x: Array, inside: Array) -> Array:
     x = jnp.where(inside, x, 0.0)
     mass = jnp.sum(x.conj() * (x @ m), 1).real
     return x / jnp.sqrt(mass)[:, None]
-
-
-def _participation(
-    m: Array, k: Array, x: Array, directions: Sequence[Direction], sizes: Sequence[int], free: bool,
-    bent: bool,
-) -> Float[Array, "n n"]:  # fmt: skip
-    """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j; `sizes` are
-    those of the directions, one behind the other. About states that are `bent` axial motion follows
-    bending: a beam that may only move across cannot but stretch."""
-    parts, ends = [], np.cumsum([0, *sizes])
-    places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
-    axial = places.get(Direction.AXIAL)
-    for direction, part in places.items():
-        follows = bent and axial is not None and direction in (Direction.IN_PLANE, Direction.FLAP)
-        unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
-        if not follows:
-            v = symmetric_modes(m[part, part], k[part, part], free)
-            parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
-            continue
-        assert axial is not None
-        with_it = solve_columns(k[axial, axial], k[axial, part])
-        moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
-        inertia, stiffness = (moved.T @ a @ moved for a in (m, k))
-        v = symmetric_modes(symmetric_part(inertia), symmetric_part(stiffness), free)
-        parts.append(jnp.abs(x @ m @ (moved @ v.T)) ** 2)
-    share = jnp.concatenate(parts, axis=1)
-    return share / jnp.sum(share, axis=1, keepdims=True)
-
-
-def _assign(share: Float[Array, "n n"]) -> Int[Array, " n"]:
-    """Column for each row: the largest entry first, each row and column used once.
-
-    All pairs that prefer each other are settled at once, which ends in the same assignment as
-    taking the largest entry left, in a few rounds instead of n.
-    """
-    n = share.shape[0]
-
-    def body(state: tuple[Array, Array]) -> tuple[Array, Array]:
-        left, column = state
-        preferred = jnp.argmax(left, axis=1)
-        mutual = (column < 0) & (jnp.argmax(left, axis=0)[preferred] == jnp.arange(n))
-        taken = jnp.any(mutual[:, None] & (preferred[:, None] == jnp.arange(n)[None]), axis=0)
-        left = jnp.where(mutual[:, None] | taken[None], -1.0, left)
-        return left, jnp.where(mutual, preferred, column)
-
-    # NaN, from a case that failed, would never settle.
-    start = jnp.where(jnp.isnan(share), 0.0, share)
-    return jax.lax.while_loop(lambda state: jnp.any(state[1] < 0), body, (start, jnp.full(n, -1)))[
-        1
-    ]
 
 
 def _residual(matrices: tuple[Array, Array, Array], lam: Array, x: Array) -> Float[Array, " k"]:

@@ -27,12 +27,11 @@ from jaxbeam._numerics.linalg import quotient, solve
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Direction, Label, is_hinged
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Real, Scalar
-
-RESOLVED = 1e-3  # the largest error of a frequency, relative, that is not a failure
 
 
 def modes(
@@ -110,7 +109,7 @@ def found_about(
     status, error = first_failure(given, found.status), found.frequency_error
     if error is not None and model.judged(rotor):
         error = jnp.where(status == Status.OK, error, jnp.nan)
-        resolved = jnp.max(error) <= RESOLVED
+        resolved = jnp.max(error) <= model.most_error(rotor, speed)
         status = first_failure(status, first_broken((resolved, Status.TOO_FEW_FUNCTIONS)))
     ok = status == Status.OK
     eigenvalue, shape = _differentiable(system, ok, found)

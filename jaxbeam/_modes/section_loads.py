@@ -10,7 +10,8 @@ from jaxbeam._models.contract.loaded import Conditions, equations_under, resting
 from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS
+from jaxbeam._rotor.damping import NO_DAMPING
+from jaxbeam._rotor.loads import NO_LOADS
 from jaxbeam._types import Scalar, Vector, Vectors
 
 
@@ -30,8 +31,7 @@ def modal_loads(
     equations = equations_under(model, rotor, conditions.loads)
     inputs = conditions.inputs(equations, speed)
     # Linear theories have the tension on the undeformed beam.
-    still = jnp.zeros(len(model.directions), speed.dtype)
-    q = still if alone and model.is_linear else resting(rotor, equations, inputs)[0]
+    q = equations.rest if alone and model.is_linear else resting(rotor, equations, inputs)[0]
     drag = conditions.damping.mass_coefficient
     outside = Outside(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
 
@@ -39,7 +39,8 @@ def modal_loads(
         return section_loads(rotor, equations, outside, Moved(q, v, a), np.array(xi))
 
     def change(*way: Vector) -> tuple[Array, Array]:
-        return jax.jvp(loads, (q, 0 * q, 0 * q), way)[1]
+        rates = tuple(equations.rates(q, part) for part in way)
+        return jax.jvp(loads, (q, 0 * q, 0 * q), rates)[1]
 
     rates = eigenvalue[:, None]
     moved = shape + 0 * rates, rates * shape, rates**2 * shape

@@ -19,19 +19,20 @@ class Program:
     """`equinox.filter_jit` of a function: a decorator.
 
     Called by a user it compiles in haste. Within another program or a transformation it becomes a
-    part of what is compiled there, by the options of that.
+    part of what is compiled there, by the options of that. With `jit=jax.jit`, for functions of
+    arrays alone, its programs end with it; those of equinox stay for ever.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], jit: Any = eqx.filter_jit) -> None:
         functools.update_wrapper(self, function)
-        self.part = part = eqx.filter_jit(function)
+        self.part = part = jit(function)
 
         @functools.wraps(function)
         def whole(*args: Any, **kwargs: Any) -> Any:
             return part(*args, **kwargs)  # what is traced for one is there for the other
 
         how: Any = {"compiler_options": _HASTE}
-        self.alone = eqx.filter_jit(whole, **how)
+        self.alone = jit(whole, **how)
 
     @property
     def here(self) -> Any:

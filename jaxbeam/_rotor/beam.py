@@ -25,6 +25,7 @@ from jaxbeam._rotor.parameters import (
     part,
 )
 from jaxbeam._rotor.points import PointMasses, WithPoints
+from jaxbeam._rotor.sections import AbstractSections
 from jaxbeam._rotor.span import Span, on, outboard, tension
 from jaxbeam._rotor.spanwise import (
     AbstractSpanwise,
@@ -176,6 +177,12 @@ class Beam(Parameters):
             return self.mass_per_length
         return WithPoints(self.mass_per_length, self.point_masses, self.length)
 
+    @property
+    def span_features(self) -> tuple[str, ...]:
+        """What models have to know of properties along the span."""
+        properties = self.mass_per_length, *self._varying(mass=False)
+        return ("spanwise",) * any(isinstance(p, AbstractSpanwise) for p in properties)
+
     def _varying(self, *, mass: bool = True) -> list[AbstractSpanwise]:
         names = (field.name for field in dataclasses.fields(self))
         every = [getattr(self, name) for name in names if name != "mass_per_length"]
@@ -216,7 +223,7 @@ class Rotor(Parameters):
 
     | field        | symbol | unit | allowed                   |
     |--------------|--------|------|---------------------------|
-    | beam         |        |      | a `Beam`                  |
+    | beam         |        |      | a `Beam` or a `Blade`     |
     | hub_radius   | R      | m    | any                       |
     | tip_mass     | m_t    | kg   | >= 0                      |
     | pitch        | theta  | rad  | -2 pi to 2 pi, or None    |
@@ -238,7 +245,7 @@ class Rotor(Parameters):
     Raises `TypeError` and `ValueError` as `Beam` does, and `ValueError` for both masses at the tip.
     """
 
-    beam: Beam
+    beam: Any  # a `Beam`, or a `Blade`
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=None)
     tip_body: Tip = part()
     pitch: Scalar | None = angle(Status.INVALID_PITCH, FULL_TURN)
@@ -248,7 +255,7 @@ class Rotor(Parameters):
     @renamed(root="root_springs", tip="tip_body")
     def __init__(
         self,
-        beam: Beam,
+        beam: Beam | AbstractSections,
         hub_radius: Real = 0.0,
         tip_mass: Real | None = None,
         pitch: Real | None = None,
@@ -256,7 +263,7 @@ class Rotor(Parameters):
         tip_body: Tip | None = None,
         precone: Real | None = None,
     ) -> None:
-        check_kind("beam", beam, Beam)
+        check_kind("beam", beam, Beam, AbstractSections)
         check_kind("root_springs", root_springs, RootSprings, type(None))
         tip_body = tip_of(tip_mass, tip_body)
         self._take(locals())
@@ -266,10 +273,9 @@ class Rotor(Parameters):
         """What a model has to know: names of all that is given and need not be, but for what
         torsion is made of, and what of it goes together."""
         more = self.couples_bending or self.tip_body.is_body
-        properties = self.beam.mass_per_length, *self.beam._varying(mass=False)
         return (
             *(CONED_AND_MORE,) * (more and self.precone is not None),
-            *("spanwise",) * any(isinstance(p, AbstractSpanwise) for p in properties),
+            *self.beam.span_features,
             *("tip_body",) * self.tip_body.is_body,
             *super().features,
         )
@@ -340,7 +346,7 @@ class Rotor(Parameters):
             ]
         )
 
-    def tension(self, angular_speed: Number) -> tuple[Any, Any, Any]:
+    def tension(self, angular_speed: Number | np.ndarray) -> tuple[Any, Any, Any]:
         """Axial force of steady rotation, as three coefficients in N: see `tension`."""
         beam = self.beam
         return tension(

@@ -1,5 +1,5 @@
 """What acts on the beam beside its hub: gravity, force and moment at the tip, forces along the
-span and on points of it, damping."""
+span and on points of it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,8 +15,6 @@ from jaxbeam._checks import (
     is_there,
     kind_of,
     real_array,
-    real_scalar,
-    renamed,
     require,
     traceable,
 )
@@ -32,7 +30,7 @@ from jaxbeam._rotor.points import PointForces
 from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import AbstractSpanwise, along, points_within, samples, taken
 from jaxbeam._status import Status
-from jaxbeam._types import Number, Real, Scalar, Triple, is_concrete
+from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
 _POINTS = 8  # of each segment between kinks, at which loads along the span are looked at
 TipPart = Triple | Callable[[Scalar], Triple] | None
@@ -216,43 +214,6 @@ class Loads(eqx.Module):
         return no_times() if self.jumps is None else self.jumps
 
 
-class Damping(eqx.Module):
-    """Proportional damping: forces -(a dT/dq' + c B^T D B q').
-
-    a is the `mass_coefficient` in 1/s, c the `stiffness_coefficient` in s, both >= 0: a mode of
-    frequency w at rest has the damping ratio (a / w + c w) / 2. T is the kinetic energy seen from
-    the hub. B is d strain/dq and D the stiffness of the strains: c stands for the damping of a
-    material (Kelvin and Voigt), with stresses EA eps', EI kappa' and GJ k_1' beside those of
-    elasticity, and takes twice the energy of the rates of strain. So rigid motion is not damped,
-    nor is stress that only turns with the beam, however large: with phi^T M phi = 1 a mode decays
-    at the rate c phi^T K phi / 2, K the stiffness without what tension adds to it. In theories that
-    are linear B^T D B is K. The springs of a root, and of the discrete models, are such a material,
-    too: a rod that swings on one is damped by the moment c k phi'. None leaves a term out.
-
-    Raises `TypeError` for what is no real number, and `ValueError` unless it is finite and >= 0.
-    """
-
-    mass_coefficient: Scalar | None
-    stiffness_coefficient: Scalar | None
-
-    @renamed(mass="mass_coefficient", stiffness="stiffness_coefficient")
-    def __init__(
-        self, mass_coefficient: Real | None = None, stiffness_coefficient: Real | None = None
-    ) -> None:
-        self.mass_coefficient = _rate("mass_coefficient", mass_coefficient)
-        self.stiffness_coefficient = _rate("stiffness_coefficient", stiffness_coefficient)
-
-
-def _rate(name: str, value: Any) -> Scalar | None:
-    if value is None:
-        return None
-    value = real_scalar(f"damping.{name}", value)
-    if is_concrete(value):
-        number = float(np.asarray(value))
-        require(Status.INVALID_DAMPING, bool(np.isfinite(number)) and number >= 0, number)
-    return value
-
-
 def _at_any_time(name: str, value: Any) -> TipPart:
     if callable(value):
         check_function_of_time(name, value, (3,))
@@ -302,12 +263,6 @@ def _triple(name: str, value: Any) -> Triple:
     return vector
 
 
-def damping_in_range(damping: Damping) -> Array:
-    """Whether rates of damping are finite and not negative."""
-    rates = jnp.stack([jnp.zeros(()), *jax.tree.leaves(damping)])
-    return jnp.all(jnp.isfinite(rates) & (rates >= 0))
-
-
 def in_plane(stray: Array, kept: Array) -> Array:
     """Whether what points out of the plane of rotation is but rounding of what points along it."""
     return jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept))
@@ -355,4 +310,3 @@ def only_pull(loads: Loads, length: Scalar) -> Array:
 
 # What public functions take where nothing is given.
 NO_LOADS = Loads()
-NO_DAMPING = Damping()

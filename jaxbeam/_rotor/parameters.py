@@ -1,7 +1,7 @@
 """Numbers that something is made of, with what they may be."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Self
 
 import equinox as eqx
@@ -16,10 +16,15 @@ from jaxbeam._types import Code, Scalar, is_concrete
 FULL_TURN = 2 * np.pi * (1 + 1e-6)  # in rad, also where it was rounded to a shorter float
 
 
-def parameter(status: Status, *, zero: bool | None = False) -> Any:
-    """Field of a scalar that is positive, or `zero`; with None it may have any sign. `status` is
-    what breaking that is called."""
-    return eqx.field(metadata={"status": status, "zero": zero})
+def parameter(status: Status, *, zero: bool | None = False, most: float | None = None) -> Any:
+    """Field of a scalar that is positive, or `zero`; with None it may have any sign, and be no more
+    than `most` either way. `status` is what breaking that is called."""
+    return eqx.field(metadata={"status": status, "zero": zero, "most": most})
+
+
+def whole(status: Status, valid: Callable[[Any], Any]) -> Any:
+    """Field of an array of which a function says, as a whole, whether it is in range."""
+    return eqx.field(metadata={"status": status, "valid": valid})
 
 
 def along_span(status: Status) -> Any:
@@ -71,14 +76,22 @@ class Parameters(eqx.Module):
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
             value, rule = getattr(self, field.name), field.metadata
-            if "status" in rule and value is not None and is_concrete(value):
+            if "status" not in rule or value is None or not is_concrete(value):
+                continue
+            if "valid" in rule:
+                if not bool(rule["valid"](value)):
+                    raise ValueError(rule["status"].message)
+            else:
                 check(rule["status"], value, rule["zero"], rule.get("most"))
 
     def status(self, angular_speed: Scalar) -> Code:
         """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
         code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
         for value, rule in reversed([*self._rules()]):
-            fine = is_valid(samples(value), rule["zero"], rule.get("most"))
+            if "valid" in rule:
+                fine = rule["valid"](value)
+            else:
+                fine = is_valid(samples(value), rule["zero"], rule.get("most"))
             code = jnp.where(jnp.all(fine) if fine.ndim else fine, code, rule["status"])
         return code
 

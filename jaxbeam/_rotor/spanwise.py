@@ -107,7 +107,7 @@ class Spanwise(AbstractSpanwise):
         self.steps = tuple(places[1:][np.diff(places) == 0].tolist())
 
     def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
-        left, share = _between(self.stations, np.asarray(xi, float))
+        left, share = between(self.stations, np.asarray(xi, float))
         return self.values[left] * (1 - share) + self.values[left + 1] * share
 
     def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:
@@ -116,7 +116,7 @@ class Spanwise(AbstractSpanwise):
 
     def ends(self, edges: tuple[float, ...]) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
         places, stations = np.asarray(edges), np.asarray(self.stations)
-        left, _ = _between(self.stations, (places[1:] + places[:-1]) / 2)
+        left, _ = between(self.stations, (places[1:] + places[:-1]) / 2)
         gap = stations[left + 1] - stations[left]
         first, second = self.values[left], self.values[left + 1]
         both = ((at - stations[left]) / gap for at in (places[:-1], places[1:]))
@@ -207,7 +207,7 @@ def points_within(edges: tuple[float, ...], points: int = _POINTS) -> tuple[np.n
     return (start + length * (1 + x) / 2).ravel(), (length * w / 2).ravel()
 
 
-def _between(stations: tuple[float, ...], xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def between(stations: tuple[float, ...], xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The station before each place, and how far the place is on the way to the next one."""
     places = np.asarray(stations)
     left = np.clip(np.searchsorted(places, xi, side="right") - 1, 0, places.size - 2)

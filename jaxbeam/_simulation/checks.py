@@ -13,9 +13,10 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.damping import Damping, damping_in_range
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.first_look import refuse, stays_in_plane
-from jaxbeam._rotor.loads import Damping, Loads, damping_in_range, in_plane, loads_in_range
+from jaxbeam._rotor.loads import Loads, in_plane, loads_in_range
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure
@@ -89,7 +90,12 @@ def check_scene(
         eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
     if case is not None:
         model, rotor = case
-        check_supported(model, rotor, loads)
+        if not model.in_time:
+            raise ValueError(
+                f"model: {type(model).__name__} has steady states and small motion about them, and "
+                "no motion in time: take SpatialANCF for that"
+            )
+        check_supported(model, rotor, loads, damping)
         planar = Direction.FLAP in model.directions or stays_in_plane(loads, motion)
         refuse(throw, (planar, Status.OUT_OF_PLANE))
 

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.equations import Equations, Inputs
+from jaxbeam._models.contract.drag import drag_of
+from jaxbeam._models.contract.equations import Drag, Equations, Inputs
 from jaxbeam._models.contract.loaded import SpanLoad, equations_under
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.linalg import inverse
@@ -18,7 +19,8 @@ from jaxbeam._programs.lanes import total
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.clock import Clock, Later
-from jaxbeam._rotor.loads import Damping, Loads
+from jaxbeam._rotor.damping import Damping
+from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
@@ -44,7 +46,7 @@ class Scene(SecondOrderSystem):
     inverse_mass: Matrix | BlockInverse | None  # for solvers that ask for accelerations
     motion: Motion
     loads: Loads
-    damping: Damping
+    damping: Drag
     pauses: Pauses  # at which steps end
     between: tuple[Scalar, Scalar] | None  # within what times motion and loads are asked for, s
 
@@ -56,7 +58,8 @@ class Scene(SecondOrderSystem):
         one."""
         self.equations = equations_under(model, rotor, loads)
         self.span, self.inverse_mass = SpanLoad.of(self.equations, loads), None
-        self.motion, self.loads, self.damping = motion, loads, damping
+        self.motion, self.loads = motion, loads
+        self.damping = drag_of(damping, model, rotor, self.equations)
         changes = jnp.concatenate([motion.change_times(), loads.change_times()])
         self.pauses = Pauses(changes, self.jumps, times)
         self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.jumps.size else None
@@ -229,9 +232,7 @@ class Scene(SecondOrderSystem):
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
         """The damping as a generalised force."""
-        return self.equations.damping(
-            q, v, self.damping.mass_coefficient, self.damping.stiffness_coefficient
-        )
+        return self.equations.damping(q, v, self.damping)
 
     def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
         hub, tip_force, span = x
@@ -239,13 +240,8 @@ class Scene(SecondOrderSystem):
         by_span = None if span is None else span.tangent(self.equations, q)
         if by_span is not None:
             k = k + by_span
-        if (
-            self.damping.mass_coefficient is not None
-            or self.damping.stiffness_coefficient is not None
-        ):
-            dk, dc = self.equations.damping_tangents(
-                q, v, self.damping.mass_coefficient, self.damping.stiffness_coefficient
-            )
+        if not self.damping.is_none:
+            dk, dc = self.equations.damping_tangents(q, v, self.damping)
             k, c = k + dk, c + dc
         return k, c
 
@@ -321,6 +317,9 @@ class Scene(SecondOrderSystem):
         hub and beam.
         """
         hub, q, v = self.hub(t), y.q, y.v
+        own = self.equations.own_reaction(hub, q, *self.inputs(t)[1:])
+        if own is not None:
+            return own
         a = self.acceleration(t, q, v) if acceleration is None else acceleration
         (p, h), (dp, dh) = jax.jvp(
             jax.grad(self.kinetic, argnums=(2, 3)),

@@ -14,8 +14,9 @@ from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.first_look import is_finite, refuse
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads, bending
+from jaxbeam._rotor.loads import NO_LOADS, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._simulation.checks import (
     Seen,

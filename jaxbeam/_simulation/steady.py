@@ -21,7 +21,8 @@ from jaxbeam._models.contract.loaded import (
 from jaxbeam._programs.program import Program
 from jaxbeam._results import asked_with, finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Loads
+from jaxbeam._rotor.damping import NO_DAMPING
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._rotor.motion import Motion
 from jaxbeam._rotor.spins import ConstantSpeed
 from jaxbeam._simulation.along_span import AlongSpan, Instant

@@ -28,9 +28,10 @@ from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.directions import Direction, is_hinged, naming
 from jaxbeam._rotor.first_look import acts_along, refuse
-from jaxbeam._rotor.loads import NO_DAMPING, Loads, are_along, only_pull
+from jaxbeam._rotor.loads import Loads, are_along, only_pull
 from jaxbeam._stability.flutter import LostPlace, first_lost, polished
 from jaxbeam._stability.singular import (
     AbstractPlace,
@@ -230,7 +231,7 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
     how often that goes into what it would be with a clamped root."""
     rotor, speed, loads = given
     equations = model.equations(rotor)
-    ways = jax.jacfwd(equations.tip)(jnp.zeros(len(k), speed.dtype))
+    ways = model.displacement(np.ones(1), rotor)[:, 0]
     soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
     softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
     yields = jnp.clip(softness / _softness(model, rotor, softness), 1.0, _MOST_YIELDING)

@@ -27,11 +27,11 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_potential, guarded_conditions
-from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.directions import Direction, naming
 from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._rotor.motion import spinning
@@ -128,6 +128,8 @@ def _critical(
     at_speed = jnp.asarray(0) if conditions is None else conditions.status(model, rotor, one)
     given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
     fixed = without_derivatives((rotor, zero))
+    if conditions is None and model.couples_all:
+        conditions = Conditions(NO_LOADS, NO_DAMPING)
     if conditions is None:
         searched = _search(model, *fixed)
     else:
@@ -167,9 +169,8 @@ class _Place(AbstractPlace):
 def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
     """K of the beam kept as it is at rest; its axial block is that of a rod of constant stiffness,
     wherever it is."""
-    equations, rest = model.equations(rotor), jnp.zeros(len(model.directions), speed.dtype)
-    k = dense(equations.tangents(spinning(speed), rest, rest, None)[0])
-    return symmetric_part(k)
+    equations = model.equations(rotor)
+    return symmetric_part(equations.matrices_about(spinning(speed), equations.rest)[2])
 
 
 def _search(

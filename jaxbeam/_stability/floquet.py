@@ -26,7 +26,9 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import count_functions, kind_of, numpy_if_concrete, positive
-from jaxbeam._models.contract.base import AbstractModel, checked_case, generalised
+from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.drag import drag_of
+from jaxbeam._models.contract.equations import Drag
 from jaxbeam._models.contract.loaded import checked_damping
 from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import (
@@ -38,8 +40,9 @@ from jaxbeam._numerics.linalg import (
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
-from jaxbeam._rotor.directions import Direction, coupling_groups, is_hinged
-from jaxbeam._rotor.loads import NO_DAMPING, Damping, damping_in_range, in_plane
+from jaxbeam._rotor.damping import NO_DAMPING, Damping, damping_in_range
+from jaxbeam._rotor.directions import Direction, is_hinged
+from jaxbeam._rotor.loads import in_plane
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._status import Status, first_broken, first_failure
@@ -99,7 +102,8 @@ def floquet(
 
     `throw=False` returns failures in `Floquet.status`: those of parameters, motion and damping out
     of range, `NO_EQUILIBRIUM` where the beam has no steady state at the largest speed,
-    `TOO_FEW_STEPS`. The numbers are then NaN (derivatives: as in `modes`).
+    `TOO_FEW_STEPS`, and `TOO_FEW_FUNCTIONS` where rotation holds the beam out more than the default
+    numbers of functions can follow. The numbers are then NaN (derivatives: as in `modes`).
 
     Raises as `modes` does, `TypeError` for a motion that does not turn about a fixed axis or whose
     period is not given, and `ValueError` for a coned beam.
@@ -121,7 +125,8 @@ def _checked(
         if not isinstance(motion, ModulatedSpeed):
             raise TypeError("period must be given, but for a ModulatedSpeed")
         period = 2 * np.pi / numpy_if_concrete(motion.frequency)
-    return model, rotor, motion, positive("period", period), checked_damping(damping)
+    damping = checked_damping(damping, (model, rotor))
+    return model, rotor, motion, positive("period", period), damping
 
 
 def refuse_cone(rotor: AnyRotor) -> None:
@@ -135,18 +140,19 @@ def _floquet(
     model: AbstractModel, rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping,
     steps: int,
 ) -> Floquet:  # fmt: skip
-    given = modulation_status(rotor, motion, period, damping)
+    given = modulation_status(model, rotor, motion, period, damping)
     fine = given == Status.OK
     rotor, motion, period, damping = harmless(fine, (rotor, motion, period, damping))
 
     def speed(t: Scalar) -> Scalar:
         return jnp.where(fine, motion.angular_speed(t), 0.0)
 
+    drag = drag_of(damping, model, rotor, model.equations(rotor))
     parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
-    for transverse, axial in coupling_groups(rotor):
+    for transverse, axial in model.coupling(rotor):
         directions = transverse + axial
         if any(direction in model.directions for direction in directions):
-            group = Reduced(model, rotor, speed, period, damping, directions)
+            group = Reduced(model, rotor, speed, period, drag, directions)
             mu, error, short = _estimated(group, steps)
             parts.append((mu, error, jnp.full(mu.shape, int(directions[0]))))
             ok &= group.status == Status.OK
@@ -193,8 +199,11 @@ def left_by(steps: int) -> float:
     return 1 / ((steps / half(steps)) ** 6 - 1)
 
 
-def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping) -> Code:
-    """The first of rotor, motion and damping that is out of range."""
+def modulation_status(
+    model: AbstractModel, rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping
+) -> Code:
+    """The first of rotor, motion and damping that is out of range, or too much for a model's own
+    number of functions."""
     t = period * jnp.linspace(0.0, 1.0, 8)
     now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
     scale = jnp.max(jnp.abs(now))
@@ -204,6 +213,7 @@ def modulation_status(rotor: AnyRotor, motion: Spin, period: Scalar, damping: Da
         (repeats & jnp.isfinite(period) & (period > 0), Status.INVALID_MOTION),
         (damping_in_range(damping), Status.INVALID_DAMPING),
         (planar, Status.OUT_OF_PLANE),
+        (model.resolves(rotor, scale), Status.TOO_FEW_FUNCTIONS),
     )
     return first_failure(rotor.status(jnp.zeros_like(period)), modulated)
 
@@ -220,7 +230,7 @@ class Reduced(NamedTuple):
     rotor: AnyRotor
     speed: Any
     period: Scalar
-    damping: Damping
+    drag: Drag
     directions: tuple[Direction, ...]
 
     @property
@@ -233,14 +243,13 @@ class Reduced(NamedTuple):
         own = np.ix_(self.rows, self.rows)
         system = self.model.matrices(self.rotor, speed)
         m, g, k = (a[own] for a in (system.mass, system.gyroscopic, system.stiffness))
-        rates = self.damping.mass_coefficient, self.damping.stiffness_coefficient
-        if rates == (None, None):
+        if self.drag.is_none:
             return m, g, k, jnp.zeros_like(m), system.status
         equations = self.model.equations(self.rotor)
-        q = jnp.zeros(len(self.model.directions), m.dtype)
+        q = equations.rest
         if not equations.is_linear:
             q, _ = self.model.steady(self.rotor, speed)
-        d = generalised(equations, q, equations.damping_about(q, *rates))
+        d = equations.damping_matrix_about(q, self.drag)
         return m, g, k, d[own], system.status
 
     @property

@@ -14,7 +14,7 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.directions import Direction, coupling_groups, naming
+from jaxbeam._rotor.directions import Direction, naming
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
@@ -196,7 +196,7 @@ def groups_of(model: AbstractModel, rotor: AnyRotor) -> Groups:
     """Groups in the order of directions; where axial motion is not a group of its own it comes
     again as such, at the end, since that is how a rod tears."""
     found = {}
-    for group in coupling_groups(rotor):
+    for group in model.coupling(rotor):
         for directions in dict.fromkeys(group):
             rows = np.flatnonzero([direction in directions for direction in model.directions])
             if rows.size:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import count_functions, positive, real_array
 from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.loaded import checked_damping
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.result import Modes
@@ -18,8 +19,8 @@ from jaxbeam._numerics.linalg import eigensystem
 from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.directions import Direction, Label, coupling_groups
-from jaxbeam._rotor.loads import NO_DAMPING, Damping
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
+from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._stability.floquet import Reduced, half, left_by, modulation_status, refuse_cone
 from jaxbeam._status import Status, first_broken, first_failure
@@ -94,7 +95,7 @@ def tongue(
     model, rotor, _ = checked_case(model, rotor)
     wanted = choose(model, tuple(pair))
     refuse_cone(rotor)
-    every = [transverse + axial for transverse, axial in coupling_groups(rotor)]
+    every = [transverse + axial for transverse, axial in model.coupling(rotor)]
     groups = [
         directions for directions in every if all(label.direction in directions for label in pair)
     ]
@@ -112,7 +113,7 @@ def tongue(
         if not (np.isfinite(values).all() and values[0] > 0 and (np.diff(values) > 0).all()):
             raise ValueError(f"depths must be finite, positive and increasing, got {values}")
     speed = positive("mean", mean)
-    damping = checked_damping(damping)
+    damping = checked_damping(damping, (model, rotor))
     share = jnp.asarray(float(order))  # an array: another order does not compile anew
     result = _tongue(model, rotor, speed, wanted, depths, share, damping, groups[0], steps)
     return finish(result, throw)
@@ -152,7 +153,7 @@ def _unmodulated(
 ) -> tuple[Modes, Code]:
     """The modes at the mean speed, and the status of the case: whether there is something to do."""
     unit = ModulatedSpeed(mean, 0.0, 1.0)
-    given = modulation_status(rotor, unit, 2 * jnp.pi / unit.frequency, damping)
+    given = modulation_status(model, rotor, unit, 2 * jnp.pi / unit.frequency, damping)
     found = find(model, rotor, mean, wanted)
     stable = ~jnp.any(found.growth_rate > 0)
     at_mean = first_broken((stable, Status.NO_EQUILIBRIUM))
@@ -172,7 +173,8 @@ class _Case(NamedTuple):
         """Motion of a coupling group over a period of the modulation."""
         motion = ModulatedSpeed(self.mean, self.depth, self.frequency)
         period = 2 * jnp.pi / self.frequency
-        return Reduced(model, self.rotor, motion.angular_speed, period, self.damping, directions)
+        drag = drag_of(self.damping, model, self.rotor, model.equations(self.rotor))
+        return Reduced(model, self.rotor, motion.angular_speed, period, drag, directions)
 
 
 class _Margin(NamedTuple):

@@ -1,5 +1,6 @@
 """One chunk of cases: computed all at once, and those that raise kept from the others."""
 
+import functools
 import importlib.metadata
 import os
 import platform
@@ -20,10 +21,37 @@ Columns = dict[str, np.ndarray]
 _MADE_WITH = ("jaxbeam", "jax", "jaxlib", "equinox", "diffrax", "numpy")
 
 
-@Program  # its errors, unlike those of jax.jit, say only what went wrong
 def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
     """What `function(**parameters)` finds, of every case."""
-    return jax.vmap(lambda parameters: found_alone(function(**parameters)))(columns)
+    program, arrays = _program(function)
+    return program(arrays, columns)
+
+
+def lowered(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
+    """The program of `batched`, lowered and not yet compiled."""
+    program, arrays = _program(function)
+    return program.lower(arrays, columns)
+
+
+def _program(function: Callable[..., Any]) -> tuple[Program, tuple[Any, ...]]:
+    """The program of a function, and the arrays bound to it, which may be others each time."""
+    leaves, structure = jax.tree.flatten(function)
+    arrays = tuple(leaf if eqx.is_array(leaf) else None for leaf in leaves)
+    rest = tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves)
+    return _program_without(structure, rest, tuple(map(type, rest))), arrays
+
+
+@functools.lru_cache(maxsize=16)
+def _program_without(structure: Any, rest: tuple[Any, ...], _: tuple[type, ...]) -> Program:
+    """The program of a function from its arrays. A function that is swept once, as a lambda is, is
+    forgotten with its program when others have come; types tell 1 from 1.0, which are equal."""
+
+    def run(arrays: tuple[Any, ...], columns: dict[str, jax.Array]) -> Any:
+        leaves = [own if a is None else a for a, own in zip(arrays, rest, strict=True)]
+        function = jax.tree.unflatten(structure, leaves)
+        return jax.vmap(lambda parameters: found_alone(function(**parameters)))(columns)
+
+    return Program(run, jax.jit)
 
 
 class Work(NamedTuple):

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
-from jaxbeam._sweeps.chunks import batched
+from jaxbeam._sweeps.chunks import batched, lowered
 
 
 def program_of(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[str, Any]:
@@ -23,7 +23,7 @@ def program_of(function: Callable[..., Any], columns: dict[str, jax.Array]) -> d
     The text of a program holds its constants or names them as arguments, by a setting of JAX. So
     they are taken from what was traced, too.
     """
-    program = hashlib.sha256(batched.lower(function, columns).as_text().encode())
+    program = hashlib.sha256(lowered(function, columns).as_text().encode())
     traced, *_ = eqx.filter_make_jaxpr(batched)(function, columns)
     for number in (*_constants(traced), *jax.tree.leaves(eqx.filter(function, eqx.is_array))):
         array = plain_array(number)

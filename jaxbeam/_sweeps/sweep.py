@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxbeam._checks import plain
 from jaxbeam._sweeps.cases import Cases, checked_cases, refuse_traced
-from jaxbeam._sweeps.chunks import Columns, Work, batched, made_with, named, placed
+from jaxbeam._sweeps.chunks import Columns, Work, batched, lowered, made_with, named, placed
 from jaxbeam._sweeps.devices import checked_devices, on_devices
 from jaxbeam._sweeps.executors import on_executor
 from jaxbeam._sweeps.identity import program_of
@@ -43,8 +43,9 @@ def sweep(
     is written for one case: it takes their parameters as scalars, by name, and returns an array, or
     a dictionary, dataclass or `eqx.Module` of arrays. It is compiled once (again only for another
     function object, so what it reads from outside is frozen: bind arrays that change between sweeps
-    with `jax.tree_util.Partial(function, *arrays)`) and vectorised over `chunk` cases at a time,
-    which bounds the memory it needs; results go to NumPy as they come. Numbers of types that NumPy
+    with `jax.tree_util.Partial(function, *arrays)`; the programs of the last sixteen functions are
+    kept) and vectorised over `chunk` cases at a time, which bounds the memory it needs; results go
+    to NumPy as they come. Numbers of types that NumPy
     has not (bfloat16, float8, int4) are kept, the same ones, as float32 or integers of 8 bits.
 
     One failing case never touches another. If the result has an entry `status` it is the status of
@@ -210,7 +211,7 @@ def compiled(
     """Have the program at hand that `sweep` runs, on the first device."""
     device = checked_devices(devices)[0]
     first = jax.device_put(cases.at(np.arange(min(chunk, len(cases)))), device)
-    batched.lower(placed(function, device), first).compile()
+    lowered(placed(function, device), first).compile()
 
 
 class _Progress:

@@ -15,8 +15,9 @@ from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._results import InHertz
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Label
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status
 from jaxbeam._sweeps.cases import grid
 from jaxbeam._sweeps.sweep import sweep

@@ -16,8 +16,9 @@ from jaxbeam._modes.wanted import Wanted, choose
 from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, nan_unless
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Label
-from jaxbeam._rotor.loads import NO_DAMPING, NO_LOADS, Damping, Loads
+from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Real, Scalar, is_concrete
 

@@ -300,6 +300,7 @@ def test_a_straight_line(known_noise):
     wanted, (rest,), *_ = np.linalg.lstsq(design, y[here])
     found = jb.fit(line(x, y, 0.2), FREE_LINE, known_noise=known_noise)
     assert int(found.degrees_of_freedom) == 9
+    assert {name: int(side) for name, side in found.at_bound.items()} == {"a": 0, "b": 0}
     level = 0.2 if known_noise else np.sqrt(rest / 9)
     covariance = level**2 * np.linalg.inv(design.T @ design)
     np.testing.assert_allclose([found.parameters["a"], found.parameters["b"]], wanted, rtol=1e-8)

@@ -39,6 +39,7 @@ ARGUMENTS = [
     ),
     (jb.Damping, {"mass_coefficient": 1.0}, "mass_coefficient"),
     (jb.Damping, {"stiffness_coefficient": 1.0}, "stiffness_coefficient"),
+    (jb.Damping, {"in_plane_damper": 1.0}, "in_plane_damper"),
     (jb.Beam.from_slenderness, {"slenderness": 1.0}, "slenderness"),
 ]
 STRICT = [

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._models.contract.equations import Drag
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.lanes import LARGE, in_kernel
 from jaxbeam._rotor.motion import Hub
@@ -24,15 +25,16 @@ MODELS = [
     slow(jb.Hybrid(2, 4, 3), BUILT[1]),
 ]
 CASES = 3
+DRAG = Drag(0.3, 2e-3)
 
 
 def _all_of(equations, hub, q, v, force):
     """What steps and the account of energy ask for."""
     rate = jax.jvp(equations.first_moment, (q,), (v,))[1]
     energies = equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity)
-    matrices = *equations.tangents(hub, q, v, force), *equations.damping_tangents(q, v, 0.3, 2e-3)
+    matrices = *equations.tangents(hub, q, v, force), *equations.damping_tangents(q, v, DRAG)
     return (
-        equations.force(hub, q, v, force), equations.damping(q, v, 0.3, 2e-3), rate,
+        equations.force(hub, q, v, force), equations.damping(q, v, DRAG), rate,
         equations.tip_power(q, v, force), energies, equations.strain_energy(q),
         [dense(a) for a in matrices],
     )  # fmt: skip

@@ -96,6 +96,34 @@ def of_user(functions):
 
 
 @pytest.mark.slow
+def test_by_default_traced_numbers_give_what_is_right_to_1e_6_or_a_status():
+    """From stiff to soft, in a batch; a user's own numbers are judged by their user."""
+    hub, tip, gammas = 0.1, 0.1, np.array([30.0, 45.0, 70.0, 150.0, 1e4])
+
+    @jax.jit
+    @jax.vmap
+    def found(gamma):
+        rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, 1.0, 1.0), hub, tip)
+        return jb.modes(jb.Hybrid(0, 16, 0), rotor, gamma, 2, throw=False)
+
+    modes = found(gammas)
+    few = jb.Status.TOO_FEW_FUNCTIONS
+    assert modes.status.tolist() == [jb.Status.OK, jb.Status.OK, few, few, few]
+    for k, gamma in enumerate(gammas[:4]):
+        exact = soft_beam.frequencies(gamma, hub, tip)[:2]
+        error = np.abs(of_user(17)(gamma, hub, tip).frequency[:2] / exact - 1)
+        assert (np.max(error) < 1e-6) == (k < 2)
+        if k < 2:
+            np.testing.assert_allclose(modes.frequency[k], exact, rtol=1e-6)
+
+
+@pytest.mark.exhaustive
+def test_modulated_speeds_of_soft_beams_have_a_status():
+    motion, model = jb.motions.ModulatedSpeed(SPIN, 0.1, 1.0), jb.Hybrid(0, 16, 0)
+    assert jb.floquet(model, BOOM, motion, throw=False).status == jb.Status.TOO_FEW_FUNCTIONS
+
+
+@pytest.mark.slow
 def test_the_estimate_of_polynomials_knows_the_tension():
     """Errors from 1e-6 to 0.1: within a tenth, and where little is left of the frequency, within a
     factor of two."""

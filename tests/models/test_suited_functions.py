@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 
 import jaxbeam as jb
 from jaxbeam._rotor.span import Span
@@ -77,6 +78,39 @@ def test_of_a_layer_at_the_root():
         assert error.max() < most
         assert (error < 3 * np.asarray(found.frequency_error) + 1e-10).all()
         assert (np.asarray(found.frequency_error) < 3 * error + 1e-10).all()
+
+
+def rod():
+    """A truncated cone that stretches: EA goes with the mass."""
+
+    def section(size):
+        return jb.blades.SpanwiseFunction(lambda x: size * (1 - 0.6 * x) ** 2)
+
+    return jb.Beam(1.0, section(1.0), section(1e2), 1.0, 1.0)
+
+
+@pytest.mark.slow
+def test_of_a_rod_that_stretches():
+    """(1 - 0.6 x) times the displacement is a string's: tan k = -2 k / 3, and in rotation, without
+    a Coriolis force, omega^2 = 100 k^2 - Omega^2. Errors of 2e-8 and 4e-4."""
+    k = [scipy.optimize.brentq(lambda k: np.tan(k) + k * 2 / 3, a, a + 1.5) for a in (1.6, 4.72)]
+    found = jb.modes(jb.Hybrid(5, 0, 0), jb.Rotor(rod()), 8.0, jb.labels(axial=2))
+    error = found.frequency / np.sqrt(100 * np.square(k) - 64) - 1
+    np.testing.assert_allclose(found.frequency_error, error, rtol=0.1)
+
+
+@pytest.mark.exhaustive
+def test_of_a_rod_that_stretches_and_bends():
+    """With the Coriolis force: errors from 8e-9 to 3e-4, against twice as many functions."""
+
+    @jax.jit
+    def found(speed):
+        models, labels = (jb.Hybrid(5, 7, 0), jb.Hybrid(9, 11, 0)), jb.labels(in_plane=2, axial=2)
+        few, many = (jb.modes(m, jb.Rotor(rod(), 0.1), speed, labels) for m in models)
+        return few.frequency / many.frequency - 1, few.frequency_error
+
+    error, estimate = found(4.0)
+    np.testing.assert_allclose(estimate, error, rtol=0.1)
 
 
 def stations(soft, gap=1e-6):

@@ -249,15 +249,9 @@ def test_what_a_main_file_says_of_a_missing_file(tmp_path):
 
 # As the title of a kind says, a file of each in a few lines.
 NEIGHBOURS = {
-    "a BeamDyn blade file": "BEAMDYN\nown\n---\n2 station_total - number\n1 damp_type\n",
-    "a BeamDyn primary file": "BEAMDYN\nown\n1 member_total\n3 kp_total\nkp_xr kp_yr kp_zr\n",
     "an ElastoDyn tower file": "TOWER\nown\n2 NTwInpSt\nHtFract TMassDen TwFAStif TwSSStif\n",
     "an ElastoDyn primary file": 'ED\nown\n63.0 TipRad - (m)\n"a.dat" BldFile(1) - blade\n',
     "an AeroDyn blade file": "AERODYN\nown\n2 NumBlNds\nBlSpn BlCrvAC BlSwpAC BlTwist BlChord\n",
-    "a HAWC2 htc file": "; own\nbegin new_htc_structure;\n  begin main_body;\n",
-    "a HAWC2 st file": "1 ; number of sets\n#1 own\nr m x_cg y_cg\n$1 2\n0 1 0 0\n1 1 0 0\n",
-    "a windIO YAML file": "name: own\ncomponents:\n  blade:\n    outer_shape_bem: {}\n",
-    "a VABS .K file": " The 6X6 Mass Matrix\n ====\n\n 1 0 0 0 0 0\n",
     "an Excel workbook (save it as CSV)": b"PK\x03\x04\x14\x00\x06\x00\x08\x00[Content_Types].xml",
 }
 ALL_READERS = blades.read_blade, blades.read_csv, blades.read_elastodyn, blades.read_bmodes

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._models.contract.equations import Drag
 from jaxbeam._numerics.linalg import dense
 from tests.beams import SOFT_SPRINGS, short
 from tests.helpers import BUILT, DISCRETE, ELEMENTS, THEORIES, finite_difference, name
@@ -22,6 +23,7 @@ STEPPED = jb.Rotor(
     root_springs=jb.RootSprings(in_plane=40.0), tip_body=jb.TipBody(0.3, 0.1, 0.02),
 )  # fmt: skip
 C, SPEEDS = jnp.array(2e-3), np.array([0.0, 10.0, 20.0])
+DRAG = Drag(stiffness_coefficient=C)
 
 
 def rest(*cases):
@@ -105,10 +107,10 @@ def test_a_rigid_rotation_is_damped_by_the_spring_of_the_root_alone(kind):
     across, lengthwise = np.r_[0, 2:4, 6:8, 10:12], np.r_[1, 4:6, 8:10, 12:14]
     v = jnp.zeros_like(q).at[across].set(spin * (along + q[lengthwise]))
     v = v.at[lengthwise].set(-spin * q[across])
-    force = jax.jit(lambda q, v: model.equations(rotor).damping(q, v, None, C))(q, v)
+    force = jax.jit(lambda q, v: model.equations(rotor).damping(q, v, DRAG))(q, v)
     np.testing.assert_allclose(force @ v, C * spring * spin**2, rtol=1e-10)
     np.testing.assert_allclose(force[2:], 0.0, atol=1e-13)
-    strained = jax.jit(lambda q, v: model.equations(rotor).damping(q, v, None, C))(q, 1.1 * v + q)
+    strained = jax.jit(lambda q, v: model.equations(rotor).damping(q, v, DRAG))(q, 1.1 * v + q)
     assert np.abs(strained[2:]).max() > 0.1  # what is not rigid is damped
 
 
@@ -151,7 +153,7 @@ def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
             rotor.beam.in_plane_bending_stiffness, rotor.beam.flap_bending_stiffness
         ])  # fmt: skip
         power = rotor.beam.axial_stiffness * strain**2 + bend**2 @ stiffness
-        return equations.damping(q, v, None, C) @ v, C * dx @ power
+        return equations.damping(q, v, DRAG) @ v, C * dx @ power
 
     given, found = both(q, v)
     np.testing.assert_allclose(given, found, rtol=1e-9)
@@ -185,9 +187,9 @@ def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
         at_rest = equations.viscous_force(rest, v), jax.jvp(
             equations.elastic_force, (rest,), (v,)
         )[1]  # fmt: skip
-        given = equations.damping_tangents(q, v, None, C)
+        given = equations.damping_tangents(q, v, DRAG)
         exact = jax.jacfwd(
-            lambda q, v: equations.as_force(q, equations.damping(q, v, None, C)), (0, 1)
+            lambda q, v: equations.as_force(q, equations.damping(q, v, DRAG)), (0, 1)
         )(q, v)
         matrix = jax.jacfwd(equations.viscous_force, 1)(q, v)
         return at_rest, [dense(a) for a in given], exact, matrix

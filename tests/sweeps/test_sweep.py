@@ -1,6 +1,8 @@
 """Labelled sweeps: layout, chunks, failures, files."""
 
 import builtins
+import gc
+import weakref
 
 import equinox as eqx
 import jax
@@ -190,6 +192,31 @@ def test_errors_of_the_function_itself_pass_through():
         jb.sweep(lambda a: a, jb.grid(a=[1], b=[2]))
     with pytest.raises(TypeError, match="at least one array"):
         jb.sweep(lambda a: None, jb.grid(a=[1]))
+
+
+def test_functions_that_are_swept_once_are_forgotten():
+    """With their programs, when sixteen others have come; arrays bound to one are not another."""
+    swept, traced = [], []
+
+    def scaled(by, x, how):
+        traced.append(type(how))
+        return how * by * x
+
+    def once(k):
+        function = lambda x: x + k  # noqa: E731
+        swept.append(weakref.ref(function))
+        jb.sweep(function, {"x": [1.0]})
+
+    def bound(by, how=2):
+        function = jax.tree_util.Partial(scaled, jnp.asarray(by), how=how)
+        return jb.sweep(function, {"x": [1.0]})["value"].item()
+
+    for k in range(18):
+        once(k)
+    gc.collect()
+    assert not any(function() for function in swept[:2])
+    assert [bound(1.0), bound(3.0), bound(3.0, 2.0)] == [2.0, 6.0, 6.0]
+    assert traced == [int, float]
 
 
 def test_results_of_one_name_are_named():

@@ -41,7 +41,7 @@ from jaxbeam._models.ancf.nodes import (
 )
 from jaxbeam._models.ancf.sections import Ends, Sections, body_mass
 from jaxbeam._models.bases.basis import Functions, hermite
-from jaxbeam._models.contract.equations import Equations
+from jaxbeam._models.contract.equations import Dampers, Equations
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.contract.strained import Parts, force_of, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
@@ -184,6 +184,17 @@ class ElementEquations(Equations):
         )
         ends = self._at_ends(self.ends.viscous_tangents, q, v) or (None, None)
         by_q, by_v = (self._gathered_tangent(own[:, i], ends[i]) for i in (0, 1))
+        return by_q, by_v
+
+    def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
+        none, ends = jnp.zeros_like(of_elements(self._nodes(q))), self.ends.damped_by(dampers)
+        return self._gathered(none, none[-1, :, 0], self._at_ends(ends.viscous, q, v))
+
+    def damper_tangents(
+        self, q: Vector, v: Vector, dampers: Dampers
+    ) -> tuple[BlockTridiagonal, BlockTridiagonal]:
+        by = self._at_ends(self.ends.damped_by(dampers).viscous_tangents, q, v)
+        by_q, by_v = (self._gathered_tangent(None, each) for each in by)
         return by_q, by_v
 
     def _by_local(self, tangent: Float[Array, "2 3 2 3 *lanes"]) -> Array:
@@ -334,10 +345,11 @@ class ElementEquations(Equations):
         return padded(row, -i * more, (1 + i) * more)
 
     def _gathered_tangent(
-        self, local: Float[Array, "E 2 4 2 4 *lanes"], ends: Float[Array, "2 2 2 *lanes"] | None
-    ) -> BlockTridiagonal:
+        self, local: Float[Array, "E 2 4 2 4 *lanes"] | None,
+        ends: Float[Array, "2 2 2 *lanes"] | None,
+    ) -> BlockTridiagonal:  # fmt: skip
         """Sum of the tangents of elements and of what is at the ends."""
-        rows = assembled(local)
+        rows: Any = 0.0 if local is None else assembled(local)
         if ends is not None:
             none = ((0, 0),) * (ends.ndim - 3)
             for i, slopes in zip((0, -1), ends / self.length**2, strict=True):

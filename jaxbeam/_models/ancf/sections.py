@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -196,6 +196,12 @@ class Ends(EndSprings):
     def __init__(self, rotor: Rotor, axial_stiffness: Number, n_elements: int) -> None:
         self.spring, _ = rotor.springs
         self.hold = holding(rotor, axial_stiffness, n_elements)
+
+    def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
+        ends: Self = eqx.tree_at(
+            lambda s: (s.spring, s.hold), self, (dampers[0], None), is_leaf=lambda s: s is None
+        )
+        return ends
 
     @property
     def stiffness(self) -> list[Number]:

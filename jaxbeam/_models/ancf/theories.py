@@ -22,7 +22,7 @@ from jaxbeam._models.contract.bands import NodeByNode
 from jaxbeam._models.contract.base import checked_case, steady_strain
 from jaxbeam._models.contract.elasticity import LinearElasticity
 from jaxbeam._models.contract.linear_system import LinearSystem
-from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, check_supported
+from jaxbeam._models.contract.supports import AS_BUILT, ROOT_IN_PLANE, check_supported
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
 from jaxbeam._numerics.linalg import dense, positive_definite
@@ -65,7 +65,7 @@ class _Nodal(_ANCF):
     the root, and the rotor says how stiff it is.
     """
 
-    supports = _ANCF.supports | ROOT_SPRINGS - {"root_springs.flap"}
+    supports = _ANCF.supports | ROOT_IN_PLANE
     element: ClassVar[type[Element]]
     _yields: bool = eqx.field(static=True, default=False, kw_only=True)  # which `suited` sets
 

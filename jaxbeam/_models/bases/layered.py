@@ -85,15 +85,41 @@ def massless(basis: Basis | None, dtype: Any) -> float:
     return 50 * float(jnp.finfo(dtype).eps) if has_layers(basis) else 0.0
 
 
-def is_soft(rotor: Rotor, speed: Any) -> bool:
+def is_soft(rotor: Rotor, speed: Any) -> Any:
     """Whether a uniform beam, at a speed in rad/s, is so soft that 16 polynomials leave out more
-    than 1e-6 of a frequency; not, where numbers are traced or have 32 bits."""
-    if not is_concrete((rotor, speed)) or jnp.finfo(jnp.result_type(speed)).bits <= 32:
+    than 1e-6 of a frequency; in 32 bits, which do not know, it is not."""
+    if jnp.finfo(jnp.result_type(speed)).bits <= 32:
         return False
-    rotor, speed = jax.tree.map(np.asarray, (rotor, speed))  # whose arithmetic is not compiled
-    beam = rotor.beam
-    softer = np.minimum(beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
-    return bool(held_by(rotor, speed) > _STIFFEST**2 * softer)
+    beam, least = rotor.beam, held_by(rotor, speed) / _STIFFEST**2
+    return (least > beam.in_plane_bending_stiffness) | (least > beam.flap_bending_stiffness)
+
+
+def is_known_to_be_soft(rotor: Rotor, speed: Any) -> bool:
+    """The same, and not where numbers are traced."""
+    # In NumPy, whose arithmetic is not compiled.
+    return is_concrete((rotor, speed)) and bool(is_soft(*jax.tree.map(np.asarray, (rotor, speed))))
+
+
+def are_followed(counts: tuple[int, ...], rotor: Rotor, speed: Any) -> Any:
+    """Whether so many polynomials in plane and in flap follow the layer at a clamp to some 1e-3:
+    n do, where its kappa is no more than n^2."""
+    beam, fine = rotor.beam, jnp.ones((), bool)
+    stiffness = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
+    for n, own, spring in zip(counts, stiffness, rotor.springs, strict=True):
+        if n and spring is None:
+            fine = fine & (held_by(rotor, speed) <= n**4 * own)
+    return fine
+
+
+def without_layers(basis: Basis) -> bool:
+    """Whether a basis is polynomials as they are, be it at a root that yields."""
+    return (basis.basis if isinstance(basis, Yielding) else basis) == Polynomials()
+
+
+def with_layers(basis: Basis) -> Basis:
+    """The basis with layers, as many functions more as `LAYERS`."""
+    own = Layered()
+    return dataclasses.replace(basis, basis=own) if isinstance(basis, Yielding) else own
 
 
 def held_by(rotor: Rotor, speed: Any) -> Any:

@@ -12,18 +12,16 @@ from jaxtyping import Array, Bool, Float
 from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.equations import Equations, Inputs
-from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.supports import Neglects, check_supported
-from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless
-from jaxbeam._rotor.beam import AnyRotor, Rotor, checked_rotor
-from jaxbeam._rotor.directions import Direction, coupling_groups
+from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor, checked_rotor
+from jaxbeam._rotor.directions import ALL_COUPLED, CouplingGroup, Direction, coupling_groups
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._rotor.spring_rotor import SpringRotor
 from jaxbeam._status import Status, first_failure
-from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
+from jaxbeam._types import Code, Real, Scalar, Vector, is_concrete
 
 TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
 
@@ -42,6 +40,8 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     needs: ClassVar[frozenset[str]] = frozenset()
     # What the ladder asks. `called` is of the class itself, the name of the theory in words.
     called: ClassVar[str]
+    couples_all: ClassVar[bool] = False  # whether anything may be coupled with anything
+    in_time: ClassVar[bool] = True  # whether it moves, rather than rest in its hub or near to that
     is_linear: ClassVar[bool] = False  # whether its equations of motion are
     # Whether it converges to the exact rod of the engineering strain, to which errors refer; what
     # derives from such a model does not by that.
@@ -107,7 +107,11 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
-        return equilibrium(self.equations(rotor), spinning(speed))
+        return self.equations(rotor).equilibrium(spinning(speed))
+
+    def coupling(self, rotor: TheRotor) -> tuple[CouplingGroup, ...]:
+        """Which directions of small motion about steady rotation are coupled."""
+        return ALL_COUPLED if self.couples_all else coupling_groups(rotor)
 
     def suited(self, rotor: TheRotor) -> Self:
         """A model of the same theory and size with a root that yields where that of the rotor does.
@@ -124,6 +128,10 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def judged(self, rotor: TheRotor) -> bool:
         """Whether too few functions are a failure: how many are enough is not its user's to say."""
         return isinstance(rotor, Rotor) and rotor.varies
+
+    def most_error(self, rotor: TheRotor, speed: Scalar) -> Any:
+        """The largest `frequency_error`, relative, that is no failure of a model that is judged."""
+        return 1e-3
 
     def resolves(self, rotor: TheRotor, speed: Scalar) -> Bool[Array, ""]:
         """Whether functions that nobody has chosen can follow a beam that turns as fast as this, to
@@ -163,28 +171,20 @@ def small_motion(
 ) -> LinearSystem:  # fmt: skip
     """Matrices of small motion about a steady state (coordinates, and the status of the search)
     under `inputs`, none by default but rotation: the tangents of the equations there."""
-    hub, tip, span = (spinning(speed), None, None) if inputs is None else inputs
+    hub, *acting = (spinning(speed), None, None) if inputs is None else inputs
     q, status = state
-    k, c = equations.tangents(hub, q, jnp.zeros_like(q), tip)
-    by_span = None if span is None else span.tangent(equations, q)
-    if by_span is not None:
-        k = k + by_span
+    mass, by_rates, stiffness = equations.matrices_about(hub, q, *acting)
     return LinearSystem(
-        mass=generalised(equations, q, equations.mass_about(q)),
-        gyroscopic=generalised(equations, q, c),
-        stiffness=generalised(equations, q, k),
+        mass=mass,
+        gyroscopic=by_rates,
+        stiffness=stiffness,
         steady_strain=steady_strain(rotor, speed, equations, q),
         status=status,
         directions=model.directions,
-        coupling=coupling_groups(rotor),
+        coupling=model.coupling(rotor),
         shapes=equations.functions,
+        general=model.couples_all,
     )
-
-
-def generalised(equations: Equations, q: Vector, a: Any) -> Matrix:
-    """A matrix of forces as those of generalised ones again, where `force` scales them; at rest the
-    slope of the scale does not count."""
-    return dense(a) / equations.as_force(q, jnp.ones_like(q))[:, None]
 
 
 def checked_model(model: Any) -> AbstractModel:
@@ -223,7 +223,7 @@ def fastest(speeds: Any) -> Any:
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
     """The largest axial strain of a steady state: at the root of a uniform beam; of one that varies
     P / EA, since functions that are smooth do not follow its steps."""
-    if isinstance(rotor, Rotor) and rotor.varies:
+    if isinstance(rotor, Rotor) and rotor.varies and isinstance(rotor.beam, Beam):
         return rotor.steady_strain(speed)
     return equations.strain(q, np.zeros(1))[0]
 

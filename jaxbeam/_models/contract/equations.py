@@ -1,6 +1,7 @@
 """Equations of motion, which every model has of its own."""
 
 import abc
+import dataclasses
 from typing import Any, NamedTuple, Self
 
 import equinox as eqx
@@ -10,17 +11,37 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.shapes import Shapes
+from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.small import SmallMatrix
-from jaxbeam._programs.lanes import total, transposed
+from jaxbeam._programs.lanes import applied_once, total, transposed
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
 from jaxbeam._rotor.span import Span
-from jaxbeam._types import Matrix, Number, Triple, Vector
+from jaxbeam._types import Code, Matrix, Number, Triple, Vector
 
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
 Inputs = tuple[Hub, Any, AbstractSpanForce | None]
+
+Dampers = tuple[Number | None, Number | None]  # of the root, in plane and in flap, N m s
+
+
+class Drag(eqx.Module):
+    """`Damping` as the equations of one beam have it: coefficients; dampers of the root, where its
+    angles are not linear in the coordinates; and a matrix that depends on no state, of ratios and
+    of all other dampers."""
+
+    mass_coefficient: Number | None = None
+    stiffness_coefficient: Number | None = None
+    dampers: Dampers | None = None
+    matrix: Matrix | None = None
+
+    @property
+    def is_none(self) -> bool:
+        """Whether nothing is damped."""
+        return not jax.tree.leaves(self)
 
 
 class Undeformed(NamedTuple):
@@ -84,6 +105,36 @@ class Equations(eqx.Module):
         """A generalised force (its power, in W, is that times q') as it enters `force`."""
         return generalised
 
+    @property
+    def rest(self) -> Vector:
+        """Coordinates of the undeformed beam."""
+        return jnp.zeros(self.mass.shape[0], self.length.dtype)
+
+    def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> tuple[Vector, Code]:
+        """Coordinates at which the beam rests in a hub whose motion does not change, and the status
+        of the search: see `equilibrium`."""
+        return equilibrium(self, hub, tip_force, span)
+
+    def matrices_about(
+        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+    ) -> tuple[Matrix, Matrix, Matrix]:
+        """Mass, what goes with rates, and stiffness of small motion about a state of rest."""
+        k, c = self.tangents(hub, q, jnp.zeros_like(q), tip_force)
+        by_span = None if span is None else span.tangent(self, q)
+        if by_span is not None:
+            k = k + by_span
+        m, c, k = (self.generalised(q, a) for a in (self.mass_about(q), c, k))
+        return m, c, k
+
+    def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
+        """The matrix of damping in small motion about a state of rest."""
+        return self.generalised(q, self.damping_about(q, drag))
+
+    def generalised(self, q: Vector, a: Any) -> Matrix:
+        """A matrix of forces as those of generalised ones, where `force` scales them; at rest the
+        slope of the scale does not count."""
+        return dense(a) / self.as_force(q, jnp.ones_like(q))[:, None]
+
     @abc.abstractmethod
     def elastic_force(self, q: Vector) -> Vector:
         """Generalised elastic forces; zero at q = 0, the undeformed beam."""
@@ -96,6 +147,24 @@ class Equations(eqx.Module):
     @abc.abstractmethod
     def strain_energy(self, q: Vector) -> Number:
         """U, in J; zero at q = 0."""
+
+    def root_slopes(self) -> Float[Array, "2 n"] | None:
+        """Angles of the root, in plane and in flap, by coordinates, where they are linear in
+        these; of models that support dampers."""
+        return None
+
+    def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
+        """B^T d B q', B = d phi/dq, of dampers d at the root with angles phi, where these are not
+        linear; of models that support dampers."""
+        raise NotImplementedError
+
+    def damper_tangents(self, q: Vector, v: Vector, dampers: Dampers) -> tuple[Any, Any]:
+        """Derivatives of `damper_force` by q and q', of the kind of `mass`."""
+        raise NotImplementedError
+
+    def like_mass(self, matrix: Matrix) -> Any:
+        """A matrix as one of the kind of `mass`; of models whose `Drag` has one."""
+        return matrix
 
     def nonconservative_force(self, q: Vector) -> Vector:
         """elastic_force minus the gradient of strain_energy: zero, but for Model A."""
@@ -141,6 +210,23 @@ class Equations(eqx.Module):
         tip = self.undeformed.tip
         root = (self.tip_radius - self.length) * jnp.eye(3, dtype=tip.dtype)[0]
         return root[None] + jnp.asarray(xi)[:, None] * (tip - root)[None]
+
+    def rates(self, q: Vector, change: Vector) -> Vector:
+        """How coordinates begin to change with a small motion about q, of which `matrices_about`
+        are: as that, where motion is by coordinates."""
+        return change
+
+    def own_section_loads(self, q: Vector, xi: np.ndarray) -> tuple[Array, Array] | None:
+        """Force and moment in sections of a beam that rests in its hub, as `section_loads` has
+        them, where the model has them itself."""
+        return None
+
+    def own_reaction(
+        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+    ) -> tuple[Triple, Triple] | None:
+        """Force, and moment about the centre of the hub, by which the hub holds a beam that rests
+        in it, where the model has them itself."""
+        return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
         """Where the points of a span are, in hub axes from the centre of the hub, in m."""
@@ -232,49 +318,46 @@ class Equations(eqx.Module):
         by: tuple[Any, Any] = jax.jacfwd(self.viscous_force, (0, 1))(q, v)
         return by
 
-    def damping(
-        self,
-        q: Vector,
-        v: Vector,
-        mass_coefficient: Number | None,
-        stiffness_coefficient: Number | None,
-    ) -> Vector:
-        """mass_coefficient dT/dq' + stiffness_coefficient viscous_force(q, q'), T seen from the
-        hub; see `Damping`."""
+    def damping(self, q: Vector, v: Vector, drag: Drag) -> Vector:
+        """mass_coefficient dT/dq' + stiffness_coefficient viscous_force(q, q') and what dampers and
+        the matrix do, T seen from the hub; see `Damping`."""
         out = jnp.zeros_like(q)
-        if mass_coefficient is not None:
+        if drag.mass_coefficient is not None:
             still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
 
             def kinetic(v: Array) -> Array:
                 return jnp.sum(self.kinetic_energy(q, v, still, still))
 
-            out = out + mass_coefficient * jax.grad(kinetic)(v)
-        if stiffness_coefficient is not None:
-            out = out + stiffness_coefficient * self.viscous_force(q, v)
+            out = out + drag.mass_coefficient * jax.grad(kinetic)(v)
+        if drag.stiffness_coefficient is not None:
+            out = out + drag.stiffness_coefficient * self.viscous_force(q, v)
+        if drag.dampers is not None:
+            out = out + self.damper_force(q, v, drag.dampers)
+        if drag.matrix is not None:
+            out = out + applied_once(drag.matrix, v)
         return out
 
-    def damping_tangents(
-        self,
-        q: Vector,
-        v: Vector,
-        mass_coefficient: Number | None,
-        stiffness_coefficient: Number | None,
-    ) -> tuple[Any, Any]:
+    def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Any, Any]:
         """Derivatives of `damping`, as it enters `force`, by q and q', in runs: with `mass`; here
         for inertia that does not depend on q."""
         own: Any = self.mass
         k, c = 0 * own, 0 * own
-        if mass_coefficient is not None:
-            c = c + mass_coefficient * own
-        if stiffness_coefficient is not None:
+        if drag.mass_coefficient is not None:
+            c = c + drag.mass_coefficient * own
+        if drag.stiffness_coefficient is not None:
             by_q, by_v = self.viscous_tangents(q, v)
-            k, c = k + stiffness_coefficient * by_q, c + stiffness_coefficient * by_v
+            k, c = k + drag.stiffness_coefficient * by_q, c + drag.stiffness_coefficient * by_v
+        if drag.dampers is not None:
+            by_q, by_v = self.damper_tangents(q, v, drag.dampers)
+            k, c = k + by_q, c + by_v
+        if drag.matrix is not None:
+            c = c + self.like_mass(drag.matrix)
         return k, c
 
-    def damping_about(
-        self, q: Vector, mass_coefficient: Number | None, stiffness_coefficient: Number | None
-    ) -> Any:
+    def damping_about(self, q: Vector, drag: Drag) -> Any:
         """The matrix of damping in small motion about a state, as it enters `force`, of the kind of
         `mass`: its inertia is that of this motion, `mass_about`."""
-        _, c = self.damping_tangents(q, jnp.zeros_like(q), None, stiffness_coefficient)
-        return c if mass_coefficient is None else c + mass_coefficient * self.mass_about(q)
+        rest = dataclasses.replace(drag, mass_coefficient=None)
+        _, c = self.damping_tangents(q, jnp.zeros_like(q), rest)
+        own = drag.mass_coefficient
+        return c if own is None else c + own * self.mass_about(q)

@@ -11,24 +11,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of
-from jaxbeam._models.contract.base import AbstractModel, generalised, guarded, small_motion
+from jaxbeam._models.contract.base import AbstractModel, guarded, small_motion
+from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.equations import Equations, Inputs
-from jaxbeam._models.contract.equilibrium import equilibrium
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping, damping_in_range
 from jaxbeam._rotor.directions import ALL_COUPLED, Direction, is_hinged
 from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
-from jaxbeam._rotor.loads import (
-    NO_DAMPING,
-    NO_LOADS,
-    Damping,
-    Loads,
-    damping_in_range,
-    loads_in_range,
-)
+from jaxbeam._rotor.loads import NO_LOADS, Loads, loads_in_range
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Number, Scalar, Vector
@@ -77,9 +71,9 @@ class Conditions(eqx.Module):
         equations = equations_under(model, rotor, self.loads)
         inputs = self.inputs(equations, speed, factor)
         q, status = resting(rotor, equations, inputs)
-        rates, damping = (self.damping.mass_coefficient, self.damping.stiffness_coefficient), None
-        if rates != (None, None):
-            damping = generalised(equations, q, equations.damping_about(q, *rates))
+        damping, drag = None, drag_of(self.damping, model, rotor, equations)
+        if not drag.is_none:
+            damping = equations.damping_matrix_about(q, drag)
         return dataclasses.replace(
             small_motion(model, rotor, speed, equations, (q, status), inputs),
             coupling=ALL_COUPLED,
@@ -93,7 +87,7 @@ class Conditions(eqx.Module):
 def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
     """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
     either where the tip would be farther than ten lengths."""
-    q, status = equilibrium(equations, *inputs)
+    q, status = equations.equilibrium(*inputs)
     # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
     near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
     held = jnp.asarray(True)
@@ -148,10 +142,12 @@ def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, Abstra
     return loads.at_tip(t), None if span is None else span(t)
 
 
-def checked_damping(damping: Any) -> Damping:
-    """The argument, if it is a damping."""
+def checked_damping(damping: Any, case: tuple[AbstractModel, AnyRotor] | None = None) -> Damping:
+    """The argument, if it is a damping, and one that a `case`, a model and a rotor, bears."""
     if not isinstance(damping, Damping):
         raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
+    if case is not None:
+        check_supported(*case, damping=damping)
     return damping
 
 
@@ -175,11 +171,11 @@ def checked_conditions(
             )
     if loads.are_none:
         loads = NO_LOADS
-    if loads is NO_LOADS and damping.mass_coefficient is damping.stiffness_coefficient is None:
+    if loads is NO_LOADS and damping.are_none:
         return None
     if case is not None:
         model, rotor = case
-        check_supported(model, rotor, loads)
+        check_supported(model, rotor, loads, damping)
         planar = Direction.FLAP in model.directions or stays_in_plane(loads)
         refuse(
             throw,

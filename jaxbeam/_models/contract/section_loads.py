@@ -58,6 +58,9 @@ def section_loads(
             "has none: ask for hub_force and hub_torque"
         )
     beam, q = rotor.beam, moved.q
+    own = equations.own_section_loads(q, xi)
+    if own is not None:
+        return own
     edges = sorted({*equations.pieces, *beam.edges, *outside.loads.kinks})
     span = Span.between(tuple(edges), _POINTS)
     force, couple = _along(rotor, equations, outside, moved, span)

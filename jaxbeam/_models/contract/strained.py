@@ -11,7 +11,7 @@ the elastic force is more, by the stress times d B^T/dt.
 import abc
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -183,6 +183,11 @@ class EndSprings(Strained):
     @abc.abstractmethod
     def stiffness(self) -> list[Number]:
         """Stiffness of each of them."""
+
+    @abc.abstractmethod
+    def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
+        """Dampers in the place of the springs, and nothing at the tip: what they do is `viscous`
+        of this."""
 
     @property
     def are_plain(self) -> bool:

@@ -1,17 +1,23 @@
 """What a model cannot do is refused by name, here and nowhere else.
 
-A rotor and loads name what they have (`Rotor.features`, `Loads.features`); a model declares what
+A rotor, loads and damping name what they have (`features` of each); a model declares what
 its equations of motion know (`supports`), what its matrices of small motion know besides
 (`supports_in_matrices`), and what it cannot do without (`needs`).
 """
 
 from typing import Any, NamedTuple
 
-from jaxbeam._rotor.beam import CONED_AND_MORE, AnyRotor
+from jaxbeam._rotor.beam import CONED_AND_MORE, AnyRotor, Rotor
+from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.loads import NO_LOADS, Loads
 
+RATIOS = frozenset({"damping.in_plane_ratio", "damping.flap_ratio", "damping.axial_ratio"})
 # Of each feature: what a model that does not know it has not, and what to do.
 _REFUSED = {
+    "blade": (
+        "full sections nor curved axes",
+        "take SpatialRod, or the straight beam that blade.beam() makes of it",
+    ),
     "spanwise": ("property that varies along the span", "take Hybrid or ExactRodANCF"),
     "beam.twist": ("turned sections", "take Hybrid or SpatialANCF"),
     "pitch": ("turned sections", "take Hybrid or SpatialANCF"),
@@ -41,6 +47,12 @@ _REFUSED = {
         "take Hybrid or ExactRodANCF, or leave it out",
     ),
 }
+_REFUSED |= dict.fromkeys(
+    RATIOS, ("modes that last", "take Hybrid, or give a stiffness_coefficient")
+) | {
+    "damping.in_plane_damper": ("damper in plane", "take Hybrid or ExactRodANCF"),
+    "damping.flap_damper": ("damper in flap", "take Hybrid or SpatialANCF"),
+}
 _NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N m^2, to the Beam"}
 # What all beams know.
 AS_BUILT = frozenset(
@@ -49,7 +61,8 @@ AS_BUILT = frozenset(
         "loads.point_forces",
     }
 )  # fmt: skip
-ROOT_SPRINGS = frozenset({"root_springs", "root_springs.in_plane", "root_springs.flap"})
+ROOT_IN_PLANE = frozenset({"root_springs", "root_springs.in_plane", "damping.in_plane_damper"})
+ROOT_SPRINGS = ROOT_IN_PLANE | {"root_springs.flap", "damping.flap_damper"}
 TURNED = frozenset({"beam.twist", "pitch"})
 
 
@@ -62,25 +75,33 @@ class Neglects(NamedTuple):
     strain: float = 0.0  # over the steady strain
 
 
+def borne(model: type[Any], *, moving: bool = True) -> frozenset[str]:
+    """Features that models of a class know: those that are linear have modes that last."""
+    own: frozenset[str] = model.supports | (RATIOS if model.is_linear else frozenset())
+    return own if moving else own | vars(model).get("supports_in_matrices", frozenset())
+
+
 def missing(
-    model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, *, moving: bool = True
-) -> list[str]:
-    """Features of a rotor and loads that models of a class do not know.
+    model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, *,
+    moving: bool = True,
+) -> list[str]:  # fmt: skip
+    """Features of a rotor, loads and damping that models of a class do not know.
 
     `moving` is whether equations of motion are asked for, not matrices alone. What derives from a
     class inherits `supports`, as its equations; matrices of their own it has to declare again.
     """
-    borne: frozenset[str] = model.supports
-    if not moving:
-        borne |= vars(model).get("supports_in_matrices", frozenset())
-    return [feature for feature in (*rotor.features, *loads.features) if feature not in borne]
+    every = *rotor.features, *loads.features, *damping.features
+    own = borne(model, moving=moving)
+    return [feature for feature in every if feature not in own]
 
 
 def unsupported(
-    model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, *, moving: bool = True
-) -> str:
-    """Why models of a class do not bear a rotor and loads, in a sentence; empty where they do."""
-    for feature in missing(model, rotor, loads, moving=moving):
+    model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, *,
+    moving: bool = True,
+) -> str:  # fmt: skip
+    """Why models of a class do not bear a rotor, loads and damping, in a sentence; empty where they
+    do."""
+    for feature in missing(model, rotor, loads, damping, moving=moving):
         what, advice = _REFUSED.get(feature, ("such thing", "leave it out"))
         return f"{feature}: {model.__name__} has no {what}: {advice}"
     for need in sorted(model.needs):
@@ -90,15 +111,18 @@ def unsupported(
 
 
 def check_supported(
-    model: Any, rotor: AnyRotor, loads: Loads = NO_LOADS, *, moving: bool = True
-) -> None:
-    """Raise `ValueError` where a model does not bear what there is, or in motion its root yields
-    otherwise than that of the rotor.
+    model: Any, rotor: AnyRotor, loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, *,
+    moving: bool = True,
+) -> None:  # fmt: skip
+    """Raise `ValueError` where a model does not bear what there is, in motion its root yields
+    otherwise than that of the rotor, or a damper is where the root is clamped.
 
     All functions pass here: `checked_case` at the door, equations of motion and matrices of their
     own as they are built.
     """
-    why = unsupported(type(model), rotor, loads, moving=moving)
+    why = unsupported(type(model), rotor, loads, damping, moving=moving)
+    if not why and isinstance(rotor, Rotor):
+        why = _clamped(rotor, damping)
     if not why and moving and model.suited(rotor) != model:
         why = (
             f"root_springs: the root of the rotor yields otherwise than that of this "
@@ -106,3 +130,15 @@ def check_supported(
         )
     if why:
         raise ValueError(why)
+
+
+def _clamped(rotor: Rotor, damping: Damping) -> str:
+    """Which damper has nothing to damp, in a sentence; empty where there is none."""
+    each = zip(("in_plane", "flap"), damping.dampers, rotor.springs, strict=True)
+    for way, damper, spring in each:
+        if damper is not None and spring is None:
+            return (
+                f"damping.{way}_damper: the root is clamped there: give the Rotor "
+                f"root_springs=RootSprings({way}=...), zero for a free hinge"
+            )
+    return ""

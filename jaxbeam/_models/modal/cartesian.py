@@ -220,9 +220,9 @@ class CartesianEquations(Equations):
         if self.tip_rotation is not None:
             more = self.tip_rotation.tangents(hub)
             k, c = k + more[0], c + more[1]
-        return self._like_mass(k), self._like_mass(c)
+        return self.like_mass(k), self.like_mass(c)
 
-    def _like_mass(self, matrix: Matrix) -> Matrix | SmallMatrix:
+    def like_mass(self, matrix: Matrix) -> Matrix | SmallMatrix:
         return SmallMatrix(matrix) if isinstance(self.mass, SmallMatrix) else matrix
 
     def _along(self, vector: Triple) -> Vector:
@@ -260,14 +260,17 @@ class CartesianEquations(Equations):
         return self.elasticity.force(q)
 
     def elastic_tangent(self, q: Vector) -> Any:
-        return self._like_mass(self.elasticity.tangent(q))
+        return self.like_mass(self.elasticity.tangent(q))
 
     def viscous_force(self, q: Vector, v: Vector) -> Vector:
         return self.elasticity.viscous(q, v)
 
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Any, Any]:
         by_q, by_v = self.elasticity.viscous_tangents(q, v)
-        return self._like_mass(by_q), self._like_mass(by_v)
+        return self.like_mass(by_q), self.like_mass(by_v)
+
+    def root_slopes(self) -> Float[Array, "2 n"]:
+        return self.shape_integrals.root[None] * self.model.one_hot[:, 1:].T / self.length
 
     def strain_energy(self, q: Vector) -> Number:
         return self.elasticity.energy(q)

@@ -24,8 +24,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import check_kind, count_functions
+from jaxbeam._models.bases import layered
 from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
-from jaxbeam._models.bases.layered import LAYERS, Layered, has_layers, held_by, is_soft
 from jaxbeam._models.bases.loads import Counts, Kind, Mixes, Profile
 from jaxbeam._models.bases.shapes import (
     Shapes,
@@ -113,18 +113,13 @@ class _Modal(CartesianModel):
         class has by itself, or none."""
         own = ((self.n_in_plane, type(self).n_in_plane), (self.n_flap, type(self).n_flap))
         by_default = all(n in (0, default) for n, default in own)
-        return super().judged(rotor) or by_default or has_layers(self.basis)
+        return super().judged(rotor) or by_default or layered.has_layers(self.basis)
 
     def resolves(self, rotor: Rotor, speed: Scalar) -> Bool[Array, ""]:
         """n polynomials follow layers at a clamp of which kappa is no more than n^2."""
-        beam, fine = rotor.beam, super().resolves(rotor, speed)
-        if rotor.varies or not self.judged(rotor) or has_layers(self.basis):
-            return fine
-        stiffness = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
-        for n, own, spring in zip(self.counts[1:], stiffness, rotor.springs, strict=True):
-            if n and spring is None:
-                fine = fine & (held_by(rotor, speed) <= n**4 * own)
-        return fine
+        if rotor.varies or not self.judged(rotor) or layered.has_layers(self.basis):
+            return super().resolves(rotor, speed)
+        return layered.are_followed(self.counts[1:], rotor, speed)
 
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array | None:
         """What pulls at sections in steady rotation, in N; None in a theory that does not know."""
@@ -188,7 +183,7 @@ class _Linear(_Modal):
     ) -> Float[Array, " k"] | None:
         """The estimate for uniform beams, by what the next functions would add:
         `higher_functions.py`, `finer.py`; for others as in `_Modal`."""
-        if has_layers(self.basis) and rotor.precone is None:
+        if layered.has_layers(self.basis) and rotor.precone is None:
             return finer.frequency_error(self, rotor, speed, eigenvalue, shape)
         if rotor.varies or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
@@ -222,18 +217,19 @@ class Hybrid(_Linear):
 
     def at_speed(self, rotor: Rotor, speed: Any) -> Self:
         """Layers by default, of a uniform beam so soft that polynomials leave out 1e-6 and more."""
-        own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
-        if own != Polynomials() or rotor.varies or not self.judged(rotor):
+        if not (self._lacks_layers(rotor) and layered.is_known_to_be_soft(rotor, speed)):
             return self
-        if not is_soft(rotor, speed):
-            return self
-        basis: Basis = Layered()
-        if isinstance(self.basis, Yielding):
-            basis = dataclasses.replace(self.basis, basis=basis)
-        counts = {
-            name: n + LAYERS for name in ("n_in_plane", "n_flap") if (n := getattr(self, name))
-        }
-        return dataclasses.replace(self, basis=basis, **counts)
+        lag, flap = (n + layered.LAYERS * (n > 0) for n in self.counts[1:])
+        basis = layered.with_layers(self.basis)
+        return dataclasses.replace(self, basis=basis, n_in_plane=lag, n_flap=flap)
+
+    def most_error(self, rotor: Rotor, speed: Scalar) -> Any:
+        """1e-6 of beams that have layers where numbers are known."""
+        soft = self._lacks_layers(rotor) and layered.is_soft(rotor, speed)
+        return jnp.where(soft, 1e-6, super().most_error(rotor, speed))
+
+    def _lacks_layers(self, rotor: Rotor) -> bool:
+        return layered.without_layers(self.basis) and not rotor.varies and self.judged(rotor)
 
     @property
     def foreshortens(self) -> bool:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.equations import Equations
+from jaxbeam._models.contract.equations import Dampers, Equations
 from jaxbeam._models.contract.strained import force_of
 from jaxbeam._models.space.ends import Ends
 from jaxbeam._models.space.frames import deformation
@@ -144,6 +144,17 @@ class SpatialElasticity(Equations):
         row = jnp.pad(self._four(block), ((4, 0), (12, 8), *((0, 0),) * len(lanes)))[None]
         return padded(row, -i * more, (1 + i) * more)
 
+    def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
+        none, ends = jnp.zeros_like(of_elements(self._nodes(q))), self.ends.damped_by(dampers)
+        return self._gathered(none, None, self._at_ends(ends.viscous, q, v))
+
+    def damper_tangents(
+        self, q: Vector, v: Vector, dampers: Dampers
+    ) -> tuple[BlockTridiagonal, BlockTridiagonal]:
+        by = self._at_ends(self.ends.damped_by(dampers).viscous_tangents, q, v)
+        by_q, by_v = (self._gathered_tangent(None, each) for each in by)
+        return by_q, by_v
+
     def _by_local(self, tangent: Float[Array, "13 13 *#lanes"]) -> Array:
         """The tangent of a law made one by the coordinates of an element (16, 16)."""
         return self._by_nodes(self.sections.axial_stiffness / self.length * tangent)
@@ -156,10 +167,11 @@ class SpatialElasticity(Equations):
         return matrix
 
     def _gathered_tangent(
-        self, local: Float[Array, "E 16 16 *#lanes"], ends: Float[Array, "2 3 3 *#lanes"] | None
-    ) -> BlockTridiagonal:
+        self, local: Float[Array, "E 16 16 *#lanes"] | None,
+        ends: Float[Array, "2 3 3 *#lanes"] | None,
+    ) -> BlockTridiagonal:  # fmt: skip
         """Sum of the tangents of elements and of what is at the ends."""
-        rows = assembled(local)
+        rows: Any = 0.0 if local is None else assembled(local)
         if ends is not None:
             for i, tangent in zip((0, -1), ends, strict=True):
                 rows = rows + self._at_node(i, tangent / self.length**2)

@@ -1,7 +1,8 @@
 """What is at the ends of a beam in space: springs of the root, a body and a load at the tip."""
 
-from typing import Any
+from typing import Any, Self
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,6 +29,12 @@ class Ends(EndSprings):
     def __init__(self, rotor: Rotor, axial_stiffness: Number, n_elements: int) -> None:
         self.springs = rotor.springs
         self.hold = holding(rotor, axial_stiffness, n_elements)
+
+    def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
+        ends: Self = eqx.tree_at(
+            lambda s: (*s.springs, s.hold), self, (*dampers, None), is_leaf=lambda s: s is None
+        )
+        return ends
 
     @property
     def stiffness(self) -> list[Number]:

@@ -1,0 +1,264 @@
+"""Axes and sections of other programs as those of a `Blade`: what all their readers and writers
+share."""
+
+import itertools
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxbeam._files.tables import BladeTable
+from jaxbeam._files.texts import mistake
+from jaxbeam._numerics.splines import spline_rows
+from jaxbeam._rotor.blade import Blade
+from jaxbeam._rotor.points import PointMasses
+from jaxbeam._rotor.sections import SIXES
+from jaxbeam._types import Real
+
+Sixes = Float[np.ndarray, "n 6 6"]
+# Axes of a `Blade` by those of the file, which are right-handed, too. BeamDyn and windIO: x to the
+# suction side (downwind), y to the trailing edge, z along. HAWC2: x to the leading edge, y
+# downwind, z along.
+BEAMDYN = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+HAWC2 = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+# How well the axis of a `Blade` follows that of a file, of the length, or in rad: where it does
+# with the points of the file, they are taken; else more are, until it is better than that, so that
+# what is written and read again is taken as it is.
+_EXACT, _BETTER = 1e-9, 2.5e-10
+_HALVINGS = 9
+_UNSYMMETRIC = 1e-6  # of the geometric mean of entries of the diagonal; below it is rounding
+
+
+class Piece(NamedTuple):
+    """Points between kinks, in axes of a `Blade`, and its twist there; splines go through them over
+    the first coordinate, which increases."""
+
+    points: Float[np.ndarray, "k 3"]
+    twist: Float[np.ndarray, " k"]
+
+    def at(self, along: Float[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points, slopes and twist at these values of the first coordinate."""
+        value, slope = spline_rows(self.points[:, 0], along)
+        return value @ self.points, slope @ self.points, value @ self.twist
+
+    def arc(self, along: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Lengths of arc from the first point."""
+        knots = self.points[:, 0]
+        left = np.clip(np.searchsorted(knots, along, side="right") - 1, 0, len(knots) - 2)
+        whole = _length(self, knots[:-1], knots[1:])
+        before = np.concatenate([[0.0], np.cumsum(whole)])[left]
+        length: np.ndarray = before + _length(self, knots[left], along)
+        return length
+
+
+def _length(piece: Piece, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    node, weight = np.polynomial.legendre.leggauss(16)
+    half = (end - start) / 2
+    along = start[:, None] + half[:, None] * (1 + node)
+    _, slope, _ = piece.at(along.ravel())
+    speed = np.linalg.norm(slope, axis=1).reshape(along.shape)
+    length: np.ndarray = half * (speed @ weight)
+    return length
+
+
+class Axis(NamedTuple):
+    """What a `Blade` is told of its axis, and where along it the points of the file are."""
+
+    points: Float[np.ndarray, "k 3"]
+    twist: Float[np.ndarray, " k"]
+    places: list[float]
+    kinks: list[float]
+    length: float
+    given: Float[np.ndarray, " p"]  # shares of the length
+
+
+def axis_of(pieces: Sequence[Piece]) -> Axis:
+    """The axis that goes through pieces one after the other: as many points of it as the splines of
+    a `Blade`, which are over the length of arc, take to follow it."""
+    length = sum(float(piece.arc(piece.points[-1:, 0])[0]) for piece in pieces)
+    points, twist, places, given = (list[np.ndarray]() for _ in range(4))
+    ends = [0.0]
+    for piece in pieces:
+        along = _enough(piece, length)
+        own, _, angle = piece.at(along)
+        skipped = slice(bool(points), None)  # the first point is the last one of the piece before
+        points.append(own[skipped])
+        twist.append(angle[skipped])
+        places.append((ends[-1] + piece.arc(along) / length)[skipped])
+        given.append((ends[-1] + piece.arc(piece.points[:, 0]) / length)[skipped])
+        ends.append(float(places[-1][-1]))
+    every = np.concatenate(places)
+    every[-1] = 1.0
+    return Axis(
+        np.concatenate(points), np.concatenate(twist), every.tolist(), ends[1:-1], length,
+        np.concatenate(given),
+    )  # fmt: skip
+
+
+def _enough(piece: Piece, length: float) -> np.ndarray:
+    """Where points are taken: those of the piece, and halfway where splines are not good enough."""
+    along, allowed = piece.points[:, 0], _EXACT
+    for _ in range(_HALVINGS):
+        knots = piece.arc(along)
+        both = [along[:-1] + share * np.diff(along) for share in (1 / 3, 1 / 2, 2 / 3)]
+        worst = np.zeros(len(along) - 1)
+        exact = _sampled(piece, length, along)
+        for between in both:
+            value, _ = spline_rows(knots, piece.arc(between))
+            off = value @ exact - _sampled(piece, length, between)
+            worst = np.maximum(worst, np.max(np.abs(off), axis=1))
+        if np.all(worst <= allowed):
+            break
+        allowed = _BETTER
+        along = np.sort(np.concatenate([along, both[1][worst > allowed]]))
+    return along
+
+
+def _sampled(piece: Piece, length: float, along: np.ndarray) -> np.ndarray:
+    points, _, twist = piece.at(along)
+    return np.concatenate([points / length, twist[:, None]], 1)
+
+
+def straight(length: Real) -> Axis:
+    """The axis of which nothing is known but the length."""
+    whole = float(length)
+    points = whole * np.eye(2, 3, -1)
+    return Axis(points, np.zeros(2), [0.0, 1.0], [], whole, np.array([0.0, 1.0]))
+
+
+def no_axis(path: Path, what: str, better: str) -> ValueError:
+    return ValueError(
+        f"{path} is {what}, which has no axis: {better}, or give length, in m, which makes the "
+        "blade straight and without twist"
+    )
+
+
+def blade_table(
+    axis: Axis, stations: Sequence[float], stiffness: Sixes, inertia: Sixes,
+    ignored: Sequence[str] = (), damping: tuple[float, ...] | None = None,
+    point_masses: PointMasses | None = None,
+) -> BladeTable:  # fmt: skip
+    """The result of a reader, of sections in axes of a `Blade`."""
+    blade = Blade(
+        stations, stiffness, inertia, axis.points, axis.twist, axis.places, axis.kinks,
+        point_masses,
+    )  # fmt: skip
+    return BladeTable(blade, tuple(ignored), damping=damping)
+
+
+def shift(along: np.ndarray, across: np.ndarray) -> Sixes:
+    """Matrices (n, 6, 6) that make strains (or velocities) at points of sections of those at the
+    reference point. The points are at `along` and `across` it, in the first and second axis of a
+    file whose third goes along the blade: a stiffness K at the points is S^T K S at the reference
+    point."""
+    made = np.broadcast_to(np.eye(6), (len(along), 6, 6)).copy()
+    made[:, 0, 5], made[:, 1, 5] = -across, along
+    made[:, 2, 3], made[:, 2, 4] = across, -along
+    return made
+
+
+def about_third(angles: np.ndarray) -> Sixes:
+    """Matrices (n, 6, 6) whose columns are axes turned about the third one."""
+    cos, sin = np.cos(angles), np.sin(angles)
+    made = np.zeros((len(angles), 6, 6))
+    for at in (0, 3):
+        made[:, at, at], made[:, at, at + 1] = cos, -sin
+        made[:, at + 1, at], made[:, at + 1, at + 1] = sin, cos
+        made[:, at + 2, at + 2] = 1.0
+    return made
+
+
+def seen_from(axes: np.ndarray, matrices: Sixes) -> Sixes:
+    """Matrices in other axes, whose rows are those."""
+    both = np.kron(np.eye(2), axes)
+    seen: Sixes = both @ matrices @ both.T
+    return seen
+
+
+def from_triangles(rows: Float[np.ndarray, "n 21"]) -> Sixes:
+    """Symmetric matrices from upper triangles, row by row."""
+    made = np.zeros((len(rows), 6, 6))
+    made[:, SIXES[0], SIXES[1]] = rows
+    made[:, SIXES[1], SIXES[0]] = rows
+    return made
+
+
+def checked_sections(
+    path: Path, stiffness: Sixes, inertia: Sixes, lines: Sequence[int | str]
+) -> tuple[Sixes, Sixes]:
+    """Matrices as a `Blade` wants them: means of those that differ from symmetric ones.
+
+    `lines` say where in the file each station begins. Raises unless stiffnesses are positive
+    definite and inertias have a mass, and warns of what is more than rounding.
+    """
+    stiffness, inertia = (
+        _symmetric(path, name, matrices, lines)
+        for name, matrices in (("stiffness", stiffness), ("mass", inertia))
+    )
+    for line, k, m in zip(lines, stiffness, inertia, strict=True):
+        size = np.sqrt(np.abs(np.diagonal(k)))
+        size = np.where(size > 0, size, 1.0)
+        least = np.linalg.eigvalsh(k / np.outer(size, size))[0]
+        if not least > 0:
+            raise mistake_at(
+                path, line, f"the stiffness matrix must be positive definite, and is not: the "
+                f"smallest eigenvalue, with the diagonal scaled to one, is {least:.3g}; look at "
+                "signs and at the order of rows",
+            )  # fmt: skip
+        own = np.diagonal(m)
+        if not (np.all(own[:3] > 0) and np.all(own[3:] >= 0)):
+            raise mistake_at(
+                path, line, "the mass matrix must have a mass > 0 and moments of inertia >= 0, "
+                f"got the diagonal {own.tolist()}",
+            )  # fmt: skip
+    return stiffness, inertia
+
+
+def mistake_at(path: Path, line: int | str, what: str) -> ValueError:
+    if isinstance(line, int):
+        return mistake(path, line, None, what)
+    return ValueError(f"{path}, {line}: {what}")
+
+
+def _symmetric(path: Path, name: str, matrices: Sixes, lines: Sequence[int | str]) -> Sixes:
+    own = np.sqrt(np.abs(np.einsum("nii->ni", matrices)))
+    size = own[:, :, None] * own[:, None]
+    apart = np.abs(matrices - matrices.swapaxes(1, 2))
+    if np.any(apart > _UNSYMMETRIC * size):
+        station, row, column = np.argwhere(apart > _UNSYMMETRIC * size)[0]
+        pair = matrices[station, row, column], matrices[station, column, row]
+        where = lines[station]
+        where = f"line {where}" if isinstance(where, int) else where
+        warnings.warn(
+            f"{path}, {where}: the {name} matrix is not symmetric, {pair[0]:g} and {pair[1]:g} in "
+            f"rows {row + 1} and {column + 1}; the mean is taken",
+            stacklevel=5,
+        )
+    return (matrices + matrices.swapaxes(1, 2)) / 2
+
+
+def increasing(path: Path, column: str, lines: Sequence[int], values: Sequence[float]) -> None:
+    """Raise unless what splines go over increases."""
+    for line, (before, here) in zip(lines[1:], itertools.pairwise(values), strict=True):
+        if not here > before:
+            raise mistake(path, line, column, f"must increase, got {here:g} after {before:g}")
+
+
+def shares(path: Path, column: str, lines: Sequence[int], values: Sequence[float]) -> list[float]:
+    """Places along the axis as shares of the last one, where two may be equal: a step."""
+    last = values[-1]
+    if not last > 0 or values[0] != 0:
+        line, got = (lines[0], values[0]) if values[0] else (lines[-1], last)
+        raise mistake(path, line, column, f"stations must go from 0 to the tip, got {got:g}")
+    for i, (before, here) in enumerate(itertools.pairwise(values), 1):
+        if here < before:
+            what = f"stations must not decrease, got {here:g} after {before:g}"
+            raise mistake(path, lines[i], column, what)
+        if here == before and (here in (0, last) or values[i + 1] == here):
+            what = f"a step is two equal stations between the ends, got {here:g}"
+            raise mistake(path, lines[i], column, what)
+    return [value / last for value in values]

@@ -1,0 +1,103 @@
+"""Damping as the equations of one beam have it: ratios of modes and dampers as matrices."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.equations import Drag, Equations
+from jaxbeam._models.contract.labelling import assigned, participation
+from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._numerics.linalg import symmetric_modes
+from jaxbeam._numerics.loose import symmetric_part
+from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.beam import AnyRotor
+from jaxbeam._rotor.damping import Damping
+from jaxbeam._rotor.directions import Direction, coupling_groups, is_hinged
+from jaxbeam._types import Matrix, Vector
+
+
+def drag_of(damping: Damping, model: AbstractModel, rotor: AnyRotor, equations: Equations) -> Drag:
+    """A damping in the equations of a model of a rotor, all in range."""
+    matrix = _modal(damping, model, rotor) if damping.ratios else None
+    dampers, slopes = damping.dampers, equations.root_slopes()
+    if slopes is not None:
+        for damper, slope in zip(dampers, slopes, strict=True):
+            if damper is not None:
+                own = damper * slope[:, None] * slope[None]
+                matrix = own if matrix is None else matrix + own
+    there = slopes is None and any(damper is not None for damper in dampers)
+    return Drag(
+        damping.mass_coefficient, damping.stiffness_coefficient, dampers if there else None, matrix
+    )
+
+
+def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
+    """C = M Phi diag(2 zeta w) Phi^T M of the modes at the `ratio_speed`, see `Damping`; those
+    without Coriolis forces, each direction by itself but where turned sections couple them."""
+    speed = damping.ratio_speed
+    system = model.matrices(rotor, jnp.zeros(()) if speed is None else speed)
+    out = jnp.zeros_like(system.mass)
+    for directions in _held_together(system, rotor):
+        ratios = [damping.ratios.get(direction) for direction in directions]
+        if all(ratio is None for ratio in ratios):
+            continue
+        rows = system.where(*directions)
+        own = np.ix_(rows, rows)
+        m, k = (symmetric_part(a[own]) for a in (system.mass, system.stiffness))
+        found = without_derivatives(symmetric_modes(*without_derivatives((m, k)), is_hinged(rotor)))
+        phi, square = _pairs(m, k, found, jnp.sum(found * (found @ k), 1))
+        sizes = [system.where(direction).size for direction in directions]
+        each = zip(ratios, sizes, strict=True)
+        ratio = jnp.concatenate([_by_number(ratio, size) for ratio, size in each])
+        if len(sizes) > 1:
+            share = participation(m, k, phi, directions, sizes, is_hinged(rotor), bent=False)
+            ratio = ratio[assigned(share)]
+        moves = square > 0
+        omega = jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)
+        # What diverges has no frequency, and its ratio no meaning: the case is to fail.
+        rounding = 64 * jnp.finfo(m.dtype).eps * jnp.sum(jnp.abs(phi) * (jnp.abs(phi) @ abs(k)), 1)
+        lost = (square < -rounding) & (ratio > 0)
+        rate = jnp.where(lost, jnp.nan, 2 * ratio * omega)
+        heavy = phi @ m
+        out = out.at[own].add(heavy.T @ (rate[:, None] * heavy))
+    return out
+
+
+@jax.custom_jvp
+def _pairs(m: Matrix, k: Matrix, phi: Matrix, square: Vector) -> tuple[Matrix, Vector]:
+    """Modes as rows, with phi M phi^T = 1, and squares of frequencies, which know derivatives by
+    M and K, to any order, where no two are equal."""
+    return phi, square
+
+
+@_pairs.defjvp
+def _pairs_jvp(primals: Any, tangents: Any) -> tuple[tuple[Matrix, Vector], tuple[Matrix, Vector]]:
+    phi, square = _pairs(*primals)
+    heavier, stiffer = (phi @ change @ phi.T for change in tangents[:2])
+    apart = square[:, None] - square[None]
+    same = apart == 0
+    mixing = (stiffer - square[:, None] * heavier) / jnp.where(same, 1.0, apart)
+    mixing = jnp.where(same, 0.0, mixing) - jnp.diag(jnp.diag(heavier)) / 2
+    return (phi, square), (mixing @ phi, jnp.diag(stiffer) - square * jnp.diag(heavier))
+
+
+def _held_together(system: LinearSystem, rotor: AnyRotor) -> Iterator[tuple[Direction, ...]]:
+    """Directions of the system, those together that are coupled by stiffness or mass."""
+    for transverse, quadrature in coupling_groups(rotor):
+        for directions in (transverse, *((direction,) for direction in quadrature)):
+            there = tuple(f for f in directions if system.where(f).size)
+            if there:
+                yield there
+
+
+def _by_number(ratio: Array | None, size: int) -> Float[Array, " k"]:
+    """Ratios of so many modes of a direction, of which the last is that of all beyond."""
+    if ratio is None:
+        return jnp.zeros(size)
+    given = jnp.atleast_1d(ratio)
+    return given[np.minimum(np.arange(size), given.size - 1)]

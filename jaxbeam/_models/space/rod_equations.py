@@ -1,0 +1,234 @@
+"""What the rest of the package asks of a rod that rests in its hub."""
+
+from typing import Any, Never
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.contract.equations import Drag, Equations
+from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
+from jaxbeam._models.space.rod_elements import bent
+from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
+from jaxbeam._models.space.rod_state import Around, Rod, balance, differentiable, settled
+from jaxbeam._models.space.rod_tables import beam_axes, gauss, rod_tables, turned_by_pitch
+from jaxbeam._numerics.quaternions import rotation, turn_of
+from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.beam_sections import sections_of
+from jaxbeam._rotor.loads import TipLoad
+from jaxbeam._rotor.motion import Hub
+from jaxbeam._rotor.sections import frames
+from jaxbeam._status import Status, first_broken
+from jaxbeam._types import Code, Matrix, Number, Triple, Vector
+
+_SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
+
+
+class RodEquations(Equations):
+    """A rod at rest in a hub that turns steadily: equilibrium, and small motion about it.
+
+    Matrices are by displacements of nodes, and by their turns times the length, in axes of the
+    beam; those of a root that yields by turns about its own axes. Motion in time is not part of it.
+    """
+
+    rod: Rod
+    rotor: Rotor
+    mass: Matrix
+    rigid_moments: Triple
+    length: Number
+    tip_radius: Number
+    energy_scale: Number
+    axes: Float[Array, "3 3"]  # of the beam, as rows, in those of the hub
+
+    def __init__(self, rotor: Rotor, degree: int, elements: int) -> None:
+        tables = rod_tables(rotor, degree, elements)
+        inertia = tables.assembled(tables.inertia).at[-6:, -6:].add(tables.tip)
+        length, beam = rotor.beam.length, rotor.beam.mean
+        self.rotor, self.length = rotor, length
+        self.rod = Rod(tables, inertia, rotor.springs, length)
+        self.axes = beam_axes(rotor)
+        self.mass = self._by_places(jnp.zeros(7 * len(tables.place)), inertia)
+        self.tip_radius = rotor.hub_radius + length
+        weight, far = tables.weight[:, 0], tables.place[:, 0]
+        self.rigid_moments = jnp.stack([jnp.sum(weight * far**k) for k in range(3)])
+        self.energy_scale = beam.in_plane_bending_stiffness / length
+
+    @property
+    def rest(self) -> Vector:
+        return jnp.zeros(7 * len(self.rod.tables.place), self.length.dtype)
+
+    def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> tuple[Vector, Code]:
+        around = self._around(hub, tip_force, span)
+        q, done = settled(*without_derivatives((self.rod, around)))
+        q = differentiable(q, (self.rod, around))
+        return q, first_broken((done >= 1, Status.NOT_CONVERGED))
+
+    def matrices_about(
+        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+    ) -> tuple[Matrix, Matrix, Matrix]:
+        here = balance(self.rod, q, self._around(hub, tip_force, span))
+        m, c, k = (self._by_places(q, a) for a in (self.rod.mass, here.gyroscopic, here.stiffness))
+        return m, c, k
+
+    def root_slopes(self) -> Float[Array, "2 n"]:
+        n, (in_plane, flap) = len(self.rod.free), self.rod.springs
+        first, second = jnp.eye(n, dtype=self.length.dtype)[:2] / self.length
+        about3 = first if flap is None else second
+        return jnp.stack([0 * first if in_plane is None else about3, first])
+
+    def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
+        out = jnp.zeros_like(self.mass) if drag.matrix is None else drag.matrix
+        if drag.mass_coefficient is not None:
+            out = out + drag.mass_coefficient * self._by_places(q, self.rod.mass)
+        if drag.stiffness_coefficient is not None:
+            still = self._around(_at_rest(self.length), None, None)
+            elastic = balance(self.rod, q, still).elastic
+            out = out + drag.stiffness_coefficient * self._by_places(q, elastic)
+        return out
+
+    def rates(self, q: Vector, change: Vector) -> Vector:
+        n, rod = len(self.rod.tables.place), self.rod
+        every = jnp.zeros(6 * n, change.dtype).at[rod.free].set(change).reshape(n, 2, 3)
+        every = every * jnp.stack([jnp.ones_like(self.length), 1 / self.length])[None, :, None]
+        turn = rotation(rod.nodes(q)[1]).at[0].set(jnp.eye(3))
+        own = jnp.einsum("nba,nxb->nxa", turn, every).reshape(-1)
+        return rod.rates(q, own[rod.free])
+
+    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        rows, _ = self.rod.tables.interpolating(xi)
+        return jnp.asarray(rows) @ self.rod.nodes(q)[0] @ self.axes
+
+    def rotation(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+        turn = turn_of(self._quaternions(q, xi))
+        return turn[:, np.array([0, 2, 1])] * _SIGNS
+
+    def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        p = self._quaternions(q, xi)
+        return 2 * jnp.arctan2(p[:, 1], p[:, 0])
+
+    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+        strain, tangent = self._strains(q, xi)
+        return jnp.sum(strain[:, :3] * tangent, 1)
+
+    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+        strain, _ = self._strains(q, xi)
+        return jnp.stack([strain[:, 5], -strain[:, 4]], 1)
+
+    def strain_energy(self, q: Vector) -> Number:
+        tables, (u, p) = self.rod.tables, self.rod.nodes(q)
+        strain = bent(tables, u, p).strain.reshape(tables.elements, -1)
+        energy = jnp.einsum("em,eml,el->", strain, tables.stiffness, strain) / 2
+        if self.rod.springs != (None, None):
+            energy = energy + at_root(self.rod.springs, p[0])[2]
+        return energy
+
+    def own_section_loads(
+        self, q: Vector, xi: np.ndarray
+    ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
+        """Forces and moments in sections: polynomials of the degree of forces, in balance with all
+        that acts on nodes; see `section_loads`."""
+        six = self._sixes(q, xi)
+        return six[:, :3], six[:, np.array([3, 5, 4])] * _SIGNS
+
+    def own_reaction(
+        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+    ) -> tuple[Triple, Triple]:
+        """Force and moment about the centre of the hub by which the hub holds the rod that rests in
+        it: what is out of balance at the root without that."""
+        rod = eqx.tree_at(
+            lambda r: r.springs, self.rod, (None, None), is_leaf=lambda part: part is None
+        )
+        out = balance(rod, q, self._around(hub, tip_force, span)).residual[0]
+        turn = rotation(self.rod.nodes(q)[1][0])
+        force, moment = turn @ out[:3], turn @ out[3:]
+        moment = moment + jnp.cross(rod.tables.place[0], force)
+        return force @ self.axes, moment @ self.axes
+
+    def span_integral(self, kinks: tuple[float, ...], follows: bool) -> AbstractSpanIntegral:
+        sections = sections_of(self.rotor.beam)
+        edges = tuple(sorted({*self.rod.tables.ends, *sections.edges, *kinks}))
+        return RodSpanIntegral(self.rod.tables, _Pace(sections), self.axes, edges, follows)
+
+    def _around(self, hub: Hub, tip_force: Any, span: Any) -> Around:
+        """What it rests in, in axes of the beam."""
+        load = tip_force
+        if load is not None and not isinstance(load, TipLoad):
+            load = TipLoad(load, jnp.zeros_like(load), False)
+        if load is not None and not load.follows:
+            load = TipLoad(self.axes @ load.force, self.axes @ load.moment, False)
+        gravity = hub.gravity - hub.velocity_rate
+        velocity, spin, gravity = (
+            self.axes @ part for part in (hub.velocity, hub.angular_velocity, gravity)
+        )
+        return Around(velocity, spin, gravity, load, span)
+
+    def _by_places(self, q: Vector, matrix: Float[Array, "N N"]) -> Matrix:
+        """A matrix by displacements and turns in axes of the beam, the latter times the length."""
+        n = len(self.rod.tables.place)
+        turn = rotation(self.rod.nodes(q)[1]).at[0].set(jnp.eye(3))
+        scale = jnp.stack([jnp.ones_like(self.length), 1 / self.length])
+        # Both halves of a change are turned, and the second is over the length.
+        by = matrix.reshape(n, 2, 3, n, 2, 3)
+        by = jnp.einsum("iab,ixbjyc,jdc,x,y->ixajyd", turn, by, turn, scale, scale)
+        by = by.reshape(6 * n, 6 * n)
+        return by[np.ix_(self.rod.free, self.rod.free)]
+
+    def _quaternions(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 4"]:
+        rows, _ = self.rod.tables.interpolating(xi)
+        return jnp.asarray(rows) @ self.rod.nodes(q)[1]
+
+    def _sixes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 6"]:
+        tables = self.rod.tables
+        strain = bent(tables, *self.rod.nodes(q)).strain.reshape(tables.elements, -1)
+        weight = tables.pace * gauss(tables.degree)[1][None]
+        force = jnp.einsum("eml,el->em", tables.stiffness, strain)
+        force = force.reshape(tables.elements, -1, 6) / weight[:, :, None]
+        return tables.of_gauss(force, xi)
+
+    def _strains(
+        self, q: Vector, xi: np.ndarray
+    ) -> tuple[Float[Array, "p 6"], Float[Array, "p 3"]]:
+        """Strains of sections by the forces in them, and tangents of the undeformed axis."""
+        sections = sections_of(self.rotor.beam)
+        _, slope = sections.axis_at(xi)
+        frame = turned_by_pitch(self.rotor)[None] @ frames(slope, sections.twist_at(xi))
+        six = self._sixes(q, xi).reshape(-1, 2, 3)
+        own = jnp.einsum("pab,pxa->pxb", frame, six).reshape(-1, 6)
+        strain = jnp.einsum("pij,pj->pi", sections.compliance_at(xi), own).reshape(-1, 2, 3)
+        strain = jnp.einsum("pab,pxb->pxa", frame, strain).reshape(-1, 6)
+        return strain, frame[:, :, 0]
+
+    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Any) -> Never:
+        raise NotImplementedError(NO_MOTION)
+
+    def elastic_force(self, q: Vector) -> Never:
+        raise NotImplementedError(NO_MOTION)
+
+    def viscous_force(self, q: Vector, v: Vector) -> Never:
+        raise NotImplementedError(NO_MOTION)
+
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Never:
+        raise NotImplementedError(NO_MOTION)
+
+    def first_moment(self, q: Vector) -> Never:
+        raise NotImplementedError(NO_MOTION)
+
+
+NO_MOTION = "SpatialRod rests in its hub, or moves a little about that: take SpatialANCF for runs"
+
+
+class _Pace(eqx.Module):
+    """Arc length by the share of it, at places."""
+
+    sections: Any
+
+    def __call__(self, places: np.ndarray) -> Float[Array, " p"]:
+        _, slope = self.sections.axis_at(places)
+        return jnp.sqrt(jnp.sum(slope**2, 1))
+
+
+def _at_rest(like: Number) -> Hub:
+    zero = jnp.zeros(3, like.dtype)
+    return Hub(zero, zero, zero, zero, zero)

@@ -1,0 +1,187 @@
+"""What acts on the nodes of a rod beside its elements: inertia, gravity, loads, springs."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
+from jaxbeam._models.space.rod_elements import on_diagonal
+from jaxbeam._models.space.rod_tables import RodTables
+from jaxbeam._numerics.quaternions import crossing, of_turn, product, rotation, turn_of
+from jaxbeam._rotor.loads import TipLoad
+from jaxbeam._rotor.spanwise import points_within
+from jaxbeam._types import Number, Scalar, Triple, Vector
+
+_POINTS = 8  # of each piece, at which forces along the span are looked at
+_Sixes = Float[Array, "n 6"]
+_Matrix = Float[Array, "N N"]
+
+
+class Still(NamedTuple):
+    """Nodes that rest in a hub, and how it moves, in axes of the beam."""
+
+    u: Float[Array, "n 3"]
+    p: Float[Array, "n 4"]
+    turn: Float[Array, "n 3 3"]  # rotations of the nodes
+    velocity: Triple
+    spin: Triple
+
+
+def velocities(tables: RodTables, still: Still) -> _Sixes:
+    """Velocities of nodes and their angular velocities, in axes that turn with them."""
+    place = tables.place + still.u
+    turning = jnp.broadcast_to(still.spin, place.shape)
+    moving = still.velocity[None] + jnp.cross(turning, place)
+    return jnp.concatenate([_inward(still.turn, moving), _inward(still.turn, turning)], 1)
+
+
+def _inward(turn: Float[Array, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    return jnp.einsum("nji,nj->ni", turn, vectors)
+
+
+def carried(v: _Sixes) -> Float[Array, "n 6 6"]:
+    """[[w~, v~], [0, w~]] of velocities (v, w): what they do to small changes."""
+    moving, turning = crossing(v[:, :3]), crossing(v[:, 3:])
+    upper = jnp.concatenate([turning, moving], 2)
+    return jnp.concatenate([upper, jnp.concatenate([0 * turning, turning], 2)], 1)
+
+
+def twisting(p: _Sixes) -> Float[Array, "n 6 6"]:
+    """[[0, p~], [p~, h~]] of momenta or forces (p, h), skew: that on velocities is what `carried`
+    transposed does to these."""
+    first, second = crossing(p[:, :3]), crossing(p[:, 3:])
+    upper = jnp.concatenate([0 * first, first], 2)
+    return jnp.concatenate([upper, jnp.concatenate([first, second], 2)], 1)
+
+
+class Turning(NamedTuple):
+    """What steady rotation does: forces of inertia, and matrices of small motion."""
+
+    force: _Sixes  # A^T M v
+    gyroscopic: _Matrix  # M A - A^T M - J
+    stiffness: _Matrix  # the symmetric part of -A^T M A - J A
+
+
+def turning(mass: _Matrix, v: _Sixes) -> Turning:
+    """Of nodes with these velocities, by T = v.M v / 2 with M that is constant."""
+    n = len(v)
+    a, p = carried(v), (mass @ v.reshape(-1)).reshape(n, 6)
+    by_a = (mass.reshape(-1, n, 1, 6) @ a[None])[:, :, 0].reshape(6 * n, 6 * n)
+    both = (a.swapaxes(1, 2) @ by_a.reshape(n, 6, -1)).reshape(6 * n, 6 * n)
+    j = twisting(p)
+    gyro = by_a - by_a.T - on_diagonal(j)
+    stiff = -both - on_diagonal(j @ a)
+    return Turning(jnp.einsum("nji,nj->ni", a, p), gyro, (stiff + stiff.T) / 2)
+
+
+class NodeForces(NamedTuple):
+    """Forces on nodes in their own axes, and minus their derivatives by changes of nodes: of those
+    that have a potential the symmetric part, of others the whole."""
+
+    force: _Sixes
+    conservative: _Sixes  # what of it has a potential
+    stiffness: _Matrix
+
+
+def acting(
+    tables: RodTables, still: Still, gravity: Triple, load: TipLoad | None,
+    span: "RodSpanForce | None",
+) -> NodeForces:  # fmt: skip
+    """What gravity, a load at the tip and forces along the span do, in axes of the beam."""
+    turn, n = still.turn, len(still.u)
+    none = jnp.zeros((n, 3), still.u.dtype)
+    dead = tables.weight[:, :1] * gravity[None]
+    if load is not None and not load.follows:
+        dead = dead.at[-1].add(load.force)
+    if span is not None and span.dead is not None:
+        dead = dead + span.dead
+    down = _inward(turn, jnp.broadcast_to(gravity, (n, 3)))
+    first = tables.weight[:, 1:]
+    pushed = _inward(turn, dead)
+    held = jnp.concatenate([pushed, jnp.cross(first, down)], 1)
+    by_turn = jnp.concatenate([crossing(pushed), crossing(first) @ crossing(down)], 1)
+    block = jnp.concatenate([jnp.zeros((n, 6, 3), down.dtype), by_turn], 2)
+    block = (block + block.swapaxes(1, 2)) / 2
+    free = jnp.zeros_like(held)
+    if load is not None and load.follows:
+        free = free.at[-1].add(jnp.concatenate([load.force, load.moment]))
+    elif load is not None:
+        moment = turn[-1].T @ load.moment
+        free = free.at[-1, 3:].add(moment)
+        block = block.at[-1, 3:, 3:].add(crossing(moment))
+    stiffness = -on_diagonal(block)
+    if span is not None and span.following is not None:
+        along = jnp.einsum("jab,ijb->ija", turn, span.following)
+        own = _inward(turn, jnp.sum(along, 1))
+        free = free + jnp.concatenate([own, none], 1)
+        by = jnp.einsum("iba,jbc,ijcd->iajd", turn, turn, crossing(span.following))
+        by = jnp.pad(by, ((0, 0), (0, 3), (0, 0), (3, 0))).reshape(6 * n, 6 * n)
+        diagonal = jnp.pad(crossing(own), ((0, 0), (0, 3), (3, 0)))
+        stiffness = stiffness + by - on_diagonal(diagonal)
+    return NodeForces(held + free, held, stiffness)
+
+
+class RodSpanForce(AbstractSpanForce):
+    """Forces along the span by node, in axes of the beam: of those in axes of the hub int N_i f ds,
+    of those that turn with the sections int N_i N_j f ds, since R f is sum N_j R_j f there."""
+
+    dead: Float[Array, "n 3"] | None
+    following: Float[Array, "n n 3"] | None
+
+    def on(self, equations: Any, q: Vector) -> Vector:
+        raise NotImplementedError("the force of a rod takes what is along the span itself")
+
+    def tangent(self, equations: Any, q: Vector) -> Any:
+        raise NotImplementedError("the tangents of a rod take what is along the span themselves")
+
+
+class RodSpanIntegral(AbstractSpanIntegral):
+    """Forces along the span of a rod, by Gauss points in pieces of elements."""
+
+    tables: RodTables
+    pace: Any  # a function of places: arc length by the share of it, m
+    axes: Float[Array, "3 3"]  # of the beam, as rows, in those of the hub
+    edges: tuple[float, ...] = eqx.field(static=True)
+    follows: bool = eqx.field(static=True)
+
+    @property
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        return points_within(self.edges, _POINTS)
+
+    def generalised_force(self, density: Float[Array, "p 3"]) -> RodSpanForce:
+        places, weight = self.points
+        rows, _ = self.tables.interpolating(places)
+        force = (self.pace(places) * weight)[:, None] * density
+        if self.follows:
+            pairs = jnp.einsum("pi,pj,pc->ijc", rows, rows, force)
+            return RodSpanForce(None, pairs)
+        return RodSpanForce(rows.T @ force @ self.axes.T, None)
+
+    def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
+        raise NotImplementedError("a rod knows its reactions without that")
+
+
+def at_root(
+    springs: tuple[Number | None, Number | None], p: Float[Array, "4"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Scalar]:
+    """Moments of root springs on the root that has turned so, in its own axes, their symmetric
+    tangent, and their energy sum k phi^2 / 2: phi the components of the turn about a3, in plane,
+    and about a2, in flap."""
+    in_plane, flap = (0.0 if spring is None else spring for spring in springs)
+
+    def energy(turn: Float[Array, "3"]) -> Scalar:
+        _, about2, about3 = turn_of(product(p, of_turn(turn)))
+        return (in_plane * about3**2 + flap * about2**2) / 2
+
+    rest = jnp.zeros(3, p.dtype)
+    value, moment = jax.value_and_grad(energy)(rest)
+    return moment, jax.hessian(energy)(rest), value
+
+
+def rotations(p: Float[Array, "n 4"]) -> Float[Array, "n 3 3"]:
+    """Rotations of nodes."""
+    return rotation(p)

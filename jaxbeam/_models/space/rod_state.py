@@ -1,0 +1,226 @@
+"""States of a rod that rests in its hub: force, tangents, and the search for where they balance.
+
+Coordinates q (7 n,) are displacements u and quaternions p - (1, 0, 0, 0) of all nodes in axes of
+the beam, so that zero is the undeformed one. They change by (h, t) of free nodes in axes that turn
+with them, which is what forces and matrices are by.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._models.space.rod_elements import bent, geometric, nodal, on_diagonal
+from jaxbeam._models.space.rod_loads import (
+    RodSpanForce,
+    Still,
+    acting,
+    at_root,
+    turning,
+    twisting,
+    velocities,
+)
+from jaxbeam._models.space.rod_tables import RodTables
+from jaxbeam._numerics.linalg import solve
+from jaxbeam._numerics.quaternions import product, rotation, turned
+from jaxbeam._rotor.loads import TipLoad
+from jaxbeam._types import Number, Scalar, Triple, Vector
+
+_CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended
+_MOST = 30  # changes for one share of the loads
+_FAR = 1e3  # a change that leads nowhere, in lengths and rad
+_LEAST = 1e-5  # share of the loads by which they rise at least
+_IN_ALL = 600  # changes, for all shares
+UPRIGHT = np.eye(4)[0]
+
+
+class Around(NamedTuple):
+    """What a rod rests in, in axes of the beam: how the hub moves, and loads."""
+
+    velocity: Triple
+    spin: Triple
+    gravity: Triple  # less the acceleration of the hub, m/s^2
+    load: TipLoad | None
+    span: RodSpanForce | None
+
+    def times(self, share: Scalar | float) -> "Around":
+        """So much of all loads; those of inertia go with the square of velocities."""
+        root = jnp.sqrt(share)
+        loads = jax.tree.map(lambda a: share * a, (self.gravity, self.load, self.span))
+        return Around(root * self.velocity, root * self.spin, *loads)
+
+
+class Rod(eqx.Module):
+    """A rod: elements, masses, springs."""
+
+    tables: RodTables
+    mass: Float[Array, "N N"]  # by velocities of nodes
+    springs: tuple[Number | None, Number | None]  # of the root, in plane and in flap
+    length: Scalar
+
+    @property
+    def free(self) -> np.ndarray:
+        """Places of the changes that are free among those of all nodes."""
+        in_plane, flap = (spring is not None for spring in self.springs)
+        return np.array([4] * flap + [5] * in_plane + list(range(6, 6 * len(self.tables.place))))
+
+    def nodes(self, q: Vector) -> tuple[Float[Array, "n 3"], Float[Array, "n 4"]]:
+        """Displacements and quaternions of nodes."""
+        both = q.reshape(-1, 7)
+        return both[:, :3], both[:, 3:] + UPRIGHT[None]
+
+    def changed(self, q: Vector, change: Float[Array, " f"]) -> Vector:
+        """q after a change of what is free."""
+        u, p = self.nodes(q)
+        every = self.spread(change)
+        moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
+        return jnp.concatenate([moved, turned(p, every[:, 3:]) - UPRIGHT[None]], 1).reshape(-1)
+
+    def rates(self, q: Vector, change: Float[Array, " f"]) -> Vector:
+        """How q begins to change."""
+        u, p = self.nodes(q)
+        every = self.spread(change)
+        moving = jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
+        turn = jnp.concatenate([jnp.zeros_like(u[:, :1]), every[:, 3:] / 2], 1)
+        return jnp.concatenate([moving, product(p, turn)], 1).reshape(-1)
+
+    def spread(self, change: Float[Array, " f"]) -> Float[Array, "n 6"]:
+        """Changes of all nodes from those that are free."""
+        every = jnp.zeros(6 * len(self.tables.place), change.dtype)
+        return every.at[self.free].set(change).reshape(-1, 6)
+
+
+class Balance(NamedTuple):
+    """A state looked at: what is out of balance, and the matrices of small motion about it, of all
+    nodes."""
+
+    residual: Float[Array, "n 6"]
+    stiffness: Float[Array, "N N"]
+    gyroscopic: Float[Array, "N N"]
+    elastic: Float[Array, "N N"]  # B^T S B, for damping
+    strain: Float[Array, "E m"]
+    by_changes: Float[Array, "E m l"]  # B
+
+
+def balance(
+    rod: Rod, q: Vector, around: Around, force: Float[Array, "E m"] | None = None
+) -> Balance:
+    """The state q; with `force` the tangent has that in sections, the residual its own."""
+    tables = rod.tables
+    u, p = rod.nodes(q)
+    state = bent(tables, u, p)
+    shape, by = state.strain.shape, state.by_changes
+    strain = state.strain.reshape(len(by), -1)
+    own = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
+    used = own if force is None else force
+    on_nodes = nodal(state, own.reshape(shape))
+    kept = on_nodes if force is None else nodal(state, used.reshape(shape))
+    elastic = tables.assembled(by.swapaxes(1, 2) @ tables.stiffness @ by)
+    bending = tables.assembled(geometric(tables, state, used.reshape(shape), kept))
+    still = Still(u, p, rotation(p), around.velocity, around.spin)
+    moving = turning(rod.mass, velocities(tables, still))
+    loads = acting(tables, still, around.gravity, around.load, around.span)
+    conservative = tables.gathered(kept) - moving.force - loads.conservative
+    residual = tables.gathered(on_nodes) - moving.force - loads.force
+    stiffness = elastic + bending + moving.stiffness + loads.stiffness
+    if rod.springs != (None, None):
+        moment, held, _ = at_root(rod.springs, p[0])
+        residual, conservative = (a.at[0, 3:].add(moment) for a in (residual, conservative))
+        stiffness, elastic = (a.at[3:6, 3:6].add(held) for a in (stiffness, elastic))
+    # The derivative of a force that has a potential, by changes in turning axes, is symmetric but
+    # for half of what turns the force: zero where it is.
+    stiffness = stiffness + on_diagonal(twisting(conservative)) / 2
+    return Balance(residual, stiffness, moving.gyroscopic, elastic, strain, by)
+
+
+class _Search(NamedTuple):
+    q: Vector
+    force: Float[Array, "E m"]
+    kept: Vector  # of the largest share that is settled
+    kept_force: Float[Array, "E m"]
+    settled: Scalar
+    rise: Scalar
+    tries: Array  # at this share
+    in_all: Array
+
+
+def settled(rod: Rod, around: Around) -> tuple[Vector, Scalar]:
+    """Where the rod rests, without derivatives, and the share of loads that was reached (1: all).
+
+    Newton's method with forces in sections for unknowns beside the coordinates (D. Magisano and
+    others, International Journal for Numerical Methods in Engineering 2017): the tangent has forces
+    as they were foreseen, so that what is stiff axially does not shorten steps. Loads rise in
+    steps where one will not do.
+    """
+    tables, free = rod.tables, rod.free
+    one = jnp.ones((), tables.place.dtype)
+    rest = jnp.zeros(7 * len(tables.place), one.dtype)
+    none = jnp.zeros(tables.stiffness.shape[:2], one.dtype)
+    scale = jnp.asarray(np.resize([1.0] * 3 + [0.0] * 3, 6 * len(tables.place))[free])
+    scale = jnp.where(scale > 0, 1 / rod.length, 1.0)
+
+    def body(now: _Search) -> _Search:
+        share = jnp.minimum(now.settled + now.rise, 1.0)
+        here = balance(rod, now.q, around.times(share), now.force)
+        out = here.residual.reshape(-1)[free]
+        change = -solve(here.stiffness[np.ix_(free, free)], out)
+        size = jnp.max(jnp.abs(scale * change))
+        by_elements = tables.of_elements(rod.spread(change)).reshape(len(none), -1)
+        strain = here.strain + jnp.einsum("eml,el->em", here.by_changes, by_elements)
+        force = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
+        q = rod.changed(now.q, change)
+        ended = size < _CLOSE
+        lost = ~ended & (~(size < _FAR) | (now.tries >= _MOST))
+
+        def pick(a: Any, b: Any, c: Any) -> Any:
+            return jnp.where(ended, a, jnp.where(lost, b, c))
+
+        return _Search(
+            pick(q, now.kept, q),
+            pick(force, now.kept_force, force),
+            jnp.where(ended, q, now.kept),
+            jnp.where(ended, force, now.kept_force),
+            jnp.where(ended, share, now.settled),
+            pick(2 * now.rise, now.rise / 4, now.rise),
+            pick(0, 0, now.tries + 1),
+            now.in_all + 1,
+        )
+
+    def go_on(now: _Search) -> Array:
+        more: Array = (now.settled < 1) & (now.rise > _LEAST) & (now.in_all < _IN_ALL)
+        return more
+
+    zero = jnp.asarray(0)
+    first = _Search(rest, none, rest, none, 0 * one, one, zero, zero)
+    end = jax.lax.while_loop(go_on, body, first)
+    return end.kept, end.settled
+
+
+@eqx.filter_custom_jvp
+def differentiable(q: Vector, given: tuple[Rod, Around]) -> Vector:
+    """A state that is settled, with its derivatives by all that it rests in: K dh = -dr."""
+    return q
+
+
+@differentiable.def_jvp
+def _differentiable_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    # Through the function itself, not its argument: then this rule can be differentiated again.
+    q, given = differentiable(*primals), primals[1]
+    rod = given[0]
+
+    def residual(given: tuple[Rod, Around]) -> Float[Array, " f"]:
+        return balance(given[0], q, given[1]).residual.reshape(-1)[rod.free]
+
+    rates = jax.tree.map(
+        lambda t, a: jnp.zeros_like(a) if t is None and eqx.is_inexact_array(a) else t,
+        tangents[1], given, is_leaf=lambda part: part is None,
+    )  # fmt: skip
+    arrays, rest = eqx.partition(given, eqx.is_inexact_array)
+    rates = eqx.filter(rates, eqx.is_inexact_array)
+    _, out = jax.jvp(lambda arrays: residual(eqx.combine(arrays, rest)), (arrays,), (rates,))
+    free = np.ix_(rod.free, rod.free)
+    change = -solve(balance(rod, q, given[1]).stiffness[free], out)
+    return q, rod.rates(q, change)

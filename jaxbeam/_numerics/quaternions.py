@@ -1,0 +1,77 @@
+"""Rotations by quaternions (w, x), of any length but zero, and small turns of them.
+
+A turn (3,) is the axis times the angle in rad. Arrays may have any axes in front.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+_SMALL = 1e-2  # square of half an angle, below which series are exact to rounding
+Quaternion = Float[Array, "*k 4"]
+Turn = Float[Array, "*k 3"]
+
+
+def leading(a: Any, like: Array) -> Any:
+    """An array with axes of length one in front, as many as another has more."""
+    return a.reshape((1,) * (like.ndim - a.ndim) + a.shape)
+
+
+def crossing(a: Turn) -> Float[Array, "*k 3 3"]:
+    """The matrix of b -> a x b."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    none = jnp.zeros_like(x)
+    rows = jnp.stack([none, -z, y, z, none, -x, -y, x, none], -1)
+    return rows.reshape(*a.shape[:-1], 3, 3)
+
+
+def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
+    """The matrix of the rotation: 1 + 2 (w x~ + x~ x~) / |q|^2."""
+    across = crossing(q[..., 1:])
+    turned = q[..., 0, None, None] * across + across @ across
+    return 2 * turned / jnp.sum(q * q, -1)[..., None, None] + leading(np.eye(3), turned)
+
+
+def product(p: Quaternion, q: Quaternion) -> Quaternion:
+    """p q: first the rotation q, then p."""
+    w, x, v, y = p[..., :1], p[..., 1:], q[..., :1], q[..., 1:]
+    scalar = w * v - jnp.sum(x * y, -1, keepdims=True)
+    return jnp.concatenate([scalar, w * y + v * x + jnp.cross(x, y)], -1)
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """The inverse of a quaternion of length one."""
+    return q * leading(np.array([1.0, -1.0, -1.0, -1.0]), q)
+
+
+def of_turn(turn: Turn) -> Quaternion:
+    """The quaternion of length one that turns so: (cos, sin of half the angle along the axis)."""
+    square = jnp.sum(turn * turn, -1, keepdims=True) / 4
+    small = square < _SMALL
+    half = jnp.sqrt(jnp.where(small, 1.0, square))
+    # Of sin(a) / a and cos(a) by a^2.
+    sine = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72)))
+    cosine = 1 - square / 2 * (1 - square / 12 * (1 - square / 30 * (1 - square / 56)))
+    share = jnp.where(small, sine, jnp.sin(half) / half)
+    return jnp.concatenate([jnp.where(small, cosine, jnp.cos(half)), share * turn / 2], -1)
+
+
+def turn_of(q: Quaternion) -> Turn:
+    """The turn of a quaternion, of at most 2 pi: q and -q are turns by a and by 2 pi - a."""
+    w, x = q[..., :1], q[..., 1:]
+    square = jnp.sum(x * x, -1, keepdims=True)
+    size = jnp.sum(q * q, -1, keepdims=True)
+    small = (square < _SMALL * size) & (w > 0)
+    sine = jnp.sqrt(jnp.where(small, 1.0, square))
+    # arctan(t) / t, t = |x| / w.
+    ratio = jnp.where(small, square / jnp.where(w > 0, w, 1.0) ** 2, 0.0)
+    series = sum((-ratio) ** k / (2 * k + 1) for k in range(10)) / jnp.where(small, w, 1.0)
+    return 2 * x * jnp.where(small, series, jnp.arctan2(sine, w) / sine)
+
+
+def turned(q: Quaternion, turn: Turn) -> Quaternion:
+    """q after a turn about axes that turn with it, of length one."""
+    out = product(q, of_turn(turn))
+    return out / jnp.sqrt(jnp.sum(out * out, -1, keepdims=True))

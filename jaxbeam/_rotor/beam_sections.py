@@ -1,0 +1,88 @@
+"""The sections of a `Beam`, which are diagonal, about its straight axis."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._rotor.beam import Beam
+from jaxbeam._rotor.sections import AbstractSections, Places
+from jaxbeam._rotor.span import polar_inertia
+from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, along
+
+# Compliance of shear, over L^2 / EI: a beam has none, and elements divide by it. Frequencies fall
+# by some ten times that, in the third mode by a hundred times.
+_SHEAR = 1e-9
+
+
+def sections_of(beam: Beam | AbstractSections) -> AbstractSections:
+    """What elements with full sections ask for them."""
+    return beam if isinstance(beam, AbstractSections) else BeamSections(beam)
+
+
+class BeamSections(AbstractSections):
+    """Sections without shear, offsets and couplings. Moments of inertia about the axes across share
+    the polar one as the stiffnesses of bending do, as those of a solid section."""
+
+    beam: Beam
+
+    @property
+    def _varying(self) -> list[AbstractSpanwise]:
+        """Properties that vary, the mass without what is at points."""
+        beam = self.beam
+        names = (
+            "mass_per_length", "axial_stiffness", "in_plane_bending_stiffness",
+            "flap_bending_stiffness", "twist", "torsional_stiffness", "polar_inertia",
+        )  # fmt: skip
+        every = (getattr(beam, name) for name in names)
+        return [value for value in every if isinstance(value, AbstractSpanwise)]
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return tuple(sorted({step for value in self._varying for step in value.steps}))
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        return (0.0, *sorted({kink for value in self._varying for kink in value.kinks}), 1.0)
+
+    @property
+    def has_functions(self) -> bool:
+        """Whether something is given by a function rather than by a table."""
+        return any(not isinstance(value, Spanwise) for value in self._varying)
+
+    def axis_at(self, places: Places) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
+        along = self.beam.length[None] * np.eye(3)[0]
+        return jnp.asarray(places)[:, None] * along[None], jnp.broadcast_to(along, (len(places), 3))
+
+    def twist_at(self, places: Places) -> Float[Array, " m"]:
+        twist = self.beam.twist
+        return jnp.zeros(len(places)) if twist is None else along(twist, places)
+
+    def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        beam = self.beam
+        lag, flap = self._bending(places)
+        shear = _SHEAR * beam.length**2 / (lag + flap)
+        stretch, torsion = (
+            1 / along(value, places) for value in (beam.axial_stiffness, beam.torsional_stiffness)
+        )
+        return _diagonal(stretch, shear, shear, torsion, 1 / flap, 1 / lag)
+
+    def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        beam, (lag, flap) = self.beam, self._bending(places)
+        mass = along(beam.mass_per_length, places)
+        polar = polar_inertia(beam, lambda value: along(value, places))
+        share = polar / (lag + flap)
+        return _diagonal(mass, mass, mass, polar, share * flap, share * lag)
+
+    def _bending(self, places: Places) -> tuple[Array, Array]:
+        """Stiffnesses of bending in plane and in flap."""
+        beam = self.beam
+        both = beam.in_plane_bending_stiffness, beam.flap_bending_stiffness
+        lag, flap = (along(value, places) for value in both)
+        return lag, flap
+
+
+def _diagonal(*entries: Any) -> Float[Array, "m 6 6"]:
+    rows: Any = jnp.stack(entries, 1)[:, :, None] * np.eye(6)[None]
+    return rows

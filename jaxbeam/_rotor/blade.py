@@ -1,0 +1,332 @@
+"""A blade of full sections about a curved axis, and the sections of every beam in the same form."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxbeam._checks import concrete_array, real_array
+from jaxbeam._numerics.splines import spline_rows
+from jaxbeam._rotor.beam import Beam
+from jaxbeam._rotor.beam_sections import BeamSections, sections_of
+from jaxbeam._rotor.parameters import FULL_TURN, Parameters, parameter, whole
+from jaxbeam._rotor.points import PointMasses
+from jaxbeam._rotor.sections import AbstractSections, Places, full_matrices, upper_triangles
+from jaxbeam._rotor.spanwise import Spanwise, between, points_within
+from jaxbeam._status import Status
+from jaxbeam._types import Number, Scalar, is_concrete
+
+_POINTS = 6  # of each piece, at which the length of the axis is integrated
+_UNSYMMETRIC = 1e-6  # of the geometric mean of diagonal entries
+
+
+def is_stiffness(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
+    """Whether matrices are positive definite."""
+    matrices = full_matrices(rows)
+    size = jnp.sqrt(jnp.diagonal(matrices, axis1=1, axis2=2))
+    scaled = matrices / (size[:, :, None] * size[:, None])
+    return jnp.all(jnp.isfinite(jnp.linalg.cholesky(scaled)))
+
+
+def is_inertia(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
+    """Whether there is mass, and no inertia is below zero."""
+    own = jnp.diagonal(full_matrices(rows), axis1=1, axis2=2)
+    return jnp.all(jnp.isfinite(rows)) & jnp.all(own[:, :3] > 0) & jnp.all(own[:, 3:] >= 0)
+
+
+def is_axis(points: Float[Array, "k 3"]) -> Bool[Array, ""]:
+    """Whether no two points that follow one another are the same."""
+    steps = jnp.diff(points, axis=0)
+    return jnp.all(jnp.isfinite(points)) & jnp.all(jnp.sum(steps * steps, 1) > 0)
+
+
+class Blade(Parameters, AbstractSections):
+    """A blade as it is built: full sections about an axis that may be curved, swept and twisted.
+
+    | field         | meaning                                                      | unit      |
+    |---------------|--------------------------------------------------------------|-----------|
+    | stations      | (n,) places of sections along the axis, from 0 at the root   |           |
+    |               | to 1, as shares of its length; two that are equal are a step |           |
+    | stiffness     | (n, 6, 6), symmetric and positive definite                   | N, N m,   |
+    |               |                                                              | N m^2     |
+    | inertia       | (n, 6, 6), symmetric, by length                              | kg/m, kg, |
+    |               |                                                              | kg m      |
+    | axis          | (k, 3) points of the reference axis, from the root of the    | m         |
+    |               | hub; or its length, of a straight one                        |           |
+    | twist         | (k,) angle of the sections about the axis; None: zero        | rad       |
+    | axis_stations | (k,) places of these points; None: evenly spaced             |           |
+    | kinks         | places of points at which the axis has a kink                |           |
+    | point_masses  | `PointMasses` on the axis, or None                           |           |
+
+    **Axes of the blade** are a1 along the blade at its root, a2 in the plane of rotation, the way
+    that it turns (the leading edge), and a3 along the axis of rotation: those of the hub, which
+    `precone` and `pitch` of the rotor turn. A section stands across the axis. Its first axis is the
+    tangent; without twist its third one is across a2, and twist turns the second from a2 towards
+    a3, as `Beam.twist` does.
+
+    **Order** of sixes, in the axes of the section: along it, shear along the second and the third
+    axis, torsion, bending about the second axis (flap) and about the third one (in plane). The
+    **reference point** is where the axis goes through the section. With m the mass by length, c the
+    place of its centre across and J the moments of inertia about the reference point, an inertia is
+    [[m, -m c~], [m c~, J]], c~ the matrix of b -> c x b.
+
+    `stiffness` and `inertia` are linear from station to station; the axis and the twist are cubic
+    splines ("not a knot") between kinks, whose length is that of the curve. What is given may also
+    be (n, 21): the upper triangle of each matrix, row by row, which is how fields hold it. All but
+    places can be swept, fitted and differentiated. `models.SpatialRod` takes all of it; for other
+    models see `beam`.
+
+    Raises `TypeError` for what are no real numbers, and `ValueError` for what is not allowed, and
+    for matrices that are not symmetric.
+    """
+
+    stations: tuple[float, ...] = eqx.field(static=True)
+    axis_stations: tuple[float, ...] = eqx.field(static=True)
+    kinks: tuple[float, ...] = eqx.field(static=True)
+    stiffness: Float[Array, "n 21"] = whole(Status.INVALID_SECTION_STIFFNESS, is_stiffness)
+    inertia: Float[Array, "n 21"] = whole(Status.INVALID_SECTION_INERTIA, is_inertia)
+    axis: Float[Array, "k 3"] = whole(Status.INVALID_AXIS, is_axis)
+    twist: Float[Array, " k"] = parameter(Status.INVALID_TWIST, zero=None, most=FULL_TURN)
+    point_masses: PointMasses | None = None
+
+    def __init__(
+        self, stations: Sequence[float], stiffness: Any, inertia: Any, axis: Any,
+        twist: Any = None, axis_stations: Sequence[float] | None = None,
+        kinks: Sequence[float] = (), point_masses: PointMasses | None = None,
+    ) -> None:  # fmt: skip
+        self.stations = _places("stations", stations, steps=True)
+        self.stiffness = _sixes("stiffness", stiffness, len(self.stations))
+        self.inertia = _sixes("inertia", inertia, len(self.stations))
+        points = real_array("axis", axis)
+        if points.ndim == 0:
+            points = points[None, None] * np.eye(2, 3, -1)
+        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
+            raise ValueError(
+                f"axis must be a length or two and more points (k, 3), got shape {points.shape}"
+            )
+        self.axis, count = points, len(points)
+        places = np.linspace(0.0, 1.0, count) if axis_stations is None else axis_stations
+        self.axis_stations = _places("axis_stations", places, steps=False)
+        if len(self.axis_stations) != count:
+            raise ValueError(
+                f"axis_stations must be as many as points of the axis, {count}, got "
+                f"{len(self.axis_stations)}"
+            )
+        self.twist = jnp.zeros(count) if twist is None else real_array("twist", twist)
+        if self.twist.shape != (count,):
+            raise ValueError(
+                f"twist must be as many as points of the axis, {count}, got shape "
+                f"{self.twist.shape}"
+            )
+        self.kinks = tuple(float(kink) for kink in kinks)
+        if not set(self.kinks) <= set(self.axis_stations[1:-1]):
+            raise ValueError(
+                f"kinks must be among the inner axis_stations, {self.axis_stations[1:-1]}, got "
+                f"{self.kinks}"
+            )
+        self.point_masses = point_masses
+
+    @classmethod
+    def of(cls, beam: Beam, stations: Sequence[float] | None = None) -> Self:
+        """The blade that a `Beam` is: straight, of sections that are diagonal.
+
+        `stations` (n,) are where sections are taken, and points of the axis: those of the beam's
+        tables by default, and 33 more for what is given by a function. Without shear a beam has a
+        stiff one, and its rotary inertia is that of its `polar_inertia`, shared by the stiffnesses
+        of bending. Raises `ValueError` unless the beam has its `torsional_stiffness`.
+        """
+        if beam.torsional_stiffness is None:
+            raise ValueError("beam.torsional_stiffness: a blade needs it: give GJ in N m^2")
+        sections = sections_of(beam)
+        places = np.asarray(_stations_of(beam) if stations is None else stations, float)
+        behind = np.concatenate([places[:-1] == places[1:], [False]])
+        at = places + 1e-12 * (np.roll(behind, 1).astype(float) - behind)
+        inner = np.unique(places)
+        line, _ = sections.axis_at(inner)
+        return cls(
+            places.tolist(),
+            jnp.linalg.inv(sections.compliance_at(at)),
+            sections.inertia_at(at),
+            line,
+            sections.twist_at(inner),
+            inner.tolist(),
+            point_masses=beam.point_masses,
+        )
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        places = np.asarray(self.stations)
+        steps = places[1:][np.diff(places) == 0]
+        return tuple(sorted({*steps.tolist(), *self.kinks}))
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        return tuple(sorted({*self.stations, *self.kinks}))
+
+    def axis_at(self, places: Places) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
+        value, slope = (jnp.asarray(rows) for rows in self._spline(places))
+        return value @ self.axis, slope @ self.axis
+
+    def twist_at(self, places: Places) -> Float[Array, " m"]:
+        angle: Any = self._spline(places)[0] @ self.twist
+        return angle
+
+    def stiffness_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        """Stiffnesses in axes of the sections."""
+        return full_matrices(self._linear(places) @ self.stiffness)
+
+    def _linear(self, places: Places) -> Float[Array, "m n"]:
+        """Rows that interpolate between stations."""
+        left, share = between(self.stations, places)
+        unit = np.eye(len(self.stations))
+        return jnp.asarray((1 - share)[:, None] * unit[left] + share[:, None] * unit[left + 1])
+
+    def _spline(self, places: Places) -> tuple[np.ndarray, np.ndarray]:
+        """Rows that interpolate between points of the axis, and those of slopes."""
+        knots, count = np.asarray(self.axis_stations), len(self.axis_stations)
+        ends = [0, *(self.axis_stations.index(kink) for kink in self.kinks), count - 1]
+        value, slope = np.zeros((2, len(places), count))
+        for start, end in itertools.pairwise(ends):
+            inside = (places >= knots[start]) | (start == 0)
+            own = slice(start, end + 1)
+            rows = spline_rows(knots[own], places[inside])
+            value[inside], slope[inside] = 0.0, 0.0
+            value[inside, own], slope[inside, own] = rows
+        return value, slope
+
+    def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        return jnp.linalg.inv(self.stiffness_at(places))
+
+    def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        return full_matrices(self._linear(places) @ self.inertia)
+
+    @property
+    def length(self) -> Scalar:
+        """Length of the axis, in m."""
+        places, weight = points_within((0.0, *self.axis_stations[1:-1], 1.0), _POINTS)
+        _, slope = self.axis_at(places)
+        length: Any = weight @ jnp.sqrt(jnp.sum(slope**2, 1))
+        return length
+
+    is_uniform = False  # for what is asked of every beam
+    span_features = ("blade",)
+
+    def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        yield from super()._given()
+        yield "torsional_stiffness", {"of_torsion": True}  # every section has one
+
+    @property
+    def mean(self) -> Beam:
+        """The uniform beam whose properties are the means of the reduced `beam` over the span."""
+        return self.beam().mean
+
+    @property
+    def mass(self) -> Number:
+        """Mass of the blade, and of what is at points of it, in kg."""
+        places, weight = points_within(self.edges, _POINTS)
+        _, slope = self.axis_at(places)
+        density = self.inertia_at(places)[:, 0, 0] * jnp.sqrt(jnp.sum(slope**2, 1))
+        more = 0.0 if self.point_masses is None else jnp.sum(self.point_masses.masses)
+        return jnp.asarray(weight) @ density + more
+
+    @property
+    def frequency_scale(self) -> Number:
+        """The frequency scale of the reduced `beam`, in rad/s."""
+        return self.mean.frequency_scale
+
+    def made_harmless(self, fine: Array) -> "Blade":
+        """The blade, or a straight one of ones where it is not fine."""
+        points = np.asarray(self.axis_stations)[:, None] * np.eye(3)[0]
+        ones = upper_triangles(jnp.eye(6)[None])
+        instead = (0 * self.stiffness + ones, 0 * self.inertia + ones, points, 0.0)
+        held = (
+            jnp.where(fine, own, other)
+            for own, other in zip(
+                (self.stiffness, self.inertia, self.axis, self.twist), instead, strict=True
+            )
+        )
+        return eqx.tree_at(lambda b: (b.stiffness, b.inertia, b.axis, b.twist), self, tuple(held))
+
+    def beam(self) -> Beam:
+        """The straight beam with the stiffnesses of the sections along their own axes, for models
+        that know no more.
+
+        The length is that of the axis. Compliances of stretch, torsion and bending alone make EA,
+        GJ and the two EI, the latter about the axes in which they are not coupled, to which `twist`
+        turns; of inertia the mass is kept and the moment about the centre of mass. `left_out` says
+        what that leaves out.
+        """
+        places = np.asarray(self.stations)
+        f = jnp.linalg.inv(full_matrices(self.stiffness))
+        about2, about3, both = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
+        apart = about2 - about3
+        # Axes that are nearest to those of the section; any will do where all are alike.
+        sign, alike = jnp.where(apart < 0, -1.0, 1.0), (both == 0) & (apart == 0)
+        across, along = jnp.where(alike, 0.0, sign * 2 * both), jnp.where(alike, 1.0, sign * apart)
+        half = jnp.where(alike, 0.0, sign * jnp.hypot(across, along) / 2)
+        middle = (about2 + about3) / 2
+        m = full_matrices(self.inertia)
+        mass, first = m[:, 0, 0], jnp.stack([m[:, 0, 4], m[:, 0, 5]])
+        at = places + 1e-12 * np.sign(0.5 - places)
+        columns = {
+            "mass_per_length": mass,
+            "axial_stiffness": 1 / f[:, 0, 0],
+            "in_plane_bending_stiffness": 1 / (middle - half),
+            "flap_bending_stiffness": 1 / (middle + half),
+            "twist": self.twist_at(at) + jnp.arctan2(across, along) / 2,
+            "torsional_stiffness": 1 / f[:, 3, 3],
+            "polar_inertia": m[:, 3, 3] - jnp.sum(first**2, 0) / mass,
+        }
+        tables: Any = {name: Spanwise(self.stations, rows) for name, rows in columns.items()}
+        return Beam(self.length, point_masses=self.point_masses, **tables)
+
+
+def _stations_of(beam: Beam) -> list[float]:
+    """Places of the sections of a beam's tables, twice where one has a step; of functions more."""
+    sections = BeamSections(beam)
+    places = {*sections.edges, *(np.linspace(0, 1, 33).tolist() if sections.has_functions else ())}
+    return sorted([*places, *sections.breaks])
+
+
+def _places(name: str, given: Any, steps: bool) -> tuple[float, ...]:
+    """Places from 0 to 1 that do not decrease, or increase where there are no `steps`."""
+    places = concrete_array(name, given)
+    if places.ndim != 1 or places.size < 2:
+        raise ValueError(f"{name} must be two or more in a row, got shape {places.shape}")
+    rise = np.diff(places)
+    if not (places[0] == 0 and places[-1] == 1 and np.all(rise >= 0 if steps else rise > 0)):
+        how = "not decrease" if steps else "increase"
+        raise ValueError(f"{name} must {how} from 0 to 1, got {places.tolist()}")
+    if np.any((rise[1:] == 0) & (rise[:-1] == 0)) or rise[0] == 0 or rise[-1] == 0:
+        raise ValueError(f"{name}: a step is two equal places between the ends, got three or one")
+    return tuple(places.tolist())
+
+
+def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
+    """Symmetric matrices of six as their upper triangles."""
+    rows = real_array(name, given)
+    if rows.shape == (count, 21):
+        return rows
+    if rows.shape != (count, 6, 6):
+        raise ValueError(
+            f"{name} must have shape ({count}, 6, 6), a matrix for each station, or ({count}, 21), "
+            f"got {rows.shape}"
+        )
+    if is_concrete(rows):
+        values = np.asarray(rows)
+        own = np.sqrt(np.abs(np.einsum("nii->ni", values)))
+        apart = (
+            np.abs(values - values.swapaxes(1, 2)) > _UNSYMMETRIC * own[:, :, None] * own[:, None]
+        )
+        if np.any(apart):
+            station, row, column = np.argwhere(apart)[0]
+            raise ValueError(
+                f"{name} must be symmetric, got {values[station, row, column]} and "
+                f"{values[station, column, row]} in rows {row + 1} and {column + 1} at station "
+                f"{station + 1}"
+            )
+    return upper_triangles(rows)

@@ -1,0 +1,155 @@
+"""What takes energy from a beam: material, inertia, ratios of its modes, dampers at its root."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxbeam._checks import real_array, real_scalar, renamed, require
+from jaxbeam._rotor.directions import Direction
+from jaxbeam._status import Status
+from jaxbeam._types import Real, Scalar, is_concrete
+
+Ratios = Real | Sequence[Real] | None  # one for all modes of a direction, or by their numbers
+
+
+class Damping(eqx.Module):
+    """Damping of a material, of a motion, of modes and of the root; none by default.
+
+    | field                 | symbol | unit  |                                                 |
+    |-----------------------|--------|-------|-------------------------------------------------|
+    | mass_coefficient      | a      | 1/s   | in proportion to inertia                        |
+    | stiffness_coefficient | c      | s     | in proportion to stiffness, as in a material    |
+    | in_plane_ratio        | zeta   |       | () or (m,), of modes in plane (lag)             |
+    | flap_ratio            | zeta   |       | () or (m,), of modes in flap                    |
+    | axial_ratio           | zeta   |       | () or (m,), of axial modes                      |
+    | ratio_speed           |        | rad/s | at which these are the modes, 0 unless given    |
+    | in_plane_damper       | d      | N m s | at the root, parallel to the spring in plane    |
+    | flap_damper           | d      | N m s | at the root, parallel to the spring in flap     |
+
+    All are finite and, but for the speed, >= 0; None leaves a term out, and all terms add up.
+
+    **Coefficients** do the forces -(a dT/dq' + c B^T D B q'): a mode of frequency w at rest has the
+    damping ratio (a / w + c w) / 2. T is the kinetic energy seen from the hub, B is d strain/dq and
+    D the stiffness of the strains: c stands for the damping of a material (Kelvin and Voigt), with
+    stresses EA eps', EI kappa' and GJ k_1' beside those of elasticity, and takes twice the energy
+    of the rates of strain. So rigid motion is not damped, nor is stress that only turns with the
+    beam, however large: with phi^T M phi = 1 a mode decays at the rate c phi^T K phi / 2, K the
+    stiffness without what tension adds to it. In theories that are linear B^T D B is K. The springs
+    of a root, and of the discrete models, are such a material, too.
+
+    **Ratios** are those that are measured: of the first mode of a direction, of the second and so
+    on; the last one, or the only one, is that of all higher modes, so that a zero at the end leaves
+    these undamped. They do the forces -C q',
+
+        C = M Phi diag(2 zeta w) Phi^T M,   K Phi = M Phi diag(w^2),   Phi^T M Phi = 1,
+
+    where M and K are the matrices of small motion about steady rotation at `ratio_speed`, without
+    loads. There each mode has the growth rate -zeta w, exactly, where Coriolis forces do not couple
+    it (at rest, or without stretch); at other speeds and under loads C stays what it is, as the
+    damping of a material does. Where pitch or twist couple flap and lag a mode has the direction
+    and number that `modes` would give it. Where a mode with a ratio diverges at `ratio_speed` the
+    case fails.
+    Theories that are linear alone have modes that last: `Hybrid`, `Classical`, and of `jb.models`
+    `SmallStrainANCF`, `DiscreteLC` and `DiscreteLP`. All others refuse ratios by name.
+
+    **Dampers** do the moment -d phi' in a root that yields, phi being the angle of the root, of
+    which the `RootSprings` have the energy k phi^2 / 2: a rigid blade with the moment of inertia I
+    about its hinge has the ratio d / (2 (k I)^(1/2)). Where the root is clamped they are refused,
+    and by models that have no such root.
+
+    Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
+    """
+
+    mass_coefficient: Scalar | None
+    stiffness_coefficient: Scalar | None
+    in_plane_ratio: Float[Array, "*m"] | None
+    flap_ratio: Float[Array, "*m"] | None
+    axial_ratio: Float[Array, "*m"] | None
+    ratio_speed: Scalar | None
+    in_plane_damper: Scalar | None
+    flap_damper: Scalar | None
+
+    @renamed(mass="mass_coefficient", stiffness="stiffness_coefficient")
+    def __init__(
+        self, mass_coefficient: Real | None = None, stiffness_coefficient: Real | None = None, *,
+        in_plane_ratio: Ratios = None, flap_ratio: Ratios = None, axial_ratio: Ratios = None,
+        ratio_speed: Real | None = None,
+        in_plane_damper: Real | None = None, flap_damper: Real | None = None,
+    ) -> None:  # fmt: skip
+        self.mass_coefficient = _number("mass_coefficient", mass_coefficient)
+        self.stiffness_coefficient = _number("stiffness_coefficient", stiffness_coefficient)
+        self.in_plane_ratio = _ratios("in_plane_ratio", in_plane_ratio)
+        self.flap_ratio = _ratios("flap_ratio", flap_ratio)
+        self.axial_ratio = _ratios("axial_ratio", axial_ratio)
+        self.ratio_speed = _number("ratio_speed", ratio_speed, least=-np.inf)
+        self.in_plane_damper = _number("in_plane_damper", in_plane_damper)
+        self.flap_damper = _number("flap_damper", flap_damper)
+
+    @property
+    def ratios(self) -> dict[Direction, Array]:
+        """Ratios of the directions that have some."""
+        every = {
+            Direction.AXIAL: self.axial_ratio, Direction.IN_PLANE: self.in_plane_ratio,
+            Direction.FLAP: self.flap_ratio,
+        }  # fmt: skip
+        return {direction: ratio for direction, ratio in every.items() if ratio is not None}
+
+    @property
+    def dampers(self) -> tuple[Scalar | None, Scalar | None]:
+        """Dampers of the root, in plane and in flap."""
+        return self.in_plane_damper, self.flap_damper
+
+    @property
+    def are_none(self) -> bool:
+        """Whether nothing is damped."""
+        return not self.features and self.mass_coefficient is self.stiffness_coefficient is None
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """What a model has to know, beyond the coefficients."""
+        names = "in_plane_ratio", "flap_ratio", "axial_ratio", "in_plane_damper", "flap_damper"
+        return tuple(f"damping.{name}" for name in names if getattr(self, name) is not None)
+
+
+def _number(name: str, value: Any, least: float = 0.0) -> Scalar | None:
+    if value is None:
+        return None
+    value = real_scalar(f"damping.{name}", value)
+    _require(value, least)
+    return value
+
+
+def _ratios(name: str, value: Any) -> Array | None:
+    if value is None:
+        return None
+    value = real_array(f"damping.{name}", value)
+    if value.ndim > 1 or not value.size:
+        raise ValueError(
+            f"damping.{name} must be a number, or a list of them by the numbers of the modes, got "
+            f"shape {value.shape}"
+        )
+    _require(value, 0.0)
+    return value
+
+
+def _require(value: Array, least: float) -> None:
+    if is_concrete(value):
+        numbers = np.asarray(value)
+        fine = np.isfinite(numbers) & (numbers >= least)
+        require(Status.INVALID_DAMPING, bool(fine.all()), numbers)
+
+
+def damping_in_range(damping: Damping) -> Array:
+    """Whether all is finite and, but for the speed, not negative."""
+    speed = jnp.zeros(()) if damping.ratio_speed is None else damping.ratio_speed
+    rest = eqx.tree_at(lambda d: d.ratio_speed, damping, None, is_leaf=lambda leaf: leaf is None)
+    every = jnp.concatenate([jnp.abs(speed)[None], *map(jnp.ravel, jax.tree.leaves(rest))])
+    return jnp.all(jnp.isfinite(every) & (every >= 0))
+
+
+NO_DAMPING = Damping()  # what public functions take where nothing is given

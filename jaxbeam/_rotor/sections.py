@@ -1,0 +1,67 @@
+"""Sections along a beam: full matrices about an axis, as the elements of a rod ask for them."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+SIXES = np.triu_indices(6)
+_PLACE = np.zeros((6, 6), int)
+_PLACE[SIXES] = np.arange(21)
+_PLACE = np.maximum(_PLACE, _PLACE.T)
+Places = Float[np.ndarray, " m"]
+
+
+def full_matrices(rows: Float[Array, "n 21"]) -> Float[Array, "n 6 6"]:
+    """Symmetric matrices from their upper triangles, row by row."""
+    return rows[:, _PLACE.ravel()].reshape(-1, 6, 6)
+
+
+def upper_triangles(matrices: Float[Array, "n 6 6"]) -> Float[Array, "n 21"]:
+    """Upper triangles of matrices, which may differ from symmetric ones by rounding."""
+    return ((matrices + matrices.swapaxes(1, 2)) / 2)[:, SIXES[0], SIXES[1]]
+
+
+class AbstractSections(eqx.Module):
+    """An axis in space, and what is at each place along it, a share of its length from 0 to 1."""
+
+    @property
+    @abc.abstractmethod
+    def breaks(self) -> tuple[float, ...]:
+        """Places between the ends where the axis has a kink or a property a step."""
+
+    @property
+    @abc.abstractmethod
+    def edges(self) -> tuple[float, ...]:
+        """Places from 0 to 1 between which all is smooth."""
+
+    @abc.abstractmethod
+    def axis_at(self, places: Places) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
+        """Points of the axis in axes of the blade, from its root, and how they go on with the
+        place, in m."""
+
+    @abc.abstractmethod
+    def twist_at(self, places: Places) -> Float[Array, " m"]:
+        """Angles of the sections about the axis, in rad."""
+
+    @abc.abstractmethod
+    def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        """Strains by forces, in axes of the sections."""
+
+    @abc.abstractmethod
+    def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        """Momenta by velocities and length, in axes of the sections."""
+
+
+def frames(slope: Float[Array, "m 3"], twist: Float[Array, " m"]) -> Float[Array, "m 3 3"]:
+    """Axes of sections, as columns, of an axis that goes on in these ways: the tangent, and across
+    it, where there is no twist, the one that is nearest to a2, and a third."""
+    tangent = slope / jnp.sqrt(jnp.sum(slope**2, 1, keepdims=True))
+    across = jnp.stack([-tangent[:, 2], 0 * tangent[:, 0], tangent[:, 0]], 1)
+    across = across / jnp.sqrt(jnp.sum(across**2, 1, keepdims=True))
+    own: Any = jnp.cross(across, tangent)
+    cos, sin = jnp.cos(twist)[:, None], jnp.sin(twist)[:, None]
+    return jnp.stack([tangent, cos * own + sin * across, cos * across - sin * own], 2)

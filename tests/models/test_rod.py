@@ -1,0 +1,277 @@
+"""The rod of full sections, against integration of its equilibrium, closed forms and numbers of
+other programs."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxbeam as jb
+from jaxbeam._models.space.rod_state import Around, balance
+from jaxbeam._rotor.loads import TipLoad
+from jaxbeam.blades import Blade
+from jaxbeam.models import SpatialRod
+from tests.references import full_rod
+
+# Wang, Yu, Sprague, Jonkman, AIAA 2013: a composite box beam of 10 m, SI.
+BOX = np.zeros((6, 6))
+BOX[:3, :3] = np.diag([1368.17e3, 88.56e3, 38.78e3])
+BOX[3:, 3:] = [[16960, 17610, -351], [17610, 59120, -370], [-351, -370, 141470]]
+
+
+def inertia(mass, centre, about):
+    """Inertia about the reference point, of a mass at a centre with moments about that."""
+    c = np.array(
+        [[0, -centre[2], centre[1]], [centre[2], 0, -centre[0]], [-centre[1], centre[0], 0]]
+    )
+    return np.block([[mass * np.eye(3), -mass * c], [mass * c, np.diag(about) - mass * c @ c]])
+
+
+DEFAULT = SpatialRod()
+UNIT = inertia(1.0, (0.0, 0.0, 0.0), (2e-3, 1e-3, 1e-3))
+
+
+def steady(blade, speed=0.0, model=DEFAULT, rotor=None, **loads):
+    rotor = jb.Rotor(blade) if rotor is None else rotor
+    return jb.steady(model, rotor, speed, loads=jb.Loads(**loads))
+
+
+@functools.cache
+def coupled():
+    """A blade whose sections are full and turned, about a curved axis, on a hub."""
+    rng = np.random.default_rng(3)
+    stiffness, masses = [], []
+    for _ in range(3):
+        a = rng.normal(size=(6, 6))
+        size = np.sqrt([1e6, 2e5, 2e5, 3e2, 4e2, 6e2])
+        stiffness.append(size[:, None] * (a @ a.T / 6 + 2 * np.eye(6)) * size)
+        centre = (0.0, *(0.05 * rng.normal(size=2)))
+        masses.append(inertia(1 + rng.random(), centre, (0.02, 0.008, 0.012)))
+    axis = [[0, 0, 0], [1, 0.02, 0], [2, 0.1, 0.05], [3, 0.3, 0.1]]
+    return Blade([0, 0.4, 1], stiffness, masses, axis, twist=[0.3, 0.2, 0.1, 0])
+
+
+@pytest.mark.exhaustive
+def test_tangents_are_derivatives_of_forces():
+    """About any state, with all loads, of a root that yields."""
+    body = jb.TipBody(0.5, 0.1, 0.02, 0.01, 0.03)
+    rotor = jb.Rotor(coupled(), 1.0, tip_body=body, root_springs=jb.RootSprings(200.0, 300.0))
+    equations = SpatialRod(3, 2).suited(rotor).equations(rotor)
+    rod, rng = equations.rod, np.random.default_rng(0)
+    change = jnp.asarray(0.2 * rng.normal(size=rod.free.size))
+    q = rod.changed(equations.rest, change)
+    three = [jnp.asarray(rng.normal(size=3)) for _ in range(5)]
+
+    @jax.jit
+    def both(q, follows):
+        for_tip = [TipLoad(three[3], three[4], True), TipLoad(three[3], three[4], False)]
+        out = []
+        for load in for_tip:
+            integral = equations.span_integral((), load.follows)
+            xi, _ = integral.points
+            span = integral.generalised_force(jnp.stack([1 + xi, 2 - xi, xi**2], 1))
+            around = Around(three[0], three[1], three[2], load, span)
+
+            def force(change, around=around):
+                return balance(rod, rod.changed(q, change), around).residual.reshape(-1)[rod.free]
+
+            tangent = jax.jacfwd(force)(jnp.zeros(rod.free.size))
+            own = balance(rod, q, around).stiffness[np.ix_(rod.free, rod.free)]
+            out.append((tangent, own))
+        return out
+
+    for tangent, own in both(q, True):
+        np.testing.assert_allclose(own, tangent, atol=1e-9 * np.abs(tangent).max())
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("degree", "elements", "tolerance"), [(8, 1, 1e-10), (5, 2, 1e-8)])
+def test_a_composite_beam(degree, elements, tolerance):
+    """The tip under 150 N as that of Wang and others, who state it so."""
+    blade = Blade([0, 1], [BOX] * 2, [UNIT] * 2, 10.0)
+    tip = steady(blade, model=SpatialRod(degree, elements), tip_force=[0, 0, 150.0]).tip
+    expected = [-9.02726627566299e-2, -6.47488486259037e-2, 1.22973648292371]
+    np.testing.assert_allclose(tip, expected, atol=1.3 * tolerance)
+
+
+@pytest.mark.exhaustive
+def test_a_twisted_beam():
+    """Half a turn over 10 m under 4 MN, as of Wang and others."""
+    stiff = np.diag([2.5e10, 8.2604167e9, 8.2604167e9, 1.41872656e8, 5.20833e8, 1.30208333e8])
+    blade = Blade([0, 1], [stiff] * 2, [UNIT] * 2, 10.0, twist=[0, np.pi / 2])
+    tip = steady(blade, model=SpatialRod(10, 2), tip_force=[0, 0, -4e6]).tip
+    np.testing.assert_allclose(
+        tip, [-1.14152599953942, -1.71805334646388, -3.59321324026952], atol=4e-10
+    )
+
+
+@pytest.mark.exhaustive
+def test_an_arc_of_45_degrees():
+    """Bathe and Bolourchi's bend under 600 out of its plane, against integration along the arc."""
+    radius, share = 100.0, np.pi / 4
+    stiff = np.diag([1e7, 5e6 * 5 / 6, 5e6 * 5 / 6, 8.3333333e5, 8.3333333e5, 8.3333333e5])
+    angle = np.linspace(0, share, 41)
+    axis = radius * np.stack([np.sin(angle), np.cos(angle) - 1, 0 * angle], 1)
+    blade = Blade([0, 1], [stiff] * 2, [UNIT] * 2, axis)
+    state = steady(blade, model=SpatialRod(10, 2), tip_force=[0, 0, 600.0])
+
+    def turned(s):
+        cos, sin = np.cos(s / radius), np.sin(s / radius)
+        return np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
+
+    def across(s):
+        both = np.kron(np.eye(2), turned(s))
+        return both @ stiff @ both.T
+
+    case = full_rod.Case(
+        place=lambda s: radius * np.array([np.sin(s / radius), np.cos(s / radius) - 1, 0]),
+        tangent=lambda s: turned(s)[:, 0], stiffness=across, inertia=lambda s: UNIT,
+        length=radius * share, force=np.array([0, 0, 600.0]),
+    )  # fmt: skip
+    guess = np.concatenate([state.section_force(0.0)[0], _vector(state.section_moment(0.0)[0])])
+    found = full_rod.steady(case, guess, np.array([0.5, 1.0]) * case.length)
+    own = blade.axis_at(np.array([0.5, 1.0]))[0] + state.displacement(np.array([0.5, 1.0]))
+    np.testing.assert_allclose(own, found[:, :3], atol=1e-6)
+
+
+def _vector(moment):
+    """A moment along axes 1, 2, 3, from one of torsion, in plane and in flap."""
+    return np.array([moment[0], -moment[2], moment[1]])
+
+
+@pytest.mark.slow
+def test_a_turning_blade_of_full_sections():
+    """Displacement and section forces, under gravity's like and a load at the tip, against
+    integration of equilibrium along the axis."""
+    stiff, mass = np.asarray(coupled().stiffness_at(np.zeros(1))[0]), inertia(
+        1.2, (0, 0.03, -0.02), (0.02, 0.008, 0.012)
+    )  # fmt: skip
+    blade = Blade([0, 1], [stiff] * 2, [mass] * 2, 3.0)
+    rotor, force = jb.Rotor(blade, 1.0), np.array([5.0, 3.0, -8.0])
+    loads = {"tip_force": force, "force_per_length": (0.5, -1.0, 2.0)}
+    at = np.array([0.0, 0.37, 1.0])
+    state = steady(blade, 6.0, SpatialRod(10), rotor, **loads)
+    case = full_rod.Case(
+        place=lambda s: np.array([1.0 + s, 0, 0]), tangent=lambda s: np.eye(3)[0],
+        stiffness=lambda s: stiff, inertia=lambda s: mass, length=3.0,
+        omega=np.array([0, 0, 6.0]), force=force, line=np.array([0.5, -1.0, 2.0]),
+    )  # fmt: skip
+    forces, moments = state.section_force(at), state.section_moment(at)
+    guess = np.concatenate([forces[0], _vector(moments[0])])
+    found = full_rod.steady(case, guess, at * 3.0)
+    straight = np.stack([1 + 3 * at, 0 * at, 0 * at], 1)
+    np.testing.assert_allclose(state.displacement(at), found[:, :3] - straight, atol=1e-8)
+    scale = np.abs(found[:, 7:]).max()
+    np.testing.assert_allclose(forces, found[:, 7:10], atol=1e-6 * scale)
+    own = np.stack([_vector(moment) for moment in np.asarray(moments)])
+    np.testing.assert_allclose(own, found[:, 10:], atol=1e-6 * scale)
+    turn = full_rod.matrix(found[0, 3:7])
+    np.testing.assert_allclose(state.hub_force, -turn @ found[0, 7:10], rtol=1e-8, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_straight_beam_is_that_of_hybrid():
+    """Frequencies in the limit of slender sections, where rotary inertia is nothing; of torsion by
+    its closed form, with what the sections' inertia does in a turning hub."""
+    beam = jb.Beam(8.0, 0.2, 5e9, 566.0, 400.0, torsional_stiffness=200.0, polar_inertia=1e-6)
+    rotor = jb.Rotor(beam, 0.5, 0.1)
+    which = jb.labels(in_plane=2, flap=3)
+
+    @jax.jit
+    def frequencies(speed):
+        both = (jb.modes(m, rotor, speed, which) for m in (SpatialRod(12), jb.Hybrid(6, 14, 14)))
+        return [modes.frequency for modes in both]
+
+    rod, hybrid = frequencies(7.0)
+    np.testing.assert_allclose(rod, hybrid, rtol=2e-6)
+    torsion = jb.modes(SpatialRod(12), rotor, 7.0, jb.labels(torsion=1)).frequency[0]
+    wave = np.pi / 2 / 8 * np.sqrt(200.0 / 1e-6)
+    # Moments of inertia (J2, J3) share J as 400 to 566, and turning adds W^2 (J3 - J2) / J.
+    propeller = 49.0 * (566.0 - 400.0) / 966.0
+    np.testing.assert_allclose(torsion**2, wave**2 + propeller, rtol=1e-7)
+
+
+@pytest.mark.exhaustive
+def test_roll_up_in_one_step():
+    """A moment 2 pi EI / L at the tip bends a beam to a circle, twice as much to two."""
+    beam = jb.Beam(10.0, 1.0, 1e8, 1.0, 1.0, torsional_stiffness=1.0)
+    for turns, tolerance in ((1, 1e-6), (2, 1e-6)):
+        moment = [0, 0, turns * 2 * np.pi / 10]
+        state = steady(beam, model=SpatialRod(10, 2), tip_moment=moment, follows=True)
+        np.testing.assert_allclose(state.tip, [-10.0, 0, 0], atol=10 * tolerance)
+
+
+@pytest.mark.exhaustive
+def test_columns_that_follow_and_that_do_not():
+    """Euler's, Beck's and Leipholz's loads, over EI / L^2."""
+    beam = jb.Beam(2.0, 1.0, 1e7, 3.0, 4.0, torsional_stiffness=1.0, polar_inertia=1e-8)
+    rotor, unit, model = jb.Rotor(beam), 3.0 / 4, SpatialRod(10)
+
+    def factor(**loads):
+        return jb.critical_load(model, rotor, jb.Loads(**loads)).factor
+
+    assert abs(factor(tip_force=[-unit, 0, 0]) / (np.pi**2 / 4) - 1) < 1e-6
+    assert abs(factor(tip_force=[-unit, 0, 0], follows=True) / 20.0509532 - 1) < 1e-5
+    line = (-unit / 2, 0.0, 0.0)
+    assert abs(factor(force_per_length=line, follows=True) / 40.0537 - 1) < 1e-5
+
+
+@pytest.mark.exhaustive
+def test_gradients_by_all_numbers_of_sections():
+    """Frequencies about steady rotation, by stiffness, inertia, axis and twist, against
+    differences."""
+    blade, rng = coupled(), np.random.default_rng(1)
+    names = ("stiffness", "inertia", "axis", "twist")
+    ways = {
+        name: jnp.asarray(rng.normal(size=getattr(blade, name).shape)) * size
+        for name, size in zip(names, (1.0, 1e-3, 1e-2, 1e-2), strict=True)
+    }
+
+    @jax.jit
+    def frequencies(h):
+        parts = [getattr(blade, name) + h * ways[name] for name in names]
+        stiffness, masses, axis, twist = parts
+        rotor = jb.Rotor(Blade(blade.stations, stiffness, masses, axis, twist), 1.0)
+        return jb.modes(SpatialRod(5), rotor, 8.0, 4).frequency
+
+    slope = jax.jit(jax.jacfwd(frequencies))(0.0)
+    back = jax.jit(jax.jacrev(frequencies))(0.0)
+    step = 1e-3
+    found = (frequencies(step) - frequencies(-step)) / (2 * step)
+    np.testing.assert_allclose(slope, found, rtol=1e-5, atol=1e-6 * np.abs(found).max())
+    np.testing.assert_allclose(back, slope, rtol=1e-8, atol=1e-10 * np.abs(found).max())
+
+
+def test_what_it_refuses():
+    blade = coupled()
+    rotor = jb.Rotor(blade, 1.0)
+    with pytest.raises(ValueError, match="blade: Hybrid has no full sections"):
+        jb.modes(jb.Hybrid(), rotor, 1.0)
+    with pytest.raises(ValueError, match="no motion in time"):
+        jb.simulate(SpatialRod(), rotor, jb.ConstantSpeed(1.0), [0.0, 1.0])
+    with pytest.raises(ValueError, match="stiffness must be symmetric"):
+        Blade([0, 1], [BOX + np.eye(6, k=1) * 1e5] * 2, [UNIT] * 2, 10.0)
+    with pytest.raises(ValueError, match="positive definite"):
+        Blade([0, 1], [-BOX] * 2, [UNIT] * 2, 10.0)
+
+
+def test_blades_and_beams():
+    """A beam makes a blade, and that the beam again; sections are those of the table."""
+    at = [0.0, 0.3, 0.3, 1.0]
+    beam = jb.Beam(
+        8.0, jb.Spanwise(at, [3.0, 2.0, 1.0, 1.0]), 5e6, 566.0, jb.Spanwise([0, 1], [400.0, 300.0]),
+        twist=jb.Spanwise([0, 1], [0.2, 0.0]), torsional_stiffness=200.0, polar_inertia=0.01,
+    )  # fmt: skip
+    blade = Blade.of(beam)
+    again = blade.beam()
+    xi = np.array([0.1, 0.29, 0.31, 0.8])
+    for name in ("mass_per_length", "flap_bending_stiffness", "twist", "axial_stiffness"):
+        own, other = (
+            value.at(xi) if isinstance(value, jb.Spanwise) else value
+            for value in (getattr(beam, name), getattr(again, name))
+        )
+        np.testing.assert_allclose(other, own, rtol=1e-9)
+    np.testing.assert_allclose([blade.length, blade.mass], [8.0, beam.mass], rtol=1e-12)
+    assert blade.breaks == (0.3,)
