@@ -12,6 +12,7 @@ from jaxbeam._fitting.result import Problem, variance
 from jaxbeam._types import Scalar
 
 RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
+CLOSE = 0.1  # of a standard deviation: as close as that to a bound is at it
 _THERE = 36.0  # in the variables of the search: e^-36 is the rounding of one
 _FAR = 9.0  # times the room left, which the data ask for beyond a bound that holds them
 
@@ -103,6 +104,18 @@ def decomposed(by_unit: Array, held: Array) -> tuple[Array, Array, Array]:
     own = jnp.where(finite, 1 / jnp.sqrt(jnp.where(finite, spread, 1.0)), column)
     rows = jnp.diag(jnp.where(held, own, 0.0))
     return certain(jnp.concatenate([jnp.where(held[None], 0.0, by_unit), rows]))
+
+
+def gain(residual: Array, along: Array, certainty: Array) -> Scalar:
+    """What a step of Gauss and Newton would still take off the sum of squares."""
+    return jnp.sum(jnp.where(certainty > 0, residual @ along[: residual.size], 0.0) ** 2)
+
+
+def others_arrived(residual: Array, by_unit: Array, there: Array, scale: Scalar) -> Array:
+    """Whether some are at a bound, to which a search goes on in ever smaller steps, and all others
+    where a step would not take them a tenth of a standard deviation farther."""
+    along, certainty, _ = decomposed(by_unit, there)
+    return jnp.any(there) & (gain(residual, along, certainty) <= (CLOSE * scale) ** 2)
 
 
 def least_certain(certainty: Array, combinations: Array, held: Array) -> Scalar:

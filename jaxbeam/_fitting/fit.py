@@ -12,7 +12,16 @@ import optimistix
 from jaxtyping import Array
 
 from jaxbeam._checks import check_kind, count_functions, kind_of, real_scalar
-from jaxbeam._fitting.bounds import decomposed, least_certain, rooms, settled, units
+from jaxbeam._fitting.bounds import (
+    CLOSE,
+    decomposed,
+    gain,
+    least_certain,
+    others_arrived,
+    rooms,
+    settled,
+    units,
+)
 from jaxbeam._fitting.experiments import Experiment
 from jaxbeam._fitting.free import FreeParameter, values_of
 from jaxbeam._fitting.result import (
@@ -241,16 +250,15 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     slope, unit = units(problem.free, z)
     by_unit = jnp.where(finite, jacobian * (unit / slope)[None], 0.0)
     along, certainty, combinations = decomposed(by_unit, held)
-    # What a step of Gauss and Newton would still take off the sum of squares. Where that is lost
-    # in rounding, no step is seen to be one downhill, and the solver goes on until it gives up.
-    gain = jnp.where(certainty > 0, residual @ along[: residual.size], 0.0)
-    arrived = jnp.sum(gain**2) <= _ENOUGH * (1 + square)
+    # Where the gain is lost in rounding, no step is seen to be one downhill, and the solver goes on
+    # until it gives up.
+    arrived = gain(residual, along, certainty) <= _ENOUGH * (1 + square)
     standard_deviation, covariance = uncertainty(certainty, combinations, unit, scale)
     room = rooms(problem.free, z)
-    near = jnp.isfinite(standard_deviation) & (jnp.min(room, 0) < 0.1 * standard_deviation)
+    near = jnp.isfinite(standard_deviation) & (jnp.min(room, 0) < CLOSE * standard_deviation)
     at_bound = jnp.where(near & ~held, jnp.where(room[0] < room[1], -1, 1), side)
-    near_one = jnp.any(at_bound != 0)  # to which the search goes on in ever smaller steps
-    ended = (found.result == optimistix.RESULTS.successful) | arrived | near_one
+    arrived |= others_arrived(residual, by_unit, at_bound != 0, scale)
+    ended = (found.result == optimistix.RESULTS.successful) | arrived
     sure = least_certain(certainty, combinations, held) >= scale * UNSURE
     status = first_broken(
         (finite, Status.NOT_FINITE),

@@ -274,10 +274,14 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
         bare.last, _RATIO * jnp.ones_like(bare.last), bare.looks,
     )  # fmt: skip
     end = scan.run(bare.first, 0, jnp.ones_like(k0[0]))
-    factor = jnp.where(end.found, end.value, jnp.inf)
-    place = _Place(x=end.x, exists=end.found, model=model)
-    settled = end.found | only_pull(given[2], model.equations(given[0]).length)
-    status = first_failure(scan.status(end), first_broken((settled, Status.SEARCH_ENDED)))
+    # What only pulls never makes a beam give way, if its elements, which follow a step of the
+    # tension by functions without one, may be in compression beside it.
+    pulls = only_pull(given[2], model.equations(given[0]).length)
+    found = end.found & ~pulls
+    factor = jnp.where(found, end.value, jnp.inf)
+    place = _Place(x=end.x, exists=found, model=model)
+    searched = first_failure(scan.status(end), first_broken((end.found, Status.SEARCH_ENDED)))
+    status = jnp.where(pulls, Status.OK, searched)
     return (
         factor,
         direction_of_energy(model.directions, k0, end.x),

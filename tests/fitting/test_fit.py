@@ -359,6 +359,33 @@ def test_a_parameter_at_its_bound_is_held_there_and_known(truth):
     assert 1.95 * wanted < high < 2.06 * wanted
 
 
+@pytest.mark.exhaustive
+def test_a_bound_does_not_end_the_search_for_others():
+    """Steps that are too few are, whatever a bound holds: exp(b) = 1 is far from b = 20."""
+
+    class Apart(jb.fitting.Experiment):
+        a: jax.Array
+        b: jax.Array
+        measured: jax.Array
+        noise: jax.Array
+
+        def predicted(self):
+            return jnp.stack([self.a, jnp.exp(self.b), jnp.exp(self.b)])
+
+    @jax.jit
+    @jax.vmap
+    def found(guess):
+        free = {"a": jb.FreeParameter(1.0), "b": jb.FreeParameter(guess, -np.inf)}
+        data = jnp.array([-5.0, 1.0, 1.0]), jnp.array([1e-3, 1e-2, 1e-2])
+        return jb.fit(lambda a, b: Apart(a, b, *data), free, max_steps=6, throw=False)
+
+    many = found(jnp.array([20.0, 0.3]))
+    assert many.status.tolist() == [jb.Status.FIT_NOT_CONVERGED, jb.Status.OK]
+    assert many.at_bound["a"].tolist() == [-1, -1]
+    assert many.partial.parameters["b"][0] > 1
+    np.testing.assert_allclose(many.parameters["b"][1], 0.0, atol=1e-6)
+
+
 PLAIN = jb.FreeParameter(1.0)
 HELD = {  # what is free, and on which side it should be held
     "upper": ({"a": jb.FreeParameter(0.3, 0.0, 0.5), "b": PLAIN}, {"a": 1}),

@@ -164,3 +164,35 @@ def test_turning_beams_with_a_point_mass():
     elements = jb.modes(jb.ExactRodANCF(20), rotor, 6.0, jb.labels(in_plane=3)).frequency
     # Of the steady strain, 1.5e-4, and of the elements, which have no node where the mass is.
     np.testing.assert_allclose(elements, found[:3], rtol=1e-3)
+
+
+# --- columns -------------------------------------------------------------------------------------
+
+
+def pushed(model, places, pushes):
+    """The critical factor of forces along the beam, in EI / L^2."""
+    rotor = jb.Rotor(jb.Beam(2.0, 1.3, 4e5, 11.0, 7.0), 0.4)
+    forces = np.stack([pushes, 0 * np.asarray(pushes), 0 * np.asarray(pushes)], 1)
+    loads = jb.Loads(point_forces=jb.PointForces(places, forces))
+    softest = 7.0 if jb.models.Direction.FLAP in model.directions else 11.0
+    return jb.critical_load(model, rotor, loads).factor * 4.0 / softest
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("model", "tolerance"), [(jb.Hybrid(0, 12, 12), 4e-3), (jb.ExactRodANCF(8), 4e-3)]
+)
+def test_columns_pushed_at_points(model, tolerance):
+    """What is beyond the force is free: Euler's column of length a, pi^2 / (4 a^2). Of two that
+    balance one another, x tan x = h / a, h between them, which stands on a spring EI / a."""
+    found = pushed(model, [0.3], [-1.0])
+    np.testing.assert_allclose(found, np.pi**2 / (4 * 0.3**2), rtol=tolerance)
+    x = brentq(lambda x: x * np.tan(x) - 4 / 3, 0.5, 1.5)
+    found = pushed(model, [0.3, 0.7], [1.0, -1.0])
+    np.testing.assert_allclose(found, (x / 0.4) ** 2, rtol=tolerance)
+
+
+@pytest.mark.exhaustive
+def test_forces_that_only_pull_have_no_critical_factor():
+    """Two elements have compression beside the step of the tension, and say so of no load."""
+    assert pushed(jb.ExactRodANCF(2), [0.3, 0.7], [1.0, 1.0]) == np.inf
