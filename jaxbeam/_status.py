@@ -21,6 +21,7 @@ Result = TypeVar("Result")
 
 
 INPUT = True  # is to blame
+_SECTIONS = " at every station: look at the order of rows (see jaxbeam.blades.Blade)"
 _RADIANS = ", in rad (4 degrees are np.deg2rad(4.0))"
 
 
@@ -228,18 +229,8 @@ class Status(enum.IntEnum):
         "nothing gives way; else take more elements or another model, or ask modes with loads",
     )
     INVALID_POINT_MASSES = 50, "point masses must be finite and >= 0", INPUT
-    INVALID_SECTION_STIFFNESS = (
-        55,
-        "stiffness must be finite and positive definite at every station: look at the sign and "
-        "size of couplings, and at the order of the rows (see jaxbeam.Blade)",
-        INPUT,
-    )
-    INVALID_SECTION_INERTIA = (
-        56,
-        "inertia must be finite at every station, with mass > 0 and no moment of inertia below 0: "
-        "look at the order of the rows (see jaxbeam.Blade)",
-        INPUT,
-    )
+    INVALID_SECTION_STIFFNESS = 55, f"stiffness must be positive definite{_SECTIONS}", INPUT
+    INVALID_SECTION_INERTIA = 56, f"inertia must have mass > 0, moments >= 0{_SECTIONS}", INPUT
     INVALID_AXIS = 57, "points of the axis must be finite, each apart from the next", INPUT
 
 

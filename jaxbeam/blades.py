@@ -44,7 +44,7 @@ that may be curved, swept and twisted. `models.SpatialRod` takes it, and every `
 
 ```py
 import numpy
-stiffness = numpy.diag([8e7, 1.5e7, 8e6, 6e5, 1e6, 5.5e6])  # N, N m^2: along, shear; torsion, bending
+stiffness = numpy.diag([8e7, 1.5e7, 8e6, 6e5, 1e6, 5.5e6])  # N, N m^2
 stiffness[3, 4] = stiffness[4, 3] = 2e5  # it twists where it bends in flap
 inertia = numpy.diag([60.0, 60.0, 60.0, 2.9, 0.3, 2.6])
 swept = [[0, 0, 0], [4, 0, 0], [8, -0.2, 0.1], [10, -0.6, 0.3]]  # axis, from the root

@@ -18,10 +18,10 @@ def spline_rows(
     first, last = unit[left], unit[left + 1]
     start, end = (gap[:, None] * slopes[i] for i in (left, left + 1))
     rise = last - first
-    # Hermite's cubic: first + t start + t^2 bend + t^3 turn.
-    bend, turn = 3 * rise - 2 * start - end, start + end - 2 * rise
-    value = first + t * (start + t * (bend + t * turn))
-    return value, (start + t * (2 * bend + 3 * t * turn)) / gap[:, None]
+    # Hermite's cubic: first + t start + t^2 bend + t^3 twist.
+    bend, twist = 3 * rise - 2 * start - end, start + end - 2 * rise
+    value = first + t * (start + t * (bend + t * twist))
+    return value, (start + t * (2 * bend + 3 * t * twist)) / gap[:, None]
 
 
 def _slopes(knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:

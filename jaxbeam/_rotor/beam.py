@@ -1,7 +1,4 @@
-"""What rotates: a slender beam, and the rotor that carries it.
-
-Y and B are the papers of `_models/contract/__init__.py`.
-"""
+"""A slender beam, and the rotor that carries it. Y and B are the papers of `_models/contract`."""
 
 import dataclasses
 import warnings
@@ -65,7 +62,6 @@ class Beam(Parameters):
     Models in space want to know how it twists: `torsional_stiffness` GJ in N m^2, > 0, and
     `polar_inertia`, the moment of inertia about the beam per length, in kg m, > 0; without the
     latter that of a solid section, rho (EI_zz + EI_yy) / EA. No other model looks at them.
-
     `point_masses` are `PointMasses` that the beam carries between its ends, or None.
 
     Raises `TypeError` for what is no real number, nor varies along the span as it may, and
@@ -180,13 +176,12 @@ class Beam(Parameters):
     @property
     def span_features(self) -> tuple[str, ...]:
         """What models have to know of properties along the span."""
-        properties = self.mass_per_length, *self._varying(mass=False)
-        return ("spanwise",) * any(isinstance(p, AbstractSpanwise) for p in properties)
+        varies = isinstance(self.mass_per_length, AbstractSpanwise) or self._varying(mass=False)
+        return ("spanwise",) if varies else ()
 
     def _varying(self, *, mass: bool = True) -> list[AbstractSpanwise]:
-        names = (field.name for field in dataclasses.fields(self))
-        every = [getattr(self, name) for name in names if name != "mass_per_length"]
-        every += [self.mass_with_points] * mass
+        names = (f.name for f in dataclasses.fields(self) if f.name != "mass_per_length")
+        every = [*(getattr(self, name) for name in names), *[self.mass_with_points] * mass]
         return [value for value in every if isinstance(value, AbstractSpanwise)]
 
     @property
@@ -316,8 +311,8 @@ class Rotor(Parameters):
         """Deflection of the tip in plane and in flap by the moment of a uniform load about the
         root, L^2 / (4 EI) of the `mean` beam, in 1/N."""
         beam = self.beam.mean
-        stiffness = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
-        return beam.length**2 / (4 * jnp.stack(stiffness))
+        both = beam.in_plane_bending_stiffness, beam.flap_bending_stiffness
+        return beam.length**2 / (4 * jnp.stack(both))
 
     @property
     def tip_mass_radius(self) -> Number:

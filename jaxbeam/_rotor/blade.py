@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -24,6 +25,7 @@ _POINTS = 6  # of each piece, at which the length of the axis is integrated
 _UNSYMMETRIC = 1e-6  # of the geometric mean of diagonal entries
 
 
+@jax.jit
 def is_stiffness(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
     """Whether matrices are positive definite."""
     matrices = full_matrices(rows)
@@ -32,12 +34,14 @@ def is_stiffness(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
     return jnp.all(jnp.isfinite(jnp.linalg.cholesky(scaled)))
 
 
+@jax.jit
 def is_inertia(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
     """Whether there is mass, and no inertia is below zero."""
     own = jnp.diagonal(full_matrices(rows), axis1=1, axis2=2)
     return jnp.all(jnp.isfinite(rows)) & jnp.all(own[:, :3] > 0) & jnp.all(own[:, 3:] >= 0)
 
 
+@jax.jit
 def is_axis(points: Float[Array, "k 3"]) -> Bool[Array, ""]:
     """Whether no two points that follow one another are the same."""
     steps = jnp.diff(points, axis=0)

@@ -58,7 +58,7 @@ def twisting(p: _Sixes) -> Float[Array, "n 6 6"]:
     return jnp.concatenate([upper, jnp.concatenate([first, second], 2)], 1)
 
 
-class Turning(NamedTuple):
+class Carried(NamedTuple):
     """What steady rotation does: forces of inertia, and matrices of small motion."""
 
     force: _Sixes  # A^T M v
@@ -66,8 +66,9 @@ class Turning(NamedTuple):
     stiffness: _Matrix  # the symmetric part of -A^T M A - J A
 
 
-def spun(mass: _Matrix, v: _Sixes) -> Turning:
-    """Of nodes with these velocities, by T = v.M v / 2 with M that is constant."""
+def carried_along(mass: _Matrix, v: _Sixes) -> Carried:
+    """What steady rotation does to nodes with these velocities, by T = v.M v / 2 with M that is
+    constant."""
     n = len(v)
     a, p = carried(v), (mass @ v.reshape(-1)).reshape(n, 6)
     by_a = (mass.reshape(-1, n, 1, 6) @ a[None])[:, :, 0].reshape(6 * n, 6 * n)
@@ -75,7 +76,7 @@ def spun(mass: _Matrix, v: _Sixes) -> Turning:
     j = twisting(p)
     gyro = by_a - by_a.T - on_diagonal(j)
     stiff = -both - on_diagonal(j @ a)
-    return Turning(jnp.einsum("nji,nj->ni", a, p), gyro, (stiff + stiff.T) / 2)
+    return Carried(jnp.einsum("nji,nj->ni", a, p), gyro, (stiff + stiff.T) / 2)
 
 
 class NodeForces(NamedTuple):

@@ -19,7 +19,7 @@ from jaxbeam._models.space.rod_loads import (
     Still,
     acting,
     at_root,
-    spun,
+    carried_along,
     twisting,
     velocities,
 )
@@ -121,7 +121,7 @@ def balance(
     elastic = tables.assembled(by.swapaxes(1, 2) @ tables.stiffness @ by)
     bending = tables.assembled(geometric(tables, state, used.reshape(shape), kept))
     still = Still(u, p, rotation(p), around.velocity, around.spin)
-    moving = spun(rod.mass, velocities(tables, still))
+    moving = carried_along(rod.mass, velocities(tables, still))
     loads = acting(tables, still, around.gravity, around.load, around.span)
     conservative = tables.gathered(kept) - moving.force - loads.conservative
     residual = tables.gathered(on_nodes) - moving.force - loads.force
