@@ -2,6 +2,7 @@
 other programs."""
 
 import functools
+import json
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +12,11 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._models.space.rod_state import Around, balance
 from jaxbeam._rotor.loads import TipLoad
-from jaxbeam.blades import Blade
+from jaxbeam.blades import Blade, read_blade
 from jaxbeam.models import SpatialRod
+from tests.files.made_up import FOLDER
 from tests.references import full_rod
+from tests.tiers import exhaustive
 
 # Wang, Yu, Sprague, Jonkman, AIAA 2013: a composite box beam of 10 m, SI.
 BOX = np.zeros((6, 6))
@@ -191,6 +194,30 @@ def test_a_straight_beam_is_that_of_hybrid():
     # Moments of inertia (J2, J3) share J as 400 to 566, and turning adds W^2 (J3 - J2) / J.
     propeller = 49.0 * (566.0 - 400.0) / 966.0
     np.testing.assert_allclose(torsion**2, wave**2 + propeller, rtol=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "tolerance"),
+    [
+        ("primary_beamdyn.inp", 1e-6),
+        exhaustive("blade_windio.yaml", 1e-6),
+        # What is between its stations is linear in other quantities.
+        exhaustive("blade_hawc2.htc", 2e-4),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*radii of gyration")
+def test_one_blade_in_three_formats(name, tolerance):
+    """Six frequencies at rest and at speed, of a program of another hand: see `made_up.py`."""
+    expected = json.loads((FOLDER / "expected.json").read_text())
+    blade = read_blade(FOLDER / name).beam
+    find = jax.jit(
+        lambda radius, speed: (
+            jb.modes(SpatialRod(8, 3), jb.Rotor(blade, radius), speed, 6).frequency_hz
+        )
+    )
+    np.testing.assert_allclose(find(0.0, 0.0), expected["at_rest_Hz"], rtol=tolerance)
+    np.testing.assert_allclose(find(1.0, 5.0), expected["frequencies_Hz"], rtol=tolerance)
 
 
 @pytest.mark.exhaustive
