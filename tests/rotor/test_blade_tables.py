@@ -143,7 +143,7 @@ def test_properties_are_where_they_belong():
     np.testing.assert_allclose(beam.flap_bending_stiffness.values, ROWS[:, 3])
     np.testing.assert_allclose(beam.in_plane_bending_stiffness.values, ROWS[:, 4])
     assert float(beam.axial_stiffness) == EA
-    assert nrel()[1:] == ((), *6 * [None])
+    assert nrel()[1:] == ((), *7 * [None])
 
 
 def test_all_formats_give_the_same_beam(tmp_path):
