@@ -63,7 +63,13 @@ class RodEquations(Equations):
         around = self._around(hub, tip_force, span)
         q, done = settled(*without_derivatives((self.rod, around)))
         q = differentiable(q, (self.rod, around))
-        return q, first_broken((done >= 1, Status.NOT_CONVERGED))
+        unfolded = self.is_unfolded(q)
+        return q, first_broken((done >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
+
+    def is_unfolded(self, q: Vector) -> Array:
+        tables = self.rod.tables
+        along = jnp.sum(bent(tables, *self.rod.nodes(q)).stretch * tables.tangent, -1)
+        return jnp.all(along > 0)
 
     def matrices_about(
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
