@@ -69,7 +69,8 @@ class RodEquations(Equations):
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
     ) -> tuple[Matrix, Matrix, Matrix]:
         here = balance(self.rod, q, self._around(hub, tip_force, span))
-        m, c, k = (self._by_places(q, a) for a in (self.rod.mass, here.gyroscopic, here.stiffness))
+        mass = self.rod.led(q, self.rod.mass)
+        m, c, k = (self._by_places(q, a) for a in (mass, here.gyroscopic, here.stiffness))
         return m, c, k
 
     def root_slopes(self) -> Float[Array, "2 n"]:
@@ -81,7 +82,7 @@ class RodEquations(Equations):
     def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
         out = jnp.zeros_like(self.mass) if drag.matrix is None else drag.matrix
         if drag.mass_coefficient is not None:
-            out = out + drag.mass_coefficient * self._by_places(q, self.rod.mass)
+            out = out + drag.mass_coefficient * self._by_places(q, self.rod.led(q, self.rod.mass))
         if drag.stiffness_coefficient is not None:
             still = self._around(_at_rest(self.length), None, None)
             elastic = balance(self.rod, q, still).elastic
