@@ -279,6 +279,21 @@ def test_a_point_force_on_an_axis_of_uneven_points():
 
 
 @pytest.mark.exhaustive
+def test_sections_beside_a_point_force():
+    """Between the root and a force of 3 N half way the shear is 3 N, and beyond it nothing."""
+    beam = jb.Beam(8.0, 0.2, 5e6, 5660.0, 4000.0, torsional_stiffness=2000.0, polar_inertia=0.01)
+    line = jb.Spanwise([0, 0.6, 0.6, 1.0], [1.0, 1.0, 0.0, 0.0])
+    points = jb.PointForces([0.5], [[0, 0, 3.0]])
+    state = steady(beam, point_forces=points, force_per_length=[0, line, 0])
+    at = np.array([0.0, 0.2, 0.45, 0.55, 0.7, 1.0])
+    force, moment = state.section_force(at), state.section_moment(at)
+    shear = np.stack([np.maximum(4.8 - 8 * at, 0), 3.0 * (at < 0.5)], 1)
+    np.testing.assert_allclose(force[:, 1:], shear, atol=1e-3)
+    bending = np.stack([np.maximum(4.8 - 8 * at, 0) ** 2 / 2, 3 * np.maximum(4 - 8 * at, 0)], 1)
+    np.testing.assert_allclose(moment[:, 1:], bending, atol=1e-3)
+
+
+@pytest.mark.exhaustive
 def test_twist_between_sections():
     """A blade keeps the kinks of a beam's twist, and a beam what twist does between sections."""
     uneven = jb.Spanwise([0, 0.2, 0.4, 1], [0.5, 0.1, 0, 0])

@@ -13,16 +13,19 @@ from jaxbeam._models.space.rod_elements import bent
 from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
 from jaxbeam._models.space.rod_state import Around, Rod, balance, differentiable, settled
 from jaxbeam._models.space.rod_tables import beam_axes, gauss, rod_tables, turned_by_pitch
+from jaxbeam._models.space.rod_tails import tails
 from jaxbeam._numerics.quaternions import rotation, turn_of
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
-from jaxbeam._rotor.loads import TipLoad
+from jaxbeam._rotor.loads import Loads, TipLoad
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._rotor.sections import frames
+from jaxbeam._rotor.span import Span
 from jaxbeam._status import Status, first_broken
 from jaxbeam._types import Code, Matrix, Number, Triple, Vector
 
+_POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
 
 
@@ -127,12 +130,38 @@ class RodEquations(Equations):
         return energy
 
     def own_section_loads(
-        self, q: Vector, xi: np.ndarray
+        self, q: Vector, xi: np.ndarray, loads: Loads, t: Number
     ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
         """Forces and moments in sections: polynomials of the degree of forces, in balance with all
-        that acts on nodes; see `section_loads`."""
+        that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
         six = self._sixes(q, xi)
+        if loads.act_along_span:
+            inward = rotation(self._quaternions(q, xi)).swapaxes(1, 2)
+            beside = self._beside(q, xi, loads, t)
+            six = six + jnp.concatenate([(inward @ a[:, :, None])[:, :, 0] for a in beside], 1)
         return six[:, :3], six[:, np.array([3, 5, 4])] * _SIGNS
+
+    def _beside(
+        self, q: Vector, xi: np.ndarray, loads: Loads, t: Number
+    ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
+        """What loads along the span do in sections beside polynomials, in axes of the beam."""
+        tables, sections = self.rod.tables, sections_of(self.rotor.beam)
+        edges = tuple(sorted({*tables.ends, *sections.edges, *loads.kinks}))
+        span = Span.between(edges, _POINTS)
+        places, (u, p) = np.asarray(span.xi), self.rod.nodes(q)
+        pace = _Pace(sections)(places)[:, None]
+        force: Any = loads.along_span(t, places, pace)
+        if loads.follows:
+            rows, _ = tables.interpolating(places)
+            force = jnp.einsum("pi,iab,pb->pa", rows, rotation(p), force)
+        else:
+            force = force @ self.axes.T
+
+        def placed(xi: np.ndarray) -> Float[Array, "p 3"]:
+            undeformed = sections.axis_at(xi)[0] @ turned_by_pitch(self.rotor).T
+            return undeformed + jnp.asarray(tables.interpolating(xi)[0]) @ u
+
+        return tails(tables, u, span, pace * force, placed(places), placed(xi), xi)
 
     def own_reaction(
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
