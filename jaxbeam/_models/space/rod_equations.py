@@ -136,15 +136,17 @@ class RodEquations(Equations):
         that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
         six = self._sixes(q, xi)
         if loads.act_along_span:
+            nearest, tail = self._tails(q, xi, loads, t)
+            tables, (_, p) = self.rod.tables, self.rod.nodes(q)
+            turned = rotation(jnp.einsum("gk,ekc->egc", tables.shapes, tables.of_elements(p)))
+            own = [jnp.einsum("egba,egb->ega", turned, part) for part in nearest]
             inward = rotation(self._quaternions(q, xi)).swapaxes(1, 2)
-            beside = self._beside(q, xi, loads, t)
-            six = six + jnp.concatenate([(inward @ a[:, :, None])[:, :, 0] for a in beside], 1)
+            tail = jnp.einsum("pab,pxb->pxa", inward, tail.reshape(-1, 2, 3)).reshape(-1, 6)
+            six = six + tail - tables.of_gauss(jnp.concatenate(own, -1), xi)
         return six[:, :3], six[:, np.array([3, 5, 4])] * _SIGNS
 
-    def _beside(
-        self, q: Vector, xi: np.ndarray, loads: Loads, t: Number
-    ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
-        """What loads along the span do in sections beside polynomials, in axes of the beam."""
+    def _tails(self, q: Vector, xi: np.ndarray, loads: Loads, t: Number) -> Any:
+        """What loads along the span do in sections, as `tails` has it."""
         tables, sections = self.rod.tables, sections_of(self.rotor.beam)
         edges = tuple(sorted({*tables.ends, *sections.edges, *loads.kinks}))
         span = Span.between(edges, _POINTS)

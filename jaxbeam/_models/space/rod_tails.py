@@ -7,7 +7,7 @@ the element, a load along an element does there
 
     sum_g w N_i' F_g = int N_i f,   sum_g w N_i' M_g = sum_g w N_i (r' x F)_g,
 
-which is taken from what it does in truth: all of it beyond the section, to the end of the element.
+which gives way to what it does in truth: all of it beyond the section, to the end of the element.
 The second is that of small turns within an element.
 """
 
@@ -21,14 +21,16 @@ from jaxbeam._models.space.rod_tables import RodTables, gauss, lagrange, lobatto
 from jaxbeam._rotor.span import Span
 
 _Rows = Float[Array, "p 3"]
+_OfGauss = Float[Array, "E g 3"]
 
 
 def tails(
     tables: RodTables, u: Float[Array, "n 3"], span: Span, force: _Rows, placed: _Rows,
     here: Float[Array, "m 3"], xi: Float[np.ndarray, " m"],
-) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:  # fmt: skip
-    """What forces and moments in sections at x / L = `xi`, which are `here`, lack of those of a
-    force by x / L at the points of a span, which are `placed`; all in axes of the beam."""
+) -> tuple[tuple[_OfGauss, _OfGauss], Float[Array, "m 6"]]:  # fmt: skip
+    """Force and moment at Gauss points that a force by x / L at the points of a span, which are
+    `placed`, makes there, and what it does in sections at x / L = `xi`, which are `here`, by what
+    is beyond these in their elements; all in axes of the beam."""
     knots, (at, weight) = lobatto(tables.degree), gauss(tables.degree)
     values, slopes = lagrange(knots, at)
     back = np.linalg.inv((weight[:, None] * slopes[:, 1:]).T)  # to Gauss points from nodes
@@ -44,4 +46,4 @@ def tails(
     ends = np.asarray(tables.ends)[located(tables.ends, xi)[0] + 1]
     tail: Any = span.interpolated(beyond, xi) - span.interpolated(beyond, ends)
     about = tail[:, 3:] - jnp.cross(here, tail[:, :3])
-    return tail[:, :3] - tables.of_gauss(nearest, xi), about - tables.of_gauss(moment, xi)
+    return (nearest, moment), jnp.concatenate([tail[:, :3], about], 1)
