@@ -245,6 +245,14 @@ def test_gradients_by_all_numbers_of_sections():
 
 
 @pytest.mark.exhaustive
+def test_modes_of_a_blade_are_compared():
+    """With themselves, and as shapes for other programs."""
+    modes = jb.modes(SpatialRod(4), jb.Rotor(coupled(), 1.0), 0.0, 3)
+    np.testing.assert_allclose(np.diagonal(modes.mac(modes)), 1.0, rtol=1e-12)
+    assert np.all(modes.polynomials().misfit[:2] < 0.1)
+
+
+@pytest.mark.exhaustive
 def test_a_root_that_yields_both_ways():
     """The root does not turn about the beam, and forces have a potential: tips by forces are a
     symmetric matrix, which is that of differences."""

@@ -32,7 +32,8 @@ from jaxbeam._numerics.quaternions import product, rotated, rotation
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._types import Number, Scalar, Triple, Vector
 
-_CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended
+_CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended,
+_ROUNDING = 0.6  # or the resolution of the numbers to this power: 7e-5 in single precision
 _MOST = 30  # changes for one share of the loads
 _FAR = 1e3  # a change that leads nowhere, in lengths and rad
 _LEAST = 1e-5  # share of the loads by which they rise at least
@@ -205,6 +206,7 @@ def settled(rod: Rod, around: Around) -> tuple[Vector, Scalar]:
     none = jnp.zeros(tables.stiffness.shape[:2], one.dtype)
     scale = jnp.asarray(np.resize([1.0] * 3 + [0.0] * 3, 6 * len(tables.place))[free])
     scale = jnp.where(scale > 0, 1 / rod.length, 1.0)
+    close = max(_CLOSE, float(jnp.finfo(one.dtype).eps) ** _ROUNDING)
 
     def body(now: _Search) -> _Search:
         share = jnp.minimum(now.settled + now.rise, 1.0)
@@ -216,7 +218,7 @@ def settled(rod: Rod, around: Around) -> tuple[Vector, Scalar]:
         strain = here.strain + jnp.einsum("eml,el->em", here.by_changes, by_elements)
         force = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
         q = rod.changed(now.q, change)
-        ended = size < _CLOSE
+        ended = size < close
         lost = ~ended & (~(size < _FAR) | (now.tries >= _MOST))
 
         def pick(a: Any, b: Any, c: Any) -> Any:
