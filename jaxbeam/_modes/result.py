@@ -140,7 +140,7 @@ class Modes(InHertz, eqx.Module):
     @per_case
     def torsion(self, xi: Any = 1.0, *, tip: bool = False) -> Complex[Array, "... k p"]:
         """L times the angle of torsion at `xi`, as in `displacement`, with the same `tip`, units
-        and errors: zero but in `SpatialANCF`."""
+        and errors: zero but of models in space."""
         asked, points = _asked(self), places(xi)
         return nan_unless(asked.fine, asked.shapes(tip) @ asked.model.torsion(points).T)
 
