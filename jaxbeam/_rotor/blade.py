@@ -304,11 +304,11 @@ class Blade(Parameters, AbstractSections):
 def _stations_of(beam: Beam) -> list[float]:
     """Places of the sections of a beam's tables, twice where one has a step; of functions more."""
     sections = BeamSections(beam)
-    places, twisted = {*sections.edges}, isinstance(beam.twist, AbstractSpanwise)
-    if sections.has_functions or twisted:
+    places, twist = {*sections.edges}, beam.twist
+    if sections.has_functions or isinstance(twist, AbstractSpanwise):
         places |= set(np.linspace(0, 1, 33).tolist())
-    if twisted:
-        places |= {kink + side for kink in beam.twist.kinks for side in (-_BESIDE, _BESIDE)}
+    if isinstance(twist, AbstractSpanwise):
+        places |= {kink + side for kink in twist.kinks for side in (-_BESIDE, _BESIDE)}
     return sorted([*(place for place in places if 0 <= place <= 1), *sections.breaks])
 
 
