@@ -16,7 +16,7 @@ from jaxbeam._models.contract.loaded import Conditions
 from jaxbeam._modes.section_loads import modal_loads
 from jaxbeam._modes.shapes import ShapePolynomials, fit
 from jaxbeam._results import InHertz, Method, asked_with, harmless, nan_unless, per_case
-from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.span import polar_inertia
 from jaxbeam._rotor.spanwise import along, points_within
@@ -140,7 +140,7 @@ class Modes(InHertz, eqx.Module):
     @per_case
     def torsion(self, xi: Any = 1.0, *, tip: bool = False) -> Complex[Array, "... k p"]:
         """L times the angle of torsion at `xi`, as in `displacement`, with the same `tip`, units
-        and errors: zero but in `SpatialANCF`."""
+        and errors: zero but of models in space."""
         asked, points = _asked(self), places(xi)
         return nan_unless(asked.fine, asked.shapes(tip) @ asked.model.torsion(points).T)
 
@@ -320,7 +320,7 @@ def _masses(rotor: AnyRotor) -> tuple[np.ndarray, Array, Array]:
     """Places x / L, and the mass (kg) and the polar inertia (kg m^2) at each."""
     if not isinstance(rotor, Rotor):
         return np.ones(1), rotor.mass[None], jnp.zeros(1)
-    beam = rotor.beam
+    beam = rotor.beam if isinstance(rotor.beam, Beam) else rotor.beam.beam()
     xi, weight = points_within(beam.edges)
     mass = along(beam.mass_with_points, xi) * weight * beam.length
     mass = jnp.append(mass, rotor.tip_mass)

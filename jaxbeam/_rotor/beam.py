@@ -322,10 +322,10 @@ class Rotor(Parameters):
 
     @property
     def rigid_moments(self) -> Triple:
-        """int (1, X, X^2) dm of the undeformed beam with its tip mass, X the distance from the
-        axis."""
-        beam, radius, length = self.beam, self.hub_radius, self.beam.length
-        mass, tip_mass, tip_mass_radius = beam.mass, self.tip_mass, self.tip_mass_radius
+        """int (1, X, X^2) dm of the straight beam with its tip mass, X distances from the axis."""
+        beam = self.beam if isinstance(self.beam, Beam) else self.beam.beam()
+        radius, length, mass = self.hub_radius, beam.length, beam.mass
+        tip_mass, tip_mass_radius = self.tip_mass, self.tip_mass_radius
         if beam.is_uniform:
             first, second = length / 2, radius**2 + radius * length + length**2 / 3
         else:

@@ -17,11 +17,12 @@ from jaxbeam._rotor.beam_sections import BeamSections, sections_of
 from jaxbeam._rotor.parameters import FULL_TURN, Parameters, parameter, whole
 from jaxbeam._rotor.points import PointMasses
 from jaxbeam._rotor.sections import AbstractSections, Places, full_matrices, upper_triangles
-from jaxbeam._rotor.spanwise import Spanwise, between, points_within
+from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, between, points_within
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_concrete
 
 _POINTS = 6  # of each piece, at which the length of the axis is integrated
+_BESIDE = 1e-3  # of the length, from a kink of the twist of a beam to points of the axis
 _UNSYMMETRIC = 1e-6  # of the geometric mean of diagonal entries
 
 
@@ -139,12 +140,19 @@ class Blade(Parameters, AbstractSections):
         """The blade that a `Beam` is: straight, of sections that are diagonal.
 
         `stations` (n,) are where sections are taken, and points of the axis: those of the beam's
-        tables by default, and 33 more for what is given by a function. Without shear a beam has a
-        stiff one, and its rotary inertia is that of its `polar_inertia`, shared by the stiffnesses
-        of bending. Raises `ValueError` unless the beam has its `torsional_stiffness`.
+        tables by default, and 33 more for what is given by a function and for a twist that varies,
+        with two beside each kink of that, as twist is smooth here. Without shear a beam has a stiff
+        one, and its rotary inertia is that of its `polar_inertia`, shared by the stiffnesses of
+        bending. Raises `ValueError` unless the beam has its `torsional_stiffness`, and for a twist
+        that jumps.
         """
         if beam.torsional_stiffness is None:
             raise ValueError("beam.torsional_stiffness: a blade needs it: give GJ in N m^2")
+        jumps = beam.twist.steps if isinstance(beam.twist, AbstractSpanwise) else ()
+        if jumps:
+            raise ValueError(
+                f"beam.twist: the twist of a blade does not jump, as it does at {jumps}"
+            )
         sections = sections_of(beam)
         places = np.asarray(_stations_of(beam) if stations is None else stations, float)
         behind = np.concatenate([places[:-1] == places[1:], [False]])
@@ -261,11 +269,16 @@ class Blade(Parameters, AbstractSections):
 
         The length is that of the axis. Compliances of stretch, torsion and bending alone make EA,
         GJ and the two EI, the latter about the axes in which they are not coupled, to which `twist`
-        turns; of inertia the mass is kept and the moment about the centre of mass. `left_out` says
-        what that leaves out.
+        turns; of inertia the mass is kept and the moment about the centre of mass. That
+        leaves out couplings, offsets, shear and the curve of the axis.
         """
-        places = np.asarray(self.stations)
-        f = jnp.linalg.inv(full_matrices(self.stiffness))
+        more = set(self.axis_stations) - set(self.stations)
+        stations = sorted([*self.stations, *more])
+        places = np.asarray(stations)
+        # At a step of the sections first those before it.
+        before = np.concatenate([places[:-1] == places[1:], [False]])
+        at = places + 1e-12 * (np.roll(before, 1).astype(float) - before)
+        f = jnp.linalg.inv(self.stiffness_at(at))
         about2, about3, both = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
         apart = about2 - about3
         # Axes that are nearest to those of the section; any will do where all are alike.
@@ -273,9 +286,8 @@ class Blade(Parameters, AbstractSections):
         across, along = jnp.where(alike, 0.0, sign * 2 * both), jnp.where(alike, 1.0, sign * apart)
         half = jnp.where(alike, 0.0, sign * jnp.hypot(across, along) / 2)
         middle = (about2 + about3) / 2
-        m = full_matrices(self.inertia)
+        m = self.inertia_at(at)
         mass, first = m[:, 0, 0], jnp.stack([m[:, 0, 4], m[:, 0, 5]])
-        at = places + 1e-12 * np.sign(0.5 - places)
         columns = {
             "mass_per_length": mass,
             "axial_stiffness": 1 / f[:, 0, 0],
@@ -285,15 +297,19 @@ class Blade(Parameters, AbstractSections):
             "torsional_stiffness": 1 / f[:, 3, 3],
             "polar_inertia": m[:, 3, 3] - jnp.sum(first**2, 0) / mass,
         }
-        tables: Any = {name: Spanwise(self.stations, rows) for name, rows in columns.items()}
+        tables: Any = {name: Spanwise(stations, rows) for name, rows in columns.items()}
         return Beam(self.length, point_masses=self.point_masses, **tables)
 
 
 def _stations_of(beam: Beam) -> list[float]:
     """Places of the sections of a beam's tables, twice where one has a step; of functions more."""
     sections = BeamSections(beam)
-    places = {*sections.edges, *(np.linspace(0, 1, 33).tolist() if sections.has_functions else ())}
-    return sorted([*places, *sections.breaks])
+    places, twist = {*sections.edges}, beam.twist
+    if sections.has_functions or isinstance(twist, AbstractSpanwise):
+        places |= set(np.linspace(0, 1, 33).tolist())
+    if isinstance(twist, AbstractSpanwise):
+        places |= {kink + side for kink in twist.kinks for side in (-_BESIDE, _BESIDE)}
+    return sorted([*(place for place in places if 0 <= place <= 1), *sections.breaks])
 
 
 def _places(name: str, given: Any, steps: bool) -> tuple[float, ...]:

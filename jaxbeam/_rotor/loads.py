@@ -64,10 +64,10 @@ class Loads(eqx.Module):
     | tip_force        | N     | shape (3,) or a function of time to (3,), in hub axes: a1 to a3 |
     | changes          | s     | shape (k,): when a load begins or ends something smoothly       |
     | jumps            | s     | shape (j,): when it jumps                                       |
-    | tip_moment       | N m   | as `tip_force`; `SpatialANCF` alone bears it                    |
+    | tip_moment       | N m   | as `tip_force`; models in space alone bear it                   |
     | follows          |       | whether forces and moment turn with the sections where they     |
     |                  |       | act, as that of a thruster and a pressure do: then their axes   |
-    |                  |       | are those of the section (see `TipLoad`); `SpatialANCF` alone   |
+    |                  |       | are those of the section (see `TipLoad`); models in space alone |
     | force_per_length | N/m   | along the span, by the unstretched length, in hub axes: three   |
     |                  |       | of them, each a number, a `Spanwise` or a `SpanwiseFunction`;   |
     |                  |       | or a function of time to three such; integrated with six points |

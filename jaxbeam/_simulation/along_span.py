@@ -92,7 +92,7 @@ class AlongSpan(eqx.Module):
 
     @per_case
     def torsion(self, xi: Any = 1.0) -> Float[Array, "*times p"]:
-        """Angle of torsion at `xi`, as in `displacement`, in rad: zero but in `SpatialANCF`.
+        """Angle of torsion at `xi`, as in `displacement`, in rad: zero but of models in space.
 
         By it the section has turned about the tangent from where the least rotation from a1 to the
         tangent brings it.

@@ -271,6 +271,87 @@ def test_gradients_by_all_numbers_of_sections():
     np.testing.assert_allclose(back, slope, rtol=1e-8, atol=1e-10 * np.abs(found).max())
 
 
+@pytest.mark.exhaustive
+def test_modes_of_a_blade():
+    """With themselves, and as shapes for other programs; and what stability asks of a rotor."""
+    rotor = jb.Rotor(coupled(), 1.0)
+    model = SpatialRod(4).suited(rotor)
+    # Those of the straight beam that is left of the blade, which is some per mille lighter.
+    own = model.equations(rotor).rigid_moments
+    np.testing.assert_allclose(rotor.rigid_moments, own, rtol=0.01)
+    modes = jb.modes(model, rotor, 0.0, 3)
+    np.testing.assert_allclose(np.diagonal(modes.mac(modes)), 1.0, rtol=1e-12)
+    assert np.all(modes.polynomials().misfit[:2] < 0.1)
+
+
+@pytest.mark.exhaustive
+def test_a_root_that_yields_both_ways():
+    """The root does not turn about the beam, and forces have a potential: tips by forces are a
+    symmetric matrix, which is that of differences."""
+    beam = jb.Beam(8.0, 0.2, 5e6, 566.0, 400.0, torsional_stiffness=200.0, polar_inertia=1e-2)
+    rotor = jb.Rotor(beam, 0.5, 0.1, root_springs=jb.RootSprings(60.0, 40.0))
+
+    @jax.jit
+    def tip(force):
+        state = steady(beam, rotor=rotor, model=SpatialRod(6), tip_force=force)
+        return state.tip, state.torsion(0.0)[0]
+
+    force, step = jnp.array([0, 10.0, 10.0]), 1e-3
+    place, about = tip(force)
+    np.testing.assert_allclose(place, [-4.8334545, 4.6360097, 5.6457276], atol=1e-6)  # ANCF(16)
+    assert abs(about) < 1e-12
+    slopes = jax.jit(jax.jacfwd(lambda force: tip(force)[0]))(force)
+    np.testing.assert_allclose(slopes, slopes.T, atol=1e-6)
+    each = [(tip(force + step * e)[0] - tip(force - step * e)[0]) / (2 * step) for e in np.eye(3)]
+    np.testing.assert_allclose(slopes, np.stack(each, 1), atol=1e-6)
+
+
+@pytest.mark.exhaustive
+def test_a_point_force_on_an_axis_of_uneven_points():
+    """The hub bears the force that was given, wherever points of the axis are."""
+    stiff = np.diag([1e6, 1e5, 1e5, 3e2, 4e2, 6e2])
+    blade = Blade([0, 1], [stiff] * 2, [UNIT] * 2, [[0, 0, 0], [1, 0, 0], [3, 0, 0]])
+    points = jb.PointForces([0.2], [[0, 0, 3.0]])
+    state = steady(blade, model=SpatialRod(6), point_forces=points)
+    arm = float(blade.axis_at(np.array([0.2]))[0][0, 0])
+    np.testing.assert_allclose(state.hub_force, [0, 0, -3.0], atol=1e-9)
+    np.testing.assert_allclose(state.hub_torque, [0, 3 * arm, 0], atol=1e-4)
+
+
+@pytest.mark.exhaustive
+def test_sections_beside_a_point_force():
+    """Between the root and a force of 3 N half way the shear is 3 N, and beyond it nothing."""
+    beam = jb.Beam(8.0, 0.2, 5e6, 5660.0, 4000.0, torsional_stiffness=2000.0, polar_inertia=0.01)
+    line = jb.Spanwise([0, 0.6, 0.6, 1.0], [1.0, 1.0, 0.0, 0.0])
+    points = jb.PointForces([0.5], [[0, 0, 3.0]])
+    state = steady(beam, point_forces=points, force_per_length=[0, line, 0])
+    at = np.array([0.0, 0.2, 0.45, 0.55, 0.7, 1.0])
+    force, moment = state.section_force(at), state.section_moment(at)
+    shear = np.stack([np.maximum(4.8 - 8 * at, 0), 3.0 * (at < 0.5)], 1)
+    np.testing.assert_allclose(force[:, 1:], shear, atol=1e-3)
+    bending = np.stack([np.maximum(4.8 - 8 * at, 0) ** 2 / 2, 3 * np.maximum(4 - 8 * at, 0)], 1)
+    np.testing.assert_allclose(moment[:, 1:], bending, atol=1e-3)
+
+
+@pytest.mark.exhaustive
+def test_twist_between_sections():
+    """A blade keeps the kinks of a beam's twist, and a beam what twist does between sections."""
+    uneven = jb.Spanwise([0, 0.2, 0.4, 1], [0.5, 0.1, 0, 0])
+    given = 8.0, 0.2, 5e6, 566.0, 400.0
+    beam = jb.Beam(*given, twist=uneven, torsional_stiffness=200.0, polar_inertia=0.01)
+    blade, xi = Blade.of(beam), np.linspace(0.05, 0.95, 19)
+    np.testing.assert_allclose(blade.twist_at(xi), uneven.at(xi), atol=3e-4)
+    twist = [0.3, 0.05, 0, 0.1, 0.2, 0]
+    axis = 3 * np.linspace(0, 1, 6)[:, None] * np.eye(3)[0]
+    blade = Blade([0, 1], [BOX] * 2, [UNIT] * 2, axis, twist)
+    plain = Blade([0, 1], [BOX] * 2, [UNIT] * 2, axis)
+    turned = blade.beam().twist.at(np.linspace(0, 1, 6)) - plain.beam().twist.at(np.array([0.5]))
+    np.testing.assert_allclose(turned, twist, atol=1e-9)
+    steps = jb.Spanwise([0, 0.4, 0.4, 1], [0.5, 0.1, 0, 0])
+    with pytest.raises(ValueError, match="does not jump"):
+        Blade.of(jb.Beam(*given, twist=steps, torsional_stiffness=200.0))
+
+
 def test_what_it_refuses():
     blade = coupled()
     rotor = jb.Rotor(blade, 1.0)

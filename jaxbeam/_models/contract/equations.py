@@ -216,9 +216,11 @@ class Equations(eqx.Module):
         are: as that, where motion is by coordinates."""
         return change
 
-    def own_section_loads(self, q: Vector, xi: np.ndarray) -> tuple[Array, Array] | None:
-        """Force and moment in sections of a beam that rests in its hub, as `section_loads` has
-        them, where the model has them itself."""
+    def own_section_loads(
+        self, q: Vector, xi: np.ndarray, loads: Any, t: Number
+    ) -> tuple[Array, Array] | None:
+        """Force and moment in sections of a beam that rests in its hub under loads, as
+        `section_loads` has them, where the model has them itself."""
         return None
 
     def own_reaction(

@@ -25,7 +25,7 @@ from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
 from jaxbeam._rotor.loads import NO_LOADS, Loads, loads_in_range
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Number, Scalar, Vector
+from jaxbeam._types import Code, Scalar, Vector
 
 Held = TypeVar("Held", bound="Conditions | None")
 
@@ -117,7 +117,7 @@ class SpanLoad(eqx.Module):
             return None
         integral = equations.span_integral(loads.kinks, loads.follows)
         places = tuple(integral.points[0].tolist())
-        return cls(integral, _Density(loads, equations.length, places))
+        return cls(integral, _Density(loads, integral.pace(equations.length), places))
 
     def __call__(self, t: Scalar) -> AbstractSpanForce:
         """The generalised force at time t."""
@@ -128,11 +128,11 @@ class _Density(eqx.Module):
     """The force along the span at places x / L."""
 
     loads: Loads
-    length: Number
+    pace: Any  # m by x / L
     xi: tuple[float, ...] = eqx.field(static=True)
 
     def __call__(self, t: Scalar) -> Float[Array, "p 3"]:
-        density: Any = self.loads.along_span(t, np.array(self.xi), self.length)
+        density: Any = self.loads.along_span(t, np.array(self.xi), self.pace)
         return density
 
 

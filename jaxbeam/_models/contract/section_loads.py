@@ -58,7 +58,7 @@ def section_loads(
             "has none: ask for hub_force and hub_torque"
         )
     beam, q = rotor.beam, moved.q
-    own = equations.own_section_loads(q, xi)
+    own = equations.own_section_loads(q, xi, outside.loads, outside.t)
     if own is not None:
         return own
     edges = sorted({*equations.pieces, *beam.edges, *outside.loads.kinks})

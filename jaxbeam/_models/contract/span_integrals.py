@@ -55,6 +55,11 @@ class AbstractSpanIntegral(eqx.Module):
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """Places x / L and weights."""
 
+    def pace(self, length: Number) -> Any:
+        """How the length goes on with x / L at these places, () or (p, 1), in m, of a beam that is
+        so long."""
+        return length
+
     @abc.abstractmethod
     def generalised_force(self, density: Float[Array, "p 3"]) -> AbstractSpanForce:
         """The generalised force of a force per length at these places, in N/m."""

@@ -13,16 +13,19 @@ from jaxbeam._models.space.rod_elements import bent
 from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
 from jaxbeam._models.space.rod_state import Around, Rod, balance, differentiable, settled
 from jaxbeam._models.space.rod_tables import beam_axes, gauss, rod_tables, turned_by_pitch
+from jaxbeam._models.space.rod_tails import tails
 from jaxbeam._numerics.quaternions import rotation, turn_of
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
-from jaxbeam._rotor.loads import TipLoad
+from jaxbeam._rotor.loads import Loads, TipLoad
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._rotor.sections import frames
+from jaxbeam._rotor.span import Span
 from jaxbeam._status import Status, first_broken
 from jaxbeam._types import Code, Matrix, Number, Triple, Vector
 
+_POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
 
 
@@ -75,7 +78,8 @@ class RodEquations(Equations):
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
     ) -> tuple[Matrix, Matrix, Matrix]:
         here = balance(self.rod, q, self._around(hub, tip_force, span))
-        m, c, k = (self._by_places(q, a) for a in (self.rod.mass, here.gyroscopic, here.stiffness))
+        mass = self.rod.led(q, self.rod.mass)
+        m, c, k = (self._by_places(q, a) for a in (mass, here.gyroscopic, here.stiffness))
         return m, c, k
 
     def root_slopes(self) -> Float[Array, "2 n"]:
@@ -87,7 +91,7 @@ class RodEquations(Equations):
     def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
         out = jnp.zeros_like(self.mass) if drag.matrix is None else drag.matrix
         if drag.mass_coefficient is not None:
-            out = out + drag.mass_coefficient * self._by_places(q, self.rod.mass)
+            out = out + drag.mass_coefficient * self._by_places(q, self.rod.led(q, self.rod.mass))
         if drag.stiffness_coefficient is not None:
             still = self._around(_at_rest(self.length), None, None)
             elastic = balance(self.rod, q, still).elastic
@@ -132,12 +136,40 @@ class RodEquations(Equations):
         return energy
 
     def own_section_loads(
-        self, q: Vector, xi: np.ndarray
+        self, q: Vector, xi: np.ndarray, loads: Loads, t: Number
     ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
         """Forces and moments in sections: polynomials of the degree of forces, in balance with all
-        that acts on nodes; see `section_loads`."""
+        that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
         six = self._sixes(q, xi)
+        if loads.act_along_span:
+            nearest, tail = self._tails(q, xi, loads, t)
+            tables, (_, p) = self.rod.tables, self.rod.nodes(q)
+            turned = rotation(jnp.einsum("gk,ekc->egc", tables.shapes, tables.of_elements(p)))
+            own = [jnp.einsum("egba,egb->ega", turned, part) for part in nearest]
+            inward = rotation(self._quaternions(q, xi)).swapaxes(1, 2)
+            tail = jnp.einsum("pab,pxb->pxa", inward, tail.reshape(-1, 2, 3)).reshape(-1, 6)
+            six = six + tail - tables.of_gauss(jnp.concatenate(own, -1), xi)
         return six[:, :3], six[:, np.array([3, 5, 4])] * _SIGNS
+
+    def _tails(self, q: Vector, xi: np.ndarray, loads: Loads, t: Number) -> Any:
+        """What loads along the span do in sections, as `tails` has it."""
+        tables, sections = self.rod.tables, sections_of(self.rotor.beam)
+        edges = tuple(sorted({*tables.ends, *sections.edges, *loads.kinks}))
+        span = Span.between(edges, _POINTS)
+        places, (u, p) = np.asarray(span.xi), self.rod.nodes(q)
+        pace = _Pace(sections)(places)[:, None]
+        force: Any = loads.along_span(t, places, pace)
+        if loads.follows:
+            rows, _ = tables.interpolating(places)
+            force = jnp.einsum("pi,iab,pb->pa", rows, rotation(p), force)
+        else:
+            force = force @ self.axes.T
+
+        def placed(xi: np.ndarray) -> Float[Array, "p 3"]:
+            undeformed = sections.axis_at(xi)[0] @ turned_by_pitch(self.rotor).T
+            return undeformed + jnp.asarray(tables.interpolating(xi)[0]) @ u
+
+        return tails(tables, u, span, pace * force, placed(places), placed(xi), xi)
 
     def own_reaction(
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None

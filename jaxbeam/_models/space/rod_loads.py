@@ -144,7 +144,7 @@ class RodSpanIntegral(AbstractSpanIntegral):
     """Forces along the span of a rod, by Gauss points in pieces of elements."""
 
     tables: RodTables
-    pace: Any  # a function of places: arc length by the share of it, m
+    paces: Any  # a function of places: arc length by the share of it, m
     axes: Float[Array, "3 3"]  # of the beam, as rows, in those of the hub
     edges: tuple[float, ...] = eqx.field(static=True)
     follows: bool = eqx.field(static=True)
@@ -153,10 +153,14 @@ class RodSpanIntegral(AbstractSpanIntegral):
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         return points_within(self.edges, _POINTS)
 
+    def pace(self, length: Number) -> Float[Array, "p 1"]:
+        pace: Any = self.paces(self.points[0])[:, None]
+        return pace
+
     def generalised_force(self, density: Float[Array, "p 3"]) -> RodSpanForce:
         places, weight = self.points
         rows, _ = self.tables.interpolating(places)
-        force = (self.pace(places) * weight)[:, None] * density
+        force = (self.paces(places) * weight)[:, None] * density
         if self.follows:
             pairs = jnp.einsum("pi,pj,pc->ijc", rows, rows, force)
             return RodSpanForce(None, pairs)

@@ -3,6 +3,9 @@
 Coordinates q (7 n,) are displacements u and quaternions p - (1, 0, 0, 0) of all nodes in axes of
 the beam, so that zero is the undeformed one. They change by (h, t) of free nodes in axes that turn
 with them, which is what forces and matrices are by.
+
+A root that yields in plane and in flap does not turn about a1: its quaternion is (w, 0, x_2, x_3),
+which leaves a turn t_1 = y_3 t_2 - y_2 t_3 about its own first axis, y = x / w.
 """
 
 from typing import Any, NamedTuple
@@ -29,7 +32,8 @@ from jaxbeam._numerics.quaternions import product, rotated, rotation
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._types import Number, Scalar, Triple, Vector
 
-_CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended
+_CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended,
+_ROUNDING = 0.6  # or the resolution of the numbers to this power: 7e-5 in single precision
 _MOST = 30  # changes for one share of the loads
 _FAR = 1e3  # a change that leads nowhere, in lengths and rad
 _LEAST = 1e-5  # share of the loads by which they rise at least
@@ -72,30 +76,55 @@ class Rod(eqx.Module):
         both = q.reshape(-1, 7)
         return both[:, :3], both[:, 3:] + UPRIGHT[None]
 
+    @property
+    def yields_both_ways(self) -> bool:
+        """Whether the root turns in plane and in flap."""
+        return None not in self.springs
+
     def changed(self, q: Vector, change: Float[Array, " f"]) -> Vector:
         """q after a change of what is free."""
         u, p = self.nodes(q)
-        every = self.spread(change)
+        every = self.spread(q, change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        return jnp.concatenate([moved, rotated(p, every[:, 3:]) - UPRIGHT[None]], 1).reshape(-1)
+        turned = rotated(p, every[:, 3:])
+        if self.yields_both_ways:
+            root = turned[0].at[1].set(0.0)
+            turned = turned.at[0].set(root / jnp.sqrt(root @ root))
+        return jnp.concatenate([moved, turned - UPRIGHT[None]], 1).reshape(-1)
 
     def rates(self, q: Vector, change: Float[Array, " f"]) -> Vector:
         """How q begins to change."""
         u, p = self.nodes(q)
-        every = self.spread(change)
+        every = self.spread(q, change)
         moving = jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
         by_half = jnp.concatenate([jnp.zeros_like(u[:, :1]), every[:, 3:] / 2], 1)
         return jnp.concatenate([moving, product(p, by_half)], 1).reshape(-1)
 
-    def spread(self, change: Float[Array, " f"]) -> Float[Array, "n 6"]:
+    def spread(self, q: Vector, change: Float[Array, " f"]) -> Float[Array, "n 6"]:
         """Changes of all nodes from those that are free."""
         every = jnp.zeros(6 * len(self.tables.place), change.dtype)
-        return every.at[self.free].set(change, unique_indices=True).reshape(-1, 6)
+        every = every.at[self.free].set(change, unique_indices=True).reshape(-1, 6)
+        if self.yields_both_ways:
+            every = every.at[0, 3].set(self._about_own(q) @ change[:2])
+        return every
+
+    def _about_own(self, q: Vector) -> Float[Array, "2"]:
+        """t_1 of the root by t_2 and t_3."""
+        _, p = self.nodes(q)
+        return jnp.stack([p[0, 3], -p[0, 2]]) / p[0, 0]
+
+    def led(self, q: Vector, matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
+        """A matrix by changes of which those that are free lead the turn t_1 of the root."""
+        if not self.yields_both_ways:
+            return matrix
+        by = self._about_own(q)
+        matrix = matrix.at[4:6].add(by[:, None] * matrix[3:4])
+        return matrix.at[:, 4:6].add(matrix[:, 3:4] * by[None])
 
 
 class Balance(NamedTuple):
     """A state looked at: what is out of balance, and the matrices of small motion about it, of all
-    nodes."""
+    nodes, of which those that are free lead the root."""
 
     residual: Float[Array, "n 6"]
     stiffness: Float[Array, "N N"]
@@ -133,7 +162,23 @@ def balance(
     # The derivative of a force that has a potential, by changes in turning axes, is symmetric but
     # for half of what turns the force: zero where it is.
     stiffness = stiffness + on_diagonal(twisting(conservative)) / 2
-    return Balance(residual, stiffness, moving.gyroscopic, elastic, strain, by)
+    stiffness, gyroscopic, elastic = (
+        rod.led(q, matrix) for matrix in (stiffness, moving.gyroscopic, elastic)
+    )
+    if rod.yields_both_ways:
+        residual, by_reaction = _led_root(residual, p[0])
+        stiffness = stiffness.at[4:6, 4:6].add(by_reaction)
+    return Balance(residual, stiffness, gyroscopic, elastic, strain, by)
+
+
+def _led_root(
+    residual: Float[Array, "n 6"], root: Float[Array, "4"]
+) -> tuple[Float[Array, "n 6"], Float[Array, "2 2"]]:
+    """What is out of balance where t_2 and t_3 of the root lead t_1, and what the moment about its
+    first axis adds to stiffness: y_2 and y_3 change by (1 + y.y) / 2 times t_2 and t_3."""
+    about, y = residual[0, 3], root[2:] / root[0]
+    residual = residual.at[0, 4:].add(about * jnp.stack([y[1], -y[0]]))
+    return residual, about * (1 + y @ y) / 2 * np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
 class _Search(NamedTuple):
@@ -161,6 +206,7 @@ def settled(rod: Rod, around: Around) -> tuple[Vector, Scalar]:
     none = jnp.zeros(tables.stiffness.shape[:2], one.dtype)
     scale = jnp.asarray(np.resize([1.0] * 3 + [0.0] * 3, 6 * len(tables.place))[free])
     scale = jnp.where(scale > 0, 1 / rod.length, 1.0)
+    close = max(_CLOSE, float(jnp.finfo(one.dtype).eps) ** _ROUNDING)
 
     def body(now: _Search) -> _Search:
         share = jnp.minimum(now.settled + now.rise, 1.0)
@@ -168,11 +214,11 @@ def settled(rod: Rod, around: Around) -> tuple[Vector, Scalar]:
         out = here.residual.reshape(-1)[free]
         change = -solve(here.stiffness[np.ix_(free, free)], out)
         size = jnp.max(jnp.abs(scale * change))
-        by_elements = tables.of_elements(rod.spread(change)).reshape(len(none), -1)
+        by_elements = tables.of_elements(rod.spread(now.q, change)).reshape(len(none), -1)
         strain = here.strain + jnp.einsum("eml,el->em", here.by_changes, by_elements)
         force = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
         q = rod.changed(now.q, change)
-        ended = size < _CLOSE
+        ended = size < close
         lost = ~ended & (~(size < _FAR) | (now.tries >= _MOST))
 
         def pick(a: Any, b: Any, c: Any) -> Any:

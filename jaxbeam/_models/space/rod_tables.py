@@ -159,7 +159,7 @@ class RodTables(eqx.Module):
     def interpolating(self, places: np.ndarray) -> tuple[np.ndarray, Any]:
         """Rows (m, n) that make of nodes what is at places, and those of derivatives by the share
         of the length."""
-        where, within = _located(self.ends, places)
+        where, within = located(self.ends, places)
         value, slope = lagrange(lobatto(self.degree), within)
         rows, slopes = np.zeros((2, len(places), len(self.ends[1:]) * self.degree + 1))
         half = np.diff(self.ends)[where] / 2
@@ -170,12 +170,12 @@ class RodTables(eqx.Module):
 
     def of_gauss(self, values: Float[Array, "E p *k"], places: np.ndarray) -> Array:
         """What polynomials through Gauss points of elements are at places (m, ...)."""
-        where, within = _located(self.ends, places)
+        where, within = located(self.ends, places)
         rows = lagrange(gauss(self.degree)[0], within)[0]
         return jnp.einsum("mp,mp...->m...", rows, values[where])
 
 
-def _located(ends: tuple[float, ...], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def located(ends: tuple[float, ...], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The element of each place, and where in it, from -1 to 1."""
     bounds = np.asarray(ends)
     where = np.clip(np.searchsorted(bounds, places, side="left") - 1, 0, len(ends) - 2)
@@ -306,7 +306,7 @@ def _with_bodies(
         weight = weight.at[:, 0].add(rows.T @ points.masses)
         own = tables.of_elements(jnp.asarray(rows.T)).transpose(0, 2, 1)  # (E, points, k)
         # A node between two elements is in both: a point is in one of them.
-        where, _ = _located(tables.ends, np.asarray(points.places))
+        where, _ = located(tables.ends, np.asarray(points.places))
         own = own * (where[None] == np.arange(tables.elements)[:, None])[:, :, None]
         lumps = jnp.einsum("m,emi,emj->eij", points.masses, own, own)
         moves = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
