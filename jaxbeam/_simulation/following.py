@@ -19,9 +19,7 @@ from jaxbeam._types import Scalar
 _MISMATCH = 1e-6  # of the hub's speed in a step, relative to the largest, that is not accepted
 _JUMP = 1e-5  # the same in the shortest step, by which a run ends
 _MISSED = 1e-3  # the same summed over a run
-# What a velocity weighs, as a displacement, in steps of its own: with 2 the balance of energy holds
-# to 1e-3 through some ten thousand corners, each of which sets fast modes in motion.
-_RATE = 2.0
+_RATE = 1.0  # what the error of a velocity weighs, as a displacement between two corners
 _SHORTEST = 1e-9  # step, relative to the run: what changes within it is a jump
 # What a run ends with that missed something of its motion; diffrax itself does not use it here.
 MOTION_MISSED = diffrax.RESULTS.max_steps_rejected
@@ -134,8 +132,10 @@ class _Following(diffrax.AbstractStepSizeController):
         adaptive = isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController)
         if not (pauses.sided and adaptive):
             return given
-        quick = pauses.apart(t0) < self.step_limits.quick
-        chosen: tuple[State, ...] = _chosen(quick, _displacements(scene, t1 - t0, *given), given)
+        apart = pauses.apart(t0)
+        quick = apart < self.step_limits.quick
+        within = jnp.where(quick, apart, 0.0)
+        chosen: tuple[State, ...] = _chosen(quick, _displacements(scene, within, *given), given)
         return chosen
 
 
@@ -163,11 +163,11 @@ def following(
 
 
 def _displacements(
-    scene: Scene, h: Any, y0: State, y1: State, error: State
+    scene: Scene, apart: Any, y0: State, y1: State, error: State
 ) -> tuple[State, State, State]:
     """Two states and an error as displacements, in m: each coordinate is the mean along the beam,
     root of mean square by the mass; each rate is too, but that of the error is what it makes of a
-    displacement within a step of length h.
+    displacement between two corners, so far `apart`, in s.
 
     What has corners sets all modes in motion, those too that no step between two corners resolves.
     Their displacements are small, but not their velocities; and of these a table whose samples are
@@ -183,7 +183,7 @@ def _displacements(
         return State(jnp.full_like(y.q, q), jnp.full_like(y.v, by_rate(q, y.v)), y.work)
 
     sizes = of(y0, lambda q, _: q), of(y1, lambda q, _: q)
-    return *sizes, of(error, lambda _, v: _RATE * h * mean(v))
+    return *sizes, of(error, lambda _, v: _RATE * apart * mean(v))
 
 
 def _chosen(which: Any, a: Any, b: Any) -> Any:

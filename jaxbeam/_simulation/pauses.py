@@ -86,13 +86,18 @@ class Pauses(eqx.Module):
         return self.jumps[i] & (self.first[i] == t)
 
     def apart(self, t: Scalar) -> Scalar:
-        """How far the declared times are apart between which a step from t lies; infinite before
-        the first of them and after the last, and where they are too few for a table."""
+        """How far the declared times are apart between which a step from t lies, or those beside
+        them, whatever is most: a pulse is short, and what follows it is not. Infinite before the
+        first of them and after the last, and where they are too few for a table."""
         if self.first.size <= _FEW:
             return jnp.full_like(t, jnp.inf)
-        i = place(self.first, t, "right")
-        length = self.first[jnp.minimum(i, self.first.size - 1)] - self.first[jnp.maximum(i - 1, 0)]
-        return jnp.where((i > 0) & (i < self.first.size), length, jnp.inf)
+        i, most = place(self.first, t, "right"), self.first.size - 1
+        lengths = [
+            self.first[jnp.clip(k, 0, most)] - self.first[jnp.clip(k - 1, 0, most)]
+            for k in (i - 1, i, i + 1)
+        ]
+        longest = jnp.max(jnp.stack(lengths))
+        return jnp.where((i > 0) & (i <= most), longest, jnp.inf)
 
     def before(self, t: Scalar) -> Scalar:
         """The latest time to ask for in a step that ends at t, infinite where none is declared."""
