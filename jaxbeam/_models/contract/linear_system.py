@@ -2,10 +2,11 @@
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._rotor.directions import APART, CouplingGroup, Direction
-from jaxbeam._types import Code, Matrix, Scalar, Vector
+from jaxbeam._types import Code, Matrix, Scalar
 
 
 class LinearSystem(eqx.Module):
@@ -35,7 +36,7 @@ class LinearSystem(eqx.Module):
     directions: tuple[Direction, ...] = eqx.field(static=True)
     coupling: tuple[CouplingGroup, ...] = eqx.field(static=True, default=APART)
     shapes: Shapes | None = None
-    state: Vector | None = None
+    state: Float[Array, " q"] | None = None
     damping: Matrix | None = None
     general: bool = eqx.field(static=True, default=False)
     conservative: bool = eqx.field(static=True, default=True)

@@ -52,7 +52,7 @@ class Bent(NamedTuple):
         return out.reshape(len(out), -1, out.shape[-1])
 
 
-def bent(tables: RodTables, u: Float[Array, "n 3"], p: Float[Array, "n 4"]) -> Bent:
+def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Bent:
     """Elements whose nodes have moved by u and turned by the quaternions p."""
     shapes, rate = tables.shapes, tables.rate
     u, p = tables.of_elements(u), tables.of_elements(p)

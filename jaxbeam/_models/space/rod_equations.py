@@ -11,7 +11,14 @@ from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import bent
 from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
-from jaxbeam._models.space.rod_state import Around, Rod, balance, differentiable, settled
+from jaxbeam._models.space.rod_state import (
+    Around,
+    Coordinates,
+    Rod,
+    balance,
+    differentiable,
+    settled,
+)
 from jaxbeam._models.space.rod_tables import beam_axes, gauss, rod_tables, turned_by_pitch
 from jaxbeam._models.space.rod_tails import tails
 from jaxbeam._numerics.quaternions import rotation, turn_of
@@ -59,23 +66,25 @@ class RodEquations(Equations):
         self.energy_scale = beam.in_plane_bending_stiffness / length
 
     @property
-    def rest(self) -> Vector:
+    def rest(self) -> Coordinates:
         return jnp.zeros(7 * len(self.rod.tables.place), self.length.dtype)
 
-    def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> tuple[Vector, Code]:
+    def equilibrium(
+        self, hub: Hub, tip_force: Any = None, span: Any = None
+    ) -> tuple[Coordinates, Code]:
         around = self._around(hub, tip_force, span)
         q, done = settled(*without_derivatives((self.rod, around)))
         q = differentiable(q, (self.rod, around))
         unfolded = self.is_unfolded(q)
         return q, first_broken((done >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
 
-    def is_unfolded(self, q: Vector) -> Array:
+    def is_unfolded(self, q: Coordinates) -> Array:
         tables = self.rod.tables
         along = jnp.sum(bent(tables, *self.rod.nodes(q)).stretch * tables.tangent, -1)
         return jnp.all(along > 0)
 
     def matrices_about(
-        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+        self, hub: Hub, q: Coordinates, tip_force: Any = None, span: Any = None
     ) -> tuple[Matrix, Matrix, Matrix]:
         here = balance(self.rod, q, self._around(hub, tip_force, span))
         mass = self.rod.led(q, self.rod.mass)
@@ -88,7 +97,7 @@ class RodEquations(Equations):
         about3 = first if flap is None else second
         return jnp.stack([0 * first if in_plane is None else about3, first])
 
-    def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
+    def damping_matrix_about(self, q: Coordinates, drag: Drag) -> Matrix:
         out = jnp.zeros_like(self.mass) if drag.matrix is None else drag.matrix
         if drag.mass_coefficient is not None:
             out = out + drag.mass_coefficient * self._by_places(q, self.rod.led(q, self.rod.mass))
@@ -98,7 +107,7 @@ class RodEquations(Equations):
             out = out + drag.stiffness_coefficient * self._by_places(q, elastic)
         return out
 
-    def rates(self, q: Vector, change: Vector) -> Vector:
+    def rates(self, q: Coordinates, change: Vector) -> Coordinates:
         n, rod = len(self.rod.tables.place), self.rod
         every = jnp.zeros(6 * n, change.dtype).at[rod.free].set(change, unique_indices=True)
         every = every.reshape(n, 2, 3)
@@ -107,27 +116,27 @@ class RodEquations(Equations):
         own = jnp.einsum("nba,nxb->nxa", attitude, every).reshape(-1)
         return rod.rates(q, own[rod.free])
 
-    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+    def displacement(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 3"]:
         rows, _ = self.rod.tables.interpolating(xi)
         return jnp.asarray(rows) @ self.rod.nodes(q)[0] @ self.axes
 
-    def rotation(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+    def rotation(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 3"]:
         attitude = turn_of(self._quaternions(q, xi))
         return attitude[:, np.array([0, 2, 1])] * _SIGNS
 
-    def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+    def torsion(self, q: Coordinates, xi: np.ndarray) -> Float[Array, " p"]:
         p = self._quaternions(q, xi)
         return 2 * jnp.arctan2(p[:, 1], p[:, 0])
 
-    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+    def strain(self, q: Coordinates, xi: np.ndarray) -> Float[Array, " p"]:
         strain, tangent = self._strains(q, xi)
         return jnp.sum(strain[:, :3] * tangent, 1)
 
-    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+    def curvature(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 2"]:
         strain, _ = self._strains(q, xi)
         return jnp.stack([strain[:, 5], -strain[:, 4]], 1)
 
-    def strain_energy(self, q: Vector) -> Number:
+    def strain_energy(self, q: Coordinates) -> Number:
         tables, (u, p) = self.rod.tables, self.rod.nodes(q)
         strain = bent(tables, u, p).strain.reshape(tables.elements, -1)
         energy = jnp.einsum("em,eml,el->", strain, tables.stiffness, strain) / 2
@@ -136,7 +145,7 @@ class RodEquations(Equations):
         return energy
 
     def own_section_loads(
-        self, q: Vector, xi: np.ndarray, loads: Loads, t: Number
+        self, q: Coordinates, xi: np.ndarray, loads: Loads, t: Number
     ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
         """Forces and moments in sections: polynomials of the degree of forces, in balance with all
         that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
@@ -151,7 +160,7 @@ class RodEquations(Equations):
             six = six + tail - tables.of_gauss(jnp.concatenate(own, -1), xi)
         return six[:, :3], six[:, np.array([3, 5, 4])] * _SIGNS
 
-    def _tails(self, q: Vector, xi: np.ndarray, loads: Loads, t: Number) -> Any:
+    def _tails(self, q: Coordinates, xi: np.ndarray, loads: Loads, t: Number) -> Any:
         """What loads along the span do in sections, as `tails` has it."""
         tables, sections = self.rod.tables, sections_of(self.rotor.beam)
         edges = tuple(sorted({*tables.ends, *sections.edges, *loads.kinks}))
@@ -172,7 +181,7 @@ class RodEquations(Equations):
         return tails(tables, u, span, pace * force, placed(places), placed(xi), xi)
 
     def own_reaction(
-        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+        self, hub: Hub, q: Coordinates, tip_force: Any = None, span: Any = None
     ) -> tuple[Triple, Triple]:
         """Force and moment about the centre of the hub by which the hub holds the rod that rests in
         it: what is out of balance at the root without that."""
@@ -203,7 +212,7 @@ class RodEquations(Equations):
         )
         return Around(velocity, spin, gravity, load, span)
 
-    def _by_places(self, q: Vector, matrix: Float[Array, "N N"]) -> Matrix:
+    def _by_places(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Matrix:
         """A matrix by displacements and turns in axes of the beam, the latter times the length."""
         n = len(self.rod.tables.place)
         attitude = rotation(self.rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
@@ -214,11 +223,11 @@ class RodEquations(Equations):
         by = by.reshape(6 * n, 6 * n)
         return by[np.ix_(self.rod.free, self.rod.free)]
 
-    def _quaternions(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 4"]:
+    def _quaternions(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 4"]:
         rows, _ = self.rod.tables.interpolating(xi)
         return jnp.asarray(rows) @ self.rod.nodes(q)[1]
 
-    def _sixes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 6"]:
+    def _sixes(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 6"]:
         tables = self.rod.tables
         strain = bent(tables, *self.rod.nodes(q)).strain.reshape(tables.elements, -1)
         weight = tables.pace * gauss(tables.degree)[1][None]
@@ -227,7 +236,7 @@ class RodEquations(Equations):
         return tables.of_gauss(force, xi)
 
     def _strains(
-        self, q: Vector, xi: np.ndarray
+        self, q: Coordinates, xi: np.ndarray
     ) -> tuple[Float[Array, "p 6"], Float[Array, "p 3"]]:
         """Strains of sections by the forces in them, and tangents of the undeformed axis."""
         sections = sections_of(self.rotor.beam)
@@ -239,19 +248,19 @@ class RodEquations(Equations):
         strain = jnp.einsum("pab,pxb->pxa", frame, strain).reshape(-1, 6)
         return strain, frame[:, :, 0]
 
-    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Any) -> Never:
+    def force(self, hub: Hub, q: Coordinates, v: Vector, tip_force: Any) -> Never:
         raise NotImplementedError(NO_MOTION)
 
-    def elastic_force(self, q: Vector) -> Never:
+    def elastic_force(self, q: Coordinates) -> Never:
         raise NotImplementedError(NO_MOTION)
 
-    def viscous_force(self, q: Vector, v: Vector) -> Never:
+    def viscous_force(self, q: Coordinates, v: Vector) -> Never:
         raise NotImplementedError(NO_MOTION)
 
-    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Never:
+    def kinetic_energy(self, q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> Never:
         raise NotImplementedError(NO_MOTION)
 
-    def first_moment(self, q: Vector) -> Never:
+    def first_moment(self, q: Coordinates) -> Never:
         raise NotImplementedError(NO_MOTION)
 
 

@@ -17,16 +17,16 @@ from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Number, Scalar, Triple, Vector
 
 _POINTS = 8  # of each piece, at which forces along the span are looked at
-_Sixes = Float[Array, "n 6"]
+_Sixes = Float[Array, "nodes 6"]
 _Matrix = Float[Array, "N N"]
 
 
 class Still(NamedTuple):
     """Nodes that rest in a hub, and how it moves, in axes of the beam."""
 
-    u: Float[Array, "n 3"]
-    p: Float[Array, "n 4"]
-    attitude: Float[Array, "n 3 3"]  # rotations of the nodes
+    u: Float[Array, "nodes 3"]
+    p: Float[Array, "nodes 4"]
+    attitude: Float[Array, "nodes 3 3"]  # rotations of the nodes
     velocity: Triple
     spin: Triple
 
@@ -39,18 +39,20 @@ def velocities(tables: RodTables, still: Still) -> _Sixes:
     return jnp.concatenate([_inward(still.attitude, moving), _inward(still.attitude, spun)], 1)
 
 
-def _inward(attitude: Float[Array, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+def _inward(
+    attitude: Float[Array, "nodes 3 3"], vectors: Float[Array, "nodes 3"]
+) -> Float[Array, "nodes 3"]:
     return jnp.einsum("nji,nj->ni", attitude, vectors)
 
 
-def carried(v: _Sixes) -> Float[Array, "n 6 6"]:
+def carried(v: _Sixes) -> Float[Array, "nodes 6 6"]:
     """[[w~, v~], [0, w~]] of velocities (v, w): what they do to small changes."""
     moving, spun = crossing(v[:, :3]), crossing(v[:, 3:])
     upper = jnp.concatenate([spun, moving], 2)
     return jnp.concatenate([upper, jnp.concatenate([0 * spun, spun], 2)], 1)
 
 
-def twisting(p: _Sixes) -> Float[Array, "n 6 6"]:
+def twisting(p: _Sixes) -> Float[Array, "nodes 6 6"]:
     """[[0, p~], [p~, h~]] of momenta or forces (p, h), skew: that on velocities is what `carried`
     transposed does to these."""
     first, second = crossing(p[:, :3]), crossing(p[:, 3:])
@@ -130,8 +132,8 @@ class RodSpanForce(AbstractSpanForce):
     """Forces along the span by node, in axes of the beam: of those in axes of the hub int N_i f ds,
     of those that turn with the sections int N_i N_j f ds, since R f is sum N_j R_j f there."""
 
-    dead: Float[Array, "n 3"] | None
-    following: Float[Array, "n n 3"] | None
+    dead: Float[Array, "nodes 3"] | None
+    following: Float[Array, "nodes nodes 3"] | None
 
     def on(self, equations: Any, q: Vector) -> Vector:
         raise NotImplementedError("the force of a rod takes what is along the span itself")
@@ -187,6 +189,6 @@ def at_root(
     return moment, jax.hessian(energy)(rest), value
 
 
-def rotations(p: Float[Array, "n 4"]) -> Float[Array, "n 3 3"]:
+def rotations(p: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3 3"]:
     """Rotations of nodes."""
     return rotation(p)

@@ -30,8 +30,9 @@ from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.linalg import solve
 from jaxbeam._numerics.quaternions import product, rotated, rotation
 from jaxbeam._rotor.loads import TipLoad
-from jaxbeam._types import Number, Scalar, Triple, Vector
+from jaxbeam._types import Number, Scalar, Triple
 
+Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
 _CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended,
 _ROUNDING = 0.6  # or the resolution of the numbers to this power: 7e-5 in single precision
 _MOST = 30  # changes for one share of the loads
@@ -71,7 +72,7 @@ class Rod(eqx.Module):
         in_plane, flap = (spring is not None for spring in self.springs)
         return np.array([4] * flap + [5] * in_plane + list(range(6, 6 * len(self.tables.place))))
 
-    def nodes(self, q: Vector) -> tuple[Float[Array, "n 3"], Float[Array, "n 4"]]:
+    def nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
         """Displacements and quaternions of nodes."""
         both = q.reshape(-1, 7)
         return both[:, :3], both[:, 3:] + UPRIGHT[None]
@@ -81,7 +82,7 @@ class Rod(eqx.Module):
         """Whether the root turns in plane and in flap."""
         return None not in self.springs
 
-    def changed(self, q: Vector, change: Float[Array, " f"]) -> Vector:
+    def changed(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """q after a change of what is free."""
         u, p = self.nodes(q)
         every = self.spread(q, change)
@@ -92,7 +93,7 @@ class Rod(eqx.Module):
             turned = turned.at[0].set(root / jnp.sqrt(root @ root))
         return jnp.concatenate([moved, turned - UPRIGHT[None]], 1).reshape(-1)
 
-    def rates(self, q: Vector, change: Float[Array, " f"]) -> Vector:
+    def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """How q begins to change."""
         u, p = self.nodes(q)
         every = self.spread(q, change)
@@ -100,7 +101,7 @@ class Rod(eqx.Module):
         by_half = jnp.concatenate([jnp.zeros_like(u[:, :1]), every[:, 3:] / 2], 1)
         return jnp.concatenate([moving, product(p, by_half)], 1).reshape(-1)
 
-    def spread(self, q: Vector, change: Float[Array, " f"]) -> Float[Array, "n 6"]:
+    def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
         """Changes of all nodes from those that are free."""
         every = jnp.zeros(6 * len(self.tables.place), change.dtype)
         every = every.at[self.free].set(change, unique_indices=True).reshape(-1, 6)
@@ -108,12 +109,12 @@ class Rod(eqx.Module):
             every = every.at[0, 3].set(self._about_own(q) @ change[:2])
         return every
 
-    def _about_own(self, q: Vector) -> Float[Array, "2"]:
+    def _about_own(self, q: Coordinates) -> Float[Array, "2"]:
         """t_1 of the root by t_2 and t_3."""
         _, p = self.nodes(q)
         return jnp.stack([p[0, 3], -p[0, 2]]) / p[0, 0]
 
-    def led(self, q: Vector, matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
+    def led(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
         """A matrix by changes of which those that are free lead the turn t_1 of the root."""
         if not self.yields_both_ways:
             return matrix
@@ -126,7 +127,7 @@ class Balance(NamedTuple):
     """A state looked at: what is out of balance, and the matrices of small motion about it, of all
     nodes, of which those that are free lead the root."""
 
-    residual: Float[Array, "n 6"]
+    residual: Float[Array, "nodes 6"]
     stiffness: Float[Array, "N N"]
     gyroscopic: Float[Array, "N N"]
     elastic: Float[Array, "N N"]  # B^T S B, for damping
@@ -135,7 +136,7 @@ class Balance(NamedTuple):
 
 
 def balance(
-    rod: Rod, q: Vector, around: Around, force: Float[Array, "E m"] | None = None
+    rod: Rod, q: Coordinates, around: Around, force: Float[Array, "E m"] | None = None
 ) -> Balance:
     """The state q; with `force` the tangent has that in sections, the residual its own."""
     tables = rod.tables
@@ -172,8 +173,8 @@ def balance(
 
 
 def _led_root(
-    residual: Float[Array, "n 6"], root: Float[Array, "4"]
-) -> tuple[Float[Array, "n 6"], Float[Array, "2 2"]]:
+    residual: Float[Array, "nodes 6"], root: Float[Array, "4"]
+) -> tuple[Float[Array, "nodes 6"], Float[Array, "2 2"]]:
     """What is out of balance where t_2 and t_3 of the root lead t_1, and what the moment about its
     first axis adds to stiffness: y_2 and y_3 change by (1 + y.y) / 2 times t_2 and t_3."""
     about, y = residual[0, 3], root[2:] / root[0]
@@ -182,9 +183,9 @@ def _led_root(
 
 
 class _Search(NamedTuple):
-    q: Vector
+    q: Coordinates
     force: Float[Array, "E m"]
-    kept: Vector  # of the largest share that is settled
+    kept: Coordinates  # of the largest share that is settled
     kept_force: Float[Array, "E m"]
     settled: Scalar
     rise: Scalar
@@ -192,7 +193,7 @@ class _Search(NamedTuple):
     in_all: Array
 
 
-def settled(rod: Rod, around: Around) -> tuple[Vector, Scalar]:
+def settled(rod: Rod, around: Around) -> tuple[Coordinates, Scalar]:
     """Where the rod rests, without derivatives, and the share of loads that was reached (1: all).
 
     Newton's method with forces in sections for unknowns beside the coordinates (D. Magisano and
@@ -246,7 +247,7 @@ def settled(rod: Rod, around: Around) -> tuple[Vector, Scalar]:
 
 
 @eqx.filter_custom_jvp
-def differentiable(q: Vector, given: tuple[Rod, Around]) -> Vector:
+def differentiable(q: Coordinates, given: tuple[Rod, Around]) -> Coordinates:
     """A state that is settled, with its derivatives by all that it rests in: K dh = -dr."""
     return q
 

@@ -103,15 +103,15 @@ class Quadrature(eqx.Module):
 
 
 class RodTables(eqx.Module):
-    """Elements of a rod, E of degree p with n = E p + 1 nodes, in axes of the beam; sixes are along
+    """Elements of a rod, E of degree p with E p + 1 nodes, in axes of the beam; sixes are along
     its axes 1, 2, 3, then about them. The order of nodes is that from the root."""
 
-    place: Float[Array, "n 3"]  # undeformed, from the centre of the hub, m
+    place: Float[Array, "nodes 3"]  # undeformed, from the centre of the hub, m
     tangent: Float[Array, "E p 3"]  # of the undeformed axis at Gauss points
     rate: Float[Array, "E p k"]  # derivatives of shapes by arc length, k = p + 1, 1/m
     stiffness: Float[Array, "E m m"]  # S, m = 6 p
     inertia: Float[Array, "E l l"]  # by velocities of nodes, l = 6 k
-    weight: Float[Array, "n 4"]  # mass and first moment of nodes, for gravity
+    weight: Float[Array, "nodes 4"]  # mass and first moment of nodes, for gravity
     tip: Float[Array, "6 6"]  # inertia of the body at the tip
     pace: Float[Array, "E p"]  # arc length by the coordinate from -1 to 1 at Gauss points, m
     ends: tuple[float, ...] = eqx.field(static=True)

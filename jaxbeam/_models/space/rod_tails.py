@@ -25,7 +25,7 @@ _OfGauss = Float[Array, "E g 3"]
 
 
 def tails(
-    tables: RodTables, u: Float[Array, "n 3"], span: Span, force: _Rows, placed: _Rows,
+    tables: RodTables, u: Float[Array, "nodes 3"], span: Span, force: _Rows, placed: _Rows,
     here: Float[Array, "m 3"], xi: Float[np.ndarray, " m"],
 ) -> tuple[tuple[_OfGauss, _OfGauss], Float[Array, "m 6"]]:  # fmt: skip
     """Force and moment at Gauss points that a force by x / L at the points of a span, which are
