@@ -153,8 +153,8 @@ class RodEquations(Equations):
         if loads.act_along_span:
             nearest, tail = self._tails(q, xi, loads, t)
             tables, (_, p) = self.rod.tables, self.rod.nodes(q)
-            turned = rotation(jnp.einsum("gk,ekc->egc", tables.shapes, tables.of_elements(p)))
-            own = [jnp.einsum("egba,egb->ega", turned, part) for part in nearest]
+            attitudes = rotation(jnp.einsum("gk,ekc->egc", tables.shapes, tables.of_elements(p)))
+            own = [jnp.einsum("egba,egb->ega", attitudes, part) for part in nearest]
             inward = rotation(self._quaternions(q, xi)).swapaxes(1, 2)
             tail = jnp.einsum("pab,pxb->pxa", inward, tail.reshape(-1, 2, 3)).reshape(-1, 6)
             six = six + tail - tables.of_gauss(jnp.concatenate(own, -1), xi)

@@ -87,11 +87,11 @@ class Rod(eqx.Module):
         u, p = self.nodes(q)
         every = self.spread(q, change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        turned = rotated(p, every[:, 3:])
+        moved_on = rotated(p, every[:, 3:])
         if self.yields_both_ways:
-            root = turned[0].at[1].set(0.0)
-            turned = turned.at[0].set(root / jnp.sqrt(root @ root))
-        return jnp.concatenate([moved, turned - UPRIGHT[None]], 1).reshape(-1)
+            root = moved_on[0].at[1].set(0.0)
+            moved_on = moved_on.at[0].set(root / jnp.sqrt(root @ root))
+        return jnp.concatenate([moved, moved_on - UPRIGHT[None]], 1).reshape(-1)
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """How q begins to change."""

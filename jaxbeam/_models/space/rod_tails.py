@@ -40,8 +40,8 @@ def tails(
     on_nodes = jnp.einsum("ep,pi,pc->eic", own, lagrange(knots, within)[0][:, 1:], force)
     nearest = jnp.einsum("gi,eic->egc", back, on_nodes)
     rise = tables.pace[:, :, None] * (tables.tangent + tables.rate @ tables.of_elements(u))
-    turning = weight[None, :, None] * jnp.cross(rise, nearest)
-    moment = jnp.einsum("gi,hi,ehc->egc", back, values[:, 1:], turning)
+    couple = weight[None, :, None] * jnp.cross(rise, nearest)
+    moment = jnp.einsum("gi,hi,ehc->egc", back, values[:, 1:], couple)
     beyond = span.beyond(jnp.concatenate([force, jnp.cross(placed, force)], 1))
     ends = np.asarray(tables.ends)[located(tables.ends, xi)[0] + 1]
     tail: Any = span.interpolated(beyond, xi) - span.interpolated(beyond, ends)
