@@ -269,8 +269,9 @@ class Blade(Parameters, AbstractSections):
 
         The length is that of the axis. Compliances of stretch, torsion and bending alone make EA,
         GJ and the two EI, the latter about the axes in which they are not coupled, to which `twist`
-        turns; of inertia the mass is kept and the moment about the centre of mass. That
-        leaves out couplings, offsets, shear and the curve of the axis.
+        turns; of inertia the mass by length is kept and the moment about the centre of mass (the
+        whole mass too where points of the axis are at shares of its length of arc). That leaves out
+        couplings, offsets, shear and the curve of the axis.
         """
         more = set(self.axis_stations) - set(self.stations)
         stations = sorted([*self.stations, *more])

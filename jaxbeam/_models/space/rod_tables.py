@@ -64,7 +64,7 @@ def breaks_of(beam: Any) -> tuple[float, ...]:
 
 
 def element_edges(breaks: tuple[float, ...], elements: int) -> tuple[float, ...]:
-    """Ends of elements, at least so many, of nearly one length, of which some are at the breaks."""
+    """Ends of elements, about so many, of nearly one length, one at least between two breaks."""
     ends = [0.0, *breaks, 1.0]
     out = [0.0]
     for start, end in itertools.pairwise(ends):
