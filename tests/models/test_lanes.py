@@ -25,7 +25,7 @@ MODELS = [
     slow(jb.Hybrid(2, 4, 3), BUILT[1]),
 ]
 CASES = 3
-DRAG = Drag(0.3, 2e-3)
+DRAG = Drag(jnp.asarray(0.3), jnp.asarray(2e-3))
 
 
 def _all_of(equations, hub, q, v, force):
