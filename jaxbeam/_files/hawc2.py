@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._files.formats import refuse_other
@@ -29,6 +31,7 @@ from jaxbeam._files.section_axes import (
 )
 from jaxbeam._files.tables import BladeTable, Row, ignoring
 from jaxbeam._files.texts import FilePath, entries, is_number, mistake, number_in, read_lines
+from jaxbeam._rotor.sections import frames
 from jaxbeam._types import Real
 
 COLUMNS = """
@@ -147,11 +150,11 @@ def angle_of(slope: np.ndarray, twist: np.ndarray) -> np.ndarray:
 
 
 def _across(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second and third axis of sections without twist, as `frames` has them."""
-    tangent = slope / np.linalg.norm(slope, axis=1, keepdims=True)
-    across = np.stack([-tangent[:, 2], 0 * tangent[:, 0], tangent[:, 0]], 1)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.cross(across, tangent), across
+    """Second and third axis of sections without twist."""
+    with jax.ensure_compile_time_eval():  # files are read while programs are made, too
+        axes = np.asarray(frames(jnp.asarray(slope), jnp.zeros(len(slope))))
+    _, own, across = np.moveaxis(axes, 2, 0)
+    return own, across
 
 
 def _near(angle: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -41,11 +41,6 @@ def product(p: Quaternion, q: Quaternion) -> Quaternion:
     return jnp.concatenate([scalar, w * y + v * x + jnp.cross(x, y)], -1)
 
 
-def conjugate(q: Quaternion) -> Quaternion:
-    """The inverse of a quaternion of length one."""
-    return q * leading(np.array([1.0, -1.0, -1.0, -1.0]), q)
-
-
 def of_turn(vector: Turn) -> Quaternion:
     """The quaternion of length one that turns so: (cos, sin of half the angle along the axis)."""
     square = jnp.sum(vector * vector, -1, keepdims=True) / 4

@@ -19,7 +19,6 @@ from jaxbeam._types import Scalar
 _MISMATCH = 1e-6  # of the hub's speed in a step, relative to the largest, that is not accepted
 _JUMP = 1e-5  # the same in the shortest step, by which a run ends
 _MISSED = 1e-3  # the same summed over a run
-_RATE = 1.0  # what the error of a velocity weighs, as a displacement between two corners
 _SHORTEST = 1e-9  # step, relative to the run: what changes within it is a jump
 # What a run ends with that missed something of its motion; diffrax itself does not use it here.
 MOTION_MISSED = diffrax.RESULTS.max_steps_rejected
@@ -183,7 +182,7 @@ def _displacements(
         return State(jnp.full_like(y.q, q), jnp.full_like(y.v, by_rate(q, y.v)), y.work)
 
     sizes = of(y0, lambda q, _: q), of(y1, lambda q, _: q)
-    return *sizes, of(error, lambda _, v: _RATE * apart * mean(v))
+    return *sizes, of(error, lambda _, v: apart * mean(v))
 
 
 def _chosen(which: Any, a: Any, b: Any) -> Any:

@@ -9,7 +9,10 @@ with a hub radius of 1 m, of the rod in space by a program of another hand.
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.interpolate import CubicSpline
+
+from jaxbeam import blades
 
 FOLDER = Path(__file__).parents[1] / "data" / "sections"
 STATIONS = (0.0, 0.4, 1.0)
@@ -97,3 +100,11 @@ def are_the_same(blade, other, tolerance=1e-12):
     for mine, theirs in ((blade.stiffness, other.stiffness), (blade.inertia, other.inertia)):
         size = np.max(np.abs(mine), axis=1, keepdims=True)
         np.testing.assert_allclose(mine / size, theirs / size, atol=tolerance)
+
+
+def is_refused(file, text, there, instead, said, **arguments):
+    """A file, of a text that is changed in one place, is not read, and the error says so."""
+    assert there in text
+    file.write_text(text.replace(there, instead, 1))
+    with pytest.raises(ValueError, match=said):
+        blades.read_blade(file, **arguments)

@@ -12,7 +12,7 @@ from jaxbeam._checks import count_functions
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, TURNED, check_supported
 from jaxbeam._models.space.rod_equations import RodEquations
-from jaxbeam._models.space.rod_tables import breaks_of, element_edges, lagrange, lobatto
+from jaxbeam._models.space.rod_tables import breaks_of, element_edges, node_rows
 from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
 
@@ -105,14 +105,9 @@ class SpatialRod(AbstractModel[Rotor]):
         return jnp.asarray(self._shapes(xi)[3])
 
     def _shapes(self, xi: Float[np.ndarray, " p"]) -> Float[np.ndarray, "4 p n"]:
-        ends, xi = np.asarray(self._edges), np.asarray(xi, float)
-        where = np.clip(np.searchsorted(ends, xi, side="left") - 1, 0, len(ends) - 2)
-        within = 2 * (xi - ends[where]) / np.diff(ends)[where] - 1
-        value, _ = lagrange(lobatto(self.degree), within)
-        free = len(self.directions) - 6 * (len(ends) - 1) * self.degree
-        out = np.zeros((4, len(xi), free + 6 + len(self.directions) - free))
-        for point, element in enumerate(where):
-            for node in range(self.degree + 1):
-                place = free + 6 * (element * self.degree + node)
-                out[np.arange(4), point, place + np.arange(4)] = value[point, node]
-        return np.delete(out, np.s_[free : free + 6], axis=2)
+        rows, _ = node_rows(self._edges, self.degree, np.asarray(xi, float))
+        out = np.zeros((4, len(xi), len(self.directions)))
+        free = len(self.directions) - 6 * (rows.shape[1] - 1)  # of the root, which moves nothing
+        for way in range(4):
+            out[way, :, free + way :: 6] = rows[:, 1:]
+        return out

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_tables import RodTables
-from jaxbeam._numerics.quaternions import crossing, of_turn, product, rotation, turn_of
+from jaxbeam._numerics.quaternions import crossing, of_turn, product, turn_of
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Number, Scalar, Triple, Vector
@@ -187,8 +187,3 @@ def at_root(
     rest = jnp.zeros(3, p.dtype)
     value, moment = jax.value_and_grad(energy)(rest)
     return moment, jax.hessian(energy)(rest), value
-
-
-def rotations(p: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3 3"]:
-    """Rotations of nodes."""
-    return rotation(p)

@@ -156,17 +156,9 @@ class RodTables(eqx.Module):
             out = out.at[e * step : e * step + size, e * step : e * step + size].add(block)
         return out
 
-    def interpolating(self, places: np.ndarray) -> tuple[np.ndarray, Any]:
-        """Rows (m, n) that make of nodes what is at places, and those of derivatives by the share
-        of the length."""
-        where, within = located(self.ends, places)
-        value, slope = lagrange(lobatto(self.degree), within)
-        rows, slopes = np.zeros((2, len(places), len(self.ends[1:]) * self.degree + 1))
-        half = np.diff(self.ends)[where] / 2
-        for m, e in enumerate(where):
-            own = slice(e * self.degree, (e + 1) * self.degree + 1)
-            rows[m, own], slopes[m, own] = value[m], slope[m] / half[m]
-        return rows, slopes
+    def interpolating(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows as of `node_rows`."""
+        return node_rows(self.ends, self.degree, places)
 
     def of_gauss(self, values: Float[Array, "E p *k"], places: np.ndarray) -> Array:
         """What polynomials through Gauss points of elements are at places (m, ...)."""
@@ -181,6 +173,21 @@ def located(ends: tuple[float, ...], places: np.ndarray) -> tuple[np.ndarray, np
     where = np.clip(np.searchsorted(bounds, places, side="left") - 1, 0, len(ends) - 2)
     size = np.diff(bounds)[where]
     return where, 2 * (places - bounds[where]) / size - 1
+
+
+def node_rows(
+    ends: tuple[float, ...], degree: int, places: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m, n) that make of nodes what is at places, and those of derivatives by the share of
+    the length."""
+    where, within = located(ends, places)
+    value, slope = lagrange(lobatto(degree), within)
+    rows, slopes = np.zeros((2, len(places), len(ends[1:]) * degree + 1))
+    half = np.diff(ends)[where] / 2
+    for m, e in enumerate(where):
+        own = slice(e * degree, (e + 1) * degree + 1)
+        rows[m, own], slopes[m, own] = value[m], slope[m] / half[m]
+    return rows, slopes
 
 
 def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
