@@ -31,7 +31,7 @@ def modal_loads(
     equations = equations_under(model, rotor, conditions.loads)
     inputs = conditions.inputs(equations, speed)
     # Linear theories have the tension on the undeformed beam.
-    q = equations.rest if alone and model.is_linear else resting(rotor, equations, inputs)[0]
+    q = equations.rest if alone and model.is_linear else resting(rotor, equations, inputs).q
     drag = conditions.damping.mass_coefficient
     outside = Outside(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
 

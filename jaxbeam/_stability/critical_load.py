@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case, small_motion
+from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.loaded import (
     Conditions,
     checked_conditions,
@@ -176,7 +177,7 @@ def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix
     conditions = Conditions(loads, NO_DAMPING)
     equations = equations_under(model, rotor, loads)
     if equations.is_linear:
-        still = jnp.zeros(len(model.directions), speed.dtype), jnp.asarray(int(Status.OK))
+        still = Rest(jnp.zeros(len(model.directions), speed.dtype), jnp.asarray(int(Status.OK)))
         inputs = conditions.inputs(equations, speed, factor)
         system = small_motion(model, rotor, speed, equations, still, inputs)
     else:

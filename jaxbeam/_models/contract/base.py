@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.equations import Equations, Inputs
+from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.supports import Neglects, check_supported
 from jaxbeam._programs.program import Program
@@ -102,12 +103,12 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
         `status` is that of the search for the steady state, if there is one.
         """
-        state = self.steady(rotor, speed)
+        state = Rest(*self.steady(rotor, speed))
         return small_motion(self, rotor, speed, self.equations(rotor), state)
 
     def steady(self, rotor: TheRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of steady rotation, for parameters in range, and the status of the search."""
-        return self.equations(rotor).equilibrium(spinning(speed))
+        return self.equations(rotor).equilibrium(spinning(speed))[:2]
 
     def coupling(self, rotor: TheRotor) -> tuple[CouplingGroup, ...]:
         """Which directions of small motion about steady rotation are coupled."""
@@ -167,13 +168,15 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
 def small_motion(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, equations: Equations,
-    state: tuple[Vector, Code], inputs: Inputs | None = None,
+    state: Rest, inputs: Inputs | None = None,
 ) -> LinearSystem:  # fmt: skip
-    """Matrices of small motion about a steady state (coordinates, and the status of the search)
-    under `inputs`, none by default but rotation: the tangents of the equations there."""
+    """Matrices of small motion about a steady state under `inputs`, none by default but rotation:
+    the tangents of the equations there."""
     hub, *acting = (spinning(speed), None, None) if inputs is None else inputs
-    q, status = state
-    mass, by_rates, stiffness = equations.matrices_about(hub, q, *acting)
+    q, status, matrices = state
+    if matrices is None:
+        matrices = equations.matrices_about(hub, q, *acting)
+    mass, by_rates, stiffness = matrices
     return LinearSystem(
         mass=mass,
         gyroscopic=by_rates,

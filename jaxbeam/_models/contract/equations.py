@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.shapes import Shapes
-from jaxbeam._models.contract.equilibrium import equilibrium
+from jaxbeam._models.contract.equilibrium import Rest, equilibrium
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import dense
@@ -20,7 +20,7 @@ from jaxbeam._programs.lanes import applied_once, total, transposed
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
 from jaxbeam._rotor.span import Span
-from jaxbeam._types import Code, Matrix, Number, Triple, Vector
+from jaxbeam._types import Matrix, Number, Triple, Vector
 
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
 Inputs = tuple[Hub, Any, AbstractSpanForce | None]
@@ -110,7 +110,7 @@ class Equations(eqx.Module):
         """Coordinates of the undeformed beam."""
         return jnp.zeros(self.mass.shape[0], self.length.dtype)
 
-    def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> tuple[Vector, Code]:
+    def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> Rest:
         """Coordinates at which the beam rests in a hub whose motion does not change, and the status
         of the search: see `equilibrium`."""
         return equilibrium(self, hub, tip_force, span)

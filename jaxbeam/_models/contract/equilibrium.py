@@ -1,6 +1,6 @@
 """Where a beam rests in its hub."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,12 +11,21 @@ from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Scalar, Vector
+from jaxbeam._types import Code, Matrix, Scalar, Vector
+
+
+class Rest(NamedTuple):
+    """Coordinates of a state of rest, the status of the search for it, and where that knows them
+    mass, what goes with rates, and stiffness of small motion about it."""
+
+    q: Vector
+    status: Code
+    matrices: tuple[Matrix, Matrix, Matrix] | None = None
 
 
 def equilibrium(
     equations: Any, hub: Hub, tip_force: Any = None, span: AbstractSpanForce | None = None
-) -> tuple[Vector, Code]:
+) -> Rest:
     """Coordinates at which the beam rests in a hub whose motion does not change, and a `Status`.
 
     Newton's method with the load raised from zero in adaptive steps where one step will not do;
@@ -63,4 +72,4 @@ def equilibrium(
     q = equations.length * q
     status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
     status = jnp.where(equations.is_unfolded(q), status, Status.NO_EQUILIBRIUM)
-    return q, jnp.where(done < 1, Status.NOT_CONVERGED, status)
+    return Rest(q, jnp.where(done < 1, Status.NOT_CONVERGED, status))

@@ -14,6 +14,7 @@ from jaxbeam._checks import kind_of
 from jaxbeam._models.contract.base import AbstractModel, guarded, small_motion
 from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.equations import Equations, Inputs
+from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
@@ -25,7 +26,7 @@ from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
 from jaxbeam._rotor.loads import NO_LOADS, Loads, loads_in_range
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Scalar, Vector
+from jaxbeam._types import Code, Scalar
 
 Held = TypeVar("Held", bound="Conditions | None")
 
@@ -49,7 +50,7 @@ class Conditions(eqx.Module):
             (planar | (Direction.FLAP in model.directions), Status.OUT_OF_PLANE),
         )
 
-    def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
+    def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Rest:
         """Coordinates of the steady state, and the status of the search for it."""
         equations = equations_under(model, rotor, self.loads)
         return resting(rotor, equations, self.inputs(equations, speed))
@@ -70,32 +71,31 @@ class Conditions(eqx.Module):
         times the loads."""
         equations = equations_under(model, rotor, self.loads)
         inputs = self.inputs(equations, speed, factor)
-        q, status = resting(rotor, equations, inputs)
+        state = resting(rotor, equations, inputs)
         damping, drag = None, drag_of(self.damping, model, rotor, equations)
         if not drag.is_none:
-            damping = equations.damping_matrix_about(q, drag)
+            damping = equations.damping_matrix_about(state.q, drag)
         return dataclasses.replace(
-            small_motion(model, rotor, speed, equations, (q, status), inputs),
+            small_motion(model, rotor, speed, equations, state, inputs),
             coupling=ALL_COUPLED,
-            state=q,
+            state=state.q,
             damping=damping,
             general=True,
             conservative=self.loads.has_potential and damping is None,
         )
 
 
-def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
+def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
     """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
     either where the tip would be farther than ten lengths."""
-    q, status = equations.equilibrium(*inputs)
+    state = equations.equilibrium(*inputs)
     # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
-    near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
+    near = jnp.max(jnp.abs(equations.tip(state.q))) < 10 * equations.length  # NaN is not
     held = jnp.asarray(True)
     if isinstance(rotor, Rotor) and is_hinged(rotor):
         held = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
-    return q, first_failure(
-        status, first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
-    )
+    far = first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
+    return state._replace(status=first_failure(state.status, far))
 
 
 def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equations:

@@ -9,12 +9,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions
-from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.base import AbstractModel, small_motion
+from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, TURNED, check_supported
 from jaxbeam._models.space.rod_equations import RodEquations
 from jaxbeam._models.space.rod_tables import breaks_of, element_edges, node_rows
 from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
+from jaxbeam._rotor.motion import spinning
+from jaxbeam._types import Scalar
 
 _OF_NODE = (
     Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP,
@@ -89,6 +92,11 @@ class SpatialRod(AbstractModel[Rotor]):
         """Equations of the steady state and of small motion about it."""
         check_supported(self, rotor)
         return RodEquations(rotor, self.degree, self.elements)
+
+    def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
+        equations = self.equations(rotor)
+        state = equations.equilibrium(spinning(speed))
+        return small_motion(self, rotor, speed, equations, state)
 
     def suited(self, rotor: Rotor) -> Self:
         in_plane, flap = (spring is not None for spring in rotor.springs)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.equations import Drag, Equations
+from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import bent
 from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
@@ -17,6 +18,7 @@ from jaxbeam._models.space.rod_state import (
     Rod,
     balance,
     differentiable,
+    matrices_with_derivatives,
     settled,
 )
 from jaxbeam._models.space.rod_tables import beam_axes, gauss, rod_tables, turned_by_pitch
@@ -30,7 +32,7 @@ from jaxbeam._rotor.motion import Hub
 from jaxbeam._rotor.sections import frames
 from jaxbeam._rotor.span import Span
 from jaxbeam._status import Status, first_broken
-from jaxbeam._types import Code, Matrix, Number, Triple, Vector
+from jaxbeam._types import Matrix, Number, Triple, Vector
 
 _POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
@@ -69,14 +71,14 @@ class RodEquations(Equations):
     def rest(self) -> Coordinates:
         return jnp.zeros(7 * len(self.rod.tables.place), self.length.dtype)
 
-    def equilibrium(
-        self, hub: Hub, tip_force: Any = None, span: Any = None
-    ) -> tuple[Coordinates, Code]:
-        around = self._around(hub, tip_force, span)
-        q, done = settled(*without_derivatives((self.rod, around)))
-        q = differentiable(q, (self.rod, around))
+    def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> Rest:
+        given = self.rod, self._around(hub, tip_force, span)
+        q, share, *pair = settled(*without_derivatives(given))
+        q = differentiable(q, given)
+        matrices = self._small_motion(q, *matrices_with_derivatives(tuple(pair), (q, *given)))
         unfolded = self.is_unfolded(q)
-        return q, first_broken((done >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
+        status = first_broken((share >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
+        return Rest(q, status, matrices)
 
     def is_unfolded(self, q: Coordinates) -> Array:
         tables = self.rod.tables
@@ -87,8 +89,14 @@ class RodEquations(Equations):
         self, hub: Hub, q: Coordinates, tip_force: Any = None, span: Any = None
     ) -> tuple[Matrix, Matrix, Matrix]:
         here = balance(self.rod, q, self._around(hub, tip_force, span))
+        return self._small_motion(q, here.gyroscopic, here.stiffness)
+
+    def _small_motion(
+        self, q: Coordinates, gyroscopic: Float[Array, "N N"], stiffness: Float[Array, "N N"]
+    ) -> tuple[Matrix, Matrix, Matrix]:
+        """Mass, what goes with rates, and stiffness by places, from the two by changes of nodes."""
         mass = self.rod.led(q, self.rod.mass)
-        m, c, k = (self._by_places(q, a) for a in (mass, here.gyroscopic, here.stiffness))
+        m, c, k = (self._by_places(q, a) for a in (mass, gyroscopic, stiffness))
         return m, c, k
 
     def root_slopes(self) -> Float[Array, "2 n"]:

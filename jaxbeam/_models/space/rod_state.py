@@ -8,13 +8,14 @@ A root that yields in plane and in flap does not turn about a1: its quaternion i
 which leaves a turn t_1 = y_3 t_2 - y_2 t_3 about its own first axis, y = x / w.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.space.rod_elements import bent, geometric, nodal, on_diagonal
 from jaxbeam._models.space.rod_loads import (
@@ -35,6 +36,8 @@ from jaxbeam._types import Number, Scalar, Triple
 Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
 _CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended,
 _ROUNDING = 0.6  # or the resolution of the numbers to this power: 7e-5 in single precision
+_LEFT = 1e-2  # of that is allowed to what is foreseen to be left after a change
+_NONE = 1e-9  # in the place of a change before the first
 _MOST = 30  # changes for one share of the loads
 _FAR = 1e3  # a change that leads nowhere, in lengths and rad
 _LEAST = 1e-5  # share of the loads by which they rise at least
@@ -136,16 +139,18 @@ class Balance(NamedTuple):
 
 
 def balance(
-    rod: Rod, q: Coordinates, around: Around, force: Float[Array, "E m"] | None = None
-) -> Balance:
-    """The state q; with `force` the tangent has that in sections, the residual its own."""
+    rod: Rod, q: Coordinates, around: Around, force: Float[Array, "E m"] | None = None,
+    rests: Bool[Array, ""] | bool = False,
+) -> Balance:  # fmt: skip
+    """The state q; with `force` the tangent has that in sections, the residual its own, unless the
+    rod `rests`."""
     tables = rod.tables
     u, p = rod.nodes(q)
     state = bent(tables, u, p)
     shape, by = state.strain.shape, state.by_changes
     strain = state.strain.reshape(len(by), -1)
     own = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
-    used = own if force is None else force
+    used = own if force is None else jnp.where(rests, own, force)
     on_nodes = nodal(state, own.reshape(shape))
     kept = on_nodes if force is None else nodal(state, used.reshape(shape))
     elastic = tables.assembled(by.swapaxes(1, 2) @ tables.stiffness @ by)
@@ -191,15 +196,27 @@ class _Search(NamedTuple):
     rise: Scalar
     tries: Array  # at this share
     in_all: Array
+    before: Scalar  # the last change, in lengths and rad
+    matrices: tuple[Float[Array, "N N"], Float[Array, "N N"]]  # of the state that was looked at
 
 
-def settled(rod: Rod, around: Around) -> tuple[Coordinates, Scalar]:
-    """Where the rod rests, without derivatives, and the share of loads that was reached (1: all).
+class Settled(NamedTuple):
+    """Where a rod rests, without derivatives, the share of loads that was reached (1: all), and the
+    matrices of small motion about it."""
+
+    q: Coordinates
+    share: Scalar
+    gyroscopic: Float[Array, "N N"]
+    stiffness: Float[Array, "N N"]
+
+
+def settled(rod: Rod, around: Around) -> Settled:
+    """Where the rod rests.
 
     Newton's method with forces in sections for unknowns beside the coordinates (D. Magisano and
     others, International Journal for Numerical Methods in Engineering 2017): the tangent has forces
     as they were foreseen, so that what is stiff axially does not shorten steps. Loads rise in
-    steps where one will not do.
+    steps where one will not do. The last state is looked at once more, for its matrices.
     """
     tables, free = rod.tables, rod.free
     one = jnp.ones((), tables.place.dtype)
@@ -210,8 +227,9 @@ def settled(rod: Rod, around: Around) -> tuple[Coordinates, Scalar]:
     close = max(_CLOSE, float(jnp.finfo(one.dtype).eps) ** _ROUNDING)
 
     def body(now: _Search) -> _Search:
+        rests = now.settled >= 1
         share = jnp.minimum(now.settled + now.rise, 1.0)
-        here = balance(rod, now.q, around.times(share), now.force)
+        here = balance(rod, now.q, around.times(share), now.force, rests)
         out = here.residual.reshape(-1)[free]
         change = -solve(here.stiffness[np.ix_(free, free)], out)
         size = jnp.max(jnp.abs(scale * change))
@@ -219,31 +237,38 @@ def settled(rod: Rod, around: Around) -> tuple[Coordinates, Scalar]:
         strain = here.strain + jnp.einsum("eml,el->em", here.by_changes, by_elements)
         force = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
         q = rod.changed(now.q, change)
-        ended = size < close
+        # What is left after a change is less than it by as much as that is less than the one before
+        # it, at least.
+        ended = (size < close) | (size * size < _LEFT * close * now.before)
         lost = ~ended & (~(size < _FAR) | (now.tries >= _MOST))
 
         def pick(a: Any, b: Any, c: Any) -> Any:
-            return jnp.where(ended, a, jnp.where(lost, b, c))
+            return jnp.where(rests, c, jnp.where(ended, a, jnp.where(lost, b, c)))
 
         return _Search(
-            pick(q, now.kept, q),
+            jnp.where(rests, now.q, pick(q, now.kept, q)),
             pick(force, now.kept_force, force),
-            jnp.where(ended, q, now.kept),
-            jnp.where(ended, force, now.kept_force),
-            jnp.where(ended, share, now.settled),
+            pick(q, now.kept, now.kept),
+            pick(force, now.kept_force, now.kept_force),
+            pick(share, now.settled, now.settled),
             pick(2 * now.rise, now.rise / 4, now.rise),
             pick(0, 0, now.tries + 1),
-            now.in_all + 1,
+            jnp.where(rests, _IN_ALL, now.in_all + 1),
+            pick(_NONE, _NONE, size),
+            (here.gyroscopic, here.stiffness),
         )
 
     def go_on(now: _Search) -> Array:
-        more: Array = (now.settled < 1) & (now.rise > _LEAST) & (now.in_all < _IN_ALL)
+        more: Array = (now.rise > _LEAST) & (now.in_all < _IN_ALL)
         return more
 
     zero = jnp.asarray(0)
-    first = _Search(rest, none, rest, none, 0 * one, one, zero, zero)
+    matrix = jnp.zeros((6 * len(tables.place),) * 2, one.dtype)
+    first = _Search(
+        rest, none, rest, none, 0 * one, one, zero, zero, 0 * one + _NONE, (matrix, matrix)
+    )
     end = jax.lax.while_loop(go_on, body, first)
-    return end.kept, end.settled
+    return Settled(end.kept, end.settled, *end.matrices)
 
 
 @eqx.filter_custom_jvp
@@ -261,13 +286,39 @@ def _differentiable_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> 
     def residual(given: tuple[Rod, Around]) -> Float[Array, " f"]:
         return balance(given[0], q, given[1]).residual.reshape(-1)[rod.free]
 
-    rates = jax.tree.map(
-        lambda t, a: jnp.zeros_like(a) if t is None and eqx.is_inexact_array(a) else t,
-        tangents[1], given, is_leaf=lambda part: part is None,
-    )  # fmt: skip
-    arrays, rest = eqx.partition(given, eqx.is_inexact_array)
-    rates = eqx.filter(rates, eqx.is_inexact_array)
-    _, out = jax.jvp(lambda arrays: residual(eqx.combine(arrays, rest)), (arrays,), (rates,))
+    out = pushed(residual, given, tangents[1])
     free = np.ix_(rod.free, rod.free)
     change = -solve(balance(rod, q, given[1]).stiffness[free], out)
     return q, rod.rates(q, change)
+
+
+_Pair = tuple[Float[Array, "N N"], Float[Array, "N N"]]
+
+
+@eqx.filter_custom_jvp
+def matrices_with_derivatives(pair: _Pair, given: tuple[Coordinates, Rod, Around]) -> _Pair:
+    """The matrices of rates and of stiffness of small motion about a state that is settled, with
+    their derivatives by it and by all that it rests in."""
+    return pair
+
+
+@matrices_with_derivatives.def_jvp
+def _matrices_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    def matrices(given: tuple[Coordinates, Rod, Around]) -> _Pair:
+        q, rod, around = given
+        here = balance(rod, q, around)
+        return here.gyroscopic, here.stiffness
+
+    out = matrices_with_derivatives(*primals)
+    return out, pushed(matrices, primals[1], tangents[1])
+
+
+def pushed(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
+    """What a function of a tree does to rates of its numbers, of which some may be None."""
+    rates = jax.tree.map(
+        lambda t, a: jnp.zeros_like(a) if t is None and eqx.is_inexact_array(a) else t,
+        rates, given, is_leaf=lambda part: part is None,
+    )  # fmt: skip
+    arrays, rest = eqx.partition(given, eqx.is_inexact_array)
+    rates = eqx.filter(rates, eqx.is_inexact_array)
+    return jax.jvp(lambda arrays: function(eqx.combine(arrays, rest)), (arrays,), (rates,))[1]
