@@ -1,7 +1,7 @@
 """All modes of small motion by dense eigenproblems, one case at a time: for whatever there is."""
 
+import dataclasses
 import functools
-import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,20 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from jaxbeam._models.contract.labelling import assigned, participation
+from jaxbeam._models.contract.labelling import assigned, participation, uncoupled
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._numerics.linalg import (
     gyroscopic_eigenpairs,
+    lowest_by_skew,
     planar_eigenpairs,
     positive_definite,
 )
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
+from jaxbeam._programs.batches import one_by_one
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
 
+Directions = tuple[Direction, ...]
+_MORE = 2  # modes beyond those wanted that are found with them
+_CLEAR = 0.5  # share of the kinetic energy that one uncoupled mode has more of than all others
+_SPREAD = 300.0  # between the lowest frequency and the highest, of which the square costs digits
 ROUNDING = 1e-3  # what rounding may change a frequency by, relative, where that is OK
 TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
@@ -69,7 +75,7 @@ def energy_share(
 
 
 class _Chosen(NamedTuple):
-    """The modes wanted, out of all that there are."""
+    """The modes wanted."""
 
     eigenvalue: Complex[Array, " k"]
     shape: Complex[Array, "k n"]
@@ -81,7 +87,83 @@ class _Chosen(NamedTuple):
 
 
 def _chosen(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
-    """The modes wanted."""
+    """The modes wanted: the lowest few of a conservative system alone, if they can be told apart,
+    else out of all that there are."""
+    one_group = system.general and system.conservative and len(system.coupling) == 1
+    few = one_group and wanted.named is None and 4 * wanted.count <= len(system.directions)
+    if not few:
+        return _chosen_of_all(system, wanted, free)
+
+    def one(m: Array, c: Array, k: Array) -> _Chosen:
+        here = dataclasses.replace(system, mass=m, gyroscopic=c, stiffness=k)
+        return _lowest(here, wanted, free)
+
+    chosen: _Chosen = one_by_one(one)(system.mass, system.gyroscopic, system.stiffness)
+    return chosen
+
+
+class _Parts(NamedTuple):
+    """A coupling group: its coordinates `rows`, direction by direction, and its matrices."""
+
+    rows: np.ndarray
+    directions: list[Direction]
+    sizes: list[int]
+    m: Array
+    by_rates: Array
+    k: Array
+
+    @classmethod
+    def of(cls, system: LinearSystem, transverse: Directions, axial: Directions) -> "_Parts":
+        every = dict.fromkeys(transverse + axial)
+        directions = [direction for direction in every if system.where(direction).size]
+        rows = system.where(*directions)
+        own = np.ix_(rows, rows)
+        matrices = (a[own] for a in (system.mass, system.by_rates, system.stiffness))
+        sizes = [system.where(direction).size for direction in directions]
+        return cls(rows, directions, sizes, *matrices)
+
+
+def _lowest(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
+    """The lowest modes of a conservative system of one group: alone, where it is stable and each
+    bears a label for certain, else out of all.
+
+    One does if more than half of its kinetic energy is in an uncoupled mode of which less than half
+    is in modes that were not found.
+    """
+    parts, count = _Parts.of(system, *system.coupling[0]), wanted.count
+    m, c, k = parts[3:]
+    lam, x, moving, stable = lowest_by_skew(m, c, k, count + _MORE)
+    heavy = uncoupled(m, symmetric_part(k), parts.directions, parts.sizes, free, bent=True)
+    share = participation(x, heavy)
+    label = jnp.argmax(share, 1)
+    # Of a velocity modes have 2 kinetic / whole energy |x^H M v|^2, which all together are one.
+    elsewhere = 1 - 2 * moving @ jnp.abs(x @ heavy) ** 2
+    clear = (jnp.max(share, 1) > _CLEAR) & (elsewhere[label] < _CLEAR)
+    same = (label[:, None] == label[None]) & clear[None] & ~np.eye(len(x), dtype=bool)
+    clear &= ~jnp.any(same, 1)
+    near = jnp.abs(lam[count - 1]) < _SPREAD * jnp.abs(lam[0])
+    right = jnp.max(_residual((m, c, k), lam, x)) <= TOLERANCE * jnp.finfo(m.dtype).eps
+
+    def all_of_them() -> tuple[Array, Array, Array]:
+        lam, x = quadratic_eigenpairs(m, c, k, True)
+        label = assigned(participation(x, heavy))
+        return lam[:count], x[:count], label[:count]
+
+    certain = stable & jnp.all(clear[:count]) & near & right
+    lam, x, label = jax.lax.cond(
+        certain, lambda: (lam[:count], x[:count], label[:count]), all_of_them
+    )
+    finite = jnp.all(jnp.isfinite(lam))
+    x = _apart(m, x, coupling(m, c, k, parts.sizes)[label])
+    direction_of, number_of = _labels(system.directions, parts.rows)
+    return _Chosen(
+        lam, x[:, np.argsort(parts.rows)], direction_of[label], number_of[label],
+        jnp.ones((), bool), finite, _rounding(m, c, k, lam, x, free),
+    )  # fmt: skip
+
+
+def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
+    """The modes wanted, out of all."""
     groups = [
         _group(system, transverse, axial, free)
         for transverse, axial in system.coupling
@@ -142,10 +224,8 @@ def _group(
     free: bool,
 ) -> _Group:
     """All modes of directions that are coupled, or of one alone."""
-    directions = tuple(dict.fromkeys(transverse + axial))
-    rows = system.where(*directions)
-    n = rows.size
-    m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.by_rates, system.stiffness))
+    parts = _Parts.of(system, transverse, axial)
+    rows, here, sizes, m, g, k = parts
     if system.general:
         eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative)
         positive = jnp.ones((), int)  # no matter: what grows is found as all else is
@@ -158,14 +238,12 @@ def _group(
             axially = system.where(Direction.AXIAL)
             own = system.stiffness[np.ix_(axially, axially)]
             positive = positive_definite(own).astype(int) if axially.size else jnp.ones((), int)
-    sizes = [size for direction in directions if (size := system.where(direction).size)]
-    label = jnp.arange(n)
+    label = jnp.arange(rows.size)
     if len(sizes) > 1:  # in one direction alone the rank is the number
         own = symmetric_part(k) if system.general else k
-        here = [direction for direction in directions if system.where(direction).size]
         # What moves in quadrature to bending alone does not follow it.
         bent = system.general or transverse == axial or Direction.FLAP in axial
-        label = assigned(participation(m, own, shape, here, sizes, free, bent))
+        label = assigned(participation(shape, uncoupled(m, own, here, sizes, free, bent)))
     if system.general:
         shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
     rounding = _rounding(m, g, k, eigenvalue, shape, free)
@@ -211,22 +289,20 @@ def coupling(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, 
     """Whether each two coordinates are coupled: their directions, of these sizes, stand one behind
     the other, are coupled, be it by way of others."""
     eps = 1e4 * jnp.finfo(m.dtype).eps
-    ends = np.cumsum([0, *sizes])
-    parts = [slice(*each) for each in itertools.pairwise(ends)]
-
-    def largest(a: Array) -> Array:
-        return jnp.stack([jnp.stack([jnp.max(jnp.abs(a[i, j])) for j in parts]) for i in parts])
-
-    heavy, damped, stiff = largest(m), largest(c), largest(k)
+    direction = np.repeat(np.arange(len(sizes)), sizes)
+    of_each = jnp.asarray(direction[None] == np.arange(len(sizes))[:, None], m.dtype)
+    every = jnp.abs(jnp.stack([m, c, k]))
+    unit = jnp.max(every, (1, 2), keepdims=True)  # lest squares leave the range of the numbers
+    unit = jnp.where(unit > 0, unit, 1.0)
+    heavy, damped, stiff = unit * jnp.sqrt(of_each @ (every / unit) ** 2 @ of_each.T)
     own = [jnp.sqrt(jnp.diag(a)) for a in (heavy, stiff)]
     unit_m, unit_k = (a[:, None] * a[None] for a in own)
     linked = (
         (heavy > eps * unit_m) | (stiff > eps * unit_k) | (damped**2 > eps**2 * unit_m * unit_k)
     )
-    linked = linked | linked.T | jnp.eye(len(parts), dtype=bool)
+    linked = linked | linked.T | jnp.eye(len(sizes), dtype=bool)
     for _ in range(2):  # by way of up to three others
         linked = jnp.any(linked[:, :, None] & linked[None], 1)
-    direction = np.repeat(np.arange(len(parts)), sizes)
     return linked[np.ix_(direction, direction)]
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.equations import Drag, Equations
-from jaxbeam._models.contract.labelling import assigned, participation
+from jaxbeam._models.contract.labelling import assigned, participation, uncoupled
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.loose import symmetric_part
@@ -55,7 +55,8 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
         each = zip(ratios, sizes, strict=True)
         ratio = jnp.concatenate([_by_number(ratio, size) for ratio, size in each])
         if len(sizes) > 1:
-            share = participation(m, k, phi, directions, sizes, is_hinged(rotor), bent=False)
+            heavy = uncoupled(m, k, directions, sizes, is_hinged(rotor), bent=False)
+            share = participation(phi, heavy)
             ratio = ratio[assigned(share)]
         moves = square > 0
         omega = jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)

@@ -2,41 +2,53 @@
 
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Inexact, Int
 
 from jaxbeam._numerics.linalg import solve_columns, symmetric_modes
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.directions import Direction
 
 
-def participation(
-    m: Array, k: Array, x: Array, directions: Sequence[Direction], sizes: Sequence[int], free: bool,
+def uncoupled(
+    m: Array, k: Array, directions: Sequence[Direction], sizes: Sequence[int], free: bool,
     bent: bool,
 ) -> Float[Array, "n n"]:  # fmt: skip
-    """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j; `sizes` are
-    those of the directions, one behind the other. About states that are `bent` axial motion follows
-    bending: a beam that may only move across cannot but stretch."""
-    parts, ends = [], np.cumsum([0, *sizes])
+    """M v of the uncoupled modes v, of unit modal mass, as columns; `sizes` are those of the
+    directions, one behind the other. About states that are `bent` axial motion follows bending: a
+    beam that may only move across cannot but stretch."""
+    ends = np.cumsum([0, *sizes])
     places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
     axial = places.get(Direction.AXIAL)
+    alone = {Direction.AXIAL, Direction.TORSION} if bent and axial is not None else set(directions)
+    alike: dict[int, list[Any]] = {}  # those of one size are one program
     for direction, part in places.items():
-        follows = bent and axial is not None and direction in (Direction.IN_PLANE, Direction.FLAP)
         unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
-        if not follows:
-            v = symmetric_modes(m[part, part], k[part, part], free)
-            parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
-            continue
-        assert axial is not None
-        with_it = solve_columns(k[axial, axial], k[axial, part])
-        moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
-        inertia, stiffness = (moved.T @ a @ moved for a in (m, k))
-        v = symmetric_modes(symmetric_part(inertia), symmetric_part(stiffness), free)
-        parts.append(jnp.abs(x @ m @ (moved @ v.T)) ** 2)
-    share = jnp.concatenate(parts, axis=1)
+        if direction in alone:
+            heavy, inertia, stiffness = unit @ m[part, part], m[part, part], k[part, part]
+        else:
+            with_it = solve_columns(k[axial, axial], k[axial, part])
+            moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
+            heavy = m @ moved
+            inertia, stiffness = (symmetric_part(moved.T @ a @ moved) for a in (m, k))
+        alike.setdefault(unit.shape[1], []).append((part, heavy, inertia, stiffness))
+    out = jnp.zeros_like(m)
+    for each in alike.values():
+        stacks = tuple(jnp.stack([one[i] for one in each]) for i in (2, 3))
+        found = jax.lax.map(lambda pair: symmetric_modes(pair[0], pair[1], free), stacks)
+        for (part, heavy, *_), v in zip(each, found, strict=True):
+            out = out.at[:, part].set(heavy @ v.T)
+    return out
+
+
+def participation(x: Inexact[Array, "k n"], heavy: Float[Array, "n n"]) -> Float[Array, "k n"]:
+    """Share of the kinetic energy of coupled mode i, the rows of x, that lies in uncoupled mode j,
+    by M v of these."""
+    share = jnp.abs(x @ heavy) ** 2
     return share / jnp.sum(share, axis=1, keepdims=True)
 
 
