@@ -43,7 +43,7 @@ def as_one_function(function: Callable[..., Any]) -> Callable[..., Any]:
     @jax.jit
     def run(*args: Any) -> Any:
         closed, out = jax.make_jaxpr(function, return_shape=True)(*args)
-        short = _shortened(_without_dead_parts(closed))
+        short = _shortened(without_dead_parts(closed))
         if not all(_is_allowed(equation) for equation in _equations(short)):
             return function(*args)
 
@@ -91,7 +91,7 @@ def _is_long_sum(equation: Any) -> bool:
     return equation.primitive.name == "reduce_sum" and equation.invars[0].aval.size > _REDUCED
 
 
-def _without_dead_parts(closed: ClosedJaxpr) -> ClosedJaxpr:
+def without_dead_parts(closed: ClosedJaxpr) -> ClosedJaxpr:
     """The program without what its results do not need, at any depth."""
     body, _ = dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
     return ClosedJaxpr(body, closed.consts)

@@ -74,8 +74,10 @@ class RodEquations(Equations):
     def equilibrium(self, hub: Hub, tip_force: Any = None, span: Any = None) -> Rest:
         given = self.rod, self._around(hub, tip_force, span)
         q, share, *pair = settled(*without_derivatives(given))
-        q = differentiable(q, given)
-        matrices = self._small_motion(q, *matrices_with_derivatives(tuple(pair), (q, *given)))
+        q = differentiable(q, (pair[0], pair[1]), given)
+        matrices = self._small_motion(
+            q, *matrices_with_derivatives((pair[0], pair[1]), (q, *given))
+        )
         unfolded = self.is_unfolded(q)
         status = first_broken((share >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
         return Rest(q, status, matrices)

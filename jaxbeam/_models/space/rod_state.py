@@ -15,6 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.space.rod_elements import bent, geometric, nodal, on_diagonal
@@ -30,6 +31,7 @@ from jaxbeam._models.space.rod_loads import (
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.linalg import solve
 from jaxbeam._numerics.quaternions import product, rotated, rotation
+from jaxbeam._programs.one_function import without_dead_parts
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._types import Number, Scalar, Triple
 
@@ -272,23 +274,24 @@ def settled(rod: Rod, around: Around) -> Settled:
 
 
 @eqx.filter_custom_jvp
-def differentiable(q: Coordinates, given: tuple[Rod, Around]) -> Coordinates:
-    """A state that is settled, with its derivatives by all that it rests in: K dh = -dr."""
+def differentiable(q: Coordinates, pair: "_Pair", given: tuple[Rod, Around]) -> Coordinates:
+    """A state that is settled, by the matrices of small motion about it, with its derivatives by
+    all that it rests in: K dh = -dr."""
     return q
 
 
 @differentiable.def_jvp
 def _differentiable_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     # Through the function itself, not its argument: then this rule can be differentiated again.
-    q, given = differentiable(*primals), primals[1]
+    q, (_, pair, given) = differentiable(*primals), primals
     rod = given[0]
 
     def residual(given: tuple[Rod, Around]) -> Float[Array, " f"]:
         return balance(given[0], q, given[1]).residual.reshape(-1)[rod.free]
 
-    out = pushed(residual, given, tangents[1])
-    free = np.ix_(rod.free, rod.free)
-    change = -solve(balance(rod, q, given[1]).stiffness[free], out)
+    out = pushed(residual, given, tangents[2])
+    stiffness = matrices_with_derivatives(pair, (q, *given))[1]
+    change = -solve(stiffness[np.ix_(rod.free, rod.free)], out)
     return q, rod.rates(q, change)
 
 
@@ -321,4 +324,9 @@ def pushed(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
     )  # fmt: skip
     arrays, rest = eqx.partition(given, eqx.is_inexact_array)
     rates = eqx.filter(rates, eqx.is_inexact_array)
-    return jax.jvp(lambda arrays: function(eqx.combine(arrays, rest)), (arrays,), (rates,))[1]
+    closed, out = jax.make_jaxpr(
+        lambda arrays: function(eqx.combine(arrays, rest)), return_shape=True
+    )(arrays)
+    needed = jaxpr_as_fun(without_dead_parts(closed))  # of a `balance` that is the smaller part
+    at, by = jax.tree.leaves(arrays), jax.tree.leaves(rates)
+    return jax.tree.unflatten(jax.tree.structure(out), jax.jvp(needed, at, by)[1])
