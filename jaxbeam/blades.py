@@ -59,6 +59,25 @@ print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_h
 `read_blade` reads such blades from files of BeamDyn, HAWC2 (with FPM) and windIO, and `read_vabs`
 from sections of VABS; `write_beamdyn` and `write_hawc2` write them. `Blade.of(beam)` is the blade
 that a beam is, and `blade.beam()` the straight beam that is left for other models.
+`section_stiffness` and `section_inertia` make matrices of EA, EI, GJ and GA, centres of tension,
+shear and mass, and principal axes:
+
+```py
+box = jb.blades.section_stiffness(
+    axial_stiffness=8e7, in_plane_bending_stiffness=5e6, flap_bending_stiffness=[1e6, 3e5],
+    torsional_stiffness=6e5, in_plane_shear_stiffness=1.5e7, flap_shear_stiffness=8e6,
+    tension_centre=(-0.08, 0.02), shear_centre=(-0.02, 0.01), principal_angle=0.05,
+)  # (2, 6, 6): two stations
+laden = jb.blades.section_inertia(
+    mass_per_length=60.0, in_plane_inertia=2.0, flap_inertia=0.3, mass_centre=(-0.1, 0.01)
+)
+blade = jb.blades.Blade([0, 1], box, laden, 10.0)
+print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
+```
+
+```txt
+[1.13814 1.66406 4.25959]
+```
 
 **Points.** `Beam(..., point_masses=jb.PointMasses([0.4, 0.7], [2.0, 0.5]))` carries 2 kg and 0.5 kg
 at 40 and 70 % of its span: sensors, joints, a brake. All theories know them, and `PointForces` of
@@ -126,4 +145,6 @@ from jaxbeam._files.tables import BladeTable as BladeTable
 from jaxbeam._files.vabs import read_vabs as read_vabs
 from jaxbeam._files.windio import read_windio as read_windio
 from jaxbeam._rotor.blade import Blade as Blade
+from jaxbeam._rotor.engineering import section_inertia as section_inertia
+from jaxbeam._rotor.engineering import section_stiffness as section_stiffness
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction

@@ -81,9 +81,10 @@ class Blade(Parameters, AbstractSections):
 
     `stiffness` and `inertia` are linear from station to station; the axis and the twist are cubic
     splines ("not a knot") between kinks, whose length is that of the curve. What is given may also
-    be (n, 21): the upper triangle of each matrix, row by row, which is how fields hold it. All but
-    places can be swept, fitted and differentiated. `models.SpatialRod` takes all of it; for other
-    models see `beam`.
+    be (n, 21): the upper triangle of each matrix, row by row, which is how fields hold it; or one
+    matrix for all stations. `section_stiffness` and `section_inertia` make them of engineering
+    numbers. All but places can be swept, fitted and differentiated. `models.SpatialRod` takes all
+    of it; for other models see `beam`.
 
     Raises `TypeError` for what are no real numbers, and `ValueError` for what is not allowed, and
     for matrices that are not symmetric.
@@ -330,6 +331,8 @@ def _places(name: str, given: Any, steps: bool) -> tuple[float, ...]:
 def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
     """Symmetric matrices of six as their upper triangles."""
     rows = real_array(name, given)
+    if rows.shape == (6, 6):
+        rows = jnp.broadcast_to(rows, (count, 6, 6))
     if rows.shape == (count, 21):
         return rows
     if rows.shape != (count, 6, 6):
