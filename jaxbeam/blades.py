@@ -58,9 +58,9 @@ print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_h
 
 `read_blade` reads such blades from files of BeamDyn, HAWC2 (with FPM) and windIO, and `read_vabs`
 from sections of VABS; `write_beamdyn` and `write_hawc2` write them. `Blade.of(beam)` is the blade
-that a beam is, and `blade.beam()` the straight beam that is left for other models.
-`section_stiffness` and `section_inertia` make matrices of EA, EI, GJ and GA, centres of tension,
-shear and mass, and principal axes:
+that a beam is, and `blade.beam()` the straight beam that is left for other models: how much that
+leaves out `reduction` says by the lowest frequencies. `section_stiffness` and `section_inertia`
+make matrices of EA, EI, GJ and GA, of centres of tension, shear and mass, and of principal axes:
 
 ```py
 box = jb.blades.section_stiffness(
@@ -148,3 +148,5 @@ from jaxbeam._rotor.blade import Blade as Blade
 from jaxbeam._rotor.engineering import section_inertia as section_inertia
 from jaxbeam._rotor.engineering import section_stiffness as section_stiffness
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
+from jaxbeam._vibration.reduction import Reduction as Reduction
+from jaxbeam._vibration.reduction import reduction as reduction

@@ -272,7 +272,8 @@ class Blade(Parameters, AbstractSections):
         GJ and the two EI, the latter about the axes in which they are not coupled, to which `twist`
         turns; of inertia the mass by length is kept and the moment about the centre of mass (the
         whole mass too where points of the axis are at shares of its length of arc). That leaves out
-        couplings, offsets, shear and the curve of the axis.
+        couplings, offsets, shear and the curve of the axis: how much these are of the lowest
+        frequencies says `jaxbeam.blades.reduction`.
         """
         more = set(self.axis_stations) - set(self.stations)
         stations = sorted([*self.stations, *more])

@@ -73,7 +73,7 @@ def section_stiffness(
         "shear_centre": _centres("shear_centre", shear_centre),
     }
     *stiff, angle, tension, shear, is_one = _alike(numbers, centres)
-    out = _sixes(stiff, _offsets(_ALONG, tension) + _offsets(_ACROSS, shear), angle)
+    out = _sixes(stiff, at_centres(tension, shear), angle)
     return out[0] if is_one else out
 
 
@@ -116,23 +116,24 @@ def section_inertia(
     centres = {"mass_centre": _centres("mass_centre", mass_centre)}
     mass, about2, about3, angle, centre, is_one = _alike(numbers, centres)
     entries = [mass, mass, mass, about2 + about3, about2, about3]
-    out = _sixes(entries, _offsets(_ALONG + _ACROSS, centre), angle)
+    out = _sixes(entries, at_centres(centre, centre), angle)
     return out[0] if is_one else out
 
 
-def _sixes(entries: Any, offsets: Array, angle: Array) -> Float[Array, "n 6 6"]:
+def at_centres(along: Float[Array, "n 2"], across: Float[Array, "n 2"]) -> Float[Array, "n 6 6"]:
+    """What makes of strains (velocities) at the reference point those along the blade at one point
+    and those across it at another; with points on the other side it is undone."""
+    parts = ((along, _ALONG), (across, _ACROSS))
+    offsets = [at[:, i, None, None] * by[i][None] for at, by in parts for i in range(2)]
+    return np.eye(6)[None] + sum(offsets)
+
+
+def _sixes(entries: Any, there: Array, angle: Array) -> Float[Array, "n 6 6"]:
     """Matrices that are diagonal for strains or velocities at other points, along turned axes."""
     cos, sin = jnp.cos(angle)[:, None, None], jnp.sin(angle)[:, None, None]
-    there = np.eye(6)[None] + offsets
     seen = (_KEPT[None] + cos * _TURNED[None] + sin * _MIXED[None]) @ there
     out: Any = seen.swapaxes(1, 2) @ (jnp.stack(entries, 1)[:, :, None] * seen)
     return out
-
-
-def _offsets(by: np.ndarray, centre: Array) -> Float[Array, "n 6 6"]:
-    """What strains or velocities at points have beside those at the reference point."""
-    first, second = (centre[:, i, None, None] * by[i][None] for i in range(2))
-    return first + second
 
 
 def _numbers(name: str, value: Any, zero: bool | None) -> Array:
