@@ -92,7 +92,8 @@ All theories know them, in frequencies, motions, stability, fits and the ladder.
 do it refuses by name:
 planar elements have no twist, no pitch and no spring in flap; `SpatialANCF` has all of them. In
 elements a body at the tip is held by a stiff spring, which costs bending frequencies 1e-4 and axial
-frequencies some tenths of a per cent.
+frequencies some tenths of a per cent. A `RigidBody` has a full inertia and its centre anywhere;
+`models.SpatialRod` alone knows it.
 
 **Cones.** Of a beam with `precone` there are frequencies in `Hybrid(n_stretch=0)`. They are about
 the deflected steady state of the beam, which is that of the exact rod: at 5 degrees, γ = 8 and EI
@@ -145,6 +146,7 @@ from jaxbeam._files.tables import BladeTable as BladeTable
 from jaxbeam._files.vabs import read_vabs as read_vabs
 from jaxbeam._files.windio import read_windio as read_windio
 from jaxbeam._rotor.blade import Blade as Blade
+from jaxbeam._rotor.ends import RigidBody as RigidBody
 from jaxbeam._rotor.engineering import section_inertia as section_inertia
 from jaxbeam._rotor.engineering import section_stiffness as section_stiffness
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction

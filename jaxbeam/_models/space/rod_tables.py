@@ -28,7 +28,6 @@ from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.quaternions import crossing
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
-from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.sections import AbstractSections, frames
 
 A1 = np.eye(3)[0]
@@ -324,10 +323,7 @@ def _with_bodies(
 def _body(rotor: Rotor) -> Float[Array, "6 6"]:
     """Inertia of what is at the tip, about it, in axes of the last section."""
     body = rotor.tip_body
-    if not isinstance(body, TipBody):
-        return body.mass * jnp.diag(np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
-    flap = body.inertia if body.flap_inertia is None else body.flap_inertia
-    about = jnp.diag(jnp.stack([body.axial_inertia, flap, body.inertia]))
-    arm = crossing(body.offset * A1)
+    centre, about = body.in_space
+    arm = crossing(centre)
     mass, first = body.mass * np.eye(3), body.mass * arm
     return jnp.block([[mass, -first], [first, about - body.mass * arm @ arm]])
