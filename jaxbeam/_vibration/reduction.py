@@ -108,6 +108,8 @@ def _of_beam(model: SpatialRod, rotor: Rotor, count: int) -> Float[Array, " k"]:
 def _lowest(model: SpatialRod, rotor: Rotor, count: int) -> Float[Array, " k"]:
     """Frequencies about the undeformed rod at rest."""
     equations = model.suited(rotor).equations(rotor)
-    elastic = equations.damping_matrix_about(equations.rest, Drag(stiffness_coefficient=jnp.ones(())))
+    elastic = equations.damping_matrix_about(
+        equations.rest, Drag(stiffness_coefficient=jnp.ones(()))
+    )
     _, squares = modes_and_squares(equations.mass, elastic)
     return jnp.sqrt(squares[:count])

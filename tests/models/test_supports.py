@@ -51,7 +51,10 @@ HAVING |= {
     feature: (jb.Rotor(TWISTING), {}, jb.Damping(**{feature.removeprefix("damping."): 0.0}))
     for feature in RATIOS | DAMPERS
 }
-OF_RODS = {"tip_body.centre_of_mass"}
+HAVING["damping.section_coefficients"] = (
+    jb.Rotor(TWISTING), {}, jb.Damping(section_coefficients=[0.1] * 6)
+)  # fmt: skip
+OF_RODS = {"tip_body.centre_of_mass", "damping.section_coefficients"}
 BOTH_WAYS = {"spanwise", "beam.twist", "pitch", "root_springs.in_plane", "root_springs.flap",
              "tip_body", "tip_body.flap_inertia", "loads.force_per_length", "beam.point_masses",
              "loads.point_forces", *DAMPERS}  # fmt: skip

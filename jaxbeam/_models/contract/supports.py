@@ -56,6 +56,10 @@ _REFUSED |= dict.fromkeys(
 ) | {
     "damping.in_plane_damper": ("damper in plane", "take Hybrid or ExactRodANCF"),
     "damping.flap_damper": ("damper in flap", "take Hybrid or SpatialANCF"),
+    "damping.section_coefficients": (
+        "full sections",
+        "take SpatialRod, or a stiffness_coefficient",
+    ),
 }
 _NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N m^2, to the Beam"}
 # What all beams know.

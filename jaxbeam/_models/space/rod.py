@@ -51,7 +51,7 @@ class SpatialRod(AbstractModel[Rotor]):
         AS_BUILT | ROOT_SPRINGS | TURNED
         | {
             "blade", "precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows",
-            "tip_body.flap_inertia", "tip_body.centre_of_mass",
+            "tip_body.flap_inertia", "tip_body.centre_of_mass", "damping.section_coefficients",
         }
     )  # fmt: skip
     needs = frozenset({"beam.torsional_stiffness"})

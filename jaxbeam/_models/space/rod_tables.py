@@ -132,6 +132,11 @@ class RodTables(eqx.Module):
         ends, inner = np.asarray(self.ends), (1 + lobatto(self.degree)[1:]) / 2
         return np.concatenate([[0.0], (ends[:-1, None] + np.diff(ends)[:, None] * inner).ravel()])
 
+    @property
+    def gauss_places(self) -> np.ndarray:
+        """Places (E p,) of Gauss points, shares of the length."""
+        return _within(self.ends, gauss(self.degree)[0]).ravel()
+
     def of_elements(self, nodes: Array) -> Array:
         """What nodes (n, ...) have, by element (E, k, ...)."""
         p = self.degree
