@@ -238,6 +238,7 @@ class Status(enum.IntEnum):
         "moments >= 0, none more than the sum of the others (look at the signs of products)",
         INPUT,
     )
+    INVALID_GYRATION = 61, "gyration must be finite and >= 0, in m, at every station", INPUT
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

@@ -41,7 +41,7 @@ COLOURS = {
 }  # fmt: skip
 UNITS = {
     "length": "m", "pitch": "rad", "precone": "rad", "offset": "m", "inertia": "kg m²",
-    "centre_of_mass": "m",
+    "centre_of_mass": "m", "gyration": "m",
     "axial_inertia": "kg m²", "flap_inertia": "kg m²", "hub_radius": "m", "area": "m²",
     "time": "s", "duration": "s", "down_at": "s",
     "in_plane_second_moment": "m⁴", "flap_second_moment": "m⁴", "tip_mass": "kg",

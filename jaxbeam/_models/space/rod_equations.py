@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
-from jaxbeam._models.space.rod_elements import bent
+from jaxbeam._models.space.rod_elements import bent, pulled
 from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
 from jaxbeam._models.space.rod_state import (
     Around,
@@ -161,7 +161,7 @@ class RodEquations(Equations):
     ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
         """Forces and moments in sections: polynomials of the degree of forces, in balance with all
         that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
-        six = self._sixes(q, xi)
+        six = self._sixes(q, xi, whole=True)
         if loads.act_along_span:
             nearest, tail = self._tails(q, xi, loads, t)
             tables, (_, p) = self.rod.tables, self.rod.nodes(q)
@@ -239,12 +239,15 @@ class RodEquations(Equations):
         rows, _ = self.rod.tables.interpolating(xi)
         return jnp.asarray(rows) @ self.rod.nodes(q)[1]
 
-    def _sixes(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 6"]:
+    def _sixes(self, q: Coordinates, xi: np.ndarray, *, whole: bool = False) -> Float[Array, "p 6"]:
+        """Forces in sections by the law of these, or as a `whole`, with moments of their fibres."""
         tables = self.rod.tables
-        strain = bent(tables, *self.rod.nodes(q)).strain.reshape(tables.elements, -1)
+        strain = bent(tables, *self.rod.nodes(q)).strain
         weight = tables.pace * gauss(tables.degree)[1][None]
-        force = jnp.einsum("eml,el->em", tables.stiffness, strain)
+        force = jnp.einsum("eml,el->em", tables.stiffness, strain.reshape(tables.elements, -1))
         force = force.reshape(tables.elements, -1, 6) / weight[:, :, None]
+        if whole:
+            force = pulled(tables, strain[..., 3:], force)
         return tables.of_gauss(force, xi)
 
     def _strains(
@@ -256,7 +259,13 @@ class RodEquations(Equations):
         own = jnp.einsum("pab,pxa->pxb", frame, six).reshape(-1, 6)
         strain = jnp.einsum("pij,pj->pi", sections.compliance_at(xi), own).reshape(-1, 2, 3)
         strain = jnp.einsum("pab,pxb->pxa", frame, strain).reshape(-1, 6)
-        return strain, frame[:, :, 0]
+        tangent, fibres = frame[:, :, 0], sections.fibres_at(xi)
+        if fibres is not None:
+            square, built = fibres
+            about = jnp.sum(strain[:, 3:] * tangent, 1)
+            longer = square * (about / 2 + built) * about
+            strain = strain.at[:, :3].add(-longer[:, None] * tangent)
+        return strain, tangent
 
     def _frames(self, xi: np.ndarray) -> tuple[Float[Array, "p 3 3"], AbstractSections]:
         """Axes of sections, as columns, in those of the beam, and the sections."""

@@ -115,6 +115,8 @@ class RodTables(eqx.Module):
     pace: Float[Array, "E p"]  # arc length by the coordinate from -1 to 1 at Gauss points, m
     ends: tuple[float, ...] = eqx.field(static=True)
     degree: int = eqx.field(static=True)
+    # What fibres lengthen by, k_1 being the rate of twist: half the first k_1^2 + the second k_1.
+    fibres: tuple[Float[Array, "E p"], Float[Array, "E p"]] | None = None
 
     @property
     def shapes(self) -> np.ndarray:
@@ -216,6 +218,7 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
     nodes = np.concatenate([[0.0], _within(ends, lobatto(degree)[1:]).ravel()])
     mass = _integrated(shapes, inertia, length)
     weight = _weight(inertia)
+    weights = half * size * gauss(degree)[1][None]
     by_node = jnp.einsum("eq,eqk,eqw->ekw", length, *(
         a.reshape(*length.shape, -1) for a in (jnp.asarray(shapes), weight)
     ))  # fmt: skip
@@ -224,8 +227,7 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
         tangent=((attitude @ at_gauss.T).T / size.reshape(-1, 1)).reshape(*within.shape, 3),
         rate=jnp.asarray(slopes)[None] / (half * size)[:, :, None],
         stiffness=_stiffness(
-            _turned(sections.compliance_at(flat), frame), forces, length,
-            half * size * gauss(degree)[1][None],
+            _turned(sections.compliance_at(flat), frame), forces, length, weights
         ),
         inertia=mass,
         weight=jnp.zeros((len(nodes), 4)),
@@ -233,6 +235,7 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
         pace=jnp.asarray(half) * size,
         ends=ends,
         degree=degree,
+        fibres=_fibres(sections, points.places, forces, length, weights),
     )  # fmt: skip
     return _with_bodies(tables, rotor, sections, attitude, tables.gathered(by_node))
 
@@ -263,6 +266,22 @@ def _stiffness(
     alike = jax.vmap(inverse)(flexible / (size[:, :, None] * size[:, None]))
     out = each[:, :, None] * alike * each[:, None]
     return (out + out.swapaxes(1, 2)) / 2
+
+
+def _fibres(
+    sections: AbstractSections, places: np.ndarray, forces: np.ndarray, length: Array,
+    weight: Array,
+) -> tuple[Float[Array, "E p"], Float[Array, "E p"]] | None:  # fmt: skip
+    """Means of i^2 and i^2 k_0 as forces in sections, which are polynomials, see them."""
+    found = sections.fibres_at(places.ravel())
+    if found is None:
+        return None
+    square, rate = (part.reshape(length.shape) for part in found)
+    rows = jnp.asarray(forces).reshape(*length.shape, -1)
+    first, second = (
+        jnp.einsum("eqp,eq,eq->ep", rows, length, part) / weight for part in (square, square * rate)
+    )
+    return first, second
 
 
 def _turned(sixes: Float[Array, "q 6 6"], frame: Float[Array, "q 3 3"]) -> Float[Array, "q 6 6"]:
