@@ -124,7 +124,8 @@ What programs mean differs, and readers make one thing of it, the axes of a `Bla
 Splines go through the points of a file over z, and sections are linear between stations; the points
 of a `Blade` are as many as its own splines take to follow that to 1e-9 of the length. A blade that
 `write_beamdyn` or `write_hawc2` writes is read again as it was, to rounding. Key points keep their
-places: where the first one is not at zero, the blade begins there.
+places: where the first one is not at zero, the blade begins there. The coefficients mu of BeamDyn
+are the `damping` of the table, which `jb.Damping(section_coefficients=table.damping)` takes.
 
 Warnings tell where a file may mean something else than its format says: matrices that are not
 symmetric (the mean is taken), radii of gyration in HAWC2 that some programs write about the centre

@@ -56,11 +56,6 @@ class PointMass(Parameters):
         """Moment of inertia about an axis across the beam, so far from the centre of mass."""
         return self.mass * radius**2
 
-    @property
-    def in_space(self) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-        """Centre of mass from the tip, and inertia about it, in axes of the last section."""
-        return jnp.zeros(3), jnp.zeros((3, 3))
-
 
 class TipBody(Parameters):
     """A rigid body at the tip in the place of a point mass: a payload, a tip brake, a tuning mass.

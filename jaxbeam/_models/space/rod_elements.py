@@ -143,7 +143,8 @@ def geometric(
     """Second derivatives of the strains times forces, by changes of nodes; `on_nodes` is what
     `nodal` makes of these forces."""
     curved, stretch, spin = state.strain[..., 3:], state.stretch, state.spin
-    f, m = jnp.split(pulled(tables, curved, force), 2, -1)
+    force = pulled(tables, curved, force)
+    f, m = force[..., :3], force[..., 3:]
     form, by_eleven = state.by_nodes, _second(f, m, stretch, curved, spin)
     if tables.fibres is not None:
         twisting = _twisting(tables.tangent, state.by_eleven)

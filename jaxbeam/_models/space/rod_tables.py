@@ -28,6 +28,7 @@ from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.quaternions import crossing
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
+from jaxbeam._rotor.ends import PointMass
 from jaxbeam._rotor.sections import AbstractSections, frames
 
 A1 = np.eye(3)[0]
@@ -347,6 +348,8 @@ def _with_bodies(
 def _body(rotor: Rotor) -> Float[Array, "6 6"]:
     """Inertia of what is at the tip, about it, in axes of the last section."""
     body = rotor.tip_body
+    if isinstance(body, PointMass):
+        return body.mass * jnp.diag(np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
     centre, about = body.in_space
     arm = crossing(centre)
     mass, first = body.mass * np.eye(3), body.mass * arm
