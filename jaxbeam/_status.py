@@ -232,6 +232,13 @@ class Status(enum.IntEnum):
     INVALID_SECTION_STIFFNESS = 55, f"stiffness must be positive definite{_SECTIONS}", INPUT
     INVALID_SECTION_INERTIA = 56, f"inertia must have mass > 0, moments >= 0{_SECTIONS}", INPUT
     INVALID_AXIS = 57, "points of the axis must be finite, each apart from the next", INPUT
+    INVALID_RIGID_BODY = (
+        60,
+        "centre_of_mass of the rigid body must be finite, its inertia that of a body: principal "
+        "moments >= 0, none more than the sum of the others (look at the signs of products)",
+        INPUT,
+    )
+    INVALID_GYRATION = 61, "gyration must be finite and >= 0, in m, at every station", INPUT
 
 
 _ALLOWED = np.ones(max(Status) + 1, bool)

@@ -58,7 +58,26 @@ print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_h
 
 `read_blade` reads such blades from files of BeamDyn, HAWC2 (with FPM) and windIO, and `read_vabs`
 from sections of VABS; `write_beamdyn` and `write_hawc2` write them. `Blade.of(beam)` is the blade
-that a beam is, and `blade.beam()` the straight beam that is left for other models.
+that a beam is, and `blade.beam()` the straight beam that is left for other models: how much that
+leaves out `reduction` says by the lowest frequencies. `section_stiffness` and `section_inertia`
+make matrices of EA, EI, GJ and GA, of centres of tension, shear and mass, and of principal axes:
+
+```py
+box = jb.blades.section_stiffness(
+    axial_stiffness=8e7, in_plane_bending_stiffness=5e6, flap_bending_stiffness=[1e6, 3e5],
+    torsional_stiffness=6e5, in_plane_shear_stiffness=1.5e7, flap_shear_stiffness=8e6,
+    tension_centre=(-0.08, 0.02), shear_centre=(-0.02, 0.01), principal_angle=0.05,
+)  # (2, 6, 6): two stations
+laden = jb.blades.section_inertia(
+    mass_per_length=60.0, in_plane_inertia=2.0, flap_inertia=0.3, mass_centre=(-0.1, 0.01)
+)
+blade = jb.blades.Blade([0, 1], box, laden, 10.0)
+print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
+```
+
+```txt
+[1.13814 1.66406 4.25959]
+```
 
 **Points.** `Beam(..., point_masses=jb.PointMasses([0.4, 0.7], [2.0, 0.5]))` carries 2 kg and 0.5 kg
 at 40 and 70 % of its span: sensors, joints, a brake. All theories know them, and `PointForces` of
@@ -73,7 +92,8 @@ All theories know them, in frequencies, motions, stability, fits and the ladder.
 do it refuses by name:
 planar elements have no twist, no pitch and no spring in flap; `SpatialANCF` has all of them. In
 elements a body at the tip is held by a stiff spring, which costs bending frequencies 1e-4 and axial
-frequencies some tenths of a per cent.
+frequencies some tenths of a per cent. A `RigidBody` has a full inertia and its centre anywhere;
+`models.SpatialRod` alone knows it.
 
 **Cones.** Of a beam with `precone` there are frequencies in `Hybrid(n_stretch=0)`. They are about
 the deflected steady state of the beam, which is that of the exact rod: at 5 degrees, γ = 8 and EI
@@ -104,7 +124,8 @@ What programs mean differs, and readers make one thing of it, the axes of a `Bla
 Splines go through the points of a file over z, and sections are linear between stations; the points
 of a `Blade` are as many as its own splines take to follow that to 1e-9 of the length. A blade that
 `write_beamdyn` or `write_hawc2` writes is read again as it was, to rounding. Key points keep their
-places: where the first one is not at zero, the blade begins there.
+places: where the first one is not at zero, the blade begins there. The coefficients mu of BeamDyn
+are the `damping` of the table, which `jb.Damping(section_coefficients=table.damping)` takes.
 
 Warnings tell where a file may mean something else than its format says: matrices that are not
 symmetric (the mean is taken), radii of gyration in HAWC2 that some programs write about the centre
@@ -126,4 +147,9 @@ from jaxbeam._files.tables import BladeTable as BladeTable
 from jaxbeam._files.vabs import read_vabs as read_vabs
 from jaxbeam._files.windio import read_windio as read_windio
 from jaxbeam._rotor.blade import Blade as Blade
+from jaxbeam._rotor.ends import RigidBody as RigidBody
+from jaxbeam._rotor.engineering import section_inertia as section_inertia
+from jaxbeam._rotor.engineering import section_stiffness as section_stiffness
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
+from jaxbeam._vibration.reduction import Reduction as Reduction
+from jaxbeam._vibration.reduction import reduction as reduction

@@ -41,6 +41,7 @@ COLOURS = {
 }  # fmt: skip
 UNITS = {
     "length": "m", "pitch": "rad", "precone": "rad", "offset": "m", "inertia": "kg m²",
+    "centre_of_mass": "m", "gyration": "m",
     "axial_inertia": "kg m²", "flap_inertia": "kg m²", "hub_radius": "m", "area": "m²",
     "time": "s", "duration": "s", "down_at": "s",
     "in_plane_second_moment": "m⁴", "flap_second_moment": "m⁴", "tip_mass": "kg",
@@ -48,7 +49,8 @@ UNITS = {
     "in_plane_bending_stiffness": "N m²", "flap_bending_stiffness": "N m²", "mean": "rad/s",
     "angular_speed": "rad/s", "frequency": "rad/s", "translational_spring": "N/m",
     "torsional_spring": "N m", "mass": "kg", "mass_coefficient": "1/s",
-    "stiffness_coefficient": "s", "in_plane_damper": "N m s", "flap_damper": "N m s",
+    "stiffness_coefficient": "s", "section_coefficients": "s",
+    "in_plane_damper": "N m s", "flap_damper": "N m s",
     "ratio_speed": "rad/s", "angular_speed_rpm": "rpm", "mean_rpm": "rpm", "ratio_speed_rpm": "rpm",
 }  # fmt: skip
 

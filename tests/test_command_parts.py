@@ -176,8 +176,8 @@ def _required(kind):
         ("[rotor.root_springs]", "[root_springs]", "there is no table root_springs, it is "
          "[rotor.root_springs]: but model, beam, rotor"),
         ("[rotor.tip_body]\nmass", "[rotor.tip_body]\nmas", "[rotor.tip_body] has no mas: did you "
-         "mean mass? its keys are mass, offset, inertia"),
-        ("mass = 1.5\n", "", "[rotor.tip_body] lacks mass: its keys are mass, offset"),
+         "mean mass? TipBody takes mass, offset, inertia"),
+        ("mass = 1.5\n", "", "[rotor.tip_body] lacks mass: TipBody takes mass, offset"),
         ("flap = 2e5", "flap = -2e5", "[rotor.root_springs] springs at the root must be finite"),
         ("hub_radius = 0.4", "hub_radius = 0.4\nprecone = 'a'", "[rotor] precone must be a number"),
         ("[rotor.root_springs]\nflap = 2e5\n", "root_springs = 3\n", "[rotor] root_springs must be "

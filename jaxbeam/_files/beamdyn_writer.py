@@ -39,6 +39,8 @@ def known_blade(blade: Blade, form: str) -> tuple[np.ndarray, np.ndarray, np.nda
             f"point_masses: a blade file of {form} has none; leave them out, or spread them over "
             "inertia"
         )
+    if blade.gyration is not None:
+        raise ValueError(f"gyration: a blade file of {form} has none; leave it out")
     axis, twist = np.asarray(blade.axis), np.asarray(blade.twist)
     if not np.all(np.diff(axis[:, 0]) > 0):
         raise ValueError(
@@ -68,8 +70,8 @@ def write_beamdyn(
 
     `read_beamdyn` reads it back. Controls of BeamDyn are at their defaults.
 
-    Raises `TypeError` unless all numbers are known, and `ValueError` for point masses, for an axis
-    that turns back, and for damping below zero.
+    Raises `TypeError` unless all numbers are known, and `ValueError` for point masses and
+    `gyration`, for an axis that turns back, and for damping below zero.
     """
     path = Path(path)
     axis, twist, stiffness, inertia = known_blade(blade, "BeamDyn")

@@ -26,7 +26,8 @@ def write_hawc2(path: FilePath, blade: Blade, *, title: str = "written by jaxbea
     `read_hawc2` reads it back, with `gyration_about_mass_centre=False`.
 
     Raises `TypeError` unless all numbers are known, and `ValueError` for what HAWC2 has no numbers
-    for: point masses, kinks, an axis that turns back, and inertias of other than plane sections.
+    for: point masses, `gyration`, kinks, an axis that turns back, and inertias of other than plane
+    sections.
     """
     path = Path(path)
     axis, twist, stiffness, inertia = known_blade(blade, "HAWC2")

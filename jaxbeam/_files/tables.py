@@ -32,8 +32,8 @@ class BladeTable(NamedTuple):
     | angular_speed | rad/s |                                                                   |
     | precone       | rad   | None: zero, too                                                   |
     | tip_body      |       | of the tip mass; None: it is a point                              |
-    | damping       | s     | of files with full sections: six factors of the stiffnesses that  |
-    |               |       | make damping of them, in the order of sixes of a `Blade`          |
+    | damping       | s     | of files with full sections: the six `section_coefficients` of a  |
+    |               |       | `Damping`, in the order of sixes of a `Blade`                     |
 
     From `hub_radius` to `tip_body` all are None but for a main file of BModes, which knows more
     than the beam; `rotor()` puts them together. `beam.beam()` is what is left of a `Blade` for

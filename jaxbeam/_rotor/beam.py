@@ -223,7 +223,7 @@ class Rotor(Parameters):
     | tip_mass     | m_t    | kg   | >= 0                      |
     | pitch        | theta  | rad  | -2 pi to 2 pi, or None    |
     | root_springs |        |      | `RootSprings`, or None    |
-    | tip_body     |        |      | a `TipBody`               |
+    | tip_body     |        |      | a `TipBody`, `RigidBody`  |
     | precone      | beta   | rad  | -pi / 2 to pi / 2 or None |
 
     The hub radius is the distance from the axis of rotation to the root, along the beam: below zero

@@ -13,7 +13,7 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, along
 
 # Compliance of shear, over L^2 / EI: a beam has none, and elements divide by it. Frequencies fall
 # by some ten times that, in the third mode by a hundred times.
-_SHEAR = 1e-8
+STIFF_IN_SHEAR = 1e-8
 
 
 def sections_of(beam: Beam | AbstractSections) -> AbstractSections:
@@ -62,7 +62,7 @@ class BeamSections(AbstractSections):
     def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
         beam = self.beam
         lag, flap = self._bending(places)
-        shear = _SHEAR * beam.length**2 / (lag + flap)
+        shear = STIFF_IN_SHEAR * beam.length**2 / (lag + flap)
         stretch, torsion = (
             1 / along(value, places) for value in (beam.axial_stiffness, beam.torsional_stiffness)
         )

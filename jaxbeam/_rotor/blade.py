@@ -14,7 +14,7 @@ from jaxbeam._checks import concrete_array, real_array
 from jaxbeam._numerics.splines import spline_rows
 from jaxbeam._rotor.beam import Beam
 from jaxbeam._rotor.beam_sections import BeamSections, sections_of
-from jaxbeam._rotor.parameters import FULL_TURN, Parameters, parameter, whole
+from jaxbeam._rotor.parameters import FULL_TURN, Parameters, optional, parameter, whole
 from jaxbeam._rotor.points import PointMasses
 from jaxbeam._rotor.sections import AbstractSections, Places, full_matrices, upper_triangles
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, between, points_within
@@ -23,6 +23,7 @@ from jaxbeam._types import Number, Scalar, is_concrete
 
 _POINTS = 6  # of each piece, at which the length of the axis is integrated
 _BESIDE = 1e-3  # of the length, from a kink of the twist of a beam to points of the axis
+_NEAR = 1e-5  # of the length, to either side, for how the direction of the axis goes on
 _UNSYMMETRIC = 1e-6  # of the geometric mean of diagonal entries
 
 
@@ -66,6 +67,8 @@ class Blade(Parameters, AbstractSections):
     | axis_stations | (k,) places of these points; None: evenly spaced             |           |
     | kinks         | places of points at which the axis has a kink                |           |
     | point_masses  | `PointMasses` on the axis, or None                           |           |
+    | gyration      | (n,) or a number: polar radius of gyration of the stiffness; | m         |
+    |               | None: fibres do not lengthen where sections twist            |           |
 
     **Axes of the blade** are a1 along the blade at its root, a2 in the plane of rotation, the way
     that it turns (the leading edge), and a3 along the axis of rotation: those of the hub, which
@@ -79,11 +82,25 @@ class Blade(Parameters, AbstractSections):
     place of its centre across and J the moments of inertia about the reference point, an inertia is
     [[m, -m c~], [m c~, J]], c~ the matrix of b -> c x b.
 
+    **Fibres** along the axis become helices about it where sections twist: with `gyration` i, of
+    which i^2 = int E (y^2 + z^2) dA / EA, y and z from the axis, k_0 the rate of twist as built and
+    k_1 what is added, their mean strain is
+
+        eps + i^2 ((k_0 + k_1)^2 - k_0^2) / 2
+
+    where eps is that of the axis, and takes its place in the law of the section. So tension T
+    stiffens torsion, to GJ + T i^2, and untwists what is twisted as built, by the moment -T i^2 k_0
+    (the trapeze or Wagner effect; M. A. Biot, Journal of Applied Physics 10, 1939). What belongs to
+    the stiffness is what differences of strain between fibres do, E (int r^4 dA - i^4 A) k_0^2
+    beside GJ, and warping. Where it has the coupling of stretch with torsion by k_0 already, as
+    that of VABS for a section with a twist, the linear part would count twice: give no `gyration`.
+
     `stiffness` and `inertia` are linear from station to station; the axis and the twist are cubic
     splines ("not a knot") between kinks, whose length is that of the curve. What is given may also
-    be (n, 21): the upper triangle of each matrix, row by row, which is how fields hold it. All but
-    places can be swept, fitted and differentiated. `models.SpatialRod` takes all of it; for other
-    models see `beam`.
+    be (n, 21): the upper triangle of each matrix, row by row, which is how fields hold it; or one
+    matrix for all stations. `section_stiffness` and `section_inertia` make them of engineering
+    numbers. All but places can be swept, fitted and differentiated. `models.SpatialRod` takes all
+    of it; for other models see `beam`.
 
     Raises `TypeError` for what are no real numbers, and `ValueError` for what is not allowed, and
     for matrices that are not symmetric.
@@ -97,11 +114,13 @@ class Blade(Parameters, AbstractSections):
     axis: Float[Array, "k 3"] = whole(Status.INVALID_AXIS, is_axis)
     twist: Float[Array, " k"] = parameter(Status.INVALID_TWIST, zero=None, most=FULL_TURN)
     point_masses: PointMasses | None = None
+    gyration: Float[Array, " n"] | None = optional(Status.INVALID_GYRATION, zero=True)
 
     def __init__(
         self, stations: Sequence[float], stiffness: Any, inertia: Any, axis: Any,
         twist: Any = None, axis_stations: Sequence[float] | None = None,
         kinks: Sequence[float] = (), point_masses: PointMasses | None = None,
+        gyration: Any = None,
     ) -> None:  # fmt: skip
         self.stations = _places("stations", stations, steps=True)
         self.stiffness = _sixes("stiffness", stiffness, len(self.stations))
@@ -134,6 +153,15 @@ class Blade(Parameters, AbstractSections):
                 f"{self.kinks}"
             )
         self.point_masses = point_masses
+        self.gyration = None
+        if gyration is not None:
+            radius, count = real_array("gyration", gyration), len(self.stations)
+            if radius.shape not in ((), (count,)):
+                raise ValueError(
+                    f"gyration must be a number or ({count},), one for each station, got shape "
+                    f"{radius.shape}"
+                )
+            self.gyration = jnp.broadcast_to(radius, (count,))
 
     @classmethod
     def of(cls, beam: Beam, stations: Sequence[float] | None = None) -> Self:
@@ -186,6 +214,20 @@ class Blade(Parameters, AbstractSections):
     def twist_at(self, places: Places) -> Float[Array, " m"]:
         angle: Any = self._spline(places)[0] @ self.twist
         return angle
+
+    def fibres_at(self, places: Places) -> tuple[Float[Array, " m"], Float[Array, " m"]] | None:
+        if self.gyration is None:
+            return None
+        radius: Any = self._linear(places) @ self.gyration
+        _, slope = self.axis_at(places)
+        # A curved axis turns its sections, too: their third axis stays across a2.
+        before, after = (self.axis_at(places + side)[1] for side in (-_NEAR, _NEAR))
+        across = before[:, 0] * after[:, 2] - before[:, 2] * after[:, 0]
+        along = before[:, 0] * after[:, 0] + before[:, 2] * after[:, 2]
+        pace = jnp.sqrt(jnp.sum(slope**2, 1))
+        rising = slope[:, 1] / pace * jnp.arctan2(across, along) / (2 * _NEAR)
+        rate: Any = (jnp.asarray(self._spline(places)[1]) @ self.twist - rising) / pace
+        return radius**2, rate
 
     def stiffness_at(self, places: Places) -> Float[Array, "m 6 6"]:
         """Stiffnesses in axes of the sections."""
@@ -250,19 +292,6 @@ class Blade(Parameters, AbstractSections):
         """The frequency scale of the reduced `beam`, in rad/s."""
         return self.mean.frequency_scale
 
-    def made_harmless(self, fine: Array) -> "Blade":
-        """The blade, or a straight one of ones where it is not fine."""
-        points = np.asarray(self.axis_stations)[:, None] * np.eye(3)[0]
-        ones = upper_triangles(jnp.eye(6)[None])
-        instead = (0 * self.stiffness + ones, 0 * self.inertia + ones, points, 0.0)
-        held = (
-            jnp.where(fine, own, other)
-            for own, other in zip(
-                (self.stiffness, self.inertia, self.axis, self.twist), instead, strict=True
-            )
-        )
-        return eqx.tree_at(lambda b: (b.stiffness, b.inertia, b.axis, b.twist), self, tuple(held))
-
     def beam(self) -> Beam:
         """The straight beam with the stiffnesses of the sections along their own axes, for models
         that know no more.
@@ -271,7 +300,8 @@ class Blade(Parameters, AbstractSections):
         GJ and the two EI, the latter about the axes in which they are not coupled, to which `twist`
         turns; of inertia the mass by length is kept and the moment about the centre of mass (the
         whole mass too where points of the axis are at shares of its length of arc). That leaves out
-        couplings, offsets, shear and the curve of the axis.
+        couplings, offsets, shear, the curve of the axis and `gyration`: how much the first four are
+        of the lowest frequencies says `jaxbeam.blades.reduction`.
         """
         more = set(self.axis_stations) - set(self.stations)
         stations = sorted([*self.stations, *more])
@@ -330,6 +360,8 @@ def _places(name: str, given: Any, steps: bool) -> tuple[float, ...]:
 def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
     """Symmetric matrices of six as their upper triangles."""
     rows = real_array(name, given)
+    if rows.shape == (6, 6):
+        rows = jnp.broadcast_to(rows, (count, 6, 6))
     if rows.shape == (count, 21):
         return rows
     if rows.shape != (count, 6, 6):

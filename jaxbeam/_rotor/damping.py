@@ -30,6 +30,7 @@ class Damping(eqx.Module):
     | ratio_speed           |        | rad/s | at which these are the modes, 0 unless given    |
     | in_plane_damper       | d      | N m s | at the root, parallel to the spring in plane    |
     | flap_damper           | d      | N m s | at the root, parallel to the spring in flap     |
+    | section_coefficients  | mu     | s     | (6,) of a material, by strains of full sections |
 
     All are finite and, but for the speed, >= 0; None leaves a term out, and all terms add up.
 
@@ -62,6 +63,14 @@ class Damping(eqx.Module):
     about its hinge has the ratio d / (2 (k I)^(1/2)). Where the root is clamped they are refused,
     and by models that have no such root.
 
+    **Of sections.** Forces and moments in a section beside those of elasticity are mu_i (K e')_i in
+    its own axes, K its stiffness of 6 x 6 and e' the rates of its strains, in the order of a
+    `Blade`: mu_1 of stretch, mu_2 and mu_3 of shear, mu_4 of torsion, mu_5 of bending in flap and
+    mu_6 in plane. That is how BeamDyn has it, whose coefficients `BladeTable.damping` are. Six that
+    are equal do what c does, but for springs of the root. Where K couples what has unequal mu (also
+    by offsets of centres) mu K is not symmetric: it may then feed some motion with energy, which
+    growth rates of `modes` show. `models.SpatialRod` knows it, and no other model.
+
     Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
@@ -73,6 +82,7 @@ class Damping(eqx.Module):
     ratio_speed: Scalar | None
     in_plane_damper: Scalar | None
     flap_damper: Scalar | None
+    section_coefficients: Float[Array, "6"] | None
 
     @renamed(mass="mass_coefficient", stiffness="stiffness_coefficient")
     def __init__(
@@ -80,6 +90,7 @@ class Damping(eqx.Module):
         in_plane_ratio: Ratios = None, flap_ratio: Ratios = None, axial_ratio: Ratios = None,
         ratio_speed: Real | None = None,
         in_plane_damper: Real | None = None, flap_damper: Real | None = None,
+        section_coefficients: Sequence[Real] | None = None,
     ) -> None:  # fmt: skip
         self.mass_coefficient = _number("mass_coefficient", mass_coefficient)
         self.stiffness_coefficient = _number("stiffness_coefficient", stiffness_coefficient)
@@ -89,6 +100,7 @@ class Damping(eqx.Module):
         self.ratio_speed = _number("ratio_speed", ratio_speed, least=-np.inf)
         self.in_plane_damper = _number("in_plane_damper", in_plane_damper)
         self.flap_damper = _number("flap_damper", flap_damper)
+        self.section_coefficients = _six("section_coefficients", section_coefficients)
 
     @property
     def ratios(self) -> dict[Direction, Array]:
@@ -112,7 +124,10 @@ class Damping(eqx.Module):
     @property
     def features(self) -> tuple[str, ...]:
         """What a model has to know, beyond the coefficients."""
-        names = "in_plane_ratio", "flap_ratio", "axial_ratio", "in_plane_damper", "flap_damper"
+        names = (
+            "in_plane_ratio", "flap_ratio", "axial_ratio", "in_plane_damper", "flap_damper",
+            "section_coefficients",
+        )  # fmt: skip
         return tuple(f"damping.{name}" for name in names if getattr(self, name) is not None)
 
 
@@ -132,6 +147,18 @@ def _ratios(name: str, value: Any) -> Array | None:
         raise ValueError(
             f"damping.{name} must be a number, or a list of them by the numbers of the modes, got "
             f"shape {value.shape}"
+        )
+    _require(value, 0.0)
+    return value
+
+
+def _six(name: str, value: Any) -> Array | None:
+    if value is None:
+        return None
+    value = real_array(f"damping.{name}", value)
+    if value.shape != (6,):
+        raise ValueError(
+            f"damping.{name} must be six, in the order of sixes of a Blade, got shape {value.shape}"
         )
     _require(value, 0.0)
     return value

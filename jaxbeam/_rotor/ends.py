@@ -1,11 +1,19 @@
 """What a beam is held by at its root, and what it carries at its tip."""
 
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
-from jaxbeam._checks import check_kind, needs, real_scalar
-from jaxbeam._rotor.parameters import Parameters, optional, parameter
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxbeam._checks import check_kind, needs, real_array, real_scalar
+from jaxbeam._rotor.parameters import Parameters, optional, parameter, whole
 from jaxbeam._status import Status
-from jaxbeam._types import Number, Real, Scalar
+from jaxbeam._types import Number, Real, Scalar, is_concrete
+
+_ROUNDED = 1e-6  # of the trace of an inertia, by which it may be none: that of six digits
 
 
 class RootSprings(Parameters):
@@ -95,16 +103,97 @@ class TipBody(Parameters):
         """Moment of inertia as of a `PointMass`, and of the body itself in the plane."""
         return self.mass * radius**2 + self.inertia
 
+    @property
+    def in_space(self) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+        """Centre of mass from the tip, and inertia about it, in axes of the last section."""
+        flap = self.inertia if self.flap_inertia is None else self.flap_inertia
+        about = jnp.diag(jnp.stack([self.axial_inertia, flap, self.inertia]))
+        return self.offset * np.eye(3)[0], about
 
-Tip = PointMass | TipBody
+
+@jax.jit
+def is_body_inertia(inertia: Float[Array, "3 3"]) -> Bool[Array, ""]:
+    """Whether some body has it: its int r r^T dm, tr(J) / 2 - J, is positive semidefinite. Then so
+    is J, and no principal moment is more than the sum of the others."""
+    trace = jnp.trace(inertia)
+    spread = trace / 2 * np.eye(3) - inertia
+    return jnp.all(jnp.linalg.eigvalsh(spread) >= -_ROUNDED * trace)  # NaN is not
+
+
+@jax.jit
+def is_place(centre: Float[Array, "3"]) -> Bool[Array, ""]:
+    """Whether all coordinates are finite."""
+    return jnp.all(jnp.isfinite(centre))
+
+
+class RigidBody(Parameters):
+    """A rigid body at the tip of a full inertia, with its centre of mass anywhere.
+
+    | field          | symbol | meaning                                       | unit   | allowed |
+    |----------------|--------|-----------------------------------------------|--------|---------|
+    | mass           | m_t    |                                               | kg     | >= 0    |
+    | centre_of_mass | c      | (3,) from the tip                             | m      | any     |
+    | inertia        | J      | (3, 3), symmetric, about the centre of mass:  | kg m^2 | that of |
+    |                |        | int (r.r - r r^T) dm, products with a minus   |        | a body  |
+
+    Axes are those of the last section, which twist and pitch turn: along the blade, towards the
+    leading edge, and a third one. Principal moments are >= 0, and none is more than the sum of the
+    other two (to 1e-6 of the trace, for numbers that were rounded). `Rotor(tip_body=...)` takes it
+    in the place of a `TipBody`; `models.SpatialRod` knows it, with all that a turning hub does to
+    its products of inertia, and all other models refuse it by name.
+
+    Raises `TypeError` for what are no real numbers, and `ValueError` for what is not allowed.
+    """
+
+    is_body: ClassVar[bool] = True
+    mass: Scalar = parameter(Status.INVALID_TIP_MASS, zero=True)
+    centre_of_mass: Float[Array, "3"] = whole(Status.INVALID_RIGID_BODY, is_place)
+    inertia: Float[Array, "3 3"] = whole(Status.INVALID_RIGID_BODY, is_body_inertia)
+
+    @needs("mass", "a RigidBody has one: RigidBody(mass=..., centre_of_mass=..., inertia=...)")
+    def __init__(self, mass: Real, centre_of_mass: Any, inertia: Any) -> None:
+        self.mass = real_scalar("mass", mass)
+        self.centre_of_mass = _shaped("centre_of_mass", centre_of_mass, (3,))
+        given = _shaped("inertia", inertia, (3, 3))
+        self.inertia = (given + given.T) / 2
+        if is_concrete(given):
+            each = np.asarray(given)
+            if np.any(np.abs(each - each.T) > _ROUNDED * np.abs(each).max()):
+                raise ValueError(f"inertia must be symmetric, got {each.tolist()}")
+
+    def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        yield "centre_of_mass", {}  # what no `TipBody` has
+
+    def centre(self, value: Any, slope: Any, length: Any = 1.0) -> Any:
+        """What has a value and a slope at the tip, at the centre of mass, as of a `PointMass`."""
+        return value + self.centre_of_mass[0] / length * slope
+
+    def second_moment(self, radius: Number) -> Number:
+        """Moment of inertia as of a `PointMass`, and of the body itself in the plane."""
+        return self.mass * (radius**2 + self.centre_of_mass[1] ** 2) + self.inertia[2, 2]
+
+    @property
+    def in_space(self) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+        """Centre of mass from the tip, and inertia about it, in axes of the last section."""
+        return self.centre_of_mass, self.inertia
+
+
+def _shaped(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    given = real_array(name, value)
+    if given.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {given.shape}")
+    return given
+
+
+Tip = PointMass | TipBody | RigidBody
 
 
 def tip_of(tip_mass: Real | None, tip_body: Any) -> Tip:
     """What is at the tip, of which at most one is given; a point gives way to another mass."""
-    check_kind("tip_body", tip_body, TipBody, PointMass, type(None))
+    check_kind("tip_body", tip_body, TipBody, RigidBody, PointMass, type(None))
     if tip_mass is None:
         return PointMass(0.0) if tip_body is None else tip_body
-    if isinstance(tip_body, TipBody):
+    if tip_body is not None and tip_body.is_body:
         raise ValueError(
             "tip_mass: the tip_body has a mass of its own: give TipBody(mass=..., offset=..., "
             "inertia=...) and no tip_mass"

@@ -47,6 +47,12 @@ class AbstractSections(eqx.Module):
     def twist_at(self, places: Places) -> Float[Array, " m"]:
         """Angles of the sections about the axis, in rad."""
 
+    def fibres_at(self, places: Places) -> tuple[Float[Array, " m"], Float[Array, " m"]] | None:
+        """The square of the polar radius of gyration of the stiffness, and the rate at which
+        sections turn about the axis as they are built, in rad/m; None: fibres along the axis do not
+        lengthen where sections twist."""
+        return None
+
     @abc.abstractmethod
     def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
         """Strains by forces, in axes of the sections."""

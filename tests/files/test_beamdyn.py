@@ -1,5 +1,6 @@
 """Files of BeamDyn: what they say, and say wrongly."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -183,6 +184,11 @@ def test_what_a_writer_does_not_write(tmp_path):
     for given, how, said in (
         (blade, {}, "axis: the first coordinate of its points, which BeamDyn has splines over"),
         (None, {}, "blade must be a Blade"),
+        (
+            dataclasses.replace(blade, gyration=0.1),
+            {},
+            "gyration: a blade file of BeamDyn has none",
+        ),
     ):
         with pytest.raises((ValueError, TypeError), match=re.escape(said)):
             blades.write_beamdyn(tmp_path / "b.dat", given, **how)

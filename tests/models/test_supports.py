@@ -5,11 +5,13 @@ import re
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import jaxbeam as jb
 from jaxbeam._models.contract.supports import _REFUSED, RATIOS, borne, unsupported
 from jaxbeam._rotor.parameters import optional
+from jaxbeam.models import SpatialRod
 from tests.helpers import DISCRETE, ELEMENTS
 
 BEAM = jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0)
@@ -32,6 +34,10 @@ HAVING = {  # a rotor and loads with each of the features, and what goes before 
         jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1, flap_inertia=0.0)),
         {},
     ),
+    "tip_body.centre_of_mass": (
+        jb.Rotor(TWISTING, tip_body=jb.blades.RigidBody(0.1, [0.1, 0.2, 0], np.eye(3))),
+        {},
+    ),
     "loads.tip_moment": (jb.Rotor(TWISTING), {"tip_moment": [0, 0, 1.0]}),
     "loads.follows": (jb.Rotor(TWISTING), {"tip_force": [0, 1.0, 0], "follows": True}),
     "loads.force_per_length": (jb.Rotor(TWISTING), {"force_per_length": [0, 1.0, 0]}),
@@ -45,6 +51,10 @@ HAVING |= {
     feature: (jb.Rotor(TWISTING), {}, jb.Damping(**{feature.removeprefix("damping."): 0.0}))
     for feature in RATIOS | DAMPERS
 }
+HAVING["damping.section_coefficients"] = (
+    jb.Rotor(TWISTING), {}, jb.Damping(section_coefficients=[0.1] * 6)
+)  # fmt: skip
+OF_RODS = {"tip_body.centre_of_mass", "damping.section_coefficients"}
 BOTH_WAYS = {"spanwise", "beam.twist", "pitch", "root_springs.in_plane", "root_springs.flap",
              "tip_body", "tip_body.flap_inertia", "loads.force_per_length", "beam.point_masses",
              "loads.point_forces", *DAMPERS}  # fmt: skip
@@ -55,7 +65,8 @@ KNOWN = {
     jb.VonKarman: BOTH_WAYS,
     **dict.fromkeys((type(model) for model in ELEMENTS), FLAT),
     jb.models.SmallStrainANCF: FLAT - {"root_springs.in_plane", "damping.in_plane_damper"} | RATIOS,
-    jb.SpatialANCF: {*HAVING} - {"tip_body.flap_inertia"} - RATIOS,
+    jb.SpatialANCF: {*HAVING} - {"tip_body.flap_inertia"} - OF_RODS - RATIOS,
+    SpatialRod: {*HAVING} - RATIOS,
 }
 
 

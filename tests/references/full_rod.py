@@ -31,6 +31,7 @@ class Case(NamedTuple):
     force: np.ndarray = np.zeros(3)  # at the tip, as moment: dead
     moment: np.ndarray = np.zeros(3)
     following: np.ndarray = np.zeros(6)  # at the tip, in axes that turn with it
+    body: np.ndarray = np.zeros((6, 6))  # inertia of what is at the tip, in axes that turn with it
 
 
 def matrix(q: np.ndarray) -> np.ndarray:
@@ -79,7 +80,11 @@ def steady(case: Case, guess: np.ndarray, at: np.ndarray) -> np.ndarray:
         end = along(start).y[:, -1]
         turn = matrix(end[3:7])
         own = np.concatenate([turn.T @ case.force, turn.T @ case.moment]) + case.following
-        return end[7:] - own
+        spin, moving = turn.T @ case.omega, turn.T @ np.cross(case.omega, end[:3])
+        momentum = case.body @ np.concatenate([moving, spin])
+        p, h = momentum[:3], momentum[3:]
+        needed = np.concatenate([np.cross(spin, p), np.cross(spin, h) + np.cross(moving, p)])
+        return end[7:] - own + needed
 
     found = root(misses, guess, method="hybr", options={"xtol": 1e-13, "eps": 1e-7})
     return along(found.x).sol(at).T

@@ -32,8 +32,9 @@ def drag_of(damping: Damping, model: AbstractModel, rotor: AnyRotor, equations: 
                 matrix = own if matrix is None else matrix + own
     there = slopes is None and any(damper is not None for damper in dampers)
     return Drag(
-        damping.mass_coefficient, damping.stiffness_coefficient, dampers if there else None, matrix
-    )
+        damping.mass_coefficient, damping.stiffness_coefficient, dampers if there else None, matrix,
+        damping.section_coefficients,
+    )  # fmt: skip
 
 
 def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:

@@ -30,13 +30,14 @@ Dampers = tuple[Number | None, Number | None]  # of the root, in plane and in fl
 
 class Drag(eqx.Module):
     """`Damping` as the equations of one beam have it: coefficients; dampers of the root, where its
-    angles are not linear in the coordinates; and a matrix that depends on no state, of ratios and
-    of all other dampers."""
+    angles are not linear in the coordinates; a matrix that depends on no state, of ratios and of
+    all other dampers; and coefficients of full sections, of models that support these."""
 
     mass_coefficient: Number | None = None
     stiffness_coefficient: Number | None = None
     dampers: Dampers | None = None
     matrix: Matrix | None = None
+    section_coefficients: Float[Array, "6"] | None = None
 
     @property
     def is_none(self) -> bool:

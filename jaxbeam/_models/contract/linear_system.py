@@ -25,7 +25,8 @@ class LinearSystem(eqx.Module):
 
     About a state under loads, or with damping, it is `general`: mass q'' + (gyroscopic + damping)
     q' + stiffness q = 0, in which anything may be coupled, `damping` is symmetric (None: there is
-    none), and stiffness is symmetric where loads have a potential (`conservative`).
+    none) but for that of full sections with unequal coefficients, and stiffness is symmetric where
+    loads have a potential (`conservative`).
     """
 
     mass: Matrix

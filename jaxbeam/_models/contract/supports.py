@@ -35,6 +35,10 @@ _REFUSED = {
         "body at the tip of two inertias across the beam",
         "leave flap_inertia out, or take Hybrid",
     ),
+    "tip_body.centre_of_mass": (
+        "body at the tip of a full inertia",
+        "take SpatialRod, or a TipBody, which has moments about the axes of its section alone",
+    ),
     "loads.tip_moment": ("moment at its tip", "take SpatialANCF, or leave it out"),
     "loads.follows": ("load that turns with its sections", "take SpatialANCF, or leave it out"),
     "beam.point_masses": ("masses at points of the beam", "take Hybrid or ExactRodANCF"),
@@ -52,6 +56,10 @@ _REFUSED |= dict.fromkeys(
 ) | {
     "damping.in_plane_damper": ("damper in plane", "take Hybrid or ExactRodANCF"),
     "damping.flap_damper": ("damper in flap", "take Hybrid or SpatialANCF"),
+    "damping.section_coefficients": (
+        "full sections",
+        "take SpatialRod, or a stiffness_coefficient",
+    ),
 }
 _NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N m^2, to the Beam"}
 # What all beams know.

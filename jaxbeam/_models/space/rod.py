@@ -34,7 +34,7 @@ class SpatialRod(AbstractModel[Rotor]):
     inertia of its polar_inertia and hardly any shear). So centrifugal stiffening, Coriolis and
     gyroscopic terms, propeller moments and what tension does to bending and torsion of offset
     sections are exact; what tension does to twisted sections by the length of their fibres (the
-    trapeze effect, T i^2 beside GJ) is left out, as a section does not warp here.
+    trapeze effect, T i^2 beside GJ) is there where a `Blade` has its `gyration`.
 
     `elements` of `degree` p have p nodes each beside the root's, six coordinates a node:
     displacements and quaternions of rotations are polynomials of that degree, forces of one less,
@@ -54,7 +54,8 @@ class SpatialRod(AbstractModel[Rotor]):
         AS_BUILT | ROOT_SPRINGS | TURNED
         | {
             "blade", "precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows",
-            "tip_body.flap_inertia",
+            "beam.gyration", "tip_body.flap_inertia", "tip_body.centre_of_mass",
+            "damping.section_coefficients",
         }
     )  # fmt: skip
     needs = frozenset({"beam.torsional_stiffness"})

@@ -17,9 +17,12 @@ v = R^T r' and k_0 = sum N_i' w_i,
     d eps = d + 2 v x a,   d kap = 2 b - a_0 kap - 2 k_0 a - a x kap
 
 (a, b their last three where they stand for vectors), and what forces f and moments m do to second
-order is a quadratic form of the eleven, but for terms of single nodes. J. C. Simo, L. Vu-Quoc,
-Computer Methods in Applied Mechanics and Engineering 58, 1986; E. Zupan, M. Saje, D. Zupan, same
-journal 198, 2009, on quaternions as unknowns.
+order is a quadratic form of the eleven, but for terms of single nodes. Where fibres lengthen as
+sections twist, eps has t (i^2 k^2 / 2 + i^2 k_0 k) more, t the undeformed tangent and k = t.kap: a
+force f then does the moment f.t (i^2 k + i^2 k_0) about t, too, and f.t i^2 dk^2 to second order.
+
+J. C. Simo, L. Vu-Quoc, Computer Methods in Applied Mechanics and Engineering 58, 1986; E. Zupan, M.
+Saje, D. Zupan, same journal 198, 2009, on quaternions as unknowns.
 """
 
 from typing import NamedTuple
@@ -63,7 +66,10 @@ def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4
     w, x = between[..., 0], between[..., 1:]
     spin = jnp.sum(rate * w, 2)
     curved = 2 * jnp.einsum("egk,egkc->egc", rate, x)
+    by_eleven = _by_eleven(stretch, curved, spin)
     strain = jnp.concatenate([stretch - tables.tangent, curved], -1)
+    if tables.fibres is not None:
+        strain, by_eleven = _lengthened(tables.tangent, tables.fibres, strain, by_eleven)
     turns = jnp.einsum("egji,ekjl->egkil", attitude, rotation(p))
     about = jnp.concatenate(
         [-x[..., None, :], w[..., None, None] * np.eye(3)[None, None, None] + crossing(x)], -2
@@ -74,7 +80,37 @@ def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4
     rotated = jnp.concatenate([values, rate[..., None, None] * about, none[..., :3, :]], -2)
     by_nodes = jnp.concatenate([moved, rotated], -1).transpose(0, 1, 3, 2, 4)
     by_nodes = by_nodes.reshape(*by_nodes.shape[:3], -1)
-    return Bent(strain, stretch, spin, between, turns, by_nodes, _by_eleven(stretch, curved, spin))
+    return Bent(strain, stretch, spin, between, turns, by_nodes, by_eleven)
+
+
+def _lengthened(
+    tangent: _Three, fibres: tuple[Float[Array, "E p"], Float[Array, "E p"]],
+    strain: Float[Array, "E p 6"], by_eleven: Float[Array, "E p 6 11"],
+) -> tuple[Float[Array, "E p 6"], Float[Array, "E p 6 11"]]:  # fmt: skip
+    """Strains with what fibres lengthen by, which is along the undeformed tangent."""
+    square, built = fibres
+    about = jnp.sum(tangent * strain[..., 3:], -1)
+    longer = (square * about / 2 + built) * about
+    more = (square * about + built)[..., None, None] * tangent[..., None]
+    by_eleven = by_eleven.at[..., :3, :].add(more * _twisting(tangent, by_eleven)[..., None, :])
+    return strain.at[..., :3].add(longer[..., None] * tangent), by_eleven
+
+
+def _twisting(tangent: _Three, by_eleven: Float[Array, "E p 6 11"]) -> Float[Array, "E p 11"]:
+    """The rate of twist by the eleven."""
+    return jnp.einsum("egs,egsz->egz", tangent, by_eleven[..., 3:, :])
+
+
+def pulled(
+    tables: RodTables, curved: _Three, force: Float[Array, "E p 6"]
+) -> Float[Array, "E p 6"]:
+    """Forces in sections with the moments of fibres that they pull, which are about tangents."""
+    if tables.fibres is None:
+        return force
+    square, built = tables.fibres
+    tension, about = (jnp.sum(tables.tangent * part, -1) for part in (force[..., :3], curved))
+    more = tension * (square * about + built)
+    return force.at[..., 3:].add(more[..., None] * tables.tangent)
 
 
 def _seen_from(q: Float[Array, "*k 4"]) -> Float[Array, "*k 4 4"]:
@@ -106,10 +142,15 @@ def geometric(
 ) -> Float[Array, "E l l"]:
     """Second derivatives of the strains times forces, by changes of nodes; `on_nodes` is what
     `nodal` makes of these forces."""
-    f, m = force[..., :3], force[..., 3:]
     curved, stretch, spin = state.strain[..., 3:], state.stretch, state.spin
-    form = state.by_nodes
-    second = form.swapaxes(-1, -2) @ (_second(f, m, stretch, curved, spin) @ form)
+    force = pulled(tables, curved, force)
+    f, m = force[..., :3], force[..., 3:]
+    form, by_eleven = state.by_nodes, _second(f, m, stretch, curved, spin)
+    if tables.fibres is not None:
+        twisting = _twisting(tables.tangent, state.by_eleven)
+        stiff = jnp.sum(f * tables.tangent, -1) * tables.fibres[0]
+        by_eleven = by_eleven + stiff[..., None, None] * _outer(twisting, twisting)
+    second = form.swapaxes(-1, -2) @ (by_eleven @ form)
     out = jnp.sum(second, 1)
     # Terms of single nodes: of the exponential, and of positions that a turn takes along.
     shapes, rate = tables.shapes, tables.rate
@@ -139,17 +180,17 @@ def on_diagonal(blocks: Float[Array, "*e k b b"]) -> Float[Array, "*e l l"]:
     return spread.reshape(*blocks.shape[:-3], count * size, count * size)
 
 
+def _outer(a: Array, b: Array) -> Array:
+    return a[..., :, None] * b[..., None, :]
+
+
 def _second(
     f: _Three, m: _Three, stretch: _Three, curved: _Three, spin: Float[Array, "E p"]
 ) -> Float[Array, "E p 11 11"]:
     """The quadratic form of (a, b, d), as its matrix of second derivatives."""
-
-    def outer(a: Array, b: Array) -> Array:
-        return a[..., :, None] * b[..., None, :]
-
     eye = np.eye(3)[None, None]
     along = jnp.sum(curved * m, -1)[..., None, None]
-    both = outer(f, stretch)
+    both = _outer(f, stretch)
     pull = jnp.sum(f * stretch, -1)[..., None, None]
     a0_a0 = 2 * along
     a0_a = -2 * jnp.cross(f, stretch) + 4 * spin[..., None] * m + 2 * jnp.cross(curved, m)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
-from jaxbeam._models.space.rod_elements import bent
+from jaxbeam._models.space.rod_elements import bent, pulled
 from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
 from jaxbeam._models.space.rod_state import (
     Around,
@@ -29,7 +29,7 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
 from jaxbeam._rotor.loads import Loads, TipLoad
 from jaxbeam._rotor.motion import Hub
-from jaxbeam._rotor.sections import frames
+from jaxbeam._rotor.sections import AbstractSections, frames
 from jaxbeam._rotor.span import Span
 from jaxbeam._status import Status, first_broken
 from jaxbeam._types import Matrix, Number, Triple, Vector
@@ -115,7 +115,19 @@ class RodEquations(Equations):
             still = self._around(_at_rest(self.length), None, None)
             elastic = balance(self.rod, q, still).elastic
             out = out + drag.stiffness_coefficient * self._by_places(q, elastic)
+        if drag.section_coefficients is not None:
+            out = out + self._by_places(q, self._damped(q, drag.section_coefficients))
         return out
+
+    def _damped(self, q: Coordinates, by_strains: Float[Array, "6"]) -> Float[Array, "N N"]:
+        """B^T mu S B with mu in axes of sections at Gauss points, where S makes forces of rates."""
+        tables = self.rod.tables
+        state = bent(tables, *self.rod.nodes(q))
+        by, (frame, _) = state.by_changes, self._frames(tables.gauss_places)
+        forces = (tables.stiffness @ by).reshape(len(frame), 2, 3, -1)
+        own = jnp.einsum("gab,xb,gcb,gxcl->gxal", frame, by_strains.reshape(2, 3), frame, forces)
+        matrix = tables.assembled(by.swapaxes(1, 2) @ own.reshape(by.shape))
+        return self.rod.led(q, matrix)
 
     def rates(self, q: Coordinates, change: Vector) -> Coordinates:
         n, rod = len(self.rod.tables.place), self.rod
@@ -159,7 +171,7 @@ class RodEquations(Equations):
     ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
         """Forces and moments in sections: polynomials of the degree of forces, in balance with all
         that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
-        six = self._sixes(q, xi)
+        six = self._sixes(q, xi, whole=True)
         if loads.act_along_span:
             nearest, tail = self._tails(q, xi, loads, t)
             tables, (_, p) = self.rod.tables, self.rod.nodes(q)
@@ -237,26 +249,40 @@ class RodEquations(Equations):
         rows, _ = self.rod.tables.interpolating(xi)
         return jnp.asarray(rows) @ self.rod.nodes(q)[1]
 
-    def _sixes(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 6"]:
+    def _sixes(self, q: Coordinates, xi: np.ndarray, *, whole: bool = False) -> Float[Array, "p 6"]:
+        """Forces in sections by the law of these, or as a `whole`, with moments of their fibres."""
         tables = self.rod.tables
-        strain = bent(tables, *self.rod.nodes(q)).strain.reshape(tables.elements, -1)
+        strain = bent(tables, *self.rod.nodes(q)).strain
         weight = tables.pace * gauss(tables.degree)[1][None]
-        force = jnp.einsum("eml,el->em", tables.stiffness, strain)
+        force = jnp.einsum("eml,el->em", tables.stiffness, strain.reshape(tables.elements, -1))
         force = force.reshape(tables.elements, -1, 6) / weight[:, :, None]
+        if whole:
+            force = pulled(tables, strain[..., 3:], force)
         return tables.of_gauss(force, xi)
 
     def _strains(
         self, q: Coordinates, xi: np.ndarray
     ) -> tuple[Float[Array, "p 6"], Float[Array, "p 3"]]:
         """Strains of sections by the forces in them, and tangents of the undeformed axis."""
-        sections = sections_of(self.rotor.beam)
-        _, slope = sections.axis_at(xi)
-        frame = turned_by_pitch(self.rotor)[None] @ frames(slope, sections.twist_at(xi))
+        frame, sections = self._frames(xi)
         six = self._sixes(q, xi).reshape(-1, 2, 3)
         own = jnp.einsum("pab,pxa->pxb", frame, six).reshape(-1, 6)
         strain = jnp.einsum("pij,pj->pi", sections.compliance_at(xi), own).reshape(-1, 2, 3)
         strain = jnp.einsum("pab,pxb->pxa", frame, strain).reshape(-1, 6)
-        return strain, frame[:, :, 0]
+        tangent, fibres = frame[:, :, 0], sections.fibres_at(xi)
+        if fibres is not None:
+            square, built = fibres
+            about = jnp.sum(strain[:, 3:] * tangent, 1)
+            longer = square * (about / 2 + built) * about
+            strain = strain.at[:, :3].add(-longer[:, None] * tangent)
+        return strain, tangent
+
+    def _frames(self, xi: np.ndarray) -> tuple[Float[Array, "p 3 3"], AbstractSections]:
+        """Axes of sections, as columns, in those of the beam, and the sections."""
+        sections = sections_of(self.rotor.beam)
+        _, slope = sections.axis_at(xi)
+        attitude = turned_by_pitch(self.rotor)
+        return attitude[None] @ frames(slope, sections.twist_at(xi)), sections
 
     def force(self, hub: Hub, q: Coordinates, v: Vector, tip_force: Any) -> Never:
         raise NotImplementedError(NO_MOTION)

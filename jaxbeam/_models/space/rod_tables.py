@@ -28,7 +28,7 @@ from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.quaternions import crossing
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
-from jaxbeam._rotor.ends import TipBody
+from jaxbeam._rotor.ends import PointMass
 from jaxbeam._rotor.sections import AbstractSections, frames
 
 A1 = np.eye(3)[0]
@@ -116,6 +116,8 @@ class RodTables(eqx.Module):
     pace: Float[Array, "E p"]  # arc length by the coordinate from -1 to 1 at Gauss points, m
     ends: tuple[float, ...] = eqx.field(static=True)
     degree: int = eqx.field(static=True)
+    # What fibres lengthen by, k_1 being the rate of twist: half the first k_1^2 + the second k_1.
+    fibres: tuple[Float[Array, "E p"], Float[Array, "E p"]] | None = None
 
     @property
     def shapes(self) -> np.ndarray:
@@ -132,6 +134,11 @@ class RodTables(eqx.Module):
         """Places (n,) of nodes, shares of the length."""
         ends, inner = np.asarray(self.ends), (1 + lobatto(self.degree)[1:]) / 2
         return np.concatenate([[0.0], (ends[:-1, None] + np.diff(ends)[:, None] * inner).ravel()])
+
+    @property
+    def gauss_places(self) -> np.ndarray:
+        """Places (E p,) of Gauss points, shares of the length."""
+        return _within(self.ends, gauss(self.degree)[0]).ravel()
 
     def of_elements(self, nodes: Array) -> Array:
         """What nodes (n, ...) have, by element (E, k, ...)."""
@@ -212,6 +219,7 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
     nodes = np.concatenate([[0.0], _within(ends, lobatto(degree)[1:]).ravel()])
     mass = _integrated(shapes, inertia, length)
     weight = _weight(inertia)
+    weights = half * size * gauss(degree)[1][None]
     by_node = jnp.einsum("eq,eqk,eqw->ekw", length, *(
         a.reshape(*length.shape, -1) for a in (jnp.asarray(shapes), weight)
     ))  # fmt: skip
@@ -220,8 +228,7 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
         tangent=((attitude @ at_gauss.T).T / size.reshape(-1, 1)).reshape(*within.shape, 3),
         rate=jnp.asarray(slopes)[None] / (half * size)[:, :, None],
         stiffness=_stiffness(
-            _turned(sections.compliance_at(flat), frame), forces, length,
-            half * size * gauss(degree)[1][None],
+            _turned(sections.compliance_at(flat), frame), forces, length, weights
         ),
         inertia=mass,
         weight=jnp.zeros((len(nodes), 4)),
@@ -229,6 +236,7 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
         pace=jnp.asarray(half) * size,
         ends=ends,
         degree=degree,
+        fibres=_fibres(sections, points.places, forces, length, weights),
     )  # fmt: skip
     return _with_bodies(tables, rotor, sections, attitude, tables.gathered(by_node))
 
@@ -259,6 +267,22 @@ def _stiffness(
     alike = jax.vmap(inverse)(flexible / (size[:, :, None] * size[:, None]))
     out = each[:, :, None] * alike * each[:, None]
     return (out + out.swapaxes(1, 2)) / 2
+
+
+def _fibres(
+    sections: AbstractSections, places: np.ndarray, forces: np.ndarray, length: Array,
+    weight: Array,
+) -> tuple[Float[Array, "E p"], Float[Array, "E p"]] | None:  # fmt: skip
+    """Means of i^2 and i^2 k_0 as forces in sections, which are polynomials, see them."""
+    found = sections.fibres_at(places.ravel())
+    if found is None:
+        return None
+    square, rate = (part.reshape(length.shape) for part in found)
+    rows = jnp.asarray(forces).reshape(*length.shape, -1)
+    first, second = (
+        jnp.einsum("eqp,eq,eq->ep", rows, length, part) / weight for part in (square, square * rate)
+    )
+    return first, second
 
 
 def _turned(sixes: Float[Array, "q 6 6"], frame: Float[Array, "q 3 3"]) -> Float[Array, "q 6 6"]:
@@ -324,10 +348,9 @@ def _with_bodies(
 def _body(rotor: Rotor) -> Float[Array, "6 6"]:
     """Inertia of what is at the tip, about it, in axes of the last section."""
     body = rotor.tip_body
-    if not isinstance(body, TipBody):
+    if isinstance(body, PointMass):
         return body.mass * jnp.diag(np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
-    flap = body.inertia if body.flap_inertia is None else body.flap_inertia
-    about = jnp.diag(jnp.stack([body.axial_inertia, flap, body.inertia]))
-    arm = crossing(body.offset * A1)
+    centre, about = body.in_space
+    arm = crossing(centre)
     mass, first = body.mass * np.eye(3), body.mass * arm
     return jnp.block([[mass, -first], [first, about - body.mass * arm @ arm]])
