@@ -25,9 +25,10 @@ What went wrong     Status: whatever can fail raises, or takes throw=False and t
                     batches (sweep, ladder_sweep, campbell) carry one a case and never raise for it
 
 The rest is by subject: jb.models, jb.motions, jb.blades (beams as built, and from files),
-jb.solvers, jb.ladder, jb.fitting, jb.results (what functions return) and jb.plot. `help` of each is
-a chapter of the manual with examples; the others, on vibration, loads, stability, sweeps, speed,
-start-up and limitations, are in the folder docs of the repository, with a table of all names.
+jb.solvers, jb.ladder, jb.fitting, jb.results (what functions return), jb.programs (how well they
+are compiled) and jb.plot. `help` of each is a chapter of the manual with examples; the others, on
+vibration, loads, stability, sweeps, speed, start-up and limitations, are in the folder docs of the
+repository, with a table of all names.
 `help(jb.simulate)` and so on tell the details. `python -m jaxbeam --help` does without a script.
 """
 
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from jaxbeam import models as models
     from jaxbeam import motions as motions
     from jaxbeam import plot as plot
+    from jaxbeam import programs as programs
     from jaxbeam import results as results
     from jaxbeam import solvers as solvers
     from jaxbeam._fitting.experiments import FrequencyData as FrequencyData

@@ -17,6 +17,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam import Status
+from tests.package import SUBJECTS
 from tests.tiers import exhaustive
 
 SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
@@ -181,6 +182,7 @@ BATCHES = ("sweep", "ladder_sweep", "campbell")
 # once for those that are not.
 CHECK_ALONE = (
     "labels",  # names
+    "programs.compile_well",  # a choice
     "grid",  # parameters, as they were given
     "points",
     "rpm",  # a product
@@ -210,7 +212,7 @@ def functions():
     for name, room in jb._ROOMS.items():
         if room != "jaxbeam" and inspect.isfunction(getattr(jb, name)):
             found[name] = getattr(jb, name)
-    for subject in ("models", "motions", "solvers", "fitting", "ladder", "blades", "results"):
+    for subject in SUBJECTS:
         for name, value in vars(importlib.import_module(f"jaxbeam.{subject}")).items():
             if name[0] != "_" and inspect.isfunction(value):
                 found[f"{subject}.{name}"] = value

@@ -1,5 +1,6 @@
 """Parameters from measurements: least squares, what is sure about them, and what is not."""
 
+import functools
 import sys
 from typing import Any, NamedTuple
 
@@ -231,7 +232,7 @@ def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
     return value, by_z + eqx.filter_jvp(lambda f: f(z), (residual,), (change,))[1]
 
 
-@Program
+@functools.partial(Program, calls=0)
 def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise: bool) -> Fit:
     m = z.size
     closed = eqx.filter_closure_convert(problem.residual, z)  # what it closes over are leaves now
@@ -292,7 +293,7 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     )
 
 
-@Program
+@functools.partial(Program, calls=0)
 def _descend(problem: Problem, descent: Descent, key: Any) -> Array:
     """The best of the points at which descents from all starts ended."""
     n, m = descent.starts, len(problem.free)

@@ -82,7 +82,7 @@ def evaluate(
     return finish(result, throw)
 
 
-@Program
+@functools.partial(Program, calls=0)
 def _answer(
     question: Question, rotor: Rotor, model: AbstractModel, accuracy: Scalar, size: Scalar
 ) -> Answer:

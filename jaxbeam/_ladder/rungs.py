@@ -8,6 +8,7 @@ in the plane, `SpatialANCF` in space. That needs to know how the beam twists; wh
 of deflection over length.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -166,7 +167,7 @@ class Indicators(eqx.Module):
         return self.size**2 + self.steady_strain
 
 
-@Program
+@functools.partial(Program, calls=0)
 def indicators(question: Question, rotor: Rotor) -> Indicators:
     """Indicators but size and slope, which a linear theory has to say: these are infinite."""
     # Of a beam in a cone as if it lay in the plane, where the tension is no less.
@@ -185,7 +186,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
     )
 
 
-@Program
+@functools.partial(Program, calls=0)
 def is_planar(question: Question, rotor: Rotor) -> Array:
     """Whether motion, loads and answer stay in the plane of rotation."""
     # Where sections are turned, what begins in the plane leaves it; so does a beam in a cone.

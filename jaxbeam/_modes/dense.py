@@ -14,12 +14,8 @@ from jaxbeam._models.contract.labelling import assigned, participation, uncouple
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
-from jaxbeam._numerics.linalg import (
-    gyroscopic_eigenpairs,
-    lowest_by_skew,
-    planar_eigenpairs,
-    positive_definite,
-)
+from jaxbeam._numerics.gyroscopic import gyroscopic_eigenpairs, lowest_by_skew
+from jaxbeam._numerics.linalg import planar_eigenpairs, positive_definite
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._programs.batches import one_by_one

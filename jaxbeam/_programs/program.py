@@ -1,58 +1,122 @@
-"""Compiled functions, by a compiler in a hurry where there is one."""
+"""Compiled functions: at once and quickly what is called for the first time, well what is called
+often."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
 import jax
+import numpy as np
 from jax.extend.core import get_opaque_trace_state
 
 # XLA once had other emitters of code for the CPU, which take half as long for programs like ours
 # and make them as fast. The last releases of JAX for Python 3.11 have both; later ones know no
 # such option.
 _HASTE = {"xla_cpu_use_fusion_emitters": False}
+# Without LLVM's optimiser programs compile in a fifth to a half of the time, and take six to ten
+# times as long to run.
+QUICK = {"xla_backend_optimization_level": 0}
+# Calls with arguments of one kind that are made without it. By then they have taken, for programs
+# of some milliseconds, about as long as to compile well, which is then done: by a count, not by a
+# clock, so that a script gives the same bits each time that it runs.
+CALLS = 32
+
+_may_be_quick = True
 
 
 class Program:
     """`equinox.filter_jit` of a function: a decorator.
 
-    Called by a user it compiles in haste. Within another program or a transformation it becomes a
-    part of what is compiled there, by the options of that. With `jit=jax.jit`, for functions of
-    arrays alone, its programs end with it; those of equinox stay for ever.
+    A user's first calls are of a program that is compiled quickly and runs slowly, later ones of
+    one that is compiled well. Within another program or a transformation it becomes a part of what
+    is compiled there, by the options of that. With `jit=jax.jit`,
+    for functions of arrays alone, its programs end with it; those of equinox stay for ever. `calls`
+    is how many are quick: none for what works on many cases or for long.
     """
 
-    def __init__(self, function: Callable[..., Any], jit: Any = eqx.filter_jit) -> None:
+    def __init__(
+        self, function: Callable[..., Any], jit: Any = eqx.filter_jit, calls: int = CALLS
+    ) -> None:
         functools.update_wrapper(self, function)
+        self._jit, self._calls = jit, calls
+        self._made: dict[Hashable, int] = {}  # of each kind of arguments
         self.part = part = jit(function)
 
         @functools.wraps(function)
         def whole(*args: Any, **kwargs: Any) -> Any:
             return part(*args, **kwargs)  # what is traced for one is there for the other
 
-        how: Any = {"compiler_options": _HASTE}
-        self.alone = jit(whole, **how)
+        self._whole = whole
 
-    @property
-    def here(self) -> Any:
-        """The program that a call from here takes."""
-        alone = _haste() and get_opaque_trace_state() == _outside()
-        return self.alone if alone else self.part
+    @functools.cached_property
+    def well(self) -> Any:
+        """The program of a call outside of all others, compiled well."""
+        how = _known(_HASTE)
+        return self._jit(self._whole, compiler_options=how) if how else self.part
+
+    @functools.cached_property
+    def quick(self) -> Any:
+        """The program of a call outside of all others, compiled quickly; or as `well`."""
+        how = _known(QUICK)
+        return self._jit(self._whole, compiler_options=_known(_HASTE) | how) if how else self.well
+
+    def here(self, *args: Any, **kwargs: Any) -> Any:
+        """The program that a call from here with these arguments takes, which counts as one."""
+        if _is_within():
+            return self.part
+        if not (_may_be_quick and self._calls):
+            return self.well
+        kind = _kind((args, kwargs))
+        made = self._made.get(kind, 0) if kind is not None else self._calls
+        if made >= self._calls:
+            return self.well
+        self._made[kind] = made + 1
+        return self.quick
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return self.here(*args, **kwargs)
+        return self.here(*args, **kwargs)(*args, **kwargs)
+
+    def enough(self, *args: Any, **kwargs: Any) -> None:
+        """No call with arguments of this kind is quick any more: they take too long."""
+        self._made[_kind((args, kwargs))] = self._calls
+
+    def at_length(self, *args: Any, **kwargs: Any) -> Any:
+        """A call of which the caller knows that it takes long: by what is compiled well."""
+        return (self.part if _is_within() else self.well)(*args, **kwargs)
 
     def lower(self, *args: Any, **kwargs: Any) -> Any:
         """The lowered program of a call with the same arguments, as by
         `jax.jit(function).lower`."""
-        return self.here.lower(*args, **kwargs)
+        return (self.part if _is_within() else self.well).lower(*args, **kwargs)
 
 
-def _elsewhere(ask: Callable[[], Any]) -> Any:
-    """The answer in a new thread, where nothing is traced."""
-    with ThreadPoolExecutor(1) as thread:
-        return thread.submit(ask).result()
+def compile_well(always: bool = True) -> None:
+    """Whether programs are compiled well from their first call on; False: as by default, the first
+    calls are of programs that compile in a fifth to a half of the time and run six to ten times as
+    long, whose numbers differ in the last bits."""
+    global _may_be_quick
+    _may_be_quick = not always
+
+
+def _kind(arguments: Any) -> Hashable | None:
+    """What a program is compiled for; None for what cannot be told from others."""
+    leaves, structure = jax.tree.flatten(arguments)
+    kinds: list[Any] = [structure]
+    for leaf in leaves:
+        is_array = isinstance(leaf, jax.Array | np.ndarray | np.generic)
+        kinds.append((leaf.shape, leaf.dtype) if is_array else leaf)
+    try:
+        hash(kind := tuple(kinds))
+    except TypeError:
+        return None
+    return kind
+
+
+def _is_within() -> bool:
+    """Whether this is within another program or a transformation of JAX, which bear no options."""
+    return get_opaque_trace_state() != _outside()
 
 
 @functools.cache
@@ -61,13 +125,23 @@ def _outside() -> Any:
     return _elsewhere(get_opaque_trace_state)
 
 
+def _elsewhere(ask: Callable[[], Any]) -> Any:
+    """The answer in a new thread, where nothing is traced."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(ask).result()
+
+
+def _known(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options, if programs are compiled for a CPU, by a compiler that knows them; else none."""
+    return dict(options) if _knows(tuple(options.items())) else {}
+
+
 @functools.cache
-def _haste() -> bool:
-    """Whether programs are compiled for a CPU, by a compiler that knows the option."""
+def _knows(options: tuple[tuple[str, Any], ...]) -> bool:
     if jax.default_backend() != "cpu":
         return False
     try:
-        _elsewhere(lambda: jax.jit(lambda: 0, compiler_options=_HASTE).lower().compile())
+        _elsewhere(lambda: jax.jit(lambda: 0, compiler_options=dict(options)).lower().compile())
     except Exception:  # of what kind differs from release to release
         return False
     return True

@@ -26,6 +26,7 @@ from jaxbeam._simulation.checks import (
     increasing,
     scene_status,
 )
+from jaxbeam._simulation.first_short import first_short
 from jaxbeam._simulation.following import MOTION_MISSED, AfterImpulse, following
 from jaxbeam._simulation.integration import (
     Calendar,
@@ -129,11 +130,11 @@ def simulate(
             "BacksolveAdjoint integrates another system backwards and bears neither events nor "
             "jumps: give a solver that takes any system (diffrax.Kvaerno5(), ...) and none of these"
         )
-    result = _simulate(
-        model, rotor, motion, times, loads, damping, start,
+    result = first_short(
+        _simulate, max_steps, model, rotor, motion, times, loads, damping, start,
         Rodas5P() if solver is None else solver,
         stepsize_controller, dt0, saveat,
-        adjoint, event, progress_meter, max_steps, balance_tolerance,
+        adjoint, event, progress_meter, balance_tolerance,
     )  # fmt: skip
     return dataclasses.replace(finish(result, throw), model=model, rotor=rotor)
 
@@ -163,7 +164,7 @@ def _simulate(
     controller: diffrax.AbstractStepSizeController | None, dt0: Any,
     saveat: diffrax.SaveAt | None, adjoint: diffrax.AbstractAdjoint | None,
     event: diffrax.Event | None, progress_meter: diffrax.AbstractProgressMeter | None,
-    max_steps: int | None, balance_tolerance: float,
+    balance_tolerance: float, max_steps: int | None,
 ) -> Simulation:  # fmt: skip
     given, (rotor, motion, loads, damping, seen) = scene_status(
         model, rotor, motion, loads, damping, times, during(times, SAMPLES)

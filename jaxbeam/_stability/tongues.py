@@ -1,5 +1,6 @@
 """Tongues: where a modulation of the speed makes two modes grow."""
 
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -119,7 +120,7 @@ def tongue(
     return finish(result, throw)
 
 
-@Program
+@functools.partial(Program, calls=0)
 def _tongue(
     model: AbstractModel, rotor: AnyRotor, mean: Scalar, wanted: Wanted, depths: Vector,
     order: Scalar, damping: Damping, directions: tuple[Direction, ...], steps: int,

@@ -51,7 +51,7 @@ def _program_without(structure: Any, rest: tuple[Any, ...], _: tuple[type, ...])
         function = jax.tree.unflatten(structure, leaves)
         return jax.vmap(lambda parameters: found_alone(function(**parameters)))(columns)
 
-    return Program(run, jax.jit)
+    return Program(run, jax.jit, calls=0)
 
 
 class Work(NamedTuple):

@@ -7,15 +7,34 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._programs.program import Program, _haste
-from tests.beams import ROUND
+from jaxbeam._programs import program
+from jaxbeam._programs.program import _HASTE, CALLS, Program, _known
+from tests.beams import README_ROTOR, ROUND
 from tests.compilation import OLD_EMITTERS
 
 
 @pytest.mark.release
 def test_haste_where_the_compiler_knows_it():
     """Nothing else tells whether users wait twice as long."""
-    assert _haste() == OLD_EMITTERS
+    assert bool(_known(_HASTE)) == OLD_EMITTERS
+
+
+@pytest.mark.release
+def test_first_calls_are_compiled_quickly():
+    """Of each kind of arguments by itself; also of a user's functions, which are no arrays."""
+    assert _known(program.QUICK)
+
+    @Program
+    def scaled(x, function):
+        return function(x)
+
+    x, double = jnp.asarray(3.0), lambda x: 2 * x
+    assert scaled.quick is not scaled.well
+    for kind in ((x, double), (x[None], double), (x, jnp.sin)):
+        taken = [scaled.here(*kind) for _ in range(CALLS + 2)]
+        assert taken == [scaled.quick] * CALLS + [scaled.well] * 2
+    assert scaled(x, double) == 6.0
+    assert Program(lambda x: x, calls=0).here(x) is not None
 
 
 @pytest.mark.release
@@ -27,11 +46,10 @@ def test_a_call_within_another_program_is_a_part_of_it():
         return x**2
 
     def asked(x):
-        seen.append(squared.here)
+        seen.append(squared.here(x))
         return squared(x)
 
     x = jnp.asarray(3.0)
-    alone = squared.alone if OLD_EMITTERS else squared.part
     for call, value in (
         (asked, 9.0),
         (jax.grad(asked), 6.0),
@@ -46,7 +64,25 @@ def test_a_call_within_another_program_is_a_part_of_it():
         seen.clear()
         assert float(call(x)) == value
         assert seen
-        assert all(each is (alone if call is asked else squared.part) for each in seen)
+        assert all(each is (squared.quick if call is asked else squared.part) for each in seen)
+
+
+@pytest.mark.slow
+def test_a_long_run_is_compiled_well(monkeypatch):
+    """A run that takes more steps than it is worth to save the compiler is made anew, and is the
+    same; what it says of its steps is of what was asked for."""
+    model, times = jb.Hybrid(0, 2, 0), jnp.linspace(0.0, 8.0, 3)
+
+    def run():
+        return jb.simulate(model, README_ROTOR, jb.SmoothSpinUp(4.0, 6.0), times, max_steps=5000)
+
+    short = run()
+    assert short.solution.stats["max_steps"] == 5000
+    monkeypatch.setattr("jaxbeam._simulation.first_short.STEPS", 10)
+    long = run()
+    assert long.solution.stats["num_steps"] == short.solution.stats["num_steps"] > 10
+    assert long.solution.stats["max_steps"] == 5000
+    np.testing.assert_allclose(long.tip, short.tip, rtol=1e-10)
 
 
 @pytest.mark.exhaustive
