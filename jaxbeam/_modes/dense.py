@@ -29,12 +29,13 @@ TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in dou
 
 
 def dense_modes(
-    system: LinearSystem, wanted: Wanted, loose: Bool[Array, " 4"] | None = None
+    system: LinearSystem, wanted: Wanted, loose: Bool[Array, " 4"] | None = None, free: int = 0
 ) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
-    any. At a root that yields `loose` says in which directions nothing may hold it: there a
-    frequency may be zero, elsewhere one of zero is lost in rounding."""
-    chosen = _chosen(system, wanted, loose is not None)
+    any. At a root that yields, so that so many motions may be `free`, `loose` says in which
+    directions nothing may hold it: there a frequency may be zero, elsewhere one of zero is lost in
+    rounding."""
+    chosen = _chosen(system, wanted, free)
     eigenvalue, shape = chosen.eigenvalue, chosen.shape
     matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
@@ -80,7 +81,7 @@ class _Chosen(NamedTuple):
     rounding: Float[Array, " k"] | None  # what it may do to each
 
 
-def _chosen(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
+def _chosen(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     """The modes wanted."""
     groups = [
         _group(system, transverse, axial, free)
@@ -139,7 +140,7 @@ def _group(
     system: LinearSystem,
     transverse: tuple[Direction, ...],
     axial: tuple[Direction, ...],
-    free: bool,
+    free: int,
 ) -> _Group:
     """All modes of directions that are coupled, or of one alone."""
     directions = tuple(dict.fromkeys(transverse + axial))
@@ -147,7 +148,7 @@ def _group(
     n = rows.size
     m, g, k = (a[np.ix_(rows, rows)] for a in (system.mass, system.by_rates, system.stiffness))
     if system.general:
-        eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative)
+        eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative, free)
         positive = jnp.ones((), int)  # no matter: what grows is found as all else is
     elif transverse == axial:
         eigenvalue, shape, positive = gyroscopic_eigenpairs(m, g, k, free)
@@ -172,9 +173,7 @@ def _group(
     return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)
 
 
-def _rounding(
-    m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: bool
-) -> Array | None:
+def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: int) -> Array | None:
     """What rounding may do to frequencies, relative, where it may be much. In double precision that
     is where a root that is all but `free` leaves little of x^H K x: to |x|^T |K| |x| over that. In
     single precision to that of the lowest modes, which all others have some of, and to

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxbeam._numerics.linalg import solve_columns, symmetric_modes
-from jaxbeam._numerics.loose import symmetric_part
+from jaxbeam._numerics.loose import shift, symmetric_part
 from jaxbeam._rotor.directions import Direction
 
 
 def participation(
-    m: Array, k: Array, x: Array, directions: Sequence[Direction], sizes: Sequence[int], free: bool,
+    m: Array, k: Array, x: Array, directions: Sequence[Direction], sizes: Sequence[int], free: int,
     bent: bool,
 ) -> Float[Array, "n n"]:  # fmt: skip
     """Share of the kinetic energy of coupled mode i that lies in uncoupled mode j; `sizes` are
@@ -31,7 +31,10 @@ def participation(
             parts.append(jnp.abs(x[:, part] @ m[part, part] @ v.T) ** 2)
             continue
         assert axial is not None
-        with_it = solve_columns(k[axial, axial], k[axial, part])
+        along = k[axial, axial]
+        if free:  # which nothing may hold
+            along = along + shift(m[axial, axial], along, free) * m[axial, axial]
+        with_it = solve_columns(along, k[axial, part])
         moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
         inertia, stiffness = (moved.T @ a @ moved for a in (m, k))
         v = symmetric_modes(symmetric_part(inertia), symmetric_part(stiffness), free)

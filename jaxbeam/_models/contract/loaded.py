@@ -87,11 +87,15 @@ class Conditions(eqx.Module):
 def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
     """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
     either where the tip would be farther than ten lengths."""
-    q, status = equations.equilibrium(*inputs)
+    hub, *acting = inputs
+    q, status = equations.equilibrium(hub, *acting)
     # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
     near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
     held = jnp.asarray(True)
-    if isinstance(rotor, Rotor) and is_hinged(rotor):
+    stiff = equations.is_held(hub, q, *acting)
+    if stiff is not None:
+        status = first_failure(first_broken((stiff, Status.NOT_HELD)), status)
+    elif isinstance(rotor, Rotor) and is_hinged(rotor):
         held = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
     return q, first_failure(
         status, first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
