@@ -107,11 +107,12 @@ class Rod(eqx.Module):
         u, p = self.nodes(q)
         every = self.spread(q, change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        out = self.placed(moved, rotated(p, every[:, 3:])).reshape(-1, 7)
+        q = self.placed(moved, rotated(p, every[:, 3:]))
         for node, _ in self.led_ends:  # what is held rigidly is zero now, the length not quite one
-            end = out[node, 3:] + UPRIGHT
-            out = out.at[node, 3:].set(end / jnp.sqrt(end @ end) - UPRIGHT)
-        return out.reshape(-1)
+            own = slice(3, 7) if node == 0 else slice(-4, None)
+            end = q[own] + UPRIGHT
+            q = q.at[own].set(end / jnp.sqrt(end @ end) - UPRIGHT)
+        return q
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """How q begins to change."""

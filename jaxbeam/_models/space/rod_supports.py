@@ -22,13 +22,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.equations import Drag
-from jaxbeam._numerics.quaternions import crossing, of_turn, product, rotation, turn_of
+from jaxbeam._numerics.loose import symmetric_part
+from jaxbeam._numerics.quaternions import crossing, of_turn, rotation, turn_of
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.support import Support
 from jaxbeam._types import Number, Scalar
 
 _Six = Float[Array, "6"]
 _Block = Float[Array, "6 6"]
+_SMALL = 0.1  # square of an angle below which a series is exact to rounding
+# Of (1 - a cot(a)) / (4 a^2) by a^2.
+_SERIES = 1 / 12, 1 / 180, 1 / 1890, 1 / 18900, 1 / 187110, 691 / 1277025750, 1 / 18243225
 
 
 class Held(eqx.Module):
@@ -101,47 +105,62 @@ class Held(eqx.Module):
         return _diagonal(inward @ along, about)
 
     def by_reaction(self, p: Float[Array, "4"], force: _Six) -> _Block:
-        """How B^T r changes by what is free where r does not."""
-        basis = self.basis(p)
-
-        def led(ways: _Six) -> _Six:
-            return self.basis(product(p, of_turn(basis[3:] @ ways))).T @ force
-
-        return jax.jacfwd(led)(jnp.zeros(6, p.dtype))
+        """(dB)^T r: how B^T r changes with the ways where r, at the node, does not."""
+        basis, attitude = self.basis(p)[3:, 3:], rotation(p)
+        outward = -(self.axes.T @ attitude) @ crossing(force.reshape(2, 3))
+        shifts, rotations = self.free(0).T * (outward[0] @ basis), outward[1] @ basis
+        held = np.flatnonzero(self.free(1) == 0)
+        if held.size == 1:  # x / w changes by (1 + |x / w|^2) / 2 times what leads
+            axis, about, y = self.axes[:, held[0]], self.axes * self.free(1), p[1:] / p[0]
+            led = (axis @ force[3:]) * (1 + y @ y) / 2
+            rotations = -led * about.T @ crossing(axis) @ about
+        elif held.size:
+            rotations = jnp.zeros_like(basis)
+        none = jnp.zeros((3, 3), p.dtype)
+        return jnp.block([[none, shifts], [none, rotations]])
 
     def rates(self, p: Float[Array, "4"]) -> _Block:
         """The six ways by changes of the node."""
-
-        def vector(change: Float[Array, "3"]) -> Float[Array, "3"]:
-            return self.axes.T @ turn_of(product(p, of_turn(change)))
-
-        return _diagonal(self.axes.T @ rotation(p), jax.jacfwd(vector)(jnp.zeros(3, p.dtype)))
+        return _diagonal(self.axes.T @ rotation(p), self.axes.T @ _by_turn(turn_of(p)))
 
     def energy(self, u: Float[Array, "3"], p: Float[Array, "4"]) -> Scalar:
         """Of the springs, in J."""
-        along = self.stiffness[:3] @ (self.axes.T @ u) ** 2
-        return along / 2 + self._energy_about(p, jnp.zeros(3, p.dtype))
-
-    def _energy_about(self, p: Float[Array, "4"], change: Float[Array, "3"]) -> Scalar:
-        vector = self.axes.T @ turn_of(product(p, of_turn(change)))
-        return self.stiffness[3:] @ vector**2 / 2
+        ways = jnp.concatenate([self.axes.T @ u, self.axes.T @ turn_of(p)])
+        return self.stiffness @ ways**2 / 2
 
     def acting(self, u: Float[Array, "3"], p: Float[Array, "4"]) -> tuple[_Six, _Block, _Block]:
         """What springs do to the node, in its own axes, their symmetric tangent, and of that what
         is of the springs alone: rates^T k rates."""
-        rest = jnp.zeros(3, p.dtype)
-        moment = jax.grad(self._energy_about, 1)(p, rest)
-        about = jax.hessian(self._energy_about, 1)(p, rest)
+        axes, vector = self.axes, turn_of(p)
+        about = axes @ (self.stiffness[3:, None] * axes.T)
+
+        def moment(vector: Float[Array, "3"]) -> Float[Array, "3"]:
+            return _by_turn(vector).T @ (about @ vector)
+
         rates = self.rates(p)
         alone = rates.T @ (self.stiffness[:, None] * rates)
+        # Along a turn t that goes on the vector changes by J t: so this is the second derivative.
+        second = symmetric_part(jax.jacfwd(moment)(vector) @ _by_turn(vector))
         if not any(way < 3 for way in self.ways):
             none = jnp.zeros((3, 3), p.dtype)
-            return jnp.concatenate([rest, moment]), _diagonal(none, about), alone
-        push = rates[:3, :3].T @ (self.stiffness[:3] * (self.axes.T @ u))
+            return jnp.pad(moment(vector), (3, 0)), _diagonal(none, second), alone
+        push = rates[:3, :3].T @ (self.stiffness[:3] * (axes.T @ u))
         # To second order the node goes by R (h + t x h / 2).
         across = crossing(push) / 2
-        both = jnp.block([[alone[:3, :3], across], [across.T, about]])
-        return jnp.concatenate([push, moment]), both, alone
+        both = jnp.block([[alone[:3, :3], across], [across.T, second]])
+        return jnp.concatenate([push, moment(vector)]), both, alone
+
+
+def _by_turn(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """J = 1 + phi~ / 2 + c phi~ phi~: the rotation vector phi by small turns in axes of the node,
+    c = (1 - phi / 2 cot(phi / 2)) / phi^2."""
+    square = vector @ vector
+    small = square < _SMALL
+    half = jnp.sqrt(jnp.where(small, 1.0, square)) / 2
+    large = (1 - half / jnp.tan(half)) / (4 * half**2)
+    series = sum(factor * (square / 4) ** k for k, factor in enumerate(_SERIES))
+    across = crossing(vector)
+    return jnp.eye(3) + across / 2 + jnp.where(small, series, large) * across @ across
 
 
 def _diagonal(first: Float[Array, "3 3"], second: Float[Array, "3 3"]) -> _Block:
