@@ -20,7 +20,7 @@ from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping, damping_in_range
-from jaxbeam._rotor.directions import ALL_COUPLED, Direction, is_hinged
+from jaxbeam._rotor.directions import ALL_COUPLED, Direction
 from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
 from jaxbeam._rotor.loads import NO_LOADS, Loads, loads_in_range
 from jaxbeam._rotor.motion import spinning
@@ -52,7 +52,7 @@ class Conditions(eqx.Module):
     def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> tuple[Vector, Code]:
         """Coordinates of the steady state, and the status of the search for it."""
         equations = equations_under(model, rotor, self.loads)
-        return resting(rotor, equations, self.inputs(equations, speed))
+        return held_at_rest(rotor, equations, self.inputs(equations, speed))
 
     def inputs(self, equations: Equations, speed: Scalar, factor: Scalar | None = None) -> Inputs:
         """The hub that turns steadily, in gravity, and what acts at the tip and along the span; all
@@ -84,21 +84,27 @@ class Conditions(eqx.Module):
         )
 
 
-def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
-    """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
-    either where the tip would be farther than ten lengths."""
+def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
+    """As `resting`, and not OK either where nothing holds the beam there: it might rest elsewhere."""
+    q, status = resting(rotor, equations, inputs)
     hub, *acting = inputs
-    q, status = equations.equilibrium(hub, *acting)
-    # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
-    near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
-    held = jnp.asarray(True)
     stiff = equations.is_held(hub, q, *acting)
     if stiff is not None:
         status = first_failure(first_broken((stiff, Status.NOT_HELD)), status)
-    elif isinstance(rotor, Rotor) and is_hinged(rotor):
-        held = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
+    return q, status
+
+
+def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
+    """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
+    either where the tip would be farther than ten lengths."""
+    q, status = equations.equilibrium(*inputs)
+    # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
+    near = jnp.max(jnp.abs(equations.tip(q))) < 10 * equations.length  # NaN is not
+    sprung = jnp.asarray(True)
+    if isinstance(rotor, Rotor) and rotor.root_springs is not None:
+        sprung = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
     return q, first_failure(
-        status, first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
+        status, first_broken((near | sprung, Status.NOT_HELD), (near, Status.DIVERGED))
     )
 
 

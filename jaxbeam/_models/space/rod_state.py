@@ -132,9 +132,7 @@ class Rod(eqx.Module):
 
     def _bases(self, q: Coordinates) -> list[tuple[int, Float[Array, "6 6"]]]:
         """B of the ends that are led."""
-        led = self.led_ends
-        _, p = self.nodes(q) if led else (None, jnp.zeros((0, 4)))
-        return [(node, end.basis(p[node])) for node, end in led]
+        return [(node, end.basis(self.nodes(q)[1][node])) for node, end in self.led_ends]
 
     def led(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
         """A matrix by changes of which, at ends, those that are free lead the others."""

@@ -106,18 +106,16 @@ class Held(eqx.Module):
 
     def by_reaction(self, p: Float[Array, "4"], force: _Six) -> _Block:
         """(dB)^T r: how B^T r changes with the ways where r, at the node, does not."""
-        basis, attitude = self.basis(p)[3:, 3:], rotation(p)
-        outward = -(self.axes.T @ attitude) @ crossing(force.reshape(2, 3))
-        shifts, rotations = self.free(0).T * (outward[0] @ basis), outward[1] @ basis
-        held = np.flatnonzero(self.free(1) == 0)
-        if held.size == 1:  # x / w changes by (1 + |x / w|^2) / 2 times what leads
-            axis, about, y = self.axes[:, held[0]], self.axes * self.free(1), p[1:] / p[0]
-            led = (axis @ force[3:]) * (1 + y @ y) / 2
-            rotations = -led * about.T @ crossing(axis) @ about
-        elif held.size:
-            rotations = jnp.zeros_like(basis)
+        basis, held = self.basis(p)[3:, 3:], np.flatnonzero(self.free(1) == 0)
         none = jnp.zeros((3, 3), p.dtype)
-        return jnp.block([[none, shifts], [none, rotations]])
+        outward = -(self.axes.T @ rotation(p)) @ crossing(force.reshape(2, 3))
+        shifts, about = jnp.asarray(self.free(0).T) * (outward[0] @ basis), outward[1] @ basis
+        if held.size == 1:  # x / w changes by (1 + |x / w|^2) / 2 times what leads
+            axis, free, y = self.axes[:, held[0]], self.axes * self.free(1), p[1:] / p[0]
+            about = -(axis @ force[3:]) * (1 + y @ y) / 2 * (free.T @ crossing(axis) @ free)
+        elif held.size:
+            about = none
+        return jnp.block([[none, shifts], [none, about]])
 
     def rates(self, p: Float[Array, "4"]) -> _Block:
         """The six ways by changes of the node."""
