@@ -85,3 +85,29 @@ def unshifted(
     root = jnp.sqrt(jnp.abs(square))
     new = jax.lax.complex(jnp.where(square < 0, root, 0.0), jnp.where(square < 0, 0.0, root))
     return jnp.where(lost == 0, lam, new)
+
+
+def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+    """What `gyroscopic_eigenpairs` finds, with modes as columns."""
+    n, lower = m.shape[0], cholesky(k)
+    stable = jnp.all(jnp.isfinite(lower)) & jnp.all(jnp.isfinite(m + gyro))
+    lower = jnp.where(stable, lower, jnp.eye(n, dtype=m.dtype))
+    reduced_gyro = lower_solve(lower, lower_solve(lower, gyro).T).T
+    mixed = lower_solve(lower, cholesky(m))
+    skew = jnp.block([[-reduced_gyro, -mixed], [mixed.T, jnp.zeros_like(m)]])
+    y, nu = jax.lax.linalg.eigh(1j * (skew - skew.T) / 2, symmetrize_input=False)
+    x = lower_solve(lower + 0j, y[:n, ::-1][:, :n], transpose=True)
+    x = x / jnp.sqrt(jnp.sum((x.conj() * (m @ x)).real, axis=0))[None]
+    fine = jnp.where(stable, 1.0, jnp.nan)
+    return fine * 1j / nu[::-1][:n], fine * x, stable
+
+
+def by_skew_settled(m: Array, gyro: Array, k: Array, free: int) -> Any:
+    """What `by_skew` finds, where so many motions may be held by nothing."""
+
+    def found(more: Array) -> tuple[Array, Array, Array]:
+        lam, x, stable = by_skew(m, gyro, k + more * m)
+        moving = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
+        return unshifted(lam, more / moving.real, k, x, free), x, stable
+
+    return settled(found, lambda: shift(m, k, free), free)

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from jaxbeam._numerics.linalg import by_skew, by_skew_settled, modes_and_squares
-from jaxbeam._numerics.loose import symmetric_part
+from jaxbeam._numerics.linalg import modes_and_squares
+from jaxbeam._numerics.loose import by_skew, by_skew_settled, symmetric_part
 from jaxbeam._programs.batches import one_by_one
 
 

@@ -89,5 +89,5 @@ class Support(Parameters):
 
     @property
     def springs(self) -> tuple[Number | None, ...]:
-        """Of the six ways, in the order of fields; None where held rigidly."""
+        """Springs of the six ways, in the order of fields; None where held rigidly."""
         return tuple(getattr(self, way) for way in WAYS)

@@ -15,7 +15,6 @@ from jaxbeam._models.space.rod_state import Around, balance
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam.blades import Blade
 from jaxbeam.models import SpatialRod
-from tests.models.test_rod import coupled
 from tests.tiers import slow
 
 Support = jb.Support
@@ -27,6 +26,16 @@ def uniform(stiffness, rotary, length=1.0):
     """A blade of diagonal sections, of mass one per length."""
     mass = np.diag([1, 1, 1, 2 * rotary, rotary, rotary])
     return Blade([0, 1], [np.diag(stiffness)] * 2, [mass] * 2, length)
+
+
+def coupled():
+    """A blade of full sections, turned, about a curved axis."""
+    rng = np.random.default_rng(3)
+    a, size = rng.normal(size=(6, 6)), np.sqrt([1e6, 2e5, 2e5, 3e2, 4e2, 6e2])
+    stiffness = size[:, None] * (a @ a.T / 6 + 2 * np.eye(6)) * size
+    mass = np.diag([1.2, 1.2, 1.2, 0.02, 0.008, 0.012])
+    axis = [[0, 0, 0], [1, 0.02, 0], [2, 0.1, 0.05], [3, 0.3, 0.1]]
+    return Blade([0, 1], [stiffness] * 2, [mass] * 2, axis, twist=[0.3, 0.2, 0.1, 0])
 
 
 SHEAR, BENDING, ROTARY = 200.0, 1.0, 0.004
@@ -84,13 +93,13 @@ def test_beams_between_supports(name):
     """The first two frequencies in plane, with shear and rotary inertia."""
     root, tip, at_root, at_tip, near = BEAMS[name]
     rotor = jb.Rotor(STOUT, root_support=root, tip_support=tip)
-    modes = jb.modes(SpatialRod(9), rotor, 0.0, 10)
+    modes = jb.modes(SpatialRod(11), rotor, 0.0, 10)
     found = np.asarray(modes.frequency)[modes.energy_share[:, jb.models.Direction.IN_PLANE] > 0.5]
     still = 3 if name == "free-free" else 0
     if still:  # as a body, in all directions, and exactly
         np.testing.assert_array_equal(modes.frequency[:6], 0.0)
         found = found[found > 0]
-    bounds = np.linspace(0.3, 1.02, 400) * near[1] ** 2
+    bounds = np.linspace(0.3 * near[0] ** 2, 1.02 * near[1] ** 2, 400)
     values = [misses(omega, at_root, at_tip) for omega in bounds]
     places = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))
     expected = [

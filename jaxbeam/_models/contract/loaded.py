@@ -85,7 +85,8 @@ class Conditions(eqx.Module):
 
 
 def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> tuple[Vector, Code]:
-    """As `resting`, and not OK either where nothing holds the beam: it might rest elsewhere."""
+    """What `resting` finds, and not OK either where nothing holds the beam, which might rest
+    elsewhere."""
     q, status = resting(rotor, equations, inputs)
     hub, *acting = inputs
     stiff = equations.is_held(hub, q, *acting)

@@ -50,6 +50,13 @@ class SpatialRod(AbstractModel[Rotor]):
 
     It takes all that a rotor and constant loads have (`Rotor`, `Loads`); loads that follow turn
     with the sections from axes of the undeformed beam. Motion in time it leaves to `SpatialANCF`.
+    Either end may be on a `Support`, alone of all models:
+
+        hinge = jb.Support(about_2=0.0, attitude=(0.0, 0.0, 0.3))  # flap, with some pitch
+        propped = jb.Support(0.0, None, None, 0.0, 0.0, 0.0)  # held across, free along and to turn
+        rotor = jb.Rotor(beam, 0.5, root_support=hinge, tip_support=propped)
+
+    What is held rigidly has no coordinates, and `hub_force` is what both ends give.
 
     Raises `TypeError` or `ValueError` unless `degree` is an int >= 2 and `elements` one >= 1.
     """

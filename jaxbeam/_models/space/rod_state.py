@@ -72,7 +72,7 @@ class Rod(eqx.Module):
 
     @property
     def led_ends(self) -> list[tuple[int, Held]]:
-        """Of these those whose changes are led by what is free."""
+        """Nodes on supports whose changes are led by what is free."""
         return [(node, end) for node, end in self.ends if end.leads]
 
     @property

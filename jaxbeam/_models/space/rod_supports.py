@@ -63,12 +63,12 @@ class Held(eqx.Module):
 
     @property
     def axes(self) -> Float[Array, "3 3"]:
-        """Its axes as columns."""
+        """Axes of the support as columns."""
         return jnp.eye(3) if self.attitude is None else self.attitude
 
     @property
     def stiffness(self) -> Float[Array, "6"]:
-        """Of the springs, zero where it holds rigidly."""
+        """Stiffness of the springs, zero where it holds rigidly."""
         return jnp.stack([jnp.asarray(0.0 if k is None else k) for k in self.springs])
 
     def free(self, part: int) -> Float[np.ndarray, "1 3"]:
@@ -86,7 +86,7 @@ class Held(eqx.Module):
     def own(
         self, u: Float[Array, "3"], p: Float[Array, "4"]
     ) -> tuple[Float[Array, "3"], Float[Array, "4"]]:
-        """The same in its own axes, zero what is held rigidly."""
+        """Displacement and quaternion in its own axes, zero what is held rigidly."""
         if self.attitude is not None:
             u, p = self.attitude.T @ u, jnp.concatenate([p[:1], self.attitude.T @ p[1:]])
         along, about = self.free(0)[0], self.free(1)[0]
@@ -122,7 +122,7 @@ class Held(eqx.Module):
         return _diagonal(self.axes.T @ rotation(p), self.axes.T @ _by_turn(turn_of(p)))
 
     def energy(self, u: Float[Array, "3"], p: Float[Array, "4"]) -> Scalar:
-        """Of the springs, in J."""
+        """Energy of the springs, in J."""
         ways = jnp.concatenate([self.axes.T @ u, self.axes.T @ turn_of(p)])
         return self.stiffness @ ways**2 / 2
 
