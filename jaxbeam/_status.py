@@ -189,8 +189,8 @@ class Status(enum.IntEnum):
     )
     NOT_HELD = (
         43,
-        "nothing holds the beam at this angular_speed, since a hinge is free (RootSprings of "
-        "zero): give it a stiffness, or a speed at which it is held",
+        "nothing holds the beam at this angular_speed, since a hinge or a support is free (its "
+        "springs are zero): give it a stiffness, or a speed at which it is held",
     )
     TURNING_GRAVITY = (
         44,
@@ -231,6 +231,11 @@ class Status(enum.IntEnum):
     INVALID_POINT_MASSES = 50, "point masses must be finite and >= 0", INPUT
     INVALID_SECTION_STIFFNESS = 55, f"stiffness must be positive definite{_SECTIONS}", INPUT
     INVALID_SECTION_INERTIA = 56, f"inertia must have mass > 0, moments >= 0{_SECTIONS}", INPUT
+    INVALID_SUPPORT = (
+        58,
+        "springs of a support must be finite and >= 0, its attitude finite and at most 2 pi long",
+        INPUT,
+    )
     INVALID_AXIS = 57, "points of the axis must be finite, each apart from the next", INPUT
     INVALID_RIGID_BODY = (
         60,

@@ -37,7 +37,8 @@ from jaxbeam._ladder.rungs import (
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish
-from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar

@@ -24,7 +24,8 @@ from jaxbeam._models.contract.supports import check_supported, missing, unsuppor
 from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
 from jaxbeam._models.space.theory import SpatialANCF
 from jaxbeam._programs.program import Program
-from jaxbeam._rotor.beam import Rotor, checked_rotor
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction

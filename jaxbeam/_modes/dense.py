@@ -31,12 +31,13 @@ TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in dou
 
 
 def dense_modes(
-    system: LinearSystem, wanted: Wanted, loose: Bool[Array, " 4"] | None = None
+    system: LinearSystem, wanted: Wanted, loose: Bool[Array, " 4"] | None = None, free: int = 0
 ) -> Modes:
     """The modes wanted, whether or not the steady state is stable, with numbers where there are
-    any. At a root that yields `loose` says in which directions nothing may hold it: there a
-    frequency may be zero, elsewhere one of zero is lost in rounding."""
-    chosen = _chosen(system, wanted, loose is not None)
+    any. At a root that yields, so that so many motions may be `free`, `loose` says in which
+    directions nothing may hold it: there a frequency may be zero, elsewhere one of zero is lost in
+    rounding."""
+    chosen = _chosen(system, wanted, free)
     eigenvalue, shape = chosen.eigenvalue, chosen.shape
     matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
@@ -82,7 +83,7 @@ class _Chosen(NamedTuple):
     rounding: Float[Array, " k"] | None  # what it may do to each
 
 
-def _chosen(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
+def _chosen(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     """The modes wanted: the lowest few of a conservative system alone, if they can be told apart,
     else out of all that there are."""
     one_group = system.general and system.conservative and len(system.coupling) == 1
@@ -119,7 +120,7 @@ class _Parts(NamedTuple):
         return cls(rows, directions, sizes, *matrices)
 
 
-def _lowest(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
+def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     """The lowest modes of a conservative system of one group: alone, where it is stable and each
     bears a label for certain, else out of all.
 
@@ -141,7 +142,7 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
     right = jnp.max(_residual((m, c, k), lam, x)) <= TOLERANCE * jnp.finfo(m.dtype).eps
 
     def all_of_them() -> tuple[Array, Array, Array]:
-        lam, x = quadratic_eigenpairs(m, c, k, True)
+        lam, x = quadratic_eigenpairs(m, c, k, True, free)
         label = assigned(participation(x, heavy))
         return lam[:count], x[:count], label[:count]
 
@@ -158,7 +159,7 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
     )  # fmt: skip
 
 
-def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: bool) -> _Chosen:
+def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     """The modes wanted, out of all."""
     groups = [
         _group(system, transverse, axial, free)
@@ -217,13 +218,13 @@ def _group(
     system: LinearSystem,
     transverse: tuple[Direction, ...],
     axial: tuple[Direction, ...],
-    free: bool,
+    free: int,
 ) -> _Group:
     """All modes of directions that are coupled, or of one alone."""
     parts = _Parts.of(system, transverse, axial)
     rows, here, sizes, m, g, k = parts
     if system.general:
-        eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative)
+        eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative, free)
         positive = jnp.ones((), int)  # no matter: what grows is found as all else is
     elif transverse == axial:
         eigenvalue, shape, positive = gyroscopic_eigenpairs(m, g, k, free)
@@ -246,9 +247,7 @@ def _group(
     return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)
 
 
-def _rounding(
-    m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: bool
-) -> Array | None:
+def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: int) -> Array | None:
     """What rounding may do to frequencies, relative, where it may be much. In double precision that
     is where a root that is all but `free` leaves little of x^H K x: to |x|^T |K| |x| over that. In
     single precision to that of the lowest modes, which all others have some of, and to

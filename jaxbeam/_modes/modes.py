@@ -28,7 +28,7 @@ from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping
-from jaxbeam._rotor.directions import Direction, Label, is_hinged
+from jaxbeam._rotor.directions import Direction, Label, loose_motions
 from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Real, Scalar
@@ -105,7 +105,7 @@ def found_about(
     bands = bands_of(model, wanted.most, wanted.count) if banded else None
     system = system_of(model, rotor, speed, conditions)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
-    found, extra = search(model, bands, *fixed, is_hinged(rotor), judged and alone)
+    found, extra = search(model, bands, *fixed, loose_motions(rotor), judged and alone)
     status, error = first_failure(given, found.status), found.frequency_error
     if error is not None and model.judged(rotor):
         error = jnp.where(status == Status.OK, error, jnp.nan)

@@ -142,7 +142,9 @@ class Modes(InHertz, eqx.Module):
         """L times the angle of torsion at `xi`, as in `displacement`, with the same `tip`, units
         and errors: zero but of models in space."""
         asked, points = _asked(self), places(xi)
-        return nan_unless(asked.fine, asked.shapes(tip) @ asked.model.torsion(points).T)
+        return nan_unless(
+            asked.fine, asked.shapes(tip) @ asked.model.torsion(points, asked.rotor).T
+        )
 
     @of_places
     @per_case
@@ -301,7 +303,7 @@ def _mac(modes: Modes, other: Modes) -> Float[Array, "k m"]:
     (u, a), (v, b) = (
         (
             jnp.einsum("cpn,kn->kpc", each.model.displacement(xi, each.rotor), each.shape),
-            each.shape @ each.model.torsion(xi).T / each.rotor.length,
+            each.shape @ each.model.torsion(xi, each.rotor).T / each.rotor.length,
         )
         for each in (first, second)
     )
@@ -339,7 +341,7 @@ def own_tip(
         return jnp.sum(jnp.where(same, shapes.ends.tip[None], 0.0) * shape, -1)
     end = np.ones(1)
     table = model.displacement(end, rotor)[:, 0]
-    return jnp.sum(jnp.concatenate([table, model.torsion(end)])[direction] * shape, -1)
+    return jnp.sum(jnp.concatenate([table, model.torsion(end, rotor)])[direction] * shape, -1)
 
 
 def _named(direction: np.ndarray, number: np.ndarray) -> tuple[Any, ...]:

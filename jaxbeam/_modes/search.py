@@ -30,7 +30,7 @@ _Found = tuple[Modes, Vector | None]  # and the steady state of elements
 
 
 def search(
-    model: AbstractModel, bands: Bands | None, system: LinearSystem, case: _Case, free: bool,
+    model: AbstractModel, bands: Bands | None, system: LinearSystem, case: _Case, free: int,
     judged: bool,
 ) -> tuple[Modes, Mixes | Vector | None]:  # fmt: skip
     """The modes, with signs that make tips move the positive way, and, if they are to be `judged`,
@@ -47,7 +47,7 @@ def search(
 
     def complete(system: LinearSystem, case: _Case) -> tuple[Modes, Mixes | None]:
         rotor, speed, wanted = case
-        found = dense_modes(system, wanted, _loose(rotor) if free else None)
+        found = dense_modes(system, wanted, _loose(rotor) if free else None, free)
         shape = found.shape * _sign(model, rotor, system, found)[:, None]
         error = None
         if judged:
@@ -79,6 +79,9 @@ def search(
 
 def _loose(rotor: AnyRotor) -> Bool[Array, " 4"]:
     """Whether the root has a hinge that no spring holds, by direction."""
+    if isinstance(rotor, Rotor) and rotor.root_support is not None:
+        ways = [spring == 0 for spring in rotor.root_support.springs if spring is not None]
+        return jnp.broadcast_to(jnp.any(jnp.stack(ways)), 4)
     springs = rotor.springs if isinstance(rotor, Rotor) else (None, None)
     in_plane, flap = (jnp.asarray(spring is not None and spring == 0) for spring in springs)
     no = jnp.zeros((), bool)

@@ -1,5 +1,8 @@
 """Modes of systems in which gyroscopic forces may couple everything, by skew matrices."""
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -11,7 +14,7 @@ from jaxbeam._programs.batches import one_by_one
 
 def gyroscopic_eigenpairs(
     mass: Float[Array, "n n"], gyroscopic: Float[Array, "n n"], stiffness: Float[Array, "n n"],
-    free: bool = False,
+    free: int = 0,
 ) -> BlockPairs:  # fmt: skip
     """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda > 0, lowest first, for
     any skew G and K positive definite, or singular where hinges are `free`; else `positive` is 0
@@ -24,7 +27,7 @@ def gyroscopic_eigenpairs(
     has the eigenvalues 1 / lambda, the lowest frequencies for the largest. Eigenvectors have unit
     modal mass, x^H M x = 1, and any phase.
     """
-    solver = _gyroscopic_free if free else _gyroscopic
+    solver = _freely(free) if free else _gyroscopic
     return BlockPairs(*solver(mass, gyroscopic, stiffness))
 
 
@@ -34,15 +37,13 @@ def _gyroscopic(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     return lam, x.T, stable.astype(int)
 
 
-@one_by_one
-def _gyroscopic_free(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
-    def found(more: Array) -> tuple[Array, Array, Array]:
-        lam, x, stable = by_skew(m, gyro, k + more * m)
-        moving = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
-        return unshifted(lam, more / moving.real, k, x), x, stable
+def _freely(free: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
+    def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
+        lam, x, stable = by_skew_settled(m, gyro, k, free)
+        return lam, x.T, stable.astype(int)
 
-    lam, x, stable = settled(found, lambda: shift(m, k))
-    return lam, x.T, stable.astype(int)
+    solve_each: Callable[[Array, Array, Array], Any] = one_by_one(solver)
+    return solve_each
 
 
 def _skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
@@ -88,3 +89,14 @@ def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     x = x / jnp.sqrt(jnp.sum((x.conj() * (m @ x)).real, axis=0))[None]
     fine = jnp.where(stable, 1.0, jnp.nan)
     return fine * 1j / nu[::-1][:n], fine * x, stable
+
+
+def by_skew_settled(m: Array, gyro: Array, k: Array, free: int) -> Any:
+    """What `by_skew` finds, where so many motions may be held by nothing."""
+
+    def found(more: Array) -> tuple[Array, Array, Array]:
+        lam, x, stable = by_skew(m, gyro, k + more * m)
+        moving = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
+        return unshifted(lam, more / moving.real, k, x, free), x, stable
+
+    return settled(found, lambda: shift(m, k, free), free)

@@ -133,7 +133,7 @@ def planar_eigenpairs(
     gyroscopic: Float[Array, "n n"],
     stiffness: Float[Array, "n n"],
     n_transverse: int,
-    free: bool = False,
+    free: int = 0,
 ) -> BlockPairs:
     """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda >= 0, lowest first.
 
@@ -193,7 +193,7 @@ class _Planar(NamedTuple):
         x = jax.lax.complex(jnp.where(transverse, x, 0.0), jnp.where(transverse, 0.0, -x))
         return jax.lax.complex(0 * sigma, 1 / sigma), x
 
-    def shifted(self, more: Array, lu: Array) -> tuple[Array, Array]:
+    def shifted(self, more: Array, lu: Array, free: int) -> tuple[Array, Array]:
         """Returns the modes where K_w + `more` M_w is positive definite, NaN where it is not."""
         m, g, k, nt, transverse = self
         inertia = m[:nt, :nt]
@@ -204,7 +204,7 @@ class _Planar(NamedTuple):
         w, v = x[:nt].real, x[nt:].imag
         # As d lambda^2 = -2 lambda y^T dK x / y^T (2 lambda M + G) x, of unit modal mass.
         moving = 1 + jnp.sum(w * (g @ v), 0) / lam.imag
-        new = unshifted(lam, more * jnp.sum(w * (inertia @ w), 0) / moving, k, x)
+        new = unshifted(lam, more * jnp.sum(w * (inertia @ w), 0) / moving, k, x, free)
         x = jnp.where(transverse, x, x * jnp.where(more == 0, 1.0, new / lam)[None])
         norm = jnp.sum(jnp.where(transverse, x, -x) * (m @ x), axis=0)
         return new, x / jnp.where(more == 0, 1.0, jnp.sqrt(norm))[None]
@@ -234,7 +234,7 @@ class _Planar(NamedTuple):
         return lam, v.T + 0j
 
 
-def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[Array, ...]]:
+def _eigensolver(nt: int, free: int) -> Callable[[Array, Array, Array], tuple[Array, ...]]:
     def factors(m: Array, gyro: Array, k: Array) -> tuple[_Planar, Array, Array, Array, Array]:
         """The system, the factors of K, and whether there is the axial one, and the other."""
         planar = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(len(m)) < nt)[:, None])
@@ -262,7 +262,9 @@ def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[A
 
         def loose(_: None) -> tuple[Array, Array]:
             lam, x = settled(
-                lambda more: planar.shifted(more, lu), lambda: shift(m[:nt, :nt], k[:nt, :nt])
+                lambda more: planar.shifted(more, lu, free),
+                lambda: shift(m[:nt, :nt], k[:nt, :nt], free),
+                free,
             )
             return jax.lax.cond(jnp.isfinite(lam[0]), lambda: (lam, x), lambda: indefinite(None))
 
@@ -279,14 +281,18 @@ def _eigensolver(nt: int, free: bool) -> Callable[[Array, Array, Array], tuple[A
 
 
 def symmetric_modes(
-    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: bool = False
+    mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: int = 0
 ) -> Float[Array, "n n"]:
     """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite, and
     singular where hinges are `free`.
 
     From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
     """
-    return one_by_one(_settled_modes if free else modes_and_squares)(mass, stiffness)[0]
+
+    def found(mass: Array, stiffness: Array) -> tuple[Array, Array]:
+        return _settled_modes(mass, stiffness, free)
+
+    return one_by_one(found if free else modes_and_squares)(mass, stiffness)[0]
 
 
 @one_by_one
@@ -335,10 +341,10 @@ def modes_and_squares(
     return v, mu if more is None else mu - more
 
 
-def _settled_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
+def _settled_modes(mass: Array, stiffness: Array, free: int) -> tuple[Array, Array]:
     def found(more: Array) -> tuple[Array, Array]:
         v, mu = modes_and_squares(mass, stiffness, more)
         return jnp.sqrt(jnp.abs(mu)), v
 
-    omega, v = settled(found, lambda: shift(mass, stiffness))
+    omega, v = settled(found, lambda: shift(mass, stiffness, free), free)
     return v, omega

@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
-_RIGID = 2  # motions of a blade that nothing may hold: on a hinge in plane and one in flap
 _FAR = 1e4  # frequencies whose ratio costs that many units of rounding
 
 
@@ -37,17 +36,19 @@ def reduced(a: Array, b: Array) -> tuple[Array, Array]:
     return f, symmetric_part(inner)
 
 
-def settled(found: Callable[[Array], tuple[Array, ...]], shift: Callable[[], Array]) -> Any:
+def settled(
+    found: Callable[[Array], tuple[Array, ...]], shift: Callable[[], Array], free: int
+) -> Any:
     """`found(0)`, of which the first are eigenvalues; and where the lowest are so far below those
-    that bend the blade that these have lost digits, or are not numbers, as where K is singular,
-    `found(shift())`. A loop, so that it is compiled once."""
+    that bend the blade, behind as many as may be `free`, that these have lost digits, or are not
+    numbers, as where K is singular, `found(shift())`. A loop, so that it is compiled once."""
     like = jax.eval_shape(shift)
     start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(found, like))
 
     def again(state: tuple[Array, tuple[Array, ...]]) -> Bool[Array, ""]:
         tries, (lam, *_) = state
         frequency = jnp.sort(jnp.abs(lam))
-        bending = frequency[min(_RIGID, len(lam) - 1)]
+        bending = frequency[min(free, len(lam) - 1)]
         loose = ~(frequency[0] * _FAR >= bending)
         return (tries == 0) | ((tries == 1) & loose)
 
@@ -58,26 +59,28 @@ def settled(found: Callable[[Array], tuple[Array, ...]], shift: Callable[[], Arr
     return jax.lax.while_loop(again, body, (jnp.asarray(0), start))[1]
 
 
-def shift(mass: Float[Array, "n n"], stiffness: Float[Array, "n n"]) -> Array:
+def shift(mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: int) -> Array:
     """The s of K + s M: small beside squares of frequencies of bending, large beside rounding."""
     _, inner = reduced(stiffness, mass)
     _, square = jax.lax.linalg.eigh(inner, symmetrize_input=False)
     largest = jnp.max(jnp.abs(square))
     floor = 1e3 * jnp.finfo(square.dtype).eps * jnp.where(largest > 0, largest, 1.0)
-    return jnp.maximum(square[min(_RIGID, len(mass) - 1)] / _FAR**2, floor)
+    return jnp.maximum(square[min(free, len(mass) - 1)] / _FAR**2, floor)
 
 
 def unshifted(
-    lam: Complex[Array, " n"], lost: Array, k: Float[Array, "n n"], x: Complex[Array, "n n"]
+    lam: Complex[Array, " n"],
+    lost: Array,
+    k: Float[Array, "n n"],
+    x: Complex[Array, "n n"],
+    free: int,
 ) -> Complex[Array, " n"]:
     """Eigenvalues of modes in columns x, of unit modal mass, from those with the shift and what of
     their omega^2 is the shift's: as they are without one, else zero where x^H K x, or omega^2,
     cannot be told from rounding."""
     eps, square = jnp.finfo(k.dtype).eps, lam.imag**2 - lost
     size = jnp.abs(x)
-    bound = 8 * jnp.sum(size * (jnp.abs(k) @ size), 0) + 4 * jnp.abs(
-        square[min(_RIGID, len(k) - 1)]
-    )
+    bound = 8 * jnp.sum(size * (jnp.abs(k) @ size), 0) + 4 * jnp.abs(square[min(free, len(k) - 1)])
     square = jnp.where(jnp.abs(square) <= eps * bound, 0.0, square)
     root = jnp.sqrt(jnp.abs(square))
     new = jax.lax.complex(jnp.where(square < 0, root, 0.0), jnp.where(square < 0, 0.0, root))

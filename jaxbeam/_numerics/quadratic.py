@@ -1,10 +1,12 @@
 """Eigenpairs of quadratic problems without structure: damped, unstable, under following forces."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from jaxbeam._numerics.gyroscopic import by_skew
+from jaxbeam._numerics.gyroscopic import by_skew, by_skew_settled
 from jaxbeam._numerics.linalg import modes_and_squares
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.batches import one_by_one
@@ -12,7 +14,7 @@ from jaxbeam._programs.batches import one_by_one
 
 def quadratic_eigenpairs(
     mass: Float[Array, "n n"], by_rates: Float[Array, "n n"], stiffness: Float[Array, "n n"],
-    conservative: bool,
+    conservative: bool, free: int = 0,
 ) -> tuple[Complex[Array, " n"], Complex[Array, "n n"]]:  # fmt: skip
     """n of all 2 n lambda with (lambda^2 M + lambda C + K) x = 0, lowest first, and x as rows: of a
     pair of complex ones that with Im lambda > 0, of the real ones the larger half, which of
@@ -21,7 +23,8 @@ def quadratic_eigenpairs(
     Those that grow without swinging come before all others, which go by |lambda|, what creeps back
     without swinging by the frequency of its own shape without damping. Eigenvectors have unit modal
     mass, x^H M x = 1, and any phase. `conservative`: C is skew and K symmetric, so that, where K is
-    positive definite, all is found as in `gyroscopic_eigenpairs`.
+    positive definite, all is found as in `gyroscopic_eigenpairs`, or singular where so many motions
+    may be `free`.
 
     In modes of the symmetric part of K, mu their squares of frequencies, and with w^2 = |mu|, the
     eigenvalues of
@@ -31,6 +34,8 @@ def quadratic_eigenpairs(
     are 1 / lambda, so that the lowest are the largest.
     """
     solver = _conservative if conservative else one_by_one(_by_companion)
+    if conservative and free:
+        solver = one_by_one(functools.partial(_freely, free))
     found: tuple[Array, Array] = solver(mass, by_rates, stiffness)
     return found
 
@@ -40,6 +45,15 @@ def _conservative(m: Array, c: Array, k: Array) -> tuple[Array, Array]:
     lam, x, stable = by_skew(m, c, k)
     found: tuple[Array, Array] = jax.lax.cond(
         stable, lambda: (lam, x.T), lambda: _by_companion(m, c, k)
+    )
+    return found
+
+
+def _freely(free: int, m: Array, c: Array, k: Array) -> tuple[Array, Array]:
+    lam, x, stable = by_skew_settled(m, c, k, free)
+    fine = stable & jnp.all(jnp.isfinite(lam))
+    found: tuple[Array, Array] = jax.lax.cond(
+        fine, lambda: (lam, x.T), lambda: _by_companion(m, c, k)
     )
     return found
 

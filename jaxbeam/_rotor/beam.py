@@ -1,10 +1,8 @@
 """A slender beam, and the rotor that carries it. Y and B are the papers of `_models/contract`."""
 
 import dataclasses
-import warnings
 from typing import Any, Self
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -34,6 +32,7 @@ from jaxbeam._rotor.spanwise import (
     points_within,
 )
 from jaxbeam._rotor.spring_rotor import SpringRotor
+from jaxbeam._rotor.support import Support
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple
 
@@ -225,11 +224,14 @@ class Rotor(Parameters):
     | root_springs |        |      | `RootSprings`, or None    |
     | tip_body     |        |      | a `TipBody`, `RigidBody`  |
     | precone      | beta   | rad  | -pi / 2 to pi / 2 or None |
+    | root_support |        |      | a `Support`, or None      |
+    | tip_support  |        |      | a `Support`, or None      |
 
     The hub radius is the distance from the axis of rotation to the root, along the beam: below zero
     the beam points inward, from a rim to the axis, and beyond it where -R < L. What is before the
     axis is pushed towards the root, and buckles at a speed (`critical_speed`). The root is clamped
-    unless there are `root_springs`. What is at the tip is a point, of the `tip_mass`, or a
+    unless there are `root_springs` or, for `models.SpatialRod`, a `root_support`, and the tip free
+    unless there is a `tip_support`. What is at the tip is a point, of the `tip_mass`, or a
     `tip_body`, which has a mass of its own: one of them is given, or none, where nothing is there.
     `tip_mass` reads the mass of either, `tip_body` the body or the point. Sections are as the beam
     says unless `pitch` turns them all, an angle added to the twist. With a `precone` the beam
@@ -237,7 +239,8 @@ class Rotor(Parameters):
     shaft, in the axis where the hub radius is zero. None is not there: a pitch of zero counts as
     one, and lets models look for what it might couple.
 
-    Raises `TypeError` and `ValueError` as `Beam` does, and `ValueError` for both masses at the tip.
+    Raises `TypeError` and `ValueError` as `Beam` does, and `ValueError` for both masses at the tip,
+    or for springs and a support at the root.
     """
 
     beam: Any  # a `Beam`, or a `Blade`
@@ -246,6 +249,8 @@ class Rotor(Parameters):
     pitch: Scalar | None = angle(Status.INVALID_PITCH, FULL_TURN)
     root_springs: RootSprings | None = None
     precone: Scalar | None = angle(Status.INVALID_PRECONE, FULL_TURN / 4)
+    root_support: Support | None = None
+    tip_support: Support | None = None
 
     @renamed(root="root_springs", tip="tip_body")
     def __init__(
@@ -257,9 +262,15 @@ class Rotor(Parameters):
         root_springs: RootSprings | None = None,
         tip_body: Tip | None = None,
         precone: Real | None = None,
+        root_support: Support | None = None,
+        tip_support: Support | None = None,
     ) -> None:
         check_kind("beam", beam, Beam, AbstractSections)
         check_kind("root_springs", root_springs, RootSprings, type(None))
+        check_kind("root_support", root_support, Support, type(None))
+        check_kind("tip_support", tip_support, Support, type(None))
+        if root_springs is not None and root_support is not None:
+            raise ValueError("root_support: there are root_springs as well; give one of them")
         tip_body = tip_of(tip_mass, tip_body)
         self._take(locals())
 
@@ -383,18 +394,3 @@ class Rotor(Parameters):
 
 
 AnyRotor = Rotor | SpringRotor  # whichever a model takes, its `rotor_type`
-
-
-def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
-    """The rotor, checked for structure and, where values are known, for range.
-
-    Every public function comes through here. Also the place that warns when 64-bit floats are off.
-    """
-    if not jax.config.read("jax_enable_x64"):
-        warnings.warn(
-            "jax runs in 32-bit floats: results will carry about three digits. Call "
-            "jax.config.update('jax_enable_x64', True) before anything else.",
-            stacklevel=4,
-        )
-    check_kind("rotor", rotor, kind)
-    return rotor.checked()

@@ -31,6 +31,8 @@ class Damping(eqx.Module):
     | in_plane_damper       | d      | N m s | at the root, parallel to the spring in plane    |
     | flap_damper           | d      | N m s | at the root, parallel to the spring in flap     |
     | section_coefficients  | mu     | s     | (6,) of a material, by strains of full sections |
+    | root_dampers          | d      | N s/m | (6,), parallel to the springs of a root_support |
+    | tip_dampers           | d      | N m s | (6,), parallel to the springs of a tip_support  |
 
     All are finite and, but for the speed, >= 0; None leaves a term out, and all terms add up.
 
@@ -60,8 +62,10 @@ class Damping(eqx.Module):
 
     **Dampers** do the moment -d phi' in a root that yields, phi being the angle of the root, of
     which the `RootSprings` have the energy k phi^2 / 2: a rigid blade with the moment of inertia I
-    about its hinge has the ratio d / (2 (k I)^(1/2)). Where the root is clamped they are refused,
-    and by models that have no such root.
+    about its hinge has the ratio d / (2 (k I)^(1/2)). Those of a `Support` are six, three in N s/m
+    along its axes and three in N m s about them, zero where there is none, with the force -d s' on
+    s = a_k . u or a_k . phi. Where an end is held rigidly they are refused, and by models that have
+    no such end.
 
     **Of sections.** Forces and moments in a section beside those of elasticity are mu_i (K e')_i in
     its own axes, K its stiffness of 6 x 6 and e' the rates of its strains, in the order of a
@@ -83,6 +87,8 @@ class Damping(eqx.Module):
     in_plane_damper: Scalar | None
     flap_damper: Scalar | None
     section_coefficients: Float[Array, "6"] | None
+    root_dampers: Float[Array, "6"] | None
+    tip_dampers: Float[Array, "6"] | None
 
     @renamed(mass="mass_coefficient", stiffness="stiffness_coefficient")
     def __init__(
@@ -91,6 +97,8 @@ class Damping(eqx.Module):
         ratio_speed: Real | None = None,
         in_plane_damper: Real | None = None, flap_damper: Real | None = None,
         section_coefficients: Sequence[Real] | None = None,
+        root_dampers: Sequence[Real] | Array | None = None,
+        tip_dampers: Sequence[Real] | Array | None = None,
     ) -> None:  # fmt: skip
         self.mass_coefficient = _number("mass_coefficient", mass_coefficient)
         self.stiffness_coefficient = _number("stiffness_coefficient", stiffness_coefficient)
@@ -101,6 +109,8 @@ class Damping(eqx.Module):
         self.in_plane_damper = _number("in_plane_damper", in_plane_damper)
         self.flap_damper = _number("flap_damper", flap_damper)
         self.section_coefficients = _six("section_coefficients", section_coefficients)
+        self.root_dampers = _six("root_dampers", root_dampers)
+        self.tip_dampers = _six("tip_dampers", tip_dampers)
 
     @property
     def ratios(self) -> dict[Direction, Array]:
@@ -127,6 +137,7 @@ class Damping(eqx.Module):
         names = (
             "in_plane_ratio", "flap_ratio", "axial_ratio", "in_plane_damper", "flap_damper",
             "section_coefficients",
+            "root_dampers", "tip_dampers",
         )  # fmt: skip
         return tuple(f"damping.{name}" for name in names if getattr(self, name) is not None)
 
@@ -159,6 +170,8 @@ def _six(name: str, value: Any) -> Array | None:
     if value.shape != (6,):
         raise ValueError(
             f"damping.{name} must be six, in the order of sixes of a Blade, got shape {value.shape}"
+            f"damping.{name} must be six numbers, along three axes and about them, zero where "
+            f"there is none, got shape {value.shape}"
         )
     _require(value, 0.0)
     return value

@@ -101,4 +101,13 @@ def coupling_groups(rotor: AnyRotor) -> tuple[CouplingGroup, ...]:
 def is_hinged(rotor: AnyRotor) -> bool:
     """Whether the root yields, so that, with a spring of zero, there may be motions that nothing
     holds."""
-    return isinstance(rotor, Rotor) and rotor.root_springs is not None
+    return loose_motions(rotor) > 0
+
+
+def loose_motions(rotor: AnyRotor) -> int:
+    """How many motions of the beam as a rigid body its root may leave to themselves."""
+    if not isinstance(rotor, Rotor):
+        return 0
+    if rotor.root_support is not None:
+        return sum(spring is not None for spring in rotor.root_support.springs)
+    return 0 if rotor.root_springs is None else 2

@@ -15,8 +15,8 @@ from jaxbeam._models.contract.loaded import (
     checked_conditions,
     equations_under,
     guarded_conditions,
+    held_at_rest,
     loads_at,
-    resting,
 )
 from jaxbeam._programs.program import Program
 from jaxbeam._results import asked_with, finish, harmless, nan_unless
@@ -166,6 +166,6 @@ def _start(
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
     equations = equations_under(model, rotor, loads)
-    q, status, _ = resting(rotor, equations, (hub, *loads_at(equations, loads, t)))
+    q, status, _ = held_at_rest(rotor, equations, (hub, *loads_at(equations, loads, t)))
     status = first_failure(given, status)
     return SteadyStart(nan_unless(status == Status.OK, q), status)

@@ -235,7 +235,10 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
     ways = model.displacement(np.ones(1), rotor)[:, 0]
     soft = ways @ jax.vmap(functools.partial(solve, k), out_axes=1)(ways)
     softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
-    yields = jnp.clip(softness / _softness(model, rotor, softness), 1.0, _MOST_YIELDING)
+    clamped = _softness(model, rotor, softness)
+    yields = jnp.clip(softness / clamped, 1.0, _MOST_YIELDING)
+    if isinstance(rotor, Rotor) and rotor.tip_support is not None:
+        softness = jnp.maximum(softness, clamped)  # the tip need not move where a beam buckles
     span = loads.span_moments(jnp.zeros_like(speed), equations.length)
     parts: Any = (
         (loads.tip_force, 1.0),
@@ -249,8 +252,11 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
 
 def _softness(model: AbstractModel, rotor: AnyRotor, own: Scalar) -> Scalar:
     """The largest softness of the tip with a clamped root and without rotation, L^3 / (3 EI) of the
-    `mean` beam, where the root yields; else its `own`."""
-    if not isinstance(rotor, Rotor) or all(spring is None for spring in rotor.springs):
+    `mean` beam, where the root yields or the tip is held; else its `own`."""
+    if not isinstance(rotor, Rotor):
+        return own
+    supports = rotor.root_support, rotor.tip_support, *rotor.springs
+    if all(support is None for support in supports):
         return own
     bends = [way in model.directions for way in (Direction.IN_PLANE, Direction.FLAP)]
     return 4 / 3 * rotor.beam.length * jnp.max(rotor.compliance[np.flatnonzero(bends)])
@@ -278,6 +284,8 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
     # What only pulls never makes a beam give way, if its elements, which follow a step of the
     # tension by functions without one, may be in compression beside it.
     pulls = only_pull(given[2], model.equations(given[0]).length)
+    if isinstance(given[0], Rotor) and given[0].tip_support is not None:
+        pulls = jnp.asarray(False)  # its tip may be pushed against
     found = end.found & ~pulls
     factor = jnp.where(found, end.value, jnp.inf)
     place = _Place(x=end.x, exists=found, model=model)

@@ -41,7 +41,7 @@ from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping, damping_in_range
-from jaxbeam._rotor.directions import Direction, is_hinged
+from jaxbeam._rotor.directions import Direction, loose_motions
 from jaxbeam._rotor.loads import in_plane
 from jaxbeam._rotor.motion import Spin
 from jaxbeam._rotor.spins import ModulatedSpeed
@@ -273,7 +273,7 @@ class Reduced(NamedTuple):
     def coordinates(self) -> tuple[Matrix, Vector]:
         """The coordinates of the reduced problem: modes Phi and scales w^(1/2)."""
         m, _, k, _, _ = without_derivatives(self.matrices(self.mean_speed))
-        phi = symmetric_modes(m, k, is_hinged(self.rotor)).T
+        phi = symmetric_modes(m, k, loose_motions(self.rotor)).T
         w2 = jnp.abs(jnp.sum(phi * (k @ phi), 0))
         slow = (2 * jnp.pi / without_derivatives(self.period)) ** 2 / 100
         return phi, jnp.maximum(w2, slow) ** 0.25

@@ -15,8 +15,9 @@ from jaxbeam._modes.wanted import lowest
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, nan_unless
-from jaxbeam._rotor.beam import Rotor, checked_rotor
-from jaxbeam._rotor.directions import is_hinged
+from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.checked import checked_rotor
+from jaxbeam._rotor.directions import loose_motions
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Real, Scalar, Vector
 
@@ -92,7 +93,7 @@ def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
 def _at_rest(model: Hybrid, rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
     """Squares of frequencies, and modes."""
     system = model.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
-    shape = symmetric_modes(system.mass, system.stiffness, is_hinged(rotor))
+    shape = symmetric_modes(system.mass, system.stiffness, loose_motions(rotor))
     return jnp.sum((shape @ system.stiffness) * shape, axis=1), shape
 
 

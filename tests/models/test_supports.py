@@ -29,6 +29,8 @@ HAVING = {  # a rotor and loads with each of the features, and what goes before 
     "precone beside": (jb.Rotor(TWISTING, precone=0.1, pitch=0.1), {}),
     "root_springs.in_plane": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(0.0)), {}),
     "root_springs.flap": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(flap=1.0)), {}),
+    "root_support": (jb.Rotor(TWISTING, root_support=jb.Support()), {}),
+    "tip_support": (jb.Rotor(TWISTING, tip_support=jb.Support(0.0)), {}),
     "tip_body": (jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1)), {}),
     "tip_body.flap_inertia": (
         jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1, flap_inertia=0.0)),
@@ -47,14 +49,18 @@ HAVING = {  # a rotor and loads with each of the features, and what goes before 
     ),
 }
 DAMPERS = {"damping.in_plane_damper", "damping.flap_damper"}
+SUPPORTED = {"root_support", "tip_support", "damping.root_dampers", "damping.tip_dampers"}
 HAVING |= {
     feature: (jb.Rotor(TWISTING), {}, jb.Damping(**{feature.removeprefix("damping."): 0.0}))
     for feature in RATIOS | DAMPERS
-}
+} | {
+    feature: (jb.Rotor(TWISTING), {}, jb.Damping(**{feature.removeprefix("damping."): [0.0] * 6}))
+    for feature in SUPPORTED if feature.startswith("damping")
+}  # fmt: skip
 HAVING["damping.section_coefficients"] = (
     jb.Rotor(TWISTING), {}, jb.Damping(section_coefficients=[0.1] * 6)
 )  # fmt: skip
-OF_RODS = {"tip_body.centre_of_mass", "damping.section_coefficients"}
+OF_RODS = {"tip_body.centre_of_mass", "damping.section_coefficients", *SUPPORTED}
 BOTH_WAYS = {"spanwise", "beam.twist", "pitch", "root_springs.in_plane", "root_springs.flap",
              "tip_body", "tip_body.flap_inertia", "loads.force_per_length", "beam.point_masses",
              "loads.point_forces", *DAMPERS}  # fmt: skip

@@ -17,7 +17,8 @@ from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.supports import Neglects, check_supported
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless
-from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor, checked_rotor
+from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
+from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import ALL_COUPLED, CouplingGroup, Direction, coupling_groups
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._rotor.spring_rotor import SpringRotor
@@ -82,7 +83,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         """Axial, in-plane and flap displacement of a rotor's beam at x = xi L per unit of each
         coordinate."""
 
-    def torsion(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+    def torsion(self, xi: Float[np.ndarray, " p"], rotor: TheRotor) -> Float[Array, "p n"]:
         """Angle of torsion at x = xi L per unit of each coordinate, in rad over the length."""
         return jnp.zeros((len(xi), len(self.directions)))
 

@@ -17,7 +17,7 @@ from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.damping import Damping
-from jaxbeam._rotor.directions import Direction, coupling_groups, is_hinged
+from jaxbeam._rotor.directions import Direction, coupling_groups, loose_motions
 from jaxbeam._types import Matrix, Vector
 
 
@@ -34,6 +34,7 @@ def drag_of(damping: Damping, model: AbstractModel, rotor: AnyRotor, equations: 
     return Drag(
         damping.mass_coefficient, damping.stiffness_coefficient, dampers if there else None, matrix,
         damping.section_coefficients,
+        damping.root_dampers, damping.tip_dampers,
     )  # fmt: skip
 
 
@@ -50,13 +51,14 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
         rows = system.where(*directions)
         own = np.ix_(rows, rows)
         m, k = (symmetric_part(a[own]) for a in (system.mass, system.stiffness))
-        found = without_derivatives(symmetric_modes(*without_derivatives((m, k)), is_hinged(rotor)))
+        free = loose_motions(rotor)
+        found = without_derivatives(symmetric_modes(*without_derivatives((m, k)), free))
         phi, square = _pairs(m, k, found, jnp.sum(found * (found @ k), 1))
         sizes = [system.where(direction).size for direction in directions]
         each = zip(ratios, sizes, strict=True)
         ratio = jnp.concatenate([_by_number(ratio, size) for ratio, size in each])
         if len(sizes) > 1:
-            heavy = uncoupled(m, k, directions, sizes, is_hinged(rotor), bent=False)
+            heavy = uncoupled(m, k, directions, sizes, free, bent=False)
             share = participation(phi, heavy)
             ratio = ratio[assigned(share)]
         moves = square > 0

@@ -31,13 +31,16 @@ Dampers = tuple[Number | None, Number | None]  # of the root, in plane and in fl
 class Drag(eqx.Module):
     """`Damping` as the equations of one beam have it: coefficients; dampers of the root, where its
     angles are not linear in the coordinates; a matrix that depends on no state, of ratios and of
-    all other dampers; and coefficients of full sections, of models that support these."""
+    dampers whose angles are; coefficients of full sections, of models that support these; and
+    dampers of supports."""
 
     mass_coefficient: Number | None = None
     stiffness_coefficient: Number | None = None
     dampers: Dampers | None = None
     matrix: Matrix | None = None
     section_coefficients: Float[Array, "6"] | None = None
+    root: Float[Array, "6"] | None = None
+    tip: Float[Array, "6"] | None = None
 
     @property
     def is_none(self) -> bool:
@@ -229,6 +232,11 @@ class Equations(eqx.Module):
     ) -> tuple[Triple, Triple] | None:
         """Force, and moment about the centre of the hub, by which the hub holds a beam that rests
         in it, where the model has them itself."""
+        return None
+
+    def is_held(self, hub: Hub, q: Vector, tip_force: Any, span: Any) -> Array | None:
+        """Whether something holds a beam that rests in its hub, where its supports need not; None
+        where they do, or that is looked at otherwise."""
         return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:

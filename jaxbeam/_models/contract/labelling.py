@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact, Int
 
 from jaxbeam._numerics.linalg import solve_columns, symmetric_modes
-from jaxbeam._numerics.loose import symmetric_part
+from jaxbeam._numerics.loose import shift, symmetric_part
 from jaxbeam._rotor.directions import Direction
 
 
 def uncoupled(
-    m: Array, k: Array, directions: Sequence[Direction], sizes: Sequence[int], free: bool,
+    m: Array, k: Array, directions: Sequence[Direction], sizes: Sequence[int], free: int,
     bent: bool,
 ) -> Float[Array, "n n"]:  # fmt: skip
     """M v of the uncoupled modes v, of unit modal mass, as columns; `sizes` are those of the
@@ -31,7 +31,10 @@ def uncoupled(
         if direction in alone:
             heavy, inertia, stiffness = unit @ m[part, part], m[part, part], k[part, part]
         else:
-            with_it = solve_columns(k[axial, axial], k[axial, part])
+            along = k[axial, axial]
+            if free:  # which nothing may hold
+                along = along + shift(m[axial, axial], along, free) * m[axial, axial]
+            with_it = solve_columns(along, k[axial, part])
             moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
             heavy = m @ moved
             inertia, stiffness = (symmetric_part(moved.T @ a @ moved) for a in (m, k))

@@ -21,7 +21,7 @@ from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping, damping_in_range
-from jaxbeam._rotor.directions import ALL_COUPLED, Direction, is_hinged
+from jaxbeam._rotor.directions import ALL_COUPLED, Direction
 from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
 from jaxbeam._rotor.loads import NO_LOADS, Loads, loads_in_range
 from jaxbeam._rotor.motion import spinning
@@ -53,7 +53,7 @@ class Conditions(eqx.Module):
     def state(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Rest:
         """Coordinates of the steady state, and the status of the search for it."""
         equations = equations_under(model, rotor, self.loads)
-        return resting(rotor, equations, self.inputs(equations, speed))
+        return held_at_rest(rotor, equations, self.inputs(equations, speed))
 
     def inputs(self, equations: Equations, speed: Scalar, factor: Scalar | None = None) -> Inputs:
         """The hub that turns steadily, in gravity, and what acts at the tip and along the span; all
@@ -85,16 +85,28 @@ class Conditions(eqx.Module):
         )
 
 
+def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
+    """What `resting` finds, and not OK either where nothing holds the beam, which might rest
+    elsewhere."""
+    state = resting(rotor, equations, inputs)
+    hub, *acting = inputs
+    stiff = equations.is_held(hub, state.q, *acting)
+    if stiff is None:
+        return state
+    status = first_failure(first_broken((stiff, Status.NOT_HELD)), state.status)
+    return state._replace(status=status)
+
+
 def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
     """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
     either where the tip would be farther than ten lengths."""
     state = equations.equilibrium(*inputs)
     # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
     near = jnp.max(jnp.abs(equations.tip(state.q))) < 10 * equations.length  # NaN is not
-    held = jnp.asarray(True)
-    if isinstance(rotor, Rotor) and is_hinged(rotor):
-        held = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
-    far = first_broken((near | held, Status.NOT_HELD), (near, Status.DIVERGED))
+    sprung = jnp.asarray(True)
+    if isinstance(rotor, Rotor) and rotor.root_springs is not None:
+        sprung = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
+    far = first_broken((near | sprung, Status.NOT_HELD), (near, Status.DIVERGED))
     return state._replace(status=first_failure(state.status, far))
 
 

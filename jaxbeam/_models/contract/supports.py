@@ -7,9 +7,13 @@ its equations of motion know (`supports`), what its matrices of small motion kno
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from jaxbeam._rotor.beam import CONED_AND_MORE, AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.loads import NO_LOADS, Loads
+from jaxbeam._rotor.support import WAYS, Support
+from jaxbeam._types import is_concrete
 
 RATIOS = frozenset({"damping.in_plane_ratio", "damping.flap_ratio", "damping.axial_ratio"})
 # Of each feature: what a model that does not know it has not, and what to do.
@@ -30,6 +34,8 @@ _REFUSED = {
     "root_springs": ("root that yields", "take Hybrid or ExactRodANCF"),
     "root_springs.in_plane": ("root that yields in plane", "take Hybrid or ExactRodANCF"),
     "root_springs.flap": ("root that yields in flap", "take Hybrid or SpatialANCF"),
+    "root_support": ("support of its root", "take SpatialRod, or root_springs=RootSprings(...)"),
+    "tip_support": ("support of its tip", "take SpatialRod, or leave it out"),
     "tip_body": ("body at the tip", "take Hybrid or ExactRodANCF"),
     "tip_body.flap_inertia": (
         "body at the tip of two inertias across the beam",
@@ -60,6 +66,8 @@ _REFUSED |= dict.fromkeys(
         "full sections",
         "take SpatialRod, or a stiffness_coefficient",
     ),
+    "damping.root_dampers": ("dampers of a support", "take SpatialRod, or in_plane_damper=..."),
+    "damping.tip_dampers": ("dampers of a support", "take SpatialRod, or leave them out"),
 }
 _NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N m^2, to the Beam"}
 # What all beams know.
@@ -72,6 +80,10 @@ AS_BUILT = frozenset(
 ROOT_IN_PLANE = frozenset({"root_springs", "root_springs.in_plane", "damping.in_plane_damper"})
 ROOT_SPRINGS = ROOT_IN_PLANE | {"root_springs.flap", "damping.flap_damper"}
 TURNED = frozenset({"beam.twist", "pitch"})
+SUPPORTS = frozenset(
+    f"{end}_support{part}" for end in ("root", "tip")
+    for part in ("", *(f".{name}" for name in (*WAYS, "attitude")))
+) | {"damping.root_dampers", "damping.tip_dampers"}  # fmt: skip
 
 
 class Neglects(NamedTuple):
@@ -133,8 +145,8 @@ def check_supported(
         why = _clamped(rotor, damping)
     if not why and moving and model.suited(rotor) != model:
         why = (
-            f"root_springs: the root of the rotor yields otherwise than that of this "
-            f"{type(model).__name__}: take model.suited(rotor)"
+            f"rotor: it is held otherwise than what this {type(model).__name__} suits: take "
+            "model.suited(rotor)"
         )
     if why:
         raise ValueError(why)
@@ -142,11 +154,38 @@ def check_supported(
 
 def _clamped(rotor: Rotor, damping: Damping) -> str:
     """Which damper has nothing to damp, in a sentence; empty where there is none."""
-    each = zip(("in_plane", "flap"), damping.dampers, rotor.springs, strict=True)
-    for way, damper, spring in each:
-        if damper is not None and spring is None:
+    if rotor.root_support is None:
+        each = zip(("in_plane", "flap"), damping.dampers, rotor.springs, strict=True)
+        for way, damper, spring in each:
+            if damper is not None and spring is None:
+                return (
+                    f"damping.{way}_damper: the root is clamped there: give the Rotor "
+                    f"root_springs=RootSprings({way}=...), zero for a free hinge"
+                )
+    elif damping.dampers != (None, None):
+        return "damping: dampers of a root_support are root_dampers=[...], six numbers"
+    ends = (
+        ("root", damping.root_dampers, rotor.root_support),
+        ("tip", damping.tip_dampers, rotor.tip_support),
+    )
+    for end, dampers, support in ends:
+        if dampers is None:
+            continue
+        if support is None:
+            return f"damping.{end}_dampers: give the Rotor {end}_support=Support(...) as well"
+        if why := _rigid(end, dampers, support):
+            return why
+    return ""
+
+
+def _rigid(end: str, dampers: Any, support: Support) -> str:
+    """Which damper of a support is where it holds rigidly, in a sentence."""
+    if not is_concrete(dampers):
+        return ""
+    for way, damper, spring in zip(WAYS, np.asarray(dampers), support.springs, strict=True):
+        if spring is None and damper:
             return (
-                f"damping.{way}_damper: the root is clamped there: give the Rotor "
-                f"root_springs=RootSprings({way}=...), zero for a free hinge"
+                f"damping.{end}_dampers: the support holds rigidly what is {way}: give "
+                f"Support({way}=...), zero where it is free"
             )
     return ""

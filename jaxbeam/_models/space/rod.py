@@ -11,8 +11,15 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import count_functions
 from jaxbeam._models.contract.base import AbstractModel, small_motion
 from jaxbeam._models.contract.linear_system import LinearSystem
-from jaxbeam._models.contract.supports import AS_BUILT, ROOT_SPRINGS, TURNED, check_supported
+from jaxbeam._models.contract.supports import (
+    AS_BUILT,
+    ROOT_SPRINGS,
+    SUPPORTS,
+    TURNED,
+    check_supported,
+)
 from jaxbeam._models.space.rod_equations import RodEquations
+from jaxbeam._models.space.rod_supports import ends_of, free_changes
 from jaxbeam._models.space.rod_tables import breaks_of, element_edges, node_rows
 from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
@@ -46,12 +53,19 @@ class SpatialRod(AbstractModel[Rotor]):
 
     It takes all that a rotor and constant loads have (`Rotor`, `Loads`); loads that follow turn
     with the sections from axes of the undeformed beam. Motion in time it leaves to `SpatialANCF`.
+    Either end may be on a `Support`, alone of all models:
+
+        hinge = jb.Support(about_2=0.0, attitude=(0.0, 0.0, 0.3))  # flap, with some pitch
+        propped = jb.Support(0.0, None, None, 0.0, 0.0, 0.0)  # held across, free along and to turn
+        rotor = jb.Rotor(beam, 0.5, root_support=hinge, tip_support=propped)
+
+    What is held rigidly has no coordinates, and `hub_force` is what both ends give.
 
     Raises `TypeError` or `ValueError` unless `degree` is an int >= 2 and `elements` one >= 1.
     """
 
     supports = (
-        AS_BUILT | ROOT_SPRINGS | TURNED
+        AS_BUILT | ROOT_SPRINGS | SUPPORTS | TURNED
         | {
             "blade", "precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows",
             "beam.gyration", "tip_body.flap_inertia", "tip_body.centre_of_mass",
@@ -64,9 +78,12 @@ class SpatialRod(AbstractModel[Rotor]):
     in_time = False
     degree: int = eqx.field(static=True, default=8)
     elements: int = eqx.field(static=True, default=1)
-    # Ends of elements, and whether the root yields in plane and in flap, which `suited` sets.
+    # Ends of elements, and which ways are free at root and tip, if these have supports, which
+    # `suited` sets.
     _ends: tuple[float, ...] | None = eqx.field(static=True, default=None, kw_only=True)
-    _yields: tuple[bool, bool] = eqx.field(static=True, default=(False, False), kw_only=True)
+    _ways: tuple[tuple[int, ...] | None, tuple[int, ...] | None] = eqx.field(
+        static=True, default=(None, None), kw_only=True
+    )
 
     def __check_init__(self) -> None:
         count_functions("degree", self.degree, least=2)
@@ -85,9 +102,11 @@ class SpatialRod(AbstractModel[Rotor]):
 
     @property
     def directions(self) -> tuple[Direction, ...]:
-        in_plane, flap = self._yields
-        root = (Direction.FLAP,) * flap + (Direction.IN_PLANE,) * in_plane
-        return root + _OF_NODE * ((len(self._edges) - 1) * self.degree)
+        return tuple(_OF_NODE[way % 6] for way in self._free)
+
+    @property
+    def _free(self) -> np.ndarray:
+        return free_changes((len(self._edges) - 1) * self.degree + 1, *self._ways)
 
     def equations(self, rotor: Rotor) -> RodEquations:
         """Equations of the steady state and of small motion about it."""
@@ -100,23 +119,30 @@ class SpatialRod(AbstractModel[Rotor]):
         return small_motion(self, rotor, speed, equations, state)
 
     def suited(self, rotor: Rotor) -> Self:
-        in_plane, flap = (spring is not None for spring in rotor.springs)
         ends = element_edges(breaks_of(rotor.beam), self.elements)
-        return dataclasses.replace(self, _ends=ends, _yields=(in_plane, flap))
+        root, tip = (None if end is None else end.ways for end in ends_of(rotor))
+        return dataclasses.replace(self, _ends=ends, _ways=(root, tip))
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
-        return jnp.asarray(self._shapes(xi)[:3])
+        return self._shapes(xi, rotor)[:3]
 
-    def torsion(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+    def torsion(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "p n"]:
         """Angle of rotation about a1 at x = xi L per unit of each coordinate, in rad over the
         length."""
-        return jnp.asarray(self._shapes(xi)[3])
+        return self._shapes(xi, rotor)[3]
 
-    def _shapes(self, xi: Float[np.ndarray, " p"]) -> Float[np.ndarray, "4 p n"]:
+    def _shapes(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "4 p n"]:
         rows, _ = node_rows(self._edges, self.degree, np.asarray(xi, float))
-        out = np.zeros((4, len(xi), len(self.directions)))
-        free = len(self.directions) - 6 * (rows.shape[1] - 1)  # of the root, which moves nothing
+        out = np.zeros((4, len(xi), 6 * rows.shape[1]))
         for way in range(4):
-            out[way, :, free + way :: 6] = rows[:, 1:]
-        return out
+            out[way, :, way::6] = rows
+        every = jnp.asarray(out)
+        for node, end in zip((0, -1), ends_of(rotor), strict=True):
+            if end is not None and end.leads and end.attitude is not None:
+                at = np.arange(6) + (0 if node == 0 else out.shape[2] - 6)
+                along, about = end.axes[:, None], end.axes[:1, None]
+                own = jnp.asarray(rows[:, node])[None, :, None]
+                every = every.at[:3, :, at[:3]].set(along * own)
+                every = every.at[3:, :, at[3:]].set(about * own)
+        return every[:, :, self._free]

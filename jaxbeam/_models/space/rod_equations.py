@@ -11,7 +11,7 @@ from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import bent, pulled
-from jaxbeam._models.space.rod_loads import RodSpanIntegral, at_root
+from jaxbeam._models.space.rod_loads import RodSpanIntegral
 from jaxbeam._models.space.rod_state import (
     Around,
     Coordinates,
@@ -20,9 +20,12 @@ from jaxbeam._models.space.rod_state import (
     differentiable,
     matrices_with_derivatives,
     settled,
+    slot,
 )
+from jaxbeam._models.space.rod_supports import dampers_of, ends_of
 from jaxbeam._models.space.rod_tables import beam_axes, gauss, rod_tables, turned_by_pitch
 from jaxbeam._models.space.rod_tails import tails
+from jaxbeam._numerics.linalg import solve
 from jaxbeam._numerics.quaternions import rotation, turn_of
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import Rotor
@@ -36,13 +39,14 @@ from jaxbeam._types import Matrix, Number, Triple, Vector
 
 _POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
+_HELD = 1e-13  # lowest eigenvalue of K, over its diagonal, of what is held at all
 
 
 class RodEquations(Equations):
     """A rod at rest in a hub that turns steadily: equilibrium, and small motion about it.
 
     Matrices are by displacements of nodes, and by their turns times the length, in axes of the
-    beam; those of a root that yields by turns about its own axes. Motion in time is not part of it.
+    beam; those of ends on supports by the ways of these. Motion in time is not part of it.
     """
 
     rod: Rod
@@ -59,9 +63,10 @@ class RodEquations(Equations):
         inertia = tables.assembled(tables.inertia).at[-6:, -6:].add(tables.tip)
         length, beam = rotor.beam.length, rotor.beam.mean
         self.rotor, self.length = rotor, length
-        self.rod = Rod(tables, inertia, rotor.springs, length)
+        self.rod = Rod(tables, inertia, *ends_of(rotor), length)
         self.axes = beam_axes(rotor)
-        self.mass = self._by_places(jnp.zeros(7 * len(tables.place)), inertia)
+        rest = jnp.zeros(7 * len(tables.place))
+        self.mass = self._by_places(rest, self.rod.led(rest, inertia))
         self.tip_radius = rotor.hub_radius + length
         weight, far = tables.weight[:, 0], tables.place[:, 0]
         self.rigid_moments = jnp.stack([jnp.sum(weight * far**k) for k in range(3)])
@@ -101,11 +106,16 @@ class RodEquations(Equations):
         m, c, k = (self._by_places(q, a) for a in (mass, gyroscopic, stiffness))
         return m, c, k
 
-    def root_slopes(self) -> Float[Array, "2 n"]:
-        n, (in_plane, flap) = len(self.rod.free), self.rod.springs
-        first, second = jnp.eye(n, dtype=self.length.dtype)[:2] / self.length
-        about3 = first if flap is None else second
-        return jnp.stack([0 * first if in_plane is None else about3, first])
+    def is_held(self, hub: Hub, q: Coordinates, tip_force: Any, span: Any) -> Array | None:
+        if self.rod.root is None:
+            return None
+        k = balance(self.rod, q, self._around(hub, tip_force, span)).stiffness
+        k = k[np.ix_(self.rod.free, self.rod.free)]
+        size = jnp.sqrt(jnp.abs(jnp.diagonal(k)))
+        size = jnp.where(size > 0, size, 1.0)
+        anyhow = jnp.asarray(np.cos(np.arange(len(k))))
+        soft = solve(k / (size[None] * size[:, None]), anyhow)
+        return jnp.max(jnp.abs(soft)) < 1 / _HELD
 
     def damping_matrix_about(self, q: Coordinates, drag: Drag) -> Matrix:
         out = jnp.zeros_like(self.mass) if drag.matrix is None else drag.matrix
@@ -117,7 +127,20 @@ class RodEquations(Equations):
             out = out + drag.stiffness_coefficient * self._by_places(q, elastic)
         if drag.section_coefficients is not None:
             out = out + self._by_places(q, self._damped(q, drag.section_coefficients))
-        return out
+        return out + self._damped_ends(q, drag)
+
+    def _damped_ends(self, q: Coordinates, drag: Drag) -> Matrix | float:
+        """What dampers of supports do."""
+        p, every = self.rod.nodes(q)[1], jnp.zeros_like(self.rod.mass)
+        dampers = dampers_of(drag)
+        if dampers == (None, None):
+            return 0.0
+        for node, end in self.rod.ends:
+            own = dampers[node]
+            if own is not None:
+                rates, at = end.rates(p[node]), slot(node)
+                every = every.at[at, at].add(rates.T @ (own[:, None] * rates))
+        return self._by_places(q, self.rod.led(q, every))
 
     def _damped(self, q: Coordinates, by_strains: Float[Array, "6"]) -> Float[Array, "N N"]:
         """B^T mu S B with mu in axes of sections at Gauss points, where S makes forces of rates."""
@@ -134,7 +157,7 @@ class RodEquations(Equations):
         every = jnp.zeros(6 * n, change.dtype).at[rod.free].set(change, unique_indices=True)
         every = every.reshape(n, 2, 3)
         every = every * jnp.stack([jnp.ones_like(self.length), 1 / self.length])[None, :, None]
-        attitude = rotation(rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
+        attitude = rod.between_ends(rotation(rod.nodes(q)[1]))
         own = jnp.einsum("nba,nxb->nxa", attitude, every).reshape(-1)
         return rod.rates(q, own[rod.free])
 
@@ -162,8 +185,8 @@ class RodEquations(Equations):
         tables, (u, p) = self.rod.tables, self.rod.nodes(q)
         strain = bent(tables, u, p).strain.reshape(tables.elements, -1)
         energy = jnp.einsum("em,eml,el->", strain, tables.stiffness, strain) / 2
-        if self.rod.springs != (None, None):
-            energy = energy + at_root(self.rod.springs, p[0])[2]
+        for node, end in self.rod.ends:
+            energy = energy + end.energy(u[node], p[node])
         return energy
 
     def own_section_loads(
@@ -206,14 +229,17 @@ class RodEquations(Equations):
         self, hub: Hub, q: Coordinates, tip_force: Any = None, span: Any = None
     ) -> tuple[Triple, Triple]:
         """Force and moment about the centre of the hub by which the hub holds the rod that rests in
-        it: what is out of balance at the root without that."""
-        rod = eqx.tree_at(
-            lambda r: r.springs, self.rod, (None, None), is_leaf=lambda part: part is None
-        )
-        out = balance(rod, q, self._around(hub, tip_force, span)).residual[0]
-        attitude = rotation(self.rod.nodes(q)[1][0])
-        force, moment = attitude @ out[:3], attitude @ out[3:]
-        moment = moment + jnp.cross(rod.tables.place[0], force)
+        it, by supports of the tip too: what is out of balance at ends without that."""
+        u, p = self.rod.nodes(q)
+        free = Rod(self.rod.tables, self.rod.mass, None, None, self.length)
+        q = free.placed(u, p)
+        residual = balance(free, q, self._around(hub, tip_force, span)).residual
+        force, moment = jnp.zeros((2, 3), q.dtype)
+        for node in (0,) if self.rod.tip is None else (0, -1):
+            attitude, place = rotation(p[node]), self.rod.tables.place[node] + u[node]
+            push = attitude @ residual[node, :3]
+            force = force + push
+            moment = moment + attitude @ residual[node, 3:] + jnp.cross(place, push)
         return force @ self.axes, moment @ self.axes
 
     def span_integral(self, kinks: tuple[float, ...], follows: bool) -> AbstractSpanIntegral:
@@ -237,7 +263,7 @@ class RodEquations(Equations):
     def _by_places(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Matrix:
         """A matrix by displacements and turns in axes of the beam, the latter times the length."""
         n = len(self.rod.tables.place)
-        attitude = rotation(self.rod.nodes(q)[1]).at[0].set(jnp.eye(3), unique_indices=True)
+        attitude = self.rod.between_ends(rotation(self.rod.nodes(q)[1]))
         scale = jnp.stack([jnp.ones_like(self.length), 1 / self.length])
         # Both halves of a change are turned, and the second is over the length.
         by = matrix.reshape(n, 2, 3, n, 2, 3)

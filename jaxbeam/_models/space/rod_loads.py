@@ -1,9 +1,8 @@
-"""What acts on the nodes of a rod beside its elements: inertia, gravity, loads, springs."""
+"""What acts on the nodes of a rod beside its elements and supports: inertia, gravity, loads."""
 
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,10 +10,10 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_tables import RodTables
-from jaxbeam._numerics.quaternions import crossing, of_turn, product, turn_of
+from jaxbeam._numerics.quaternions import crossing
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.spanwise import points_within
-from jaxbeam._types import Number, Scalar, Triple, Vector
+from jaxbeam._types import Number, Triple, Vector
 
 _POINTS = 8  # of each piece, at which forces along the span are looked at
 _Sixes = Float[Array, "nodes 6"]
@@ -170,20 +169,3 @@ class RodSpanIntegral(AbstractSpanIntegral):
 
     def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
         raise NotImplementedError("a rod knows its reactions without that")
-
-
-def at_root(
-    springs: tuple[Number | None, Number | None], p: Float[Array, "4"]
-) -> tuple[Float[Array, "3"], Float[Array, "3 3"], Scalar]:
-    """Moments of root springs on the root that has turned so, in its own axes, their symmetric
-    tangent, and their energy sum k phi^2 / 2: phi the components of the turn about a3, in plane,
-    and about a2, in flap."""
-    in_plane, flap = (0.0 if spring is None else spring for spring in springs)
-
-    def energy(attitude: Float[Array, "3"]) -> Scalar:
-        _, about2, about3 = turn_of(product(p, of_turn(attitude)))
-        return (in_plane * about3**2 + flap * about2**2) / 2
-
-    rest = jnp.zeros(3, p.dtype)
-    value, moment = jax.value_and_grad(energy)(rest)
-    return moment, jax.hessian(energy)(rest), value

@@ -1,11 +1,9 @@
 """States of a rod that rests in its hub: force, tangents, and the search for where they balance.
 
 Coordinates q (7 n,) are displacements u and quaternions p - (1, 0, 0, 0) of all nodes in axes of
-the beam, so that zero is the undeformed one. They change by (h, t) of free nodes in axes that turn
-with them, which is what forces and matrices are by.
-
-A root that yields in plane and in flap does not turn about a1: its quaternion is (w, 0, x_2, x_3),
-which leaves a turn t_1 = y_3 t_2 - y_2 t_3 about its own first axis, y = x / w.
+the beam, those of ends on supports in axes of these, so that zero is the undeformed one. They
+change by (h, t) of free nodes in axes that turn with them, which is what forces and matrices are
+by; of ends on supports by what these leave free (`rod_supports.py`).
 """
 
 from collections.abc import Callable
@@ -23,17 +21,17 @@ from jaxbeam._models.space.rod_loads import (
     RodSpanForce,
     Still,
     acting,
-    at_root,
     carried_along,
     twisting,
     velocities,
 )
+from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.linalg import solve
 from jaxbeam._numerics.quaternions import product, rotated, rotation
 from jaxbeam._programs.one_function import without_dead_parts
 from jaxbeam._rotor.loads import TipLoad
-from jaxbeam._types import Number, Scalar, Triple
+from jaxbeam._types import Scalar, Triple
 
 Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
 _CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended,
@@ -64,39 +62,62 @@ class Around(NamedTuple):
 
 
 class Rod(eqx.Module):
-    """A rod: elements, masses, springs."""
+    """A rod: elements, masses, supports."""
 
     tables: RodTables
     mass: Float[Array, "N N"]  # by velocities of nodes
-    springs: tuple[Number | None, Number | None]  # of the root, in plane and in flap
+    root: Held | None  # None: clamped
+    tip: Held | None  # None: free
     length: Scalar
+
+    @property
+    def ends(self) -> list[tuple[int, Held]]:
+        """Nodes that are on supports, and these."""
+        return [(node, end) for node, end in ((0, self.root), (-1, self.tip)) if end is not None]
+
+    @property
+    def led_ends(self) -> list[tuple[int, Held]]:
+        """Nodes on supports whose changes are led by what is free."""
+        return [(node, end) for node, end in self.ends if end.leads]
 
     @property
     def free(self) -> np.ndarray:
         """Places of the changes that are free among those of all nodes."""
-        in_plane, flap = (spring is not None for spring in self.springs)
-        return np.array([4] * flap + [5] * in_plane + list(range(6, 6 * len(self.tables.place))))
+        ways = (None if end is None else end.ways for end in (self.root, self.tip))
+        return free_changes(len(self.tables.place), *ways)
 
     def nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
         """Displacements and quaternions of nodes."""
         both = q.reshape(-1, 7)
-        return both[:, :3], both[:, 3:] + UPRIGHT[None]
+        u, p = both[:, :3], both[:, 3:] + UPRIGHT[None]
+        for node, end in self.ends:
+            if end.attitude is not None:
+                placed, attitude = end.outward(u[node], p[node])
+                u, p = u.at[node].set(placed), p.at[node].set(attitude)
+        return u, p
 
-    @property
-    def yields_both_ways(self) -> bool:
-        """Whether the root turns in plane and in flap."""
-        return None not in self.springs
+    def placed(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
+        """Coordinates of displacements and quaternions."""
+        return self._coordinates(u, p - UPRIGHT[None])
+
+    def _coordinates(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
+        """Coordinates, or rates of them, of displacements and changes of quaternions."""
+        for node, end in self.ends:
+            placed, attitude = end.own(u[node], p[node])
+            u, p = u.at[node].set(placed), p.at[node].set(attitude)
+        return jnp.concatenate([u, p], 1).reshape(-1)
 
     def changed(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """q after a change of what is free."""
         u, p = self.nodes(q)
         every = self.spread(q, change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        moved_on = rotated(p, every[:, 3:])
-        if self.yields_both_ways:
-            root = moved_on[0].at[1].set(0.0)
-            moved_on = moved_on.at[0].set(root / jnp.sqrt(root @ root))
-        return jnp.concatenate([moved, moved_on - UPRIGHT[None]], 1).reshape(-1)
+        q = self.placed(moved, rotated(p, every[:, 3:]))
+        for node, _ in self.led_ends:  # what is held rigidly is zero now, the length not quite one
+            own = slice(3, 7) if node == 0 else slice(-4, None)
+            end = q[own] + UPRIGHT
+            q = q.at[own].set(end / jnp.sqrt(end @ end) - UPRIGHT)
+        return q
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """How q begins to change."""
@@ -104,28 +125,39 @@ class Rod(eqx.Module):
         every = self.spread(q, change)
         moving = jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
         by_half = jnp.concatenate([jnp.zeros_like(u[:, :1]), every[:, 3:] / 2], 1)
-        return jnp.concatenate([moving, product(p, by_half)], 1).reshape(-1)
+        return self._coordinates(moving, product(p, by_half))
 
     def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
         """Changes of all nodes from those that are free."""
         every = jnp.zeros(6 * len(self.tables.place), change.dtype)
         every = every.at[self.free].set(change, unique_indices=True).reshape(-1, 6)
-        if self.yields_both_ways:
-            every = every.at[0, 3].set(self._about_own(q) @ change[:2])
+        for node, basis in self._bases(q):
+            every = every.at[node].set(basis @ every[node])
         return every
 
-    def _about_own(self, q: Coordinates) -> Float[Array, "2"]:
-        """t_1 of the root by t_2 and t_3."""
-        _, p = self.nodes(q)
-        return jnp.stack([p[0, 3], -p[0, 2]]) / p[0, 0]
+    def _bases(self, q: Coordinates) -> list[tuple[int, Float[Array, "6 6"]]]:
+        """B of the ends that are led."""
+        return [(node, end.basis(self.nodes(q)[1][node])) for node, end in self.led_ends]
 
     def led(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
-        """A matrix by changes of which those that are free lead the turn t_1 of the root."""
-        if not self.yields_both_ways:
-            return matrix
-        by = self._about_own(q)
-        matrix = matrix.at[4:6].add(by[:, None] * matrix[3:4])
-        return matrix.at[:, 4:6].add(matrix[:, 3:4] * by[None])
+        """A matrix by changes of which, at ends, those that are free lead the others."""
+        for node, basis in self._bases(q):
+            own = slot(node)
+            matrix = matrix.at[own].set(basis.T @ matrix[own])
+            matrix = matrix.at[:, own].set(matrix[:, own] @ basis)
+        return matrix
+
+    def between_ends(self, by_node: Float[Array, "nodes 3 3"]) -> Float[Array, "nodes 3 3"]:
+        """Rotations of nodes from axes that turn with them; of ends that are led none, since ways
+        stay as they are."""
+        for node, _ in self.led_ends:
+            by_node = by_node.at[node].set(jnp.eye(3), unique_indices=True)
+        return by_node
+
+
+def slot(node: int) -> slice:
+    """Places of the changes of the first node, 0, or of the last, -1."""
+    return slice(0, 6) if node == 0 else slice(-6, None)
 
 
 class Balance(NamedTuple):
@@ -163,30 +195,22 @@ def balance(
     conservative = tables.gathered(kept) - moving.force - loads.conservative
     residual = tables.gathered(on_nodes) - moving.force - loads.force
     stiffness = elastic + bending + moving.stiffness + loads.stiffness
-    if rod.springs != (None, None):
-        moment, held, _ = at_root(rod.springs, p[0])
-        residual, conservative = (a.at[0, 3:].add(moment) for a in (residual, conservative))
-        stiffness, elastic = (a.at[3:6, 3:6].add(held) for a in (stiffness, elastic))
+    for node, end in rod.ends:
+        push, held, alone = end.acting(u[node], p[node])
+        residual, conservative = (a.at[node].add(push) for a in (residual, conservative))
+        at = slot(node)
+        stiffness, elastic = (a.at[at, at].add(b) for a, b in ((stiffness, held), (elastic, alone)))
     # The derivative of a force that has a potential, by changes in turning axes, is symmetric but
     # for half of what turns the force: zero where it is.
     stiffness = stiffness + on_diagonal(twisting(conservative)) / 2
     stiffness, gyroscopic, elastic = (
         rod.led(q, matrix) for matrix in (stiffness, moving.gyroscopic, elastic)
     )
-    if rod.yields_both_ways:
-        residual, by_reaction = _led_root(residual, p[0])
-        stiffness = stiffness.at[4:6, 4:6].add(by_reaction)
+    for node, end in rod.led_ends:
+        at = slot(node)
+        stiffness = stiffness.at[at, at].add(end.by_reaction(p[node], residual[node]))
+        residual = residual.at[node].set(end.basis(p[node]).T @ residual[node])
     return Balance(residual, stiffness, gyroscopic, elastic, strain, by)
-
-
-def _led_root(
-    residual: Float[Array, "nodes 6"], root: Float[Array, "4"]
-) -> tuple[Float[Array, "nodes 6"], Float[Array, "2 2"]]:
-    """What is out of balance where t_2 and t_3 of the root lead t_1, and what the moment about its
-    first axis adds to stiffness: y_2 and y_3 change by (1 + y.y) / 2 times t_2 and t_3."""
-    about, y = residual[0, 3], root[2:] / root[0]
-    residual = residual.at[0, 4:].add(about * jnp.stack([y[1], -y[0]]))
-    return residual, about * (1 + y @ y) / 2 * np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
 class _Search(NamedTuple):
@@ -234,6 +258,8 @@ def settled(rod: Rod, around: Around) -> Settled:
         here = balance(rod, now.q, around.times(share), now.force, rests)
         out = here.residual.reshape(-1)[free]
         change = -solve(here.stiffness[np.ix_(free, free)], out)
+        if rod.root is not None:  # which may be held by nothing, and need not be
+            change = jnp.where(jnp.any(out != 0), change, 0.0)
         size = jnp.max(jnp.abs(scale * change))
         by_elements = tables.of_elements(rod.spread(now.q, change)).reshape(len(none), -1)
         strain = here.strain + jnp.einsum("eml,el->em", here.by_changes, by_elements)
@@ -290,8 +316,10 @@ def _differentiable_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> 
         return balance(given[0], q, given[1]).residual.reshape(-1)[rod.free]
 
     out = pushed(residual, given, tangents[2])
-    stiffness = matrices_with_derivatives(pair, (q, *given))[1]
-    change = -solve(stiffness[np.ix_(rod.free, rod.free)], out)
+    stiffness = matrices_with_derivatives(pair, (q, *given))[1][np.ix_(rod.free, rod.free)]
+    if rod.root is not None:  # what nothing holds at rest, where nothing acts, stays as it is
+        stiffness = stiffness + jnp.diag(_hair(stiffness))
+    change = -solve(stiffness, out)
     return q, rod.rates(q, change)
 
 
@@ -330,3 +358,8 @@ def pushed(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
     needed = jaxpr_as_fun(without_dead_parts(closed))  # of a `balance` that is the smaller part
     at, by = jax.tree.leaves(arrays), jax.tree.leaves(rates)
     return jax.tree.unflatten(jax.tree.structure(out), jax.jvp(needed, at, by)[1])
+
+
+def _hair(stiffness: Float[Array, "f f"]) -> Float[Array, " f"]:
+    """What is rounding to the diagonal of a stiffness, and keeps it regular."""
+    return jax.lax.stop_gradient(jnp.finfo(stiffness.dtype).eps * jnp.abs(jnp.diagonal(stiffness)))

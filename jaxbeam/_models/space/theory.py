@@ -92,7 +92,7 @@ class SpatialANCF(AbstractModel[Rotor]):
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
         return self._shapes(xi)[:3]
 
-    def torsion(self, xi: Float[np.ndarray, " p"]) -> Float[Array, "p n"]:
+    def torsion(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "p n"]:
         """Angle of torsion at x = xi L per unit of each coordinate, in rad over the length."""
         return self._shapes(xi)[3]
 
