@@ -234,8 +234,8 @@ class Equations(eqx.Module):
         in it, where the model has them itself."""
         return None
 
-    def is_held(self, hub: Hub, q: Vector, tip_force: Any, span: Any) -> Array | None:
-        """Whether something holds a beam that rests in its hub, where its supports need not; None
+    def is_held(self, state: Rest) -> Array | None:
+        """Whether something holds a beam in its state of rest, where its supports need not; None
         where they do, or that is looked at otherwise."""
         return None
 

@@ -89,8 +89,7 @@ def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
     """What `resting` finds, and not OK either where nothing holds the beam, which might rest
     elsewhere."""
     state = resting(rotor, equations, inputs)
-    hub, *acting = inputs
-    stiff = equations.is_held(hub, state.q, *acting)
+    stiff = equations.is_held(state)
     if stiff is None:
         return state
     status = first_failure(first_broken((stiff, Status.NOT_HELD)), state.status)

@@ -106,11 +106,10 @@ class RodEquations(Equations):
         m, c, k = (self._by_places(q, a) for a in (mass, gyroscopic, stiffness))
         return m, c, k
 
-    def is_held(self, hub: Hub, q: Coordinates, tip_force: Any, span: Any) -> Array | None:
-        if self.rod.root is None:
+    def is_held(self, state: Rest) -> Array | None:
+        if self.rod.root is None or state.matrices is None:
             return None
-        k = balance(self.rod, q, self._around(hub, tip_force, span)).stiffness
-        k = k[np.ix_(self.rod.free, self.rod.free)]
+        k = state.matrices[2]
         size = jnp.sqrt(jnp.abs(jnp.diagonal(k)))
         size = jnp.where(size > 0, size, 1.0)
         anyhow = jnp.asarray(np.cos(np.arange(len(k))))
