@@ -25,3 +25,22 @@ def test_pazy(tmp_path):
     assert apart["GFEM_SOL400", "rot"] < 0.3
     assert most["GFEM_SOL400", "disp"] > 50
     assert np.all([abs(float(row["rod"])) > 0.5 for row in rows])
+
+
+@pytest.mark.exhaustive
+def test_swept_tips(tmp_path):
+    """Of the nominal data 24 of 48 frequencies are within 5 % or 0.5 Hz and all within twice that;
+    two numbers make it 45."""
+    printed = study("swept_tips", tmp_path)
+    assert (tmp_path / "swept_tips.png").stat().st_size > 20_000
+    within = {}
+    for row in rows_of(tmp_path / "swept_tips.csv"):
+        seen, rod = float(row["measured_hz"]), float(row["rod_hz"])
+        gap = abs(seen - rod) / max(0.05 * seen, 0.5)
+        within.setdefault(row["data"], []).append(gap)
+    counts = {name: sum(gap <= 1 for gap in gaps) for name, gaps in within.items()}
+    assert all(len(gaps) == 48 for gaps in within.values())
+    assert counts["nominal"] == 24
+    assert max(within["nominal"]) <= 2
+    assert counts["fitted"] >= 45
+    assert "stiffness over nominal 1.09" in printed
