@@ -81,7 +81,7 @@ def test_a_bend_on_the_arc_and_on_a_parabola():
     parabola = np.stack([along, np.polyval(np.polyfit(*ends.T[:2], 2), along), 0 * along], 1)
     found, *_ = held(parabola, SQUARE, force, np.zeros(3))
     stated = [-23.6459716009048, 13.7208006040058, 53.5776450626989]
-    np.testing.assert_allclose(found[1] - parabola[-1], stated, atol=1e-3)
+    np.testing.assert_allclose(found[1] - parabola[-1], stated, atol=1e-5)
 
 
 @pytest.mark.exhaustive
