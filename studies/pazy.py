@@ -155,7 +155,7 @@ def table(source: str, load: str, quantity: str) -> tuple[np.ndarray, np.ndarray
     return masses[1:], values[1:]
 
 
-def calibrated(source: str, masses: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def calibrated(source: str, masses: np.ndarray) -> tuple[np.ndarray, dict[Any, np.ndarray]]:
     """Factors that meet a deflection and a twist, and what follows for all masses, by quantity."""
     tables = {key: table(source, *key) for key in QUANTITIES}
     factors, count = np.ones(2), len(masses)
