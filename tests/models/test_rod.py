@@ -111,35 +111,6 @@ def test_a_twisted_beam():
     )
 
 
-@pytest.mark.exhaustive
-def test_an_arc_of_45_degrees():
-    """Bathe and Bolourchi's bend under 600 out of its plane, against integration along the arc."""
-    radius, share = 100.0, np.pi / 4
-    stiff = np.diag([1e7, 5e6 * 5 / 6, 5e6 * 5 / 6, 8.3333333e5, 8.3333333e5, 8.3333333e5])
-    angle = np.linspace(0, share, 41)
-    axis = radius * np.stack([np.sin(angle), np.cos(angle) - 1, 0 * angle], 1)
-    blade = Blade([0, 1], [stiff] * 2, [UNIT] * 2, axis)
-    state = steady(blade, model=SpatialRod(10, 2), tip_force=[0, 0, 600.0])
-
-    def turned(s):
-        cos, sin = np.cos(s / radius), np.sin(s / radius)
-        return np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
-
-    def across(s):
-        both = np.kron(np.eye(2), turned(s))
-        return both @ stiff @ both.T
-
-    case = full_rod.Case(
-        place=lambda s: radius * np.array([np.sin(s / radius), np.cos(s / radius) - 1, 0]),
-        tangent=lambda s: turned(s)[:, 0], stiffness=across, inertia=lambda s: UNIT,
-        length=radius * share, force=np.array([0, 0, 600.0]),
-    )  # fmt: skip
-    guess = np.concatenate([state.section_force(0.0)[0], _vector(state.section_moment(0.0)[0])])
-    found = full_rod.steady(case, guess, np.array([0.5, 1.0]) * case.length)
-    own = blade.axis_at(np.array([0.5, 1.0]))[0] + state.displacement(np.array([0.5, 1.0]))
-    np.testing.assert_allclose(own, found[:, :3], atol=1e-6)
-
-
 def _vector(moment):
     """A moment along axes 1, 2, 3, from one of torsion, in plane and in flap."""
     return np.array([moment[0], -moment[2], moment[1]])

@@ -1,0 +1,152 @@
+"""Statics and vibration of the rod against closed forms, and integration that knows of no
+elements."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import jaxbeam as jb
+from jaxbeam.blades import Blade
+from jaxbeam.models import SpatialRod
+from tests.references import full_rod
+
+POINTS = np.linspace(0, 1, 161)
+ALONG = np.eye(3)[0]
+# Bathe and Bolourchi 1979: a bend of 45 degrees, of radius 100 and a section 1 x 1.
+RADIUS, BEND = 100.0, np.pi / 4
+SQUARE = np.diag([1e7, 41.6667e5, 41.6667e5, 8.333e5, 8.333e5, 8.333e5])
+
+
+@jax.jit
+def held(axis, stiffness, force, moment):
+    """Points of the bent axis half way and at the tip, and force and moment at the root."""
+    unit = np.diag([1.0, 1.0, 1.0, 2e-3, 1e-3, 1e-3])
+    blade = Blade([0, 1], jnp.stack([stiffness] * 2), [unit] * 2, axis)
+    loads = jb.Loads(tip_force=force, tip_moment=moment)
+    state = jb.steady(SpatialRod(10, 2), jb.Rotor(blade), 0.0, loads=loads, throw=False)
+    at = np.array([0.5, 1.0])
+    root = state.section_force(0.0)[0], state.section_moment(0.0)[0]
+    return blade.axis_at(at)[0] + state.displacement(at), *root, state.status
+
+
+def integrated(place, tangent, turned, stiffness, length, root, at=(0.5, 1.0), **loads):
+    """The same points by shooting, from what elements say of the root."""
+
+    def across(s):
+        both = np.kron(np.eye(2), turned(s))
+        return both @ stiffness @ both.T
+
+    case = full_rod.Case(
+        place=place, tangent=tangent, stiffness=across, inertia=lambda s: np.eye(6), length=length,
+        **{name: np.asarray(load, float) for name, load in loads.items()},
+    )  # fmt: skip
+    force, moment = (np.asarray(part) for part in root)
+    guess = np.concatenate([force, [moment[0], -moment[2], moment[1]]])
+    return full_rod.steady(case, guess, np.array(at) * length)[:, :3]
+
+
+def straight(length):
+    return {"place": lambda s: s * ALONG, "tangent": lambda s: ALONG, "turned": lambda s: np.eye(3),
+            "length": length}  # fmt: skip
+
+
+@pytest.mark.exhaustive
+def test_a_bend_on_the_arc_and_on_a_parabola():
+    """Under 600 out of the plane: on the true arc as integrated along it, and on the parabola
+    through its ends and its middle, which is another problem, as Kynema states it."""
+    angle = BEND * POINTS
+    arc = RADIUS * np.stack([np.sin(angle), np.cos(angle) - 1, 0 * angle], 1)
+    force = [0, 0, 600.0]
+    found, *root, status = held(arc, SQUARE, force, np.zeros(3))
+    assert status == 0
+
+    def turned(s):
+        cos, sin = np.cos(s / RADIUS), np.sin(s / RADIUS)
+        return np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
+
+    def place(s):
+        return RADIUS * np.array([np.sin(s / RADIUS), np.cos(s / RADIUS) - 1, 0])
+
+    exact = integrated(
+        place, lambda s: turned(s)[:, 0], turned, SQUARE, RADIUS * BEND, root, force=force
+    )
+    np.testing.assert_allclose(found, exact, atol=1e-8)
+    ends = np.array([[0, 0, 0], [38.2683, -7.61205, 0], [70.7107, -29.2893, 0]])
+    along = ends[2, 0] * POINTS
+    parabola = np.stack([along, np.polyval(np.polyfit(*ends.T[:2], 2), along), 0 * along], 1)
+    found, *_ = held(parabola, SQUARE, force, np.zeros(3))
+    stated = [-23.6459716009048, 13.7208006040058, 53.5776450626989]
+    np.testing.assert_allclose(found[1] - parabola[-1], stated, atol=1e-5)
+
+
+@pytest.mark.exhaustive
+def test_a_helix():
+    """Of a beam that is alike in all directions, by a dead moment at its end: exp(s [M] / EI) turns
+    its tangent. And, with a force as well, as integrated."""
+    stiff = np.diag([1e5, 1e5, 1e5, 1.0, 1.0, 1.0])
+    moment = np.array([1.0, 2.0, 0.0])
+    found, *_ = held(POINTS[:, None] * ALONG, stiff, np.zeros(3), moment)
+    skew = np.cross(np.eye(3), moment)
+    generator = np.block([[skew, ALONG[:, None]], [np.zeros((1, 4))]])
+    places = [expm(s * generator)[:3, 3] for s in (0.5, 1.0)]
+    np.testing.assert_allclose(found, places, atol=1e-8)
+    force = np.array([0.5, -1.0, 3.0])
+    found, *root, _ = held(POINTS[:, None] * ALONG, stiff, force, moment)
+    exact = integrated(stiffness=stiff, root=root, force=force, moment=moment, **straight(1.0))
+    np.testing.assert_allclose(found, exact, atol=1e-11)
+
+
+@pytest.mark.exhaustive
+def test_the_princeton_beam():
+    """Bent both ways and twisted by 13.345 N at 30 degrees from its stiff direction."""
+    stiff = np.diag([2.84191e6, 6.40131e5, 9.03881e5, 3.10338, 2.42873, 36.2794])
+    force = 13.345 * np.array([0, np.cos(np.pi / 6), np.sin(np.pi / 6)])
+    found, *root, status = held(0.508 * POINTS[:, None] * ALONG, stiff, force, np.zeros(3))
+    assert status == 0
+    exact = integrated(stiffness=stiff, root=root, force=force, **straight(0.508))
+    np.testing.assert_allclose(found, exact, atol=1e-12)
+
+
+@functools.cache
+def vibrating():
+    """The first mode in flap, the second there and one in plane, of a thick cantilever."""
+    mass = np.diag([2.0, 2.0, 2.0, 0.028, 0.01, 0.018])
+
+    @jax.jit
+    def find(stiff):
+        blade = Blade([0, 1], jnp.stack([stiff] * 2), [mass] * 2, 1.0)
+        which = jb.labels(flap=2, in_plane=1, torsion=1)
+        return jb.modes(SpatialRod(12), jb.Rotor(blade), 0.0, which, throw=False).frequency
+
+    return find
+
+
+def of_timoshenko(bending, shear, mass, rotary, near):
+    """A frequency of a cantilever, from the exponential of its equations in multiple precision."""
+    with mpmath.workdps(30):
+
+        def missing(w):
+            by = mpmath.matrix(4, 4)  # of displacement, rotation, moment, shear force
+            by[0, 1], by[0, 3], by[1, 2] = 1, 1 / mpmath.mpf(shear), 1 / mpmath.mpf(bending)
+            by[2, 1], by[2, 3], by[3, 0] = -rotary * w**2, -1, -mass * w**2
+            end = mpmath.expm(by)
+            return end[2, 2] * end[3, 3] - end[2, 3] * end[3, 2]
+
+        return float(mpmath.findroot(missing, mpmath.mpf(float(near))))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("shear", [3e4, 3e8])
+def test_beams_of_timoshenko_and_of_rayleigh(shear):
+    """With rotary inertia, and with shear or none to speak of; torsion is that of a shaft."""
+    stiff = np.diag([2e6, shear, 1.3 * shear, 3e3, 5e3, 9e3])
+    found = np.asarray(vibrating()(stiff))
+    flap = [of_timoshenko(5e3, 1.3 * shear, 2.0, 0.01, near) for near in found[:2]]
+    plane = of_timoshenko(9e3, shear, 2.0, 0.018, found[2])
+    np.testing.assert_allclose(found[:3], [*flap, plane], rtol=1e-8)
+    np.testing.assert_allclose(found[3], np.pi / 2 * np.sqrt(3e3 / 0.028), rtol=1e-8)
