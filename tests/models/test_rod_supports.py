@@ -302,7 +302,7 @@ def test_gradients_by_supports():
         root = Support(along_3=x[0], about_2=x[1], about_3=x[2], attitude=x[5:8])
         tip = Support(0.0, x[3], None, 0.0, 0.0, x[4], attitude=x[8:])
         rotor = jb.Rotor(coupled(), 1.0, root_support=root, tip_support=tip)
-        model = SpatialRod(3)
+        model = SpatialRod(2)
         modes = jb.modes(model, rotor, 3.0, 2, loads=loads)
         return jnp.concatenate([jb.steady(model, rotor, 3.0, loads=loads).tip, modes.frequency])
 
