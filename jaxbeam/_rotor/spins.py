@@ -199,8 +199,8 @@ class TabulatedSpeed(Spin):
 
     Between them the speed is linear, with corners that steps meet exactly. With `smooth=True` it is
     Hermite's cubic whose slope at each time is that of the parabola through it and its neighbours,
-    and zero at both ends. Before the first time and after the last one the speed is constant.
-    `axis` as in `ConstantSpeed`.
+    and zero at both ends; steps end at its times, too. Before the first time and after the last one
+    the speed is constant. `axis` as in `ConstantSpeed`.
 
     Raises `ValueError` unless both are finite and equally many, two at least, and times increase,
     and `TypeError` for what are no real numbers.
@@ -238,8 +238,8 @@ class TabulatedSpeed(Spin):
         self.angles = jnp.concatenate([none[:1], jnp.cumsum(angle_there)])
 
     def change_times(self) -> Times:
-        """The ends, where the speed is smooth there."""
-        return self.times[jnp.array([0, -1])] if self.smooth else no_times()
+        """The times of the table, where the speed is smooth there."""
+        return self.times if self.smooth else no_times()
 
     def jump_times(self) -> Times:
         """The corners of the speed, if it has any."""

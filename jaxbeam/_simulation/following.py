@@ -6,6 +6,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._programs.lanes import total
@@ -62,7 +63,7 @@ class _Following(diffrax.AbstractStepSizeController):
             jnp.zeros_like(step_limits.velocities),
             step_limits.speed,
         )
-        return step_limits.limit(*without_derivatives((t0, state.wanted))), state
+        return step_limits.limit(*without_derivatives((t0, state.wanted)), self._adaptive), state
 
     def adapt_step_size(
         self, t0: Any, t1: Any, y0: State, y1_candidate: State, args: Scene, y_error: Any,
@@ -75,7 +76,7 @@ class _Following(diffrax.AbstractStepSizeController):
             t0, t1, sizes[0], sizes[1], args, sizes[2], error_order, state.inner
         )
         t0, t1 = without_derivatives((t0, t1))
-        if isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController):
+        if self._adaptive:
             wanted = step_limits.resting(args, y1_candidate, start, wanted)
         else:
             # It knows the steps that it wants alone, and not those into which they are divided.
@@ -90,7 +91,7 @@ class _Following(diffrax.AbstractStepSizeController):
         velocities = jax.vmap(args.velocities_of)(hub)
         rate = jax.vmap(args.velocity_rates_of)(hub)
         before = state.velocities
-        if args.jumps.size:
+        if args.has_jumps:
             before = jnp.where(step_limits.pauses.jumped(t0), velocities[0], before)
         mismatch = velocities[-1] - before - h * (WEIGHTS @ rate[1:-1])
         speed = jnp.maximum(state.speed, jnp.max(jnp.abs(velocities)))
@@ -116,7 +117,7 @@ class _Following(diffrax.AbstractStepSizeController):
         end = jnp.where(
             again,
             t0 + h / 10,
-            step_limits.limit(*without_derivatives((start, jnp.asarray(wanted)))),
+            step_limits.limit(*without_derivatives((start, jnp.asarray(wanted))), self._adaptive),
         )
         state = _Followed(
             jnp.where(again, state.wanted, wanted), inner,
@@ -125,16 +126,19 @@ class _Following(diffrax.AbstractStepSizeController):
         )  # fmt: skip
         return kept, start, end, jumped, state, result
 
+    @property
+    def _adaptive(self) -> bool:
+        return isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController)
+
     def _sizes(self, t0: Any, t1: Any, scene: Scene, given: tuple[State, ...]) -> tuple[State, ...]:
         """Both states of a step and its error, as the controller is to see them."""
         pauses = self.step_limits.pauses
-        adaptive = isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController)
-        if not (pauses.sided and adaptive):
+        if not (pauses.sided and self._adaptive):
             return given
         apart = pauses.apart(t0)
         quick = apart < self.step_limits.quick
-        within = jnp.where(quick, apart, 0.0)
-        chosen: tuple[State, ...] = _chosen(quick, _displacements(scene, within, *given), given)
+        seen = _displacements(scene, jnp.where(quick, apart, 0.0), *given)
+        chosen: tuple[State, ...] = _chosen(quick, seen, given)
         return chosen
 
 
@@ -162,27 +166,27 @@ def following(
 
 
 def _displacements(
-    scene: Scene, apart: Any, y0: State, y1: State, error: State
+    scene: Scene, apart: Scalar, y0: State, y1: State, error: State
 ) -> tuple[State, State, State]:
     """Two states and an error as displacements, in m: each coordinate is the mean along the beam,
     root of mean square by the mass; each rate is too, but that of the error is what it makes of a
-    displacement between two corners, so far `apart`, in s.
+    mode that goes round once between two corners, so far `apart`, in s.
 
     What has corners sets all modes in motion, those too that no step between two corners resolves.
     Their displacements are small, but not their velocities; and of these a table whose samples are
-    slower than they are knows nothing.
+    slower than they are knows nothing. Of slower modes the error of the displacement tells.
     """
-    mass = scene.equations.rigid_moments[0]
+    mass, per_rate = scene.equations.rigid_moments[0], apart / (2 * np.pi)
 
     def mean(a: Array) -> Scalar:
         return jnp.sqrt(jnp.maximum(total(a * (scene.mass @ a)), 0.0) / mass)
 
-    def of(y: State, by_rate: Any) -> State:
-        q = mean(y.q)
-        return State(jnp.full_like(y.q, q), jnp.full_like(y.v, by_rate(q, y.v)), y.work)
+    def of(y: State, q: Scalar, v: Scalar) -> State:
+        return State(jnp.full_like(y.q, q), jnp.full_like(y.v, v), y.work)
 
-    sizes = of(y0, lambda q, _: q), of(y1, lambda q, _: q)
-    return *sizes, of(error, lambda _, v: apart * mean(v))
+    first, last = mean(y0.q), mean(y1.q)
+    off = of(error, mean(error.q), per_rate * mean(error.v))
+    return of(y0, first, first), of(y1, last, last), off
 
 
 def _chosen(which: Any, a: Any, b: Any) -> Any:
@@ -236,7 +240,7 @@ class AfterImpulse(diffrax.AbstractWrappedSolver):
         made_jump: Any,
     ) -> Any:  # fmt: skip
         """One step, after the impulse if there is one."""
-        if made_jump is not False and args.jumps.size:
+        if made_jump is not False and args.has_jumps:
             # Steps also resume after what begins or ends smoothly, and where a controller says so.
             after_impulse = made_jump & args.pauses.jumped(t0)
             y0 = jax.lax.cond(after_impulse, lambda: args.after_impulse(t0, y0), lambda: y0)

@@ -89,7 +89,7 @@ class Calendar(NamedTuple):
 
 def _after_jumps(scene: Scene, times: Array, end: Scalar) -> Array:
     """Times of outputs: at a jump, what comes after is asked for, if anything does."""
-    if not scene.jumps.size:
+    if not scene.has_jumps:
         return times
     own, end = without_derivatives((times, end))
     return times + (jnp.minimum(jax.vmap(scene.pauses.after)(own), end) - own)

@@ -87,17 +87,19 @@ class Pauses(eqx.Module):
 
     def apart(self, t: Scalar) -> Scalar:
         """How far the declared times are apart between which a step from t lies, or those beside
-        them, whatever is most: a pulse is short, and what follows it is not. Infinite before the
-        first of them and after the last, and where they are too few for a table."""
-        if self.first.size <= _FEW:
+        them, whatever is most: a pulse is short, and what follows it is not. So is what lies before
+        the first of them in a run, which begins at zero by its own clock, and after the last.
+        Infinite where they are too few for a table."""
+        most = self.first.size - 1
+        if most < _FEW:
             return jnp.full_like(t, jnp.inf)
-        i, most = place(self.first, t, "right"), self.first.size - 1
-        lengths = [
-            self.first[jnp.clip(k, 0, most)] - self.first[jnp.clip(k - 1, 0, most)]
-            for k in (i - 1, i, i + 1)
-        ]
-        longest = jnp.max(jnp.stack(lengths))
-        return jnp.where((i > 0) & (i <= most), longest, jnp.inf)
+        i, zero = place(self.first, t, "right"), jnp.zeros_like(t)
+
+        def at(k: Array) -> Scalar:
+            there = jnp.where(k > most, self.end, self.first[jnp.clip(k, 0, most)])
+            return jnp.where(k < 0, zero, there)
+
+        return jnp.max(jnp.stack([at(k) - at(k - 1) for k in (i - 1, i, i + 1)]))
 
     def before(self, t: Scalar) -> Scalar:
         """The latest time to ask for in a step that ends at t, infinite where none is declared."""

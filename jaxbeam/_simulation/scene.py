@@ -18,7 +18,7 @@ from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._rotor.clock import Clock, Later
+from jaxbeam._rotor.clock import Clock, Later, place
 from jaxbeam._rotor.damping import Damping
 from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
@@ -49,6 +49,7 @@ class Scene(SecondOrderSystem):
     damping: Drag
     pauses: Pauses  # at which steps end
     between: tuple[Scalar, Scalar] | None  # within what times motion and loads are asked for, s
+    jumps: tuple[Times, Times]  # times at which the motion and loads may jump, in order
 
     def __init__(
         self, model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
@@ -61,7 +62,8 @@ class Scene(SecondOrderSystem):
         self.motion, self.loads = motion, loads
         self.damping = drag_of(damping, model, rotor, self.equations)
         changes = jnp.concatenate([motion.change_times(), loads.change_times()])
-        self.pauses = Pauses(changes, self.jumps, times)
+        self.jumps = jnp.sort(motion.jump_times()), jnp.sort(loads.jump_times())
+        self.pauses = Pauses(changes, jnp.concatenate(self.jumps), times)
         self.between = (jnp.asarray(-jnp.inf), self.pauses.latest) if self.pauses.sided else None
 
     def since(self, origin: Scalar) -> "Scene":
@@ -71,9 +73,10 @@ class Scene(SecondOrderSystem):
             clock = Clock(origin, self.loads.jump_times())
             span = SpanLoad(span.integral, Later(span.density, clock))
         between = None if self.between is None else (self.between[0], pauses.latest)
+        jumps = tuple(times - origin for times in self.jumps)
         scene: Scene = eqx.tree_at(
-            lambda s: (s.motion, s.loads, s.span, s.pauses, s.between), self,
-            (self.motion.since(origin), self.loads.since(origin), span, pauses, between),
+            lambda s: (s.motion, s.loads, s.span, s.pauses, s.between, s.jumps), self,
+            (self.motion.since(origin), self.loads.since(origin), span, pauses, between, jumps),
             is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return scene
@@ -101,10 +104,10 @@ class Scene(SecondOrderSystem):
         without: Scene = eqx.tree_at(
             lambda s: (
                 s.equations, s.span, s.inverse_mass, s.motion, s.pauses, s.between,
-                s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length, s.loads.changes,
-                s.loads.jumps, s.loads.point_forces,
+                s.jumps, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length,
+                s.loads.changes, s.loads.jumps, s.loads.point_forces,
             ),
-            self, (equations, *(None,) * 11), is_leaf=lambda leaf: leaf is None,
+            self, (equations, *(None,) * 12), is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return without
 
@@ -158,9 +161,9 @@ class Scene(SecondOrderSystem):
         return t + (jnp.minimum(jnp.maximum(own, earliest), latest) - own)
 
     @property
-    def jumps(self) -> Times:
-        """Times at which the hub's velocity, its rate or a load may jump, as declared."""
-        return jnp.concatenate([self.motion.jump_times(), self.loads.jump_times()])
+    def has_jumps(self) -> bool:
+        """Whether the hub's velocity, its rate or a load may jump, as declared."""
+        return any(times.size for times in self.jumps)
 
     def after(self, t: Scalar) -> Scalar:
         """t, or a moment later where something jumps at t; at the end of the run, which no jump
@@ -191,8 +194,7 @@ class Scene(SecondOrderSystem):
         """
         t = jax.lax.stop_gradient(t)
         before, after = self.pauses.before(t), self.pauses.after(t)
-        late = _late(self.motion.jump_times(), before, after)
-        load_late = _late(self.loads.jump_times(), before, after)
+        late, load_late = (_late(jumps, before, after) for jumps in self.jumps)
         (old, *old_loads), (new, *new_loads) = self.inputs(before + late), self.inputs(after + late)
         y = self._moved(y, (old, *old_loads), load_late)
         y = self._moved(y, (old, *new_loads), late - load_late)
@@ -372,10 +374,14 @@ class _Traced(Motion):
 
 def _late(jumps: Times, before: Scalar, after: Scalar) -> Scalar:
     """Zero, with the derivative of the time between these at which something jumps, if it does: of
-    several, which only what happens between them could tell apart, the mean."""
-    within = (before < jumps) & (jumps < after)
-    late = jnp.where(within, jumps - jax.lax.stop_gradient(jumps), 0.0)
-    return jnp.sum(late) / jnp.maximum(jnp.sum(within), 1)
+    several, which only what happens between them could tell apart, the mean of first and last.
+    `jumps` are in order."""
+    if not jumps.size:
+        return jnp.zeros_like(before)
+    own = jax.lax.stop_gradient(jumps)
+    first, beyond = place(own, before, "right"), place(own, after, "left")
+    at = jnp.mean(jumps[jnp.clip(jnp.stack([first, beyond - 1]), 0, jumps.size - 1)])
+    return jnp.where(beyond > first, at - jax.lax.stop_gradient(at), 0.0)
 
 
 def _converted(part: Any, t: Scalar) -> Any:

@@ -236,7 +236,7 @@ def _integrated(
         controller = following(controller, StepLimits(scene, times, *seen))
     if now.pauses.sided:
         solver = AfterImpulse(solver)
-    if now.jumps.size:
+    if now.has_jumps:
         start = calendar.since[0]
         jumped = scene.pauses.jumped(without_derivatives(start))
         y0 = jax.lax.cond(jumped, lambda: scene.after_impulse(start, y0), lambda: y0)
@@ -353,7 +353,7 @@ def _yardstick(
     # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
     frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.length
     parts = [static, at[None], speed[None] / frequency]
-    if scene.jumps.size:
+    if scene.has_jumps:
         parts.append(_blows(scene, start) / frequency)
     size = [jnp.linalg.norm(a, axis=-1) for a in parts]
     largest = jnp.nan_to_num(jnp.max(jnp.concatenate(size)), nan=0.0)

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._results import without_derivatives
+from jaxbeam._rotor.clock import place
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._simulation.checks import Seen
 from jaxbeam._simulation.pauses import Pauses
@@ -30,6 +31,8 @@ _UNSEEN = 0.3
 # Where nothing moves errors are zero, however long a step is; but not those of derivatives. So
 # steps follow the first mode there, if that takes no more of them than there are samples.
 _AT_REST = 2.5
+_LAST = 4  # steps before a stop that are of one length, by an adaptive controller
+_LONGER = 0.05  # of a step, by which all of these together may be longer than wanted
 _QUICK = 10.0  # the same for what is quicker than the first mode, by a radian of it
 _STILL = 1e-9  # displacements over the length that count for none
 _FLOOR = 1e-6  # changes that are smaller than this, relative to the largest value, do not count
@@ -62,19 +65,31 @@ class StepLimits(eqx.Module):
         self.spacing = (times[-1] - times[0]) / SAMPLES
         self.rounding = 8 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
         velocities, signals = jax.vmap(scene.velocities_of)(hub), _signals(hub, force, span)
+        self.pauses = scene.pauses
         # At once, since each search of so many numbers is some programs of its own to compile.
         sizes = jnp.stack([jnp.max(jnp.abs(velocities), 1), *jnp.abs(signals)])
         self.speed, *largest = jnp.max(sizes, 1)
         signals = signals / jnp.stack([jnp.where(top > 0, top, 1.0) for top in largest])[:, None]
         # What changes by more than its rates explain may change back within one step.
-        changes = jnp.max(jnp.abs(jnp.diff(velocities, axis=0)), 1)
         rates = jnp.max(jnp.abs(jax.vmap(scene.velocity_rates_of)(hub)), 1)
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
-        sudden = jnp.any((changes > explained + _FLOOR * self.speed).reshape(64, 16), 1)
+        explained = explained + _FLOOR * self.speed
+
+        def longest(velocities: Array, signals: Array) -> Array:
+            changes = jnp.max(jnp.abs(jnp.diff(velocities)), 0)
+            sudden = jnp.any((changes > explained).reshape(64, 16), 1)
+            return self.spacing * _longest_step(signals, sudden)
+
+        found = velocities.T, signals
+        if self.pauses.sided:
+            # What declared times explain, at which steps end, takes no shorter steps.
+            both = (jnp.stack([a, _between(self.pauses, self.spacing, a)]) for a in found)
+            own, between = jax.vmap(longest)(*both)
+            self.longest_step = jnp.where(own[:, :1] >= between[:, :1], own, between)
+        else:
+            self.longest_step = longest(*found)
         self.at_rest = jnp.maximum(_AT_REST * without_derivatives(moment), self.spacing)
         self.quick = _QUICK * without_derivatives(moment)
-        self.longest_step = self.spacing * _longest_step(signals, sudden)
-        self.pauses = scene.pauses
         self.velocities = scene.velocities_of(scene.hub(scene.after(jnp.zeros_like(times[0]))))
 
     @property
@@ -89,18 +104,36 @@ class StepLimits(eqx.Module):
         still = jnp.max(jnp.abs(q)) <= _STILL * length
         return jnp.where(still, jnp.minimum(end, t + self.at_rest), end)
 
-    def limit(self, t: Scalar, end: Scalar) -> Scalar:
-        """Where a step from t may end, when `end` is wanted."""
-        place = (t / (16 * self.spacing)).astype(int)
-        within, cell_end, beyond = self.longest_step[place]
+    def limit(self, t: Scalar, end: Scalar, adaptive: bool) -> Scalar:
+        """Where a step from t may end, when `end` is wanted, by a controller that is `adaptive` and
+        knows steps of any length."""
+        cell = (t / (16 * self.spacing)).astype(int)
+        within, cell_end, beyond = self.longest_step[cell]
         end = jnp.minimum(end, jnp.minimum(t + within, cell_end + beyond))
         if not self.pauses.first.size:
             return end
         stop = self.pauses.ahead(t)
         left, h = stop - t, end - t
-        # Two steps of one length rather than a long one and a splinter.
-        half = jnp.where(h > 0.501 * left, t + left / 2, end)
-        return jnp.where(end >= self.pauses.early(stop), stop, half)
+        # The last steps before a stop are of one length, rather than long ones and a splinter.
+        parts = jnp.ceil(left / h - _LONGER)
+        few = _LAST if adaptive else 2
+        end = jnp.where(parts <= few, t + left / jnp.maximum(parts, 1.0), end)
+        return jnp.where((parts <= 1) | (end >= self.pauses.early(stop)), stop, end)
+
+
+def _between(pauses: Pauses, spacing: Scalar, signals: Float[Array, "c T"]) -> Float[Array, "c T"]:
+    """Signals less the straight line between the first and the last sample of those that lie
+    between the same declared times; zero at a declared time."""
+    samples, near = np.arange(SAMPLES + 1), pauses.near + 1e-6 * spacing
+
+    def passed(side: str, off: Scalar) -> Array:
+        return jax.vmap(lambda t: place(pauses.first, t, side))(spacing * samples + off)
+
+    which = passed("left", -near) + passed("right", near)
+    first = jnp.searchsorted(which, which, side="left")
+    last = jnp.searchsorted(which, which, side="right") - 1
+    share = (samples - first) / jnp.maximum(last - first, 1)
+    return jax.vmap(lambda s: s - (1 - share) * s[first] - share * s[last])(signals)
 
 
 def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:

@@ -23,7 +23,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_potential, guarded_conditions
@@ -52,6 +52,7 @@ from jaxbeam._types import Code, Matrix, Number, Scalar, Vector
 _HAIR = 1e-10  # EI / L, of a spring beside which a hinge is free
 _ROUGH = 1e-11  # EA L, more than rounding does near tearing to the stiffness of a hinge
 _HARD = 0.1  # of its stiffness at rest, that of a rod which does not tear
+_FINER = 4.0  # times the speed of which functions have to follow layers, where bending gives way
 _SCANNED = 64  # speeds at which a model that is not affine is looked at
 
 
@@ -135,11 +136,27 @@ def _critical(
     else:
         searched = _search_under(model, *fixed, without_derivatives(conditions))
     found, direction, x, status = searched
-    status = first_failure(given, at_speed, status)
+    resolved = _resolved(model, fixed[0], found)
+    few = first_broken((resolved, Status.TOO_FEW_FUNCTIONS))
+    status = first_failure(given, at_speed, status, few)
     exists = jnp.isfinite(found) & (status == Status.OK)
     place = _Place(x=x, exists=exists, model=model, direction=direction)
     speed, shape = answer(place, (rotor, conditions), found, status)
     return CriticalSpeed(angular_speed=speed, direction=direction, shape=shape, status=status)
+
+
+def _resolved(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Bool[Array, ""]:
+    """Whether a model's own number of functions tells that bending gives way at this speed, or not
+    below it.
+
+    What points outwards never gives way. Before the axis, or in a cone, it may at any speed, where
+    tension nearly holds it: the little that is left is known a hundred times worse than a
+    frequency, so that functions have to follow layers four times as thin.
+    """
+    if not isinstance(rotor, Rotor) or Direction.IN_PLANE not in model.directions:
+        return jnp.ones((), bool)
+    leans = (rotor.hub_radius < 0) | (rotor.precone is not None)
+    return ~leans | model.resolves(rotor, _FINER * jnp.where(leans, speed, 0.0))
 
 
 class _Place(AbstractPlace):

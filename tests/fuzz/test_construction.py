@@ -46,6 +46,7 @@ STRICT = [
     *((make, key) for make, _, key in ARGUMENTS if key in POSITIVE and make is not jb.Damping),
     (jb.Beam.from_slenderness, "slenderness"),
 ]
+SIGNED = "hub_radius"  # of a beam that points inward it is below zero
 ANY = "angular_speed", "mean", "depth"  # whether they are finite is asked with the times of a run
 
 
@@ -68,7 +69,8 @@ def test_construction(which, value):
     within = number and (isinstance(value, float) or abs(value) < 2**1023)
     allowed = within and (
         key in ANY
-        or (math.isfinite(value) and (value > 0 or (value == 0 and (make, key) not in STRICT)))
+        or (math.isfinite(value) and (key == SIGNED or value > 0))
+        or (value == 0 and (make, key) not in STRICT)
     )
     if allowed and make == jb.Beam.from_slenderness:
         assume(1e-150 < value < 1e150)  # it is squared

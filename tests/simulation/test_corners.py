@@ -1,5 +1,6 @@
 """Motions with corners, as measured ones have: steps end there, and chase no fast modes then."""
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -53,11 +54,36 @@ def right():
 
 @pytest.mark.slow
 def test_a_shaken_base_takes_a_few_steps_between_samples():
-    run = jb.simulate(MODEL, ROTOR, shaken(changes=TIMES[1:-1]), TIMES)
-    expected = right()
-    assert run.solution.stats["num_steps"] < 8 * 50
-    np.testing.assert_allclose(run.tip[:, 1], expected, rtol=0, atol=1e-4 * abs(expected).max())
-    assert abs(run.imbalance).max() < 1e-5
+    """Three; one by what is exact between samples."""
+    motion, expected = shaken(changes=TIMES[1:-1]), right()
+    for solver, steps, off in ((None, 3.3, 1e-4), (jb.solvers.Magnus(), 1.03, 1e-9)):
+        run = jb.simulate(MODEL, ROTOR, motion, TIMES, solver=solver)
+        assert run.solution.stats["num_steps"] < steps * 50
+        bound = off * abs(expected).max()
+        np.testing.assert_allclose(run.tip[:, 1], expected, rtol=0, atol=bound)
+        assert abs(run.imbalance).max() < 1e-5
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_speed_as_an_encoder_gives_it(smooth):
+    """Noise of 0.05 rad/s at 50 Hz, also where it is smoothed."""
+    times = np.arange(0.0, 2.0, 0.02)
+    speeds = 3.0 * times + 0.05 * np.random.default_rng(3).standard_normal(times.size)
+    table = jb.motions.TabulatedSpeed(times, speeds, smooth=smooth)
+    rotor = jb.Rotor(jb.Beam(2.0, 1.2, 3e6, 400.0, 150.0), 0.1)
+
+    @jax.jit
+    def found(tolerance):
+        control = diffrax.PIDController(rtol=tolerance, atol=0.05 * tolerance)
+        how = {"stepsize_controller": control, "throw": False}
+        run = jb.simulate(jb.ExactRodANCF(4), rotor, table, times[::10], **how)
+        return run.tip[:, 1], run.solution.stats["num_steps"], run.status
+
+    (tip, steps, status), (expected, _, _) = found(1e-6), found(1e-8)
+    assert status == jb.Status.OK
+    assert steps < 9 * times.size
+    np.testing.assert_allclose(tip, expected, rtol=0, atol=2e-3 * abs(expected).max())
 
 
 @pytest.mark.exhaustive

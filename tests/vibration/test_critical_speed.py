@@ -371,3 +371,21 @@ def test_elements_in_space_tear_as_any_rod():
     found = jb.critical_speed(jb.SpatialANCF(4), jb.Rotor(beam, 0.3))
     np.testing.assert_allclose(found.angular_speed, np.pi / 10 * np.sqrt(4e6 / 0.3), rtol=1e-4)
     assert found.direction == jb.models.Direction.AXIAL
+
+
+@pytest.mark.slow
+def test_what_tension_nearly_holds_wants_more_functions():
+    """A root just beyond the axis: the layer at the clamp is a spring (EI P)^1/2, which gives way
+    at (2 EI / m)^1/2 / (|R| L). With the default number of functions that would be infinite."""
+
+    def found(model, hub_radius):
+        rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, 1.0, 1.0), hub_radius)
+        return jb.critical_speed(model, rotor, throw=False)
+
+    radii = jnp.array([0.0, -0.1, -0.01, -0.002])
+    by_default = jax.jit(jax.vmap(lambda r: found(jb.Hybrid(0), r)))(radii)
+    few, fine = jb.Status.TOO_FEW_FUNCTIONS, jb.Status.OK
+    np.testing.assert_array_equal(by_default.status, [fine, fine, few, few])
+    assert jnp.isinf(by_default.angular_speed[0])
+    more = jax.jit(lambda r: found(jb.Hybrid(0, 40, 0), r).angular_speed)(-0.005)
+    np.testing.assert_allclose(more, 2**0.5 / 0.005, rtol=1e-2)
