@@ -4,7 +4,7 @@ Say `jax.config.update("jax_enable_x64", True)` and `import jaxbeam as jb`. Ever
 units and written for one case; `jax.vmap` or `jb.sweep` batch it, and `jax.grad` goes through.
 
 What rotates        Beam, Rotor; Loads and Damping act on it
-As built            Spanwise: a property along the span; RootSprings, Support, TipBody,
+As built            Spanwise: a property along the span; RootSprings, TipBody,
                     PointMasses, PointForces: what is at its ends and between; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     ExactRodANCF, GreenANCF, ANCF in finite elements in the plane,
@@ -73,7 +73,6 @@ if TYPE_CHECKING:
     from jaxbeam._rotor.spanwise import Spanwise as Spanwise
     from jaxbeam._rotor.spins import ConstantSpeed as ConstantSpeed
     from jaxbeam._rotor.spins import SmoothSpinUp as SmoothSpinUp
-    from jaxbeam._rotor.support import Support as Support
     from jaxbeam._rotor.units import rpm as rpm
     from jaxbeam._simulation.limit import deflection_limit as deflection_limit
     from jaxbeam._simulation.simulate import simulate as simulate

@@ -151,5 +151,6 @@ from jaxbeam._rotor.ends import RigidBody as RigidBody
 from jaxbeam._rotor.engineering import section_inertia as section_inertia
 from jaxbeam._rotor.engineering import section_stiffness as section_stiffness
 from jaxbeam._rotor.spanwise import SpanwiseFunction as SpanwiseFunction
+from jaxbeam._rotor.support import Support as Support
 from jaxbeam._vibration.reduction import Reduction as Reduction
 from jaxbeam._vibration.reduction import reduction as reduction

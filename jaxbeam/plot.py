@@ -50,6 +50,7 @@ UNITS = {
     "angular_speed": "rad/s", "frequency": "rad/s", "translational_spring": "N/m",
     "torsional_spring": "N m", "mass": "kg", "mass_coefficient": "1/s",
     "stiffness_coefficient": "s", "section_coefficients": "s",
+    "root_dampers": "SI", "tip_dampers": "SI",
     "in_plane_damper": "N m s", "flap_damper": "N m s",
     "ratio_speed": "rad/s", "angular_speed_rpm": "rpm", "mean_rpm": "rpm", "ratio_speed_rpm": "rpm",
 }  # fmt: skip

@@ -298,7 +298,7 @@ def test_no_two_tables_have_a_number_of_one_name():
     beam = _numbers_of(jb.Beam) | set(inspect.signature(jb.Beam.from_section).parameters)
     more = [_numbers_of(jb.Damping)]
     more += [set().union(*map(_numbers_of, jb.motions.Spin.__subclasses__()))]
-    beam = [beam, *map(_numbers_of, (jb.Rotor, jb.RootSprings, jb.Support, jb.TipBody))]
+    beam = [beam, *map(_numbers_of, (jb.Rotor, jb.RootSprings, jb.blades.Support, jb.TipBody))]
     for rotor in (beam, [_numbers_of(jb.models.SpringRotor)]):
         for one, other in itertools.combinations([*rotor, *more], 2):
             assert not one & other

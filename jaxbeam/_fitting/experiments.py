@@ -234,7 +234,7 @@ class StaticData(Experiment):
         given, rotor, speed, conditions = guarded_conditions(
             self.model, self.rotor, self.angular_speed, Conditions(self.loads, NO_DAMPING)
         )
-        q, status, _ = conditions.state(self.model, rotor, speed)
+        q, status, *_ = conditions.state(self.model, rotor, speed)
         value = self.model.equations(rotor).displacement(q, np.array(self.xi))[:, self.direction]
         return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
 

@@ -104,8 +104,9 @@ def found_about(
     banded = alone and rotor.is_plain and jnp.finfo(speed.dtype).bits > 32
     bands = bands_of(model, wanted.most, wanted.count) if banded else None
     system = system_of(model, rotor, speed, conditions)
+    is_judged = judged and (alone or system.lacking is not None)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
-    found, extra = search(model, bands, *fixed, loose_motions(rotor), judged and alone)
+    found, extra = search(model, bands, *fixed, loose_motions(rotor), is_judged)
     status, error = first_failure(given, found.status), found.frequency_error
     if error is not None and model.judged(rotor):
         error = jnp.where(status == Status.OK, error, jnp.nan)

@@ -60,8 +60,11 @@ class Modes(InHertz, eqx.Module):
     | frequency_error | (k,)   |       | estimate of what functions and quadrature leave out of    |
     |                 |        |       | lambda, relative; above 1e-3 the status says so, of a     |
     |                 |        |       | uniform beam where numbers of functions are those of the  |
-    |                 |        |       | class. None of elements, of coned beams, about loaded     |
-    |                 |        |       | states, and on uniform beams but for `Hybrid` and         |
+    |                 |        |       | class. Of `SpatialRod` by how much it would rise if       |
+    |                 |        |       | strains, not forces, were polynomials: much more than the |
+    |                 |        |       | error where properties have kinks; above 0.1 the status   |
+    |                 |        |       | says so. None of other elements, of coned beams, about    |
+    |                 |        |       | loaded states, and on uniform beams but for `Hybrid` and  |
     |                 |        |       | `Classical` with `Polynomials` or `Layered`               |
     | model           |        |       | whose modes they are: of soft beams it may be one with    |
     |                 |        |       | other functions than were given; part of no table         |

@@ -93,10 +93,17 @@ class Program:
 
 
 def compile_well(always: bool = True) -> None:
-    """Whether programs are compiled well from their first call on; False: as by default, the first
-    calls are of programs that compile in a fifth to a half of the time and run six to ten times as
-    long, whose numbers differ in the last bits."""
+    """Compile programs well from their first call on, or no longer.
+
+    Unless it is `always`, the first calls are of programs that compile in a fifth to a half of the
+    time and run six to ten times as long, and whose numbers differ in the last bits. Returns
+    nothing.
+
+    Raises `TypeError` unless `always` is a bool.
+    """
     global _may_be_quick
+    if not isinstance(always, bool):
+        raise TypeError(f"always must be a bool, got {always!r}")
     _may_be_quick = not always
 
 

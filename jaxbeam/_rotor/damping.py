@@ -31,8 +31,8 @@ class Damping(eqx.Module):
     | in_plane_damper       | d      | N m s | at the root, parallel to the spring in plane    |
     | flap_damper           | d      | N m s | at the root, parallel to the spring in flap     |
     | section_coefficients  | mu     | s     | (6,) of a material, by strains of full sections |
-    | root_dampers          | d      | N s/m | (6,), parallel to the springs of a root_support |
-    | tip_dampers           | d      | N m s | (6,), parallel to the springs of a tip_support  |
+    | root_dampers          | d      | SI    | (6,), parallel to the springs of a root_support |
+    | tip_dampers           | d      | SI    | (6,), parallel to the springs of a tip_support  |
 
     All are finite and, but for the speed, >= 0; None leaves a term out, and all terms add up.
 

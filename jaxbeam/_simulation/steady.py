@@ -94,7 +94,7 @@ def steady(
 @Program
 def _steady(model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions) -> Steady:
     given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
-    q, status, _ = conditions.state(model, rotor, speed)
+    q, status, *_ = conditions.state(model, rotor, speed)
     status = first_failure(given, status)
     scene = Scene(model, rotor, ConstantSpeed(speed), conditions.loads, NO_DAMPING)
     q, at = nan_unless(status == Status.OK, (q, speed))
@@ -166,6 +166,6 @@ def _start(
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
     equations = equations_under(model, rotor, loads)
-    q, status, _ = held_at_rest(rotor, equations, (hub, *loads_at(equations, loads, t)))
+    q, status, *_ = held_at_rest(rotor, equations, (hub, *loads_at(equations, loads, t)))
     status = first_failure(given, status)
     return SteadyStart(nan_unless(status == Status.OK, q), status)

@@ -42,12 +42,12 @@ class Reduction(eqx.Module):
 
 
 def reduction(
-    rotor: Rotor, count: int = 3, *, model: SpatialRod = _ROD, throw: bool = True
+    rotor: Rotor, count: int = 3, *, rod: SpatialRod = _ROD, throw: bool = True
 ) -> Reduction:
     """What `Blade.beam` leaves out, by how much it changes the lowest frequencies at rest.
 
     `rotor` has a `Blade`; `count` frequencies are found, with what is at its ends, by the matrices
-    of `model`, a `SpatialRod`. They are w of the blade as it is and w' of one without one thing,
+    of `rod`, a `SpatialRod`. They are w of the blade as it is and w' of one without one thing,
     with all else as it is, and what is told is w' / w - 1 for
 
     - `couplings` of stretch, shear, torsion and bending: of compliances by strains at the centres
@@ -69,13 +69,13 @@ def reduction(
     Raises `TypeError` unless the beam of the rotor is a `Blade`, and `ValueError` for what is out
     of range.
     """
-    check_kind("model", model, SpatialRod)
+    check_kind("rod", rod, SpatialRod)
     check_kind("rotor", rotor, Rotor)
     check_kind("rotor.beam", rotor.beam, Blade)
     count_functions("count", count, least=1)
-    _, rotor, _ = checked_case(model, rotor, 0.0)
-    own, *others = _of_blades(model, rotor, count)
-    beam = _of_beam(model, rotor, count)
+    _, rotor, _ = checked_case(rod, rotor, 0.0)
+    own, *others = _of_blades(rod, rotor, count)
+    beam = _of_beam(rod, rotor, count)
     changes = {name: each / own - 1 for name, each in zip(WITHOUT, others, strict=True)}
     status = rotor.status(jnp.zeros(()))
     held = nan_unless(status == Status.OK, (own, changes, beam / own - 1))

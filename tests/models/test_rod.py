@@ -371,3 +371,38 @@ def test_blades_and_beams():
         np.testing.assert_allclose(other, own, rtol=1e-9)
     np.testing.assert_allclose([blade.length, blade.mass], [8.0, beam.mass], rtol=1e-12)
     assert blade.breaks == (0.3,)
+
+
+def _tipped():
+    """A blade whose tip is a million times as soft as its root, as real ones are."""
+    stations, share = [0.0, 0.5, 0.9, 0.98, 1.0], np.array([1.0, 0.1, 3e-3, 3e-4, 1e-6])
+    stiffness = share[:, None, None] * np.diag([1e9, 2e8, 2e8, 2e7, 8e7, 3e8])
+    inertia = np.sqrt(share)[:, None, None] * np.diag([100.0, 100, 100, 50, 10, 40])
+    return Blade(stations, stiffness, inertia, 40.0)
+
+
+@pytest.mark.slow
+def test_a_soft_tip_is_told_or_has_an_element():
+    """One polynomial of the forces has modes that no blade has: where numbers are known such a tip
+    is an element, and where they are traced the status tells."""
+    rotor, finer = jb.Rotor(_tipped(), 1.0), SpatialRod(8, 6)
+    found, other = (jb.modes(model, rotor, 1.0, 4) for model in (SpatialRod(), finer))
+    assert len(found.model.directions) > 48
+    np.testing.assert_allclose(found.frequency, other.frequency, rtol=2e-4)
+
+    def traced(model):
+        return jax.jit(lambda r: jb.modes(model, r, 1.0, 4, throw=False))(rotor)
+
+    assert traced(SpatialRod()).status == jb.Status.TOO_FEW_FUNCTIONS
+    again = traced(SpatialRod().suited(rotor))
+    np.testing.assert_allclose(again.frequency, found.frequency, rtol=1e-9)
+
+
+@pytest.mark.exhaustive
+def test_what_forces_leave_out():
+    """Against four elements: an estimate, which is no bound but not far below either."""
+    rotor = jb.Rotor(coupled(), 1.0)
+    found, exact = (jb.modes(SpatialRod(*size), rotor, 8.0, 6) for size in ((5,), (8, 4)))
+    error = np.abs(found.frequency / exact.frequency - 1)
+    assert (error <= 3 * np.asarray(found.frequency_error)).all()
+    assert np.max(found.frequency_error) < 1e-2

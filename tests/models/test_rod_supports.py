@@ -17,7 +17,7 @@ from jaxbeam.blades import Blade
 from jaxbeam.models import SpatialRod
 from tests.tiers import slow
 
-Support = jb.Support
+Support = jb.blades.Support
 BALL = {"about_1": 0.0, "about_2": 0.0, "about_3": 0.0}
 FREE = Support(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -29,8 +29,8 @@ HAVING = {  # a rotor and loads with each of the features, and what goes before 
     "precone beside": (jb.Rotor(TWISTING, precone=0.1, pitch=0.1), {}),
     "root_springs.in_plane": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(0.0)), {}),
     "root_springs.flap": (jb.Rotor(TWISTING, root_springs=jb.RootSprings(flap=1.0)), {}),
-    "root_support": (jb.Rotor(TWISTING, root_support=jb.Support()), {}),
-    "tip_support": (jb.Rotor(TWISTING, tip_support=jb.Support(0.0)), {}),
+    "root_support": (jb.Rotor(TWISTING, root_support=jb.blades.Support()), {}),
+    "tip_support": (jb.Rotor(TWISTING, tip_support=jb.blades.Support(0.0)), {}),
     "tip_body": (jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1)), {}),
     "tip_body.flap_inertia": (
         jb.Rotor(TWISTING, tip_body=jb.TipBody(0.1, flap_inertia=0.0)),

@@ -59,7 +59,7 @@ def frequencies(stiffness, inertia, near):
 @pytest.mark.slow
 def test_each_thing_left_out():
     """Of a uniform straight blade, whose variants are built again without it."""
-    found = reduction(jb.Rotor(Blade([0, 1], *sections(), LENGTH)), 4, model=SpatialRod(12))
+    found = reduction(jb.Rotor(Blade([0, 1], *sections(), LENGTH)), 4, rod=SpatialRod(12))
     own = frequencies(*sections(), found.frequency)
     np.testing.assert_allclose(found.frequency, own, rtol=1e-9)
     variants = {

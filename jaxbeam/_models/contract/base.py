@@ -174,7 +174,7 @@ def small_motion(
     """Matrices of small motion about a steady state under `inputs`, none by default but rotation:
     the tangents of the equations there."""
     hub, *acting = (spinning(speed), None, None) if inputs is None else inputs
-    q, status, matrices = state
+    q, status, matrices, lacking = state
     if matrices is None:
         matrices = equations.matrices_about(hub, q, *acting)
     mass, by_rates, stiffness = matrices
@@ -187,6 +187,7 @@ def small_motion(
         directions=model.directions,
         coupling=model.coupling(rotor),
         shapes=equations.functions,
+        lacking=lacking,
         general=model.couples_all,
     )
 

@@ -16,11 +16,12 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 class Rest(NamedTuple):
     """Coordinates of a state of rest, the status of the search for it, and where that knows them
-    mass, what goes with rates, and stiffness of small motion about it."""
+    mass, what goes with rates, and stiffness of small motion about it, and what that lacks."""
 
     q: Vector
     status: Code
     matrices: tuple[Matrix, Matrix, Matrix] | None = None
+    lacking: Matrix | None = None
 
 
 def equilibrium(

@@ -1,7 +1,7 @@
 """The rod of full sections in space."""
 
 import dataclasses
-from typing import Self
+from typing import Any, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,12 +20,13 @@ from jaxbeam._models.contract.supports import (
 )
 from jaxbeam._models.space.rod_equations import RodEquations
 from jaxbeam._models.space.rod_supports import ends_of, free_changes
-from jaxbeam._models.space.rod_tables import breaks_of, element_edges, node_rows
+from jaxbeam._models.space.rod_tables import breaks_of, element_edges, node_rows, soft_breaks
 from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._types import Scalar
 
+MOST_LACKING = 0.1  # of a frequency that is no failure, see `SpatialRod.frequency_error`
 _OF_NODE = (
     Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP,
     Direction.TORSION, Direction.FLAP, Direction.IN_PLANE,
@@ -47,16 +48,20 @@ class SpatialRod(AbstractModel[Rotor]):
     displacements and quaternions of rotations are polynomials of that degree, forces of one less,
     against which compliances are integrated. Errors fall exponentially with the degree: 48
     coordinates, the default, have six frequencies of a coupled blade to 2e-6 or so. Steps of
-    properties and kinks of the axis become ends of elements by themselves. Within an element
-    rotations may differ by less than half a turn; from the undeformed blade they may be of any
-    size. Costs go with the cube of the number of coordinates.
+    properties and kinks of the axis become ends of elements by themselves, and where numbers are
+    known places beyond which sections are 300 times as soft as others, as at tips of real blades:
+    one polynomial of the forces would have modes there that no blade has. Where numbers are traced
+    `frequency_error` of `Modes` tells (`TOO_FEW_FUNCTIONS`): take elements, or `suited(rotor)` of a
+    rotor whose numbers are known. Within an element rotations may differ by less than half a turn;
+    from the undeformed blade they may be of any size. Costs go with the cube of the number of
+    coordinates.
 
     It takes all that a rotor and constant loads have (`Rotor`, `Loads`); loads that follow turn
     with the sections from axes of the undeformed beam. Motion in time it leaves to `SpatialANCF`.
     Either end may be on a `Support`, alone of all models:
 
-        hinge = jb.Support(about_2=0.0, attitude=(0.0, 0.0, 0.3))  # flap, with some pitch
-        propped = jb.Support(0.0, None, None, 0.0, 0.0, 0.0)  # held across, free along and to turn
+        hinge = jb.blades.Support(about_2=0.0, attitude=(0.0, 0.0, 0.3))  # flap, with some pitch
+        propped = jb.blades.Support(0.0, None, None, 0.0, 0.0, 0.0)  # held across
         rotor = jb.Rotor(beam, 0.5, root_support=hinge, tip_support=propped)
 
     What is held rigidly has no coordinates, and `hub_force` is what both ends give.
@@ -111,15 +116,38 @@ class SpatialRod(AbstractModel[Rotor]):
     def equations(self, rotor: Rotor) -> RodEquations:
         """Equations of the steady state and of small motion about it."""
         check_supported(self, rotor)
-        return RodEquations(rotor, self.degree, self.elements)
+        return RodEquations(rotor, self.degree, self._edges)
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         equations = self.equations(rotor)
         state = equations.equilibrium(spinning(speed))
         return small_motion(self, rotor, speed, equations, state)
 
+    def judged(self, rotor: Rotor) -> bool:
+        """Whatever the beam: how soft some part of it is depends on all that couples."""
+        return True
+
+    def most_error(self, rotor: Rotor, speed: Scalar) -> Any:
+        return MOST_LACKING
+
+    def frequency_error(
+        self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
+    ) -> Float[Array, " k"] | None:
+        """Returns by how much frequencies would rise if strains, not forces, were polynomials."""
+        if system.lacking is None:
+            return None
+        more = jnp.sum((shape.conj() * (shape @ system.lacking)).real, 1)
+        square = jnp.abs(eigenvalue) ** 2
+        return jnp.abs(more) / (2 * jnp.where(square > 0, square, 1.0))
+
     def suited(self, rotor: Rotor) -> Self:
-        ends = element_edges(breaks_of(rotor.beam), self.elements)
+        breaks = breaks_of(rotor.beam)
+        kept = self._ends is not None and set(breaks) <= set(self._ends)
+        soft = soft_breaks(rotor.beam)
+        # Those that were found when numbers were known stay.
+        ends = element_edges(tuple(sorted({*breaks, *soft})), self.elements)
+        if self._ends is not None and kept and not soft:
+            ends = self._ends
         root, tip = (None if end is None else end.ways for end in ends_of(rotor))
         return dataclasses.replace(self, _ends=ends, _ways=(root, tip))
 

@@ -58,8 +58,8 @@ class RodEquations(Equations):
     energy_scale: Number
     axes: Float[Array, "3 3"]  # of the beam, as rows, in those of the hub
 
-    def __init__(self, rotor: Rotor, degree: int, elements: int) -> None:
-        tables = rod_tables(rotor, degree, elements)
+    def __init__(self, rotor: Rotor, degree: int, ends: tuple[float, ...]) -> None:
+        tables = rod_tables(rotor, degree, ends)
         inertia = tables.assembled(tables.inertia).at[-6:, -6:].add(tables.tip)
         length, beam = rotor.beam.length, rotor.beam.mean
         self.rotor, self.length = rotor, length
@@ -85,7 +85,13 @@ class RodEquations(Equations):
         )
         unfolded = self.is_unfolded(q)
         status = first_broken((share >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
-        return Rest(q, status, matrices)
+        return Rest(q, status, matrices, self._lacking(*without_derivatives((self.rod, q))))
+
+    def _lacking(self, rod: Rod, q: Coordinates) -> Matrix:
+        """What stiffness is less than where strains, not forces, are polynomials."""
+        by = bent(rod.tables, *rod.nodes(q)).by_changes
+        more = rod.tables.assembled(by.swapaxes(1, 2) @ rod.tables.lacking @ by)
+        return self._by_places(q, rod.led(q, more))
 
     def is_unfolded(self, q: Coordinates) -> Array:
         tables = self.rod.tables

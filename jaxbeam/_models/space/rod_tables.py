@@ -30,8 +30,10 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
 from jaxbeam._rotor.ends import PointMass
 from jaxbeam._rotor.sections import AbstractSections, frames
+from jaxbeam._types import is_concrete
 
 A1 = np.eye(3)[0]
+_SOFTER = 300.0  # than another section in one element, of compliances
 
 
 @functools.lru_cache(maxsize=64)
@@ -61,6 +63,47 @@ def breaks_of(beam: Any) -> tuple[float, ...]:
     """Places at which elements of a beam end: its breaks, and masses at points."""
     points = () if beam.point_masses is None else beam.point_masses.places
     return tuple(sorted({*sections_of(beam).breaks, *points}))
+
+
+def soft_breaks(beam: Any) -> tuple[float, ...]:
+    """Places between which no section is softer than another by more than `_SOFTER` in stretch,
+    torsion or bending, where numbers are known: what is stiff and what is not are no matter for one
+    polynomial of the forces."""
+    if beam.is_uniform or not all(map(is_concrete, jax.tree.leaves(beam))):
+        return ()
+    leaves, structure = jax.tree.flatten(beam)
+    return _soft_breaks(structure, tuple(_Same(np.asarray(leaf)) for leaf in leaves))
+
+
+class _Same:
+    """Numbers that are the same if their bytes are."""
+
+    def __init__(self, numbers: np.ndarray) -> None:
+        self.numbers = numbers
+        self._key = numbers.tobytes(), numbers.shape, numbers.dtype
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self._key == other._key
+
+
+@functools.lru_cache(maxsize=64)
+def _soft_breaks(structure: Any, leaves: tuple[_Same, ...]) -> tuple[float, ...]:
+    sections = sections_of(jax.tree.unflatten(structure, [leaf.numbers for leaf in leaves]))
+    pieces = itertools.pairwise(sections.edges)
+    places = np.concatenate([np.linspace(start, end, 9)[:-1] for start, end in pieces])
+    with jax.ensure_compile_time_eval():
+        compliance = np.asarray(sections.compliance_at(places))
+    soft = np.log(np.diagonal(compliance, axis1=1, axis2=2)[:, [0, 3, 4, 5]])
+    out, least, most = [], soft[0], soft[0]
+    for before, here in zip(places, soft[1:], strict=False):
+        least, most = np.minimum(least, here), np.maximum(most, here)
+        if np.max(most - least) > np.log(_SOFTER):
+            out.append(float(before))
+            least = most = here
+    return tuple(out)
 
 
 def element_edges(breaks: tuple[float, ...], elements: int) -> tuple[float, ...]:
@@ -110,6 +153,7 @@ class RodTables(eqx.Module):
     tangent: Float[Array, "E p 3"]  # of the undeformed axis at Gauss points
     rate: Float[Array, "E p k"]  # derivatives of shapes by arc length, k = p + 1, 1/m
     stiffness: Float[Array, "E m m"]  # S, m = 6 p
+    lacking: Float[Array, "E m m"]  # what S is less than where strains, not forces, are smooth
     inertia: Float[Array, "E l l"]  # by velocities of nodes, l = 6 k
     weight: Float[Array, "nodes 4"]  # mass and first moment of nodes, for gravity
     tip: Float[Array, "6 6"]  # inertia of the body at the tip
@@ -197,10 +241,9 @@ def node_rows(
     return rows, slopes
 
 
-def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
-    """The elements of a rotor's beam or blade."""
+def rod_tables(rotor: Rotor, degree: int, ends: tuple[float, ...]) -> RodTables:
+    """The elements of a rotor's beam or blade, which end there."""
     sections = sections_of(rotor.beam)
-    ends = element_edges(breaks_of(rotor.beam), elements)
     points = Quadrature.of(ends, sections.edges, degree)
     attitude = turned_by_pitch(rotor)
     flat = points.places.ravel()
@@ -223,13 +266,14 @@ def rod_tables(rotor: Rotor, degree: int, elements: int) -> RodTables:
     by_node = jnp.einsum("eq,eqk,eqw->ekw", length, *(
         a.reshape(*length.shape, -1) for a in (jnp.asarray(shapes), weight)
     ))  # fmt: skip
+    soft = _turned(sections.compliance_at(flat), frame)
+    stiffness = _stiffness(soft, forces, length, weights)
     tables = RodTables(
         place=(attitude @ sections.axis_at(nodes)[0].T).T + _root(rotor)[None],
         tangent=((attitude @ at_gauss.T).T / size.reshape(-1, 1)).reshape(*within.shape, 3),
         rate=jnp.asarray(slopes)[None] / (half * size)[:, :, None],
-        stiffness=_stiffness(
-            _turned(sections.compliance_at(flat), frame), forces, length, weights
-        ),
+        stiffness=stiffness,
+        lacking=_integrated(forces, jnp.linalg.inv(soft), length) - stiffness,
         inertia=mass,
         weight=jnp.zeros((len(nodes), 4)),
         tip=jnp.zeros((6, 6)),
