@@ -236,8 +236,8 @@ class Status(enum.IntEnum):
     INVALID_AXIS = 57, "points of the axis must be finite, each apart from the next", INPUT
     INVALID_RIGID_BODY = (
         60,
-        "the inertia of the rigid body must be that of a body: principal moments >= 0, none more "
-        "than the sum of the others (look at the signs of products)", INPUT,
+        "centre_of_mass of the rigid body must be finite, its inertia that of a body: principal "
+        "moments >= 0, none above the sum of the others (look at signs of products)", INPUT,
     )  # fmt: skip
     INVALID_GYRATION = 61, "gyration must be finite and >= 0, in m, at every station", INPUT
 

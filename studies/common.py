@@ -80,14 +80,17 @@ def rotating(case: Any) -> tuple[jb.Rotor, Any]:
 
 
 def run(
-    main: Callable[[bool, Path | None], object], about: str | None, quick: str, out: str
+    main: Callable[..., object], about: str | None, quick: str, out: str, files: bool = False
 ) -> None:
-    """Run `main` as the command line says; `quick` and `out` end the help on these options."""
+    """Run `main(quick, out)` as the command line says; `quick` and `out` end the help on these
+    options. With `files` it takes paths as well: `main(quick, out, files)`."""
     parser = argparse.ArgumentParser(description=(about or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument("--out", type=Path, help=f"folder for {out}")
+    if files:
+        parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="files to read")
     arguments = parser.parse_args()
-    main(arguments.quick, arguments.out)
+    main(arguments.quick, arguments.out, *([arguments.files] if files else []))
 
 
 def folder(out: Path | None, study: str) -> Path:

@@ -97,7 +97,7 @@ def test_what_is_a_body():
         (-1.0, CENTRE, PRODUCTS, "tip_mass must be finite"),
         (1.0, CENTRE[:2], PRODUCTS, r"centre_of_mass must have shape \(3,\)"),
         (1.0, CENTRE * np.nan, PRODUCTS, "centre_of_mass of the rigid body must be finite"),
-        (1.0, CENTRE, np.diag([3.0, 1.0, 1.0]), "none more than the sum of the others"),
+        (1.0, CENTRE, np.diag([3.0, 1.0, 1.0]), "none above the sum of the others"),
         (1.0, CENTRE, np.diag([-0.1, 1.0, 1.0]), "principal moments >= 0"),
         (1.0, CENTRE, np.triu(PRODUCTS), "inertia must be symmetric"),
     ]

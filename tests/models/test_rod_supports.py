@@ -327,7 +327,7 @@ def test_what_supports_may_be():
     beam = jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0, torsional_stiffness=3.0)
     hinge = Support(about_2=0.0, attitude=(0, 0, 0.1))
     for wrong in ({"about_2": -1.0}, {"along_1": np.inf}, {"attitude": [0, 0, 7.0]}):
-        with pytest.raises(ValueError, match="springs of a support must be finite and >= 0"):
+        with pytest.raises(ValueError, match="springs of a support must be >= 0"):
             Support(**wrong)
     with pytest.raises(ValueError, match="attitude must be a rotation vector of three numbers"):
         Support(attitude=np.eye(3))

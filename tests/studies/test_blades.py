@@ -44,3 +44,20 @@ def test_swept_tips(tmp_path):
     assert max(within["nominal"]) <= 2
     assert counts["fitted"] >= 45
     assert "stiffness over nominal 1.09" in printed
+
+
+@pytest.mark.exhaustive
+def test_published_blades(tmp_path):
+    """Without files it takes one blade in three formats, which are alike."""
+    printed = study("published_blades", tmp_path)
+    assert (tmp_path / "published_blades.png").stat().st_size > 20_000
+    assert "primary_beamdyn.inp: 10." in printed
+    by_load = {}
+    for row in rows_of(tmp_path / "published_blades.csv"):
+        numbers = [float(row[k]) for k in ("edgewise_hz", "deflection_m", "frequency_1_hz")]
+        by_load.setdefault(row["load"], []).append(numbers)
+    for numbers in by_load.values():
+        assert len(numbers) == 3
+        np.testing.assert_allclose(numbers[1], numbers[0], rtol=1e-5)
+        # What is between stations of HAWC2 is linear in other quantities.
+        np.testing.assert_allclose(numbers[2], numbers[0], rtol=2e-3, atol=1e-9)
