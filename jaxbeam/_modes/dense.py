@@ -22,7 +22,7 @@ from jaxbeam._programs.batches import one_by_one
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
 
-Directions = tuple[Direction, ...]
+_Directions = tuple[Direction, ...]
 _MORE = 2  # modes beyond those wanted that are found with them
 _CLEAR = 0.5  # share of the kinetic energy that one uncoupled mode has more of than all others
 _SPREAD = 300.0  # between the lowest frequency and the highest, of which the square costs digits
@@ -110,7 +110,7 @@ class _Parts(NamedTuple):
     k: Array
 
     @classmethod
-    def of(cls, system: LinearSystem, transverse: Directions, axial: Directions) -> "_Parts":
+    def of(cls, system: LinearSystem, transverse: _Directions, axial: _Directions) -> "_Parts":
         every = dict.fromkeys(transverse + axial)
         directions = [direction for direction in every if system.where(direction).size]
         rows = system.where(*directions)

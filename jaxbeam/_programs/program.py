@@ -31,9 +31,9 @@ class Program:
 
     A user's first calls are of a program that is compiled quickly and runs slowly, later ones of
     one that is compiled well. Within another program or a transformation it becomes a part of what
-    is compiled there, by the options of that. With `jit=jax.jit`,
-    for functions of arrays alone, its programs end with it; those of equinox stay for ever. `calls`
-    is how many are quick: none for what works on many cases or for long.
+    is compiled there, by the options of that. With `jit=jax.jit`, for functions of arrays alone,
+    its programs end with it; those of equinox stay for ever. `calls` is how many are quick: none
+    for what works on many cases or for long.
     """
 
     def __init__(

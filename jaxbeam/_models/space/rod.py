@@ -142,12 +142,11 @@ class SpatialRod(AbstractModel[Rotor]):
 
     def suited(self, rotor: Rotor) -> Self:
         breaks = breaks_of(rotor.beam)
-        kept = self._ends is not None and set(breaks) <= set(self._ends)
         soft = soft_breaks(rotor.beam)
-        # Those that were found when numbers were known stay.
-        ends = element_edges(tuple(sorted({*breaks, *soft})), self.elements)
-        if self._ends is not None and kept and not soft:
-            ends = self._ends
+        if soft is None and self._ends is not None and set(breaks) <= set(self._ends):
+            ends = self._ends  # as they were found when numbers were known
+        else:
+            ends = element_edges(tuple(sorted({*breaks, *(soft or ())})), self.elements)
         root, tip = (None if end is None else end.ways for end in ends_of(rotor))
         return dataclasses.replace(self, _ends=ends, _ways=(root, tip))
 

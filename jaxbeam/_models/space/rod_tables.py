@@ -65,12 +65,14 @@ def breaks_of(beam: Any) -> tuple[float, ...]:
     return tuple(sorted({*sections_of(beam).breaks, *points}))
 
 
-def soft_breaks(beam: Any) -> tuple[float, ...]:
+def soft_breaks(beam: Any) -> tuple[float, ...] | None:
     """Places between which no section is softer than another by more than `_SOFTER` in stretch,
-    torsion or bending, where numbers are known: what is stiff and what is not are no matter for one
-    polynomial of the forces."""
-    if beam.is_uniform or not all(map(is_concrete, jax.tree.leaves(beam))):
+    torsion or bending: one polynomial of the forces cannot follow more. None where numbers are
+    traced."""
+    if beam.is_uniform:
         return ()
+    if not all(map(is_concrete, jax.tree.leaves(beam))):
+        return None
     leaves, structure = jax.tree.flatten(beam)
     return _soft_breaks(structure, tuple(_Same(np.asarray(leaf)) for leaf in leaves))
 
