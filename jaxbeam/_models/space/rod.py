@@ -18,9 +18,10 @@ from jaxbeam._models.contract.supports import (
     TURNED,
     check_supported,
 )
+from jaxbeam._models.space.rod_edges import breaks_of, element_edges, soft_breaks
 from jaxbeam._models.space.rod_equations import RodEquations
 from jaxbeam._models.space.rod_supports import ends_of, free_changes
-from jaxbeam._models.space.rod_tables import breaks_of, element_edges, node_rows, soft_breaks
+from jaxbeam._models.space.rod_tables import node_rows
 from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import spinning
