@@ -120,6 +120,21 @@ def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, 
     return b, -b @ tangents[0] @ b
 
 
+@jax.custom_jvp
+@one_by_one
+def positive_inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The inverse of a symmetric positive definite matrix; NaN of others."""
+    lower = cholesky(a)
+    back = lower_solve(lower, jnp.eye(len(a), dtype=a.dtype))
+    return back.T @ back
+
+
+@positive_inverse.defjvp
+def _positive_inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    b = positive_inverse(*primals)
+    return b, -b @ tangents[0] @ b
+
+
 class BlockPairs(NamedTuple):
     """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
 

@@ -83,6 +83,21 @@ class SmallInverse(eqx.Module):
         return x
 
 
+@jax.custom_jvp
+def inverses(a: Float[Array, "q n n"]) -> Float[Array, "q n n"]:
+    """The inverse of each of many matrices that are symmetric and positive definite."""
+    size = jnp.sqrt(jnp.diagonal(a, axis1=1, axis2=2))
+    units = size[:, :, None] * size[:, None]  # lest rounding of large entries meets small ones
+    alike = small_inverse((a / units).transpose(1, 2, 0))
+    return alike.transpose(2, 0, 1) / units
+
+
+@inverses.defjvp
+def _inverses_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    out = inverses(*primals)
+    return out, -out @ tangents[0] @ out
+
+
 def small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
     """Gauss and Jordan in place, without pivoting; so short a loop compiles to one function."""
     lanes = (1,) * (a.ndim - 2)

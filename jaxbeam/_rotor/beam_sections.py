@@ -60,13 +60,10 @@ class BeamSections(AbstractSections):
         return jnp.zeros(len(places)) if twist is None else along(twist, places)
 
     def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
-        beam = self.beam
-        lag, flap = self._bending(places)
-        shear = STIFF_IN_SHEAR * beam.length**2 / (lag + flap)
-        stretch, torsion = (
-            1 / along(value, places) for value in (beam.axial_stiffness, beam.torsional_stiffness)
-        )
-        return _diagonal(stretch, shear, shear, torsion, 1 / flap, 1 / lag)
+        return _diagonal(*(1 / entry for entry in self._stiffnesses(places)))
+
+    def stiffness_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        return _diagonal(*self._stiffnesses(places))
 
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
         beam, (lag, flap) = self.beam, self._bending(places)
@@ -74,6 +71,15 @@ class BeamSections(AbstractSections):
         polar = polar_inertia(beam, lambda value: along(value, places))
         share = polar / (lag + flap)
         return _diagonal(mass, mass, mass, polar, share * flap, share * lag)
+
+    def _stiffnesses(self, places: Places) -> tuple[Array, ...]:
+        beam = self.beam
+        lag, flap = self._bending(places)
+        shear = (lag + flap) / (STIFF_IN_SHEAR * beam.length**2)
+        stretch, torsion = (
+            along(value, places) for value in (beam.axial_stiffness, beam.torsional_stiffness)
+        )
+        return stretch, shear, shear, torsion, flap, lag
 
     def _bending(self, places: Places) -> tuple[Array, Array]:
         """Stiffnesses of bending in plane and in flap."""

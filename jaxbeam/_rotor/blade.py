@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import concrete_array, real_array
+from jaxbeam._numerics.small import inverses
 from jaxbeam._numerics.splines import spline_rows
 from jaxbeam._rotor.beam import Beam
 from jaxbeam._rotor.beam_sections import BeamSections, sections_of
@@ -189,7 +190,7 @@ class Blade(Parameters, AbstractSections):
         line, _ = sections.axis_at(inner)
         return cls(
             places.tolist(),
-            jnp.linalg.inv(sections.compliance_at(at)),
+            sections.stiffness_at(at),
             sections.inertia_at(at),
             line,
             sections.twist_at(inner),
@@ -230,7 +231,6 @@ class Blade(Parameters, AbstractSections):
         return radius**2, rate
 
     def stiffness_at(self, places: Places) -> Float[Array, "m 6 6"]:
-        """Stiffnesses in axes of the sections."""
         return full_matrices(self._linear(places) @ self.stiffness)
 
     def _linear(self, places: Places) -> Float[Array, "m n"]:
@@ -253,7 +253,7 @@ class Blade(Parameters, AbstractSections):
         return value, slope
 
     def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
-        return jnp.linalg.inv(self.stiffness_at(places))
+        return inverses(self.stiffness_at(places))
 
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
         return full_matrices(self._linear(places) @ self.inertia)
@@ -309,7 +309,7 @@ class Blade(Parameters, AbstractSections):
         # At a step of the sections first those before it.
         before = np.concatenate([places[:-1] == places[1:], [False]])
         at = places + 1e-12 * (np.roll(before, 1).astype(float) - before)
-        f = jnp.linalg.inv(self.stiffness_at(at))
+        f = inverses(self.stiffness_at(at))
         about2, about3, both = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
         apart = about2 - about3
         # Axes that are nearest to those of the section; any will do where all are alike.

@@ -58,6 +58,10 @@ class AbstractSections(eqx.Module):
         """Strains by forces, in axes of the sections."""
 
     @abc.abstractmethod
+    def stiffness_at(self, places: Places) -> Float[Array, "m 6 6"]:
+        """Forces by strains, in axes of the sections."""
+
+    @abc.abstractmethod
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
         """Momenta by velocities and length, in axes of the sections."""
 

@@ -1,18 +1,19 @@
 """Elastic forces of the elements of a rod, and their tangents.
 
 The rotation of a section is that of the quaternion Q = sum N_i P_i of the quaternions of nodes,
-whatever its length. Seen from it, a node is turned by rho_i = Q^-1 P_i = (w_i, x_i), and with R the
-rotation, r' the derivative of the place by arc length and x' that of the undeformed axis,
+whatever its length. With R this rotation, r' the derivative of the place by arc length and x' that
+of the undeformed axis,
 
-    eps = R^T r' - x',   kap = 2 sum N_i' x_i     (strains of Simo and Reissner)
+    eps = R^T r' - x',   kap = 2 vec(Q^-1 Q')     (strains of Simo and Reissner)
 
 in axes of the undeformed beam. Nodes change by (h_i, t_i) in axes that turn with them, P_i exp(t_i)
-and u_i + R_i (h_i + t_i x h_i / 2). To first order Q^-1 dQ = a, Q^-1 dQ' = b and R^T du' = d, where
+and u_i + R_i (h_i + t_i x h_i / 2), which to first order is
 
-    a = sum N_i L_i t_i,   b = sum N_i' L_i t_i,   d = sum N_i' R^T R_i h_i,
+    dQ = sum N_i L_i t_i,   dQ' = sum N_i' L_i t_i,   dr' = sum N_i' R_i h_i
 
-with 2 L_i = (-x_i^T; w_i + x_i~), are 4, 4 and 3 numbers, and all that follows is in them: with
-v = R^T r' and k_0 = sum N_i' w_i,
+with 2 L_i = (-x_i^T; w_i + x_i~) of P_i = (w_i, x_i): 4, 4 and 3 numbers, and all that follows is
+in them. Seen from the section they are a = Q^-1 dQ, b = Q^-1 dQ' and d = R^T dr'. With v = R^T r'
+and k_0 the first of Q^-1 Q',
 
     d eps = d + 2 v x a,   d kap = 2 b - a_0 kap - 2 k_0 a - a x kap
 
@@ -20,6 +21,9 @@ v = R^T r' and k_0 = sum N_i' w_i,
 order is a quadratic form of the eleven, but for terms of single nodes. Where fibres lengthen as
 sections twist, eps has t (i^2 k^2 / 2 + i^2 k_0 k) more, t the undeformed tangent and k = t.kap: a
 force f then does the moment f.t (i^2 k + i^2 k_0) about t, too, and f.t i^2 dk^2 to second order.
+
+Of sections only the numbers N_i and N_i' meet nodes. So sums over sections are of matrices by the
+eleven, and L_i and R_i, which are of nodes alone, come last: a fifth of the work.
 
 J. C. Simo, L. Vu-Quoc, Computer Methods in Applied Mechanics and Engineering 58, 1986; E. Zupan, M.
 Saje, D. Zupan, same journal 198, 2009, on quaternions as unknowns.
@@ -43,57 +47,60 @@ class Bent(NamedTuple):
     strain: Float[Array, "E p 6"]
     stretch: _Three  # v
     spin: Float[Array, "E p"]  # k_0
-    between: Float[Array, "E p k 4"]  # rho
-    turns: Float[Array, "E p k 3 3"]  # R^T R_i
-    by_nodes: Float[Array, "E p 11 l"]  # (a, b, d) by changes of nodes
-    by_eleven: Float[Array, "E p 6 11"]  # strains by these
-
-    @property
-    def by_changes(self) -> Float[Array, "E m l"]:
-        """Strains by changes of nodes."""
-        out = self.by_eleven @ self.by_nodes
-        return out.reshape(len(out), -1, out.shape[-1])
+    seen: Float[Array, "E p 4 4"]  # of quaternions q -> Q^-1 q
+    inward: Float[Array, "E p 3 3"]  # R^T
+    by_eleven: Float[Array, "E p 6 11"]  # strains by (dQ, dQ', dr')
+    quaternions: Float[Array, "E k 4"]  # P_i
+    leads: Float[Array, "E k 4 3"]  # L_i
+    turns: Float[Array, "E k 3 3"]  # R_i
 
 
 def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Bent:
     """Elements whose nodes have moved by u and turned by the quaternions p."""
-    shapes, rate = tables.shapes, tables.rate
+    w, x = p[:, :1, None], p[:, 1:]
+    leads = jnp.concatenate([-x[:, None], w * np.eye(3)[None] + crossing(x)], 1) / 2
+    leads, turns = tables.of_elements(leads), tables.of_elements(rotation(p))
     u, p = tables.of_elements(u), tables.of_elements(p)
-    q = jnp.einsum("gk,ekc->egc", shapes, p)
-    attitude = rotation(q)
-    stretch = jnp.einsum("egji,egj->egi", attitude, tables.tangent + rate @ u)
-    between = jnp.einsum("egcd,ekd->egkc", _seen_from(q), p)
-    w, x = between[..., 0], between[..., 1:]
-    spin = jnp.sum(rate * w, 2)
-    curved = 2 * jnp.einsum("egk,egkc->egc", rate, x)
-    by_eleven = _by_eleven(stretch, curved, spin)
+    q = jnp.asarray(tables.shapes) @ p
+    seen, inward = _seen_from(q), rotation(q).swapaxes(-1, -2)
+    stretch = jnp.einsum("egij,egj->egi", inward, tables.tangent + tables.rate @ u)
+    rate = jnp.einsum("egcd,egd->egc", seen, tables.rate @ p)
+    spin, curved = rate[..., 0], 2 * rate[..., 1:]
+    by = _by_seen(stretch, curved, spin)
     strain = jnp.concatenate([stretch - tables.tangent, curved], -1)
     if tables.fibres is not None:
-        strain, by_eleven = _lengthened(tables.tangent, tables.fibres, strain, by_eleven)
-    turns = jnp.einsum("egji,ekjl->egkil", attitude, rotation(p))
-    about = jnp.concatenate(
-        [-x[..., None, :], w[..., None, None] * np.eye(3)[None, None, None] + crossing(x)], -2
-    ) / 2  # fmt: skip
-    none = jnp.zeros((*w.shape, 8, 3), w.dtype)
-    moved = jnp.concatenate([none, rate[..., None, None] * turns], -2)
-    values = shapes[None, :, :, None, None] * about
-    rotated = jnp.concatenate([values, rate[..., None, None] * about, none[..., :3, :]], -2)
-    by_nodes = jnp.concatenate([moved, rotated], -1).transpose(0, 1, 3, 2, 4)
-    by_nodes = by_nodes.reshape(*by_nodes.shape[:3], -1)
-    return Bent(strain, stretch, spin, between, turns, by_nodes, by_eleven)
+        strain, by = _lengthened(tables.tangent, tables.fibres, strain, by)
+    by = jnp.concatenate([by[..., :4] @ seen, by[..., 4:8] @ seen, by[..., 8:] @ inward], -1)
+    return Bent(strain, stretch, spin, seen, inward, by, p, leads, turns)
+
+
+def by_changes(tables: RodTables, state: Bent) -> Float[Array, "E m l"]:
+    """Strains by changes of nodes."""
+    count, k, by = len(tables.rate), state.leads.shape[1], state.by_eleven
+
+    def of_nodes(part: Array, rows: Array) -> Float[Array, "E p 6 k 3"]:
+        size = part.shape[-1]
+        out = part.reshape(count, -1, size) @ rows.swapaxes(1, 2).reshape(count, size, -1)
+        return out.reshape(*by.shape[:3], k, 3)
+
+    shapes, rate = tables.shapes[None, :, None, :, None], tables.rate[:, :, None, :, None]
+    turned = shapes * of_nodes(by[..., :4], state.leads)
+    turned = turned + rate * of_nodes(by[..., 4:8], state.leads)
+    moved = rate * of_nodes(by[..., 8:], state.turns)
+    return jnp.concatenate([moved, turned], -1).reshape(count, -1, 6 * k)
 
 
 def _lengthened(
     tangent: _Three, fibres: tuple[Float[Array, "E p"], Float[Array, "E p"]],
-    strain: Float[Array, "E p 6"], by_eleven: Float[Array, "E p 6 11"],
+    strain: Float[Array, "E p 6"], by: Float[Array, "E p 6 11"],
 ) -> tuple[Float[Array, "E p 6"], Float[Array, "E p 6 11"]]:  # fmt: skip
     """Strains with what fibres lengthen by, which is along the undeformed tangent."""
     square, built = fibres
     about = jnp.sum(tangent * strain[..., 3:], -1)
     longer = (square * about / 2 + built) * about
     more = (square * about + built)[..., None, None] * tangent[..., None]
-    by_eleven = by_eleven.at[..., :3, :].add(more * _twisting(tangent, by_eleven)[..., None, :])
-    return strain.at[..., :3].add(longer[..., None] * tangent), by_eleven
+    by = by.at[..., :3, :].add(more * _twisting(tangent, by)[..., None, :])
+    return strain.at[..., :3].add(longer[..., None] * tangent), by
 
 
 def _twisting(tangent: _Three, by_eleven: Float[Array, "E p 6 11"]) -> Float[Array, "E p 11"]:
@@ -120,9 +127,10 @@ def _seen_from(q: Float[Array, "*k 4"]) -> Float[Array, "*k 4 4"]:
     return rows.reshape(*q.shape[:-1], 4, 4) / jnp.sum(q * q, -1)[..., None, None]
 
 
-def _by_eleven(
+def _by_seen(
     stretch: _Three, curved: _Three, spin: Float[Array, "E p"]
 ) -> Float[Array, "E p 6 11"]:
+    """Strains by (a, b, d)."""
     eye, none = jnp.broadcast_to(np.eye(3), (*spin.shape, 3, 3)), jnp.zeros((*spin.shape, 3, 1))
     by_a = crossing(curved) - 2 * spin[..., None, None] * eye
     top = [none, 2 * crossing(stretch), none, 0 * eye, eye]
@@ -130,46 +138,78 @@ def _by_eleven(
     return jnp.concatenate([jnp.concatenate(top, -1), jnp.concatenate(low, -1)], -2)
 
 
-def nodal(state: Bent, force: Float[Array, "E p 6"]) -> Float[Array, "E k 6"]:
+def nodal(tables: RodTables, state: Bent, force: Float[Array, "E p 6"]) -> Float[Array, "E k 6"]:
     """What forces in sections, at Gauss points with weights, do on nodes, in axes of these."""
-    by_eleven = jnp.einsum("egsz,egs->egz", state.by_eleven, force)
-    out = jnp.einsum("egzl,egz->el", state.by_nodes, by_eleven)
-    return out.reshape(len(out), -1, 6)
+    push, couple = _on_nodes(tables, state, force)
+    pairs = (state.turns, push), (state.leads, couple)
+    return jnp.concatenate([jnp.einsum("ekct,ekc->ekt", *pair) for pair in pairs], -1)
+
+
+def _on_nodes(
+    tables: RodTables, state: Bent, force: Float[Array, "E p 6"]
+) -> tuple[Float[Array, "E k 3"], Float[Array, "E k 4"]]:
+    """What forces in sections do on nodes, by changes of their places and of their quaternions."""
+    eleven = jnp.einsum("egsz,egs->egz", state.by_eleven, force)
+    back = tables.rate.swapaxes(1, 2)
+    couple = jnp.asarray(tables.shapes).T @ eleven[..., :4] + back @ eleven[..., 4:8]
+    return back @ eleven[..., 8:], couple
 
 
 def geometric(
-    tables: RodTables, state: Bent, force: Float[Array, "E p 6"], on_nodes: Float[Array, "E k 6"]
+    tables: RodTables, state: Bent, force: Float[Array, "E p 6"]
 ) -> Float[Array, "E l l"]:
-    """Second derivatives of the strains times forces, by changes of nodes; `on_nodes` is what
-    `nodal` makes of these forces."""
-    curved, stretch, spin = state.strain[..., 3:], state.stretch, state.spin
-    force = pulled(tables, curved, force)
-    f, m = force[..., :3], force[..., 3:]
-    form, by_eleven = state.by_nodes, _second(f, m, stretch, curved, spin)
+    """Second derivatives of the strains times forces, by changes of nodes."""
+    push, couple = _on_nodes(tables, state, force)
+    by_q, by_both, by_rise, by_rate = _by_absolute(tables, state, force)
+    shapes, rate = jnp.asarray(tables.shapes), tables.rate
+    turned = _summed(shapes[None, :, :, None] * shapes[None, :, None], by_q)
+    mixed = shapes[None, :, :, None] * rate[:, :, None]
+    both = _summed(mixed, jnp.concatenate([by_both, by_rise], -1))
+    turned = turned + both[..., :4] + both[..., :4].transpose(0, 2, 1, 4, 3)
+    if by_rate is not None:
+        turned = turned + _summed(rate[..., None] * rate[:, :, None], by_rate)
+    left = state.leads[:, :, None].swapaxes(-1, -2)
+    turned = left @ (turned @ state.leads[:, None])
+    moved = left @ (both[..., 4:] @ state.turns[:, None])
+    # Terms of single nodes: of the exponential, and of positions that a turn takes along.
+    around = -jnp.sum(couple * state.quaternions, -1)[..., None, None] / 4 * np.eye(3)[None, None]
+    moving = -crossing(jnp.einsum("ekct,ekc->ekt", state.turns, push)) / 2
+    own = np.eye(shapes.shape[1])[None, :, :, None, None]
+    turned, moved = turned + own * around[:, :, None], moved + own * moving[:, :, None]
+    low = jnp.concatenate([moved, turned], -1)
+    top = jnp.concatenate([0 * turned, moved.transpose(0, 2, 1, 4, 3)], -1)
+    out = jnp.concatenate([top, low], -2).transpose(0, 1, 3, 2, 4)
+    return out.reshape(len(out), out.shape[1] * 6, -1)
+
+
+def _summed(pairs: Array, forms: Float[Array, "E p a b"]) -> Float[Array, "E k k a b"]:
+    """Sums over sections of forms times a number for each two nodes."""
+    count, points, k, _ = pairs.shape
+    flat = pairs.reshape(count, points, -1).swapaxes(1, 2)
+    out = flat @ forms.reshape(len(forms), points, -1)
+    return out.reshape(len(forms), k, k, *forms.shape[2:])
+
+
+def _by_absolute(
+    tables: RodTables, state: Bent, force: Float[Array, "E p 6"]
+) -> tuple[Array, Array, Array, Array | None]:
+    """The quadratic form of (dQ, dQ', dr'): its parts by (dQ, dQ), (dQ, dQ') and (dQ, dr'), and
+    where fibres lengthen by (dQ', dQ')."""
+    force = pulled(tables, state.strain[..., 3:], force)
+    parts = _second(force[..., :3], force[..., 3:], state)
+    back, by_rate = state.seen.swapaxes(-1, -2), None
+    ways = state.seen, state.seen, state.inward
+    by_q, by_both, by_rise = (back @ part @ way for part, way in zip(parts, ways, strict=True))
     if tables.fibres is not None:
         twisting = _twisting(tables.tangent, state.by_eleven)
-        stiff = jnp.sum(f * tables.tangent, -1) * tables.fibres[0]
-        by_eleven = by_eleven + stiff[..., None, None] * _outer(twisting, twisting)
-    second = form.swapaxes(-1, -2) @ (by_eleven @ form)
-    out = jnp.sum(second, 1)
-    # Terms of single nodes: of the exponential, and of positions that a turn takes along.
-    shapes, rate = tables.shapes, tables.rate
-    w, x = state.between[..., 0], state.between[..., 1:]
-    about = jnp.cross(f, stretch) - spin[..., None] * m - jnp.cross(curved, m) / 2
-    along = jnp.sum(curved * m, -1)
-    own = jnp.einsum("egk,egc,egkc->ek", rate, m, x)
-    own = own + jnp.einsum("gk,egc,egkc->ek", shapes, about, x)
-    own = own - jnp.einsum("gk,eg,egk->ek", shapes, along, w) / 2
-    around = -own[..., None, None] / 2 * np.eye(3)[None, None]
-    moving = -crossing(on_nodes[..., :3]) / 2
-    block = jnp.concatenate(
-        [
-            jnp.concatenate([0 * around, moving.swapaxes(-1, -2)], -1),
-            jnp.concatenate([moving, around], -1),
-        ],
-        -2,
-    )
-    return out + on_diagonal(block)
+        stiff = jnp.sum(force[..., :3] * tables.tangent, -1) * tables.fibres[0]
+        form = stiff[..., None, None] * _outer(twisting, twisting)
+        by_q, by_both, by_rate = (
+            by_q + form[..., :4, :4],
+            by_both + form[..., :4, 4:8],
+            form[..., 4:8, 4:8],
+        )
+    return by_q, by_both, by_rise, by_rate
 
 
 def on_diagonal(blocks: Float[Array, "*e k b b"]) -> Float[Array, "*e l l"]:
@@ -184,37 +224,22 @@ def _outer(a: Array, b: Array) -> Array:
     return a[..., :, None] * b[..., None, :]
 
 
-def _second(
-    f: _Three, m: _Three, stretch: _Three, curved: _Three, spin: Float[Array, "E p"]
-) -> Float[Array, "E p 11 11"]:
-    """The quadratic form of (a, b, d), as its matrix of second derivatives."""
+def _second(f: _Three, m: _Three, state: Bent) -> tuple[Array, Array, Array]:
+    """The quadratic form of (a, b, d), as second derivatives by (a, a), (a, b) and (a, d): there
+    are no others."""
+    stretch, curved, spin = state.stretch, state.strain[..., 3:], state.spin
     eye = np.eye(3)[None, None]
     along = jnp.sum(curved * m, -1)[..., None, None]
     both = _outer(f, stretch)
     pull = jnp.sum(f * stretch, -1)[..., None, None]
-    a0_a0 = 2 * along
     a0_a = -2 * jnp.cross(f, stretch) + 4 * spin[..., None] * m + 2 * jnp.cross(curved, m)
     a_a = 2 * (both + both.swapaxes(-1, -2)) - (4 * pull + 2 * along) * eye
-    top = jnp.concatenate([a0_a0, a0_a[..., None, :]], -1)
-    a = jnp.concatenate([top, jnp.concatenate([a0_a[..., None], a_a], -1)], -2)
-    column, none = m[..., :, None], jnp.zeros_like(along)
+    top = jnp.concatenate([2 * along, a0_a[..., None, :]], -1)
+    by_a = jnp.concatenate([top, jnp.concatenate([a0_a[..., None], a_a], -1)], -2)
     # -2 (a0 m.b + b0 m.a + m.(a x b)), rows a, columns b
-    a_b = -2 * jnp.concatenate(
-        [
-            jnp.concatenate([none, m[..., None, :]], -1),
-            jnp.concatenate([column, -crossing(m)], -1),
-        ],
-        -2,
-    )
+    top = jnp.concatenate([jnp.zeros_like(along), m[..., None, :]], -1)
+    low = jnp.concatenate([m[..., :, None], -crossing(m)], -1)
+    by_b = -2 * jnp.concatenate([top, low], -2)
     # 2 a.(f x d)
-    a_d = jnp.concatenate([jnp.zeros_like(f)[..., None, :], 2 * crossing(f)], -2)
-    zero_bb, zero_bd = jnp.zeros((*spin.shape, 4, 4)), jnp.zeros((*spin.shape, 4, 3))
-    zero_dd = jnp.zeros((*spin.shape, 3, 3))
-    return jnp.concatenate(
-        [
-            jnp.concatenate([a, a_b, a_d], -1),
-            jnp.concatenate([a_b.swapaxes(-1, -2), zero_bb, zero_bd], -1),
-            jnp.concatenate([a_d.swapaxes(-1, -2), zero_bd.swapaxes(-1, -2), zero_dd], -1),
-        ],
-        -2,
-    )
+    by_d = jnp.concatenate([jnp.zeros_like(f)[..., None, :], 2 * crossing(f)], -2)
+    return by_a, by_b, by_d

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
-from jaxbeam._models.space.rod_elements import bent, pulled
+from jaxbeam._models.space.rod_elements import bent, by_changes, pulled
 from jaxbeam._models.space.rod_loads import RodSpanIntegral
 from jaxbeam._models.space.rod_state import (
     Around,
@@ -89,7 +89,7 @@ class RodEquations(Equations):
 
     def _lacking(self, rod: Rod, q: Coordinates) -> Matrix:
         """What stiffness is less than where strains, not forces, are polynomials."""
-        by = bent(rod.tables, *rod.nodes(q)).by_changes
+        by = by_changes(rod.tables, bent(rod.tables, *rod.nodes(q)))
         more = rod.tables.assembled(by.swapaxes(1, 2) @ rod.tables.lacking @ by)
         return self._by_places(q, rod.led(q, more))
 
@@ -151,7 +151,7 @@ class RodEquations(Equations):
         """B^T mu S B with mu in axes of sections at Gauss points, where S makes forces of rates."""
         tables = self.rod.tables
         state = bent(tables, *self.rod.nodes(q))
-        by, (frame, _) = state.by_changes, self._frames(tables.gauss_places)
+        by, (frame, _) = by_changes(tables, state), self._frames(tables.gauss_places)
         forces = (tables.stiffness @ by).reshape(len(frame), 2, 3, -1)
         own = jnp.einsum("gab,xb,gcb,gxcl->gxal", frame, by_strains.reshape(2, 3), frame, forces)
         matrix = tables.assembled(by.swapaxes(1, 2) @ own.reshape(by.shape))
@@ -269,11 +269,14 @@ class RodEquations(Equations):
         """A matrix by displacements and turns in axes of the beam, the latter times the length."""
         n = len(self.rod.tables.place)
         attitude = self.rod.between_ends(rotation(self.rod.nodes(q)[1]))
-        scale = jnp.stack([jnp.ones_like(self.length), 1 / self.length])
-        # Both halves of a change are turned, and the second is over the length.
-        by = matrix.reshape(n, 2, 3, n, 2, 3)
-        by = jnp.einsum("iab,ixbjyc,jdc,x,y->ixajyd", attitude, by, attitude, scale, scale)
-        by = by.reshape(6 * n, 6 * n)
+        none = jnp.zeros_like(attitude)
+        rows = jnp.concatenate([attitude, none], 2), jnp.concatenate([none, attitude], 2)
+        node = jnp.concatenate([rows[0], rows[1] / self.length], 1)
+
+        def turned(matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
+            return (node @ matrix.reshape(n, 6, -1)).reshape(6 * n, -1)
+
+        by = turned(turned(matrix).T).T
         return by[np.ix_(self.rod.free, self.rod.free)]
 
     def _quaternions(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 4"]:

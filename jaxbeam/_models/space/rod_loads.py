@@ -72,8 +72,12 @@ def carried_along(mass: _Matrix, v: _Sixes) -> Carried:
     constant."""
     n = len(v)
     a, p = carried(v), (mass @ v.reshape(-1)).reshape(n, 6)
-    by_a = (mass.reshape(-1, n, 1, 6) @ a[None])[:, :, 0].reshape(6 * n, 6 * n)
-    both = (a.swapaxes(1, 2) @ by_a.reshape(n, 6, -1)).reshape(6 * n, 6 * n)
+
+    def carried_by(matrix: _Matrix) -> _Matrix:  # A^T of it
+        return (a.swapaxes(1, 2) @ matrix.reshape(n, 6, -1)).reshape(6 * n, 6 * n)
+
+    by_a = carried_by(mass).T
+    both = carried_by(by_a)
     j = twisting(p)
     gyro = by_a - by_a.T - on_diagonal(j)
     stiff = -both - on_diagonal(j @ a)

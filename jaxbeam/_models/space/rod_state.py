@@ -16,7 +16,7 @@ import numpy as np
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._models.space.rod_elements import bent, geometric, nodal, on_diagonal
+from jaxbeam._models.space.rod_elements import bent, by_changes, geometric, nodal, on_diagonal
 from jaxbeam._models.space.rod_loads import (
     RodSpanForce,
     Still,
@@ -29,6 +29,7 @@ from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.linalg import solve
 from jaxbeam._numerics.quaternions import product, rotated, rotation
+from jaxbeam._programs.batches import one_by_one
 from jaxbeam._programs.one_function import without_dead_parts
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._types import Scalar, Triple
@@ -181,14 +182,14 @@ def balance(
     tables = rod.tables
     u, p = rod.nodes(q)
     state = bent(tables, u, p)
-    shape, by = state.strain.shape, state.by_changes
+    shape, by = state.strain.shape, by_changes(tables, state)
     strain = state.strain.reshape(len(by), -1)
     own = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
     used = own if force is None else jnp.where(rests, own, force)
-    on_nodes = nodal(state, own.reshape(shape))
-    kept = on_nodes if force is None else nodal(state, used.reshape(shape))
+    on_nodes = nodal(tables, state, own.reshape(shape))
+    kept = on_nodes if force is None else nodal(tables, state, used.reshape(shape))
     elastic = tables.assembled(by.swapaxes(1, 2) @ tables.stiffness @ by)
-    bending = tables.assembled(geometric(tables, state, used.reshape(shape), kept))
+    bending = tables.assembled(geometric(tables, state, used.reshape(shape)))
     still = Still(u, p, rotation(p), around.velocity, around.spin)
     moving = carried_along(rod.mass, velocities(tables, still))
     loads = acting(tables, still, around.gravity, around.load, around.span)
@@ -237,6 +238,17 @@ class Settled(NamedTuple):
 
 
 def settled(rod: Rod, around: Around) -> Settled:
+    """Where the rod rests; on a CPU each case of a batch by itself, by its own number of steps."""
+    arrays, rest = eqx.partition((rod, around), eqx.is_array)
+    leaves, structure = jax.tree.flatten(arrays)
+
+    def one(*leaves: Array) -> Settled:
+        return _settled(*eqx.combine(jax.tree.unflatten(structure, leaves), rest))
+
+    return Settled(*one_by_one(one)(*leaves))
+
+
+def _settled(rod: Rod, around: Around) -> Settled:
     """Where the rod rests.
 
     Newton's method with forces in sections for unknowns beside the coordinates (D. Magisano and

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
-from jaxbeam._numerics.linalg import inverse
+from jaxbeam._numerics.linalg import positive_inverse
 from jaxbeam._numerics.quaternions import crossing
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
@@ -207,13 +207,14 @@ def rod_tables(rotor: Rotor, degree: int, ends: tuple[float, ...]) -> RodTables:
         a.reshape(*length.shape, -1) for a in (jnp.asarray(shapes), weight)
     ))  # fmt: skip
     soft = _turned(sections.compliance_at(flat), frame)
+    stiff = _turned(sections.stiffness_at(flat), frame)
     stiffness = _stiffness(soft, forces, length, weights)
     tables = RodTables(
         place=(attitude @ sections.axis_at(nodes)[0].T).T + _root(rotor)[None],
         tangent=((attitude @ at_gauss.T).T / size.reshape(-1, 1)).reshape(*within.shape, 3),
         rate=jnp.asarray(slopes)[None] / (half * size)[:, :, None],
         stiffness=stiffness,
-        lacking=_integrated(forces, jnp.linalg.inv(soft), length) - stiffness,
+        lacking=_integrated(forces, stiff, length) - stiffness,
         inertia=mass,
         weight=jnp.zeros((len(nodes), 4)),
         tip=jnp.zeros((6, 6)),
@@ -248,7 +249,7 @@ def _stiffness(
     # Stretch is stiffer than bending by many powers of ten: rounding would mix them.
     size = jnp.sqrt(jnp.diagonal(flexible, axis1=1, axis2=2))
     each = jnp.repeat(weight, 6, 1) / size
-    alike = jax.vmap(inverse)(flexible / (size[:, :, None] * size[:, None]))
+    alike = jax.vmap(positive_inverse)(flexible / (size[:, :, None] * size[:, None]))
     out = each[:, :, None] * alike * each[:, None]
     return (out + out.swapaxes(1, 2)) / 2
 
