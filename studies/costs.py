@@ -192,8 +192,8 @@ def gradients(quick: bool) -> list[Row]:
 
 
 def batches() -> Iterator[Row]:
-    """A case of `modes` in a batch of 256: of a uniform beam, and of a blade all of whose stations
-    vary, five modes with estimates; then with the gradients of the sum of its frequencies."""
+    """A case of `modes` in a batch: of a uniform beam by bands, and of a blade that varies at all
+    stations, five modes with estimates; then with the gradients of the sum of its frequencies."""
     draw = np.random.default_rng(4)
     names, beam = tuple(blade.PROPERTIES), blade.BEAM
     stations = len(beam.mass_per_length.stations)
@@ -207,13 +207,14 @@ def batches() -> Iterator[Row]:
         return jb.modes(jb.Hybrid(8, 16, 0), *common.rotating(v), 3, throw=False).frequency
 
     for name, one, cases in (
-        ("uniform, 16 + 8 polynomials", uniform, common.random_cases(256, seed=2)),
+        ("uniform, 16 + 8 polynomials", uniform, common.random_cases(4096, seed=2)),
         ("a blade, 12 + 12 functions", vary, factors),
     ):
         v = jnp.asarray(cases)
         slopes = jax.jit(jax.vmap(jax.value_and_grad(lambda v, one=one: jnp.sum(one(v)))))
-        yield "modes, a case of 256", name, 1e6 * seconds(5, jax.jit(jax.vmap(one)), v) / 256, "us"
-        yield "the same with gradients", name, 1e6 * seconds(5, slopes, v) / 256, "us"
+        size, each = len(v), jax.jit(jax.vmap(one))
+        yield f"modes, a case of {size}", name, 1e6 * seconds(5, each, v) / size, "us"
+        yield "the same with gradients", name, 1e6 * seconds(5, slopes, v) / size, "us"
 
 
 def elements(quick: bool, out: Path) -> Iterator[Row]:

@@ -57,7 +57,7 @@ def modes(
     `frequency_error`. Models that are linear know only the force along the beam.
 
     Real symmetric computations while the stiffness is positive definite, the general eigenproblem
-    with growth rates where it is not. In a batch of 256 cases or more, by one `jax.vmap` or
+    with growth rates where it is not. In a batch of 4096 cases or more, by one `jax.vmap` or
     several, models that have `bands` are some ten times faster a case in 64 bits, and compile for
     longer; on a GPU, which is slow with dense ones, in any batch.
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._modes.search import MANY
 from jaxbeam.models import Polynomials
 from tests.references import power_series
 
@@ -80,7 +81,7 @@ def test_of_many_kinds(model, rotor, speed, labels):
     is_right(*estimates(model, many, rotor, speed, named), least=1e-9)
 
 
-@pytest.mark.parametrize("count", [1, 256])
+@pytest.mark.parametrize("count", [1, MANY])
 def test_of_nearly_the_default(count):
     """By bands, alone and in a batch: a thin layer at the root, an error of 1e-4, which the default
     numbers of functions would make a failure."""

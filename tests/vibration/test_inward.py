@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._modes.search import MANY
 from jaxbeam.models import Direction
 from tests.helpers import name
 from tests.references import power_series
@@ -113,8 +114,8 @@ def test_a_batch_by_bands_is_that_of_single_cases(model):
         found = jb.modes(model, inward(hub, 0.1), speed, which, throw=False)
         return found.eigenvalue, found.frequency_error, found.steady_strain, found.status
 
-    hub = jnp.linspace(-3.0, 1.0, 256)
-    speed = jnp.tile(jnp.array([0.5, 1.0, 1.5, 2.5]), 64)
+    hub = jnp.linspace(-3.0, 1.0, MANY)
+    speed = jnp.tile(jnp.array([0.5, 1.0, 1.5, 2.5]), MANY // 4)
     many = jax.jit(jax.vmap(of))(hub, speed)
     alone = jax.jit(lambda hub, speed: jax.lax.map(lambda x: of(*x), (hub, speed)))(hub, speed)
     assert (many[3] == 0).all()
