@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal.theories import VonKarman as VonKarman
     from jaxbeam._models.space.theory import SpatialANCF as SpatialANCF
     from jaxbeam._modes.modes import modes as modes
+    from jaxbeam._programs.folder import keep as keep
     from jaxbeam._rotor.beam import Beam as Beam
     from jaxbeam._rotor.beam import Rotor as Rotor
     from jaxbeam._rotor.damping import Damping as Damping

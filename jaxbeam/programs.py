@@ -25,5 +25,6 @@ Your own `jax.jit` compiles well, however often you call it. For what is called 
 True
 """
 
+from jaxbeam._programs.folder import keep as keep
 from jaxbeam._programs.program import QUICK as QUICK
 from jaxbeam._programs.program import compile_well as compile_well

@@ -11,6 +11,9 @@ import jax
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
 
+from jaxbeam._programs.structure import name_of
+from jaxbeam._programs.traced import Traces
+
 # XLA once had other emitters of code for the CPU, which take half as long for programs like ours
 # and make them as fast. The last releases of JAX for Python 3.11 have both; later ones know no
 # such option.
@@ -49,18 +52,23 @@ class Program:
             return part(*args, **kwargs)  # what is traced for one is there for the other
 
         self._whole = whole
+        self._traces = Traces(lambda: name_of(self), whole)
 
     @functools.cached_property
-    def well(self) -> Any:
+    def well(self) -> "Outside":
         """The program of a call outside of all others, compiled well."""
         how = _known(_HASTE)
-        return self._jit(self._whole, compiler_options=how) if how else self.part
+        made = self._jit(self._whole, compiler_options=how) if how else self.part
+        return Outside(made, self._traces, how)
 
     @functools.cached_property
-    def quick(self) -> Any:
+    def quick(self) -> "Outside":
         """The program of a call outside of all others, compiled quickly; or as `well`."""
         how = _known(QUICK)
-        return self._jit(self._whole, compiler_options=_known(_HASTE) | how) if how else self.well
+        if not how:
+            return self.well
+        how = _known(_HASTE) | how
+        return Outside(self._jit(self._whole, compiler_options=how), self._traces, how)
 
     def here(self, *args: Any, **kwargs: Any) -> Any:
         """The program that a call from here with these arguments takes, which counts as one."""
@@ -90,6 +98,21 @@ class Program:
         """The lowered program of a call with the same arguments, as by
         `jax.jit(function).lower`."""
         return (self.part if _is_within() else self.well).lower(*args, **kwargs)
+
+
+class Outside:
+    """A program outside of all others, with options of the compiler: that which is kept between
+    processes, if such are kept and it can be."""
+
+    def __init__(self, made: Any, traces: Traces, options: dict[str, Any]) -> None:
+        self._made, self._traces, self._options = made, traces, options
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        is_kept, result = self._traces.call(self._options, args, kwargs)
+        return result if is_kept else self._made(*args, **kwargs)
+
+    def lower(self, *args: Any, **kwargs: Any) -> Any:
+        return self._made.lower(*args, **kwargs)
 
 
 def compile_well(always: bool = True) -> None:

@@ -1,0 +1,147 @@
+"""Programs traced once for all processes, by `jax.export`."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+from jax import export
+
+from jaxbeam._programs.folder import Folder, folder, warn_once
+from jaxbeam._programs.identity import settings, sources_stayed, surroundings
+from jaxbeam._programs.structure import Encoder, NotKept, decoded
+
+_Outside = tuple[tuple[Any, ...], dict[str, Any]]
+# Of LAPACK, whose interface JAX need not keep from release to release: a file is of one release.
+_LAPACK = ()
+
+
+class Traced(NamedTuple):
+    """A program and what it returns, with the places of arrays in that."""
+
+    exported: Any
+    leaves: list[Any]
+    structure: Any
+    compiled: dict[Any, Callable[..., Any]]
+
+    def __call__(self, options: dict[str, Any], arrays: list[Any]) -> Any:
+        """The result, by a program that is compiled with these options."""
+        how = tuple(options.items())
+        if how not in self.compiled:
+            run = jax.jit(self.exported.call, compiler_options=options or None)
+            self.compiled[how] = run
+        found = self.compiled[how](*arrays)
+        leaves = [found[x.index] if isinstance(x, _Place) else x for x in self.leaves]
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+class _Place:
+    """Stands for an array of a result."""
+
+    def __init__(self, index: int) -> None:
+        self.index = index
+
+
+class Traces:
+    """Traced programs of one function, by kinds of arguments."""
+
+    def __init__(self, name: Callable[[], Any], function: Callable[..., Any]) -> None:
+        self._name, self._function = name, function
+        self._found: dict[Any, Traced | None] = {}
+
+    def call(self, options: dict[str, Any], args: Any, kwargs: Any) -> tuple[bool, Any]:
+        """Whether there is a traced program for these arguments, and its result."""
+        where = folder()
+        if where is None or where.traced is None:
+            return False, None
+        given = args, dict(sorted(kwargs.items()))
+        arrays = [leaf for leaf in jax.tree.leaves(given) if eqx.is_array(leaf)]
+        encoder = Encoder(_shape)
+        try:
+            said = json.dumps(encoder(given))
+        except Exception:  # that of NumPy for numbers that are traced, too
+            return False, None
+        if not all(map(_is_here, arrays)):
+            return False, None
+        kind = said, settings(), where.path
+        if kind not in self._found:
+            self._found[kind] = self._traced(where, said, given, encoder.seen)
+        traced = self._found[kind]
+        return (False, None) if traced is None else (True, traced(options, arrays))
+
+    def _traced(self, where: Folder, said: str, given: _Outside, seen: Any) -> Traced | None:
+        """The program for such arguments: kept, or new and kept now; None where it cannot be."""
+        try:
+            key = json.dumps([self._name(), surroundings(), said], sort_keys=True)
+        except NotKept:
+            return None
+        name = hashlib.sha256(key.encode()).hexdigest()
+        if (body := where.read(name)) is not None:
+            try:
+                return _read(body, given)
+            except Exception as error:
+                warn_once(f"{name} in {where.traced} cannot be read ({error})")
+        try:
+            exported, result, structure = _exported(self._function, given, seen)
+            text = json.dumps(result).encode()
+            body = len(text).to_bytes(8, "little") + text + bytes(exported.serialize(vjp_order=0))
+            traced = _read(body, given)
+            if traced.structure != structure:
+                return None
+        except Exception:  # what has no text, or calls back to Python
+            return None
+        if sources_stayed():
+            where.write(name, body)
+        return traced
+
+
+def _shape(array: Any) -> list[Any]:
+    return [str(array.dtype), list(array.shape), bool(getattr(array, "weak_type", False))]
+
+
+def _is_here(array: Any) -> bool:
+    """Whether an array lies on one device of the kind that programs are compiled for."""
+    if not isinstance(array, jax.Array):
+        return True
+    devices = array.devices()
+    return len(devices) == 1 and next(iter(devices)).platform == jax.default_backend()
+
+
+def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[Any, Any, Any]:
+    """The program of a function for such arguments, its result as text and the structure of that."""
+    leaves, structure = jax.tree.flatten(given)
+    dynamic = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf)]
+    said: Any = None
+    built: Any = None
+
+    def run(*arrays: Any) -> list[Any]:
+        nonlocal said, built
+        args, kwargs = jax.tree.unflatten(structure, [
+            dict(zip(dynamic, arrays, strict=True)).get(i, leaf) for i, leaf in enumerate(leaves)
+        ])  # fmt: skip
+        found: list[Any] = []
+
+        def array(leaf: Any) -> int:
+            found.append(leaf)
+            return len(found) - 1
+
+        result = function(*args, **kwargs)
+        said, built = Encoder(array, seen)(result), jax.tree.structure(result)
+        return found
+
+    checks = [export.DisabledSafetyCheck.custom_call(target) for target in _LAPACK]
+    shapes = [
+        jax.ShapeDtypeStruct(x.shape, x.dtype, weak_type=bool(getattr(x, "weak_type", False)))
+        for x in (leaves[i] for i in dynamic)
+    ]
+    return export.export(jax.jit(run), disabled_checks=checks)(*shapes), said, built
+
+
+def _read(body: bytes, given: _Outside) -> Traced:
+    size = int.from_bytes(body[:8], "little")
+    result = decoded(json.loads(body[8 : 8 + size]), _Place, given)
+    leaves, structure = jax.tree.flatten(result)
+    exported = export.deserialize(bytearray(body[8 + size :]))
+    return Traced(exported, leaves, structure, {})
