@@ -26,5 +26,6 @@ True
 """
 
 from jaxbeam._programs.folder import keep as keep
+from jaxbeam._programs.kept import kept as kept
 from jaxbeam._programs.program import QUICK as QUICK
 from jaxbeam._programs.program import compile_well as compile_well

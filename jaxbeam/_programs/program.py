@@ -36,12 +36,14 @@ class Program:
     one that is compiled well. Within another program or a transformation it becomes a part of what
     is compiled there, by the options of that. With `jit=jax.jit`, for functions of arrays alone,
     its programs end with it; those of equinox stay for ever. `calls` is how many are quick: none
-    for what works on many cases or for long.
+    for what works on many cases or for long. `identity` tells the function from others in a folder
+    of programs: by its name, if it has one in this package.
     """
 
     def __init__(
-        self, function: Callable[..., Any], jit: Any = eqx.filter_jit, calls: int = CALLS
-    ) -> None:
+        self, function: Callable[..., Any], jit: Any = eqx.filter_jit, calls: int = CALLS,
+        identity: Callable[[], Any] | None = None,
+    ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
         self._jit, self._calls = jit, calls
         self._made: dict[Hashable, int] = {}  # of each kind of arguments
@@ -52,7 +54,7 @@ class Program:
             return part(*args, **kwargs)  # what is traced for one is there for the other
 
         self._whole = whole
-        self._traces = Traces(lambda: name_of(self), whole)
+        self._traces = Traces(identity or (lambda: name_of(self)), whole)
 
     @functools.cached_property
     def well(self) -> "Outside":

@@ -78,9 +78,8 @@ class Encoder:
             raise NotKept("an array of objects")
         kind = "jax" if isinstance(value, jax.Array) else "numpy"
         kind = "number" if isinstance(value, np.generic) else kind
-        weak = bool(getattr(value, "weak_type", False))
-        if weak:
-            raise NotKept("a number of weak type")
+        if getattr(value, "weak_type", False):
+            kind = "weak"
         return [kind, numbers.dtype.str, list(numbers.shape), numbers.tobytes().hex()]
 
     def _fields(self, value: Any, static: bool, path: Path) -> Any:

@@ -14,8 +14,6 @@ from jaxbeam._programs.identity import settings, sources_stayed, surroundings
 from jaxbeam._programs.structure import Encoder, NotKept, decoded
 
 _Outside = tuple[tuple[Any, ...], dict[str, Any]]
-# Of LAPACK, whose interface JAX need not keep from release to release: a file is of one release.
-_LAPACK = ()
 
 
 class Traced(NamedTuple):
@@ -131,12 +129,11 @@ def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple
         said, built = Encoder(array, seen)(result), jax.tree.structure(result)
         return found
 
-    checks = [export.DisabledSafetyCheck.custom_call(target) for target in _LAPACK]
     shapes = [
         jax.ShapeDtypeStruct(x.shape, x.dtype, weak_type=bool(getattr(x, "weak_type", False)))
         for x in (leaves[i] for i in dynamic)
     ]
-    return export.export(jax.jit(run), disabled_checks=checks)(*shapes), said, built
+    return export.export(jax.jit(run))(*shapes), said, built
 
 
 def _read(body: bytes, given: _Outside) -> Traced:

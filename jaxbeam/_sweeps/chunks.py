@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxbeam._programs.functions import identity
 from jaxbeam._programs.program import Program
 from jaxbeam._results import found_alone
 from jaxbeam._status import Status, said, unlogged
@@ -51,7 +52,10 @@ def _program_without(structure: Any, rest: tuple[Any, ...], _: tuple[type, ...])
         function = jax.tree.unflatten(structure, leaves)
         return jax.vmap(lambda parameters: found_alone(function(**parameters)))(columns)
 
-    return Program(run, jax.jit, calls=0)
+    def said() -> Any:
+        return identity(jax.tree.unflatten(structure, rest))
+
+    return Program(run, jax.jit, calls=0, identity=said)
 
 
 class Work(NamedTuple):
