@@ -2,12 +2,15 @@
 
 import contextlib
 import hashlib
+import importlib
 import importlib.util
 import os
+import platform
 import stat
 import tempfile
 import time
 import warnings
+import zlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +18,8 @@ import jax
 from jax.experimental.compilation_cache import compilation_cache
 
 _MAGIC = b"jaxbeam, a traced program\n"
+_STAMP = ".looked_at"  # since when files of JAX's cache have not been looked at
+_ZSTD = b"\x28\xb5\x2f\xfd"  # how a file begins that is not of zlib
 _ABANDONED = 3600.0  # s: nobody writes a file for so long
 
 
@@ -33,10 +38,12 @@ class Folder(NamedTuple):
         except FileNotFoundError:
             return None
         except OSError as error:
-            return warn_once(f"{self.traced} cannot be read ({error})")
+            warn_once(f"{self.traced} cannot be read ({error})")
+            return None
         body = said[len(_MAGIC) + 32 :]
         if said != _MAGIC + hashlib.sha256(body).digest() + body:
-            return warn_once(f"{self.traced / key} is damaged")
+            warn_once(f"{self.traced / key} is damaged")
+            return None
         return body
 
     def write(self, key: str, body: bytes) -> None:
@@ -61,19 +68,22 @@ def folder() -> Folder | None:
 def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
     """Keep programs in a folder, between processes.
 
-    What follows is traced and compiled once for all processes that keep the same `folder`: by
-    default `jaxbeam` in the folder of the user's caches (`XDG_CACHE_HOME`, or `~/.cache`). It holds
-    the compiled programs of JAX's own cache, of which it sets the folder and that every program is
-    worth it, and beside them the traced ones of this package by `jax.export`; with `pip install
-    "jaxbeam[keep]"`, without which a process traces anew. The folder may be deleted at any time.
+    What follows is traced and compiled once for all processes that keep the same `folder`. By
+    default it is what the environment names (`JAXBEAM_KEEP`; "off" there keeps nothing), or else
+    `jaxbeam` in the folder of the user's caches (`XDG_CACHE_HOME`, or `~/.cache`). It has the
+    compiled programs of JAX's own cache, which is set to keep all of them there, and beside them
+    traced programs of this package by `jax.export`, for which there is
+    `pip install "jaxbeam[keep]"`: without it each process traces anew. It may be deleted any time.
 
-    Results are the same to the last bit, whether a program was kept or is new. A program belongs to
-    what it is of (model, shapes, types, functions of this package), to the sources of this package,
-    to versions of JAX and of all others that it is made with, and to JAX's settings; numbers are
-    arguments. What cannot be told from others, a function of yours say, is traced as ever.
+    Results are the same to the last bit whether a program was kept or is new. A program belongs to
+    all that it is made of: model, shapes, types and functions of this package, the sources of
+    this package, versions of Python, JAX and all others that have a part in it, and settings of
+    JAX. Numbers are its arguments. What cannot be told from others, such as a function of yours, is
+    traced in each process; `kept` is for these.
 
-    Returns the folder; None where it cannot be made, with a warning. There is one for each process,
-    too, where a file is damaged or cannot be written: then programs are made as if none were kept.
+    Returns the folder, or None where nothing is kept: the environment says so, or the folder
+    cannot be made. Then, and where a file is damaged or cannot be written, there is one warning in
+    a process, and programs are made as if none were kept.
 
     Raises `TypeError` unless `folder` is a path, and `ValueError` where it belongs to another user
     or others may write to it: they could have your process run programs of theirs.
@@ -81,40 +91,53 @@ def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
     global _folder
     if not isinstance(folder, str | os.PathLike | None):
         raise TypeError(f"folder must be a path, got {type(folder).__name__}")
+    named = folder or os.environ.get("JAXBEAM_KEEP") or _caches()
+    if folder is None and named == "off":
+        return None
     try:
-        path = Path(_default() if folder is None else folder).expanduser().absolute()
-        for each in (path, path / "compiled", path / "traced"):
+        path = Path(named).expanduser().absolute()
+        compiled, traced = path / "compiled" / _machine(), path / "traced"
+        for each in (path, traced, path / "compiled", compiled):
             each.mkdir(mode=0o700, parents=True, exist_ok=True)
             _refuse_foreign(each)
-    except (OSError, RuntimeError) as error:  # no home
-        warn_once(f"{folder or 'the folder of caches'} cannot be made ({error})")
+    except (OSError, RuntimeError) as error:  # there is no home
+        warn_once(f"{named} cannot be made ({error})")
         return None
-    traced: Path | None = path / "traced"
-    if importlib.util.find_spec("flatbuffers") is None:
-        warn_once('traced programs need flatbuffers (pip install "jaxbeam[keep]")')
-        traced = None
-    writable = _is_writable(path / "compiled")
-    _tidy(path / "traced")
-    jax.config.update("jax_compilation_cache_dir", str(path / "compiled"))
-    # JAX warns for each program that it cannot write.
+    has_format = importlib.util.find_spec("flatbuffers") is not None
+    if not has_format:
+        warn_once('traced programs need `pip install "jaxbeam[keep]"`, compiled ones are kept')
+    _mend(compiled)
+    writable = _is_writable(compiled)
+    _tidy(traced)
+    jax.config.update("jax_compilation_cache_dir", str(compiled))
+    # JAX would warn of each program that it cannot write.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0 if writable else 1e9)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     compilation_cache.reset_cache()  # it may have looked for its folder already
-    _folder = Folder(path, traced)
+    _folder = Folder(path, traced if has_format else None)
     return path
 
 
 def warn_once(why: str) -> None:
-    """Say why programs are not kept, once in a process."""
+    """Say why programs are made anew, once in a process."""
     global _warned
     if not _warned:
         _warned = True
-        warnings.warn(f"programs are compiled and not kept: {why}", stacklevel=2)
+        warnings.warn(f"not all programs are kept: {why}", stacklevel=3)
 
 
-def _default() -> Path:
+def _caches() -> Path:
     caches = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(caches) if os.path.isabs(caches) else Path.home() / ".cache") / "jaxbeam"
+    return (Path(caches) if os.path.isabs(caches) else Path("~/.cache")) / "jaxbeam"
+
+
+def _machine() -> str:
+    """A name for processors of this kind: some releases of JAX run what was compiled for others."""
+    said = platform.machine()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+        said += "".join(line for line in lines if line.startswith(("model name", "flags", "Feat")))
+    return hashlib.sha256(said.encode()).hexdigest()[:12]
 
 
 def _refuse_foreign(path: Path) -> None:
@@ -128,9 +151,40 @@ def _refuse_foreign(path: Path) -> None:
         raise ValueError(f"folder must be yours alone to write to: chmod go-w {path}")
 
 
+def _mend(compiled: Path) -> None:
+    """Remove files of JAX's cache that are not whole, of those that were written since the last
+    time. It writes in place, so that a process that is killed leaves half a file, which JAX would
+    warn of in all others and never replace."""
+    stamp = compiled / _STAMP
+    with contextlib.suppress(OSError):
+        since = stamp.stat().st_mtime - 10.0 if stamp.exists() else 0.0
+        for file in compiled.glob("*-cache"):
+            if file.stat().st_mtime >= since and not _is_whole(file.read_bytes()):
+                file.unlink(missing_ok=True)
+
+
+def _is_whole(said: bytes) -> bool:
+    try:
+        _decompress(said)
+    except ImportError:
+        return True  # JAX cannot read it either
+    except Exception:  # each library has its own
+        return False
+    return True
+
+
+def _decompress(said: bytes) -> None:
+    if not said.startswith(_ZSTD):
+        zlib.decompress(said)
+    elif importlib.util.find_spec("zstandard"):
+        importlib.import_module("zstandard").ZstdDecompressor().decompress(said)
+    else:  # from Python 3.14 on
+        importlib.import_module("compression.zstd").decompress(said)
+
+
 def _is_writable(path: Path) -> bool:
     try:
-        _write(path / ".written", b"")
+        _write(path / _STAMP, b"")
     except OSError as error:
         warn_once(f"{path} cannot be written to ({error})")
         return False

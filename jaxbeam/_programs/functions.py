@@ -1,8 +1,9 @@
-"""Which function it is, by all that it computes with: instructions, constants, what it refers to."""
+"""Which function it is, by all that it computes with: instructions, constants and references."""
 
 import builtins
 import dis
 import functools
+import sys
 import types
 from collections.abc import Iterator
 from typing import Any
@@ -47,7 +48,7 @@ def identity(function: Any) -> Any:
             return ["again", met[id(value)][0]]
         met[id(value)] = len(met), value  # with the value, so that its id stays
         if isinstance(value, _JITTED):
-            return ["jit", encode(value.__wrapped__, True)]
+            return ["jit", encode(vars(value)["__wrapped__"], True)]
         if isinstance(value, types.FunctionType):
             return _function(value, encode)
         if isinstance(value, types.MethodType):
@@ -57,6 +58,8 @@ def identity(function: Any) -> Any:
             return ["partial", *(encode(part, True) for part in parts)]
         if type(value) in (jax.custom_jvp, jax.custom_vjp):
             return [type(value).__name__, encode(dict(vars(value)), True)]
+        if type(value) is object:
+            return ["mark", *_mark(value)]
         if _is_plain(value):
             return ["plain", value.__module__, value.__qualname__]
         if isinstance(value, types.ModuleType) and value.__name__ in _PLAIN:
@@ -70,6 +73,16 @@ def identity(function: Any) -> Any:
         raise NotKept("what refers to itself") from None
     except ValueError as error:  # a name that is not bound yet
         raise NotKept(str(error)) from None
+
+
+def _mark(value: object) -> tuple[str, str]:
+    """Module and name of an object that is there to be told from all others, such as that which
+    `jax.vmap` takes for a name that was not given."""
+    for module in sorted(name for name in sys.modules if name.split(".")[0] in PACKAGES):
+        for name, other in list(vars(sys.modules[module]).items()):
+            if other is value:
+                return module, name
+    raise NotKept("an object without a name")
 
 
 def _title(value: Any) -> str:

@@ -22,9 +22,8 @@ class NotKept(Exception):
     """Something has no text of which it is sure that it says everything."""
 
 
-def of_other_kind(value: Any) -> Any:
-    """What stands for a function or an object that has no other text: there is none."""
-    raise NotKept(f"{type(value).__qualname__} {getattr(value, '__qualname__', '')}".strip())
+def _no_text(value: Any) -> Any:
+    raise NotKept(f"an object of the class {type(value).__qualname__}")
 
 
 class Encoder:
@@ -32,12 +31,13 @@ class Encoder:
 
     `array` says what stands for an array that is traced. Others, in what is static, are there with
     all their numbers. `given` has places in the arguments of static parts, by identity, which stand
-    for themselves in a result; `seen` becomes such a table of what was encoded.
+    for themselves in a result; `seen` becomes such a table of what was encoded. `other` says what
+    stands for a function or an object that has no name in `PACKAGES`: nothing does, as a rule.
     """
 
     def __init__(
         self, array: Callable[[Any], Any], given: Mapping[int, tuple[Path, Any]] | None = None,
-        other: Callable[[Any], Any] = of_other_kind,
+        other: Callable[[Any], Any] = _no_text,
     ) -> None:  # fmt: skip
         self._array, self._given, self._other = array, given or {}, other
         self.seen: dict[int, tuple[Path, Any]] = {}
@@ -56,15 +56,14 @@ class Encoder:
             return self._numbers(value, static)
         if isinstance(value, enum.Enum):
             return ["enum", *name_of(kind), value.name]
-        if kind in (tuple, list):
-            return [kind.__name__, *(self(v, static, (*path, i)) for i, v in enumerate(value))]
+        if isinstance(value, np.dtype):
+            return ["dtype", _dtype(value)]
         if kind is dict:
             items = value.items()
             return ["dict", *([self(k, True), self(v, static, (*path, k))] for k, v in items)]
-        if isinstance(value, tuple) and hasattr(value, "_fields"):
-            return ["named", *name_of(kind), *(self(v, static, (*path, i)) for i, v in enumerate(value))]
-        if isinstance(value, np.dtype):
-            return ["dtype", value.str]
+        if kind in (tuple, list) or (isinstance(value, tuple) and _has_items_alone(value)):
+            title = [kind.__name__] if kind in (tuple, list) else ["named", *name_of(kind)]
+            return [*title, *(self(v, static, (*path, i)) for i, v in enumerate(value))]
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self._fields(value, static, path)
         named = _name_or_none(value)
@@ -73,28 +72,43 @@ class Encoder:
     def _numbers(self, value: Any, static: bool) -> Any:
         if not static and eqx.is_array(value):
             return ["array", self._array(value)]
-        numbers = np.asarray(value)  # raises where it is traced
-        if numbers.dtype.hasobject:
-            raise NotKept("an array of objects")
-        kind = "jax" if isinstance(value, jax.Array) else "numpy"
-        kind = "number" if isinstance(value, np.generic) else kind
-        if getattr(value, "weak_type", False):
-            kind = "weak"
-        return [kind, numbers.dtype.str, list(numbers.shape), numbers.tobytes().hex()]
+        if isinstance(value, jax.core.Tracer):
+            raise NotKept("a number that is traced")
+        if type(value) is np.ndarray:
+            kind = "numpy"
+        elif isinstance(value, np.generic):
+            kind = "number"
+        elif isinstance(value, jax.Array):
+            kind = "weak" if value.weak_type else "jax"
+        else:
+            raise NotKept("an array of a class of its own")
+        numbers = np.asarray(value)
+        return [kind, _dtype(numbers.dtype), list(numbers.shape), numbers.tobytes().hex()]
 
     def _fields(self, value: Any, static: bool, path: Path) -> Any:
         fields = {field.name: field for field in dataclasses.fields(value)}
-        if not vars(value).keys() <= fields.keys():
-            raise NotKept(f"{type(value).__qualname__} with more than its fields")
+        if not vars(value).keys() <= {*fields, *functools.WRAPPER_ASSIGNMENTS, "__wrapped__"}:
+            raise NotKept(f"a {type(value).__qualname__} with more than its fields")
         traced = isinstance(value, eqx.Module)
         if not (static or traced) and not jax.tree_util.all_leaves([value]):
-            raise NotKept(type(value).__qualname__)
-        said = ["of", *name_of(type(value))]
+            raise NotKept(f"an object of the class {type(value).__qualname__}")
+        said: list[Any] = ["of", *name_of(type(value))]
         for name, field in fields.items():
             if name in vars(value):
                 fixed = static or not traced or bool(field.metadata.get("static", False))
                 said.append([name, self(vars(value)[name], fixed, (*path, name))])
         return said
+
+
+def _dtype(dtype: np.dtype) -> str:
+    if dtype.kind not in "biufcSU":  # of others one name stands for several
+        raise NotKept(f"an array of {dtype}")
+    return dtype.str
+
+
+def _has_items_alone(value: Any) -> bool:
+    """Whether a tuple is a `NamedTuple`, and nothing more."""
+    return hasattr(value, "_fields") and not getattr(value, "__dict__", None)
 
 
 _NUMBERS: dict[type, Callable[[Any], Iterable[str]]] = {
@@ -108,7 +122,7 @@ def name_of(thing: Any) -> tuple[str, str]:
     """Module and name of what one of `PACKAGES` has, or else `NotKept`."""
     named = _name_or_none(thing)
     if named is None:
-        raise NotKept(getattr(thing, "__qualname__", type(thing).__qualname__))
+        raise NotKept(f"the class {getattr(thing, '__qualname__', type(thing).__qualname__)}")
     return named
 
 
@@ -174,7 +188,7 @@ def decoded(said: Any, array: Callable[[Any], Any], given: Any) -> Any:
     raise NotKept(str(kind))
 
 
-def _part(value: Any, step: str | int) -> Any:
+def _part(value: Any, step: Any) -> Any:
     return value[step] if isinstance(value, tuple | list | dict) else vars(value)[step]
 
 

@@ -11,7 +11,7 @@ from jax import export
 
 from jaxbeam._programs.folder import Folder, folder, warn_once
 from jaxbeam._programs.identity import settings, sources_stayed, surroundings
-from jaxbeam._programs.structure import Encoder, NotKept, decoded
+from jaxbeam._programs.structure import Encoder, decoded
 
 _Outside = tuple[tuple[Any, ...], dict[str, Any]]
 
@@ -55,25 +55,26 @@ class Traces:
         if where is None or where.traced is None:
             return False, None
         given = args, dict(sorted(kwargs.items()))
-        arrays = [leaf for leaf in jax.tree.leaves(given) if eqx.is_array(leaf)]
-        encoder = Encoder(_shape)
+        leaves, structure = jax.tree.flatten(given)
+        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+        kinds = (str(_shape(x)) if eqx.is_array(x) else (type(x), x) for x in leaves)
         try:
-            said = json.dumps(encoder(given))
-        except Exception:  # that of NumPy for numbers that are traced, too
+            hash(kind := (structure, *kinds, settings(), where.path))
+        except TypeError:  # numbers of NumPy that are no arguments of the program
             return False, None
         if not all(map(_is_here, arrays)):
             return False, None
-        kind = said, settings(), where.path
         if kind not in self._found:
-            self._found[kind] = self._traced(where, said, given, encoder.seen)
+            self._found[kind] = self._traced(where, given)
         traced = self._found[kind]
         return (False, None) if traced is None else (True, traced(options, arrays))
 
-    def _traced(self, where: Folder, said: str, given: _Outside, seen: Any) -> Traced | None:
+    def _traced(self, where: Folder, given: _Outside) -> Traced | None:
         """The program for such arguments: kept, or new and kept now; None where it cannot be."""
+        encoder = Encoder(_shape)
         try:
-            key = json.dumps([self._name(), surroundings(), said], sort_keys=True)
-        except NotKept:
+            key = json.dumps([self._name(), surroundings(), encoder(given)], sort_keys=True)
+        except Exception:  # `NotKept`, or of NumPy for objects that are not what they seem
             return None
         name = hashlib.sha256(key.encode()).hexdigest()
         if (body := where.read(name)) is not None:
@@ -82,13 +83,13 @@ class Traces:
             except Exception as error:
                 warn_once(f"{name} in {where.traced} cannot be read ({error})")
         try:
-            exported, result, structure = _exported(self._function, given, seen)
+            exported, result, structure = _exported(self._function, given, encoder.seen)
             text = json.dumps(result).encode()
             body = len(text).to_bytes(8, "little") + text + bytes(exported.serialize(vjp_order=0))
             traced = _read(body, given)
-            if traced.structure != structure:
-                return None
-        except Exception:  # what has no text, or calls back to Python
+        except Exception:  # what has no text, calls back to Python, or raises: so it will again
+            return None
+        if traced.structure != structure:
             return None
         if sources_stayed():
             where.write(name, body)
@@ -96,7 +97,7 @@ class Traces:
 
 
 def _shape(array: Any) -> list[Any]:
-    return [str(array.dtype), list(array.shape), bool(getattr(array, "weak_type", False))]
+    return [array.dtype.name, list(array.shape), bool(getattr(array, "weak_type", False))]
 
 
 def _is_here(array: Any) -> bool:
@@ -108,7 +109,7 @@ def _is_here(array: Any) -> bool:
 
 
 def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[Any, Any, Any]:
-    """The program of a function for such arguments, its result as text and the structure of that."""
+    """The program of a function for such arguments, its result as text, and its structure."""
     leaves, structure = jax.tree.flatten(given)
     dynamic = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf)]
     said: Any = None
