@@ -54,7 +54,8 @@ class Program:
             return part(*args, **kwargs)  # what is traced for one is there for the other
 
         self._whole = whole
-        self._traces = Traces(identity or (lambda: name_of(self)), whole)
+        # Not of the program: for that of JAX 1, 1.0 and True are the same argument.
+        self._traces = Traces(identity or (lambda: name_of(self)), function)
 
     @functools.cached_property
     def well(self) -> "Outside":
