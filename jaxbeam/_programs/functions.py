@@ -111,8 +111,9 @@ def _function(function: types.FunctionType, encode: Encoder) -> Any:
     said = ["function", _code(function.__code__, encode), encode(bound, True)]
     if str(function.__globals__.get("__name__")).split(".")[0] in PACKAGES:
         return said
-    names = vars(function).keys() - {"__wrapped__"}
-    if names:
+    for value in cells:
+        _refuse_reading(_own_name(value))
+    if vars(function).keys() - {"__wrapped__"}:
         raise NotKept(f"attributes of the function {function.__qualname__}")
     return [*said, [[name, _outside(function, name, encode)] for name in _names(function.__code__)]]
 
@@ -121,7 +122,7 @@ def _outside(function: types.FunctionType, name: str, encode: Encoder) -> Any:
     """What a name means in the module of a function."""
     if name in function.__globals__:
         value = function.__globals__[name]
-        _refuse_reading(getattr(value, "__name__", name).rpartition(".")[2])
+        _refuse_reading(_own_name(value))
         return encode(value, True)
     if name in _BUILTINS and hasattr(builtins, name):
         return ["builtin"]
@@ -161,6 +162,10 @@ def _names(code: types.CodeType) -> list[str]:
         elif step.opname in ("LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM"):
             _refuse_reading(name)
     return sorted(found)
+
+
+def _own_name(value: Any) -> str:
+    return str(getattr(value, "__name__", "")).rpartition(".")[2]
 
 
 def _refuse_reading(name: str) -> None:
