@@ -262,9 +262,6 @@ def test_half_files_of_jax_are_removed(keep, tmp_path):
 def test_what_is_not_kept(keep, counted, tmp_path):
     """Functions and classes of a user, and what calls back to Python, answer as ever."""
 
-    class Own(eqx.Module):
-        factor: float = 2.0
-
     def applied(x, function):
         return function(x) if callable(function) else function.factor * x
 
@@ -273,7 +270,7 @@ def test_what_is_not_kept(keep, counted, tmp_path):
 
     keep(tmp_path)
     x = jnp.arange(3.0)
-    for given in (lambda x: 2 * x, Own()):
+    for given in (lambda x: 2 * x, OWN):
         np.testing.assert_array_equal(as_ours(applied)(x, given), 2 * x)
     np.testing.assert_array_equal(as_ours(told)(x), 2 * x)
     assert files(tmp_path) == []
@@ -282,6 +279,33 @@ def test_what_is_not_kept(keep, counted, tmp_path):
     assert as_ours(lambda x: 2 * x)(x).shape == (3,)
     assert Program(lambda x: 2 * x)(x).shape == (3,)  # has no name
     assert len(files(tmp_path)) == 2
+
+
+class Own(eqx.Module):
+    factor: jax.Array
+
+
+OWN = Own(jnp.asarray(2.0))
+
+
+def test_kept_says_what_is_not_kept(keep, tmp_path):
+    """And answers as ever."""
+    keep(tmp_path)
+    for function, argument, why in (
+        (lambda x: OWN.factor * x, 2.0, "the class Own"),
+        (lambda own: 2 * own.factor, OWN, "the class Own"),
+        (lambda x: Own(x).factor * 2, 2.0, "the class Own"),
+        (lambda x: 2 * eqx.error_if(x, x > 5, "large"), 2.0, "it calls back to Python"),
+    ):
+        with pytest.warns(UserWarning, match=why):
+            assert jb.programs.kept(function)(argument) == 4
+    assert files(tmp_path) == []
+    with pytest.raises(ValueError, match="of the user"):
+        jb.programs.kept(failing)(2.0)
+
+
+def failing(x):
+    raise ValueError("of the user")
 
 
 def test_within_other_programs_nothing_is_kept(keep, counted, tmp_path):

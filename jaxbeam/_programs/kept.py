@@ -28,7 +28,8 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
     installed versions), and of Python what knows nothing but arguments: `math`, `functools`, `len`
     and so on. A function that refers to anything else (modules and classes of yours, `open`,
     `numpy.load`, `jb.blades.read_csv`, random numbers) is compiled in each process, with a warning:
-    hand it such things as arguments. What a function of those packages is told to read from a file
+    hand it such things as arguments. So is one that calls back to Python, as those of this package
+    do to raise: pass `throw=False`. What a function of those packages is told to read from a file
     behind another name is not seen.
 
     Returns the compiled function, with the arguments and results of `jax.jit(function)`.
@@ -41,7 +42,10 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
     def of_arrays(*args: Any, **kwargs: Any) -> Any:
         return _as_arrays(function(*args, **kwargs))
 
-    program = Program(of_arrays, jax.jit, identity=functools.partial(_identity, function))
+    program = Program(
+        of_arrays, jax.jit, identity=functools.partial(identity, function),
+        refused=functools.partial(_warn, function),
+    )  # fmt: skip
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -50,17 +54,13 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def _identity(function: Callable[..., Any]) -> Any:
-    try:
-        return identity(function)
-    except NotKept as error:
-        name = getattr(function, "__qualname__", type(function).__qualname__)
-        warnings.warn(
-            f"the program of {name} is not kept: it refers to {error}. Hand that to it as an "
-            "argument, or see `help(jaxbeam.programs.kept)`.",
-            stacklevel=2,
-        )
-        raise
+def _warn(function: Callable[..., Any], error: Exception) -> None:
+    why = f"of {error}" if isinstance(error, NotKept) else "it calls back to Python"
+    warnings.warn(
+        f"the program of {getattr(function, '__qualname__', function)} is not kept, because {why}: "
+        "see help(jaxbeam.programs.kept)",
+        stacklevel=2,
+    )
 
 
 def _as_arrays(tree: Any) -> Any:

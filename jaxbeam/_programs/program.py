@@ -37,12 +37,13 @@ class Program:
     is compiled there, by the options of that. With `jit=jax.jit`, for functions of arrays alone,
     its programs end with it; those of equinox stay for ever. `calls` is how many are quick: none
     for what works on many cases or for long. `identity` tells the function from others in a folder
-    of programs: by its name, if it has one in this package.
+    of programs, by its name if it has one in this package; `refused` hears why one is not kept.
     """
 
     def __init__(
         self, function: Callable[..., Any], jit: Any = eqx.filter_jit, calls: int = CALLS,
         identity: Callable[[], Any] | None = None,
+        refused: Callable[[Exception], object] = lambda _: None,
     ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
         self._jit, self._calls = jit, calls
@@ -55,7 +56,7 @@ class Program:
 
         self._whole = whole
         # Not of the program: for that of JAX 1, 1.0 and True are the same argument.
-        self._traces = Traces(identity or (lambda: name_of(self)), function)
+        self._traces = Traces(identity or (lambda: name_of(self)), function, refused)
 
     @functools.cached_property
     def well(self) -> "Outside":

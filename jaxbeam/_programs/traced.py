@@ -11,7 +11,7 @@ from jax import export
 
 from jaxbeam._programs.folder import Folder, folder, warn_once
 from jaxbeam._programs.identity import settings, sources_stayed, surroundings
-from jaxbeam._programs.structure import Encoder, decoded
+from jaxbeam._programs.structure import Encoder, NotKept, decoded
 
 _Outside = tuple[tuple[Any, ...], dict[str, Any]]
 
@@ -45,8 +45,12 @@ class _Place:
 class Traces:
     """Traced programs of one function, by kinds of arguments."""
 
-    def __init__(self, name: Callable[[], Any], function: Callable[..., Any]) -> None:
-        self._name, self._function = name, function
+    def __init__(
+        self, name: Callable[[], Any], function: Callable[..., Any],
+        refused: Callable[[Exception], object],
+    ) -> None:  # fmt: skip
+        """`name` tells the function from others, and `refused` hears why a program is not kept."""
+        self._name, self._function, self._refused = name, function, refused
         self._found: dict[Any, Traced | None] = {}
 
     def call(self, options: dict[str, Any], args: Any, kwargs: Any) -> tuple[bool, Any]:
@@ -71,25 +75,20 @@ class Traces:
 
     def _traced(self, where: Folder, given: _Outside) -> Traced | None:
         """The program for such arguments: kept, or new and kept now; None where it cannot be."""
-        encoder = Encoder(_shape)
         try:
+            encoder = Encoder(_shape)
             key = json.dumps([self._name(), surroundings(), encoder(given)], sort_keys=True)
-        except Exception:  # `NotKept`, or of NumPy for objects that are not what they seem
+            name = hashlib.sha256(key.encode()).hexdigest()
+            if (body := where.read(name)) is not None:
+                try:
+                    return _read(body, given)
+                except Exception as error:
+                    warn_once(f"{where.traced}/{name} cannot be read ({error})")
+            body, traced = _made(self._function, given, encoder.seen)
+        except (NotKept, NotImplementedError) as error:
+            self._refused(error)
             return None
-        name = hashlib.sha256(key.encode()).hexdigest()
-        if (body := where.read(name)) is not None:
-            try:
-                return _read(body, given)
-            except Exception as error:
-                warn_once(f"{name} in {where.traced} cannot be read ({error})")
-        try:
-            exported, result, structure = _exported(self._function, given, encoder.seen)
-            text = json.dumps(result).encode()
-            body = len(text).to_bytes(8, "little") + text + bytes(exported.serialize(vjp_order=0))
-            traced = _read(body, given)
-        except Exception:  # what has no text, calls back to Python, or raises: so it will again
-            return None
-        if traced.structure != structure:
+        except Exception:  # of the function, which raises it again, or of odd objects
             return None
         if sources_stayed():
             where.write(name, body)
@@ -106,6 +105,17 @@ def _is_here(array: Any) -> bool:
         return True
     devices = array.devices()
     return len(devices) == 1 and next(iter(devices)).platform == jax.default_backend()
+
+
+def _made(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[bytes, Traced]:
+    """A new program of a function for such arguments, as it is kept and as it is read again."""
+    exported, result, structure = _exported(function, given, seen)
+    text = json.dumps(result).encode()
+    body = len(text).to_bytes(8, "little") + text + bytes(exported.serialize(vjp_order=0))
+    traced = _read(body, given)
+    if traced.structure != structure:
+        raise NotKept("a result that is another one when it is read again")
+    return body, traced
 
 
 def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[Any, Any, Any]:
