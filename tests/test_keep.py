@@ -12,6 +12,7 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 import jaxbeam as jb
+from jaxbeam.__main__ import main
 from jaxbeam._modes.modes import find
 from jaxbeam._programs import folder as folders
 from jaxbeam._programs import identity, traced
@@ -25,6 +26,25 @@ SETTINGS = (
     "jax_persistent_cache_min_entry_size_bytes",
 )  # fmt: skip
 SMALL = jb.Hybrid(0, 1, 0)
+SCENE = """
+[model]
+name = "Hybrid"
+n_stretch = 0
+n_in_plane = 1
+n_flap = 0
+[frequencies]
+in_plane = 1
+[sweep]
+angular_speed = [1.0, 2.0]
+[beam]
+length = 8.0
+mass_per_length = 0.2
+axial_stiffness = 5e6
+in_plane_bending_stiffness = 566.0
+flap_bending_stiffness = 566.0
+[rotor]
+hub_radius = 0.5
+"""
 
 
 @pytest.fixture
@@ -360,3 +380,18 @@ def test_text_and_back():
 def test_a_text_calls_nothing(said):
     with pytest.raises((NotKept, TypeError)):
         decoded(said, lambda i: i, None)
+
+
+def test_the_command_keeps(keep, counted, tmp_path, monkeypatch, capsys):
+    """Scenes by their tables, but for those that read a file, which may change."""
+    monkeypatch.setenv("JAXBEAM_KEEP", str(tmp_path / "kept"))
+    scene, words = tmp_path / "scene.toml", SCENE
+    for number, (text, most) in enumerate(
+        [(words, 1), (words, 1), (words.replace("8.0", "7.0"), 2), (words + "tip_mass = 0.1", 3)]
+    ):
+        scene.write_text(text)
+        assert main([str(scene), "--out", str(tmp_path / str(number))]) == 0
+        assert len(counted) == most
+        assert str(tmp_path / "kept") in capsys.readouterr().out
+    assert main([str(scene), "--out", str(tmp_path / "none"), "--no-keep"]) == 0
+    assert "kept" not in capsys.readouterr().out

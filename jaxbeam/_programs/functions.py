@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 
-from jaxbeam._programs.structure import PACKAGES, Encoder, NotKept
+from jaxbeam._programs.structure import PACKAGES, Encoder, NotKept, name_of
 
 # Beside `PACKAGES`: parts of Python that know of nothing but their arguments.
 _PLAIN = frozenset({
@@ -38,8 +38,9 @@ def identity(function: Any) -> Any:
 
     A function of Python is its instructions and constants, its defaults, what it closes over, and
     all names that it finds in its module: numbers and arrays by value, functions in the same way,
-    `PACKAGES` and plain parts of Python by name. Raises `NotKept` for all else: objects of other
-    classes, other modules, and what reads files.
+    `PACKAGES` and plain parts of Python by name. An object of these packages may say what tells it
+    from others, by `kept_by`. Raises `NotKept` for all else: objects of other classes, other
+    modules, and what reads files.
     """
     met: dict[int, tuple[int, Any]] = {}
 
@@ -58,6 +59,8 @@ def identity(function: Any) -> Any:
             return ["partial", *(encode(part, True) for part in parts)]
         if type(value) in (jax.custom_jvp, jax.custom_vjp):
             return [type(value).__name__, encode(dict(vars(value)), True)]
+        if hasattr(value, "kept_by") and (said := value.kept_by()) is not None:
+            return ["as", *name_of(type(value)), encode(said, True)]
         if type(value) is object:
             return ["mark", *_mark(value)]
         if _is_plain(value):

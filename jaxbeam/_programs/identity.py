@@ -44,7 +44,7 @@ def sources_stayed() -> bool:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Of Python and of all packages that a program is traced by."""
+    """Versions of Python and of all packages that have a part in a trace."""
     found = {name: importlib.metadata.version(name) for name in _VERSIONS}
     return {"python": platform.python_version(), "format": str(FORMAT), **found}
 
@@ -58,7 +58,7 @@ def settings() -> tuple[Any, ...]:
 
 
 def surroundings() -> dict[str, Any]:
-    """All of that, as text."""
+    """All that a program depends on beside its arguments and its function, as text."""
     names = [name for name in jax.config.values if "cache" not in name]
     return {
         "sources": sources()[0],

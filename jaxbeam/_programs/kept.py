@@ -64,6 +64,6 @@ def _warn(function: Callable[..., Any], error: Exception) -> None:
 
 
 def _as_arrays(tree: Any) -> Any:
-    """With arrays in the place of numbers of Python, as `jax.jit` takes and returns them."""
+    """The tree, with arrays in the place of numbers of Python: `jax.jit` takes and returns them."""
     numbers = bool, int, float, complex
     return jax.tree.map(lambda x: jnp.asarray(x) if isinstance(x, numbers) else x, tree)
