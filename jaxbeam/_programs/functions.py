@@ -28,7 +28,8 @@ _BUILTINS = frozenset({
 })  # fmt: skip
 # What reads files, or numbers that are others each time.
 _READING = frozenset({
-    "fromfile", "fromregex", "genfromtxt", "load", "loadtxt", "memmap", "random",
+    "DataSource", "fromfile", "fromregex", "genfromtxt", "load", "loadtxt", "memmap", "open_memmap",
+    "random", "tree_deserialise_leaves",
 })  # fmt: skip
 _JITTED = type(jax.jit(lambda: 0))
 

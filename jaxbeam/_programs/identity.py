@@ -66,5 +66,5 @@ def surroundings() -> dict[str, Any]:
         "settings": {**dict(zip(names, map(repr, settings()), strict=False)),
                      "on_error": os.environ.get("EQX_ON_ERROR")},
         "backends": sorted(backend.backends()),
-        "backend": jax.default_backend(),
+        "backend": [jax.default_backend(), jax.device_count()],
     }  # fmt: skip

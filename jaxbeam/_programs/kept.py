@@ -43,7 +43,7 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
         return _as_arrays(function(*args, **kwargs))
 
     program = Program(
-        of_arrays, jax.jit, identity=functools.partial(identity, function),
+        of_arrays, jax.jit, identity=lambda: ["kept", identity(function)],
         refused=functools.partial(_warn, function),
     )  # fmt: skip
 

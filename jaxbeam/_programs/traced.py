@@ -64,7 +64,7 @@ class Traces:
         kinds = (str(_shape(x)) if eqx.is_array(x) else (type(x), x) for x in leaves)
         try:
             hash(kind := (structure, *kinds, settings(), where.path))
-        except TypeError:  # numbers of NumPy that are no arguments of the program
+        except Exception:  # numbers of NumPy that are no arguments, or another JAX's settings
             return False, None
         if not all(map(_is_here, arrays)):
             return False, None
