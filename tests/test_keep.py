@@ -344,6 +344,18 @@ def test_both_levels_share_a_trace(keep, counted, tmp_path):
     assert len(counted) == 1
 
 
+def test_what_is_prepared_is_what_is_called(keep, counted, tmp_path):
+    """Compiled once, ahead of the call."""
+    keep(tmp_path)
+    program, x = as_ours(doubled), jnp.arange(5.0)
+    program.prepare(x, 3)
+    there = set(tmp_path.glob("compiled/*/jit_doubled-*"))
+    assert len(there) == len(counted) == 1
+    np.testing.assert_array_equal(program.well(x, 3)["found"], 3 * x)
+    assert there == set(tmp_path.glob("compiled/*/jit_doubled-*"))
+    assert len(counted) == 1
+
+
 def test_text_and_back():
     """What comes back is the same, type by type, and what has no text is refused."""
     parts = SMALL, jb.Status.OK, np.arange(3), np.float32(0.1), float("inf"), -0.0, 1 + 2j, b"x"

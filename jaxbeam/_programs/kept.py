@@ -42,6 +42,7 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
     def of_arrays(*args: Any, **kwargs: Any) -> Any:
         return _as_arrays(function(*args, **kwargs))
 
+    of_arrays.__name__ = getattr(function, "__name__", type(function).__name__)
     program = Program(
         of_arrays, jax.jit, identity=lambda: ["kept", identity(function)],
         refused=functools.partial(_warn, function),

@@ -98,9 +98,14 @@ class Program:
         """A call of which the caller knows that it takes long: by what is compiled well."""
         return (self.part if _is_within() else self.well)(*args, **kwargs)
 
+    def prepare(self, *args: Any, **kwargs: Any) -> None:
+        """Have the program compiled, well, that a call with these arguments takes: not within
+        others."""
+        self.well.prepare(*args, **kwargs)
+
     def lower(self, *args: Any, **kwargs: Any) -> Any:
         """The lowered program of a call with the same arguments, as by
-        `jax.jit(function).lower`."""
+        `jax.jit(function).lower`; whether programs are kept or not, it is the same one."""
         return (self.part if _is_within() else self.well).lower(*args, **kwargs)
 
 
@@ -112,10 +117,21 @@ class Outside:
         self._made, self._traces, self._options = made, traces, options
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        is_kept, result = self._traces.call(self._options, args, kwargs)
-        return result if is_kept else self._made(*args, **kwargs)
+        traced, arrays = self._traces.of(args, kwargs)
+        if traced is None:
+            return self._made(*args, **kwargs)
+        return traced.result(traced.program(self._options)(*arrays))
+
+    def prepare(self, *args: Any, **kwargs: Any) -> None:
+        """Have it compiled for a call with these arguments."""
+        traced, arrays = self._traces.of(args, kwargs)
+        if traced is None:
+            self._made.lower(*args, **kwargs).compile()
+        else:
+            traced.program(self._options).lower(*arrays).compile()
 
     def lower(self, *args: Any, **kwargs: Any) -> Any:
+        """The lowered program that is made here, and never a kept one."""
         return self._made.lower(*args, **kwargs)
 
 

@@ -24,13 +24,21 @@ class Traced(NamedTuple):
     structure: Any
     compiled: dict[Any, Callable[..., Any]]
 
-    def __call__(self, options: dict[str, Any], arrays: list[Any]) -> Any:
-        """The result, by a program that is compiled with these options."""
+    def program(self, options: dict[str, Any]) -> Any:
+        """The program of arrays, compiled with these options."""
         how = tuple(options.items())
         if how not in self.compiled:
-            run = jax.jit(self.exported.call, compiler_options=options or None)
-            self.compiled[how] = run
-        found = self.compiled[how](*arrays)
+            exported = self.exported
+
+            def call(*arrays: Any) -> Any:
+                return exported.call(*arrays)
+
+            call.__name__ = exported.fun_name  # as JAX calls what it compiles
+            self.compiled[how] = jax.jit(call, compiler_options=options or None)
+        return self.compiled[how]
+
+    def result(self, found: list[Any]) -> Any:
+        """What the function returns, with the arrays that the program found."""
         leaves = [found[x.index] if isinstance(x, _Place) else x for x in self.leaves]
         return jax.tree.unflatten(self.structure, leaves)
 
@@ -53,11 +61,11 @@ class Traces:
         self._name, self._function, self._refused = name, function, refused
         self._found: dict[Any, Traced | None] = {}
 
-    def call(self, options: dict[str, Any], args: Any, kwargs: Any) -> tuple[bool, Any]:
-        """Whether there is a traced program for these arguments, and its result."""
+    def of(self, args: Any, kwargs: Any) -> tuple[Traced | None, list[Any]]:
+        """The traced program for these arguments, if there is one, and the arrays among them."""
         where = folder()
         if where is None or where.traced is None:
-            return False, None
+            return None, []
         given = args, dict(sorted(kwargs.items()))
         leaves, structure = jax.tree.flatten(given)
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
@@ -65,13 +73,12 @@ class Traces:
         try:
             hash(kind := (structure, *kinds, settings(), where.path))
         except Exception:  # numbers of NumPy that are no arguments, or another JAX's settings
-            return False, None
+            return None, []
         if not all(map(_is_here, arrays)):
-            return False, None
+            return None, []
         if kind not in self._found:
             self._found[kind] = self._traced(where, given)
-        traced = self._found[kind]
-        return (False, None) if traced is None else (True, traced(options, arrays))
+        return self._found[kind], arrays
 
     def _traced(self, where: Folder, given: _Outside) -> Traced | None:
         """The program for such arguments: kept, or new and kept now; None where it cannot be."""
@@ -144,6 +151,7 @@ def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple
         jax.ShapeDtypeStruct(x.shape, x.dtype, weak_type=bool(getattr(x, "weak_type", False)))
         for x in (leaves[i] for i in dynamic)
     ]
+    run.__name__ = function.__name__
     return export.export(jax.jit(run))(*shapes), said, built
 
 

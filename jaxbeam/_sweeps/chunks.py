@@ -28,6 +28,12 @@ def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
     return program(arrays, columns)
 
 
+def prepare(function: Callable[..., Any], columns: dict[str, jax.Array]) -> None:
+    """Have the program of `batched` compiled."""
+    program, arrays = _program(function)
+    program.prepare(arrays, columns)
+
+
 def lowered(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
     """The program of `batched`, lowered and not yet compiled."""
     program, arrays = _program(function)
