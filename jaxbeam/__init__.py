@@ -20,6 +20,7 @@ In time             simulate through a motion (SmoothSpinUp, ConstantSpeed, ...)
                     steady_start, deflection_limit: how a run begins and when it ends
 Many cases          sweep over grid or points gives a Table
 Measurements        fit finds each FreeParameter from FrequencyData, ...
+Start-up            keep: the next process need not trace and compile again
 How much model      choose_model for one question, ladder_sweep for many cases
 What went wrong     Status: whatever can fail raises, or takes throw=False and then carries one;
                     batches (sweep, ladder_sweep, campbell) carry one a case and never raise for it
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal.theories import VonKarman as VonKarman
     from jaxbeam._models.space.theory import SpatialANCF as SpatialANCF
     from jaxbeam._modes.modes import modes as modes
+    from jaxbeam._programs.folder import keep as keep
     from jaxbeam._rotor.beam import Beam as Beam
     from jaxbeam._rotor.beam import Rotor as Rotor
     from jaxbeam._rotor.damping import Damping as Damping

@@ -55,6 +55,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: the name of the file")
     parser.add_argument("--cores", type=int, default=1, metavar="N", help="chunks at once (1)")
     parser.add_argument("--chunk", type=int, default=32, metavar="N", help="cases at once (32)")
+    parser.add_argument("--no-keep", action="store_true", help="compile programs anew")
     parser.add_argument("--example", choices=list(EXAMPLES), help="print a scene that runs")
     parser.add_argument("--version", action="version", version=f"jaxbeam {jb.__version__}")
     given = parser.parse_args(argv)
@@ -65,6 +66,8 @@ def main(argv: list[str] | None = None) -> int:
         parser.error("name a SCENE.toml, and one core and one case at least")
     jax.config.update("jax_enable_x64", True)
     try:
+        if not given.no_keep and (folder := jb.keep()):
+            print(f"programs are kept in {folder}", flush=True)
         tables = tomllib.loads(given.scene.read_text("utf-8-sig"))
         if isinstance(beam := tables.get("beam"), dict) and isinstance(beam.get("file"), str):
             beam["file"] = str(given.scene.parent / beam["file"])  # it lies beside the scene

@@ -11,6 +11,9 @@ Sweeps, fits, ladders and batches begin with that.
 The two kinds of program differ in the last bits, by some 1e-14 of values and 4e-12 of gradients,
 as two releases of JAX do. `compile_well()` takes good programs from the first call on.
 
+`keep` lets the next process answer without tracing and compiling again, and `kept` does so for
+functions of yours.
+
 Your own `jax.jit` compiles well, however often you call it. For what is called a few times hand it
 `QUICK`:
 
@@ -25,5 +28,7 @@ Your own `jax.jit` compiles well, however often you call it. For what is called 
 True
 """
 
+from jaxbeam._programs.folder import keep as keep
+from jaxbeam._programs.kept import kept as kept
 from jaxbeam._programs.program import QUICK as QUICK
 from jaxbeam._programs.program import compile_well as compile_well

@@ -80,16 +80,22 @@ def rotating(case: Any) -> tuple[jb.Rotor, Any]:
 
 
 def run(
-    main: Callable[..., object], about: str | None, quick: str, out: str, files: bool = False
-) -> None:
+    main: Callable[..., object], about: str | None, quick: str, out: str, files: bool = False,
+    keeps: bool = True,
+) -> None:  # fmt: skip
     """Run `main(quick, out)` as the command line says; `quick` and `out` end the help on these
-    options. With `files` it takes paths as well: `main(quick, out, files)`."""
+    options. With `files` it takes paths as well: `main(quick, out, files)`. Unless `keeps`, as what
+    measures compilation does not, programs are kept between processes."""
     parser = argparse.ArgumentParser(description=(about or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument("--out", type=Path, help=f"folder for {out}")
+    if keeps:
+        parser.add_argument("--no-keep", action="store_true", help="compile programs anew")
     if files:
         parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="files to read")
     arguments = parser.parse_args()
+    if keeps and not arguments.no_keep and (kept := jb.keep()):
+        print(f"programs are kept in {kept}", flush=True)
     main(arguments.quick, arguments.out, *([arguments.files] if files else []))
 
 

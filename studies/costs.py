@@ -342,4 +342,4 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
 
 
 if __name__ == "__main__":
-    common.run(main, __doc__, "fewer cases and elements", "the table and the figure")
+    common.run(main, __doc__, "fewer cases and elements", "the table and the figure", keeps=False)

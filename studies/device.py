@@ -403,4 +403,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
 
 
 if __name__ == "__main__":
-    common.run(main, __doc__, "one model of each, up to 2^11 cases", "the table and the figure")
+    common.run(
+        main, __doc__, "one model of each, up to 2^11 cases",
+        "the table and the figure", keeps=False,
+    )  # fmt: skip

@@ -320,4 +320,7 @@ def draw(
 
 
 if __name__ == "__main__":
-    common.run(main, __doc__, "fewer repetitions of timings", "the figure and the table")
+    common.run(
+        main, __doc__, "fewer repetitions of timings",
+        "the figure and the table", keeps=False,
+    )  # fmt: skip

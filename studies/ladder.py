@@ -388,4 +388,4 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
 
 
 if __name__ == "__main__":
-    common.run(main, __doc__, "fewer scenes", "the figure and the tables")
+    common.run(main, __doc__, "fewer scenes", "the figure and the tables", keeps=False)

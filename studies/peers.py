@@ -642,4 +642,4 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
 
 
 if __name__ == "__main__":
-    common.run(main, __doc__, "fewer of all, in three minutes", "the table")
+    common.run(main, __doc__, "fewer of all, in three minutes", "the table", keeps=False)

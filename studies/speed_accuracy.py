@@ -342,4 +342,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
 
 
 if __name__ == "__main__":
-    common.run(main, __doc__, "fewer of all, in about two minutes", "the figures and the tables")
+    common.run(
+        main, __doc__, "fewer of all, in about two minutes",
+        "the figures and the tables", keeps=False,
+    )  # fmt: skip

@@ -27,6 +27,7 @@ def pytest_configure(config: pytest.Config) -> None:
         shapes.check()
     assert not backends_are_initialized(), "too late: XLA has read its flags"
     os.environ["XLA_FLAGS"] = xla_flags(0)
+    os.environ["JAXBEAM_KEEP"] = "off"  # what a command keeps in the folder of the user
 
 
 # Files that take long begin first: who comes to one at the end would be left alone with it.

@@ -189,6 +189,9 @@ BATCHES = ("sweep", "ladder_sweep", "campbell")
 CHECK_ALONE = (
     "labels",  # names
     "programs.compile_well",  # a choice
+    "keep",  # a folder: refused, or a warning and no more
+    "programs.keep",
+    "programs.kept",  # a function, which fails as it does
     "grid",  # parameters, as they were given
     "points",
     "rpm",  # a product

@@ -131,6 +131,11 @@ class _Scene:
         """The function of swept numbers that a question is."""
         return lambda numbers: self.made(name, _in_radians(self.keys, numbers))
 
+    def kept_by(self) -> Any:
+        """What tells its questions from others; nothing does where a file is read, which may be
+        another one next time."""
+        return None if "file" in self.tables.get("beam", {}) else (self.tables, list(self.axes))
+
     def check_swept(self, axes: Collection[str]) -> None:
         """Raise unless each axis names one number."""
         numbers = self.keys

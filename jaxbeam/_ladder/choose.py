@@ -202,8 +202,7 @@ def _scouted(
     meantime programs are compiled that are sure to be needed."""
     question, rotor = ask.question, ask.rotor
     ask.begin(scout)
-    lowered = functools.partial(indicators.lower, question, rotor)
-    ask.compiler.begin(Indicators, lambda: lowered().compile())
+    ask.compiler.begin(Indicators, functools.partial(indicators.prepare, question, rotor))
     ask.begin(*elements[:2])
     seen = ask.now(scout)
     given = Status(int(seen.status))
@@ -213,10 +212,6 @@ def _scouted(
         beforehand = eqx.tree_at(lambda k: (k.size, k.slope), beforehand, (seen.size, seen.slope))
     ask.size = float(np.clip(beforehand.size, 1e-9, 1.0)) if given == Status.OK else LARGE
     return seen, beforehand
-
-
-def _compiled(*given: Any) -> Any:
-    return _answer.lower(*given).compile()
 
 
 class _Asker:
@@ -238,7 +233,7 @@ class _Asker:
     def begin(self, *models: AbstractModel) -> None:
         """Compile, in the background, the programs of models that are to be asked soon."""
         for model in models:
-            self.compiler.begin(model, functools.partial(_compiled, *self.given(model)))
+            self.compiler.begin(model, functools.partial(_answer.prepare, *self.given(model)))
 
     def now(self, model: AbstractModel, tighter: float = 1.0) -> Answer:
         """The answer of a model now, which is not kept."""

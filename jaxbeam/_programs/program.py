@@ -11,6 +11,9 @@ import jax
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
 
+from jaxbeam._programs.structure import name_of
+from jaxbeam._programs.traced import Traces
+
 # XLA once had other emitters of code for the CPU, which take half as long for programs like ours
 # and make them as fast. The last releases of JAX for Python 3.11 have both; later ones know no
 # such option.
@@ -36,12 +39,15 @@ class Program:
     one that is compiled well. Within another program or a transformation it becomes a part of what
     is compiled there, by the options of that. With `jit=jax.jit`, for functions of arrays alone,
     its programs end with it; those of equinox stay for ever. `calls` is how many are quick: none
-    for what works on many cases or for long.
+    for what works on many cases or for long. `identity` tells the function from others in a folder
+    of programs, by its name if it has one in this package; `refused` hears why one is not kept.
     """
 
     def __init__(
-        self, function: Callable[..., Any], jit: Any = eqx.filter_jit, calls: int = CALLS
-    ) -> None:
+        self, function: Callable[..., Any], jit: Any = eqx.filter_jit, calls: int = CALLS,
+        identity: Callable[[], Any] | None = None,
+        refused: Callable[[Exception], object] = lambda _: None,
+    ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
         self._jit, self._calls = jit, calls
         self._made: dict[Hashable, int] = {}  # of each kind of arguments
@@ -52,18 +58,24 @@ class Program:
             return part(*args, **kwargs)  # what is traced for one is there for the other
 
         self._whole = whole
+        # Not of the program: for that of JAX 1, 1.0 and True are the same argument.
+        self._traces = Traces(identity or (lambda: name_of(self)), function, refused)
 
     @functools.cached_property
-    def well(self) -> Any:
+    def well(self) -> "Outside":
         """The program of a call outside of all others, compiled well."""
         how = _known(_HASTE) | _known(_WELL)
-        return self._jit(self._whole, compiler_options=how) if how else self.part
+        made = self._jit(self._whole, compiler_options=how) if how else self.part
+        return Outside(made, self._traces, how)
 
     @functools.cached_property
-    def quick(self) -> Any:
+    def quick(self) -> "Outside":
         """The program of a call outside of all others, compiled quickly; or as `well`."""
         how = _known(QUICK)
-        return self._jit(self._whole, compiler_options=_known(_HASTE) | how) if how else self.well
+        if not how:
+            return self.well
+        how = _known(_HASTE) | how
+        return Outside(self._jit(self._whole, compiler_options=how), self._traces, how)
 
     def here(self, *args: Any, **kwargs: Any) -> Any:
         """The program that a call from here with these arguments takes, which counts as one."""
@@ -89,10 +101,41 @@ class Program:
         """A call of which the caller knows that it takes long: by what is compiled well."""
         return (self.part if _is_within() else self.well)(*args, **kwargs)
 
+    def prepare(self, *args: Any, **kwargs: Any) -> None:
+        """Have the program compiled, well, that a call with these arguments takes: not within
+        others."""
+        self.well.prepare(*args, **kwargs)
+
     def lower(self, *args: Any, **kwargs: Any) -> Any:
         """The lowered program of a call with the same arguments, as by
-        `jax.jit(function).lower`."""
+        `jax.jit(function).lower`; whether programs are kept or not, it is the same one."""
         return (self.part if _is_within() else self.well).lower(*args, **kwargs)
+
+
+class Outside:
+    """A program outside of all others, with options of the compiler: that which is kept between
+    processes, if such are kept and it can be."""
+
+    def __init__(self, made: Any, traces: Traces, options: dict[str, Any]) -> None:
+        self._made, self._traces, self._options = made, traces, options
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        traced, arrays = self._traces.of(args, kwargs)
+        if traced is None:
+            return self._made(*args, **kwargs)
+        return traced.result(traced.program(self._options)(*arrays))
+
+    def prepare(self, *args: Any, **kwargs: Any) -> None:
+        """Have it compiled for a call with these arguments."""
+        traced, arrays = self._traces.of(args, kwargs)
+        if traced is None:
+            self._made.lower(*args, **kwargs).compile()
+        else:
+            traced.program(self._options).lower(*arrays).compile()
+
+    def lower(self, *args: Any, **kwargs: Any) -> Any:
+        """The lowered program that is made here, and never a kept one."""
+        return self._made.lower(*args, **kwargs)
 
 
 def compile_well(always: bool = True) -> None:

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxbeam._programs.functions import identity
 from jaxbeam._programs.program import Program
 from jaxbeam._results import found_alone
 from jaxbeam._status import Status, said, unlogged
@@ -25,6 +26,12 @@ def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
     """What `function(**parameters)` finds, of every case."""
     program, arrays = _program(function)
     return program(arrays, columns)
+
+
+def prepare(function: Callable[..., Any], columns: dict[str, jax.Array]) -> None:
+    """Have the program of `batched` compiled."""
+    program, arrays = _program(function)
+    program.prepare(arrays, columns)
 
 
 def lowered(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
@@ -51,7 +58,10 @@ def _program_without(structure: Any, rest: tuple[Any, ...], _: tuple[type, ...])
         function = jax.tree.unflatten(structure, leaves)
         return jax.vmap(lambda parameters: found_alone(function(**parameters)))(columns)
 
-    return Program(run, jax.jit, calls=0)
+    def said() -> Any:
+        return ["swept", identity(jax.tree.unflatten(structure, rest))]
+
+    return Program(run, jax.jit, calls=0, identity=said)
 
 
 class Work(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxbeam._checks import plain
 from jaxbeam._sweeps.cases import Cases, checked_cases, refuse_traced
-from jaxbeam._sweeps.chunks import Columns, Work, batched, lowered, made_with, named, placed
+from jaxbeam._sweeps.chunks import Columns, Work, batched, made_with, named, placed, prepare
 from jaxbeam._sweeps.devices import checked_devices, on_devices
 from jaxbeam._sweeps.executors import on_executor
 from jaxbeam._sweeps.identity import program_of
@@ -211,7 +211,7 @@ def compiled(
     """Have the program at hand that `sweep` runs, on the first device."""
     device = checked_devices(devices)[0]
     first = jax.device_put(cases.at(np.arange(min(chunk, len(cases)))), device)
-    lowered(placed(function, device), first).compile()
+    prepare(placed(function, device), first)
 
 
 class _Progress:

@@ -1,0 +1,163 @@
+"""Programs traced once for all processes, by `jax.export`."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+from jax import export
+
+from jaxbeam._programs.folder import Folder, folder, warn_once
+from jaxbeam._programs.identity import settings, sources_stayed, surroundings
+from jaxbeam._programs.structure import Encoder, NotKept, decoded
+
+_Outside = tuple[tuple[Any, ...], dict[str, Any]]
+
+
+class Traced(NamedTuple):
+    """A program and what it returns, with the places of arrays in that."""
+
+    exported: Any
+    leaves: list[Any]
+    structure: Any
+    compiled: dict[Any, Callable[..., Any]]
+
+    def program(self, options: dict[str, Any]) -> Any:
+        """The program of arrays, compiled with these options."""
+        how = tuple(options.items())
+        if how not in self.compiled:
+            exported = self.exported
+
+            def call(*arrays: Any) -> Any:
+                return exported.call(*arrays)
+
+            call.__name__ = exported.fun_name  # as JAX calls what it compiles
+            self.compiled[how] = jax.jit(call, compiler_options=options or None)
+        return self.compiled[how]
+
+    def result(self, found: list[Any]) -> Any:
+        """What the function returns, with the arrays that the program found."""
+        leaves = [found[x.index] if isinstance(x, _Place) else x for x in self.leaves]
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+class _Place:
+    """Stands for an array of a result."""
+
+    def __init__(self, index: int) -> None:
+        self.index = index
+
+
+class Traces:
+    """Traced programs of one function, by kinds of arguments."""
+
+    def __init__(
+        self, name: Callable[[], Any], function: Callable[..., Any],
+        refused: Callable[[Exception], object],
+    ) -> None:  # fmt: skip
+        """`name` tells the function from others, and `refused` hears why a program is not kept."""
+        self._name, self._function, self._refused = name, function, refused
+        self._found: dict[Any, Traced | None] = {}
+
+    def of(self, args: Any, kwargs: Any) -> tuple[Traced | None, list[Any]]:
+        """The traced program for these arguments, if there is one, and the arrays among them."""
+        where = folder()
+        if where is None or where.traced is None:
+            return None, []
+        given = args, dict(sorted(kwargs.items()))
+        leaves, structure = jax.tree.flatten(given)
+        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+        kinds = (str(_shape(x)) if eqx.is_array(x) else (type(x), x) for x in leaves)
+        try:
+            hash(kind := (structure, *kinds, settings(), where.path))
+        except Exception:  # numbers of NumPy that are no arguments, or another JAX's settings
+            return None, []
+        if not all(map(_is_here, arrays)):
+            return None, []
+        if kind not in self._found:
+            self._found[kind] = self._traced(where, given)
+        return self._found[kind], arrays
+
+    def _traced(self, where: Folder, given: _Outside) -> Traced | None:
+        """The program for such arguments: kept, or new and kept now; None where it cannot be."""
+        try:
+            encoder = Encoder(_shape)
+            key = json.dumps([self._name(), surroundings(), encoder(given)], sort_keys=True)
+            name = hashlib.sha256(key.encode()).hexdigest()
+            if (body := where.read(name)) is not None:
+                try:
+                    return _read(body, given)
+                except Exception as error:
+                    warn_once(f"{where.traced}/{name} cannot be read ({error})")
+            body, traced = _made(self._function, given, encoder.seen)
+        except (NotKept, NotImplementedError) as error:
+            self._refused(error)
+            return None
+        except Exception:  # of the function, which raises it again, or of odd objects
+            return None
+        if sources_stayed():
+            where.write(name, body)
+        return traced
+
+
+def _shape(array: Any) -> list[Any]:
+    return [array.dtype.name, list(array.shape), bool(getattr(array, "weak_type", False))]
+
+
+def _is_here(array: Any) -> bool:
+    """Whether an array lies on one device of the kind that programs are compiled for."""
+    if not isinstance(array, jax.Array):
+        return True
+    devices = array.devices()
+    return len(devices) == 1 and next(iter(devices)).platform == jax.default_backend()
+
+
+def _made(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[bytes, Traced]:
+    """A new program of a function for such arguments, as it is kept and as it is read again."""
+    exported, result, structure = _exported(function, given, seen)
+    text = json.dumps(result).encode()
+    body = len(text).to_bytes(8, "little") + text + bytes(exported.serialize(vjp_order=0))
+    traced = _read(body, given)
+    if traced.structure != structure:
+        raise NotKept("a result that is another one when it is read again")
+    return body, traced
+
+
+def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[Any, Any, Any]:
+    """The program of a function for such arguments, its result as text, and its structure."""
+    leaves, structure = jax.tree.flatten(given)
+    dynamic = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf)]
+    said: Any = None
+    built: Any = None
+
+    def run(*arrays: Any) -> list[Any]:
+        nonlocal said, built
+        args, kwargs = jax.tree.unflatten(structure, [
+            dict(zip(dynamic, arrays, strict=True)).get(i, leaf) for i, leaf in enumerate(leaves)
+        ])  # fmt: skip
+        found: list[Any] = []
+
+        def array(leaf: Any) -> int:
+            found.append(leaf)
+            return len(found) - 1
+
+        result = function(*args, **kwargs)
+        said, built = Encoder(array, seen)(result), jax.tree.structure(result)
+        return found
+
+    shapes = [
+        jax.ShapeDtypeStruct(x.shape, x.dtype, weak_type=bool(getattr(x, "weak_type", False)))
+        for x in (leaves[i] for i in dynamic)
+    ]
+    run.__name__ = function.__name__
+    return export.export(jax.jit(run))(*shapes), said, built
+
+
+def _read(body: bytes, given: _Outside) -> Traced:
+    size = int.from_bytes(body[:8], "little")
+    result = decoded(json.loads(body[8 : 8 + size]), _Place, given)
+    leaves, structure = jax.tree.flatten(result)
+    exported = export.deserialize(bytearray(body[8 + size :]))
+    return Traced(exported, leaves, structure, {})
