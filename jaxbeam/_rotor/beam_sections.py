@@ -62,11 +62,13 @@ class BeamSections(AbstractSections):
     def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
         beam = self.beam
         lag, flap = self._bending(places)
-        shear = STIFF_IN_SHEAR * beam.length**2 / (lag + flap)
+        # Each way by its own bending: the shear of a strip's stiff way, beside which its soft one
+        # is rounding, would make this no better than the former.
+        by_bending = STIFF_IN_SHEAR * beam.length**2
         stretch, torsion = (
             1 / along(value, places) for value in (beam.axial_stiffness, beam.torsional_stiffness)
         )
-        return _diagonal(stretch, shear, shear, torsion, 1 / flap, 1 / lag)
+        return _diagonal(stretch, by_bending / lag, by_bending / flap, torsion, 1 / flap, 1 / lag)
 
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
         beam, (lag, flap) = self.beam, self._bending(places)

@@ -9,11 +9,14 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import brentq
+from scipy.special import jv
 
 import jaxbeam as jb
 from jaxbeam.blades import Blade
 from jaxbeam.models import SpatialRod
 from tests.references import full_rod
+from tests.references.rod import lateral_buckling
 
 POINTS = np.linspace(0, 1, 161)
 ALONG = np.eye(3)[0]
@@ -150,3 +153,24 @@ def test_beams_of_timoshenko_and_of_rayleigh(shear):
     plane = of_timoshenko(9e3, shear, 2.0, 0.018, found[2])
     np.testing.assert_allclose(found[:3], [*flap, plane], rtol=1e-8)
     np.testing.assert_allclose(found[3], np.pi / 2 * np.sqrt(3e3 / 0.028), rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_lateral_buckling_of_thin_strips():
+    """Across at the tip a strip of no thickness gives way at J_-1/4(P L^2 / (2 sqrt(EI GJ))) = 0,
+    4.0126; one that bends a thousand times less the other way 1e-3 later, as integrated."""
+    model, weak, torsion = SpatialRod(10), 3.0, 2.0
+
+    @jax.jit
+    def factor(stiff, axial):
+        beam = jb.Beam(
+            2.0, 1.0, axial, stiff, weak, torsional_stiffness=torsion, polar_inertia=1e-8
+        )
+        across = jb.Loads(tip_force=[0, np.sqrt(weak * torsion) / 4, 0])
+        return jb.critical_load(model, jb.Rotor(beam), across).factor
+
+    thin = 2 * brentq(lambda x: jv(-0.25, x), 1.5, 2.5, xtol=1e-14)
+    assert abs(factor(1e7 * weak, 1e10) / thin - 1) < 1e-7
+    for ratio, tolerance in ((1e3, 4e-7), (1e4, 4e-7)):
+        exact = lateral_buckling(ratio, torsion / weak) / np.sqrt(torsion / weak)
+        assert abs(factor(ratio * weak, 1e7) / exact - 1) < tolerance
