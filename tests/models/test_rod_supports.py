@@ -135,7 +135,7 @@ PUSH = {"tip_force": [-1.0, 0, 0]}
         pytest.param(
             Support(along_2=0.0, about_2=0.0, attitude=(0.7, 0.0, 0.0)), Support(0.0, **BALL),
             {"tip_moment": [1.0, 0, 0]}, np.pi, 3e-8,
-            id="Greenhill's shaft, of 2 pi between hinges: from its middle, which a half turn keeps",
+            id="Greenhill's shaft between hinges, 2 pi: half of it, from its middle",
         ),
         pytest.param(
             None, None, {"gravity": [-1.0, 0, 0]}, 7.837347439, 3e-8, id="Greenhill's column",
