@@ -13,20 +13,15 @@ from jaxbeam.blades import Blade
 from jaxbeam.models import SpatialRod
 
 BEAM = jb.Beam(8.0, 0.2, 5e9, 566.0, 400.0, torsional_stiffness=200.0, polar_inertia=1e-6)
+BLADE = Blade.of(BEAM)
 ROD, HYBRID = SpatialRod(6), jb.Hybrid(4, 6, 6)
 WHICH = jb.labels(in_plane=1, flap=1)
 FLAP = WHICH[1]
 NEAR = 1e-4  # of frequencies, by degree 6
 
 
-@functools.cache
-def blade():
-    """The beam as a blade, for which a rod is asked."""
-    return Blade.of(BEAM)
-
-
 def rotor(radius, of_blade=False):
-    return jb.Rotor(blade() if of_blade else BEAM, radius, 0.1)
+    return jb.Rotor(BLADE if of_blade else BEAM, radius, 0.1)
 
 
 @pytest.mark.exhaustive
