@@ -5,6 +5,8 @@ B is Berzeri and Shabana 1999, Y is Yoo, Ryan and Scott 1995.
 
 import dataclasses
 
+import numpy as np
+
 import jaxbeam as jb
 
 # --- of the papers -------------------------------------------------------------------------------
@@ -56,3 +58,11 @@ AS_BUILT = jb.Rotor(
 )
 # The same as elements in space have it, whose bodies have one inertia across the beam.
 AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip_body=jb.TipBody(0.3, 0.1, 0.02, 0.005))
+
+
+def soft_tipped() -> jb.blades.Blade:
+    """A blade whose tip is a million times as soft as its root, as real ones are."""
+    stations, share = [0.0, 0.5, 0.9, 0.98, 1.0], np.array([1.0, 0.1, 3e-3, 3e-4, 1e-6])
+    stiffness = share[:, None, None] * np.diag([1e9, 2e8, 2e8, 2e7, 8e7, 3e8])
+    inertia = np.sqrt(share)[:, None, None] * np.diag([100.0, 100, 100, 50, 10, 40])
+    return jb.blades.Blade(stations, stiffness, inertia, 40.0)

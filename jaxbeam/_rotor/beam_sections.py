@@ -75,11 +75,13 @@ class BeamSections(AbstractSections):
     def _stiffnesses(self, places: Places) -> tuple[Array, ...]:
         beam = self.beam
         lag, flap = self._bending(places)
-        shear = (lag + flap) / (STIFF_IN_SHEAR * beam.length**2)
+        # Each way by its own bending: the shear of a strip's stiff way, beside which its soft one
+        # is rounding, would make this no better than the former.
+        by_bending = STIFF_IN_SHEAR * beam.length**2
         stretch, torsion = (
             along(value, places) for value in (beam.axial_stiffness, beam.torsional_stiffness)
         )
-        return stretch, shear, shear, torsion, flap, lag
+        return stretch, lag / by_bending, flap / by_bending, torsion, flap, lag
 
     def _bending(self, places: Places) -> tuple[Array, Array]:
         """Stiffnesses of bending in plane and in flap."""

@@ -40,11 +40,11 @@ def centred(blade: Blade) -> Blade:
 def stiff_in_shear(blade: Blade) -> Blade:
     """A blade with hardly any shear at shear centres, as a `Beam` has it, and no coupling of it."""
     compliance, back = _seen_from_centres(blade)
-    bending = 1 / compliance[:, 4, 4] + 1 / compliance[:, 5, 5]
-    shear = (STIFF_IN_SHEAR * blade.length**2 / bending)[:, None, None]
-    across = np.diag([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    others = np.eye(6) - across
-    kept = others[None] @ compliance @ others[None] + shear * across[None]
+    across = np.eye(6)[1:3]
+    bending = jnp.stack([compliance[:, 5, 5], compliance[:, 4, 4]], 1)  # along axes 2 and 3
+    shear = (STIFF_IN_SHEAR * blade.length**2 * bending)[:, :, None] * across[None]
+    others = np.eye(6) - across.T @ across
+    kept = others[None] @ compliance @ others[None] + across.T @ shear
     return _with(blade, back @ kept @ back.swapaxes(1, 2))
 
 

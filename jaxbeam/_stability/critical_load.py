@@ -18,6 +18,7 @@ from jaxtyping import Array
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case, small_motion
 from jaxbeam._models.contract.equilibrium import Rest
+from jaxbeam._models.contract.left_out import followed
 from jaxbeam._models.contract.loaded import (
     Conditions,
     checked_conditions,
@@ -145,8 +146,10 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
     given = rotor, speed, conditions.loads
     find = _buckling if loads.has_potential else _lost
     found, direction, place, searched = find(model, without_derivatives(given))
-    status = first_failure(status, searched)
-    exists = jnp.isfinite(found) & (status == Status.OK)
+    there = jnp.isfinite(found)
+    few = jnp.where(there, followed(model, rotor, place.x), Status.OK)
+    status = first_failure(status, searched, few)
+    exists = there & (status == Status.OK)
     place = eqx.tree_at(lambda place: place.exists, place, exists)
     factor, shape = answer(place, given, found, status)
     frequency, there = jnp.zeros_like(factor), status == Status.OK

@@ -29,6 +29,7 @@ from jaxbeam._checks import count_functions, kind_of, numpy_if_concrete, positiv
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.equations import Drag
+from jaxbeam._models.contract.left_out import followed
 from jaxbeam._models.contract.loaded import checked_damping
 from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import (
@@ -149,11 +150,13 @@ def _floquet(
 
     drag = drag_of(damping, model, rotor, model.equations(rotor))
     parts, ok, enough = [], jnp.asarray(True), jnp.asarray(True)
+    few = jnp.asarray(int(Status.OK))
     for transverse, axial in model.coupling(rotor):
         directions = transverse + axial
         if any(direction in model.directions for direction in directions):
             group = Reduced(model, rotor, speed, period, drag, directions)
-            mu, error, short = _estimated(group, steps)
+            mu, error, short, shapes = _estimated(group, steps)
+            few = first_failure(few, *(followed(model, rotor, shape) for shape in shapes))
             parts.append((mu, error, jnp.full(mu.shape, int(directions[0]))))
             ok &= group.status == Status.OK
             enough &= short
@@ -161,7 +164,10 @@ def _floquet(
     order = jnp.argsort(-jnp.abs(mu))
     mu, error, direction = mu[order], error[order], direction[order]
     status = first_failure(
-        given, first_broken((ok, Status.NO_EQUILIBRIUM), (enough, Status.TOO_FEW_STEPS))
+        given,
+        first_broken((ok, Status.NO_EQUILIBRIUM)),
+        few,
+        first_broken((enough, Status.TOO_FEW_STEPS)),
     )
     ok = status == Status.OK
     rate = jnp.log(jnp.abs(jnp.where(ok, mu[0], 1.0))) / period
@@ -170,8 +176,11 @@ def _floquet(
     )
 
 
-def _estimated(group: "Reduced", steps: int) -> tuple[Complex[Array, " m"], Vector, Array]:
-    """The multipliers, what the steps do to them, and whether these are short enough."""
+def _estimated(
+    group: "Reduced", steps: int
+) -> tuple[Complex[Array, " m"], Vector, Array, tuple[Array, Array]]:
+    """The multipliers, what the steps do to them, whether these are short enough, and the shapes of
+    the lowest mode and of what grows, if that does, else of the former again."""
     found = group.monodromy(steps, half(steps))
     assert found.by_fewer is not None
     product = jnp.where(found.sound, found.matrix, jnp.eye(len(found.matrix)))
@@ -186,7 +195,13 @@ def _estimated(group: "Reduced", steps: int) -> tuple[Complex[Array, " m"], Vect
     size = jnp.abs(mu)
     outwards = jnp.minimum(jnp.abs(size - jnp.abs(other)) * left_by(steps), error)
     short = found.sound & jnp.all(outwards <= 1e-2 * jnp.maximum(size, 1.0))  # False for NaN
-    return _multipliers(product, mu, x, y), jax.lax.stop_gradient(error), short
+    phi, root = found.coordinates
+    first = jnp.argmax(size)
+    grows = (phi / root[None]) @ x[: root.size, first]
+    grows = jnp.where(size[first] > 1 + error[first], grows, phi[:, 0])
+    every = np.eye(len(group.model.directions))[group.rows]
+    mu = _multipliers(product, mu, x, y)
+    return mu, jax.lax.stop_gradient(error), short, (phi[:, 0] @ every, grows @ every)
 
 
 def half(steps: int) -> int:
@@ -319,16 +334,18 @@ class Reduced(NamedTuple):
         (done, last), sizes = jax.lax.scan(step, (start, start), jnp.concatenate(each))
         correction = jnp.max(sizes[:steps])
         if fewer is None:
-            return Monodromy(last, correction)
-        return Monodromy(done, correction, jax.lax.stop_gradient(last))
+            return Monodromy(last, correction, (phi, root))
+        return Monodromy(done, correction, (phi, root), jax.lax.stop_gradient(last))
 
 
 class Monodromy(NamedTuple):
     """The matrix over a period; the largest part of an exponent that is of third order, of which
-    one and more says that the steps are too long; and the matrix by fewer steps."""
+    one and more says that the steps are too long; the coordinates; and the matrix by fewer
+    steps."""
 
     matrix: Float[Array, "m m"]
     correction: Scalar
+    coordinates: tuple[Matrix, Vector]
     by_fewer: Float[Array, "m m"] | None = None
 
     @property

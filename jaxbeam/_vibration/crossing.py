@@ -22,6 +22,10 @@ from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Real, Scalar, is_concrete
 
+# Of the frequency: less than that is no gap of a veering but rounding, as of rods that are stiff
+# axially beside their bending.
+_JUMP = 1e-6
+
 
 class Crossing(InHertz, eqx.Module):
     """`angular_speed` (rad/s) at which the frequency of the mode `label` is `harmonic` times it,
@@ -139,6 +143,6 @@ def _crossing(
     speed = jax.lax.custom_root(regular, middle, search, lambda g, y: y / g(jnp.ones_like(y)))
     # Bisection also ends at a jump, where a label changes branch: the gap says which it was.
     miss = jnp.abs(gap(jax.lax.stop_gradient(speed)))
-    ok &= miss <= 1e-9 * jnp.abs(harmonic * speed)
+    ok &= miss <= _JUMP * jnp.abs(harmonic * speed)
     status = first_failure(status, first_broken((ok, Status.NO_CROSSING)))
     return nan_unless(status == Status.OK, speed), status

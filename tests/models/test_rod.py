@@ -15,6 +15,7 @@ from jaxbeam._models.space.rod_state import Around, balance
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam.blades import Blade, read_blade
 from jaxbeam.models import SpatialRod
+from tests.beams import soft_tipped
 from tests.files.made_up import FOLDER
 from tests.references import full_rod
 from tests.tiers import slow
@@ -373,19 +374,11 @@ def test_blades_and_beams():
     assert blade.breaks == (0.3,)
 
 
-def _tipped():
-    """A blade whose tip is a million times as soft as its root, as real ones are."""
-    stations, share = [0.0, 0.5, 0.9, 0.98, 1.0], np.array([1.0, 0.1, 3e-3, 3e-4, 1e-6])
-    stiffness = share[:, None, None] * np.diag([1e9, 2e8, 2e8, 2e7, 8e7, 3e8])
-    inertia = np.sqrt(share)[:, None, None] * np.diag([100.0, 100, 100, 50, 10, 40])
-    return Blade(stations, stiffness, inertia, 40.0)
-
-
 @pytest.mark.slow
 def test_a_soft_tip_is_told_or_has_an_element():
     """One polynomial of the forces has modes that no blade has: where numbers are known such a tip
     is an element, and where they are traced the status tells."""
-    rotor, finer = jb.Rotor(_tipped(), 1.0), SpatialRod(8, 6)
+    rotor, finer = jb.Rotor(soft_tipped(), 1.0), SpatialRod(8, 6)
     found, other = (jb.modes(model, rotor, 1.0, 4) for model in (SpatialRod(), finer))
     assert len(found.model.directions) > 48
     np.testing.assert_allclose(found.frequency, other.frequency, rtol=2e-4)

@@ -9,11 +9,14 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import brentq
+from scipy.special import jv
 
 import jaxbeam as jb
 from jaxbeam.blades import Blade
 from jaxbeam.models import SpatialRod
-from tests.references import full_rod
+from tests.references import full_rod, intrinsic
+from tests.references.rod import lateral_buckling
 
 POINTS = np.linspace(0, 1, 161)
 ALONG = np.eye(3)[0]
@@ -150,3 +153,75 @@ def test_beams_of_timoshenko_and_of_rayleigh(shear):
     plane = of_timoshenko(9e3, shear, 2.0, 0.018, found[2])
     np.testing.assert_allclose(found[:3], [*flap, plane], rtol=1e-8)
     np.testing.assert_allclose(found[3], np.pi / 2 * np.sqrt(3e3 / 0.028), rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_lateral_buckling_of_thin_strips():
+    """Across at the tip a strip of no thickness gives way at J_-1/4(P L^2 / (2 sqrt(EI GJ))) = 0,
+    4.0126; one that bends a thousand times less the other way 1e-3 later, as integrated."""
+    model, weak, torsion = SpatialRod(10), 3.0, 2.0
+
+    @jax.jit
+    def factor(stiff, axial):
+        beam = jb.Beam(
+            2.0, 1.0, axial, stiff, weak, torsional_stiffness=torsion, polar_inertia=1e-8
+        )
+        across = jb.Loads(tip_force=[0, np.sqrt(weak * torsion) / 4, 0])
+        return jb.critical_load(model, jb.Rotor(beam), across).factor
+
+    thin = 2 * brentq(lambda x: jv(-0.25, x), 1.5, 2.5, xtol=1e-14)
+    assert abs(factor(1e7 * weak, 1e10) / thin - 1) < 1e-7
+    for ratio, tolerance in ((1e3, 4e-7), (1e4, 4e-7)):
+        exact = lateral_buckling(ratio, torsion / weak) / np.sqrt(torsion / weak)
+        assert abs(factor(ratio * weak, 1e7) / exact - 1) < tolerance
+
+
+def offset_sections():
+    """Stiffness and inertia at root and tip: full, with centres of mass off the axis."""
+    rng, size = np.random.default_rng(3), np.sqrt([1e6, 2e5, 2e5, 3e2, 4e2, 6e2])
+    stiffness, masses = [], []
+    for _ in range(2):
+        drawn = rng.normal(size=(6, 6))
+        stiffness.append(size[:, None] * (drawn @ drawn.T / 6 + 2 * np.eye(6)) * size)
+        mass, arm = 1 + rng.random(), np.cross([0.0, *(0.05 * rng.normal(size=2))], np.eye(3)).T
+        about = np.diag([0.02, 0.008, 0.012]) - mass * arm @ arm
+        masses.append(np.block([[mass * np.eye(3), -mass * arm], [mass * arm, about]]))
+    return np.stack(stiffness), np.stack(masses)
+
+
+@pytest.mark.slow
+def test_a_turning_blade_with_offsets_as_by_intrinsic_equations():
+    """Six frequencies of a tapered blade of full sections, twisted, swept and bent: equations of
+    velocities and forces alone agree to 1e-11, and so do these at another number of points."""
+    stiffness, masses = offset_sections()
+    points = np.array([[0, 0, 0], [1, 0.02, 0], [2, 0.1, 0.05], [3, 0.3, 0.1]])
+    twist, radius, speed = np.array([0.3, 0.2, 0.1, 0.05]), 1.0, 8.0
+    axis = np.polyfit(np.linspace(0, 1, 4), points, 3)  # the one cubic through four points
+    angle = np.polyfit(np.linspace(0, 1, 4), twist, 3)
+
+    def slope(x):
+        return np.array([3 * x**2, 2 * x, 1]) @ axis[:3]
+
+    def along(tables):
+        def at(x):
+            tangent = slope(x) / np.linalg.norm(slope(x))
+            third = np.cross(tangent, [0, 1, 0])
+            third = third / np.linalg.norm(third)
+            second, turn = np.cross(third, tangent), np.polyval(angle, x)
+            cos, sin = np.cos(turn), np.sin(turn)
+            across = cos * second + sin * third, cos * third - sin * second
+            frame = np.kron(np.eye(2), np.stack([tangent, *across], 1))
+            return frame @ ((1 - x) * tables[0] + x * tables[1]) @ frame.T
+
+        return at
+
+    def place(x):
+        return x ** np.array([3, 2, 1, 0]) @ axis + radius * ALONG
+
+    rod = intrinsic.Rod(place, slope, along(stiffness), along(masses))
+    exact, fewer = (intrinsic.frequencies(rod, speed, 6, count) for count in (24, 18))
+    np.testing.assert_allclose(fewer, exact, rtol=1e-11)
+    assert np.abs(exact.real).max() < 1e-11 * exact.imag[0]
+    rotor = jb.Rotor(Blade([0, 1], stiffness, masses, points, twist), radius)
+    found = jb.modes(SpatialRod(14), rotor, speed, 6).frequency
+    np.testing.assert_allclose(found, exact.imag, rtol=1e-10)

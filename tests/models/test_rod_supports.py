@@ -132,6 +132,14 @@ PUSH = {"tip_force": [-1.0, 0, 0]}
             None, Support(0.0, about_1=0.0), {"tip_moment": [1.0, 0, 0]}, 2 * 4.493409457909064,
             3e-5, id="hockling: Greenhill, both ends clamped and twisted",
         ),
+        pytest.param(
+            Support(along_2=0.0, about_2=0.0, attitude=(0.7, 0.0, 0.0)), Support(0.0, **BALL),
+            {"tip_moment": [1.0, 0, 0]}, np.pi, 3e-8,
+            id="Greenhill's shaft between hinges, 2 pi: half of it, from its middle",
+        ),
+        pytest.param(
+            None, None, {"gravity": [-1.0, 0, 0]}, 7.837347439, 3e-8, id="Greenhill's column",
+        ),
     ],
 )  # fmt: skip
 def test_buckling_between_supports(root, tip, loads, expected, tolerance):

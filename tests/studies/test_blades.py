@@ -28,6 +28,20 @@ def test_pazy(tmp_path):
 
 
 @pytest.mark.exhaustive
+def test_campbell_labels(tmp_path):
+    """Continuation in small steps is what plain tracking finds in nearly all blades, and labels go
+    with the motion, once through each veering."""
+    printed = study("campbell_labels", tmp_path)
+    assert "10 blades; 0 more" in printed
+    assert (tmp_path / "campbell_labels.png").stat().st_size > 20_000
+    rows = rows_of(tmp_path / "campbell_labels.csv")
+    assert len(rows) == 60
+    assert sum(int(row["and_plain_tracking"]) > 0 for row in rows) <= 2
+    assert sum(int(row["turns_of_the_label"]) > 1 for row in rows) <= 3
+    assert any(int(row["speeds_at_which_the_label_parts"]) for row in rows)
+
+
+@pytest.mark.exhaustive
 def test_swept_tips(tmp_path):
     """Of the nominal data 24 of 48 frequencies are within 5 % or 0.5 Hz and all within twice that;
     two numbers make it 45."""

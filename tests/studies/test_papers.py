@@ -42,7 +42,7 @@ def test_rotating_cantilever(quick, tmp_path):
 
 def test_every_study_has_a_main():
     paths = set(STUDIES.glob("*.py")) - {STUDIES / "common.py"}
-    assert len(paths) == 26
+    assert len(paths) == 27
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text

@@ -239,6 +239,15 @@ class Equations(eqx.Module):
         where they do, or that is looked at otherwise."""
         return None
 
+    def lacking_about(self, q: Vector) -> Matrix | None:
+        """What the stiffness about q may be too small by, where that is known."""
+        return None
+
+    def is_followed(self, q: Vector) -> Array | bool:
+        """Whether functions can follow forces in sections of a state of rest, where that is looked
+        at."""
+        return True
+
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
         """Where the points of a span are, in hub axes from the centre of the hub, in m."""
         return self.undeformed_at(span.xi) + self.displacement(q, np.asarray(span.xi))

@@ -20,22 +20,28 @@ def uncoupled(
 ) -> Float[Array, "n n"]:  # fmt: skip
     """M v of the uncoupled modes v, of unit modal mass, as columns; `sizes` are those of the
     directions, one behind the other. About states that are `bent` axial motion follows bending: a
-    beam that may only move across cannot but stretch."""
+    beam that may only move across cannot but stretch. All follows torsion: sections that couple it,
+    and axes that are curved, would hardly let it be otherwise."""
     ends = np.cumsum([0, *sizes])
     places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
     axial = places.get(Direction.AXIAL)
-    alone = {Direction.AXIAL, Direction.TORSION} if bent and axial is not None else set(directions)
+    alone = {Direction.AXIAL} if bent and axial is not None else set(directions)
+    alone -= {Direction.TORSION}
     alike: dict[int, list[Any]] = {}  # those of one size are one program
     for direction, part in places.items():
         unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
         if direction in alone:
             heavy, inertia, stiffness = unit @ m[part, part], m[part, part], k[part, part]
         else:
-            along = k[axial, axial]
+            follows = np.arange(len(m))[axial]
+            if direction == Direction.TORSION:
+                follows = np.setdiff1d(np.arange(len(m)), np.arange(len(m))[part])
+            own = np.ix_(follows, follows)
+            along = k[own]
             if free:  # which nothing may hold
-                along = along + shift(m[axial, axial], along, free) * m[axial, axial]
-            with_it = solve_columns(along, k[axial, part])
-            moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, axial] @ with_it
+                along = along + shift(m[own], along, free) * m[own]
+            with_it = solve_columns(along, k[follows, part])
+            moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, follows] @ with_it
             heavy = m @ moved
             inertia, stiffness = (symmetric_part(moved.T @ a @ moved) for a in (m, k))
         alike.setdefault(unit.shape[1], []).append((part, heavy, inertia, stiffness))

@@ -87,13 +87,12 @@ class Conditions(eqx.Module):
 
 def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
     """What `resting` finds, and not OK either where nothing holds the beam, which might rest
-    elsewhere."""
+    elsewhere, or where functions cannot follow the forces in it."""
     state = resting(rotor, equations, inputs)
     stiff = equations.is_held(state)
-    if stiff is None:
-        return state
-    status = first_failure(first_broken((stiff, Status.NOT_HELD)), state.status)
-    return state._replace(status=status)
+    held = first_broken((True if stiff is None else stiff, Status.NOT_HELD))
+    few = first_broken((equations.is_followed(state.q), Status.TOO_FEW_FUNCTIONS))
+    return state._replace(status=first_failure(held, state.status, few))
 
 
 def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:

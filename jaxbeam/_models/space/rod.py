@@ -52,10 +52,10 @@ class SpatialRod(AbstractModel[Rotor]):
     properties and kinks of the axis become ends of elements by themselves, and where numbers are
     known places beyond which sections are 300 times as soft as others, as at tips of real blades:
     one polynomial of the forces would have modes there that no blade has. Where numbers are traced
-    `frequency_error` of `Modes` tells (`TOO_FEW_FUNCTIONS`): take elements, or `suited(rotor)` of a
-    rotor whose numbers are known. Within an element rotations may differ by less than half a turn;
-    from the undeformed blade they may be of any size. Costs go with the cube of the number of
-    coordinates.
+    `frequency_error` of `Modes` tells, and the status of all else (`TOO_FEW_FUNCTIONS`): take
+    elements, or `suited(rotor)` of a rotor whose numbers are known. Within an element rotations may
+    differ by less than half a turn; from the undeformed blade they may be of any size. Costs go
+    with the cube of the number of coordinates.
 
     It takes all that a rotor and constant loads have (`Rotor`, `Loads`); loads that follow turn
     with the sections from axes of the undeformed beam. Motion in time it leaves to `SpatialANCF`.

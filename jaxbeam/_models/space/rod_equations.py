@@ -3,9 +3,11 @@
 from typing import Any, Never
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.polynomial import legendre
 
 from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._models.contract.equilibrium import Rest
@@ -39,6 +41,8 @@ from jaxbeam._types import Matrix, Number, Triple, Vector
 
 _POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
+_FEW = 4  # degrees below which forces have no polynomials to spare
+_MOST_HIGH = 0.1  # of the forces, that may be of the highest degrees
 _HELD = 1e-13  # lowest eigenvalue of K, over its diagonal, of what is held at all
 
 
@@ -85,10 +89,12 @@ class RodEquations(Equations):
         )
         unfolded = self.is_unfolded(q)
         status = first_broken((share >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
-        return Rest(q, status, matrices, self._lacking(*without_derivatives((self.rod, q))))
+        fixed, at = without_derivatives((self, q))
+        return Rest(q, status, matrices, fixed.lacking_about(at))
 
-    def _lacking(self, rod: Rod, q: Coordinates) -> Matrix:
+    def lacking_about(self, q: Coordinates) -> Matrix:
         """What stiffness is less than where strains, not forces, are polynomials."""
+        rod = self.rod
         by = by_changes(rod.tables, bent(rod.tables, *rod.nodes(q)))
         more = rod.tables.assembled(by.swapaxes(1, 2) @ rod.tables.lacking @ by)
         return self._by_places(q, rod.led(q, more))
@@ -111,6 +117,25 @@ class RodEquations(Equations):
         mass = self.rod.led(q, self.rod.mass)
         m, c, k = (self._by_places(q, a) for a in (mass, gyroscopic, stiffness))
         return m, c, k
+
+    def is_followed(self, q: Coordinates) -> Array | bool:
+        """Whether the third of the polynomials of forces that is of the highest degrees has little
+        of them, measured by the energy of forces: so what is beyond has less."""
+        tables, (points, weight) = self.rod.tables, gauss(self.rod.tables.degree)
+        if tables.degree < _FEW:
+            return True
+        strain = bent(tables, *self.rod.nodes(q)).strain.reshape(tables.elements, -1)
+        force = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
+        through = legendre.legvander(points, tables.degree - 1)
+        high = np.arange(tables.degree) >= tables.degree - (tables.degree + 1) // 3
+        kept = (through * high) @ np.linalg.inv(through) * weight[:, None] / weight[None]
+        # Forces at Gauss points are by arc length, as these are.
+        by_length = force.reshape(tables.elements, -1, 6) / tables.pace[:, :, None]
+        top = tables.pace[:, :, None] * jnp.einsum("ab,ebc->eac", kept, by_length)
+        top = top.reshape(force.shape)
+        own = jax.vmap(solve)(tables.stiffness, top)
+        fine: Array = jnp.sum(top * own) <= _MOST_HIGH**2 * jnp.sum(force * strain)
+        return fine
 
     def is_held(self, state: Rest) -> Array | None:
         if self.rod.root is None or state.matrices is None:
