@@ -56,7 +56,7 @@ class Bent(NamedTuple):
 
 
 def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Bent:
-    """Elements whose nodes have moved by u and turned by the quaternions p."""
+    """Elements whose nodes have moved by u and by_turns by the quaternions p."""
     w, x = p[:, :1, None], p[:, 1:]
     leads = jnp.concatenate([-x[:, None], w * np.eye(3)[None] + crossing(x)], 1) / 2
     leads, turns = tables.of_elements(leads), tables.of_elements(rotation(p))
@@ -84,10 +84,10 @@ def by_changes(tables: RodTables, state: Bent) -> Float[Array, "E m l"]:
         return out.reshape(*by.shape[:3], k, 3)
 
     shapes, rate = tables.shapes[None, :, None, :, None], tables.rate[:, :, None, :, None]
-    turned = shapes * of_nodes(by[..., :4], state.leads)
-    turned = turned + rate * of_nodes(by[..., 4:8], state.leads)
+    by_turns = shapes * of_nodes(by[..., :4], state.leads)
+    by_turns = by_turns + rate * of_nodes(by[..., 4:8], state.leads)
     moved = rate * of_nodes(by[..., 8:], state.turns)
-    return jnp.concatenate([moved, turned], -1).reshape(count, -1, 6 * k)
+    return jnp.concatenate([moved, by_turns], -1).reshape(count, -1, 6 * k)
 
 
 def _lengthened(
@@ -162,22 +162,22 @@ def geometric(
     push, couple = _on_nodes(tables, state, force)
     by_q, by_both, by_rise, by_rate = _by_absolute(tables, state, force)
     shapes, rate = jnp.asarray(tables.shapes), tables.rate
-    turned = _summed(shapes[None, :, :, None] * shapes[None, :, None], by_q)
+    by_turns = _summed(shapes[None, :, :, None] * shapes[None, :, None], by_q)
     mixed = shapes[None, :, :, None] * rate[:, :, None]
     both = _summed(mixed, jnp.concatenate([by_both, by_rise], -1))
-    turned = turned + both[..., :4] + both[..., :4].transpose(0, 2, 1, 4, 3)
+    by_turns = by_turns + both[..., :4] + both[..., :4].transpose(0, 2, 1, 4, 3)
     if by_rate is not None:
-        turned = turned + _summed(rate[..., None] * rate[:, :, None], by_rate)
+        by_turns = by_turns + _summed(rate[..., None] * rate[:, :, None], by_rate)
     left = state.leads[:, :, None].swapaxes(-1, -2)
-    turned = left @ (turned @ state.leads[:, None])
+    by_turns = left @ (by_turns @ state.leads[:, None])
     moved = left @ (both[..., 4:] @ state.turns[:, None])
     # Terms of single nodes: of the exponential, and of positions that a turn takes along.
     around = -jnp.sum(couple * state.quaternions, -1)[..., None, None] / 4 * np.eye(3)[None, None]
     moving = -crossing(jnp.einsum("ekct,ekc->ekt", state.turns, push)) / 2
     own = np.eye(shapes.shape[1])[None, :, :, None, None]
-    turned, moved = turned + own * around[:, :, None], moved + own * moving[:, :, None]
-    low = jnp.concatenate([moved, turned], -1)
-    top = jnp.concatenate([0 * turned, moved.transpose(0, 2, 1, 4, 3)], -1)
+    by_turns, moved = by_turns + own * around[:, :, None], moved + own * moving[:, :, None]
+    low = jnp.concatenate([moved, by_turns], -1)
+    top = jnp.concatenate([0 * by_turns, moved.transpose(0, 2, 1, 4, 3)], -1)
     out = jnp.concatenate([top, low], -2).transpose(0, 1, 3, 2, 4)
     return out.reshape(len(out), out.shape[1] * 6, -1)
 
