@@ -2,6 +2,7 @@
 the tests stand behind."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -46,7 +47,8 @@ def test_every_study_has_a_main():
     for path in paths:
         text = path.read_text()
         assert "def main(quick: bool" in text
-        assert "    common.run(main, __doc__, " in text  # which knows --quick and --out
+        # Which knows --quick and --out.
+        assert re.search(r"^ +common\.run\(\s*main, __doc__, ", text, re.M), path.name
 
 
 @pytest.mark.exhaustive
