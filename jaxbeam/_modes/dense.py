@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from jaxbeam._models.contract.labelling import assigned, participation, uncoupled
+from jaxbeam._models.contract.labelling import assigned, participation, ranked, uncoupled
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
@@ -131,10 +131,11 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     m, c, k = parts[3:]
     lam, x, moving, stable = lowest_by_skew(m, c, k, count + _MORE)
     heavy = uncoupled(m, symmetric_part(k), parts.directions, parts.sizes, free, bent=True)
-    share = participation(x, heavy)
+    size = jnp.abs(x @ heavy) ** 2
+    share = size / jnp.sum(size, 1, keepdims=True)
     label = jnp.argmax(share, 1)
     # Of a velocity modes have 2 kinetic / whole energy |x^H M v|^2, which all together are one.
-    elsewhere = 1 - 2 * moving @ jnp.abs(x @ heavy) ** 2
+    elsewhere = 1 - 2 * moving @ size
     clear = (jnp.max(share, 1) > _CLEAR) & (elsewhere[label] < _CLEAR)
     same = (label[:, None] == label[None]) & clear[None] & ~np.eye(len(x), dtype=bool)
     clear &= ~jnp.any(same, 1)
@@ -150,7 +151,7 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     lam, x, label = jax.lax.cond(
         certain, lambda: (lam[:count], x[:count], label[:count]), all_of_them
     )
-    finite = jnp.all(jnp.isfinite(lam))
+    finite, label = jnp.all(jnp.isfinite(lam)), ranked(label, parts.sizes)
     x = _apart(m, x, coupling(m, c, k, parts.sizes)[label])
     direction_of, number_of = _labels(system.directions, parts.rows)
     return _Chosen(
@@ -242,6 +243,7 @@ def _group(
         bent = system.general or transverse == axial or Direction.FLAP in axial
         label = assigned(participation(shape, uncoupled(m, own, here, sizes, free, bent)))
     if system.general:
+        label = ranked(label, sizes)
         shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
     rounding = _rounding(m, g, k, eigenvalue, shape, free)
     return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)

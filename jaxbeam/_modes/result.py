@@ -79,10 +79,10 @@ class Modes(InHertz, eqx.Module):
     that their numbers mean something. A coupled mode takes the label of the uncoupled mode *at the
     same speed* in which it has most of its kinetic energy, each label given once. Through a
     crossing or a veering a label therefore stays with the kind of motion; inside a veering it
-    changes branch where the two branches share the motion equally. About a state that is bent, the
-    uncoupled modes of bending take axial motion along, and directions are those of the hub. The
-    position among the in-plane and axial modes in order of frequency is the label that follows a
-    branch instead.
+    changes branch where the two branches share the motion equally. About a state that is bent, or
+    of a rod, the uncoupled modes of bending take axial motion along, those of torsion all else;
+    directions are those of the hub, and numbers within each go by frequency. The position among
+    the in-plane and axial modes in order of frequency is the label that follows a branch instead.
     """
 
     eigenvalue: Complex[Array, " k"]

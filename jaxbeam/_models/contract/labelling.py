@@ -82,3 +82,14 @@ def assigned(share: Float[Array, "n n"]) -> Int[Array, " n"]:
     return jax.lax.while_loop(lambda state: jnp.any(state[1] < 0), body, (start, jnp.full(n, -1)))[
         1
     ]
+
+
+def ranked(label: Int[Array, " k"], sizes: Sequence[int]) -> Int[Array, " k"]:
+    """Labels, places among coordinates of directions of these sizes, one behind the other, with
+    numbers in the order of the modes within each direction: modes of one kind exchange their motion
+    where they come near, and not their numbers."""
+    ends = np.cumsum(sizes)
+    direction = jnp.sum(label[:, None] >= ends[None], 1)
+    alike = direction[:, None] == direction[None]
+    before = jnp.sum(alike & np.tri(len(label), k=-1, dtype=bool), 1)
+    return jnp.asarray(ends - np.asarray(sizes))[direction] + before
