@@ -2,10 +2,9 @@
 
 Reverse mode against the forward run (the peak of a spin-up, a sweep of frequencies); modes of a
 blade beside those of a uniform beam, a case of a batch; a step against the number of elements, in
-the plane and in space, with slopes on logarithmic scales; and
-from the start of a new process to its first result, beside what diffrax alone takes for ten linear
-oscillators, and in the next process where JAX keeps programs in a cache. It measures the Python
-that runs it.
+the plane and in space, with slopes on logarithmic scales; and CPU seconds from the start of a new
+process to its first result, beside what diffrax alone takes for ten linear oscillators, and in the
+next process where `jb.keep` keeps programs. It measures the Python that runs it.
 
     python studies/costs.py [--quick] [--out FOLDER]
 """
@@ -34,21 +33,23 @@ import jaxbeam as jb
 REF_21 = jb.Beam.from_section(**ALUMINIUM)
 TIMES = np.linspace(0.0, 20.0, 201)
 START = """
+import os
 import time
-start = time.perf_counter()
 import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 """
 SCENE = """
 import jaxbeam as jb
+if "JAXBEAM_KEEP" in os.environ:
+    jb.keep()
 blade = jb.Beam.from_section(length=8.0, youngs_modulus=6.895e10, density=2767.0,
                              area=7.299e-5, in_plane_second_moment=8.214e-9)
 rotor, model, which = jb.Rotor(blade, 0.5, 0.1), jb.Hybrid(), jb.labels(in_plane=2, flap=1)
 """
 END = """
 jax.block_until_ready(ANSWER)
-print(time.perf_counter() - start)
+print(time.process_time())
 """
 SPIN_UP = """
 def peak(tip_mass):
@@ -256,69 +257,90 @@ def elements(quick: bool, out: Path) -> Iterator[Row]:
     common.save_figure(figure, out / "elements.png", dpi=150)
 
 
-# What is asked, what comes before it, and whether another process is asked again with a cache.
+IN_SPACE = """
+stiff = jb.Beam(8.0, 0.2, 5e6, 566.0, 400.0, torsional_stiffness=300.0, polar_inertia=1e-3)
+loads = jb.Loads(tip_force=[0.0, 2.0, 3.0])
+def turning(tip_mass):
+    run = jb.simulate(jb.SpatialANCF(8), jb.Rotor(stiff, 0.0, tip_mass), jb.SmoothSpinUp(4.0, 3.0),
+                      jnp.linspace(0.0, 4.0, 41), loads=loads, throw=False)
+    return run.peak()[0]
+def bent(tip_mass):
+    return jb.modes(jb.SpatialANCF(8), jb.Rotor(stiff, 0.0, tip_mass), 2.0, 3, loads=loads,
+                    throw=False).frequency[0]
+"""
+# What is asked, and what comes before it.
 FIRST = {
-    "yardstick: diffrax alone": ("peak(1.0)", YARDSTICK, False),
-    "yardstick's gradient": ("jax.grad(peak)(1.0)", YARDSTICK, False),
-    "spin-up": ("peak(0.1)", SCENE + SPIN_UP, True),
-    "gradient of its peak": ("jax.jit(jax.grad(peak))(0.1)", SCENE + SPIN_UP, True),
-    "modes": ("jb.modes(model, rotor, 5.0, which)", SCENE, False),
+    "diffrax alone": ("peak(1.0)", YARDSTICK),
+    "diffrax alone, gradient": ("jax.grad(peak)(1.0)", YARDSTICK),
+    "modes": ("jb.modes(model, rotor, 5.0, which).frequency", SCENE),
+    "spin-up": ("peak(0.1)", SCENE + SPIN_UP),
+    "gradient of its peak": ("jb.programs.kept(jax.grad(peak))(0.1)", SCENE + SPIN_UP),
     "256 modes, 10 elements": (
-        "jax.jit(jax.vmap(lowest))(speeds)",
-        SCENE + "model, which = jb.ExactRodANCF(10), jb.labels(in_plane=2)\n" + BATCH, False,
+        "jb.programs.kept(jax.vmap(lowest))(speeds)",
+        SCENE + "model, which = jb.ExactRodANCF(10), jb.labels(in_plane=2)\n" + BATCH,
     ),
     "256 modes, 16 + 8 polynomials": (
-        "jax.jit(jax.vmap(lowest))(speeds)",
-        SCENE + "model, which = jb.Hybrid(8, 16, 0), jb.labels(in_plane=2)\n" + BATCH, False,
+        "jb.programs.kept(jax.vmap(lowest))(speeds)",
+        SCENE + "model, which = jb.Hybrid(8, 16, 0), jb.labels(in_plane=2)\n" + BATCH,
     ),
-    "southwell": ("jb.southwell(model, rotor, 0.0, which)", SCENE, False),
-    "critical_speed": ("jb.critical_speed(jb.models.ChordANCF(4), rotor)", SCENE, False),
+    "modes of a rod": (
+        "jb.modes(jb.models.SpatialRod(), jb.Rotor(stiff, 0.5), 2.0, 6).frequency",
+        SCENE + IN_SPACE,
+    ),
+    "in space: run": ("turning(0.1)", SCENE + IN_SPACE),
+    "in space: gradient of a run": (
+        "jb.programs.kept(jax.grad(turning))(0.1)", SCENE + IN_SPACE,
+    ),
+    "in space: loaded modes": ("bent(0.1)", SCENE + IN_SPACE),
+    "in space: their gradient": ("jb.programs.kept(jax.grad(bent))(0.1)", SCENE + IN_SPACE),
+    "southwell": ("jb.southwell(model, rotor, 0.0, which).coefficient", SCENE),
+    "critical_speed": (
+        "jb.critical_speed(jb.models.ChordANCF(4), rotor).angular_speed", SCENE,
+    ),
     "floquet": (
-        "jb.floquet(jb.Hybrid(0, 3, 2), rotor, jb.motions.ModulatedSpeed(3.0, 0.5, 10.0))",
-        SCENE, False,
+        "jb.floquet(jb.Hybrid(0, 3, 2), rotor, jb.motions.ModulatedSpeed(3.0, 0.5, 10.0)).status",
+        SCENE,
     ),
-    "fit of five parameters": ("found", SCENE + FIT, False),
-    "choose_model": ("str(jb.choose_model(rotor, question, 1e-2))", SCENE + CHOICE, False),
+    "fit of five parameters": ("found", SCENE + FIT),
+    "choose_model": ("str(jb.choose_model(rotor, question, 1e-2))", SCENE + CHOICE),
     "ladder_sweep, 1000 spin-ups": (
-        'jb.ladder_sweep(situation, cases, 1e-3)["value"]', SCENE + LADDER, False,
+        'jb.ladder_sweep(situation, cases, 1e-3)["value"]', SCENE + LADDER,
     ),
 }  # fmt: skip
 
 
 def script_of(what: str) -> str:
     """One of `FIRST`, as what Python is given."""
-    answer, before, _ = FIRST[what]
+    answer, before = FIRST[what]
     return START + before + END.replace("ANSWER", answer)
 
 
 def fresh_processes(quick: bool) -> Iterator[Row]:
-    """From the start of Python, imports included, to the first result: medians of five."""
-    plain = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "EQX_", "XLA_"))}
+    """CPU seconds of whole processes to the first result, imports included: medians of five, with
+    nothing kept, and where another process has kept its programs."""
+    ours = "JAX_", "EQX_", "XLA_", "JAXBEAM_"
+    plain = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
 
-    def waited(what: str, repeats: int, more: dict[str, str]) -> float:
-        taken = []
-        for _ in range(repeats):
-            done = subprocess.run(
-                [sys.executable, "-c", script_of(what)],
-                capture_output=True, text=True, env={**plain, **more},
-            )  # fmt: skip
-            if done.returncode:
-                raise RuntimeError(f"{what}: {done.stderr}")
-            taken.append(float(done.stdout))
-        return float(np.median(taken))
+    def taken(what: str, more: dict[str, str]) -> float:
+        done = subprocess.run(
+            [sys.executable, "-c", script_of(what)],
+            capture_output=True, text=True, env={**plain, **more},
+        )  # fmt: skip
+        if done.returncode:
+            raise RuntimeError(f"{what}: {done.stderr}")
+        return float(done.stdout)
 
-    repeats = 1 if quick else 5
+    repeats = range(1 if quick else 5)
     for what in ("spin-up",) if quick else FIRST:
-        yield "fresh process", what, waited(what, repeats, {}), "s"
-        if not FIRST[what][2]:
+        fresh = np.median([taken(what, {}) for _ in repeats])
+        yield "fresh process", what, float(fresh), "CPU s"
+        if SCENE not in script_of(what):
             continue
-        with tempfile.TemporaryDirectory() as cache:
-            kept = {
-                "JAX_COMPILATION_CACHE_DIR": cache,
-                "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-            }
-            waited(what, 1, kept)
-            yield "the next, with a cache", what, waited(what, repeats, kept), "s"
+        with tempfile.TemporaryDirectory() as folder:
+            kept = {"JAXBEAM_KEEP": folder}
+            taken(what, kept)
+            again = np.median([taken(what, kept) for _ in repeats])
+            yield "the next, kept", what, float(again), "CPU s"
 
 
 def main(quick: bool = False, out: Path | None = None) -> Path:
