@@ -81,16 +81,6 @@ def test_a_sweep_and_a_fit():
     np.testing.assert_allclose(found.parameters["radius"], 0.5, rtol=1e-2)
 
 
-@pytest.mark.exhaustive
-def test_a_tongue():
-    """The first tongue of a mode in flap."""
-    said = [
-        jb.tongue(model, rotor(0.5, of_blade), 6.0, (FLAP, FLAP), [0.1], steps=64).frequency
-        for model, of_blade in ((HYBRID, False), (ROD, True))
-    ]
-    np.testing.assert_allclose(said[1], said[0], rtol=10 * NEAR)
-
-
 @pytest.mark.slow
 def test_the_first_torsion_is_the_lowest():
     """Of a swept blade with couplings and mass off its axis, at any speed: were all else held, its
