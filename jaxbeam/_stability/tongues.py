@@ -354,8 +354,9 @@ def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:
     clear = jnp.all(end.likeness > 0.2)
     status = jnp.where(clear, Status.OK, Status.INACCURATE)
     status = jnp.where(good, status, Status.NOT_CONVERGED)
-    status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
     status = jnp.where(exists, status, Status.NO_TONGUE)
+    # Which are too long to see any.
+    status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
     return jnp.where(valid, status, Status.INVALID_MOTION)
 
 

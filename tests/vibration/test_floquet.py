@@ -376,6 +376,16 @@ def test_errors_of_boundaries_are_what_steps_do(depth):
 
 
 @pytest.mark.exhaustive
+def test_steps_that_are_too_long_see_no_tongue():
+    """And say so, where the beam has one: a stiff one."""
+    rotor = jb.Rotor(jb.Beam(8.0, 0.2, 5e9, 566.0, 400.0), 0.5, 0.1)
+    case = jb.Hybrid(4, 3, 3), rotor, 6.0, jb.labels(flap=1) * 2, [0.1]
+    few, many = (jb.tongue(*case, steps=steps, throw=False) for steps in (2, 8))
+    assert few.status.tolist() == [jb.Status.TOO_FEW_STEPS]
+    assert many.status.tolist() == [jb.Status.OK]
+
+
+@pytest.mark.exhaustive
 def test_a_rod_that_is_damped_hard_takes_more_steps_or_no_stretch():
     """The axial frequency is about 1.6e3 / s, so that it is damped 40 times beyond the critical."""
     rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e6, 1.0, 1.0), 0.3)
