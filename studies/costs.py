@@ -261,9 +261,9 @@ IN_SPACE = """
 stiff = jb.Beam(8.0, 0.2, 5e6, 566.0, 400.0, torsional_stiffness=300.0, polar_inertia=1e-3)
 loads = jb.Loads(tip_force=[0.0, 2.0, 3.0])
 def turning(tip_mass):
-    run = jb.simulate(jb.SpatialANCF(8), jb.Rotor(stiff, 0.0, tip_mass), jb.SmoothSpinUp(4.0, 3.0),
-                      jnp.linspace(0.0, 4.0, 41), loads=loads, throw=False)
-    return run.peak()[0]
+    rotor = jb.Rotor(stiff, 0.0, tip_mass, precone=0.05)
+    motion, times = jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 20.0, 201)
+    return jb.simulate(jb.SpatialANCF(8), rotor, motion, times, throw=False).peak()[0]
 def bent(tip_mass):
     return jb.modes(jb.SpatialANCF(8), jb.Rotor(stiff, 0.0, tip_mass), 2.0, 3, loads=loads,
                     throw=False).frequency[0]
