@@ -35,6 +35,7 @@ TIMES = np.linspace(0.0, 20.0, 201)
 START = """
 import os
 import time
+aside = 0.0
 import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
@@ -49,7 +50,7 @@ rotor, model, which = jb.Rotor(blade, 0.5, 0.1), jb.Hybrid(), jb.labels(in_plane
 """
 END = """
 jax.block_until_ready(ANSWER)
-print(time.process_time())
+print(time.process_time() - aside)
 """
 SPIN_UP = """
 def peak(tip_mass):
@@ -81,17 +82,17 @@ import numpy as np
 true = dict(axial=5e5, bending=566.0, flap=700.0, hub_radius=0.5, tip_mass=0.1)
 model, labels = jb.Hybrid(4, 6, 6), jb.labels(in_plane=4, flap=3, axial=1)
 speeds = jnp.linspace(0.0, 12.0, 7)
-measuring = time.perf_counter()
+measuring = time.process_time()
 def rotor_of(axial, bending, flap, hub_radius, tip_mass):
     return jb.Rotor(jb.Beam(8.0, 0.202, axial, bending, flap), hub_radius, tip_mass)
 seen = jax.vmap(lambda speed: jb.modes(model, rotor_of(**true), speed, labels,
                                        throw=False).frequency)(speeds)
 seen += 0.02 * np.random.default_rng(1).normal(size=seen.shape)
-first = time.perf_counter()
+first = time.process_time()
 def experiment(**parameters):
     return jb.FrequencyData(model, rotor_of(**parameters), speeds, seen, 0.02, labels)
 found = jb.fit(experiment, {name: jb.FreeParameter(1.1 * value) for name, value in true.items()})
-start += first - measuring  # the measurements are not the fit's
+aside = first - measuring  # the measurements are not the fit's
 """
 CHOICE = """
 times = jnp.linspace(0.0, 20.0, 201)
