@@ -131,11 +131,10 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     m, c, k = parts[3:]
     lam, x, moving, stable = lowest_by_skew(m, c, k, count + _MORE)
     heavy = uncoupled(m, symmetric_part(k), parts.directions, parts.sizes, free, bent=True)
-    size = jnp.abs(x @ heavy) ** 2
-    share = size / jnp.sum(size, 1, keepdims=True)
+    share = participation(x, heavy)
     label = jnp.argmax(share, 1)
     # Of a velocity modes have 2 kinetic / whole energy |x^H M v|^2, which all together are one.
-    elsewhere = 1 - 2 * moving @ size
+    elsewhere = 1 - 2 * moving @ jnp.abs(x @ heavy) ** 2
     clear = (jnp.max(share, 1) > _CLEAR) & (elsewhere[label] < _CLEAR)
     same = (label[:, None] == label[None]) & clear[None] & ~np.eye(len(x), dtype=bool)
     clear &= ~jnp.any(same, 1)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._numerics.small import inverses
 from jaxbeam._rotor.beam_sections import STIFF_IN_SHEAR
 from jaxbeam._rotor.blade import Blade
 from jaxbeam._rotor.engineering import at_centres
@@ -60,14 +61,14 @@ WITHOUT: dict[str, Callable[[Blade], Blade]] = {
 
 
 def _with(blade: Blade, compliance: _Sixes) -> Blade:
-    rows = upper_triangles(jnp.linalg.inv(compliance))
+    rows = upper_triangles(inverses(compliance))
     return eqx.tree_at(lambda b: b.stiffness, blade, rows)
 
 
 def _seen_from_centres(blade: Blade) -> tuple[_Sixes, _Sixes]:
     """Compliances of stretch at tension centres and shear at shear centres, and what makes of such
     strains those at the reference point."""
-    f = jnp.linalg.inv(full_matrices(blade.stiffness))
+    f = inverses(full_matrices(blade.stiffness))
     # Tension N at (y, z) has the moments (z N, -y N), and bends by none where that is undone.
     z, less_y = -jnp.linalg.solve(f[:, 4:, 4:], f[:, 4:, :1])[:, :, 0].T
     tension = jnp.stack([-less_y, z], 1)

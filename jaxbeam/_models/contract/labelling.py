@@ -25,17 +25,18 @@ def uncoupled(
     ends = np.cumsum([0, *sizes])
     places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
     axial = places.get(Direction.AXIAL)
-    alone = {Direction.AXIAL} if bent and axial is not None else set(directions)
-    alone -= {Direction.TORSION}
+    every = np.arange(len(m))
     alike: dict[int, list[Any]] = {}  # those of one size are one program
     for direction, part in places.items():
         unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
-        if direction in alone:
+        follows = every[:0]
+        if direction == Direction.TORSION:
+            follows = np.setdiff1d(every, every[part])
+        elif bent and axial is not None and direction != Direction.AXIAL:
+            follows = every[axial]
+        if not follows.size:
             heavy, inertia, stiffness = unit @ m[part, part], m[part, part], k[part, part]
         else:
-            follows = np.arange(len(m))[axial]
-            if direction == Direction.TORSION:
-                follows = np.setdiff1d(np.arange(len(m)), np.arange(len(m))[part])
             own = np.ix_(follows, follows)
             along = k[own]
             if free:  # which nothing may hold

@@ -298,10 +298,10 @@ class RodEquations(Equations):
         rows = jnp.concatenate([attitude, none], 2), jnp.concatenate([none, attitude], 2)
         node = jnp.concatenate([rows[0], rows[1] / self.length], 1)
 
-        def placed(matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
+        def times_nodes(matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
             return (node @ matrix.reshape(n, 6, -1)).reshape(6 * n, -1)
 
-        by = placed(placed(matrix).T).T
+        by = times_nodes(times_nodes(matrix).T).T
         return by[np.ix_(self.rod.free, self.rod.free)]
 
     def _quaternions(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 4"]:

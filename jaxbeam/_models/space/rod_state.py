@@ -249,7 +249,7 @@ def settled(rod: Rod, around: Around) -> Settled:
 
 
 def _settled(rod: Rod, around: Around) -> Settled:
-    """Where the rod rests.
+    """The state of rest of one case.
 
     Newton's method with forces in sections for unknowns beside the coordinates (D. Magisano and
     others, International Journal for Numerical Methods in Engineering 2017): the tangent has forces
