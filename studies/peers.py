@@ -292,11 +292,11 @@ def in_space(quick: bool) -> list[Line]:
         return []
     beam = common.aluminium_in_space()
 
-    def ours(elements: int) -> Callable[..., Any]:
+    def ours(model: Any) -> Callable[..., Any]:
         @jax.jit
         def run(speed: Any, tolerance: Any) -> Any:
             found = jb.simulate(
-                jb.SpatialANCF(elements), jb.Rotor(beam),
+                model, jb.Rotor(beam),
                 jb.SmoothSpinUp(speed, DURATION, jnp.asarray(INCLINED)), TIMES,
                 stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
                 max_steps=100_000, throw=False,
@@ -306,16 +306,18 @@ def in_space(quick: bool) -> list[Line]:
         return run
 
     lines = []
-    best = np.asarray(ours(12 if quick else 16)(4.0, 1e-7)[0])
-    for elements in (4,) if quick else (4, 6, 8):
-        run = ours(elements)
-        for tolerance in (1e-3, 1e-4) if quick else (1e-3, 3e-4, 1e-4, 1e-5):
+    best = np.asarray(ours(jb.models.SpatialRod(8 if quick else 10))(4.0, 1e-8)[0])
+    elements = [("Rodas5P", jb.SpatialANCF(n), f"{n}") for n in ((4,) if quick else (4, 6, 8))]
+    rods = [("rod", jb.models.SpatialRod(p), f"degree {p}") for p in ((5,) if quick else (4, 5, 6, 8))]
+    for name, model, size in (*elements, *rods):
+        run = ours(model)
+        for tolerance in (1e-3, 1e-4) if quick else (1e-3, 3e-4, 1e-4, 1e-5, 1e-6):
             seconds, first, (tip, steps) = median(
                 1 if quick else 5, run, 4.0, tolerance, first=(0.0, tolerance)
             )
-            setting, remark = f"{elements}, {tolerance:g}", f"{int(steps)} steps"
+            setting, remark = f"{size}, {tolerance:g}", f"{int(steps)} steps"
             error = off(tip, best)
-            lines.append(Line("jaxbeam Rodas5P", setting, seconds, error, first, remark))
+            lines.append(Line(f"jaxbeam {name}", setting, seconds, error, first, remark))
             say(lines[-1])
     best = exudyn_in_space(32 if quick else 48, 0.005 if quick else 0.0025)[0]
     some = ((8, 0.01), (16, 0.01)) if quick else ((8, 0.02), (8, 0.01), (12, 0.02), (12, 0.01),

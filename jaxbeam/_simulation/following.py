@@ -15,7 +15,7 @@ from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import StepLimits
 from jaxbeam._solvers.steps import WEIGHTS, inputs_along, length
 from jaxbeam._solvers.system import State
-from jaxbeam._types import Scalar
+from jaxbeam._types import Matrix, Scalar
 
 _MISMATCH = 1e-6  # of the hub's speed in a step, relative to the largest, that is not accepted
 _JUMP = 1e-5  # the same in the shortest step, by which a run ends
@@ -135,14 +135,17 @@ class _Following(diffrax.AbstractStepSizeController):
         pauses = self.step_limits.pauses
         if not self._adaptive:
             return given
-        weighed = scene.equations.weighed
-        given = tuple(State(y.q, weighed(y.v), y.work) for y in given)
+        own, displacing = given, self.step_limits.displacing
+        if displacing is not None:
+            y0, y1, off = (_displacing(displacing, y) for y in given)
+            # What is infinite has no square to speak of.
+            own = y0, y1, jax.tree.map(lambda a: jnp.where(jnp.isnan(a), jnp.inf, a), off)
         if not pauses.sided:
-            return given
+            return own
         apart = pauses.apart(t0)
         quick = apart < self.step_limits.quick
         seen = _displacements(scene, jnp.where(quick, apart, 0.0), *given)
-        chosen: tuple[State, ...] = _chosen(quick, seen, given)
+        chosen: tuple[State, ...] = _chosen(quick, seen, own)
         return chosen
 
 
@@ -158,6 +161,12 @@ class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController)
     ) -> None:
         super().__init__(controller, step_limits)
         self.rtol, self.atol, self.norm = controller.rtol, controller.atol, controller.norm
+
+
+def _displacing(by: Matrix, y: State) -> State:
+    """A state whose velocities are how far they go, see `Equations.displacing`."""
+    square = jnp.maximum(y.v @ (by @ y.v), 0.0)
+    return State(y.q, jnp.full_like(y.v, jnp.sqrt(square)), y.work)
 
 
 def following(

@@ -23,7 +23,7 @@ from jaxbeam._simulation.checks import Seen
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
-from jaxbeam._types import Scalar
+from jaxbeam._types import Matrix, Scalar
 
 SAMPLES = 1024  # of a run
 # A pulse as long as a stride reaches 1.4, two strides 0.5, three 0.3, a smooth course 0.12.
@@ -57,6 +57,7 @@ class StepLimits(eqx.Module):
     quick: Scalar  # between declared times that are closer than this the beam hardly moves, s
     velocities: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
     speed: Scalar  # the largest velocity, m/s
+    displacing: Matrix | None  # see `Equations.displacing`
 
     def __init__(self, scene: Scene, times: Array, seen: Seen, moment: Scalar) -> None:
         """`scene` counts time since the first of `times`; `seen` is what acts at `SAMPLES` + 1
@@ -65,7 +66,7 @@ class StepLimits(eqx.Module):
         self.spacing = (times[-1] - times[0]) / SAMPLES
         self.rounding = 8 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
         velocities, signals = jax.vmap(scene.velocities_of)(hub), _signals(hub, force, span)
-        self.pauses = scene.pauses
+        self.pauses, self.displacing = scene.pauses, scene.equations.displacing()
         # At once, since each search of so many numbers is some programs of its own to compile.
         sizes = jnp.stack([jnp.max(jnp.abs(velocities), 1), *jnp.abs(signals)])
         self.speed, *largest = jnp.max(sizes, 1)

@@ -108,9 +108,10 @@ class Equations(eqx.Module):
         """A small change of coordinates as one of which velocities are the rates."""
         return change
 
-    def weighed(self, v: Vector) -> Vector:
-        """Velocities as the control of errors is to see them: as they are."""
-        return v
+    def displacing(self) -> Matrix | None:
+        """W of v^T W v, by which the control of errors is to measure velocities, in m^2, once and
+        for all: None, each by itself, in m/s."""
+        return None
 
     @property
     def rest(self) -> Vector:

@@ -14,6 +14,7 @@ from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, twistin
 from jaxbeam._models.space.rod_motion import Turning, inertia_of, inertia_tangents
 from jaxbeam._models.space.rod_nodes import Coordinates, slot
 from jaxbeam._models.space.rod_supports import dampers_of
+from jaxbeam._numerics.linalg import positive_inverse
 from jaxbeam._numerics.quaternions import rotation, turned_by
 from jaxbeam._programs.lanes import total
 from jaxbeam._rotor.beam import Rotor
@@ -21,6 +22,7 @@ from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
+_FIRST = 12.0  # square of a first frequency, over EI / (m L^3)
 _Sixes = Float[Array, "nodes 6"]
 
 
@@ -45,11 +47,21 @@ class RodEquations(RestingRod):
         none = jnp.zeros_like(self.mass[0])
         return self.stage_kinematics(q, none, jnp.ones_like(self.length)).seen(change)
 
-    def weighed(self, v: Vector) -> Vector:
-        """Their mean by the mass, for all: turns of sections across the beam have hardly any
-        inertia, move as fast as shear lets them, and would make steps three times as many."""
-        mean = jnp.maximum(v @ (self.mass @ v), 0.0) / self.rigid_moments[0]
-        return jnp.full_like(v, jnp.sqrt(mean))
+    def displacing(self) -> Matrix:
+        """M (K + w^2 M)^-1 M over the mass: the square of how far velocities go in modes, by their
+        frequencies, w being the least that counts, some first one. As they are, turns of sections
+        across the beam, of hardly any inertia, and all that a blow rings would have steps of their
+        own."""
+        rod, mass = self.rod, self.rigid_moments[0]
+        tables, (u, p) = rod.tables, rod.nodes(self.rest)
+        by = by_changes(tables, bent(tables, u, p))
+        elastic = tables.assembled(by.swapaxes(1, 2) @ tables.stiffness @ by)
+        for node, end in rod.ends:
+            at = slot(node)
+            elastic = elastic.at[at, at].add(end.acting(u[node], p[node])[2])
+        least = _FIRST * self.energy_scale / (mass * self.length**2)
+        held = rod.by_velocities(elastic) + least * self.mass
+        return self.mass @ positive_inverse(held) @ self.mass / mass
 
     def force(self, hub: Hub, q: Coordinates, v: Vector, tip_force: Any) -> Vector:
         rod, (u, p) = self.rod, self.rod.nodes(q)
