@@ -1,0 +1,260 @@
+"""The rod in time against integration of velocities and forces alone, and closed forms of bodies
+that fly."""
+
+import functools
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipj
+
+import jaxbeam as jb
+from jaxbeam.models import SpatialRod
+from tests.helpers import optimised
+from tests.references import elastica
+from tests.references.intrinsic_in_time import Scene, run
+from tests.simulation.rods import ALONG, FREE, TIGHT, coupled, slender, spun_up, uniform
+from tests.tiers import exhaustive, slow
+
+STILL = jb.ConstantSpeed(0.0)
+INCLINED = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
+SKEW = np.array([1.0, 2.0, 3.0]) / np.sqrt(14)
+# The blade of README.md; the beam of Y Fig. 3, twice as stiff in plane; and one where all couples.
+README = slender(8.0, 0.20196, 5.0326e6, 566.4, 566.4, 0.5, 0.1)
+ABRUPT = slender(30.5, 550.0, 6.4e8, 9.91e6, 4.95e6)
+
+
+def reference(case, way, motion, times, n=10, steps=20):
+    """What the tip does, by the equations of velocities and forces."""
+    speed, duration = float(motion.speed), float(motion.duration)
+    scene = spun_up(case, way, speed, duration, np.asarray(motion.axis))
+    return run(scene, times, n, steps).tip
+
+
+@pytest.mark.exhaustive
+def test_the_reference_in_a_plane_is_an_elastica():
+    """Of which angle and strain are polynomials; it neither shears nor has rotary inertia, and the
+    other one next to none. The sizes of both agree as well."""
+    length, mass, axial, bending = 2.0, 1.3, 4e4, 7.0
+    times = np.linspace(0, 1, 6)
+    stiffness = np.diag([axial, 1e9, 1e9, bending, bending, bending])
+    inertia = np.diag([mass, mass, mass, 2e-8, 1e-8, 1e-8])
+    case = uniform(stiffness, inertia, length, 0.4, 0.3)
+    scene = spun_up(case, "smooth", 3.0, 1.0, [0, 0, 1])
+    found, fewer = (run(scene, times, n, 10).tip for n in (12, 10))
+
+    def speed(t):
+        return 3 * (t - jnp.sin(2 * jnp.pi * t) / (2 * jnp.pi))
+
+    beam = elastica.Beam(length, mass, axial, bending, 0.4, 0.3)
+    exact = elastica.tip_history(beam, speed, times, 9, 4, 1e-10)
+    assert np.abs(exact).max() > 1.5
+    np.testing.assert_allclose(fewer, found, atol=2e-7)
+    np.testing.assert_allclose(found[:, :2], exact, atol=2e-6)
+
+
+SPIN_UPS = {
+    "smooth, about a3": (README, "smooth", jb.SmoothSpinUp(4.0, 15.0), 15.0, 0.08),
+    "smooth, inclined": (README, "smooth", jb.SmoothSpinUp(4.0, 15.0, INCLINED), 15.0, 0.4),
+    "abrupt, about a3": (ABRUPT, "quintic", jb.motions.QuinticSpinUp(0.5, 1.0), 10.0, 0.8),
+    "abrupt, skew": (ABRUPT, "quintic", jb.motions.QuinticSpinUp(0.5, 1.0, SKEW), 10.0, 0.8),
+}
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", SPIN_UPS)
+def test_spin_ups(name):
+    """To half of the length, and abruptly to nine tenths of it."""
+    case, way, motion, end, least = SPIN_UPS[name]
+    times = np.linspace(0, end, int(end) + 1)
+    exact = reference(case, way, motion, times)
+    peak = np.linalg.norm(exact, axis=1).max()
+    print(name, peak / float(case.rotor.length))
+    assert peak > least * float(case.rotor.length)
+    finer = reference(case, way, motion, times, 12, 30)
+    print(np.abs(exact - finer).max() / peak)
+    np.testing.assert_allclose(exact, finer, atol=2e-7 * peak)
+    found = optimised(
+        lambda: jb.simulate(
+            SpatialRod(10), case.rotor, motion, times, stepsize_controller=TIGHT
+        )
+    )()  # fmt: skip
+    print(np.abs(found.tip - finer).max() / peak)
+    np.testing.assert_allclose(found.tip, finer, atol=1e-6 * peak)
+    assert np.abs(found.imbalance).max() < 1e-8
+
+
+@pytest.mark.slow
+def test_a_coupled_blade_with_offsets():
+    """Full sections with centres off a bent axis, twisted, pitched, with a body at the tip; to
+    three fifths of its length."""
+    case, times = coupled(), np.linspace(0, 1.0, 5)
+    motion = jb.SmoothSpinUp(6.0, 1.0, SKEW)
+    exact, fewer = (reference(case, "smooth", motion, times, n, 20) for n in (10, 8))
+    print(np.abs(exact - fewer).max())
+    np.testing.assert_allclose(fewer, exact, atol=1e-7)
+    found = optimised(
+        lambda: jb.simulate(SpatialRod(8), case.rotor, motion, times, stepsize_controller=TIGHT)
+    )()
+    print(np.abs(found.tip - exact).max())
+    np.testing.assert_allclose(found.tip, exact, atol=1e-6)
+
+
+def turned(run, xi=0.5):
+    """Rotations (T, 3, 3) of sections in space."""
+    angles = np.asarray(run.rotation(xi))[:, 0]
+    own = Rotation.from_rotvec(np.stack([angles[:, 0], -angles[:, 2], angles[:, 1]], 1))
+    hub = jax.vmap(run.scene.motion.attitude)(run.times)
+    return np.asarray(hub) @ own.as_matrix()
+
+
+def let_go(inertia, speed, axis, times, step, stiff=1e8):
+    """Rotations of a stiff bar whose middle is on the axis of a hub that turns, and lets it go."""
+    case = uniform(stiff * np.eye(6), np.diag([1.0, 1, 1, *inertia]), 1.0, -0.5, root_support=FREE)
+    found = optimised(
+        lambda step: jb.simulate(
+            SpatialRod(2), case.rotor, jb.ConstantSpeed(speed, axis), times, dt0=step,
+            stepsize_controller=diffrax.ConstantStepSize(),
+        )
+    )(jnp.asarray(step))  # fmt: skip
+    return turned(found)
+
+
+def precession(inertia, start, times):
+    """Of a body that is alike across its first axis, by Euler: about that, and both about the
+    angular momentum."""
+    axial, across = inertia
+    momentum = np.array([axial, across, across]) * start
+    rest = start[0] * (1 - axial / across)
+    own = Rotation.from_rotvec(rest * times[:, None] * ALONG)
+    return (Rotation.from_rotvec(times[:, None] * momentum / across) * own).as_matrix()
+
+
+@pytest.mark.exhaustive
+def test_precession_of_a_body_that_flies():
+    """Let go by a hub, turning several times; errors of constant steps are of the fifth order."""
+    times, axis = np.linspace(0, 6.0, 7), np.array([0.6, 0.0, 0.8])
+    sections, speed = (0.2, 0.1, 0.1), 5.0
+    exact = precession((0.2, 0.1 + 1 / 12), speed * axis, times)
+    errors = [
+        np.abs(let_go(sections, speed, axis, times, 0.08 / 2**k) - exact).max() for k in range(4)
+    ]
+    print(errors)
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(orders)
+    assert errors[-1] < 1e-6
+    np.testing.assert_allclose(orders, 5, atol=0.5)
+
+
+def tumbling(inertia, start, times):
+    """Of a body whose moments all differ, by Jacobi's elliptic functions: w = (a dn, -b sn, c cn),
+    where it begins without spin about its middle axis; and its rotation by that."""
+    (i1, i2, i3), (a, _, c) = inertia, start
+    rate = a * np.sqrt((i1 - i2) * (i1 - i3) / (i2 * i3))
+    b = (i1 - i3) * a * c / (i2 * rate)
+    parameter = (i2 - i3) * b * c / (i1 * a * rate)
+    assert 0.8 < parameter < 1
+
+    def slope(t, y):
+        sn, cn, dn, _ = ellipj(rate * t, parameter)
+        w = np.array([a * dn, -b * sn, c * cn])
+        return np.concatenate([[-y[1:] @ w], y[0] * w + np.cross(y[1:], w)]) / 2
+
+    found = solve_ivp(slope, times[[0, -1]], np.eye(4)[0], "DOP853", times, rtol=1e-12, atol=1e-13)
+    return Rotation.from_quat(found.y[[1, 2, 3, 0]].T).as_matrix()
+
+
+@pytest.mark.exhaustive
+def test_a_body_that_tumbles():
+    """About its middle axis, over and over."""
+    times, start = np.linspace(0, 6.0, 7), np.array([4.0, 0.0, 2.0])
+    sections, speed = (0.3, 0.2, 0.1), np.linalg.norm(start)
+    exact = tumbling((0.3, 0.2 + 1 / 12, 0.1 + 1 / 12), start, times)
+    found = let_go(sections, speed, start / speed, times, 0.01)
+    print(np.abs(found - exact).max())
+    np.testing.assert_allclose(found, exact, atol=1e-6)
+
+
+STRAND = uniform(
+    np.diag([1e4, 1e4, 1e4, 500.0, 500, 500]), np.diag([1.0, 1, 1, 20, 10, 10]), 10.0,
+    root_support=FREE,
+)  # fmt: skip
+
+
+DEAD = 0.5 * np.array([0.08, 0.06, 0, 0.4, -0.3, 1.0])  # force and moments
+
+
+def pulse(t, xp=jnp):
+    """From zero to 200 and back, in two and a half seconds each, smoothly."""
+    return xp.where(t < 5.0, 200 * xp.sin(np.pi * t / 5.0) ** 8, 0.0)
+
+
+def push(t):
+    return pulse(t) * DEAD[:3]
+
+
+def wrench(t):
+    return pulse(t) * DEAD[3:]
+
+
+PUSHES = jb.Loads(tip_force=push, tip_moment=wrench, changes=[5.0])
+
+
+@functools.cache
+def strand_reference(n, steps):
+    """Where root and tip go."""
+
+    def dead(t, turned):
+        force = pulse(t, np) * DEAD
+        at_tip = (force.reshape(2, 3) @ turned[1]).ravel()
+        return np.stack([np.zeros(6), at_tip])
+
+    found = run(Scene(STRAND.rod, loads=dead), np.linspace(0, 10, 9), n, steps)
+    return found.places - found.places[:1], found.energy
+
+
+@functools.cache
+def strand(degree, elements):
+    """Its run."""
+    times = np.linspace(0, 10, 9)
+    return optimised(
+        lambda: jb.simulate(
+            SpatialRod(degree, elements), STRAND.rotor, STILL, times, loads=PUSHES,
+            stepsize_controller=TIGHT,
+        )
+    )()  # fmt: skip
+
+
+@pytest.mark.exhaustive
+def test_a_strand_that_flies():
+    """In space, as of J. C. Simo and L. Vu-Quoc, Computer Methods in Applied Mechanics and
+    Engineering 66, 1988: its dimensions, and a force and moments at one end that rise and vanish
+    again. Elements converge, to what velocities and forces do; it flies 50 m/s kg on."""
+    exact, energy = strand_reference(12, 20)
+    fewer, _ = strand_reference(10, 20)
+    print(np.abs(exact - fewer).max(), np.abs(exact[-1]).max())
+    np.testing.assert_allclose(fewer, exact, atol=1e-5)
+    for degree, elements, tolerance in ((6, 1, 1e-1), (8, 1, 1e-2), (6, 2, 1e-3), (8, 2, 1e-4)):
+        found = strand(degree, elements)
+        ends = np.asarray(found.displacement([0.0, 1.0]))
+        print(degree, elements, np.abs(ends - exact).max(), np.abs(found.energy - energy).max())
+        np.testing.assert_allclose(ends, exact, atol=tolerance)
+
+
+@pytest.mark.exhaustive
+def test_what_a_flying_strand_keeps():
+    """Its centre follows from the impulse, energy and angular momentum stay."""
+    found = strand(8, 2)
+    at, weight = np.polynomial.legendre.leggauss(16)
+    places = np.asarray(found.displacement((1 + at) / 2))
+    centre = np.einsum("p,tpi->ti", weight / 2, places)
+    t = np.asarray(found.times)
+    after = t >= 5.0
+    speed = 1000 * 35 / 128 * DEAD[:3] / 10  # by the impulse, over the mass
+    np.testing.assert_allclose(centre[after], (t[after, None] - 2.5) * speed, atol=1e-8)
+    np.testing.assert_allclose(found.energy[after] / found.energy[-1], 1.0, atol=1e-7)
+    assert np.abs(found.imbalance).max() < 1e-8
