@@ -7,6 +7,7 @@ from jaxtyping import Array, Complex
 
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import Conditions, equations_under, resting
+from jaxbeam._models.contract.equations import Drag
 from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import AnyRotor
@@ -32,15 +33,16 @@ def modal_loads(
     inputs = conditions.inputs(equations, speed)
     # Linear theories have the tension on the undeformed beam.
     q = equations.rest if alone and model.is_linear else resting(rotor, equations, inputs).q
-    drag = conditions.damping.mass_coefficient
+    drag = Drag(conditions.damping.mass_coefficient)
     outside = Outside(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
 
     def loads(q: Vector, v: Vector, a: Vector) -> tuple[Array, Array]:
         return section_loads(rotor, equations, outside, Moved(q, v, a), np.array(xi))
 
     def change(*way: Vector) -> tuple[Array, Array]:
-        rates = tuple(equations.rates(q, part) for part in way)
-        return jax.jvp(loads, (q, 0 * q, 0 * q), rates)[1]
+        moved, *rates = (equations.rates(q, part) for part in way)
+        rates = [equations.as_velocities(q, rate) for rate in rates]
+        return jax.jvp(loads, (q, *(0 * rate for rate in rates)), (moved, *rates))[1]
 
     rates = eigenvalue[:, None]
     moved = shape + 0 * rates, rates * shape, rates**2 * shape

@@ -29,9 +29,20 @@ def crossing(a: Turn) -> Float[Array, "*k 3 3"]:
 
 def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
     """The matrix of the rotation: 1 + 2 (w x~ + x~ x~) / |q|^2."""
+    turned = turned_by(q)
+    return turned + leading(np.eye(3), turned)
+
+
+def turned_by(q: Quaternion) -> Float[Array, "*k 3 3"]:
+    """The matrix of the rotation less one, which of small turns is small, and exact."""
     across = crossing(q[..., 1:])
     rotated = q[..., 0, None, None] * across + across @ across
-    return 2 * rotated / jnp.sum(q * q, -1)[..., None, None] + leading(np.eye(3), rotated)
+    return 2 * rotated / jnp.sum(q * q, -1)[..., None, None]
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """(w, -x): the rotation back, of a quaternion of length one."""
+    return jnp.concatenate([q[..., :1], -q[..., 1:]], -1)
 
 
 def product(p: Quaternion, q: Quaternion) -> Quaternion:

@@ -28,7 +28,7 @@ class Instant(NamedTuple):
 
     @property
     def acceleration(self) -> Vector:
-        """q'', by the equations of motion."""
+        """v', by the equations of motion."""
         if self.rests:
             return 0 * self.y.q
         return self.scene.acceleration(self.t, self.y.q, self.y.v)
@@ -181,7 +181,7 @@ def _torsion(now: Instant, *xi: float) -> Float[Array, " p"]:
 
 def _section_loads(now: Instant, *xi: float) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
     scene, t, y = now.scene, now.t, now.y
-    outside = Outside(scene.hub(t), scene.loads, t, scene.damping.mass_coefficient)
+    outside = Outside(scene.hub(t), scene.loads, t, scene.damping)
     moved = Moved(y.q, y.v, now.acceleration)
     return section_loads(now.rotor, scene.equations, outside, moved, np.array(xi))
 
@@ -191,4 +191,4 @@ def _strain_energy(now: Instant) -> Scalar:
 
 
 def _reaction(now: Instant) -> tuple[Triple, Triple]:
-    return now.scene.reaction(now.t, now.y, now.acceleration)
+    return now.scene.reaction(now.t, now.y, now.acceleration, rests=now.rests)

@@ -90,11 +90,6 @@ def check_scene(
         eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
     if case is not None:
         model, rotor = case
-        if not model.in_time:
-            raise ValueError(
-                f"model: {type(model).__name__} has steady states and small motion about them, and "
-                "no motion in time: take SpatialANCF for that"
-            )
         check_supported(model, rotor, loads, damping)
         planar = Direction.FLAP in model.directions or stays_in_plane(loads, motion)
         refuse(throw, (planar, Status.OUT_OF_PLANE))
@@ -114,9 +109,8 @@ def checked_times(times: Any) -> Array:
 def checked_start(model: AbstractModel, start: Any) -> State:
     """The state, if it is one of this model, without work done."""
     check_kind("start", start, State)
-    n = len(model.directions)
     parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
-    for name, part in zip(("q", "v"), parts, strict=True):
+    for name, part, n in zip(("q", "v"), parts, model.sizes, strict=True):
         if part.shape != (n,):
             raise ValueError(f"start.{name} must have shape ({n},), got {part.shape}")
     return State(*parts)

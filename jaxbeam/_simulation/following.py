@@ -176,7 +176,8 @@ def _displacements(
     Their displacements are small, but not their velocities; and of these a table whose samples are
     slower than they are knows nothing. Of slower modes the error of the displacement tells.
     """
-    mass, per_rate = scene.equations.rigid_moments[0], apart / (2 * np.pi)
+    equations, per_rate = scene.equations, apart / (2 * np.pi)
+    mass = equations.rigid_moments[0]
 
     def mean(a: Array) -> Scalar:
         return jnp.sqrt(jnp.maximum(total(a * (scene.mass @ a)), 0.0) / mass)
@@ -184,8 +185,11 @@ def _displacements(
     def of(y: State, q: Scalar, v: Scalar) -> State:
         return State(jnp.full_like(y.q, q), jnp.full_like(y.v, v), y.work)
 
-    first, last = mean(y0.q), mean(y1.q)
-    off = of(error, mean(error.q), per_rate * mean(error.v))
+    def moved(y: State, change: Array) -> Scalar:
+        return mean(equations.as_velocities(y.q, change))
+
+    first, last = moved(y0, y0.q), moved(y1, y1.q)
+    off = of(error, moved(y1, error.q), per_rate * mean(error.v))
     return of(y0, first, first), of(y1, last, last), off
 
 

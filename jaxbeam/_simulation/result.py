@@ -163,7 +163,7 @@ def _peak(run: Simulation, direction: int, xi: float) -> tuple[Scalar, Scalar]:
         return run.scene.equations.displacement(q, np.array([xi]))[0, direction]
 
     def both(y: State) -> tuple[Scalar, Scalar]:
-        return jax.jvp(place, (y.q,), (y.v,))
+        return jax.jvp(place, (y.q,), (run.scene.equations.kinematics(y.q, y.v),))
 
     u, rate = jax.vmap(both)(state)
     t, h = times[:-1], jnp.diff(times)

@@ -13,6 +13,7 @@ from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.equations import Drag, Equations, Inputs
 from jaxbeam._models.contract.loaded import SpanLoad, equations_under
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
+from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import total
@@ -217,13 +218,20 @@ class Scene(SecondOrderSystem):
 
     def _moved(self, y: State, x: Inputs, h: Scalar) -> State:
         """y a moment h later under these inputs, to first order."""
-        return State(y.q + h * y.v, y.v + h * self._over_mass(self.force(x, y.q, y.v)), y.work)
+        rate = self.kinematics(y.q, y.v), self._over_mass(self.force(x, y.q, y.v))
+        return State(y.q + h * rate[0], y.v + h * rate[1], y.work)
 
     def inputs(self, t: Scalar) -> Inputs:
         """Motion of the hub, and what acts at the tip and along the span."""
         within = self._within(t)
         span = None if self.span is None else self.span(within)
         return self.hub(t), self.loads.at_tip(within), span
+
+    def kinematics(self, q: Vector, v: Vector) -> Vector:
+        return self.equations.kinematics(q, v)
+
+    def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
+        return self.equations.stage_kinematics(q, v, g)
 
     def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
         hub, tip_force, span = x
@@ -261,7 +269,8 @@ class Scene(SecondOrderSystem):
             (equations.nonconservative_force(q) + self._damping(q, v)) * v
         )
         if self.loads.gravity is not None:
-            out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (v,))[1])
+            moving = self.kinematics(q, v)
+            out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (moving,))[1])
         if tip_force is not None:
             out = out + equations.tip_power(q, v, tip_force)
         if span is not None:
@@ -309,24 +318,24 @@ class Scene(SecondOrderSystem):
         return rigid + self.equations.kinetic_energy(q, v, velocity, spin)
 
     def reaction(
-        self, t: Scalar, y: State, acceleration: Vector | None = None
+        self, t: Scalar, y: State, acceleration: Vector | None = None, *, rests: bool = False
     ) -> tuple[Triple, Triple]:
         """Force and moment about the centre of the hub by which the hub moves the beam, whose
-        `acceleration` q'' is by default that of the equations.
+        `acceleration` v' is by default that of the equations, unless it `rests` in the hub.
 
         F = p' + omega x p - M g - F_tip, C = H' + omega x H + v x p - S x g - r_tip x F_tip -
         M_tip, with p = dT/dv and H = dT/domega. Damping by `Damping.mass` is taken to act between
         hub and beam.
         """
         hub, q, v = self.hub(t), y.q, y.v
-        own = self.equations.own_reaction(hub, q, *self.inputs(t)[1:])
+        own = self.equations.own_reaction(hub, q, *self.inputs(t)[1:]) if rests else None
         if own is not None:
             return own
         a = self.acceleration(t, q, v) if acceleration is None else acceleration
         (p, h), (dp, dh) = jax.jvp(
             jax.grad(self.kinetic, argnums=(2, 3)),
             (q, v, hub.velocity, hub.angular_velocity),
-            (v, a, hub.velocity_rate, hub.angular_velocity_rate),
+            (self.kinematics(q, v), a, hub.velocity_rate, hub.angular_velocity_rate),
         )
         mass, first, _, end = self.equations.undeformed
         moment = self.equations.first_moment(q) + first
@@ -346,7 +355,8 @@ class Scene(SecondOrderSystem):
     def _span_action(self, span: SpanLoad, t: Scalar, q: Vector) -> tuple[Triple, Triple]:
         """Force along the span in all, and its moment about the centre of the hub."""
         equations, (xi, weight) = self.equations, span.integral.points
-        force = equations.length * weight[:, None] * span.integral.acting(q, span.density(t))
+        pace = span.integral.pace(equations.length) * weight[:, None]
+        force = pace * span.integral.acting(q, span.density(t))
         place = equations.undeformed_at(xi) + equations.displacement(q, xi)
         return jnp.sum(force, 0), jnp.sum(jnp.cross(place, force), 0)
 

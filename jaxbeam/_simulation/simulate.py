@@ -180,8 +180,8 @@ def _simulate(
         dt0 = jnp.where(forward, dt0, times[-1] - times[0])
     now = Scene(model, rotor, motion, loads, damping, times)
     if start is None:
-        zero = jnp.zeros(len(model.directions), times.dtype)
-        y0 = State(zero, zero)
+        q, v = (jnp.zeros(size, times.dtype) for size in model.sizes)
+        y0 = State(q, v)
     else:
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))
         given = first_failure(given, first_broken((started, Status.INVALID_START)))
@@ -349,7 +349,8 @@ def _yardstick(
     if span is not None:
         moment = moment - equations.length * span[:, 1, 1:]
     static = moment * rotor.compliance[None]
-    at, speed = jax.jvp(equations.tip, (y0.q,), (y0.v,))
+    moving = equations.kinematics(y0.q, y0.v)
+    at, speed = jax.jvp(equations.tip, (y0.q,), (moving,))
     # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
     frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.length
     parts = [static, at[None], speed[None] / frequency]

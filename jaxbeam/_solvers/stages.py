@@ -1,24 +1,27 @@
 """The stages of a Rosenbrock method for second-order systems, and their adjoint.
 
 With g = gamma h, S_i = y + sum_j weight_ij U_j and P_i = sum_j coupling_ij U_j / h, each with a
-part in q and one in v, a stage U_i = (g (f_i + z_i), z_i), f_i = S_i,v + P_i,q, solves
+part in q and one in v, and D, B and N of `Kinematics` (g, 1 and 1 where q' = v), a stage
+U_i = (D (f_i + B z_i), z_i), f_i = kinematics(S_i) + P_i,q, solves
 
-    A z_i = F(x_i, S_i) + M P_i,v + h rate_i F' - g K f_i,   A = M / g + C + g K.
+    A z_i = F(x_i, S_i) + M P_i,v + h rate_i F' - K N D f_i,   A = M / g + C + K N D B.
 
 Its adjoint goes through the stages backwards. The cotangent of U_i, (a_i, b_i), is known when all
 later ones are done; then
 
-    A^T y_i = g a_i + b_i,  and cotangents are, of f_i: e_i = g (a_i - K^T y_i),
-    of S_i: (dF/dq^T y_i, dF/dv^T y_i + e_i),   of P_i: (e_i, M^T y_i).
+    A^T y_i = B^T D^T a_i + b_i,  and cotangents are, of f_i: e_i = D^T (a_i - N^T K^T y_i),
+    of S_i: dF^T y_i + dkinematics^T e_i,   of P_i: (e_i, M^T y_i).
 
-By all else, M, C, K and F', the derivative is that of
+By all else, M, C, K, F' and kinematics, the derivative is that of
 
-    sum_i y_i . (F(x_i, S_i) + h rate_i F' + M (P_i,v - z_i / g) - C z_i - K U_i,q)
+    sum_i y_i . (F(x_i, S_i) + h rate_i F' + M (P_i,v - z_i / g) - C z_i - K N U_i,q)
+          + e_i . (d kinematics U_i)
 
 with stages as they are; by h it is sum_i (p_i . (U_i / g - P_i) / h + rate_i y_i . F'), p_i being
-the cotangent of P_i. K and C get sums of y_i U_i^T, and are differentiated once. So a step back
-asks for first derivatives of the force at every stage, and for those of its tangents at the start,
-in place of the transpose of every operation.
+the cotangent of P_i. Where q' = v, K and C get sums of y_i U_i^T, and are differentiated once. Else
+-C z - K N u is the derivative of the force along U, and is differentiated as that. So a step back
+asks for first derivatives of the force at every stage, and for second ones along stages at the
+start, in place of the transpose of every operation.
 """
 
 from typing import Any, NamedTuple
@@ -30,12 +33,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
+from jaxbeam._numerics.kinematics import Kinematics, Straight
 from jaxbeam._numerics.linalg import inverse, outer
-from jaxbeam._programs.lanes import beside, contract, held, total, transposed
+from jaxbeam._programs.lanes import held, total, transposed
 from jaxbeam._programs.one_function import without_rules
 from jaxbeam._solvers.steps import combined
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Number, Vector
+from jaxbeam._types import Number, Scalar, Vector
 
 
 class Tableau(NamedTuple):
@@ -66,6 +70,7 @@ class Stages(NamedTuple):
     """What a step is made of."""
 
     k: Any
+    kinematics: Kinematics
     solve: Any  # A^-1
     force_rate: Vector  # F'
     done: Float[Array, "s m *lanes"]  # U of q and v side by side
@@ -82,7 +87,8 @@ def stages(
     n, both = len(q), jnp.concatenate([q, v])
     x0, input_rate = start
     k, c, force_rate = _beginning(system, x0, input_rate, q, v)
-    solve = inverse(system.mass / g + c + g * k)
+    kinematics = system.stage_kinematics(q, v, g)
+    solve = inverse(system.mass / g + c + kinematics.eliminated(k))
 
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
         i, rows, d, now = row
@@ -90,10 +96,10 @@ def stages(
         step, past = held(combined(rows, done))
         step, past = both + step, past / h
         at = step[:n], step[n:]
-        first = at[1] + past[:n]
+        first = system.kinematics(*at) + past[:n]
         right = system.force(now, *at) + system.mass @ past[n:] + h * d * force_rate
-        z = solve @ (right - g * (k @ first))
-        new = jnp.concatenate([g * (first + z), z])
+        z = solve @ (right - k @ kinematics.seen(kinematics.before(first)))
+        new = jnp.concatenate([kinematics.change(first, z), z])
         done = jax.lax.dynamic_update_index_in_dim(done, new, i, 0)
         return done, (step, past) if every else None
 
@@ -104,7 +110,7 @@ def stages(
         jnp.zeros((count, *both.shape), q.dtype),
         (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
     )
-    return Stages(k, solve, force_rate, done, *(began if every else (None, None)))
+    return Stages(k, kinematics, solve, force_rate, done, *(began if every else (None, None)))
 
 
 def _beginning(
@@ -135,26 +141,16 @@ def _back(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> An
     end, error, (c0, c1, c2, c3) = out[:3]
     to_done = combined(table.of_stages.T, jnp.stack([end + c0, c0 - c1, c1 - c2, c2 - c3]))
     to_done = to_done + padded(error[None], len(done) - 1, 0)
-    (later, to_system), (y, to_inputs) = _backwards(table, own, still, args, found, to_done)
+    (later, to_system), (y, e, to_inputs) = _backwards(table, own, still, args, found, to_done)
 
     # By what stages have in common
     mass, by_rate = args[0].mass, combined(table.rate[None], y)[0]
-    to_matrices = (
-        outer(mass, y, past[:, n:] - done[:, n:] / g),
-        outer(mass, -y, done[:, :n]),
-        outer(mass, -y, done[:, n:]),
-    )
-
-    def beginning(system: Any, start: Any, q: Vector, v: Vector) -> Any:
-        whole: SecondOrderSystem = eqx.combine(system, still[0])
-        x0, input_rate = eqx.combine(start, still[3])
-        return whole.mass, *_beginning(whole, x0, input_rate, q, v)
-
-    with transposed():
-        _, pull = jax.vjp(beginning, own[0], own[3], y0.q, y0.v)
-    more, to_start, by_q, by_v = pull((*to_matrices, h * by_rate))
-    by_at, by_past = (jnp.concatenate(list(later[:, i::2]), 1) for i in (0, 1))
-    to_y = end + total(by_at)
+    shared = outer(mass, y, past[:, n:] - done[:, n:] / g), h * by_rate
+    plain = isinstance(found.kinematics, Straight)
+    pull_back = _back_by_matrices if plain else _back_along
+    more, to_start, by_q, by_v = pull_back(own, still, y0, shared, (y, e, done))
+    by_past = later[1::2]
+    to_y = end + total(later[::2])
     to_y0 = State(to_y[:n] + by_q, to_y[n:] + by_v, jnp.zeros_like(y0.work))
     to_h = None
     if own[1] is not None:
@@ -167,42 +163,87 @@ def _back(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> An
 
 def _backwards(
     table: Tableau, own: Any, still: Any, args: Any, found: Stages, to_done: Array
-) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
-    """Cotangents of S_i and P_i / h, two rows for each stage, of q (0) and of v (1), and of the
-    system by the forces of all; y_i, and the cotangent of the inputs, of each."""
+) -> tuple[tuple[Array, Any], tuple[Array, Array, Any]]:
+    """Cotangents of S_i and P_i / h, in this order for each stage, and of the system by the forces
+    of all; y_i, e_i and the cotangent of the inputs, of each."""
     system, h, y0 = args[:3]
-    n, g, s = len(y0.q), table.gamma * h, len(to_done)
+    n, s, kinematics = len(y0.q), len(to_done), found.kinematics
 
-    def force(own_system: Any, own_x: Any, q: Vector, v: Vector, other_x: Any) -> Vector:
-        whole: SecondOrderSystem = eqx.combine(own_system, still[0])
-        return whole.force(eqx.combine(own_x, other_x), q, v)
+    def rates(system: Any, own_x: Any, q: Vector, v: Vector, other_x: Any) -> tuple[Vector, Vector]:
+        whole: SecondOrderSystem = eqx.combine(system, still[0])
+        return whole.kinematics(q, v), whole.force(eqx.combine(own_x, other_x), q, v)
 
     def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
         later, to_system = state
         i, columns, to_u, at, x, other_x = row
-        lanes = to_u.ndim - 1
-        by_later = held(contract(beside(columns, 1 + lanes), later, 1, lanes))
-        to_q, to_v = to_u.reshape(2, n, *to_u.shape[1:]) + by_later
-        y = (g * to_q + to_v) @ found.solve
-        to_first = g * (to_q - y @ found.k)
+        to_u = to_u + held(combined(columns[None], later)[0])
+        to_q, to_v = to_u[:n], to_u[n:]
+        y = (kinematics.led_back(to_q, y0.v) + to_v) @ found.solve
+        e = to_q - kinematics.seen_back(y @ found.k, y0.q)
+        e = kinematics.before_back(e, y0.q)
         with transposed():
             _, pull = jax.vjp(
-                lambda system, x, q, v: force(system, x, q, v, other_x),
+                lambda system, x, q, v: rates(system, x, q, v, other_x),
                 own[0], x, at[:n], at[n:],
             )  # fmt: skip
-        more, to_x, by_q, by_v = pull(y)
-        by_past_q, by_past_v = to_first / h, (y @ system.mass) / h
-        new = jnp.stack([jnp.stack([by_q, by_past_q]), jnp.stack([by_v + to_first, by_past_v])])
-        later = jax.lax.dynamic_update_slice_in_dim(later, new, 2 * i, 1)
-        return (later, jax.tree.map(jnp.add, to_system, more)), (y, to_x)
+        more, to_x, by_q, by_v = pull((e, y))
+        by_past = jnp.concatenate([e, y @ system.mass]) / h
+        new = jnp.stack([jnp.concatenate([by_q, by_v]), by_past])
+        later = jax.lax.dynamic_update_slice_in_dim(later, new, 2 * i, 0)
+        return (later, jax.tree.map(jnp.add, to_system, more)), (y, e, to_x)
 
-    columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0).reshape(s, 1, 2 * s)
-    columns = np.concatenate([columns, columns], 1)
+    columns = np.stack([table.weight, table.coupling]).transpose(2, 1, 0).reshape(s, 2 * s)
     rows = (
         jnp.arange(s), jnp.asarray(columns, to_done.dtype), to_done, found.at, own[4], still[4],
     )  # fmt: skip
-    zero = jnp.zeros((2, 2 * s, n, *to_done.shape[2:]), to_done.dtype), _zeros(own[0])
+    zero = jnp.zeros((2 * s, *to_done.shape[1:]), to_done.dtype), _zeros(own[0])
     return jax.lax.scan(stage, zero, rows, reverse=True)
+
+
+def _back_by_matrices(own: Any, still: Any, y0: State, shared: Any, done: Any) -> Any:
+    """Cotangents of the system, of the inputs at the start, and of q and v there, by M, K, C and F'
+    where a step begins."""
+    to_mass, to_rate = shared
+    y, _, u = done
+    n = len(y0.q)
+
+    def beginning(system: Any, start: Any, q: Vector, v: Vector) -> Any:
+        whole: SecondOrderSystem = eqx.combine(system, still[0])
+        x0, input_rate = eqx.combine(start, still[3])
+        return whole.mass, *_beginning(whole, x0, input_rate, q, v)
+
+    with transposed():
+        _, pull = jax.vjp(beginning, own[0], own[3], y0.q, y0.v)
+    return pull((to_mass, outer(to_mass, -y, u[:, :n]), outer(to_mass, -y, u[:, n:]), to_rate))
+
+
+def _back_along(own: Any, still: Any, y0: State, shared: Any, done: Any) -> Any:
+    """The same by derivatives of force and kinematics along the stages: matrices of second
+    derivatives are never made."""
+    to_mass, to_rate = shared
+    y, e, u = done
+    n = len(y0.q)
+
+    def work(system: Any, start: Any, q: Vector, v: Vector, y: Vector, e: Vector) -> Scalar:
+        whole: SecondOrderSystem = eqx.combine(system, still[0])
+        x0, _ = eqx.combine(start, still[3])
+        return y @ whole.force(x0, q, v) + e @ whole.kinematics(q, v)
+
+    def along(y: Vector, e: Vector, u: Vector) -> Any:
+        def by(q: Vector, v: Vector) -> Any:
+            return jax.grad(work, (0, 1, 2, 3))(own[0], own[3], q, v, y, e)
+
+        return jax.jvp(by, (y0.q, y0.v), (u[:n], u[n:]))[1]
+
+    def rest(system: Any, start: Any, q: Vector, v: Vector) -> Any:
+        whole: SecondOrderSystem = eqx.combine(system, still[0])
+        x0, input_rate = eqx.combine(start, still[3])
+        _, rate = jax.jvp(lambda x: whole.force(x, q, v), (x0,), (input_rate,))
+        return whole.mass, rate
+
+    _, pull = jax.vjp(rest, own[0], own[3], y0.q, y0.v)
+    each = jax.tree.map(total, jax.vmap(along)(y, e, u))
+    return jax.tree.map(jnp.add, each, pull((to_mass, to_rate)))
 
 
 def _zeros(tree: Any) -> Any:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.kinematics import Kinematics, Straight
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._results import without_derivatives
@@ -17,17 +18,18 @@ from jaxbeam._types import Matrix, Number, Scalar, Vector
 
 
 class State(eqx.Module):
-    """What is integrated: coordinates `q`, their rates `v`, and an integral along the way, `work`.
+    """What is integrated: coordinates `q`, velocities `v`, and an integral along the way, `work`.
 
-    `q` (n,) in m and `v` (n,) in m/s are those of a model (the angle of the polar discrete models
-    in rad); of a history or a batch they have further axes in front. `work`, a scalar, zero unless
+    `q` (n,) in m and `v` (m,) in m/s are those of a model (the angle of the polar discrete models
+    in rad), the rates of q, but of rods (`SpatialRod`), whose velocities are in axes that turn with
+    their nodes; of a history or a batch they have further axes in front. `work`, a scalar, zero unless
     it is given, is carried by the solver like a coordinate and acts on nothing. Beam models keep in
     it what changes their Jacobi integral (see `Scene`), in units of EI / L^2, so that it is a
     length like q.
     """
 
     q: Float[Array, "..."]  # (n,), and of a history or a batch further axes in front
-    v: Float[Array, "..."]
+    v: Float[Array, "..."]  # (m,)
     work: Float[Array, "..."]
 
     def __init__(self, q: Array, v: Array, work: Array | None = None) -> None:
@@ -36,7 +38,8 @@ class State(eqx.Module):
 
 
 class SecondOrderSystem(eqx.Module):
-    """M q'' = force(x, q, q'), work' = power(x, q, q'), x = inputs(t), with constant M.
+    """M v' = force(x, q, v), q' = kinematics(q, v), work' = power(x, q, v), x = inputs(t), with
+    constant M; by default q' = v.
 
     `State.work` carries no derivatives by parameters: it is there to judge a result.
 
@@ -69,22 +72,32 @@ class SecondOrderSystem(eqx.Module):
     def force(self, x: Any, q: Vector, v: Vector) -> Vector:
         """Right-hand side, under the inputs x."""
 
+    def kinematics(self, q: Vector, v: Vector) -> Vector:
+        """q', linear in v."""
+        return v
+
+    def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
+        """What of q' a stage asks for, g being its share of the step, in s."""
+        return Straight(g)
+
     def power(self, x: Any, q: Vector, v: Vector) -> Number:
         """Rate of `State.work`."""
         return jnp.zeros((), q.dtype)
 
     def tangents(self, x: Any, q: Vector, v: Vector) -> tuple[Any, Any]:
-        """K = -d force / dq and C = -d force / dv, of the kind of `mass`."""
+        """K = -d force / dq and C = -d force / dv, of the kind of `mass`; K by the small changes of
+        which velocities are the rates."""
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(x, q, v)
         return -k, -c
 
     def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        """q''. Subclasses that keep the inverse of M save its computation."""
+        """v'. Subclasses that keep the inverse of M save its computation."""
         return inverse(self.mass) @ self.force(self.inputs(t), q, v)
 
     def rate(self, t: Scalar, y: State) -> State:
         """The first-order system."""
-        return State(y.v, self.acceleration(t, y.q, y.v), work_rate(self, t, y.q, y.v))
+        q, v = y.q, y.v
+        return State(self.kinematics(q, v), self.acceleration(t, q, v), work_rate(self, t, q, v))
 
 
 def work_rate(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> Scalar:

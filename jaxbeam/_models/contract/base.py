@@ -43,7 +43,6 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     # What the ladder asks. `called` is of the class itself, the name of the theory in words.
     called: ClassVar[str]
     couples_all: ClassVar[bool] = False  # whether anything may be coupled with anything
-    in_time: ClassVar[bool] = True  # whether it moves, rather than rest in its hub or near to that
     is_linear: ClassVar[bool] = False  # whether its equations of motion are
     # Whether it converges to the exact rod of the engineering strain, to which errors refer; what
     # derives from such a model does not by that.
@@ -73,6 +72,15 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     @abc.abstractmethod
     def directions(self) -> tuple[Direction, ...]:
         """Direction of each of the n coordinates."""
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of coordinates and of velocities of a motion in time."""
+        return len(self.directions), len(self.directions)
+
+    def in_motion(self, rotor: TheRotor) -> tuple[Self, TheRotor]:
+        """Model and rotor as a motion in time wants them."""
+        return self, rotor
 
     @abc.abstractmethod
     def equations(self, rotor: TheRotor) -> Equations:

@@ -14,6 +14,7 @@ from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.equilibrium import Rest, equilibrium
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._numerics.blocks import BlockTridiagonal
+from jaxbeam._numerics.kinematics import Kinematics, Straight
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import applied_once, total, transposed
@@ -47,6 +48,11 @@ class Drag(eqx.Module):
         """Whether nothing is damped."""
         return not jax.tree.leaves(self)
 
+    @property
+    def is_viscous(self) -> bool:
+        """Whether rates of strains are damped."""
+        return not (self.stiffness_coefficient is None and self.section_coefficients is None)
+
 
 class Undeformed(NamedTuple):
     """The beam with its tip mass before it deforms, in hub axes from the centre of the hub."""
@@ -58,10 +64,11 @@ class Undeformed(NamedTuple):
 
 
 class Equations(eqx.Module):
-    """A model of one rotor in motion: M q'' = force(hub, q, q'), in the hub frame.
+    """A model of one rotor in motion: M v' = force(hub, q, v), in the hub frame, v = q' but of
+    rods, which say how coordinates go with velocities (`kinematics`).
 
-    Coordinates q (n,) are metres, rates m/s, forces N; the angle of the polar discrete models, in
-    rad, has moments for forces.
+    Coordinates q (n,) are metres, velocities m/s, forces N; the angle of the polar discrete models,
+    in rad, has moments for forces.
 
     Forces derive from the kinetic energy T(q, q', v, omega), v and omega being the velocity and
     angular velocity of the hub, and from elastic forces:
@@ -108,6 +115,18 @@ class Equations(eqx.Module):
     def as_force(self, q: Vector, generalised: Vector) -> Vector:
         """A generalised force (its power, in W, is that times q') as it enters `force`."""
         return generalised
+
+    def kinematics(self, q: Vector, v: Vector) -> Vector:
+        """q', linear in v."""
+        return v
+
+    def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
+        """What of q' a stage of a solver asks for, see `SecondOrderSystem`."""
+        return Straight(g)
+
+    def as_velocities(self, q: Vector, change: Vector) -> Vector:
+        """A small change of coordinates as one of which velocities are the rates."""
+        return change
 
     @property
     def rest(self) -> Vector:
@@ -221,10 +240,10 @@ class Equations(eqx.Module):
         return change
 
     def own_section_loads(
-        self, q: Vector, xi: np.ndarray, loads: Any, t: Number
+        self, q: Vector, v: Vector, xi: np.ndarray, outside: Any
     ) -> tuple[Array, Array] | None:
-        """Force and moment in sections of a beam that rests in its hub under loads, as
-        `section_loads` has them, where the model has them itself."""
+        """Force and moment in sections of a beam under loads, `Outside`, as `section_loads` has
+        them, where the model has them itself."""
         return None
 
     def own_reaction(
@@ -310,7 +329,7 @@ class Equations(eqx.Module):
 
     def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
         """What a load at the tip does, in W."""
-        return total(tip_force * jax.jvp(self.tip, (q,), (v,))[1])
+        return total(tip_force * jax.jvp(self.tip, (q,), (self.kinematics(q, v),))[1])
 
     def tip_action(self, q: Vector, tip_force: Any) -> tuple[Triple, Triple]:
         """Force and moment of a load at the tip, in hub axes, in N and N m."""

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.equations import Equations
+from jaxbeam._models.contract.equations import Drag, Equations
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, cross
@@ -26,16 +26,21 @@ _Rows = Float[Array, "p 3"]
 
 
 class Outside(NamedTuple):
-    """What acts on a beam at time t: its hub, loads, and damping in proportion to inertia (1/s)."""
+    """What acts on a beam at time t: its hub, loads, and damping."""
 
     hub: Hub
     loads: Loads
     t: Scalar
-    drag: Number | None = None
+    damping: Drag = Drag()
+
+    @property
+    def drag(self) -> Number | None:
+        """Damping in proportion to inertia, 1/s."""
+        return self.damping.mass_coefficient
 
 
 class Moved(NamedTuple):
-    """Coordinates, their rates and the rates of these."""
+    """Coordinates, velocities and the rates of these."""
 
     q: Vector
     v: Vector
@@ -58,7 +63,7 @@ def section_loads(
             "has none: ask for hub_force and hub_torque"
         )
     beam, q = rotor.beam, moved.q
-    own = equations.own_section_loads(q, xi, outside.loads, outside.t)
+    own = equations.own_section_loads(q, moved.v, xi, outside)
     if own is not None:
         return own
     edges = sorted({*equations.pieces, *beam.edges, *outside.loads.kinks})
@@ -85,7 +90,7 @@ def _along(
     rotor: Rotor, equations: Equations, outside: Outside, moved: Moved, span: Span
 ) -> tuple[_Rows, _Rows]:
     """Force and couple along the span at its points, by x / L."""
-    (hub, loads, t, drag), (q, v, a) = outside, moved
+    (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved
     beam, xi = rotor.beam, np.asarray(span.xi)
     mass = (beam.length * on(beam.mass_with_points, span))[:, None]
 
@@ -124,7 +129,7 @@ def _at_tip(
     rotor: Rotor, equations: Equations, outside: Outside, moved: Moved
 ) -> tuple[Triple, Triple]:
     """Force at the tip, and moment about it, of what is there."""
-    (hub, loads, t, drag), (q, v, a) = outside, moved
+    (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved
     body = rotor.tip_body
 
     def momenta(q: Vector, v: Vector, velocity: Triple, spin: Triple) -> tuple[Triple, Triple]:

@@ -19,7 +19,7 @@ from jaxbeam._models.contract.supports import (
     check_supported,
 )
 from jaxbeam._models.space.rod_edges import breaks_of, element_edges, soft_breaks
-from jaxbeam._models.space.rod_equations import RodEquations
+from jaxbeam._models.space.rod_in_time import RodEquations
 from jaxbeam._models.space.rod_supports import ends_of, free_changes
 from jaxbeam._models.space.rod_tables import node_rows
 from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
@@ -81,7 +81,6 @@ class SpatialRod(AbstractModel[Rotor]):
     needs = frozenset({"beam.torsional_stiffness"})
     called = ""
     couples_all = True
-    in_time = False
     degree: int = eqx.field(static=True, default=8)
     elements: int = eqx.field(static=True, default=1)
     # Ends of elements, and which ways are free at root and tip, if these have supports, which
@@ -114,8 +113,12 @@ class SpatialRod(AbstractModel[Rotor]):
     def _free(self) -> np.ndarray:
         return free_changes((len(self._edges) - 1) * self.degree + 1, *self._ways)
 
+    @property
+    def sizes(self) -> tuple[int, int]:
+        return 7 * ((len(self._edges) - 1) * self.degree + 1), len(self._free)
+
     def equations(self, rotor: Rotor) -> RodEquations:
-        """Equations of the steady state and of small motion about it."""
+        """Equations of motion, of the steady state and of small motion about it."""
         check_supported(self, rotor)
         return RodEquations(rotor, self.degree, self._edges)
 

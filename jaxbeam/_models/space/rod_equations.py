@@ -1,6 +1,6 @@
 """What the rest of the package asks of a rod that rests in its hub."""
 
-from typing import Any, Never
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -46,11 +46,12 @@ _MOST_HIGH = 0.1  # of the forces, that may be of the highest degrees
 _HELD = 1e-13  # lowest eigenvalue of K, over its diagonal, of what is held at all
 
 
-class RodEquations(Equations):
-    """A rod at rest in a hub that turns steadily: equilibrium, and small motion about it.
+class RestingRod(Equations):
+    """A rod at rest in a hub that turns steadily: equilibrium, and small motion about it. How it
+    moves in time is in `RodEquations`.
 
     Matrices are by displacements of nodes, and by their turns times the length, in axes of the
-    beam; those of ends on supports by the ways of these. Motion in time is not part of it.
+    beam; those of ends on supports by the ways of these.
     """
 
     rod: Rod
@@ -69,8 +70,7 @@ class RodEquations(Equations):
         self.rotor, self.length = rotor, length
         self.rod = Rod(tables, inertia, *ends_of(rotor), length)
         self.axes = beam_axes(rotor)
-        rest = jnp.zeros(7 * len(tables.place))
-        self.mass = self._by_places(rest, self.rod.led(rest, inertia))
+        self.mass = self.rod.by_velocities(inertia)
         self.tip_radius = rotor.hub_radius + length
         weight, far = tables.weight[:, 0], tables.place[:, 0]
         self.rigid_moments = jnp.stack([jnp.sum(weight * far**k) for k in range(3)])
@@ -175,12 +175,35 @@ class RodEquations(Equations):
     def _damped(self, q: Coordinates, by_strains: Float[Array, "6"]) -> Float[Array, "N N"]:
         """B^T mu S B with mu in axes of sections at Gauss points, where S makes forces of rates."""
         tables = self.rod.tables
-        state = bent(tables, *self.rod.nodes(q))
-        by, (frame, _) = by_changes(tables, state), self._frames(tables.gauss_places)
-        forces = (tables.stiffness @ by).reshape(len(frame), 2, 3, -1)
-        own = jnp.einsum("gab,xb,gcb,gxcl->gxal", frame, by_strains.reshape(2, 3), frame, forces)
-        matrix = tables.assembled(by.swapaxes(1, 2) @ own.reshape(by.shape))
+        by = by_changes(tables, bent(tables, *self.rod.nodes(q)))
+        own = self._viscous_forces(tables.stiffness @ by, by_strains)
+        matrix = tables.assembled(by.swapaxes(1, 2) @ own)
         return self.rod.led(q, matrix)
+
+    def _viscous_forces(
+        self, forces: Float[Array, "E m k"], by_strains: Float[Array, "6"]
+    ) -> Float[Array, "E m k"]:
+        """Forces at Gauss points, by columns, times mu in axes of sections there."""
+        frame, _ = self._frames(self.rod.tables.gauss_places)
+        parts = forces.reshape(len(frame), 2, 3, -1)
+        own = jnp.einsum("gab,xb,gcb,gxcl->gxal", frame, by_strains.reshape(2, 3), frame, parts)
+        return own.reshape(forces.shape)
+
+    def _viscous_sections(
+        self, q: Coordinates, w: Float[Array, "nodes 6"], drag: Drag | None
+    ) -> Float[Array, "E p 6"]:
+        """Forces at Gauss points by rates of strain where nodes have these rates: stiffness times
+        rates, with a `drag` times its coefficients."""
+        tables = self.rod.tables
+        state = bent(tables, *self.rod.nodes(q))
+        by_elements = tables.of_elements(w).reshape(tables.elements, -1)
+        rate = jnp.einsum("eml,el->em", by_changes(tables, state), by_elements)
+        force = jnp.einsum("eij,ej->ei", tables.stiffness, rate)[..., None]
+        if drag is not None:
+            whole, each, given = drag.stiffness_coefficient, drag.section_coefficients, force
+            force = jnp.zeros_like(given) if whole is None else whole * given
+            force = force if each is None else force + self._viscous_forces(given, each)
+        return force.reshape(state.strain.shape)
 
     def rates(self, q: Coordinates, change: Vector) -> Coordinates:
         n, rod = len(self.rod.tables.place), self.rod
@@ -220,13 +243,16 @@ class RodEquations(Equations):
         return energy
 
     def own_section_loads(
-        self, q: Coordinates, xi: np.ndarray, loads: Loads, t: Number
+        self, q: Coordinates, v: Vector, xi: np.ndarray, outside: Any
     ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
         """Forces and moments in sections: polynomials of the degree of forces, in balance with all
         that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
-        six = self._sixes(q, xi, whole=True)
+        viscous, loads = None, outside.loads
+        if outside.damping.is_viscous:
+            viscous = self._viscous_sections(q, self.rod.of_velocities(v), outside.damping)
+        six = self._sixes(q, xi, whole=True, more=viscous)
         if loads.act_along_span:
-            nearest, tail = self._tails(q, xi, loads, t)
+            nearest, tail = self._tails(q, xi, loads, outside.t)
             tables, (_, p) = self.rod.tables, self.rod.nodes(q)
             attitudes = rotation(jnp.einsum("gk,ekc->egc", tables.shapes, tables.of_elements(p)))
             own = [jnp.einsum("egba,egb->ega", attitudes, part) for part in nearest]
@@ -279,16 +305,20 @@ class RodEquations(Equations):
 
     def _around(self, hub: Hub, tip_force: Any, span: Any) -> Around:
         """What it rests in, in axes of the beam."""
-        load = tip_force
-        if load is not None and not isinstance(load, TipLoad):
-            load = TipLoad(load, jnp.zeros_like(load), False)
-        if load is not None and not load.follows:
-            load = TipLoad(self.axes @ load.force, self.axes @ load.moment, False)
+        load = self.load_in_beam_axes(tip_force)
         gravity = hub.gravity - hub.velocity_rate
         velocity, spin, gravity = (
             self.axes @ part for part in (hub.velocity, hub.angular_velocity, gravity)
         )
         return Around(velocity, spin, gravity, load, span)
+
+    def load_in_beam_axes(self, load: Any) -> TipLoad | None:
+        """A load at the tip, a force or a `TipLoad`; one that follows is in axes of its section."""
+        if load is not None and not isinstance(load, TipLoad):
+            load = TipLoad(load, jnp.zeros_like(load), False)
+        if load is not None and not load.follows:
+            load = TipLoad(self.axes @ load.force, self.axes @ load.moment, False)
+        return load
 
     def _by_places(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Matrix:
         """A matrix by displacements and turns in axes of the beam, the latter times the length."""
@@ -308,13 +338,17 @@ class RodEquations(Equations):
         rows, _ = self.rod.tables.interpolating(xi)
         return jnp.asarray(rows) @ self.rod.nodes(q)[1]
 
-    def _sixes(self, q: Coordinates, xi: np.ndarray, *, whole: bool = False) -> Float[Array, "p 6"]:
-        """Forces in sections by the law of these, or as a `whole`, with moments of their fibres."""
+    def _sixes(
+        self, q: Coordinates, xi: np.ndarray, *, whole: bool = False, more: Array | None = None
+    ) -> Float[Array, "p 6"]:
+        """Forces in sections by the law of these, and `more` at Gauss points; or as a `whole`, with
+        moments of their fibres."""
         tables = self.rod.tables
         strain = bent(tables, *self.rod.nodes(q)).strain
         weight = tables.pace * gauss(tables.degree)[1][None]
         force = jnp.einsum("eml,el->em", tables.stiffness, strain.reshape(tables.elements, -1))
-        force = force.reshape(tables.elements, -1, 6) / weight[:, :, None]
+        force = force.reshape(tables.elements, -1, 6)
+        force = (force if more is None else force + more) / weight[:, :, None]
         if whole:
             force = pulled(tables, strain[..., 3:], force)
         return tables.of_gauss(force, xi)
@@ -342,24 +376,6 @@ class RodEquations(Equations):
         _, slope = sections.axis_at(xi)
         attitude = turned_by_pitch(self.rotor)
         return attitude[None] @ frames(slope, sections.twist_at(xi)), sections
-
-    def force(self, hub: Hub, q: Coordinates, v: Vector, tip_force: Any) -> Never:
-        raise NotImplementedError(NO_MOTION)
-
-    def elastic_force(self, q: Coordinates) -> Never:
-        raise NotImplementedError(NO_MOTION)
-
-    def viscous_force(self, q: Coordinates, v: Vector) -> Never:
-        raise NotImplementedError(NO_MOTION)
-
-    def kinetic_energy(self, q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> Never:
-        raise NotImplementedError(NO_MOTION)
-
-    def first_moment(self, q: Coordinates) -> Never:
-        raise NotImplementedError(NO_MOTION)
-
-
-NO_MOTION = "SpatialRod rests in its hub, or moves a little about that: take SpatialANCF for runs"
 
 
 class _Pace(eqx.Module):

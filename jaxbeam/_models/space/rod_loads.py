@@ -139,10 +139,11 @@ class RodSpanForce(AbstractSpanForce):
     following: Float[Array, "nodes nodes 3"] | None
 
     def on(self, equations: Any, q: Vector) -> Vector:
-        raise NotImplementedError("the force of a rod takes what is along the span itself")
+        out: Vector = equations.on_span(q, self)
+        return out
 
     def tangent(self, equations: Any, q: Vector) -> Any:
-        raise NotImplementedError("the tangents of a rod take what is along the span themselves")
+        return equations.span_tangent(q, self)
 
 
 class RodSpanIntegral(AbstractSpanIntegral):

@@ -1,9 +1,10 @@
 """States of a rod that rests in its hub: force, tangents, and the search for where they balance.
 
-Coordinates q (7 n,) are displacements u and quaternions p - (1, 0, 0, 0) of all nodes in axes of
-the beam, those of ends on supports in axes of these, so that zero is the undeformed one. They
-change by (h, t) of free nodes in axes that turn with them, which is what forces and matrices are
-by; of ends on supports by what these leave free (`rod_supports.py`).
+Coordinates q (7 n,) are displacements u, and 2 L (p - (1, 0, 0, 0)) of quaternions p, of all nodes
+in axes of the beam, those of ends on supports in axes of these, so that zero is the undeformed one;
+quaternions count as of length one. They change by (h, t) of free nodes in axes that turn with them,
+which is what forces and matrices are by; of ends on supports by what these leave free
+(`rod_supports.py`).
 """
 
 from collections.abc import Callable
@@ -88,9 +89,20 @@ class Rod(eqx.Module):
         return free_changes(len(self.tables.place), *ways)
 
     def nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
-        """Displacements and quaternions of nodes."""
+        """Displacements and quaternions of nodes, these of length one."""
+        u, p = self.raw_nodes(q)
+        return u, p / jnp.sqrt(jnp.sum(p * p, 1, keepdims=True))
+
+    def raw_nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
+        """Displacements and quaternions of nodes, these as they are."""
+        u, p = self.by_nodes(q)
+        return u, p + UPRIGHT[None]
+
+    def by_nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
+        """Displacements of nodes and changes of quaternions, or changes of these, by those of
+        coordinates."""
         both = q.reshape(-1, 7)
-        u, p = both[:, :3], both[:, 3:] + UPRIGHT[None]
+        u, p = both[:, :3], both[:, 3:] / (2 * self.length)
         for node, end in self.ends:
             if end.attitude is not None:
                 placed, attitude = end.outward(u[node], p[node])
@@ -99,34 +111,33 @@ class Rod(eqx.Module):
 
     def placed(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
         """Coordinates of displacements and quaternions."""
-        return self._coordinates(u, p - UPRIGHT[None])
+        return self.coordinates(u, p - UPRIGHT[None])
 
-    def _coordinates(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
-        """Coordinates, or rates of them, of displacements and changes of quaternions."""
+    def coordinates(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
+        """Coordinates of displacements and changes of quaternions, or changes of them."""
         for node, end in self.ends:
             placed, attitude = end.own(u[node], p[node])
             u, p = u.at[node].set(placed), p.at[node].set(attitude)
-        return jnp.concatenate([u, p], 1).reshape(-1)
+        return jnp.concatenate([u, 2 * self.length * p], 1).reshape(-1)
 
     def changed(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """q after a change of what is free."""
         u, p = self.nodes(q)
         every = self.spread(q, change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        q = self.placed(moved, rotated(p, every[:, 3:]))
-        for node, _ in self.led_ends:  # what is held rigidly is zero now, the length not quite one
-            own = slice(3, 7) if node == 0 else slice(-4, None)
-            end = q[own] + UPRIGHT
-            q = q.at[own].set(end / jnp.sqrt(end @ end) - UPRIGHT)
-        return q
+        return self.placed(moved, rotated(p, every[:, 3:]))
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """How q begins to change."""
-        u, p = self.nodes(q)
-        every = self.spread(q, change)
-        moving = jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        by_half = jnp.concatenate([jnp.zeros_like(u[:, :1]), every[:, 3:] / 2], 1)
-        return self._coordinates(moving, product(p, by_half))
+        return self.turning(self.nodes(q)[1], self.spread(q, change))
+
+    def turning(
+        self, p: Float[Array, "nodes 4"], rates: Float[Array, "nodes 6"]
+    ) -> Coordinates:
+        """How coordinates change where nodes with these quaternions do so, in their axes."""
+        moving = jnp.einsum("nij,nj->ni", rotation(p), rates[:, :3])
+        by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
+        return self.coordinates(moving, product(p, by_half))
 
     def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
         """Changes of all nodes from those that are free."""
@@ -147,6 +158,52 @@ class Rod(eqx.Module):
             matrix = matrix.at[own].set(basis.T @ matrix[own])
             matrix = matrix.at[:, own].set(matrix[:, own] @ basis)
         return matrix
+
+    # Velocities v are by changes that are free, at ends those of the undeformed rod, with turns times
+    # the length: so their mass is constant.
+
+    @property
+    def _rest(self) -> Coordinates:
+        return jnp.zeros(7 * len(self.tables.place), self.length.dtype)
+
+    @property
+    def _units(self) -> Float[Array, " f"]:
+        turns = self.free % 6 > 2
+        return jnp.where(turns, 1 / self.length, 1.0)
+
+    def of_velocities(self, v: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
+        """Rates of nodes in their axes, by velocities."""
+        return self.spread(self._rest, self._units * v)
+
+    def on_velocities(self, force: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
+        """Forces on nodes in their axes as those on velocities."""
+        return self._units * self._led_back(force)
+
+    def to_velocities(self, change: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
+        """Changes of nodes in their axes as those of which velocities are the rates."""
+        return self._led_back(change) / self._units
+
+    def _led_back(self, sixes: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
+        for node, basis in self._bases(self._rest):
+            sixes = sixes.at[node].set(basis.T @ sixes[node])
+        return sixes.reshape(-1)[self.free]
+
+    def by_velocities(self, matrix: Float[Array, "N N"]) -> Float[Array, "f f"]:
+        """A matrix by changes of nodes as one by velocities."""
+        own = self.led(self._rest, matrix)[np.ix_(self.free, self.free)]
+        return self._units[:, None] * own * self._units[None]
+
+    def after_nodes(
+        self, matrix: Float[Array, "f f"], blocks: Float[Array, "nodes 6 6"]
+    ) -> Float[Array, "f f"]:
+        """A matrix by velocities, after what these blocks make of changes of nodes."""
+        n, free = len(self.tables.place), self.free
+        for node, basis in self._bases(self._rest):
+            blocks = blocks.at[node].set(basis.T @ blocks[node] @ basis)
+        every = jnp.zeros((len(free), 6 * n), matrix.dtype)
+        every = every.at[:, free].set(matrix / self._units[None], unique_indices=True)
+        out = jnp.einsum("mna,nab->mnb", every.reshape(-1, n, 6), blocks)
+        return out.reshape(-1, 6 * n)[:, free] * self._units[None]
 
     def between_ends(self, by_node: Float[Array, "nodes 3 3"]) -> Float[Array, "nodes 3 3"]:
         """Rotations of nodes from axes that turn with them; of ends that are led none, since ways

@@ -1,0 +1,89 @@
+"""How coordinates go with velocities within one stage of a linearly implicit method.
+
+Where q' = kinematics(q, v), a stage asks for the change u of the coordinates that goes with the
+change z of the velocities,
+
+    u / g - A u - B z = f,   A = d kinematics / dq,   B = d kinematics / dv,
+
+so u = D (f + B z) with D = (1 / g - A)^-1, and forces change by -K N u, N making small changes, by
+which tangents are, of changes of coordinates. What is nodewise costs nothing beside K.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float
+
+from jaxbeam._types import Vector
+
+
+class Kinematics(eqx.Module):
+    """D, B and N where a step begins. The transposes take cotangents back."""
+
+    @abc.abstractmethod
+    def before(self, first: Vector) -> Vector:
+        """D f, of coordinates."""
+
+    @abc.abstractmethod
+    def led(self, z: Vector) -> Vector:
+        """D B z, of coordinates."""
+
+    @abc.abstractmethod
+    def seen(self, change: Vector) -> Vector:
+        """N u, of velocities."""
+
+    @abc.abstractmethod
+    def eliminated(self, stiffness: Any) -> Any:
+        """K N D B, of the kind of K."""
+
+    def change(self, first: Vector, z: Vector) -> Vector:
+        """D (f + B z), of coordinates."""
+        return self.before(first) + self.led(z)
+
+    def before_back(self, to_change: Vector, like: Vector) -> Vector:
+        """D^T a; `like` is any vector of coordinates."""
+        (out,) = jax.linear_transpose(self.before, like)(to_change)
+        return out
+
+    def led_back(self, to_change: Vector, like: Vector) -> Vector:
+        """B^T D^T a; `like` is any vector of velocities."""
+        (out,) = jax.linear_transpose(self.led, like)(to_change)
+        return out
+
+    def seen_back(self, to_small: Vector, like: Vector) -> Vector:
+        """N^T y; `like` is any vector of coordinates."""
+        (out,) = jax.linear_transpose(self.seen, like)(to_small)
+        return out
+
+
+class Straight(Kinematics):
+    """q' = v, with tangents by the coordinates themselves."""
+
+    g: Float[Array, "*lanes"]
+
+    def before(self, first: Vector) -> Vector:
+        return self.g * first
+
+    def led(self, z: Vector) -> Vector:
+        return self.g * z
+
+    def seen(self, change: Vector) -> Vector:
+        return change
+
+    def eliminated(self, stiffness: Any) -> Any:
+        return self.g * stiffness
+
+    def change(self, first: Vector, z: Vector) -> Vector:
+        return self.g * (first + z)
+
+    def before_back(self, to_change: Vector, like: Vector) -> Vector:
+        return self.g * to_change
+
+    def led_back(self, to_change: Vector, like: Vector) -> Vector:
+        return self.g * to_change
+
+    def seen_back(self, to_small: Vector, like: Vector) -> Vector:
+        return to_small
+
