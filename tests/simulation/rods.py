@@ -52,8 +52,8 @@ def slender(
 
 def about(mass: float, centre: Any, inertia: np.ndarray) -> np.ndarray:
     """The inertia of a body or section about a point from which its centre of mass is so far."""
-    arm = np.cross(np.eye(3), centre)  # -c~
-    return np.block([[mass * np.eye(3), mass * arm], [-mass * arm, inertia - mass * arm @ arm]])
+    arm = np.cross(np.eye(3), centre)  # the matrix of b -> centre x b
+    return np.block([[mass * np.eye(3), -mass * arm], [mass * arm, inertia - mass * arm @ arm]])
 
 
 def coupled() -> Case:
