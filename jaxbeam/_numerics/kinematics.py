@@ -16,6 +16,7 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
+from jaxbeam._numerics.linalg import inverse
 from jaxbeam._types import Vector
 
 
@@ -37,6 +38,10 @@ class Kinematics(eqx.Module):
     @abc.abstractmethod
     def eliminated(self, stiffness: Any) -> Any:
         """K N D B, of the kind of K."""
+
+    @abc.abstractmethod
+    def inverse(self, matrix: Any) -> Any:
+        """What multiplies the few right-hand sides of a step, from either side."""
 
     def change(self, first: Vector, z: Vector) -> Vector:
         """D (f + B z), of coordinates."""
@@ -75,6 +80,9 @@ class Straight(Kinematics):
     def eliminated(self, stiffness: Any) -> Any:
         return self.g * stiffness
 
+    def inverse(self, matrix: Any) -> Any:
+        return inverse(matrix)
+
     def change(self, first: Vector, z: Vector) -> Vector:
         return self.g * (first + z)
 
@@ -86,4 +94,3 @@ class Straight(Kinematics):
 
     def seen_back(self, to_small: Vector, like: Vector) -> Vector:
         return to_small
-

@@ -39,7 +39,7 @@ from jaxbeam._simulation.integration import (
 from jaxbeam._simulation.result import Simulation
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import SAMPLES, StepLimits, during
-from jaxbeam._solvers.rodas import Rodas5P
+from jaxbeam._solvers.rodas import Rodas5P, Rosenbrock
 from jaxbeam._solvers.steps import SecondOrderSolver, run_core
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure, in_range
@@ -112,7 +112,7 @@ def simulate(
     times = checked_times(times)
     check_scene(motion, loads, damping, times[0], (model, rotor), throw)
     if start is not None:
-        start = checked_start(model, start)
+        start = checked_start(model.in_motion(rotor)[0], start)
         refuse(throw, (is_finite(start.q, start.v), Status.INVALID_START))
     if max_steps is not None:
         count_functions("max_steps", max_steps, least=1)
@@ -124,6 +124,7 @@ def simulate(
         solver=solver, stepsize_controller=stepsize_controller, saveat=saveat, adjoint=adjoint,
         event=event, progress_meter=progress_meter,
     )  # fmt: skip
+    _check_kinematics(model, solver)
     jumps = motion.jump_times().size or loads.jump_times().size
     if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event or jumps):
         raise ValueError(
@@ -137,6 +138,17 @@ def simulate(
         adjoint, event, progress_meter, balance_tolerance,
     )  # fmt: skip
     return dataclasses.replace(finish(result, throw), model=model, rotor=rotor)
+
+
+def _check_kinematics(model: AbstractModel, solver: Any) -> None:
+    """Raise unless a solver knows coordinates whose rates are not the velocities."""
+    few = isinstance(solver, SecondOrderSolver) and not isinstance(solver, Rosenbrock)
+    if few and model.sizes[0] != model.sizes[1]:
+        raise ValueError(
+            f"solver: {type(solver).__name__} is for models whose velocities are the rates of "
+            f"their coordinates, and those of {type(model).__name__} are not: take Rodas5P or "
+            "Rodas4P, or a solver of diffrax"
+        )
 
 
 _KINDS = {
@@ -178,9 +190,10 @@ def _simulate(
         forward = jnp.isfinite(dt0) & (dt0 > 0)
         given = first_failure(given, first_broken((forward, Status.INVALID_TIMES)))
         dt0 = jnp.where(forward, dt0, times[-1] - times[0])
-    now = Scene(model, rotor, motion, loads, damping, times)
+    moving, own = model.in_motion(rotor)
+    now = Scene(moving, own, motion, loads, damping, times)
     if start is None:
-        q, v = (jnp.zeros(size, times.dtype) for size in model.sizes)
+        q, v = (jnp.zeros(size, times.dtype) for size in moving.sizes)
         y0 = State(q, v)
     else:
         started = jnp.all(jnp.isfinite(start.q)) & jnp.all(jnp.isfinite(start.v))

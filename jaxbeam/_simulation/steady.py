@@ -115,13 +115,13 @@ def _asked(steady: Steady, function: Callable[..., Any], xi: tuple[float, ...]) 
 class SteadyStart(State):
     """A `State` at rest in the hub, to begin a run with, that says how it was found.
 
-    `q` (n,) are its coordinates, and NaN unless `status` is OK; `v` (n,) and `work` () are zero.
+    `q` (n,) are its coordinates, and NaN unless `status` is OK; `v` (m,) and `work` () are zero.
     """
 
     status: Code
 
-    def __init__(self, q: Array, status: Code) -> None:
-        super().__init__(q, jnp.zeros_like(q))
+    def __init__(self, q: Array, v: Array, status: Code) -> None:
+        super().__init__(q, v)
         self.status = status
 
 
@@ -165,7 +165,9 @@ def _start(
     hub = motion.hub(t, loads.gravity)
     zero = jnp.zeros(3, t.dtype)
     hub = hub._replace(velocity_rate=zero, angular_velocity_rate=zero)
+    model, rotor = model.in_motion(rotor)
     equations = equations_under(model, rotor, loads)
     q, status, *_ = held_at_rest(rotor, equations, (hub, *loads_at(equations, loads, t)))
     status = first_failure(given, status)
-    return SteadyStart(nan_unless(status == Status.OK, q), status)
+    v = jnp.zeros(model.sizes[1], t.dtype)
+    return SteadyStart(nan_unless(status == Status.OK, q), v, status)

@@ -34,7 +34,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._numerics.kinematics import Kinematics, Straight
-from jaxbeam._numerics.linalg import inverse, outer
+from jaxbeam._numerics.linalg import outer
 from jaxbeam._programs.lanes import held, total, transposed
 from jaxbeam._programs.one_function import without_rules
 from jaxbeam._solvers.steps import combined
@@ -88,7 +88,7 @@ def stages(
     x0, input_rate = start
     k, c, force_rate = _beginning(system, x0, input_rate, q, v)
     kinematics = system.stage_kinematics(q, v, g)
-    solve = inverse(system.mass / g + c + kinematics.eliminated(k))
+    solve = kinematics.inverse(system.mass / g + c + kinematics.eliminated(k))
 
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
         i, rows, d, now = row

@@ -22,10 +22,10 @@ class State(eqx.Module):
 
     `q` (n,) in m and `v` (m,) in m/s are those of a model (the angle of the polar discrete models
     in rad), the rates of q, but of rods (`SpatialRod`), whose velocities are in axes that turn with
-    their nodes; of a history or a batch they have further axes in front. `work`, a scalar, zero unless
-    it is given, is carried by the solver like a coordinate and acts on nothing. Beam models keep in
-    it what changes their Jacobi integral (see `Scene`), in units of EI / L^2, so that it is a
-    length like q.
+    their nodes; of a history or a batch they have further axes in front. `work`, a scalar, zero
+    unless it is given, is carried by the solver like a coordinate and acts on nothing. Beam models
+    keep in it what changes their Jacobi integral (see `Scene`), in units of EI / L^2, so that it is
+    a length like q.
     """
 
     q: Float[Array, "..."]  # (n,), and of a history or a batch further axes in front

@@ -20,13 +20,14 @@ from jaxbeam._models.contract.supports import (
 )
 from jaxbeam._models.space.rod_edges import breaks_of, element_edges, soft_breaks
 from jaxbeam._models.space.rod_in_time import RodEquations
-from jaxbeam._models.space.rod_supports import ends_of, free_changes
+from jaxbeam._models.space.rod_supports import ends_of, free_changes, moving_end
 from jaxbeam._models.space.rod_tables import node_rows
 from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._types import Scalar
 
+_STIFF = 1e6  # spring in the place of what is held, over that of the beam
 MOST_LACKING = 0.1  # of a frequency that is no failure, see `SpatialRod.frequency_error`
 _OF_NODE = (
     Direction.AXIAL, Direction.IN_PLANE, Direction.FLAP,
@@ -116,6 +117,24 @@ class SpatialRod(AbstractModel[Rotor]):
     @property
     def sizes(self) -> tuple[int, int]:
         return 7 * ((len(self._edges) - 1) * self.degree + 1), len(self._free)
+
+    def in_motion(self, rotor: Rotor) -> tuple[Self, Rotor]:
+        """Model and rotor with ends whose ways of motion stay as they are in axes of their nodes,
+        so that inertia is constant: a rotation that is held beside two that are free is on a spring
+        so stiff that it is as good as held.
+
+        Raises `ValueError` for an end that shifts in some ways and turns as well.
+        """
+        stiff = _STIFF * rotor.beam.mean.in_plane_bending_stiffness / rotor.beam.length
+        given = []
+        for name, end in zip(("root_support", "tip_support"), ends_of(rotor), strict=True):
+            attitude = getattr(getattr(rotor, name), "attitude", None)
+            given.append(moving_end(name, end, attitude, stiff))
+        rotor = eqx.tree_at(
+            lambda r: (r.root_springs, r.root_support, r.tip_support), rotor, (None, *given),
+            is_leaf=lambda part: part is None,
+        )  # fmt: skip
+        return self.suited(rotor), rotor
 
     def equations(self, rotor: Rotor) -> RodEquations:
         """Equations of motion, of the steady state and of small motion about it."""

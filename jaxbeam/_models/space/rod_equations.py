@@ -14,15 +14,13 @@ from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import bent, by_changes, pulled
 from jaxbeam._models.space.rod_loads import RodSpanIntegral
+from jaxbeam._models.space.rod_nodes import Coordinates, Rod, slot
 from jaxbeam._models.space.rod_state import (
     Around,
-    Coordinates,
-    Rod,
     balance,
     differentiable,
     matrices_with_derivatives,
     settled,
-    slot,
 )
 from jaxbeam._models.space.rod_supports import dampers_of, ends_of
 from jaxbeam._models.space.rod_tables import beam_axes, gauss, rod_tables, turned_by_pitch
@@ -214,6 +212,13 @@ class RestingRod(Equations):
         own = jnp.einsum("nba,nxb->nxa", attitude, every).reshape(-1)
         return rod.rates(q, own[rod.free])
 
+    def undeformed_at(self, xi: np.ndarray) -> Float[Array, "p 3"]:
+        return self._undeformed_in_beam_axes(np.asarray(xi)) @ self.axes
+
+    def _undeformed_in_beam_axes(self, xi: np.ndarray) -> Float[Array, "p 3"]:
+        along = sections_of(self.rotor.beam).axis_at(xi)[0] @ turned_by_pitch(self.rotor).T
+        return along + self.rod.tables.place[:1]
+
     def displacement(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 3"]:
         rows, _ = self.rod.tables.interpolating(xi)
         return jnp.asarray(rows) @ self.rod.nodes(q)[0] @ self.axes
@@ -276,8 +281,7 @@ class RestingRod(Equations):
             force = force @ self.axes.T
 
         def placed(xi: np.ndarray) -> Float[Array, "p 3"]:
-            undeformed = sections.axis_at(xi)[0] @ turned_by_pitch(self.rotor).T
-            return undeformed + jnp.asarray(tables.interpolating(xi)[0]) @ u
+            return self._undeformed_in_beam_axes(xi) + jnp.asarray(tables.interpolating(xi)[0]) @ u
 
         return tails(tables, u, span, pace * force, placed(places), placed(xi), xi)
 
@@ -301,7 +305,7 @@ class RestingRod(Equations):
     def span_integral(self, kinks: tuple[float, ...], follows: bool) -> AbstractSpanIntegral:
         sections = sections_of(self.rotor.beam)
         edges = tuple(sorted({*self.rod.tables.ends, *sections.edges, *kinks}))
-        return RodSpanIntegral(self.rod.tables, _Pace(sections), self.axes, edges, follows)
+        return RodSpanIntegral(self.rod, _Pace(sections), self.axes, edges, follows)
 
     def _around(self, hub: Hub, tip_force: Any, span: Any) -> Around:
         """What it rests in, in axes of the beam."""

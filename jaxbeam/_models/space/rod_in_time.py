@@ -4,18 +4,18 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.equations import Drag, Undeformed
 from jaxbeam._models.space.rod_elements import bent, by_changes, geometric, nodal, on_diagonal
 from jaxbeam._models.space.rod_equations import RestingRod
-from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, twisting, velocities
+from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, twisting
 from jaxbeam._models.space.rod_motion import Turning, inertia_of, inertia_tangents
-from jaxbeam._models.space.rod_state import Coordinates, slot
+from jaxbeam._models.space.rod_nodes import Coordinates, slot
 from jaxbeam._models.space.rod_supports import dampers_of
 from jaxbeam._numerics.quaternions import rotation, turned_by
 from jaxbeam._programs.lanes import total
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._types import Matrix, Number, Triple, Vector
@@ -29,6 +29,9 @@ class RodEquations(RestingRod):
     Velocities are those of nodes seen from the hub, in axes that turn with them, those of turns
     times the length; see `rod_motion.py`.
     """
+
+    def __init__(self, rotor: Rotor, degree: int, ends: tuple[float, ...]) -> None:
+        super().__init__(rotor, degree, ends)
 
     def kinematics(self, q: Coordinates, v: Vector) -> Coordinates:
         return self.rod.turning(self.rod.raw_nodes(q)[1], self.rod.of_velocities(v))
@@ -105,6 +108,7 @@ class RodEquations(RestingRod):
 
     def tip_action(self, q: Coordinates, tip_force: Any) -> tuple[Triple, Triple]:
         load = self.load_in_beam_axes(tip_force)
+        assert load is not None
         force, moment = load.force, load.moment
         if load.follows:
             attitude = rotation(self.rod.nodes(q)[1][-1])
@@ -166,8 +170,9 @@ class RodEquations(RestingRod):
             by, coefficient = end.rates(p[node]), jnp.zeros(6, q.dtype)
             if whole is not None:
                 coefficient = coefficient + whole * end.stiffness
-            if dampers[node] is not None:
-                coefficient = coefficient + dampers[node]
+            own = dampers[node]
+            if own is not None:
+                coefficient = coefficient + own
             out = out.at[node].add(by.T @ (coefficient * (by @ w[node])))
         return rod.on_velocities(out)
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_tables import RodTables
-from jaxbeam._numerics.quaternions import crossing
+from jaxbeam._numerics.quaternions import crossing, rotation
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Number, Triple, Vector
@@ -149,7 +149,7 @@ class RodSpanForce(AbstractSpanForce):
 class RodSpanIntegral(AbstractSpanIntegral):
     """Forces along the span of a rod, by Gauss points in pieces of elements."""
 
-    tables: RodTables
+    rod: Any
     paces: Any  # a function of places: arc length by the share of it, m
     axes: Float[Array, "3 3"]  # of the beam, as rows, in those of the hub
     edges: tuple[float, ...] = eqx.field(static=True)
@@ -165,7 +165,7 @@ class RodSpanIntegral(AbstractSpanIntegral):
 
     def generalised_force(self, density: Float[Array, "p 3"]) -> RodSpanForce:
         places, weight = self.points
-        rows, _ = self.tables.interpolating(places)
+        rows, _ = self.rod.tables.interpolating(places)
         force = (self.paces(places) * weight)[:, None] * density
         if self.follows:
             pairs = jnp.einsum("pi,pj,pc->ijc", rows, rows, force)
@@ -173,4 +173,8 @@ class RodSpanIntegral(AbstractSpanIntegral):
         return RodSpanForce(rows.T @ force @ self.axes.T, None)
 
     def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
-        raise NotImplementedError("a rod knows its reactions without that")
+        if not self.follows:
+            return density
+        rows, _ = self.rod.tables.interpolating(self.points[0])
+        attitude = rotation(self.rod.nodes(q)[1])
+        return jnp.einsum("pi,iab,pb->pa", rows, attitude, density) @ self.axes

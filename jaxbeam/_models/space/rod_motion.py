@@ -22,8 +22,9 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_loads import Still, carried, twisting, velocities
-from jaxbeam._models.space.rod_state import Rod
+from jaxbeam._models.space.rod_nodes import Rod
 from jaxbeam._numerics.kinematics import Kinematics
+from jaxbeam._numerics.linalg import Factors
 from jaxbeam._numerics.quaternions import conjugate, product, rotation
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
@@ -98,8 +99,10 @@ class Turning(Kinematics):
         blocks = jnp.concatenate([upper, jnp.concatenate([0 * eye, turned], 2)], 1)
         return self.rod.after_nodes(stiffness, blocks)
 
+    def inverse(self, matrix: Matrix) -> Factors:
+        return Factors.of(matrix)
+
     def _turns(self, turned: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3"]:
         """Small turns of nodes, in their axes, from changes of their quaternions."""
         size = jnp.sum(self.p * self.p, 1, keepdims=True)
         return 2 * product(conjugate(self.p), turned)[:, 1:] / size
-

@@ -1,10 +1,6 @@
 """States of a rod that rests in its hub: force, tangents, and the search for where they balance.
 
-Coordinates q (7 n,) are displacements u, and 2 L (p - (1, 0, 0, 0)) of quaternions p, of all nodes
-in axes of the beam, those of ends on supports in axes of these, so that zero is the undeformed one;
-quaternions count as of length one. They change by (h, t) of free nodes in axes that turn with them,
-which is what forces and matrices are by; of ends on supports by what these leave free
-(`rod_supports.py`).
+Coordinates and their changes are those of `rod_nodes.py`.
 """
 
 from collections.abc import Callable
@@ -26,16 +22,14 @@ from jaxbeam._models.space.rod_loads import (
     twisting,
     velocities,
 )
-from jaxbeam._models.space.rod_supports import Held, free_changes
-from jaxbeam._models.space.rod_tables import RodTables
+from jaxbeam._models.space.rod_nodes import Coordinates, Rod, slot
 from jaxbeam._numerics.linalg import solve
-from jaxbeam._numerics.quaternions import product, rotated, rotation
+from jaxbeam._numerics.quaternions import rotation
 from jaxbeam._programs.batches import one_by_one
 from jaxbeam._programs.one_function import without_dead_parts
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._types import Scalar, Triple
 
-Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
 _CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended,
 _ROUNDING = 0.6  # or the resolution of the numbers to this power: 7e-5 in single precision
 _LEFT = 1e-2  # of that is allowed to what is foreseen to be left after a change
@@ -44,7 +38,6 @@ _MOST = 30  # changes for one share of the loads
 _FAR = 1e3  # a change that leads nowhere, in lengths and rad
 _LEAST = 1e-5  # share of the loads by which they rise at least
 _IN_ALL = 600  # changes, for all shares
-UPRIGHT = np.eye(4)[0]
 
 
 class Around(NamedTuple):
@@ -61,161 +54,6 @@ class Around(NamedTuple):
         root = jnp.sqrt(share)
         loads = jax.tree.map(lambda a: share * a, (self.gravity, self.load, self.span))
         return Around(root * self.velocity, root * self.spin, *loads)
-
-
-class Rod(eqx.Module):
-    """A rod: elements, masses, supports."""
-
-    tables: RodTables
-    mass: Float[Array, "N N"]  # by velocities of nodes
-    root: Held | None  # None: clamped
-    tip: Held | None  # None: free
-    length: Scalar
-
-    @property
-    def ends(self) -> list[tuple[int, Held]]:
-        """Nodes that are on supports, and these."""
-        return [(node, end) for node, end in ((0, self.root), (-1, self.tip)) if end is not None]
-
-    @property
-    def led_ends(self) -> list[tuple[int, Held]]:
-        """Nodes on supports whose changes are led by what is free."""
-        return [(node, end) for node, end in self.ends if end.leads]
-
-    @property
-    def free(self) -> np.ndarray:
-        """Places of the changes that are free among those of all nodes."""
-        ways = (None if end is None else end.ways for end in (self.root, self.tip))
-        return free_changes(len(self.tables.place), *ways)
-
-    def nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
-        """Displacements and quaternions of nodes, these of length one."""
-        u, p = self.raw_nodes(q)
-        return u, p / jnp.sqrt(jnp.sum(p * p, 1, keepdims=True))
-
-    def raw_nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
-        """Displacements and quaternions of nodes, these as they are."""
-        u, p = self.by_nodes(q)
-        return u, p + UPRIGHT[None]
-
-    def by_nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
-        """Displacements of nodes and changes of quaternions, or changes of these, by those of
-        coordinates."""
-        both = q.reshape(-1, 7)
-        u, p = both[:, :3], both[:, 3:] / (2 * self.length)
-        for node, end in self.ends:
-            if end.attitude is not None:
-                placed, attitude = end.outward(u[node], p[node])
-                u, p = u.at[node].set(placed), p.at[node].set(attitude)
-        return u, p
-
-    def placed(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
-        """Coordinates of displacements and quaternions."""
-        return self.coordinates(u, p - UPRIGHT[None])
-
-    def coordinates(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
-        """Coordinates of displacements and changes of quaternions, or changes of them."""
-        for node, end in self.ends:
-            placed, attitude = end.own(u[node], p[node])
-            u, p = u.at[node].set(placed), p.at[node].set(attitude)
-        return jnp.concatenate([u, 2 * self.length * p], 1).reshape(-1)
-
-    def changed(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
-        """q after a change of what is free."""
-        u, p = self.nodes(q)
-        every = self.spread(q, change)
-        moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        return self.placed(moved, rotated(p, every[:, 3:]))
-
-    def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
-        """How q begins to change."""
-        return self.turning(self.nodes(q)[1], self.spread(q, change))
-
-    def turning(
-        self, p: Float[Array, "nodes 4"], rates: Float[Array, "nodes 6"]
-    ) -> Coordinates:
-        """How coordinates change where nodes with these quaternions do so, in their axes."""
-        moving = jnp.einsum("nij,nj->ni", rotation(p), rates[:, :3])
-        by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
-        return self.coordinates(moving, product(p, by_half))
-
-    def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
-        """Changes of all nodes from those that are free."""
-        every = jnp.zeros(6 * len(self.tables.place), change.dtype)
-        every = every.at[self.free].set(change, unique_indices=True).reshape(-1, 6)
-        for node, basis in self._bases(q):
-            every = every.at[node].set(basis @ every[node])
-        return every
-
-    def _bases(self, q: Coordinates) -> list[tuple[int, Float[Array, "6 6"]]]:
-        """B of the ends that are led."""
-        return [(node, end.basis(self.nodes(q)[1][node])) for node, end in self.led_ends]
-
-    def led(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
-        """A matrix by changes of which, at ends, those that are free lead the others."""
-        for node, basis in self._bases(q):
-            own = slot(node)
-            matrix = matrix.at[own].set(basis.T @ matrix[own])
-            matrix = matrix.at[:, own].set(matrix[:, own] @ basis)
-        return matrix
-
-    # Velocities v are by changes that are free, at ends those of the undeformed rod, with turns times
-    # the length: so their mass is constant.
-
-    @property
-    def _rest(self) -> Coordinates:
-        return jnp.zeros(7 * len(self.tables.place), self.length.dtype)
-
-    @property
-    def _units(self) -> Float[Array, " f"]:
-        turns = self.free % 6 > 2
-        return jnp.where(turns, 1 / self.length, 1.0)
-
-    def of_velocities(self, v: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
-        """Rates of nodes in their axes, by velocities."""
-        return self.spread(self._rest, self._units * v)
-
-    def on_velocities(self, force: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
-        """Forces on nodes in their axes as those on velocities."""
-        return self._units * self._led_back(force)
-
-    def to_velocities(self, change: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
-        """Changes of nodes in their axes as those of which velocities are the rates."""
-        return self._led_back(change) / self._units
-
-    def _led_back(self, sixes: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
-        for node, basis in self._bases(self._rest):
-            sixes = sixes.at[node].set(basis.T @ sixes[node])
-        return sixes.reshape(-1)[self.free]
-
-    def by_velocities(self, matrix: Float[Array, "N N"]) -> Float[Array, "f f"]:
-        """A matrix by changes of nodes as one by velocities."""
-        own = self.led(self._rest, matrix)[np.ix_(self.free, self.free)]
-        return self._units[:, None] * own * self._units[None]
-
-    def after_nodes(
-        self, matrix: Float[Array, "f f"], blocks: Float[Array, "nodes 6 6"]
-    ) -> Float[Array, "f f"]:
-        """A matrix by velocities, after what these blocks make of changes of nodes."""
-        n, free = len(self.tables.place), self.free
-        for node, basis in self._bases(self._rest):
-            blocks = blocks.at[node].set(basis.T @ blocks[node] @ basis)
-        every = jnp.zeros((len(free), 6 * n), matrix.dtype)
-        every = every.at[:, free].set(matrix / self._units[None], unique_indices=True)
-        out = jnp.einsum("mna,nab->mnb", every.reshape(-1, n, 6), blocks)
-        return out.reshape(-1, 6 * n)[:, free] * self._units[None]
-
-    def between_ends(self, by_node: Float[Array, "nodes 3 3"]) -> Float[Array, "nodes 3 3"]:
-        """Rotations of nodes from axes that turn with them; of ends that are led none, since ways
-        stay as they are."""
-        for node, _ in self.led_ends:
-            by_node = by_node.at[node].set(jnp.eye(3), unique_indices=True)
-        return by_node
-
-
-def slot(node: int) -> slice:
-    """Places of the changes of the first node, 0, or of the last, -1."""
-    return slice(0, 6) if node == 0 else slice(-6, None)
 
 
 class Balance(NamedTuple):

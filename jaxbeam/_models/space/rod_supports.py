@@ -14,6 +14,7 @@ B^T (dr) B + (dB)^T r. An end of which nothing is held needs none of that.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -25,7 +26,7 @@ from jaxbeam._models.contract.equations import Drag
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quaternions import crossing, of_turn, rotation, turn_of
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.support import Support
+from jaxbeam._rotor.support import WAYS, Support
 from jaxbeam._types import Number, Scalar
 
 _Six = Float[Array, "6"]
@@ -173,6 +174,26 @@ def ends_of(rotor: Rotor) -> tuple[Held | None, Held | None]:
     if rotor.root_springs is not None:
         root = Held((None, None, None, None, flap, in_plane), None)
     return root, Held.of(rotor.tip_support)
+
+
+def moving_end(name: str, end: Held | None, attitude: Any, stiff: Number) -> Support | None:
+    """The support, of this attitude, of an end that moves in time: its ways stay as they are in
+    axes of its node.
+
+    Raises `ValueError` where there is none such.
+    """
+    if end is None:
+        return None
+    shifts, turns = (sum(way // 3 == part for way in end.ways) for part in (0, 1))
+    if turns and shifts not in (0, 3):
+        raise ValueError(
+            f"{name}: in motion in time an end that turns is free to shift in all ways or in none; "
+            "give a stiff spring instead of None to the ways in which it is held"
+        )
+    springs = end.springs
+    if turns == 2:
+        springs = (*springs[:3], *(stiff if spring is None else spring for spring in springs[3:]))
+    return Support(**dict(zip(WAYS, springs, strict=True)), attitude=attitude)
 
 
 def free_changes(nodes: int, root: Sequence[int] | None, tip: Sequence[int] | None) -> np.ndarray:
