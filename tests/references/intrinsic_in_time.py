@@ -15,6 +15,7 @@ order 2 s with s stages, which are found by Newton's method with one matrix for 
 itself in the eigenvectors of the method. Errors fall exponentially with n and with s.
 """
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -154,7 +155,7 @@ class _Equations:
 
     def jacobian(self, t: float, y: np.ndarray) -> np.ndarray:
         """Of what may be stiff: rates of velocities and forces by these."""
-        v, f, ends = self.parts(self.whole(t, y))
+        v, f, _ = self.parts(self.whole(t, y))
         _, slope = spatial(self.points, np.concatenate([self.by_v @ v, self.by_f @ f], 1))
         along = np.kron(self.gradient, np.eye(6))
         by = (self.by_v, slice(6)), (self.by_f, slice(6, 12))
@@ -191,7 +192,7 @@ def run(scene: Scene, times: np.ndarray, n: int = 10, steps: int = 1, stages: in
     part = np.repeat([0, 1, 2], [equations.v, equations.all - equations.v, 14])
     stage, scale, factors, made = np.zeros((stages, len(y))), np.full(3, 1e-9), None, 0.0
     saved = [y]
-    for first, last in zip(times[:-1], times[1:], strict=True):
+    for first, last in itertools.pairwise(times):
         h = (last - first) / steps
         for t in first + h * np.arange(steps):
             for count in range(_CHANGES):
