@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Complex
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.equations import Drag
+from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._models.contract.loaded import Conditions, equations_under, resting
 from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
 from jaxbeam._programs.program import Program

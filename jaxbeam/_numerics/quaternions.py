@@ -29,8 +29,8 @@ def crossing(a: Turn) -> Float[Array, "*k 3 3"]:
 
 def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
     """The matrix of the rotation: 1 + 2 (w x~ + x~ x~) / |q|^2."""
-    turned = turned_by(q)
-    return turned + leading(np.eye(3), turned)
+    less = turned_by(q)
+    return less + leading(np.eye(3), less)
 
 
 def turned_by(q: Quaternion) -> Float[Array, "*k 3 3"]:

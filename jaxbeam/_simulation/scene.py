@@ -1,6 +1,5 @@
 """A model in motion under loads: what solvers integrate, and its balance of energy and momentum."""
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -9,8 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._models.contract.drag import drag_of
-from jaxbeam._models.contract.equations import Drag, Equations, Inputs
+from jaxbeam._models.contract.equations import Equations, Inputs
 from jaxbeam._models.contract.loaded import SpanLoad, equations_under
 from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.kinematics import Kinematics
@@ -23,6 +23,7 @@ from jaxbeam._rotor.clock import Clock, Later, place
 from jaxbeam._rotor.damping import Damping
 from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
+from jaxbeam._simulation.closures import Traced, converted
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
@@ -130,8 +131,8 @@ class Scene(SecondOrderSystem):
         the user close over too, and without tracing them ever again; t is any time."""
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
-        motion = _Traced(hub, self.motion.change_times(), self.motion.jump_times())
-        own = (_converted(part, t) for part in (loads.tip_force, loads.tip_moment))
+        motion = Traced(hub, self.motion.change_times(), self.motion.jump_times())
+        own = (converted(part, t) for part in (loads.tip_force, loads.tip_moment))
         span = self.span
         if span is not None:
             span = SpanLoad(span.integral, eqx.filter_closure_convert(span.density, t))
@@ -361,27 +362,6 @@ class Scene(SecondOrderSystem):
         return jnp.sum(force, 0), jnp.sum(jnp.cross(place, force), 0)
 
 
-class _Traced(Motion):
-    """A motion of which only the program is left."""
-
-    program: Callable[[Scalar], Hub]
-    changes: Array
-    jumps: Array
-
-    def velocities(self, t: Scalar) -> tuple[Triple, Triple]:
-        hub = self.program(t)
-        return hub.velocity, hub.angular_velocity
-
-    def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
-        return self.program(t)
-
-    def change_times(self) -> Times:
-        return self.changes
-
-    def jump_times(self) -> Times:
-        return self.jumps
-
-
 def _late(jumps: Times, before: Scalar, after: Scalar) -> Scalar:
     """Zero, with the derivative of the time between these at which something jumps, if it does: of
     several, which only what happens between them could tell apart, the mean of first and last.
@@ -392,13 +372,3 @@ def _late(jumps: Times, before: Scalar, after: Scalar) -> Scalar:
     first, beyond = place(own, before, "right"), place(own, after, "left")
     at = jnp.mean(jumps[jnp.clip(jnp.stack([first, beyond - 1]), 0, jumps.size - 1)])
     return jnp.where(beyond > first, at - jax.lax.stop_gradient(at), 0.0)
-
-
-def _converted(part: Any, t: Scalar) -> Any:
-    """A function of time with all its numbers as leaves, those that it closes over too. (Not those
-    of default arguments, which would be one for all cases.)"""
-
-    def at(t: Scalar) -> Array:
-        return jnp.asarray(part(t))
-
-    return eqx.filter_closure_convert(at, t) if callable(part) else part

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import count_functions, kind_of, real_scalar
+from jaxbeam._checks import count_functions, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives
@@ -20,6 +20,8 @@ from jaxbeam._rotor.loads import NO_LOADS, Loads, bending
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._simulation.checks import (
     Seen,
+    check_kinds,
+    check_kinematics,
     check_scene,
     checked_start,
     checked_times,
@@ -39,7 +41,7 @@ from jaxbeam._simulation.integration import (
 from jaxbeam._simulation.result import Simulation
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import SAMPLES, StepLimits, during
-from jaxbeam._solvers.rodas import Rodas5P, Rosenbrock
+from jaxbeam._solvers.rodas import Rodas5P
 from jaxbeam._solvers.steps import SecondOrderSolver, run_core
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure, in_range
@@ -120,11 +122,11 @@ def simulate(
     if dt0 is not None:
         forward = real_scalar("dt0", dt0)
         refuse(throw, (not is_concrete(forward) or float(forward) > 0, Status.INVALID_TIMES))
-    _check_kinds(
+    check_kinds(
         solver=solver, stepsize_controller=stepsize_controller, saveat=saveat, adjoint=adjoint,
         event=event, progress_meter=progress_meter,
     )  # fmt: skip
-    _check_kinematics(model, solver)
+    check_kinematics(model, solver)
     jumps = motion.jump_times().size or loads.jump_times().size
     if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event or jumps):
         raise ValueError(
@@ -138,35 +140,6 @@ def simulate(
         adjoint, event, progress_meter, balance_tolerance,
     )  # fmt: skip
     return dataclasses.replace(finish(result, throw), model=model, rotor=rotor)
-
-
-def _check_kinematics(model: AbstractModel, solver: Any) -> None:
-    """Raise unless a solver knows coordinates whose rates are not the velocities."""
-    few = isinstance(solver, SecondOrderSolver) and not isinstance(solver, Rosenbrock)
-    if few and model.sizes[0] != model.sizes[1]:
-        raise ValueError(
-            f"solver: {type(solver).__name__} is for models whose velocities are the rates of "
-            f"their coordinates, and those of {type(model).__name__} are not: take Rodas5P or "
-            "Rodas4P, or a solver of diffrax"
-        )
-
-
-_KINDS = {
-    "solver": diffrax.AbstractSolver,
-    "stepsize_controller": diffrax.AbstractStepSizeController,
-    "saveat": diffrax.SaveAt,
-    "adjoint": diffrax.AbstractAdjoint,
-    "event": diffrax.Event,
-    "progress_meter": diffrax.AbstractProgressMeter,
-}
-
-
-def _check_kinds(**given: Any) -> None:
-    """Raise unless what is given to integrate with is of the class of diffrax that it must be."""
-    for name, value in given.items():
-        kind = _KINDS[name]
-        if value is not None and not isinstance(value, kind):
-            raise TypeError(f"{name} must be a diffrax.{kind.__name__}, got {kind_of(value)}")
 
 
 @Program

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.contract.equations import Drag
+from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._programs.lanes import LARGE, in_kernel
 from jaxbeam._rotor.motion import Hub

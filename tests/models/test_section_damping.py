@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.contract.equations import Drag
+from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam.blades import Blade, read_blade
 from jaxbeam.models import SpatialRod
 from tests.files.made_up import FOLDER

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.contract.equations import Drag
+from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._numerics.linalg import dense
 from tests.beams import SOFT_SPRINGS, short
 from tests.helpers import BUILT, DISCRETE, ELEMENTS, THEORIES, finite_difference, name

@@ -41,7 +41,8 @@ from jaxbeam._models.ancf.nodes import (
 )
 from jaxbeam._models.ancf.sections import Ends, Sections, body_mass
 from jaxbeam._models.bases.basis import Functions, hermite
-from jaxbeam._models.contract.equations import Dampers, Equations
+from jaxbeam._models.contract.damping_data import Dampers
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.contract.strained import Parts, force_of, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded

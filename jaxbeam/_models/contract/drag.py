@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.equations import Drag, Equations
+from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.labelling import assigned, participation, uncoupled
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._numerics.linalg import symmetric_modes

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.shapes import Shapes
+from jaxbeam._models.contract.damping_data import Dampers, Drag
 from jaxbeam._models.contract.equilibrium import Rest, equilibrium
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._numerics.blocks import BlockTridiagonal
@@ -25,33 +26,6 @@ from jaxbeam._types import Matrix, Number, Triple, Vector
 
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
 Inputs = tuple[Hub, Any, AbstractSpanForce | None]
-
-Dampers = tuple[Number | None, Number | None]  # of the root, in plane and in flap, N m s
-
-
-class Drag(eqx.Module):
-    """`Damping` as the equations of one beam have it: coefficients; dampers of the root, where its
-    angles are not linear in the coordinates; a matrix that depends on no state, of ratios and of
-    dampers whose angles are; coefficients of full sections, of models that support these; and
-    dampers of supports."""
-
-    mass_coefficient: Number | None = None
-    stiffness_coefficient: Number | None = None
-    dampers: Dampers | None = None
-    matrix: Matrix | None = None
-    section_coefficients: Float[Array, "6"] | None = None
-    root: Float[Array, "6"] | None = None
-    tip: Float[Array, "6"] | None = None
-
-    @property
-    def is_none(self) -> bool:
-        """Whether nothing is damped."""
-        return not jax.tree.leaves(self)
-
-    @property
-    def is_viscous(self) -> bool:
-        """Whether rates of strains are damped."""
-        return not (self.stiffness_coefficient is None and self.section_coefficients is None)
 
 
 class Undeformed(NamedTuple):

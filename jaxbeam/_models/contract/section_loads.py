@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.equations import Drag, Equations
+from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, cross

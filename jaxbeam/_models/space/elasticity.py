@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.equations import Dampers, Equations
+from jaxbeam._models.contract.damping_data import Dampers
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.strained import force_of
 from jaxbeam._models.space.ends import Ends
 from jaxbeam._models.space.frames import deformation

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
-from jaxbeam._models.contract.equations import Drag, Equations
+from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import bent, by_changes, pulled

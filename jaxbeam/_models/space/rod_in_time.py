@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.equations import Drag, Undeformed
+from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.equations import Undeformed
 from jaxbeam._models.space.rod_elements import bent, by_changes, geometric, nodal, on_diagonal
 from jaxbeam._models.space.rod_equations import RestingRod
 from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, twisting
@@ -34,7 +35,7 @@ class RodEquations(RestingRod):
         super().__init__(rotor, degree, ends)
 
     def kinematics(self, q: Coordinates, v: Vector) -> Coordinates:
-        return self.rod.turning(self.rod.raw_nodes(q)[1], self.rod.of_velocities(v))
+        return self.rod.rates_of(self.rod.raw_nodes(q)[1], self.rod.of_velocities(v))
 
     def stage_kinematics(self, q: Coordinates, v: Vector, g: Number) -> Turning:
         rod = self.rod
@@ -133,20 +134,20 @@ class RodEquations(RestingRod):
     def kinetic_energy(self, q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> Number:
         rod, (u, p) = self.rod, self.rod.nodes(q)
         velocity, spin = self.axes @ velocity, self.axes @ spin
-        rigid, turned = self._carried(velocity, spin), turned_by(p)
+        rigid, tilted = self._carried(velocity, spin), turned_by(p)
         place = rod.tables.place + u
         spun = jnp.broadcast_to(spin, u.shape)
         moving = jnp.concatenate([velocity[None] + jnp.cross(spun, place), spun], 1)
         # In axes that turn: what is seen there less what would be without any turn.
-        more = jnp.einsum("nji,nxj->nxi", turned, moving.reshape(-1, 2, 3)).reshape(-1, 6)
+        more = jnp.einsum("nji,nxj->nxi", tilted, moving.reshape(-1, 2, 3)).reshape(-1, 6)
         more = more + jnp.concatenate([jnp.cross(spun, u), 0 * u], 1)
         more = (rod.of_velocities(v) + more).reshape(-1)
         return more @ (rod.mass @ (rigid.reshape(-1) + more / 2))
 
     def first_moment(self, q: Coordinates) -> Triple:
         (u, p), weight = self.rod.nodes(q), self.rod.tables.weight
-        turned = jnp.einsum("nij,nj->ni", turned_by(p), weight[:, 1:])
-        return jnp.sum(weight[:, :1] * u + turned, 0) @ self.axes
+        moved = jnp.einsum("nij,nj->ni", turned_by(p), weight[:, 1:])
+        return jnp.sum(weight[:, :1] * u + moved, 0) @ self.axes
 
     def elastic_force(self, q: Coordinates) -> Vector:
         zero = jnp.zeros(3, q.dtype)

@@ -73,36 +73,36 @@ class Turning(Kinematics):
     g: Number
 
     def before(self, first: Vector) -> Vector:
-        moving, turning = self.rod.by_nodes(first)
+        moving, turns = self.rod.by_nodes(first)
         own = self.g**2 / (1 + (self.g**2) * jnp.sum(self.w[:, 3:] ** 2, 1, keepdims=True) / 4)
         half = jnp.concatenate([jnp.zeros_like(own), self.w[:, 3:] / 2], 1)
-        turned = own * (turning / self.g + product(turning, half))
-        by_turn = jnp.cross(self._turns(turned), self.w[:, :3])
+        spun = own * (turns / self.g + product(turns, half))
+        by_turn = jnp.cross(self._turns(spun), self.w[:, :3])
         moved = self.g * (moving + jnp.einsum("nij,nj->ni", rotation(self.p), by_turn))
-        return self.rod.coordinates(moved, turned)
+        return self.rod.coordinates(moved, spun)
 
     def led(self, z: Vector) -> Vector:
-        return self.before(self.rod.turning(self.p, self.rod.of_velocities(z)))
+        return self.before(self.rod.rates_of(self.p, self.rod.of_velocities(z)))
 
     def seen(self, change: Vector) -> Vector:
-        moved, turned = self.rod.by_nodes(change)
+        moved, spun = self.rod.by_nodes(change)
         inward = jnp.einsum("nji,nj->ni", rotation(self.p), moved)
-        return self.rod.to_velocities(jnp.concatenate([inward, self._turns(turned)], 1))
+        return self.rod.to_velocities(jnp.concatenate([inward, self._turns(spun)], 1))
 
     def eliminated(self, stiffness: Matrix) -> Matrix:
         g, w = self.g, self.w
         own = g**2 / (1 + g**2 * jnp.sum(w[:, 3:] ** 2, 1) / 4)
         eye = jnp.broadcast_to(jnp.eye(3), (len(w), 3, 3))
-        turned = own[:, None, None] * (eye / g - carried(w)[:, 3:, 3:] / 2)
-        moved = -g * carried(w)[:, :3, 3:] @ turned
+        spun = own[:, None, None] * (eye / g - carried(w)[:, 3:, 3:] / 2)
+        moved = -g * carried(w)[:, :3, 3:] @ spun
         upper = jnp.concatenate([g * eye, moved], 2)
-        blocks = jnp.concatenate([upper, jnp.concatenate([0 * eye, turned], 2)], 1)
+        blocks = jnp.concatenate([upper, jnp.concatenate([0 * eye, spun], 2)], 1)
         return self.rod.after_nodes(stiffness, blocks)
 
     def inverse(self, matrix: Matrix) -> Factors:
         return Factors.of(matrix)
 
-    def _turns(self, turned: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3"]:
+    def _turns(self, spun: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3"]:
         """Small turns of nodes, in their axes, from changes of their quaternions."""
         size = jnp.sum(self.p * self.p, 1, keepdims=True)
-        return 2 * product(conjugate(self.p), turned)[:, 1:] / size
+        return 2 * product(conjugate(self.p), spun)[:, 1:] / size

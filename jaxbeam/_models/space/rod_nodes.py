@@ -90,9 +90,9 @@ class Rod(eqx.Module):
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """How q begins to change."""
-        return self.turning(self.nodes(q)[1], self.spread(q, change))
+        return self.rates_of(self.nodes(q)[1], self.spread(q, change))
 
-    def turning(self, p: Float[Array, "nodes 4"], rates: Float[Array, "nodes 6"]) -> Coordinates:
+    def rates_of(self, p: Float[Array, "nodes 4"], rates: Float[Array, "nodes 6"]) -> Coordinates:
         """How coordinates change where nodes with these quaternions do so, in their axes."""
         moving = jnp.einsum("nij,nj->ni", rotation(p), rates[:, :3])
         by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.equations import Drag
+from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quaternions import crossing, of_turn, rotation, turn_of
 from jaxbeam._rotor.beam import Rotor
