@@ -64,35 +64,37 @@ def test_small_motion_is_that_of_modes():
 
 @pytest.mark.exhaustive
 def test_torsion_of_a_thin_blade_in_rotation():
-    """Rung by a moment that ends, sections of no second stiffness of inertia: GJ, and the propeller
-    moment adds the square of the speed to that of the frequency."""
+    """Rung by a moment, sections that are thin in flap: the propeller moment adds the square of the
+    speed to that of each frequency (2 k - 1) pi / (2 L) (GJ / I)^(1/2)."""
     stiffness, inertia = np.diag([1e6, 1e6, 1e6, 4.0, 5e3, 5e3]), np.diag([1, 1, 1, 0.01, 0, 0.01])
-    rotor, model = uniform(stiffness, inertia, 1.0).rotor, SpatialRod(8)
-    speed, times = 10.0, np.linspace(0, 2.0, 401)
-    motion = jb.ConstantSpeed(speed)
+    rotor, speed, pulse = uniform(stiffness, inertia, 1.0).rotor, 10.0, 0.3
 
-    @optimised
-    def rung(size):
-        loads = jb.Loads(tip_moment=size * jnp.array([1.0, 0, 0]))
-        start = jb.steady_start(model, rotor, motion, loads=loads)
-        run = jb.simulate(model, rotor, motion, times, start=start, stepsize_controller=TIGHT)
-        return run.torsion(1.0)[:, 0]
+    def moment(t):
+        rung = jnp.where(t < pulse, 1e-3 * jnp.sin(jnp.pi * t / pulse) ** 8, 0.0)
+        return jnp.stack([rung, 0 * rung, 0 * rung])
 
-    found = np.asarray(rung(1e-3))
-    odd = np.arange(1, 17, 2)
-    omega = np.sqrt(odd**2 * np.pi**2 / 4 * 400 + speed**2)
-    phase = times[:, None] * omega
-    waves = np.concatenate([np.cos(phase), np.sin(phase)], 1)
+    times = np.append(0.0, np.linspace(pulse, 3.0, 201))
+    loads, motion = jb.Loads(tip_moment=moment, changes=[pulse]), jb.ConstantSpeed(speed)
+    start = jb.steady_start(SpatialRod(10), rotor, motion)  # else it would ring in stretch
+    run = optimised(
+        lambda: jb.simulate(
+            SpatialRod(10), rotor, motion, times, loads=loads, start=start,
+            stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-11),
+        )
+    )()  # fmt: skip
+    found = np.asarray(run.torsion(1.0))[1:, 0]
+    found = found / np.abs(found).max()
+    omega = np.hypot(np.arange(1, 12, 2) * np.pi / 2 * 20, speed)
 
     def missed(share):
-        tuned = np.concatenate([np.cos(share * phase[:, :1]), np.sin(share * phase[:, :1])], 1)
-        every = np.concatenate([tuned, np.delete(waves, [0, len(odd)], 1)], 1)
-        return np.linalg.norm(every @ np.linalg.lstsq(every, found, rcond=None)[0] - found)
+        phase = times[1:, None] * omega * np.where(omega == omega[0], share, 1.0)
+        waves = np.concatenate([np.cos(phase), np.sin(phase)], 1)
+        return waves @ np.linalg.lstsq(waves, found, rcond=None)[0] - found
 
-    each = np.array([missed(1 + share) for share in (-1e-3, 0, 1e-3)])
-    offset = 1e-3 * (each[0] - each[2]) / (2 * (each[0] + each[2] - 2 * each[1]))
-    print(each, offset)
-    assert abs(offset) < 1e-6
+    fine, *off = (np.abs(missed(share)).max() for share in (1.0, 1 - 1e-6, 1 + 1e-6))
+    print(fine, off)
+    assert fine < 1e-5
+    assert min(off) > 2 * fine
 
 
 @pytest.mark.exhaustive
@@ -118,7 +120,7 @@ def test_a_slender_rod_is_a_beam():
 @pytest.mark.exhaustive
 def test_gravity_is_a_hub_that_falls_upwards():
     """In a rotating hub, of a blade with offsets and a body."""
-    gravity, times, model = np.array([0.3, -1.0, -4.0]), np.linspace(0, 1.0, 5), SpatialRod(4)
+    gravity, times, model = np.array([0.3, -1.0, -4.0]), np.linspace(0, 1.0, 5), SpatialRod(10)
     motion = jb.ConstantSpeed(3.0, SKEW)
     weighed = jb.simulate(
         model, COUPLED, motion, times, loads=jb.Loads(gravity), stepsize_controller=TIGHT
@@ -127,7 +129,7 @@ def test_gravity_is_a_hub_that_falls_upwards():
     # At rest in its hub at first, where both begin.
     moved = jb.simulate(model, COUPLED, lifted, times, stepsize_controller=TIGHT)
     print(np.abs(weighed.tip - moved.tip).max())
-    np.testing.assert_allclose(weighed.tip, moved.tip, atol=1e-7)
+    np.testing.assert_allclose(weighed.tip, moved.tip, atol=2e-6)
     assert np.abs(weighed.tip).max() > 0.05
 
 
@@ -168,11 +170,11 @@ def test_what_acts_at_the_hub():
     np.testing.assert_allclose(speed * SKEW @ run.hub_torque[at_middle], power, rtol=1e-6)
     root, moment = run.section_force(0.0)[:, 0], run.section_moment(0.0)[:, 0]
     own = np.stack([moment[:, 0], -moment[:, 2], moment[:, 1]], 1)
-    np.testing.assert_allclose(run.hub_force, -root, atol=1e-7 * scale)
+    np.testing.assert_allclose(run.hub_force, -root, atol=1e-6 * scale)
     torque = -own + np.cross(radius * np.eye(3)[0], run.hub_force)
     size = np.abs(torque).max()
     print(np.abs(run.hub_torque - torque).max() / size)
-    np.testing.assert_allclose(run.hub_torque, torque, atol=1e-7 * size)
+    np.testing.assert_allclose(run.hub_torque, torque, atol=1e-6 * size)
     strained = axial * np.asarray(run.strain(0.0))[:, 0]
     curved = np.asarray(run.curvature(0.0))[:, 0] * [lag, flap]
     print(np.abs(strained - root[:, 0]).max() / scale, np.abs(curved - moment[:, 1:]).max() / size)
@@ -314,8 +316,8 @@ def test_limits_and_starts():
     steady, gravity = jb.ConstantSpeed(6.0), jb.Loads(np.array([0, 0, -9.81]))
     start = jb.steady_start(model, COUPLED, steady, loads=gravity)
     stays = jb.simulate(model, COUPLED, steady, times, loads=gravity, start=start)
-    print(np.abs(stays.tip - stays.tip[0]).max())
-    np.testing.assert_allclose(stays.tip, stays.tip[[0] * 5], atol=1e-8)
+    print(np.ptp(stays.tip, axis=0).max())
+    assert np.ptp(stays.tip, axis=0).max() < 1e-8
     same = jb.steady(model, COUPLED, 6.0, loads=gravity)
     np.testing.assert_allclose(stays.tip[0], same.tip, atol=1e-10)
     np.testing.assert_allclose(stays.hub_torque[-1], same.hub_torque, atol=1e-5)
