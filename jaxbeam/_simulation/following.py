@@ -133,7 +133,11 @@ class _Following(diffrax.AbstractStepSizeController):
     def _sizes(self, t0: Any, t1: Any, scene: Scene, given: tuple[State, ...]) -> tuple[State, ...]:
         """Both states of a step and its error, as the controller is to see them."""
         pauses = self.step_limits.pauses
-        if not (pauses.sided and self._adaptive):
+        if not self._adaptive:
+            return given
+        weighed = scene.equations.weighed
+        given = tuple(State(y.q, weighed(y.v), y.work) for y in given)
+        if not pauses.sided:
             return given
         apart = pauses.apart(t0)
         quick = apart < self.step_limits.quick

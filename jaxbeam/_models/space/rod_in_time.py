@@ -45,6 +45,12 @@ class RodEquations(RestingRod):
         none = jnp.zeros_like(self.mass[0])
         return self.stage_kinematics(q, none, jnp.ones_like(self.length)).seen(change)
 
+    def weighed(self, v: Vector) -> Vector:
+        """Their mean by the mass, for all: turns of sections across the beam have hardly any
+        inertia, move as fast as shear lets them, and would make steps three times as many."""
+        mean = jnp.maximum(v @ (self.mass @ v), 0.0) / self.rigid_moments[0]
+        return jnp.full_like(v, jnp.sqrt(mean))
+
     def force(self, hub: Hub, q: Coordinates, v: Vector, tip_force: Any) -> Vector:
         rod, (u, p) = self.rod, self.rod.nodes(q)
         tables, (still, rates, gravity) = rod.tables, self._moving(hub, u, p)
