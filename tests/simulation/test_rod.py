@@ -102,7 +102,7 @@ def test_a_slender_rod_is_a_beam():
     """Of elements in space, about an inclined axis; of small deflection, of `Hybrid`."""
     beam = jb.Beam(8.0, 0.2, 5e6, 566.0, 400.0, torsional_stiffness=300.0, polar_inertia=1e-5)
     rotor, times = jb.Rotor(beam, 0.5, 0.1), np.linspace(0, 4.0, 9)
-    for model, speed, tolerance in ((jb.SpatialANCF(16), 2.0, 1e-4), (jb.Hybrid(), 0.01, 1e-4)):
+    for model, speed, tolerance in ((jb.SpatialANCF(16), 2.0, 2e-5), (jb.Hybrid(), 0.01, 1e-5)):
         motion = jb.SmoothSpinUp(speed, 4.0, jb.motions.inclined_axis(1.1))
         tips = [
             jb.simulate(m, rotor, motion, times, stepsize_controller=TIGHT).tip
@@ -208,11 +208,11 @@ def pendulum():
     @jax.jit
     def fall(tilt, gravity):
         hinge = Support(about_3=0.0, attitude=jnp.stack([tilt, 0 * tilt, 0 * tilt]))
-        rotor = uniform(1e7 * np.eye(6), np.diag([1.0, 1, 1, 2e-3, 1e-3, 1e-3]), 1.0).rotor
+        rotor = uniform(1e9 * np.eye(6), np.diag([1.0, 1, 1, 2e-3, 1e-3, 1e-3]), 1.0).rotor
         rotor = jb.Rotor(rotor.beam, root_support=hinge)
         return jb.simulate(
             SpatialRod(2), rotor, STILL, np.linspace(0, 4, 9), loads=jb.Loads(gravity),
-            dt0=0.002, stepsize_controller=diffrax.ConstantStepSize(),
+            dt0=0.001, stepsize_controller=diffrax.ConstantStepSize(),
         )  # fmt: skip
 
     return fall
@@ -231,7 +231,7 @@ def test_a_pendulum(tilt):
     exact = np.sin(angle)[:, None] * np.eye(3)[0] - np.cos(angle)[:, None] * across
     tip = np.asarray(run.tip) + np.eye(3)[0]
     print(np.abs(tip - exact).max())
-    np.testing.assert_allclose(tip, exact, atol=1e-5)
+    np.testing.assert_allclose(tip, exact, atol=5e-6)
 
 
 VALUES = jnp.array(
