@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.equations import is_followed
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
@@ -247,14 +248,16 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
     that it found."""
     reached, at, state, t0 = run.reached, run.times, run.state, run.calendar.times[0]
     saved = at - run.calendar.origin, state
-    imbalance, near, fits = _account(*without_derivatives((run.scene, run.start, saved, run.watch)))
+    imbalance, near, fits, followed = _account(
+        *without_derivatives((run.scene, run.start, saved, run.watch))
+    )
     finite = finite_rows(jnp.concatenate([state.q, state.v, state.work[:, None]], 1))
     balanced = jnp.abs(imbalance) <= balance_tolerance
     # At once, since each search of so many numbers is some programs of its own to compile.
     finite, balanced = jnp.all(~reached[None] | jnp.stack([finite, balanced]), 1)
     numbers = first_broken(
         (finite, Status.NOT_FINITE), (near, Status.DIVERGED), (fits, Status.OUT_OF_RANGE),
-        (balanced, Status.UNBALANCED),
+        (balanced, Status.UNBALANCED), (followed, Status.TOO_FEW_FUNCTIONS),
     )  # fmt: skip
     status = first_failure(given, run.ended, numbers)
     # What is out of range was not simulated, but something harmless in its place.
@@ -283,9 +286,10 @@ def _beside(mask: Array, values: Array) -> Array:
 
 def _account(
     scene: Scene, y0: State, saved: tuple[Array, State], watch: EnergySamples
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array | bool]:
     """Account of saved states: change of energy less work over the largest energy; and of these and
-    those between, whether no tip is too far away and no element beyond its range."""
+    those between, whether no tip is too far away, no element beyond its range, and whether
+    functions follow, on average."""
     start = jnp.zeros_like(saved[0], shape=1), jax.tree.map(lambda a: a[None], y0)
     parts = [saved, start] if watch is None else [saved, start, watch]
     times, states = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
@@ -294,19 +298,21 @@ def _account(
         lambda a: jnp.where(_beside(reached, a) & jnp.isfinite(a), a, 0.0), states
     )
 
-    def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array]:
+    def one(t: Scalar, y: State) -> tuple[Scalar, Scalar, Array, Any]:
         parts = run_core(_parts, None, scene, scene.hub(scene.after(t)), y)
         balance = jnp.sum(parts) - scene.work_unit * y.work
         good = jnp.stack([~is_far(scene, y), scene.equations.is_in_range(y.q)])
-        return balance, jnp.sum(jnp.abs(parts)), good
+        return balance, jnp.sum(jnp.abs(parts)), good, scene.equations.high_share(y.q)
 
-    balance, size, good = jax.vmap(one)(jnp.where(reached, times, 0.0), states)
+    balance, size, good, share = jax.vmap(one)(jnp.where(reached, times, 0.0), states)
     # Of motions as small as this (1e-60 lengths) parts are so close to the smallest number that
     # what one piece of the program computes is zero in another.
     least = scene.equations.energy_scale * jnp.finfo(size.dtype).tiny ** 0.4
     n, largest = saved[0].size, jnp.maximum(jnp.max(size), least)
     near, fits = jnp.all(good, 0)
-    return (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0), near, fits
+    followed = is_followed(jax.tree.map(jnp.sum, share))
+    relative = (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0)
+    return relative, near, fits, followed
 
 
 def _parts(_: None, scene: Scene, hub: Hub, y: State) -> Float[Array, "3 *lanes"]:

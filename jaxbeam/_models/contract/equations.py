@@ -24,8 +24,14 @@ from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
 from jaxbeam._rotor.span import Span
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
+_MOST_HIGH = 0.1  # of the forces, that may be in the highest functions
 # How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
 Inputs = tuple[Hub, Any, AbstractSpanForce | None]
+
+
+def is_followed(share: tuple[Number, Number] | None) -> Array | bool:
+    """Whether functions can follow the forces in sections: by `Equations.high_share`."""
+    return True if share is None else share[0] <= _MOST_HIGH**2 * share[1]
 
 
 class Undeformed(NamedTuple):
@@ -240,10 +246,10 @@ class Equations(eqx.Module):
         """What the stiffness about q may be too small by, where that is known."""
         return None
 
-    def is_followed(self, q: Vector) -> Array | bool:
-        """Whether functions can follow forces in sections of a state of rest, where that is looked
-        at."""
-        return True
+    def high_share(self, q: Vector) -> tuple[Number, Number] | None:
+        """Energy of what of the forces in sections is in the highest functions, and of all, where
+        that is looked at: `is_followed` says whether it is little."""
+        return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
         """Where the points of a span are, in hub axes from the centre of the hub, in m."""

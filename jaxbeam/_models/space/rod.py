@@ -37,7 +37,7 @@ _OF_NODE = (
 
 class SpatialRod(AbstractModel[Rotor]):
     """A rod of full sections about an axis that may be curved, geometrically exact: it stretches,
-    shears, bends both ways and twists, in steady rotation and in small motion about it.
+    shears, bends both ways and twists, by any motion of the hub and any turns.
 
     Strains are those of Simo and Reissner, sections 6 x 6 stiffnesses and inertias with all their
     couplings and offsets (`Blade`; a `Beam` is one whose sections are diagonal, with the rotary
@@ -58,9 +58,9 @@ class SpatialRod(AbstractModel[Rotor]):
     differ by less than half a turn; from the undeformed blade they may be of any size. Costs go
     with the cube of the number of coordinates.
 
-    It takes all that a rotor and constant loads have (`Rotor`, `Loads`); loads that follow turn
-    with the sections from axes of the undeformed beam. Motion in time it leaves to `SpatialANCF`.
-    Either end may be on a `Support`, alone of all models:
+    It takes all that a rotor and loads have (`Rotor`, `Loads`); loads that follow turn with the
+    sections from axes of the undeformed beam. Runs whose forces in sections are by much in the
+    highest polynomials are `TOO_FEW_FUNCTIONS`. Either end may be on a `Support`, alone of all models:
 
         hinge = jb.blades.Support(about_2=0.0, attitude=(0.0, 0.0, 0.3))  # flap, with some pitch
         propped = jb.blades.Support(0.0, None, None, 0.0, 0.0, 0.0)  # held across

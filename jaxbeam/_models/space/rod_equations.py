@@ -41,7 +41,6 @@ from jaxbeam._types import Matrix, Number, Triple, Vector
 _POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
 _FEW = 4  # degrees below which forces have no polynomials to spare
-_MOST_HIGH = 0.1  # of the forces, that may be of the highest degrees
 _HELD = 1e-13  # lowest eigenvalue of K, over its diagonal, of what is held at all
 
 
@@ -117,12 +116,12 @@ class RestingRod(Equations):
         m, c, k = (self._by_places(q, a) for a in (mass, gyroscopic, stiffness))
         return m, c, k
 
-    def is_followed(self, q: Coordinates) -> Array | bool:
-        """Whether the third of the polynomials of forces that is of the highest degrees has little
-        of them, measured by the energy of forces: so what is beyond has less."""
+    def high_share(self, q: Coordinates) -> tuple[Number, Number] | None:
+        """Twice the energy of the third of the polynomials of forces that is of the highest
+        degrees, and of all: what is beyond has less."""
         tables, (points, weight) = self.rod.tables, gauss(self.rod.tables.degree)
         if tables.degree < _FEW:
-            return True
+            return None
         strain = bent(tables, *self.rod.nodes(q)).strain.reshape(tables.elements, -1)
         force = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
         through = legendre.legvander(points, tables.degree - 1)
@@ -133,8 +132,7 @@ class RestingRod(Equations):
         top = tables.pace[:, :, None] * jnp.einsum("ab,ebc->eac", kept, by_length)
         top = top.reshape(force.shape)
         own = jax.vmap(solve)(tables.stiffness, top)
-        fine: Array = jnp.sum(top * own) <= _MOST_HIGH**2 * jnp.sum(force * strain)
-        return fine
+        return jnp.sum(top * own), jnp.sum(force * strain)
 
     def is_held(self, state: Rest) -> Array | None:
         if self.rod.root is None or state.matrices is None:
