@@ -1,10 +1,12 @@
 """Rods that tests of their motion in time share, each as a rotor and as what references take, and
 how hubs turn, stated anew."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxbeam as jb
@@ -94,6 +96,20 @@ def coupled() -> Case:
         lambda x: pitched @ (2 * x * axis[0] + axis[1]), along(stiffness), along(inertia),
     )  # fmt: skip
     return Case(rotor, rod, along(np.stack([about(*carried)] * 2))(1.0))
+
+
+def coned(case: Case, angle: float) -> Case:
+    """It leaves its root at an angle towards a3."""
+    cos, sin, root = np.cos(angle), np.sin(angle), case.rod.place(0.0)
+    tilt = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+    both = np.kron(np.eye(2), tilt)
+    rod = Rod(
+        lambda x: root + tilt @ (case.rod.place(x) - root), lambda x: tilt @ case.rod.slope(x),
+        lambda x: both @ case.rod.stiffness(x) @ both.T,
+        lambda x: both @ case.rod.inertia(x) @ both.T,
+    )  # fmt: skip
+    rotor = dataclasses.replace(case.rotor, precone=jnp.asarray(angle))
+    return Case(rotor, rod, both @ case.body @ both.T)
 
 
 def _about_axis(angle: float) -> np.ndarray:

@@ -18,7 +18,16 @@ from jaxbeam.models import SpatialRod
 from tests.helpers import optimised
 from tests.references import elastica
 from tests.references.intrinsic_in_time import Scene, run
-from tests.simulation.rods import ALONG, FREE, TIGHT, coupled, slender, spun_up, uniform
+from tests.simulation.rods import (
+    ALONG,
+    FREE,
+    TIGHT,
+    coned,
+    coupled,
+    slender,
+    spun_up,
+    uniform,
+)
 
 TIMES = np.linspace(0, 6, 7)
 STILL = jb.ConstantSpeed(0.0)
@@ -98,6 +107,36 @@ def test_a_coupled_blade_with_offsets():
         lambda: jb.simulate(SpatialRod(8), case.rotor, motion, times, stepsize_controller=TIGHT)
     )()
     np.testing.assert_allclose(found.tip, exact, atol=1e-7)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("follows", [False, True])
+def test_loads_on_a_blade_in_a_cone(follows):
+    """The same blade in a cone, with a force and a moment that rise at its tip, in axes of the hub
+    or in those of the blade, which turn with the last section."""
+    case, times, angle = coned(coupled(), 0.3), np.linspace(0, 1.0, 5), 0.3
+    force, moment = np.array([1.0, 2.0, -3.0]), np.array([0.5, -0.7, 0.9])
+    cos, sin = np.cos(angle), np.sin(angle)
+    tilt = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+
+    def at_ends(t, turned):
+        inward = tilt if follows else turned[1].T @ turned[0]
+        six = t**4 * np.concatenate([inward @ force, inward @ moment])
+        return np.stack([0 * six, six])
+
+    scene = spun_up(case, "smooth", 5.0, 1.0, SKEW)._replace(loads=at_ends)
+    exact = run(scene, times, 10, 20).tip
+    loads = jb.Loads(
+        tip_force=lambda t: t**4 * force, tip_moment=lambda t: t**4 * moment, follows=follows
+    )
+    found = optimised(
+        lambda: jb.simulate(
+            SpatialRod(8), case.rotor, jb.SmoothSpinUp(5.0, 1.0, SKEW), times, loads=loads,
+            stepsize_controller=TIGHT,
+        )
+    )()  # fmt: skip
+    np.testing.assert_allclose(found.tip, exact, atol=3e-8)
+    assert np.abs(found.imbalance).max() < 1e-8
 
 
 def turned(run, xi=0.5):
