@@ -70,7 +70,7 @@ def _points(rod: Rod, axis: np.ndarray, count: int) -> _Points:
     return _Points(unknowns, pace[:, :, None], slope / pace, strains, momenta, hub)
 
 
-def _spatial(points: _Points, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def spatial(points: _Points, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What stands beside V', W', F', M' in the equations, of unknowns (n, 12), and its derivative
     by them (n, 12, 12)."""
     strain, momentum = points.strains, points.momenta
@@ -112,7 +112,7 @@ def frequencies(
     for share in np.linspace(0, 1, _LOAD_STEPS + 1)[1:]:
         for _ in range(_CHANGES):
             unknowns = share * speed * at.root + np.tensordot(at.unknowns, rates)
-            value, slope = _spatial(at, unknowns)
+            value, slope = spatial(at, unknowns)
             out = rates + at.pace[:, 0] * value
             whole = np.eye(12 * points) + _tangent(at, slope)
             change = np.linalg.solve(whole, out.ravel()).reshape(rates.shape)

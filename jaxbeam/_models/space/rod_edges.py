@@ -51,7 +51,8 @@ def _soft_breaks(structure: Any, leaves: tuple[_Same, ...]) -> tuple[float, ...]
     pieces = itertools.pairwise(sections.edges)
     places = np.concatenate([np.linspace(start, end, 9)[:-1] for start, end in pieces])
     with jax.ensure_compile_time_eval():
-        compliance = np.asarray(sections.compliance_at(places))
+        stiffness = np.asarray(sections.stiffness_at(places))
+    compliance = np.linalg.inv(stiffness)  # by JAX it would be traced in a batch
     soft = np.log(np.diagonal(compliance, axis1=1, axis2=2)[:, [0, 3, 4, 5]])
     out, least, most = [], soft[0], soft[0]
     for before, here in zip(places, soft[1:], strict=False):
