@@ -82,6 +82,7 @@ class SpatialRod(AbstractModel[Rotor]):
     called = ""
     couples_all = True
     in_time = False
+    is_reference = True
     degree: int = eqx.field(static=True, default=8)
     elements: int = eqx.field(static=True, default=1)
     # Ends of elements, and which ways are free at root and tip, if these have supports, which
