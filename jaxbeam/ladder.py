@@ -53,7 +53,7 @@ In the plane 97.3, 96.4 and 97.3 % of them, and in space 97.7 and 93.7 %, are at
 the cheapest that does. In a single number, such as a peak, errors of coarse rungs cancel by chance,
 and a rung that agrees by accident is not looked for: leaving out those whose next finer one does
 not agree it is 98.2, 98.2 and 98.6 %, and 98.7 and 98.0 %. Frequencies in space were judged by
-elements then; by rods those of 16 blades, half of them uneven along the span, at 1e-2 and 1e-3 are
+elements then; by rods those of 8 blades, half of them uneven along the span, at 1e-2 and 1e-3 are
 within the tolerance, and no error is larger than its estimate.
 
 **What it costs.** On 1000 spin-ups at 1e-3 all are within the tolerance, and the whole takes a
