@@ -2,18 +2,20 @@
 
 Blades are drawn at random: tapered, twisted, swept and bent, of full sections with every coupling
 and with centres of mass off the axis. Of each, the six lowest modes at rest are looked at over 20
-speeds, up to one and a half times the first frequency. Three ways to connect them:
+speeds, up to one and a half times the first frequency. Four ways to connect them:
 
 - labels, which `campbell` gives to modes of one speed without those of any other;
 - continuation: from speed to speed to the mode that is most alike (by the modal assurance
   criterion, MAC, with the mass matrix), in steps a tenth or a hundredth as long wherever a mode is
   alike by less than 0.98;
-- plain tracking: the same over the 20 speeds alone.
+- `Campbell.branches`, by the order of frequencies at each of the 20 speeds alone;
+- plain tracking: continuation over the 20 speeds alone.
 
 In a veering two branches come near and part, and their modes exchange their motion. Continuation
 stays on a branch unless the gap is narrower than a hundredth of a step; a label goes with the
 motion, from one branch to the other, in the middle of the veering. So labels that part from
-continuation are not wrong, but mean something else; where plain tracking does it is wrong.
+continuation are not wrong, but mean something else; where `branches` or plain tracking do they are
+wrong.
 
     python studies/campbell_labels.py [--quick] [--out FOLDER]
 """
@@ -38,6 +40,7 @@ SPEEDS, SPLIT, ALIKE, SAME = 20, 10, 0.98, 1e-6
 LENGTH = 3.0
 SIZE = np.sqrt([1e6, 2e5, 2e5, 3e2, 4e2, 6e2])  # square roots of stiffnesses of sections
 BLADES, FEW = 1000, 10
+OTHERS = "labels", "branches", "plain tracking"
 
 
 class Seen(NamedTuple):
@@ -131,7 +134,10 @@ def compared(rotor: jb.Rotor) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     labelled = np.where(is_own.any(2), np.argmax(is_own, 2), -1)
     none = np.concatenate([modes.frequency, np.full((SPEEDS, 1), np.nan)], 1)
     ways = {"continuation": fine, "labels": labelled, "plain tracking": plain}
-    return speeds, {name: none[every, place] for name, place in ways.items()}
+    found = {name: none[every, place] for name, place in ways.items()}
+    names = [jb.models.Label(jb.models.Direction(n // 100), int(n % 100)) for n in modes.label[0]]
+    diagram = jb.campbell(MODEL, rotor, speeds, names[:COUNT])
+    return speeds, found | {"branches": diagram.branches()["frequency"]}
 
 
 def main(quick: bool = False, out: Path | None = None, blades: int = BLADES) -> Path:
@@ -148,10 +154,7 @@ def main(quick: bool = False, out: Path | None = None, blades: int = BLADES) -> 
             failed += 1
             continue
         exact = found["continuation"]
-        parts = {
-            name: ~(np.abs(found[name] - exact) <= SAME * exact)
-            for name in ("labels", "plain tracking")
-        }
+        parts = {name: ~(np.abs(found[name] - exact) <= SAME * exact) for name in OTHERS}
         turns = np.abs(np.diff(parts["labels"].astype(int), axis=0)).sum(0)
         rows += [
             (number, mode + 1, *(int(part[:, mode].sum()) for part in parts.values()), turns[mode])
@@ -160,21 +163,21 @@ def main(quick: bool = False, out: Path | None = None, blades: int = BLADES) -> 
         if example is None or np.any(parts["labels"]) > np.any(example[2]["labels"]):
             example = speeds, found, parts
     table = np.array(rows)
-    header = ("blade", "mode", "speeds_at_which_the_label_parts", "and_plain_tracking",
-              "turns_of_the_label")  # fmt: skip
+    header = ("blade", "mode", "speeds_at_which_the_label_parts", "and_the_branch",
+              "and_plain_tracking", "turns_of_the_label")  # fmt: skip
     common.write_csv(out / "campbell_labels.csv", header, rows)
     count = len(table) // COUNT
     print(f"{count} blades; {failed} more have no steady state up to the last speed")
-    for name, column in (("labels", 2), ("plain tracking", 3)):
+    for name, column in zip(OTHERS, (2, 3, 4), strict=True):
         part = table[:, column].reshape(count, COUNT)
         print(
             f"  {name} part from continuation at {part.sum() / (part.size * SPEEDS):.2%} of points,"
             f" {np.mean(part > 0):.1%} of modes, {np.mean(part.any(1)):.1%} of blades"
         )
-    turns = table[:, 4]
+    turns = table[:, 5]
     print(f"  labels go to another branch {turns.sum()} times, and {np.sum(turns > 1)} of "
           f"{turns.size} more than once")  # fmt: skip
-    draw(out / "campbell_labels.png", table.reshape(count, COUNT, 5), example)
+    draw(out / "campbell_labels.png", table.reshape(count, COUNT, 6), example)
     return common.finish(began, "figure and table are", out)
 
 
@@ -191,12 +194,10 @@ def draw(path: Path, table: np.ndarray, example: Any) -> None:
     left.set(xlabel="speed (rad/s)", ylabel="frequency (rad/s)", title="one blade")
     left.set_ylim(0, 1.35 * np.max(found["continuation"]))
     left.legend(loc="upper left", fontsize=8)
-    modes, width = np.arange(1, COUNT + 1), 0.38
-    for side, (name, column, colour) in zip(
-        (-1, 1), (("labels", 2, VERMILION), ("plain tracking", 3, GREEN)), strict=True
-    ):
-        share = 100 * np.mean(table[:, :, column] > 0, 0)
-        right.bar(modes + side * width / 2, share, width, color=colour,
+    modes, width = np.arange(1, COUNT + 1), 0.27
+    for side, name, colour in zip((-1, 0, 1), OTHERS, (VERMILION, BLUE, GREEN), strict=True):
+        share = 100 * np.mean(table[:, :, side + 3] > 0, 0)
+        right.bar(modes + side * width, share, width, color=colour,
                   label=f"{name}: {np.mean(share):.1f} % of modes")  # fmt: skip
     right.set(xlabel="mode at rest", ylabel="blades in which it parts (%)",
               title=f"of {len(table)} blades")  # fmt: skip

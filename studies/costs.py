@@ -1,10 +1,11 @@
 """What things cost: gradients, elements, and the first result of a fresh process.
 
 Reverse mode against the forward run (the peak of a spin-up, a sweep of frequencies); modes of a
-blade beside those of a uniform beam, a case of a batch; a step against the number of elements, in
-the plane and in space, with slopes on logarithmic scales; and CPU seconds from the start of a new
-process to its first result, beside what diffrax alone takes for ten linear oscillators, and in the
-next process where `jb.keep` keeps programs. It measures the Python that runs it.
+blade beside those of a uniform beam, a case of a batch, and of a rod of full sections; a step
+against the number of elements, in the plane and in space, with slopes on logarithmic scales; and
+CPU seconds from the start of a new process to its first result, beside what diffrax alone takes for
+ten linear oscillators, and in the next process where `jb.keep` keeps programs. It measures the
+Python that runs it.
 
     python studies/costs.py [--quick] [--out FOLDER]
 """
@@ -219,6 +220,56 @@ def batches() -> Iterator[Row]:
         yield "the same with gradients", name, 1e6 * seconds(5, slopes, v) / size, "us"
 
 
+def full_blade() -> jb.blades.Blade:
+    """30 stations of full sections with every coupling, tapered, twisted, swept and bent."""
+    draw, along = np.random.default_rng(0), np.linspace(0.0, 1.0, 30)
+    size = np.sqrt([2e9, 2e8, 1e8, 1e8, 5e8, 1.5e9])
+    a = draw.normal(size=(6, 6))
+    stiff = size[:, None] * (a @ a.T / 60 + np.eye(6)) * size
+    arm = np.cross([0.0, 0.1, 0.02], np.eye(3)).T
+    about = np.diag([60.0, 20.0, 40.0]) - 300 * arm @ arm
+    heavy = np.block([[300 * np.eye(3), -300 * arm], [300 * arm, about]])
+    taper = (1 - 0.7 * along)[:, None, None]
+    axis = np.stack([60 * along, -2 * along**2, -3 * along**2], 1)
+    return jb.blades.Blade(along.tolist(), taper**2 * stiff, taper * heavy, axis, 0.2 * (1 - along))
+
+
+def rods() -> Iterator[Row]:
+    """The rod of a blade, 48 coordinates: its steady rotation, six modes about that, a case of a
+    batch, and derivatives by all 42 numbers of all sections."""
+    model, blade = jb.models.SpatialRod(8), full_blade()
+    names = "six modes, 30 full sections", "tip in steady rotation, the same"
+    numbers = blade.stiffness, blade.inertia
+
+    def rotor(stiffness: Any, inertia: Any) -> jb.Rotor:
+        fields = blade.stations, stiffness, inertia, blade.axis, blade.twist
+        return jb.Rotor(jb.blades.Blade(*fields), 2.0)
+
+    def six(*of: Any) -> Any:
+        return jb.modes(model, rotor(*of), 1.2, 6, throw=False).frequency
+
+    def tip(*of: Any) -> Any:
+        return jb.steady(model, rotor(*of), 1.2, throw=False).tip
+
+    def taken(function: Any, *of: Any) -> float:  # as runs, by the least CPU time
+        made = jax.jit(function)
+        return min(cpu_seconds(made, *of) for _ in range(10))
+
+    price = taken(six, *numbers)
+    yield "a rod alone", names[1], 1e6 * taken(tip, *numbers), "us"
+    yield "a rod alone", names[0], 1e6 * price, "us"
+    draw = np.random.default_rng(4)
+    factors = jnp.asarray(draw.uniform(0.9, 1.1, (256, 2, 30, 1)))
+    many = jax.jit(jax.vmap(lambda f: six(*(f * jnp.stack(numbers)))))
+    yield "a rod, a case of 256", names[0], 1e6 * cpu_seconds(many, factors) / 256, "us"
+    by = 0, 1
+    for what, slope in (
+        ("gradient of their sum, over them", jax.value_and_grad(lambda *of: jnp.sum(six(*of)), by)),
+        ("gradients of all six, over them", jax.jacrev(six, by)),
+    ):
+        yield what, names[0], taken(slope, *numbers) / price, "-"
+
+
 def elements(quick: bool, out: Path) -> Iterator[Row]:
     """A step of `Rodas5P`, alone, of elements in the plane and in space: the first 200 of a spin-up
     of a beam that bends alike both ways."""
@@ -353,6 +404,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     for part in (
         lambda: gradients(quick),
         lambda: () if quick else batches(),
+        lambda: () if quick else rods(),
         lambda: () if quick else gradients_of_runs(),
         lambda: elements(quick, out),
         lambda: fresh_processes(quick),

@@ -87,7 +87,10 @@ class Choice:
         if (
             stout := np.max(beforehand.timoshenko_reduction[:, takes_part], initial=0.0)
         ) > self.tolerance:
-            lines.append(f"shear and rotary inertia, which no rung has, might take off {stout:.1g}")
+            lines.append(
+                f"shear and rotary inertia might take off {stout:.1g}: rods alone have them, of a "
+                "Beam the latter"
+            )
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:
             if verdict == NOT_NEEDED:

@@ -111,20 +111,20 @@ def choose_model(
 
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
     a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
-    do. Then elements are refined, from four on, until the last two differ by less than the
-    tolerance: they are the judge. In space that takes the `torsional_stiffness` of the beam; where
-    it is not given von Karman beams judge there, and estimates have their own error on top, twice
-    the square of the deflection over length plus the strain. What elements in space alone bear (a
-    moment at the tip or a load that follows it, motion in a cone) is answered by these alone, and
-    the coarsest of them looks first. Cheaper rungs are tried in order of cost until one agrees, but
-    for those that a better one of their kind, far off itself, rules out. The estimate of a rung is
-    its distance from the judge, plus what the judge may be off, a twentieth of the tolerance at
-    least, plus what ten times tighter integration changes.
+    do. Then elements are refined, from four on (of rods in degree), until the last two differ by
+    less than the tolerance: they are the judge. In space that takes the `torsional_stiffness` of
+    the beam; where it is not given von Karman beams judge there, and estimates have their own error
+    on top, twice the square of the deflection over length plus the strain. What elements in space
+    alone bear (a moment at the tip or a load that follows it, motion in a cone) is answered by
+    these alone, and the coarsest of them looks first. Cheaper rungs are tried in order of cost
+    until one agrees, but for those that a better one of their kind, far off itself, rules out. The
+    estimate of a rung is its distance from the judge, plus what the judge may be off, a twentieth
+    of the tolerance at least, plus what ten times tighter integration changes.
 
-    The judge's material has the engineering strain (`ExactRodANCF`, `SpatialANCF`). To estimates of
-    rungs of any other axial law is added what laws that agree at small strains may differ by, from
-    the strains that the judge meets: see `Answer.constitutive_uncertainty`, which
-    `Choice.constitutive_uncertainty` repeats.
+    The judge's material has the engineering strain (`ExactRodANCF`, `SpatialANCF`, of frequencies
+    in space `SpatialRod`). To estimates of rungs of any other axial law is added what laws that
+    agree at small strains may differ by, from the strains that the judge meets: see
+    `Answer.constitutive_uncertainty`, which `Choice.constitutive_uncertainty` repeats.
 
     It takes the time of the judge and half of it again, seldom that of the finest elements; each
     model is compiled once for all questions of a kind, side by side on the cores there are. For
@@ -254,7 +254,7 @@ def _refined(
 ) -> tuple[AbstractModel, float]:
     """The judge, refined until it stands still, and how far it may be off. Where a finer one fails,
     the finest that another confirms."""
-    share = convergence_factor(ask.question, ask.rotor)
+    share = convergence_factor(ask.question, ask.rotor, elements[0])
     judge, left, before = elements[1], np.inf, np.inf
     for coarse, fine in itertools.pairwise(elements):
         apart = ask.apart(coarse, fine)
@@ -268,7 +268,7 @@ def _refined(
         else:
             here = max(share * apart, share**2 * before)
         judge, left, before = fine, here, apart
-        if apart <= JUDGE * tolerance:
+        if max(apart, here) <= JUDGE * tolerance:
             break
     return judge, max(left, _LEAST * tolerance)
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxbeam._checks import real_scalar
 from jaxbeam._ladder.background import BackgroundCompiler
 from jaxbeam._ladder.choose import UNKNOWN
-from jaxbeam._ladder.questions import Answer, Question
+from jaxbeam._ladder.questions import Answer, Question, straightened
 from jaxbeam._ladder.rungs import is_planar
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._rotor.beam import Rotor
@@ -35,7 +35,7 @@ class Know(eqx.Module):
     def __call__(self, **parameters: Scalar) -> dict[str, Any]:
         rotor, question = self.situation(**parameters)
         speed = question.speed()
-        strain = jnp.abs(rotor.steady_strain(speed))
+        strain = jnp.abs(straightened(rotor).steady_strain(speed))
         status = rotor.status(jnp.zeros_like(speed))  # the rest is for the first answer to say
         return {"strain": strain, "planar": is_planar(question, rotor), "status": status}
 

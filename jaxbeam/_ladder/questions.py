@@ -1,6 +1,7 @@
 """What can be asked of a rotor, in terms that every theory answers."""
 
 import abc
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -14,10 +15,12 @@ from jaxbeam._checks import check_kind, checked_speed, count_functions, renamed
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import checked_conditions
 from jaxbeam._models.modal.theories import Hybrid
+from jaxbeam._models.space.rod import SpatialRod
 from jaxbeam._modes.modes import found_about
 from jaxbeam._modes.wanted import choose
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.blade import Blade
 from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.loads import NO_LOADS, Loads
@@ -117,6 +120,17 @@ class Question(eqx.Module):
 
 
 _END = (0.99, 1.0)  # places x / L between which the slope at the tip is taken
+
+
+def straightened(rotor: Rotor) -> Rotor:
+    """A rotor for theories of straight beams: that of a blade with the beam that is left of it, and
+    clamped where it is on supports."""
+    ends = (rotor.root_support, rotor.tip_support)
+    if any(end is not None for end in ends):
+        rotor = dataclasses.replace(rotor, root_support=None, tip_support=None)
+    if isinstance(rotor.beam, Blade):
+        rotor = dataclasses.replace(rotor, beam=rotor.beam.beam())
+    return rotor
 
 
 def _strained_most(rotor: Rotor) -> np.ndarray:
@@ -324,20 +338,22 @@ class ModalFrequencies(Question):
                 raise ValueError(f"which: bending or torsion of number 1 to 8, got {label}")
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
-        # Rungs are held against each other: what functions leave out is among their errors.
+        # Rungs are held against each other: what functions leave out is among their errors. But the
+        # coarsest rods have modes that no blade has.
         wanted, conditions = choose(model, self.which), checked_conditions(self.loads, NO_DAMPING)
         speed = self.angular_speed
-        found, system = found_about(model, rotor, speed, wanted, False, conditions)
-        value = found.frequency
-        deformed: tuple[Array, ...] = (0 * speed, 0 * speed, jnp.abs(rotor.steady_strain(speed)))
+        judged = isinstance(model, SpatialRod)
+        found, system = found_about(model, rotor, speed, wanted, judged, conditions)
+        value, straight = found.frequency, straightened(rotor)
+        deformed: tuple[Array, ...] = (0 * speed, 0 * speed, jnp.abs(straight.steady_strain(speed)))
         if conditions is not None:
             assert system.state is not None
-            at, q, places = model.equations(rotor), system.state, _strained_most(rotor)
+            at, q, places = model.equations(rotor), system.state, _strained_most(straight)
             seen = at.displacement(q, np.array(_END)), at.strain(q, places), at.curvature(q, places)
-            deformed = _deformed(rotor, *(a[None] for a in seen))
+            deformed = _deformed(straight, *(a[None] for a in seen))
         size, slope, law = nan_unless(found.status == Status.OK, deformed)
         # A mode that diverges where another theory has it vibrate must not pass as 0 of 0.
-        tiny = 1e-9 * rotor.beam.frequency_scale
+        tiny = 1e-9 * straight.beam.frequency_scale
         scale = jnp.maximum(jnp.abs(value), tiny)
         return Answer(value, scale, size, slope, jnp.asarray(0), found.status, law)
 

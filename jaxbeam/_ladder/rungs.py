@@ -3,9 +3,9 @@
 Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
 at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
 elements converge to the right answer for a material of the engineering strain: `ExactRodANCF`
-in the plane, `SpatialANCF` in space. That needs to know how the beam twists; where its
-`torsional_stiffness` is not given, von Karman beams take its place, which are right to second order
-of deflection over length.
+in the plane, in space `SpatialANCF` in motion and `SpatialRod` of frequencies. These need to know
+how the beam twists; where its `torsional_stiffness` is not given, von Karman beams take their
+place, which are right to second order of deflection over length.
 """
 
 import functools
@@ -17,20 +17,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._ladder.questions import Question, checked_question
+from jaxbeam._ladder.questions import Question, checked_question, straightened
 from jaxbeam._models.ancf.theories import ExactRodANCF
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.supports import check_supported, missing, unsupported
 from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
+from jaxbeam._models.space.rod import SpatialRod
 from jaxbeam._models.space.theory import SpatialANCF
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor
+from jaxbeam._rotor.beam_sections import sections_of
 from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
+DEGREES = (2, 3, 4, 6, 8, 12, 16, 24)  # of rods, which end elements where properties jump
 # Error of von Karman beams over `Indicators.nonlinearity`; 0.8 to 1.2 in studies/validity.py.
 SPACE = 2.0
 
@@ -52,14 +55,20 @@ def space_alone(question: Question, rotor: Rotor) -> str:
     return question.space_alone or next(iter(missing(Hybrid, rotor, moving=question.moving)), "")
 
 
+def judge_in_space(question: Question) -> type[SpatialANCF] | type[SpatialRod]:
+    """The theory that judges out of the plane."""
+    return SpatialANCF if question.moving else SpatialRod
+
+
 def check_answerable(question: Question, rotor: Rotor) -> None:
     """Raise `ValueError` where elements in space are needed, and do not bear the rotor.
 
     That does not depend on numbers.
     """
     needed = question.space_alone or next(iter(missing(VonKarman, rotor)), "")
-    if needed and (why := unsupported(SpatialANCF, rotor)):
-        raise ValueError(f"{needed}: of this SpatialANCF alone is the judge. {why}")
+    theory = judge_in_space(question)
+    if needed and (why := unsupported(theory, rotor)):
+        raise ValueError(f"{needed}: of this {theory.__name__} alone is the judge. {why}")
 
 
 def chains(
@@ -70,10 +79,12 @@ def chains(
     """
     counts = () if space_alone(question, rotor) else question.functions
     linear: list[AbstractModel] = [Hybrid.of_size(n, rotor, planar) for n in counts]
-    if planar or not unsupported(SpatialANCF, rotor):
-        sizes = [n for n in sizes_for(rotor) if 2 * n >= question.functions[0]]
-        theory = ExactRodANCF if planar else SpatialANCF
-        return linear, [theory(n).suited(rotor) for n in sizes]
+    theory = ExactRodANCF if planar else judge_in_space(question)
+    if planar or not unsupported(theory, rotor):
+        least = question.functions[0]
+        if theory is SpatialRod:
+            return linear, [SpatialRod(p).suited(rotor) for p in DEGREES if p >= least]
+        return linear, [theory(n).suited(rotor) for n in sizes_for(rotor) if 2 * n >= least]
     return linear, [VonKarman.of_size(n, rotor, planar) for n in counts if n > 1]
 
 
@@ -149,7 +160,7 @@ class Indicators(eqx.Module):
     | rest_frequency       | (6,)  | of the first bending modes in plane, rad/s                   |
     | excited              | (6,)  | how much each takes part in what the hub's rotation excites  |
     | timoshenko_reduction | (2,6) | share of each frequency, in plane and in flap (if that takes |
-    |                      |       | part), that shear and rotary inertia, which no rung has,     |
+    |                      |       | part), that shear and rotary inertia, which rods alone have, |
     |                      |       | would take off: an estimate for solid metal. Of turned       |
     |                      |       | sections off the lowest frequencies                          |
     """
@@ -172,6 +183,7 @@ class Indicators(eqx.Module):
 def indicators(question: Question, rotor: Rotor) -> Indicators:
     """Indicators but size and slope, which a linear theory has to say: these are infinite."""
     # Of a beam in a cone as if it lay in the plane, where the tension is no less.
+    rotor = straightened(rotor)
     rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
     speed = question.speed()
     omega, shape = bending_at_rest(rotor)
@@ -191,7 +203,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
 def is_planar(question: Question, rotor: Rotor) -> Array:
     """Whether motion, loads and answer stay in the plane of rotation."""
     # Where sections are turned, what begins in the plane leaves it; so does a beam in a cone.
-    leaves = rotor.couples_bending or rotor.precone is not None or question.space_alone
+    leaves = rotor.couples_bending or rotor.precone is not None or space_alone(question, rotor)
     return question.planar(rotor) & (not leaves)
 
 
@@ -203,7 +215,7 @@ def scout_of(linear: list[AbstractModel], elements: list[AbstractModel]) -> Abst
 def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     """Rungs that may judge: coarser ones seldom do, and each would have to be compiled."""
     coarse = 2
-    if rotor.varies and nonlinear[0].is_reference:
+    if rotor.varies and nonlinear[0].is_reference and not isinstance(nonlinear[0], SpatialRod):
         coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 
@@ -239,12 +251,16 @@ def left_out_by(judge: AbstractModel, beforehand: Indicators) -> float:
     return 0.0 if judge.is_reference else SPACE * float(beforehand.nonlinearity)
 
 
-def convergence_factor(question: Question, rotor: Rotor) -> float:
+def convergence_factor(question: Question, rotor: Rotor, judge: AbstractModel) -> float:
     """Share of the difference between two rungs that the finer may be off: twice what the order of
     convergence says, elements being halved. With a kink of a property within elements the order is
-    three at most, with a step one: then the differences to come add up to the last one."""
-    finest = sizes_for(rotor)[-1]
+    three at most, with a step one: then the differences to come add up to the last one. Errors of
+    rods fall faster than with any order, where properties have no kinks; with many such by fits and
+    starts, so that the difference before the last one counts as well."""
     order = question.order
+    if isinstance(judge, SpatialRod):
+        return float(2.0 ** (1 - order)) if len(sections_of(rotor.beam).edges) <= 2 else 1.0
+    finest = sizes_for(rotor)[-1]
     if not _at_nodes(rotor.beam.edges, finest):
         order = min(order, 3)
     return float(2.0 ** (1 - order)) if _at_nodes(rotor.beam.steps, finest) else 1.0

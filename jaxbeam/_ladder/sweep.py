@@ -176,7 +176,7 @@ def _swept(
     rotor, question = example
     linear, nonlinear = chains(question, rotor, planar)
     elements = judges(nonlinear, rotor)
-    first = scout_of(linear, elements)
+    share, first = convergence_factor(question, rotor, elements[0]), scout_of(linear, elements)
     # One that is cheaper, others would have to be compiled for few cases.
     linear = linear[max(linear.index(first) - 1, 0) :] if linear else []
     pool.begin(first, *elements[:2])
@@ -196,7 +196,7 @@ def _swept(
     linear = linear if 0.03 * nonlinearity.min() <= tolerance else []  # a tenth of its error
     pool.begin(*linear[:2])
     sample = _representatives(pool, cases, nonlinearity, np.flatnonzero(fine), representatives)
-    these = cases[sample], nonlinearity[sample], tolerance, convergence_factor(question, rotor)
+    these = cases[sample], nonlinearity[sample], tolerance, share
     rich, truth = _calibrated(pool, elements, *these)
     poor = [_linear(pool, linear, truth, rich.theory, *these)] if linear else []
     estimate, status = out["estimate"], out["status"]

@@ -167,6 +167,7 @@ def _pairs(
         jnp.where(ok, found.shape, identity[jnp.argmax(inside, axis=1)]),
         inside,
         signature,
+        system.conservative and system.damping is None,
     )
 
 
@@ -212,7 +213,7 @@ def _eigenvalue_jvp(forms: _Forms, primals: Any, tangents: Any) -> tuple[Array, 
     return lam, -jax.vmap(quotient)(change, slope)  # hinges may leave a zero
 
 
-@jax.custom_jvp
+@functools.partial(jax.custom_jvp, nondiff_argnums=(7,))
 def _eigenpairs(
     mass: Array,
     gyroscopic: Array,
@@ -221,43 +222,55 @@ def _eigenpairs(
     shape: Array,
     inside: Array,
     signature: Array | None,
+    conservative: bool,
 ) -> tuple[Array, Array]:
     """Identity on (eigenvalue, shape) that knows their derivatives by the three matrices.
 
     Left eigenvectors are y = S x, S = diag(`signature`), because M and K are symmetric and G is
     skew and couples only coordinates of opposite signature; where it couples others too, where the
-    signature is zero, those of stable modes are the conjugates of x. Without a `signature` nothing
-    is known of them, and they are found from the transposed matrix.
+    signature is zero, those of stable modes are the conjugates of x. Without a `signature` they are
+    that where the system is `conservative` and no mode grows, else they are found from the
+    transposed matrix.
     """
     return eigenvalue, shape
 
 
 @_eigenpairs.defjvp
 def _eigenpairs_jvp(
-    primals: tuple[Any, ...], tangents: tuple[Any, ...]
+    conservative: bool, primals: tuple[Any, ...], tangents: tuple[Any, ...]
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     m, g, k, _, _, inside, signature = primals
     dm, dg, dk = tangents[:3]
     # Through the function itself, not its arguments: then this rule can be differentiated again.
-    eigenvalue, shape = _eigenpairs(*primals)
+    eigenvalue, shape = _eigenpairs(*primals, conservative)
 
-    def one(lam: Array, x: Array, group: Array) -> tuple[Array, Array]:
-        force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
-        slope = 2 * lam * (m @ x) + g @ x
+    like = shape.conj()
+    if signature is not None:
+        like = jnp.where((signature == 0)[None], like, signature[None] * shape)
+
+    def bordered(lam: Array, x: Array, group: Array, like: Array) -> tuple[Array, Array]:
         # [Q, Q'x; (S M x)^T, 0] [dx; dlam] = [-dQ x; -x^T S dM x / 2], Q = lam^2 M + lam G + K,
         # regular for a simple eigenvalue. Rows of other groups are replaced by dx = 0, since
         # there Q may be singular: flap and in-plane frequencies of a square section coincide.
         within = group[:, None] * group[None]
         q = jnp.where(within > 0, lam**2 * m + lam * g + k, jnp.diag(1 - group))
+        slope = 2 * lam * (m @ x) + g @ x
         border = jnp.where(lam == 0, m @ x + 0j, slope)  # of lambda^2, where d lambda is infinite
-        like = x.conj() if signature is None else jnp.where(signature == 0, x.conj(), signature * x)
-        held = (like @ m)[None]
-        bordered = jnp.block([[q, border[:, None]], [held, jnp.zeros((1, 1))]])
-        left = like
-        if signature is None:
-            unit = jnp.zeros(len(x) + 1, x.dtype).at[-1].set(1.0)
-            left = solve(bordered.T, unit)[:-1]
-        right = jnp.concatenate([-force * group, -0.5 * (like @ (dm @ x))[None]])
-        return -quotient(left @ force, left @ slope), solve(bordered, right)[:-1]
+        return jnp.block([[q, border[:, None]], [(like @ m)[None], jnp.zeros((1, 1))]]), slope
 
-    return (eigenvalue, shape), jax.vmap(one)(eigenvalue, shape, inside)
+    def of_transposed(lam: Array, x: Array, group: Array, like: Array) -> Array:
+        unit = jnp.zeros(len(x) + 1, x.dtype).at[-1].set(1.0)
+        return solve(bordered(lam, x, group, like)[0].T, unit)[:-1]
+
+    def one(lam: Array, x: Array, group: Array, like: Array, left: Array) -> tuple[Array, Array]:
+        force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
+        matrix, slope = bordered(lam, x, group, like)
+        right = jnp.concatenate([-force * group, -0.5 * (like @ (dm @ x))[None]])
+        return -quotient(left @ force, left @ slope), solve(matrix, right)[:-1]
+
+    each = (eigenvalue, shape, inside, like)
+    left = like
+    if signature is None:
+        stable = conservative & jnp.all(eigenvalue.real == 0)
+        left = jax.lax.cond(stable, lambda *_: like, jax.vmap(of_transposed), *each)
+    return (eigenvalue, shape), jax.vmap(one)(*each, left)

@@ -23,6 +23,7 @@ from jaxbeam._sweeps.cases import grid
 from jaxbeam._sweeps.sweep import sweep
 from jaxbeam._sweeps.table import Table
 from jaxbeam._types import Scalar
+from jaxbeam._vibration.branches import along_branches
 from jaxbeam._vibration.crossing import Crossing, crossing
 
 _CLOSER = 17  # speeds of the closer look at an interval in which a label jumps
@@ -52,6 +53,36 @@ class Campbell(InHertz, eqx.Module):
     def status(self) -> np.ndarray:
         """`Status` of each speed of the diagram, in the order given."""
         return self.table["status"]
+
+    def branches(self) -> Table:
+        """Frequencies along branches, in the place of those of labels.
+
+        In a veering two branches come near and part, and their modes exchange their motion; labels
+        go with the motion, from one branch to the other, so that a line of theirs jumps. A branch
+        is one smooth function of the speed. Each bears the label of its mode at the slowest speed
+        of the diagram, zero if that is among them (at the first one at which no two modes that are
+        coupled have the same frequency). At all others it is the mode with as many below it among
+        those that are coupled with it, since such never cross: exact, however narrow veerings are,
+        and however far speeds are apart. Directions of motion that the rotor does not couple (flap
+        with bending in plane, of sections that are not turned) are counted apart, and cross; a
+        symmetry beside these is not known of, and branches that it lets cross seem to veer.
+
+        Returns a `Table` with `frequency` (rad/s; angular_speed, mode) and `status`: as in the
+        diagram, and `NO_EQUILIBRIUM` where the stiffness is not positive definite, as where a mode
+        grows. There the order of modes is none.
+
+        Raises `ValueError` for diagrams with damping, or with loads that have no potential.
+        """
+        conditions = checked_conditions(self.loads, self.damping)
+        if not self.damping.are_none or not self.loads.has_potential:
+            raise ValueError(
+                "branches are followed by the order of frequencies, which with damping, or under "
+                "loads that turn with the beam and moments, may cross: take the diagram without"
+            )
+        speeds = self.table.coords["angular_speed"]
+        frequency, status = along_branches(self.model, self.rotor, conditions, speeds, self.labels)
+        dims = {name: self.table.dims[name] for name in ("frequency", "status")}
+        return Table({"frequency": frequency, "status": status}, dims, self.table.coords)
 
     def crossings(
         self, harmonics: Sequence[float] | np.ndarray = (1, 2, 3, 4, 5, 6)

@@ -85,10 +85,10 @@ ALONE = [
 
 @pytest.mark.parametrize(("question", "more", "needed"), ALONE, ids=[a[2] for a in ALONE])
 def test_what_elements_in_space_alone_bear(question, more, needed):
-    """They are all the rungs there are, and without them there is an error that names the cause."""
-    assert all(
-        isinstance(r.model, jb.SpatialANCF) for r in jb.ladder.rungs(rotor(**more), question)
-    )
+    """They are all the rungs there are, of frequencies rods, and without them there is an error
+    that names the cause."""
+    theory = jb.SpatialANCF if question.moving else jb.models.SpatialRod
+    assert all(isinstance(r.model, theory) for r in jb.ladder.rungs(rotor(**more), question))
     refused = rotor(None, **more)
     for ask in (
         lambda: jb.ladder.rungs(refused, question),
@@ -101,10 +101,37 @@ def test_what_elements_in_space_alone_bear(question, more, needed):
 
 def test_frequencies_in_a_cone_have_hybrid_rungs_without_stretch():
     models = [rung.model for rung in jb.ladder.rungs(rotor(precone=0.1), BENDING)]
-    assert {type(model) for model in models} == {jb.Hybrid, jb.SpatialANCF}
+    assert {type(model) for model in models} == {jb.Hybrid, jb.models.SpatialRod}
     assert all(model.n_stretch == 0 for model in models if isinstance(model, jb.Hybrid))
     with pytest.raises(ValueError, match=r"^precone: .* give torsional_stiffness"):
         jb.ladder.rungs(rotor(None, precone=0.1), BENDING)
+
+
+def blade(stations=2):
+    """Tapered, twisted and swept, of full sections; with more than two stations stiffness and mass
+    are uneven along it."""
+    rng = np.random.default_rng(2)
+    a, size = rng.normal(size=(6, 6)), np.sqrt([1e6, 2e5, 2e5, 3e2, 4e2, 6e2])
+    stiffness = size[:, None] * (a @ a.T / 6 + 2 * np.eye(6)) * size
+    mass = np.diag([1.2, 1.2, 1.2, 0.02, 0.008, 0.012])
+    axis = [[0, 0, 0], [1, 0.02, 0], [2, 0.1, 0.05], [3, 0.3, 0.1]]
+    along, uneven = np.linspace(0, 1, stations), 0.3 * (stations > 2)
+    both = [
+        ((1 - less * along) * np.exp(uneven * rng.normal(size=stations)))[:, None, None] * section
+        for less, section in ((0.6, stiffness), (0.4, mass))
+    ]
+    return jb.blades.Blade(along.tolist(), *both, axis, twist=[0.3, 0.2, 0.1, 0])
+
+
+def test_rods_alone_bear_blades_and_supports():
+    """Of their frequencies; their motion nothing does."""
+    held = {"tip_support": jb.blades.Support(0.0, None, None, 0.0, 0.0, 0.0)}
+    for asked in (jb.Rotor(blade(), 0.5), rotor(**held)):
+        for question in (BENDING, jb.ladder.ModalFrequencies(1.0, jb.labels(in_plane=1))):
+            models = [rung.model for rung in jb.ladder.rungs(asked, question)]
+            assert {type(model) for model in models} == {jb.models.SpatialRod}
+        with pytest.raises(ValueError, match=r"blade|tip_support"):
+            jb.ladder.rungs(asked, inclined(1.0))
 
 
 def test_places_in_a_cone():
@@ -118,7 +145,8 @@ def test_places_in_a_cone():
 
 
 def truth(asked, question, size, elements):
-    found = jb.ladder.evaluate(jb.SpatialANCF(elements), asked, question, 1e-6, size)
+    richest = jb.SpatialANCF(elements) if question.moving else jb.models.SpatialRod(elements)
+    found = jb.ladder.evaluate(richest, asked, question, 1e-6, size)
     assert int(found.status) == 0
     return found
 
@@ -196,6 +224,50 @@ def test_motion_in_a_cone():
 def test_frequencies(question, more, tolerance):
     asked = rotor(**more)
     honest(jb.choose_model(asked, question, tolerance), asked, question)
+
+
+@pytest.mark.exhaustive
+def test_torsion_of_a_turning_beam():
+    """The propeller moment stiffens it: omega^2 = (pi / 2 L)^2 GJ / J + Omega^2 (J_3 - J_2) / J,
+    where J is small, so that gyroscopic moments do not couple it with flap."""
+    beam = jb.Beam(1.0, 1.0, 200.0**2, 1.0, 0.7, torsional_stiffness=3.2e-4, polar_inertia=2e-5)
+    question = jb.ladder.ModalFrequencies(4.0, jb.labels(torsion=1))
+    choice = jb.choose_model(jb.Rotor(beam), question, 1e-3)
+    exact = np.sqrt((np.pi / 2) ** 2 * 16 + 16 * 0.3 / 1.7)
+    assert choice.met
+    assert abs(choice.answer[0] / exact - 1) <= choice.estimate <= 1e-3
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("stations", "loads"),
+    [(2, {}), (2, {"tip_force": [0.0, 10.0, 20.0]}), (12, {})],
+    ids=["alone", "loaded", "uneven"],
+)
+def test_frequencies_of_a_blade(stations, loads):
+    """Of a rod of degree 24, which intrinsic equations of such a blade agree with to 1e-10."""
+    asked = jb.Rotor(blade(stations), 0.5)
+    question = jb.ladder.ModalFrequencies(
+        6.0, jb.labels(in_plane=1, flap=2, torsion=1), loads=jb.Loads(**loads)
+    )
+    choice = jb.choose_model(asked, question, 1e-3)
+    honest(choice, asked, question, 24)
+    assert choice.model.degree <= 12
+
+
+@pytest.mark.exhaustive
+def test_a_sweep_of_a_blade():
+    """Frequencies over speed, none farther off than its estimate."""
+    cases, asked = jb.grid(speed=np.linspace(0.0, 8.0, 6)), jb.Rotor(blade(), 0.5)
+
+    def situation(speed):
+        return asked, jb.ladder.ModalFrequencies(speed, jb.labels(in_plane=1, flap=2))
+
+    table = jb.ladder_sweep(situation, cases, 1e-3, representatives=2)
+    assert np.all(table["status"] == jb.Status.OK)
+    exact = [truth(*situation(speed), 1e-2, 24).value for speed in table.coords["speed"]]
+    off = np.max(np.abs(table["value"] / np.stack(exact) - 1), -1)
+    assert np.all(off <= table["estimate"])
 
 
 def pushed(speed, load, angle):

@@ -322,6 +322,25 @@ def test_gradients_by_supports():
 
 
 @pytest.mark.exhaustive
+def test_gradients_of_a_growing_mode():
+    """A column between pins, under more than Euler's load P: its growth is pi^2 / L^2 times the
+    root of (P - pi^2 EI / L^2) L^2 / (pi^2 m), and other modes have no part in its derivatives."""
+    ends = {"root_support": Support(about_2=0.0, about_3=0.0), "tip_support": Support(0.0, **BALL)}
+
+    @jax.jit
+    def growth(x):
+        beam = jb.Beam(1.0, 1.0, 1e8, x[0], 4.0, torsional_stiffness=1.0, polar_inertia=1e-9)
+        loads = jb.Loads(tip_force=jnp.stack([-x[1], 0 * x[1], 0 * x[1]]))
+        return jb.modes(SpatialRod(8), jb.Rotor(beam, **ends), 0.0, 2, loads=loads).growth_rate[0]
+
+    at = jnp.array([1.0, 1.5 * np.pi**2])
+    size = np.pi**2 * np.sqrt(0.5)
+    assert abs(growth(at) / size - 1) < 1e-6
+    expected = np.array([-(np.pi**4), np.pi**2]) / (2 * size)
+    np.testing.assert_allclose(jax.jit(jax.jacrev(growth))(at), expected, rtol=2e-6)
+
+
+@pytest.mark.exhaustive
 def test_what_nothing_holds():
     """A steady state that nothing holds says so, and one that rotation holds is found."""
     rotor = jb.Rotor(SLENDER, 0.2, root_support=Support(about_2=0.0))

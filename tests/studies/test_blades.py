@@ -29,13 +29,14 @@ def test_pazy(tmp_path):
 
 @pytest.mark.exhaustive
 def test_campbell_labels(tmp_path):
-    """Continuation in small steps is what plain tracking finds in nearly all blades, and labels go
-    with the motion, once through each veering."""
+    """Continuation in small steps is what branches are and what plain tracking finds in nearly all
+    blades, and labels go with the motion, once through each veering."""
     printed = study("campbell_labels", tmp_path)
     assert "10 blades; 0 more" in printed
     assert (tmp_path / "campbell_labels.png").stat().st_size > 20_000
     rows = rows_of(tmp_path / "campbell_labels.csv")
     assert len(rows) == 60
+    assert not any(int(row["and_the_branch"]) for row in rows)
     assert sum(int(row["and_plain_tracking"]) > 0 for row in rows) <= 2
     assert sum(int(row["turns_of_the_label"]) > 1 for row in rows) <= 3
     assert any(int(row["speeds_at_which_the_label_parts"]) for row in rows)
@@ -44,7 +45,7 @@ def test_campbell_labels(tmp_path):
 @pytest.mark.exhaustive
 def test_swept_tips(tmp_path):
     """Of the nominal data 24 of 48 frequencies are within 5 % or 0.5 Hz and all within twice that;
-    two numbers make it 45."""
+    two numbers make it 47, or 45 where the first mode at rest has little weight."""
     printed = study("swept_tips", tmp_path)
     assert (tmp_path / "swept_tips.png").stat().st_size > 20_000
     within = {}
@@ -56,8 +57,9 @@ def test_swept_tips(tmp_path):
     assert all(len(gaps) == 48 for gaps in within.values())
     assert counts["nominal"] == 24
     assert max(within["nominal"]) <= 2
-    assert counts["fitted"] >= 45
-    assert "stiffness over nominal 1.09" in printed
+    assert counts["fitted"] >= 46
+    assert counts["fitted by the bound"] >= 45
+    assert "stiffness over nominal 1.10" in printed
 
 
 @pytest.mark.exhaustive

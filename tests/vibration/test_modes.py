@@ -13,6 +13,7 @@ import scipy.linalg
 import scipy.optimize
 
 import jaxbeam as jb
+from jaxbeam._modes.modes import _eigenpairs
 from jaxbeam._numerics.linalg import planar_eigenpairs
 from tests.helpers import NAMES, build, finite_difference, run_optimised, slender
 from tests.references import power_series
@@ -513,6 +514,36 @@ def test_second_derivatives_and_shapes():
     exact = np.asarray(jax.jit(jax.jacfwd(tips))(PLAIN))
     fd = finite_difference(jax.jit(tips), PLAIN)
     _agree(exact, fd, np.asarray(PLAIN))
+
+
+@pytest.mark.parametrize("lowest", [1.0, -9.0])
+def test_derivatives_of_gyroscopic_systems_in_which_all_is_coupled(lowest):
+    """Of eigenvalues by all matrices, where left eigenvectors are the conjugates of the right ones,
+    and where a mode grows and they are not, against differences of dense problems."""
+    rng, n = np.random.default_rng(5), 4
+    a, b, c = rng.normal(size=(3, n, n))
+    at = np.stack([np.eye(n) + a @ a.T / n, b - b.T, b @ b.T + np.diag([lowest, 3, 9, 20])])
+    way = np.stack([a + a.T, c - c.T, b + b.T]) / 10
+
+    def dense(h):
+        mass, gyroscopic, stiffness = at + h * way
+        first = np.block([[-gyroscopic, -stiffness], [np.eye(n), np.zeros((n, n))]])
+        found, both = scipy.linalg.eig(first, scipy.linalg.block_diag(mass, np.eye(n)))
+        real, swinging = np.abs(found.imag) < 1e-9, np.abs(found.real) < 1e-9
+        lam = np.where(real, found.real, np.where(swinging, 1j * found.imag, found))
+        pick = np.lexsort((lam.imag, lam.real))
+        pick = pick[(lam.real + lam.imag)[pick] > 0]
+        return lam[pick], both[n:, pick].T
+
+    lam, shape = dense(0.0)
+    assert len(lam) == n
+    assert (lam.real.max() > 1) == (lowest < 0)
+    given = jnp.asarray(lam), jnp.asarray(shape), jnp.ones((n, n)), None
+    one = jax.jit(lambda *m: jax.jvp(lambda *m: _eigenpairs(*m, *given, True)[0], m, (*way,))[1])
+    step = 1e-3
+    apart = [dense(k * step)[0] - dense(-k * step)[0] for k in (1, 2, 3)]
+    slope = np.array([45, -9, 1]) @ np.stack(apart) / (60 * step)
+    np.testing.assert_allclose(one(*at), slope, rtol=0, atol=1e-10)
 
 
 # --- limits and errors ---------------------------------------------------------------------------

@@ -60,7 +60,8 @@ class SpatialRod(AbstractModel[Rotor]):
 
     It takes all that a rotor and loads have (`Rotor`, `Loads`); loads that follow turn with the
     sections from axes of the undeformed beam. Runs whose forces in sections are by much in the
-    highest polynomials are `TOO_FEW_FUNCTIONS`. Either end may be on a `Support`, alone of all models:
+    highest polynomials are `TOO_FEW_FUNCTIONS`. Either end may be on a `Support`, alone of all
+    models:
 
         hinge = jb.blades.Support(about_2=0.0, attitude=(0.0, 0.0, 0.3))  # flap, with some pitch
         propped = jb.blades.Support(0.0, None, None, 0.0, 0.0, 0.0)  # held across
@@ -82,6 +83,7 @@ class SpatialRod(AbstractModel[Rotor]):
     needs = frozenset({"beam.torsional_stiffness"})
     called = ""
     couples_all = True
+    is_reference = True
     degree: int = eqx.field(static=True, default=8)
     elements: int = eqx.field(static=True, default=1)
     # Ends of elements, and which ways are free at root and tip, if these have supports, which

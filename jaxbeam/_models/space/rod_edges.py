@@ -5,6 +5,7 @@ import itertools
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxbeam._rotor.beam_sections import sections_of
@@ -47,10 +48,11 @@ class _Same:
 
 @functools.lru_cache(maxsize=64)
 def _soft_breaks(structure: Any, leaves: tuple[_Same, ...]) -> tuple[float, ...]:
-    sections = sections_of(jax.tree.unflatten(structure, [leaf.numbers for leaf in leaves]))
-    pieces = itertools.pairwise(sections.edges)
-    places = np.concatenate([np.linspace(start, end, 9)[:-1] for start, end in pieces])
     with jax.ensure_compile_time_eval():
+        arrays = [jnp.asarray(leaf.numbers) for leaf in leaves]
+        sections = sections_of(jax.tree.unflatten(structure, arrays))
+        pieces = itertools.pairwise(sections.edges)
+        places = np.concatenate([np.linspace(start, end, 9)[:-1] for start, end in pieces])
         stiffness = np.asarray(sections.stiffness_at(places))
     compliance = np.linalg.inv(stiffness)  # by JAX it would be traced in a batch
     soft = np.log(np.diagonal(compliance, axis1=1, axis2=2)[:, [0, 3, 4, 5]])
