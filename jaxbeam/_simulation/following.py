@@ -135,10 +135,10 @@ class _Following(diffrax.AbstractStepSizeController):
         pauses = self.step_limits.pauses
         if not self._adaptive:
             return given
-        own, displacing = given, self.step_limits.displacing
-        if displacing is not None:
-            y0, y1, off = (_displacing(displacing, y) for y in given)
-            # What is infinite has no square to speak of.
+        own, measure = given, self.step_limits.measure
+        if measure is not None:
+            y0, y1, off = (_measured(measure, y) for y in given)
+            # Controllers know a state that is no number, and an error that is infinite.
             own = y0, y1, jax.tree.map(lambda a: jnp.where(jnp.isnan(a), jnp.inf, a), off)
         if not pauses.sided:
             return own
@@ -163,10 +163,12 @@ class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController)
         self.rtol, self.atol, self.norm = controller.rtol, controller.atol, controller.norm
 
 
-def _displacing(by: Matrix, y: State) -> State:
-    """A state whose velocities are how far they go, see `Equations.displacing`."""
-    square = jnp.maximum(y.v @ (by @ y.v), 0.0)
-    return State(y.q, jnp.full_like(y.v, jnp.sqrt(square)), y.work)
+def _measured(by: Matrix, y: State) -> State:
+    """A state with one velocity for all, see `Equations.velocity_measure`: NaN where it is not
+    finite."""
+    square = y.v @ (by @ y.v)
+    size = jnp.where(jnp.isfinite(square), jnp.sqrt(jnp.maximum(square, 0.0)), jnp.nan)
+    return State(y.q, jnp.full_like(y.v, size), y.work)
 
 
 def following(

@@ -57,7 +57,7 @@ class StepLimits(eqx.Module):
     quick: Scalar  # between declared times that are closer than this the beam hardly moves, s
     velocities: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
     speed: Scalar  # the largest velocity, m/s
-    displacing: Matrix | None  # see `Equations.displacing`
+    measure: Matrix | None  # see `Equations.velocity_measure`
 
     def __init__(self, scene: Scene, times: Array, seen: Seen, moment: Scalar) -> None:
         """`scene` counts time since the first of `times`; `seen` is what acts at `SAMPLES` + 1
@@ -66,7 +66,7 @@ class StepLimits(eqx.Module):
         self.spacing = (times[-1] - times[0]) / SAMPLES
         self.rounding = 8 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
         velocities, signals = jax.vmap(scene.velocities_of)(hub), _signals(hub, force, span)
-        self.pauses, self.displacing = scene.pauses, scene.equations.displacing()
+        self.pauses, self.measure = scene.pauses, scene.equations.velocity_measure()
         # At once, since each search of so many numbers is some programs of its own to compile.
         sizes = jnp.stack([jnp.max(jnp.abs(velocities), 1), *jnp.abs(signals)])
         self.speed, *largest = jnp.max(sizes, 1)

@@ -108,9 +108,9 @@ class Equations(eqx.Module):
         """A small change of coordinates as one of which velocities are the rates."""
         return change
 
-    def displacing(self) -> Matrix | None:
-        """W of v^T W v, by which the control of errors is to measure velocities, in m^2, once and
-        for all: None, each by itself, in m/s."""
+    def velocity_measure(self) -> Matrix | None:
+        """W of v^T W v, the square of one velocity by which the control of errors is to measure
+        all; None: each by itself."""
         return None
 
     @property

@@ -47,11 +47,11 @@ class RodEquations(RestingRod):
         none = jnp.zeros_like(self.mass[0])
         return self.stage_kinematics(q, none, jnp.ones_like(self.length)).seen(change)
 
-    def displacing(self) -> Matrix:
+    def velocity_measure(self) -> Matrix:
         """M (K + w^2 M)^-1 M over the mass: the square of how far velocities go in modes, by their
-        frequencies, w being the least that counts, some first one. As they are, turns of sections
-        across the beam, of hardly any inertia, and all that a blow rings would have steps of their
-        own."""
+        frequencies, w being the least that counts, some first one, in m^2. As they are, turns of
+        sections across the beam, of hardly any inertia, and all that a blow rings would have steps
+        of their own, up to fifty times as many."""
         rod, mass = self.rod, self.rigid_moments[0]
         tables, (u, p) = rod.tables, rod.nodes(self.rest)
         by = by_changes(tables, bent(tables, u, p))
