@@ -15,7 +15,7 @@ from tests.references.intrinsic import Rod
 from tests.references.intrinsic_in_time import Scene, spin
 
 FREE = Support(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-TIGHT = diffrax.PIDController(rtol=1e-8, atol=1e-8)  # what rounding of stiff terms allows
+TIGHT = diffrax.PIDController(rtol=1e-10, atol=1e-10)
 ALONG = np.eye(3)[0]
 
 
