@@ -80,8 +80,8 @@ def simulate(
     the state and to the deflection to expect (the largest static one under the loads), and the
     state is saved at `times`. `solver`, `stepsize_controller`, `dt0`, `saveat`, `adjoint`, `event`,
     `progress_meter` and `max_steps` are those of `diffrax.diffeqsolve`; functions in them see t,
-    the `State` and the `Scene`; solvers and controllers of your own see time counted from times[0]. Numbers in them
-    compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do not. With an `event`, a last
+    the `State` and the `Scene`; solvers and controllers of your own see time counted from times[0].
+    Numbers in them compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do not. With an `event`, a last
     output at the end of the run comes on top. With a `saveat` of another shape than that of a state
     (`fn`, `subs`), take the result from `Simulation.solution`;
     nothing is then judged but whether the solver gave up.

@@ -40,7 +40,7 @@ def test_small_motion_is_that_of_modes():
         start = jb.steady_start(model, COUPLED, motion, loads=loads)
         run = jb.simulate(
             model, COUPLED, motion, times, start=start, max_steps=10**6,
-            stepsize_controller=diffrax.PIDController(rtol=1e-13, atol=1e-15),
+            stepsize_controller=diffrax.PIDController(rtol=1e-13, atol=1e-17),
         )  # fmt: skip
         return jnp.concatenate([run.tip, run.torsion(1.0)], 1)
 
