@@ -124,7 +124,7 @@ class Factors(eqx.Module):
 
     @classmethod
     def of(cls, a: Float[Array, "n n"]) -> "Factors":
-        """Those of a matrix."""
+        """Factors of a matrix."""
         both, _, order = jax.lax.linalg.lu(a)
         return cls(both, order)
 

@@ -81,10 +81,10 @@ def simulate(
     state is saved at `times`. `solver`, `stepsize_controller`, `dt0`, `saveat`, `adjoint`, `event`,
     `progress_meter` and `max_steps` are those of `diffrax.diffeqsolve`; functions in them see t,
     the `State` and the `Scene`; solvers and controllers of your own see time counted from times[0].
-    Numbers in them compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do not. With an `event`, a last
-    output at the end of the run comes on top. With a `saveat` of another shape than that of a state
-    (`fn`, `subs`), take the result from `Simulation.solution`;
-    nothing is then judged but whether the solver gave up.
+    Numbers in them compile anew when they change, arrays (`rtol=jnp.asarray(1e-8)`) do not. With an
+    `event`, a last output at the end of the run comes on top. With a `saveat` of another shape than
+    that of a state (`fn`, `subs`), take the result from `Simulation.solution`; nothing is then
+    judged but whether the solver gave up.
 
     Steps follow the motion and the loads, whatever controller asks for them: they are no longer
     than an event that lasts a thousandth of the run or more, wherever it is; they end at the times
@@ -104,6 +104,8 @@ def simulate(
     - the hub's velocity jumps, by more than 1e-5 of its largest, where no jump is declared
       (`UNRESOLVED`): the run ends there, and what came before is kept;
     - an element in space is bent, twisted or stretched beyond its range (`OUT_OF_RANGE`);
+    - of a `SpatialRod`: forces in sections are on average to a tenth or more in the highest third
+      of its polynomials (`TOO_FEW_FUNCTIONS`);
     - the energy is out of balance with the work done by more than `balance_tolerance` times the
       largest energy (`UNBALANCED`): a loose tolerance with an explicit solver can return a success
       that is nonsense.

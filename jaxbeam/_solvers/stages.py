@@ -218,8 +218,8 @@ def _back_by_matrices(own: Any, still: Any, y0: State, shared: Any, done: Any) -
 
 
 def _back_along(own: Any, still: Any, y0: State, shared: Any, done: Any) -> Any:
-    """The same by derivatives of force and kinematics along the stages: matrices of second
-    derivatives are never made."""
+    """Cotangents as of `_back_by_matrices`, by derivatives of force and kinematics along the stages:
+    matrices of second derivatives are never made."""
     to_mass, to_rate = shared
     y, e, u = done
     n = len(y0.q)
