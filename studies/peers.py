@@ -307,10 +307,10 @@ def in_space(quick: bool) -> list[Line]:
 
     lines = []
     best = np.asarray(ours(jb.models.SpatialRod(8 if quick else 10))(4.0, 1e-8)[0])
-    elements = [("Rodas5P", jb.SpatialANCF(n), f"{n}") for n in ((4,) if quick else (4, 6, 8))]
+    some = [("Rodas5P", jb.SpatialANCF(n), f"{n}") for n in ((4,) if quick else (4, 6, 8))]
     degrees = (5,) if quick else (4, 5, 6, 8)
     rods = [("rod", jb.models.SpatialRod(p), f"degree {p}") for p in degrees]
-    for name, model, size in (*elements, *rods):
+    for name, model, size in (*some, *rods):
         run = ours(model)
         for tolerance in (1e-3, 1e-4) if quick else (1e-3, 3e-4, 1e-4, 1e-5, 1e-6):
             seconds, first, (tip, steps) = median(
@@ -321,9 +321,9 @@ def in_space(quick: bool) -> list[Line]:
             lines.append(Line(f"jaxbeam {name}", setting, seconds, error, first, remark))
             say(lines[-1])
     best = exudyn_in_space(32 if quick else 48, 0.005 if quick else 0.0025)[0]
-    some = ((8, 0.01), (16, 0.01)) if quick else ((8, 0.02), (8, 0.01), (12, 0.02), (12, 0.01),
+    sizes = ((8, 0.01), (16, 0.01)) if quick else ((8, 0.02), (8, 0.01), (12, 0.02), (12, 0.01),
                                                   (16, 0.01), (24, 0.01), (24, 0.005))  # fmt: skip
-    for elements, h in some:
+    for elements, h in sizes:
         tip, seconds = exudyn_in_space(elements, h)
         lines.append(Line("Exudyn", f"{elements}, {h:g} s", seconds, off(tip, best), np.nan))
         say(lines[-1])

@@ -218,7 +218,7 @@ def _back_by_matrices(own: Any, still: Any, y0: State, shared: Any, done: Any) -
 
 
 def _back_along(own: Any, still: Any, y0: State, shared: Any, done: Any) -> Any:
-    """Cotangents as of `_back_by_matrices`, by derivatives of force and kinematics along the stages:
+    """Cotangents as of `_back_by_matrices`, by derivatives of force and kinematics along stages:
     matrices of second derivatives are never made."""
     to_mass, to_rate = shared
     y, e, u = done
