@@ -28,8 +28,8 @@ class Kinematics(eqx.Module):
         """D f, of coordinates."""
 
     @abc.abstractmethod
-    def led(self, z: Vector) -> Vector:
-        """D B z, of coordinates."""
+    def rates(self, z: Vector) -> Vector:
+        """B z, of coordinates."""
 
     @abc.abstractmethod
     def seen(self, change: Vector) -> Vector:
@@ -43,9 +43,13 @@ class Kinematics(eqx.Module):
     def inverse(self, matrix: Any) -> Any:
         """What multiplies the few right-hand sides of a step, from either side."""
 
+    def led(self, z: Vector) -> Vector:
+        """D B z, of coordinates."""
+        return self.before(self.rates(z))
+
     def change(self, first: Vector, z: Vector) -> Vector:
         """D (f + B z), of coordinates."""
-        return self.before(first) + self.led(z)
+        return self.before(first + self.rates(z))
 
     def before_back(self, to_change: Vector, like: Vector) -> Vector:
         """D^T a; `like` is any vector of coordinates."""
@@ -71,8 +75,8 @@ class Straight(Kinematics):
     def before(self, first: Vector) -> Vector:
         return self.g * first
 
-    def led(self, z: Vector) -> Vector:
-        return self.g * z
+    def rates(self, z: Vector) -> Vector:
+        return z
 
     def seen(self, change: Vector) -> Vector:
         return change
@@ -82,9 +86,6 @@ class Straight(Kinematics):
 
     def inverse(self, matrix: Any) -> Any:
         return inverse(matrix)
-
-    def change(self, first: Vector, z: Vector) -> Vector:
-        return self.g * (first + z)
 
     def before_back(self, to_change: Vector, like: Vector) -> Vector:
         return self.g * to_change

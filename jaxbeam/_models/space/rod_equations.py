@@ -13,7 +13,7 @@ from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
-from jaxbeam._models.space.rod_elements import bent, by_changes, pulled
+from jaxbeam._models.space.rod_elements import Bent, bent, by_changes, pulled
 from jaxbeam._models.space.rod_loads import RodSpanIntegral
 from jaxbeam._models.space.rod_nodes import Coordinates, Rod, slot
 from jaxbeam._models.space.rod_state import (
@@ -187,12 +187,11 @@ class RestingRod(Equations):
         return own.reshape(forces.shape)
 
     def _viscous_sections(
-        self, q: Coordinates, w: Float[Array, "nodes 6"], drag: Drag | None
+        self, state: Bent, w: Float[Array, "nodes 6"], drag: Drag | None
     ) -> Float[Array, "E p 6"]:
         """Forces at Gauss points by rates of strain where nodes have these rates: stiffness times
         rates, with a `drag` times its coefficients."""
         tables = self.rod.tables
-        state = bent(tables, *self.rod.nodes(q))
         by_elements = tables.of_elements(w).reshape(tables.elements, -1)
         rate = jnp.einsum("eml,el->em", by_changes(tables, state), by_elements)
         force = jnp.einsum("eij,ej->ei", tables.stiffness, rate)[..., None]
@@ -253,7 +252,8 @@ class RestingRod(Equations):
         that acts on nodes, and what loads along the span do beside these; see `section_loads`."""
         viscous, loads = None, outside.loads
         if outside.damping.is_viscous:
-            viscous = self._viscous_sections(q, self.rod.of_velocities(v), outside.damping)
+            state = bent(self.rod.tables, *self.rod.nodes(q))
+            viscous = self._viscous_sections(state, self.rod.of_velocities(v), outside.damping)
         six = self._sixes(q, xi, whole=True, more=viscous)
         if loads.act_along_span:
             nearest, tail = self._tails(q, xi, loads, outside.t)

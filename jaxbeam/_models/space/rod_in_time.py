@@ -4,13 +4,21 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._models.contract.equations import Undeformed
-from jaxbeam._models.space.rod_elements import bent, by_changes, geometric, nodal, on_diagonal
+from jaxbeam._models.space.rod_elements import (
+    Bent,
+    bent,
+    by_changes,
+    geometric,
+    nodal,
+    on_diagonal,
+)
 from jaxbeam._models.space.rod_equations import RestingRod
-from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, twisting
+from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, along_hub, twisting
 from jaxbeam._models.space.rod_motion import Turning, inertia_of, inertia_tangents
 from jaxbeam._models.space.rod_nodes import Coordinates, slot
 from jaxbeam._models.space.rod_supports import dampers_of
@@ -66,9 +74,7 @@ class RodEquations(RestingRod):
     def force(self, hub: Hub, q: Coordinates, v: Vector, tip_force: Any) -> Vector:
         rod, (u, p) = self.rod, self.rod.nodes(q)
         tables, (still, rates, gravity) = rod.tables, self._moving(hub, u, p)
-        state = bent(tables, u, p)
-        strain = state.strain.reshape(tables.elements, -1)
-        own = jnp.einsum("eij,ej->ei", tables.stiffness, strain).reshape(state.strain.shape)
+        state, own = self._strained(u, p)
         inertia, _ = inertia_of(rod, still, rates, rod.of_velocities(v))
         loads = acting(tables, still, gravity, self.load_in_beam_axes(tip_force), None)
         out = inertia + loads.force - tables.gathered(nodal(tables, state, own))
@@ -81,9 +87,8 @@ class RodEquations(RestingRod):
     ) -> tuple[Matrix, Matrix]:
         rod, (u, p) = self.rod, self.rod.nodes(q)
         tables, (still, rates, gravity) = rod.tables, self._moving(hub, u, p)
-        state = bent(tables, u, p)
-        by, strain = by_changes(tables, state), state.strain.reshape(tables.elements, -1)
-        own = jnp.einsum("eij,ej->ei", tables.stiffness, strain).reshape(state.strain.shape)
+        state, own = self._strained(u, p)
+        by = by_changes(tables, state)
         elements = by.swapaxes(1, 2) @ tables.stiffness @ by + geometric(tables, state, own)
         _, made_of = inertia_of(rod, still, rates, rod.of_velocities(v))
         k, c = inertia_tangents(rod.mass, made_of)
@@ -105,6 +110,16 @@ class RodEquations(RestingRod):
         beam."""
         velocity, spin, *rates, gravity = (self.axes @ part for part in hub)
         return Still(u, p, rotation(p), velocity, spin), (rates[0], rates[1]), gravity
+
+    def _strained(
+        self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]
+    ) -> tuple[Bent, Float[Array, "E p 6"]]:
+        """Elements whose nodes are there, and forces in sections at Gauss points."""
+        tables = self.rod.tables
+        state = bent(tables, u, p)
+        strain = state.strain.reshape(tables.elements, -1)
+        own = jnp.einsum("eij,ej->ei", tables.stiffness, strain)
+        return state, own.reshape(state.strain.shape)
 
     def on_span(self, q: Coordinates, span: RodSpanForce) -> Vector:
         """A force along the span as one on velocities."""
@@ -137,28 +152,21 @@ class RodEquations(RestingRod):
     @property
     def undeformed(self) -> Undeformed:
         tables, axes = self.rod.tables, self.axes
-        rigid = jax.vmap(lambda way: self._carried(way[:3], way[3:]))(jnp.eye(6)).reshape(6, -1)
+        ways = jax.vmap(lambda way: along_hub(tables.place, way[:3], way[3:]))(jnp.eye(6))
+        rigid = ways.reshape(6, -1)
         inertia = rigid @ self.rod.mass @ rigid.T
         first = jnp.stack([inertia[5, 1], inertia[3, 2], inertia[4, 0]])
         tip = tables.place[-1] @ axes
         return Undeformed(inertia[0, 0], first @ axes, axes.T @ inertia[3:, 3:] @ axes, tip)
 
-    def _carried(self, velocity: Triple, spin: Triple) -> _Sixes:
-        """Velocities of the nodes of the undeformed rod in a hub that moves so, in its axes."""
-        place = self.rod.tables.place
-        spun = jnp.broadcast_to(spin, place.shape)
-        return jnp.concatenate([velocity[None] + jnp.cross(spun, place), spun], 1)
-
     def kinetic_energy(self, q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> Number:
         rod, (u, p) = self.rod, self.rod.nodes(q)
         velocity, spin = self.axes @ velocity, self.axes @ spin
-        rigid, tilted = self._carried(velocity, spin), turned_by(p)
-        place = rod.tables.place + u
-        spun = jnp.broadcast_to(spin, u.shape)
-        moving = jnp.concatenate([velocity[None] + jnp.cross(spun, place), spun], 1)
+        place = rod.tables.place
+        rigid, moving = (along_hub(at, velocity, spin) for at in (place, place + u))
         # In axes that turn: what is seen there less what would be without any turn.
-        more = jnp.einsum("nji,nxj->nxi", tilted, moving.reshape(-1, 2, 3)).reshape(-1, 6)
-        more = more + jnp.concatenate([jnp.cross(spun, u), 0 * u], 1)
+        more = jnp.einsum("nji,nxj->nxi", turned_by(p), moving.reshape(-1, 2, 3)).reshape(-1, 6)
+        more = more + along_hub(u, 0 * velocity, spin) * np.repeat([1.0, 0.0], 3)[None]
         more = (rod.of_velocities(v) + more).reshape(-1)
         return more @ (rod.mass @ (rigid.reshape(-1) + more / 2))
 
@@ -183,7 +191,7 @@ class RodEquations(RestingRod):
         rod, (u, p), w = self.rod, self.rod.nodes(q), self.rod.of_velocities(v)
         tables, whole = rod.tables, 1.0 if drag is None else drag.stiffness_coefficient
         state = bent(tables, u, p)
-        out = tables.gathered(nodal(tables, state, self._viscous_sections(q, w, drag)))
+        out = tables.gathered(nodal(tables, state, self._viscous_sections(state, w, drag)))
         dampers = (None, None) if drag is None else dampers_of(drag)
         for node, end in rod.ends:
             by, coefficient = end.rates(p[node]), jnp.zeros(6, q.dtype)

@@ -32,10 +32,15 @@ class Still(NamedTuple):
 
 def velocities(tables: RodTables, still: Still) -> _Sixes:
     """Velocities of nodes and their angular velocities, in axes that turn with them."""
-    place = tables.place + still.u
-    spun = jnp.broadcast_to(still.spin, place.shape)
-    moving = still.velocity[None] + jnp.cross(spun, place)
-    return jnp.concatenate([_inward(still.attitude, moving), _inward(still.attitude, spun)], 1)
+    moving = along_hub(tables.place + still.u, still.velocity, still.spin)
+    return jnp.concatenate([_inward(still.attitude, moving[:, i : i + 3]) for i in (0, 3)], 1)
+
+
+def along_hub(place: Float[Array, "nodes 3"], velocity: Triple, spin: Triple) -> _Sixes:
+    """Velocities and angular velocities, in axes of the beam, of what rests at these places in a
+    hub that moves so."""
+    spun = jnp.broadcast_to(spin, place.shape)
+    return jnp.concatenate([velocity[None] + jnp.cross(spun, place), spun], 1)
 
 
 def _inward(

@@ -81,8 +81,8 @@ class Turning(Kinematics):
         moved = self.g * (moving + jnp.einsum("nij,nj->ni", rotation(self.p), by_turn))
         return self.rod.coordinates(moved, spun)
 
-    def led(self, z: Vector) -> Vector:
-        return self.before(self.rod.rates_of(self.p, self.rod.of_velocities(z)))
+    def rates(self, z: Vector) -> Vector:
+        return self.rod.rates_of(self.p, self.rod.of_velocities(z))
 
     def seen(self, change: Vector) -> Vector:
         moved, spun = self.rod.by_nodes(change)
