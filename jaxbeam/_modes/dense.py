@@ -108,6 +108,7 @@ class _Parts(NamedTuple):
     m: Array
     by_rates: Array
     k: Array
+    taken_along: Array | None
 
     @classmethod
     def of(cls, system: LinearSystem, transverse: _Directions, axial: _Directions) -> "_Parts":
@@ -117,7 +118,14 @@ class _Parts(NamedTuple):
         own = np.ix_(rows, rows)
         matrices = (a[own] for a in (system.mass, system.by_rates, system.stiffness))
         sizes = [system.where(direction).size for direction in directions]
-        return cls(rows, directions, sizes, *matrices)
+        along = None if system.taken_along is None else system.taken_along[own]
+        return cls(rows, directions, sizes, *matrices, along)
+
+    def uncoupled(self, k: Array, free: int, bent: bool) -> Array:
+        """M v of the uncoupled modes, with this stiffness."""
+        return uncoupled(
+            self.m, k, self.directions, self.sizes, free, bent, taken_along=self.taken_along
+        )
 
 
 def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
@@ -128,9 +136,9 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     is in modes that were not found.
     """
     parts, count = _Parts.of(system, *system.coupling[0]), wanted.count
-    m, c, k = parts[3:]
+    m, c, k = parts[3:6]
     lam, x, moving, stable = lowest_by_skew(m, c, k, count + _MORE)
-    heavy = uncoupled(m, symmetric_part(k), parts.directions, parts.sizes, free, bent=True)
+    heavy = parts.uncoupled(symmetric_part(k), free, bent=True)
     share = participation(x, heavy)
     label = jnp.argmax(share, 1)
     # Of a velocity modes have 2 kinetic / whole energy |x^H M v|^2, which all together are one.
@@ -222,7 +230,7 @@ def _group(
 ) -> _Group:
     """All modes of directions that are coupled, or of one alone."""
     parts = _Parts.of(system, transverse, axial)
-    rows, here, sizes, m, g, k = parts
+    rows, _, sizes, m, g, k, _ = parts
     if system.general:
         eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative, free)
         positive = jnp.ones((), int)  # no matter: what grows is found as all else is
@@ -240,7 +248,7 @@ def _group(
         own = symmetric_part(k) if system.general else k
         # What moves in quadrature to bending alone does not follow it.
         bent = system.general or transverse == axial or Direction.FLAP in axial
-        label = assigned(participation(shape, uncoupled(m, own, here, sizes, free, bent)))
+        label = assigned(participation(shape, parts.uncoupled(own, free, bent)))
     if system.general:
         label = ranked(label, sizes)
         shape = _apart(m, shape, coupling(m, g, k, sizes)[label])

@@ -171,7 +171,8 @@ def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
         old, old_h, new = state
         h = place.bordered(given, new)
         change = jnp.where(h == old_h, 0.0, h * (new - old) / jnp.where(h == old_h, 1.0, h - old_h))
-        return new, h, new - change
+        # What is farther than the last one was comes from rounding: there it has ended.
+        return new, h, new - jnp.where(jnp.abs(change) < jnp.abs(new - old), change, 0.0)
 
     near = value * (1 - _APART)
     start = near, place.bordered(given, near), value

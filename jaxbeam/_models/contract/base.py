@@ -182,7 +182,7 @@ def small_motion(
     """Matrices of small motion about a steady state under `inputs`, none by default but rotation:
     the tangents of the equations there."""
     hub, *acting = (spinning(speed), None, None) if inputs is None else inputs
-    q, status, matrices, lacking = state
+    q, status, matrices, lacking, taken_along = state
     if matrices is None:
         matrices = equations.matrices_about(hub, q, *acting)
     mass, by_rates, stiffness = matrices
@@ -196,6 +196,7 @@ def small_motion(
         coupling=model.coupling(rotor),
         shapes=equations.functions,
         lacking=lacking,
+        taken_along=taken_along,
         general=model.couples_all,
     )
 

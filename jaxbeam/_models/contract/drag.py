@@ -59,7 +59,8 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
         each = zip(ratios, sizes, strict=True)
         ratio = jnp.concatenate([_by_number(ratio, size) for ratio, size in each])
         if len(sizes) > 1:
-            heavy = uncoupled(m, k, directions, sizes, free, bent=False)
+            along = None if system.taken_along is None else system.taken_along[own]
+            heavy = uncoupled(m, k, directions, sizes, free, bent=False, taken_along=along)
             share = participation(phi, heavy)
             ratio = ratio[assigned(share)]
         moves = square > 0

@@ -16,12 +16,14 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 class Rest(NamedTuple):
     """Coordinates of a state of rest, the status of the search for it, and where that knows them
-    mass, what goes with rates, and stiffness of small motion about it, and what that lacks."""
+    mass, what goes with rates, and stiffness of small motion about it, what that lacks, and what
+    the root takes along (see `LinearSystem`)."""
 
     q: Vector
     status: Code
     matrices: tuple[Matrix, Matrix, Matrix] | None = None
     lacking: Matrix | None = None
+    taken_along: Matrix | None = None
 
 
 def equilibrium(

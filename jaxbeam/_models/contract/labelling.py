@@ -16,12 +16,18 @@ from jaxbeam._rotor.directions import Direction
 
 def uncoupled(
     m: Array, k: Array, directions: Sequence[Direction], sizes: Sequence[int], free: int,
-    bent: bool,
+    bent: bool, taken_along: Float[Array, "n n"] | None = None,
 ) -> Float[Array, "n n"]:  # fmt: skip
     """M v of the uncoupled modes v, of unit modal mass, as columns; `sizes` are those of the
     directions, one behind the other. About states that are `bent` axial motion follows bending: a
     beam that may only move across cannot but stretch. All follows torsion: sections that couple it,
-    and axes that are curved, would hardly let it be otherwise."""
+    and axes that are curved, would hardly let it be otherwise.
+
+    What a root that yields takes along (see `LinearSystem`) is part of its own motion: where flap
+    on a hinge that is inclined pitches the beam as a rigid body, nothing is twisted."""
+    if taken_along is not None:
+        rigid = jnp.eye(len(m), dtype=m.dtype) + taken_along
+        m, k = (symmetric_part(rigid.T @ a @ rigid) for a in (m, k))
     ends = np.cumsum([0, *sizes])
     places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
     axial = places.get(Direction.AXIAL)
@@ -52,7 +58,8 @@ def uncoupled(
         found = jax.lax.map(lambda pair: symmetric_modes(pair[0], pair[1], free), stacks)
         for (part, heavy, *_), v in zip(each, found, strict=True):
             out = out.at[:, part].set(heavy @ v.T)
-    return out
+    # What takes others along is taken along by nothing: the inverse of 1 + N is 1 - N.
+    return out if taken_along is None else out - taken_along.T @ out
 
 
 def participation(x: Inexact[Array, "k n"], heavy: Float[Array, "n n"]) -> Float[Array, "k n"]:

@@ -19,7 +19,8 @@ class LinearSystem(eqx.Module):
     straight beam that turns in its plane are such, with flap alone. `directions` names the
     direction of each coordinate, `shapes` are the functions on a beam that varies, `state` are the
     coordinates of the steady state, of planar elements and under loads, `lacking` is what stiffness
-    may be too small by, of models that know it. `steady_strain` is the
+    may be too small by, of models that know it, and `taken_along` (n, n) how all else moves as a
+    rigid body with those of a root that yields, by which modes are labelled. `steady_strain` is the
     largest axial strain of it, below zero where the beam is pushed: of uniform elements that at the
     root, else P / EA from the tension on the undeformed beam, without loads. Unless `status` is OK
     all numbers are NaN.
@@ -41,6 +42,7 @@ class LinearSystem(eqx.Module):
     state: Float[Array, " q"] | None = None
     damping: Matrix | None = None
     lacking: Matrix | None = None
+    taken_along: Matrix | None = None
     general: bool = eqx.field(static=True, default=False)
     conservative: bool = eqx.field(static=True, default=True)
 

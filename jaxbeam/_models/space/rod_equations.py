@@ -88,7 +88,7 @@ class RestingRod(Equations):
         unfolded = self.is_unfolded(q)
         status = first_broken((share >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
         fixed, at = without_derivatives((self, q))
-        return Rest(q, status, matrices, fixed.lacking_about(at))
+        return Rest(q, status, matrices, fixed.lacking_about(at), fixed.taken_along(at))
 
     def lacking_about(self, q: Coordinates) -> Matrix:
         """What stiffness is less than where strains, not forces, are polynomials."""
@@ -96,6 +96,10 @@ class RestingRod(Equations):
         by = by_changes(rod.tables, bent(rod.tables, *rod.nodes(q)))
         more = rod.tables.assembled(by.swapaxes(1, 2) @ rod.tables.lacking @ by)
         return self._by_places(q, rod.led(q, more))
+
+    def taken_along(self, q: Coordinates) -> Matrix | None:
+        """How nodes move as a rigid body with a root that yields."""
+        return None if self.rod.root is None else self.rod.taken_along(q)
 
     def is_unfolded(self, q: Coordinates) -> Array:
         tables = self.rod.tables

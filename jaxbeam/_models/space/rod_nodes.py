@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
-from jaxbeam._numerics.quaternions import product, rotated, rotation
+from jaxbeam._numerics.quaternions import crossing, product, rotated, rotation
 from jaxbeam._types import Scalar
 
 Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
@@ -117,6 +118,25 @@ class Rod(eqx.Module):
             matrix = matrix.at[own].set(basis.T @ matrix[own])
             matrix = matrix.at[:, own].set(matrix[:, own] @ basis)
         return matrix
+
+    def taken_along(self, q: Coordinates) -> Float[Array, "f f"]:
+        """How all but the root move as a rigid body with that: by its ways, as displacements and as
+        turns times the length."""
+        u, p = self.nodes(q)
+        place, root, n = self.tables.place + u, self.root, len(u)
+        way = jnp.eye(6, dtype=u.dtype)
+        if root is not None and root.leads:
+            way = on_diagonal(jnp.stack([rotation(p[0])] * 2)) @ root.basis(p[0])
+        shift, turn = way[:3], way[3:]
+        moving = shift[None] - crossing(place - place[:1]) @ turn[None]
+        turn = jnp.broadcast_to(self.length * turn, (n, 3, 6))
+        for node, end in self.led_ends:
+            if node:
+                moving, turn = (a.at[node].set(end.axes.T @ a[node]) for a in (moving, turn))
+        units = jnp.stack([1.0] * 3 + [self.length] * 3)
+        every = jnp.concatenate([moving, turn], 1) / units[None, None]
+        every = jnp.zeros((6 * n, 6 * n), u.dtype).at[6:, :6].set(every[1:].reshape(-1, 6))
+        return every[np.ix_(self.free, self.free)]
 
     @property
     def _rest(self) -> Coordinates:
