@@ -91,11 +91,14 @@ def _chosen(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     if not few:
         return _chosen_of_all(system, wanted, free)
 
-    def one(m: Array, c: Array, k: Array) -> _Chosen:
-        here = dataclasses.replace(system, mass=m, gyroscopic=c, stiffness=k)
+    def one(m: Array, c: Array, k: Array, *along: Array) -> _Chosen:
+        here = dataclasses.replace(
+            system, mass=m, gyroscopic=c, stiffness=k, taken_along=along[0] if along else None
+        )
         return _lowest(here, wanted, free)
 
-    chosen: _Chosen = one_by_one(one)(system.mass, system.gyroscopic, system.stiffness)
+    along = () if system.taken_along is None else (system.taken_along,)
+    chosen: _Chosen = one_by_one(one)(system.mass, system.gyroscopic, system.stiffness, *along)
     return chosen
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, real_scalar
 from jaxbeam._models.contract.base import AbstractModel, checked_case
-from jaxbeam._models.contract.equations import is_followed
+from jaxbeam._models.contract.equations import forces_are_resolved
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
@@ -179,9 +179,7 @@ def _simulate(
     if dt0 is None and isinstance(controller, _CHOOSING | None):
         dt0 = moment
     if controller is None:
-        # Of rods, whose velocities count by how far they go alone, it takes a third more steps.
-        tolerance = 1e-6 if len(y0.q) == len(y0.v) else 1e-7
-        controller = adaptive(tolerance, tolerance * size, times)
+        controller = adaptive(model.step_tolerance, model.step_tolerance * size, times)
     how = (solver, controller, dt0, event, max_steps, adjoint)
     history = _integrated(now, y0, times, (seen, moment), how, saveat, progress_meter)
     return _judged(given, now, history, balance_tolerance)
@@ -314,7 +312,7 @@ def _account(
     least = scene.equations.energy_scale * jnp.finfo(size.dtype).tiny ** 0.4
     n, largest = saved[0].size, jnp.maximum(jnp.max(size), least)
     near, fits = jnp.all(good, 0)
-    followed = is_followed(jax.tree.map(jnp.sum, share))
+    followed = forces_are_resolved(jax.tree.map(jnp.sum, share))
     relative = (balance[:n] - balance[n]) / jnp.where(largest > 0, largest, 1.0)
     return relative, near, fits, followed
 

@@ -18,7 +18,7 @@ from jaxtyping import Array
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case, small_motion
 from jaxbeam._models.contract.equilibrium import Rest
-from jaxbeam._models.contract.left_out import followed
+from jaxbeam._models.contract.left_out import status_of_shape
 from jaxbeam._models.contract.loaded import (
     Conditions,
     checked_conditions,
@@ -147,7 +147,7 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
     find = _buckling if loads.has_potential else _lost
     found, direction, place, searched = find(model, without_derivatives(given))
     there = jnp.isfinite(found)
-    few = jnp.where(there, followed(model, rotor, place.x), Status.OK)
+    few = jnp.where(there, status_of_shape(model, rotor, place.x), Status.OK)
     status = first_failure(status, searched, few)
     exists = there & (status == Status.OK)
     place = eqx.tree_at(lambda place: place.exists, place, exists)

@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._models.contract.base import AbstractModel, checked_case
-from jaxbeam._models.contract.left_out import followed
+from jaxbeam._models.contract.left_out import status_of_shape
 from jaxbeam._models.contract.loaded import Conditions, checked_potential, guarded_conditions
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
@@ -140,7 +140,7 @@ def _critical(
     resolved = _resolved(model, fixed[0], found)
     few = first_broken((resolved, Status.TOO_FEW_FUNCTIONS))
     there = jnp.isfinite(found)
-    lacks = jnp.where(there, followed(model, rotor, x), Status.OK)
+    lacks = jnp.where(there, status_of_shape(model, rotor, x), Status.OK)
     status = first_failure(given, at_speed, status, few, lacks)
     exists = there & (status == Status.OK)
     place = _Place(x=x, exists=exists, model=model, direction=direction)

@@ -29,7 +29,7 @@ from jaxbeam._checks import count_functions, kind_of, numpy_if_concrete, positiv
 from jaxbeam._models.contract.base import AbstractModel, checked_case
 from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._models.contract.drag import drag_of
-from jaxbeam._models.contract.left_out import followed
+from jaxbeam._models.contract.left_out import status_of_shape
 from jaxbeam._models.contract.loaded import checked_damping
 from jaxbeam._numerics.exponential import exponential
 from jaxbeam._numerics.linalg import (
@@ -156,7 +156,7 @@ def _floquet(
         if any(direction in model.directions for direction in directions):
             group = Reduced(model, rotor, speed, period, drag, directions)
             mu, error, short, shapes = _estimated(group, steps)
-            few = first_failure(few, *(followed(model, rotor, shape) for shape in shapes))
+            few = first_failure(few, *(status_of_shape(model, rotor, shape) for shape in shapes))
             parts.append((mu, error, jnp.full(mu.shape, int(directions[0]))))
             ok &= group.status == Status.OK
             enough &= short

@@ -44,6 +44,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     called: ClassVar[str]
     couples_all: ClassVar[bool] = False  # whether anything may be coupled with anything
     is_linear: ClassVar[bool] = False  # whether its equations of motion are
+    step_tolerance: ClassVar[float] = 1e-6  # of steps in time, relative, where none is given
     # Whether it converges to the exact rod of the engineering strain, to which errors refer; what
     # derives from such a model does not by that.
     is_reference: ClassVar[bool] = False

@@ -29,8 +29,8 @@ _MOST_HIGH = 0.1  # of the forces, that may be in the highest functions
 Inputs = tuple[Hub, Any, AbstractSpanForce | None]
 
 
-def is_followed(share: tuple[Number, Number] | None) -> Array | bool:
-    """Whether functions can follow the forces in sections: by `Equations.high_share`."""
+def forces_are_resolved(share: tuple[Number, Number] | None) -> Array | bool:
+    """Whether functions are enough for the forces in sections, by `Equations.high_share`."""
     return True if share is None else share[0] <= _MOST_HIGH**2 * share[1]
 
 
@@ -249,7 +249,7 @@ class Equations(eqx.Module):
 
     def high_share(self, q: Vector) -> tuple[Number, Number] | None:
         """Energy of what of the forces in sections is in the highest functions, and of all, where
-        that is looked at: `is_followed` says whether it is little."""
+        that is looked at: `forces_are_resolved` says whether it is little."""
         return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:

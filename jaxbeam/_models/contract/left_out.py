@@ -16,7 +16,7 @@ MOST_LEFT_OUT = 0.2
 _ROUNDING = 1e-12  # of the terms of a sum
 
 
-def followed(model: AbstractModel, rotor: AnyRotor, shape: Inexact[Array, " n"]) -> Code:
+def status_of_shape(model: AbstractModel, rotor: AnyRotor, shape: Inexact[Array, " n"]) -> Code:
     """`TOO_FEW_FUNCTIONS` where a shape x would be stiffer by more than a fifth if the model left
     nothing out, x^H L x > 0.2 x^H K x, by what the stiffness K of the beam at rest lacks, L; OK
     for models that do not know that."""

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import kind_of
 from jaxbeam._models.contract.base import AbstractModel, guarded, small_motion
 from jaxbeam._models.contract.drag import drag_of
-from jaxbeam._models.contract.equations import Equations, Inputs, is_followed
+from jaxbeam._models.contract.equations import Equations, Inputs, forces_are_resolved
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
@@ -91,7 +91,9 @@ def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
     state = resting(rotor, equations, inputs)
     stiff = equations.is_held(state)
     held = first_broken((True if stiff is None else stiff, Status.NOT_HELD))
-    few = first_broken((is_followed(equations.high_share(state.q)), Status.TOO_FEW_FUNCTIONS))
+    few = first_broken(
+        (forces_are_resolved(equations.high_share(state.q)), Status.TOO_FEW_FUNCTIONS)
+    )
     return state._replace(status=first_failure(held, state.status, few))
 
 

@@ -209,7 +209,7 @@ class RodEquations(RestingRod):
             out = out + drag.mass_coefficient * (self.mass @ v)
         if drag.matrix is not None:
             out = out + drag.matrix @ v
-        return out + self._viscous(q, v, drag) if _is_viscous(drag) else out
+        return out + self._viscous(q, v, drag) if _damps_nodes(drag) else out
 
     def damping_tangents(self, q: Coordinates, v: Vector, drag: Drag) -> tuple[Matrix, Matrix]:
         k, c = jnp.zeros_like(self.mass), jnp.zeros_like(self.mass)
@@ -217,7 +217,7 @@ class RodEquations(RestingRod):
             c = c + drag.mass_coefficient * self.mass
         if drag.matrix is not None:
             c = c + drag.matrix
-        if not _is_viscous(drag):
+        if not _damps_nodes(drag):
             return k, c
 
         def along(change: Vector, v: Vector) -> Vector:
@@ -227,6 +227,6 @@ class RodEquations(RestingRod):
         return k + dk, c + dc
 
 
-def _is_viscous(drag: Drag) -> bool:
-    """Whether rates of strains or of ends are damped."""
+def _damps_nodes(drag: Drag) -> bool:
+    """Whether rates of strains or of ends are damped, which are of single nodes and elements."""
     return drag.is_viscous or any(damper is not None for damper in dampers_of(drag))
