@@ -80,8 +80,9 @@ def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
     Results are the same to the last bit whether a program was kept or is new. A program belongs to
     all that it is made of: model, shapes, types and functions of this package, the sources of
     this package, versions of Python, JAX and all others that have a part in it, and settings of
-    JAX. Numbers are its arguments. What cannot be told from others, such as a function of yours, is
-    traced in each process; `kept` is for these.
+    JAX. Numbers are its arguments, and functions among these, such as loads by time, are told from
+    others as `kept` tells them. What cannot be told, such as a class of yours, is traced in each
+    process; `kept` is for compiled functions of yours.
 
     Returns the folder, or None where nothing is kept: the environment says so, or the folder
     cannot be made. Then, and where a file is damaged or cannot be written, there is one warning in
