@@ -96,8 +96,8 @@ class Question(eqx.Module):
         """Whether motion, loads and answer stay in the plane of rotation of `rotor`."""
 
     def within(self, steps: int) -> "Question":
-        """The same question of a run in time that gives up after so many steps, if it would not
-        before; itself where nothing runs."""
+        """This question, asked of a run in time that gives up after so many steps, if it would not
+        before."""
         return self
 
     @property

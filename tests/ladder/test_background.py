@@ -150,7 +150,7 @@ def test_no_linear_rung_in_a_sweep_that_is_beyond_them(compiled):
     assert large(compiled, "batched") <= 5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_long_run_is_made_anew(compiled, monkeypatch):
     """By a program that is compiled well: the first one gives up before that takes longer."""
     monkeypatch.setattr(evaluate, "STEPS", 3)
