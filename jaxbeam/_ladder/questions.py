@@ -96,8 +96,7 @@ class Question(eqx.Module):
         """Whether motion, loads and answer stay in the plane of rotation of `rotor`."""
 
     def within(self, steps: int) -> "Question":
-        """This question, asked of a run in time that gives up after so many steps, if it would not
-        before."""
+        """Question whose run in time, if it has one, gives up after so many steps at the latest."""
         return self
 
     @property
