@@ -65,7 +65,7 @@ pays in sweeps and for long scenes.
 
 from jaxbeam._ladder.choice import Choice as Choice
 from jaxbeam._ladder.choice import Evidence as Evidence
-from jaxbeam._ladder.choose import evaluate as evaluate
+from jaxbeam._ladder.evaluate import evaluate as evaluate
 from jaxbeam._ladder.questions import Answer as Answer
 from jaxbeam._ladder.questions import DeflectionHistory as DeflectionHistory
 from jaxbeam._ladder.questions import ModalFrequencies as ModalFrequencies

@@ -95,6 +95,17 @@ def experiment(**parameters):
 found = jb.fit(experiment, {name: jb.FreeParameter(1.1 * value) for name, value in true.items()})
 aside = first - measuring  # the measurements are not the fit's
 """
+# As many as go by bands, or one fewer: what the first batch takes beside its run, and the run.
+MANY = """
+speeds = jnp.linspace(0.0, 5.0, SIZE)
+jb.programs.compile_well()
+batch = jb.programs.kept(jax.vmap(lowest))
+jax.block_until_ready(batch(speeds))
+first = time.process_time()
+jax.block_until_ready(batch(speeds))
+each = time.process_time() - first
+print(first - each, each / SIZE)
+"""
 CHOICE = """
 times = jnp.linspace(0.0, 20.0, 201)
 question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(4.0, 15.0), times)
@@ -367,31 +378,55 @@ def script_of(what: str) -> str:
     return START + before + END.replace("ANSWER", answer)
 
 
+def printed(script: str, folder: str = "") -> list[float]:
+    """The numbers that a script prints in a process of its own, which keeps programs in a folder if
+    one is given."""
+    ours = "JAX_", "EQX_", "XLA_", "JAXBEAM_"
+    plain = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True,
+        env={**plain, "JAXBEAM_KEEP": folder} if folder else plain,
+    )  # fmt: skip
+    if done.returncode:
+        raise RuntimeError(f"{script}: {done.stderr}")
+    return [float(number) for number in done.stdout.split()]
+
+
+def bands() -> Iterator[Row]:
+    """From how many `modes` on a program with bands has paid for its longer compilation, in fresh
+    processes and where programs are kept: CPU time of 4096 cases and of one fewer, the least of
+    three."""
+    for what in (name for name in FIRST if name.startswith("256 modes, ")):
+        scripts = [
+            START + FIRST[what][1] + MANY.replace("SIZE", str(size)) for size in (4095, 4096)
+        ]
+        with tempfile.TemporaryDirectory() as kept:
+            for script in scripts:
+                printed(script, kept)
+            for where, folder in (("fresh", ""), ("kept", kept)):
+                dense, banded = (
+                    np.min([printed(script, folder) for _ in range(3)], 0) for script in scripts
+                )
+                name = f"{what.removeprefix('256 modes, ')}, {where}"
+                longer, saved = banded[0] - dense[0], dense[1] - banded[1]
+                yield "bands compile longer by", name, longer, "CPU s"
+                yield "bands save, of a case", name, 1e6 * saved, "CPU us"
+                yield "bands pay from", name, longer / saved, "cases"
+
+
 def fresh_processes(quick: bool) -> Iterator[Row]:
     """CPU seconds of whole processes to the first result, imports included: medians of five, with
     nothing kept, and where another process has kept its programs."""
-    ours = "JAX_", "EQX_", "XLA_", "JAXBEAM_"
-    plain = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
-
-    def taken(what: str, more: dict[str, str]) -> float:
-        done = subprocess.run(
-            [sys.executable, "-c", script_of(what)],
-            capture_output=True, text=True, env={**plain, **more},
-        )  # fmt: skip
-        if done.returncode:
-            raise RuntimeError(f"{what}: {done.stderr}")
-        return float(done.stdout)
-
     repeats = range(1 if quick else 5)
     for what in ("spin-up",) if quick else FIRST:
-        fresh = np.median([taken(what, {}) for _ in repeats])
+        script = script_of(what)
+        fresh = np.median([printed(script) for _ in repeats])
         yield "fresh process", what, float(fresh), "CPU s"
-        if SCENE not in script_of(what):
+        if SCENE not in script:
             continue
         with tempfile.TemporaryDirectory() as folder:
-            kept = {"JAXBEAM_KEEP": folder}
-            taken(what, kept)
-            again = np.median([taken(what, kept) for _ in repeats])
+            printed(script, folder)
+            again = np.median([printed(script, folder) for _ in repeats])
             yield "the next, kept", what, float(again), "CPU s"
 
 
@@ -407,6 +442,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         lambda: () if quick else rods(),
         lambda: () if quick else gradients_of_runs(),
         lambda: elements(quick, out),
+        lambda: () if quick else bands(),
         lambda: fresh_processes(quick),
     ):
         for row in part():

@@ -75,7 +75,7 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "frequencies": Kind(frequencies, 2000, 1_000_000, 20_000),
+    "frequencies": Kind(frequencies, 4096, 1_000_000, 20_000),
     "spin-ups": Kind(spin_up, 32, 2_048, 0),
     "Floquet multipliers": Kind(floquet, 250, 20_000, 0),
     "fits": Kind(fit, 125, 8_000, 0),

@@ -3,6 +3,7 @@
 import json
 import os
 import stat
+import time
 
 import equinox as eqx
 import jax
@@ -279,8 +280,54 @@ def test_half_files_of_jax_are_removed(keep, tmp_path):
     assert sorted(tmp_path.glob("compiled/*/*-cache")) == [whole, *others]
 
 
+def test_programs_nobody_asks_for_are_removed(keep, tmp_path):
+    """Those alone, and no other files that may lie there."""
+    keep(tmp_path)
+    program, x = as_ours(doubled), jnp.arange(3.0)
+    program(x, 2)
+    old = {*files(tmp_path), *tmp_path.glob("compiled/*/*-cache")}
+    program(x, 3.0)
+    new = {*files(tmp_path), *tmp_path.glob("compiled/*/*-cache")} - old
+    mine = tmp_path / "notes"
+    mine.write_text("of the user")
+    assert len(old) >= 2
+    assert new
+    for file in (*old, mine):
+        os.utime(file, (time.time() - 91 * 86400,) * 2)
+    for file in new:  # written long ago, but read since
+        os.utime(file, (time.time() - 89 * 86400, time.time() - 200 * 86400))
+    keep(tmp_path)
+    assert {*files(tmp_path), *tmp_path.glob("compiled/*/*-cache")} == new
+    assert mine.exists()
+    forget(program)
+    np.testing.assert_array_equal(program(x, 2)["found"], 2 * x)
+
+
+def test_functions_among_arguments(keep, counted, tmp_path):
+    """They are told from others by what they compute, and come back as those that were given."""
+
+    def applied(x, function):
+        return {"found": function(x), "by": function}
+
+    def times(factor, power=1):
+        return lambda x: factor * x**power
+
+    keep(tmp_path)
+    x, program = jnp.arange(3.0), as_ours(applied)
+    for function, most in (
+        (times(2.0), 1), (times(2.0), 1), (times(3.0), 2), (times(2.0, 2), 3), (times(x), 4),
+        (times(x + 1), 5), (lambda x: 2.0 * x, 6), (lambda x: 2.0 + x, 7), (lambda x: 2.0 * x, 7),
+    ):  # fmt: skip
+        forget(program)
+        found = program(x, function)
+        np.testing.assert_array_equal(found["found"], function(x))
+        assert found["by"] is function
+        assert len(counted) == len(files(tmp_path)) == most
+
+
 def test_what_is_not_kept(keep, counted, tmp_path):
-    """Functions and classes of a user, and what calls back to Python, answer as ever."""
+    """Classes of a user, functions that refer to them, and what calls back to Python, answer as
+    ever."""
 
     def applied(x, function):
         return function(x) if callable(function) else function.factor * x
@@ -290,7 +337,7 @@ def test_what_is_not_kept(keep, counted, tmp_path):
 
     keep(tmp_path)
     x = jnp.arange(3.0)
-    for given in (lambda x: 2 * x, OWN):
+    for given in (lambda x: OWN.factor * x, OWN):
         np.testing.assert_array_equal(as_ours(applied)(x, given), 2 * x)
     np.testing.assert_array_equal(as_ours(told)(x), 2 * x)
     assert files(tmp_path) == []
@@ -351,7 +398,7 @@ def test_what_is_prepared_is_what_is_called(keep, counted, tmp_path):
     program.prepare(x, 3)
     there = set(tmp_path.glob("compiled/*/jit_doubled-*"))
     assert len(there) == len(counted) == 1
-    np.testing.assert_array_equal(program.well(x, 3)["found"], 3 * x)
+    np.testing.assert_array_equal(program(x, 3)["found"], 3 * x)
     assert there == set(tmp_path.glob("compiled/*/jit_doubled-*"))
     assert len(counted) == 1
 

@@ -16,9 +16,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxbeam._checks import positive, real_scalar
+from jaxbeam._checks import real_scalar
 from jaxbeam._ladder.background import BackgroundCompiler
 from jaxbeam._ladder.choice import NOT_NEEDED, Choice, Evidence
+from jaxbeam._ladder.evaluate import UNKNOWN, answer_of, prepare_answer
 from jaxbeam._ladder.questions import Answer, Question, checked_question
 from jaxbeam._ladder.rungs import (
     Indicators,
@@ -34,60 +35,19 @@ from jaxbeam._ladder.rungs import (
     rungs_of,
     scout_of,
 )
-from jaxbeam._models.contract.base import AbstractModel, checked_case
-from jaxbeam._programs.program import Program
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._results import finish
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar
 
 INTEGRATION = 0.05  # of the tolerance, left to numerical integration
 JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may differ
-UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
 LARGE = 0.1  # and where the scout fails
 _UNCONFIRMED = 0.25  # of the tolerance, which the first two rungs that agree may both be off
 # And any two: loads that set in at once shake high modes, whose errors fall but slowly.
 _LEAST = 0.05
-
-
-def evaluate(
-    model: AbstractModel,
-    rotor: Rotor,
-    question: Question,
-    accuracy: Real = 1e-6,
-    size: Real = UNKNOWN,
-    *,
-    throw: bool = True,
-) -> Answer:
-    """What one model answers to a question about a rotor: `Question.answer`, compiled.
-
-    `model` and `rotor` are those of `modes`, `question` is a `Question`; `accuracy` > 0 is that of
-    numerical integration, relative, where the largest deflection is `size` > 0 times the length.
-    Returns an `Answer`. With `throw=False` failures of a model are left in `Answer.status`, and
-    the numbers are then NaN.
-
-    Raises `ValueError` or `TypeError` for a malformed argument or parameters out of range, and
-    `RuntimeError` where the model has no answer.
-    """
-    question = checked_question(question)
-    model, rotor, _ = checked_case(model, rotor)
-    result = _answer(
-        question,
-        rotor,
-        model,
-        positive("accuracy", accuracy),
-        positive("size", size),
-    )
-    return finish(result, throw)
-
-
-@functools.partial(Program, calls=0)
-def _answer(
-    question: Question, rotor: Rotor, model: AbstractModel, accuracy: Scalar, size: Scalar
-) -> Answer:
-    return question.answer(model, rotor, accuracy, size)
 
 
 def checked_tolerance(tolerance: float) -> float:
@@ -233,12 +193,12 @@ class _Asker:
     def begin(self, *models: AbstractModel) -> None:
         """Compile, in the background, the programs of models that are to be asked soon."""
         for model in models:
-            self.compiler.begin(model, functools.partial(_answer.prepare, *self.given(model)))
+            self.compiler.begin(model, functools.partial(prepare_answer, *self.given(model)))
 
     def now(self, model: AbstractModel, tighter: float = 1.0) -> Answer:
         """The answer of a model now, which is not kept."""
         self.compiler.await_it(model)
-        return jax.device_get(_answer(*self.given(model, tighter)))
+        return jax.device_get(answer_of(*self.given(model, tighter)))
 
     def __call__(self, model: AbstractModel) -> Answer:
         if model not in self.found:

@@ -95,6 +95,10 @@ class Question(eqx.Module):
     def planar(self, rotor: Rotor) -> Array:
         """Whether motion, loads and answer stay in the plane of rotation of `rotor`."""
 
+    def within(self, steps: int) -> "Question":
+        """Question whose run in time, if it has one, gives up after so many steps at the latest."""
+        return self
+
     @property
     def space_alone(self) -> str:
         """What of it elements in space alone bear, in words; empty where other theories do too."""
@@ -174,6 +178,10 @@ class _InTime(Question):
                 f"{damping.features[0]}: elements, which judge, have no ratios of modes: give a "
                 "stiffness_coefficient"
             )
+
+    def within(self, steps: int) -> Question:
+        fewer = steps < self.max_steps
+        return dataclasses.replace(self, max_steps=steps) if fewer else self
 
     def resolved(self, rotor: Rotor, size: Scalar) -> Scalar:
         """The displacement over length that matters, where the largest deflection is `size`."""

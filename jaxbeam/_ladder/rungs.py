@@ -8,7 +8,6 @@ how the beam twists; where its `torsional_stiffness` is not given, von Karman be
 place, which are right to second order of deflection over length.
 """
 
-import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -179,7 +178,7 @@ class Indicators(eqx.Module):
         return self.size**2 + self.steady_strain
 
 
-@functools.partial(Program, calls=0)
+@Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
     """Indicators but size and slope, which a linear theory has to say: these are infinite."""
     # Of a beam in a cone as if it lay in the plane, where the tension is no less.
@@ -199,7 +198,7 @@ def indicators(question: Question, rotor: Rotor) -> Indicators:
     )
 
 
-@functools.partial(Program, calls=0)
+@Program
 def is_planar(question: Question, rotor: Rotor) -> Array:
     """Whether motion, loads and answer stay in the plane of rotation."""
     # Where sections are turned, what begins in the plane leaves it; so does a beam in a cone.

@@ -12,7 +12,8 @@ import numpy as np
 
 from jaxbeam._checks import count_functions
 from jaxbeam._ladder.background import BackgroundCompiler
-from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, UNKNOWN, checked_tolerance
+from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, checked_tolerance
+from jaxbeam._ladder.evaluate import UNKNOWN
 from jaxbeam._ladder.pool import Example, Know, Pool, Situation, answers_in, some_of
 from jaxbeam._ladder.questions import Answer, Question
 from jaxbeam._ladder.rungs import (

@@ -23,8 +23,9 @@ from jaxbeam._rotor.directions import CouplingGroup, Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, Vector
 
-# Cases from which what is fast for a CPU is compiled. It takes some 10 s longer to compile, and a
-# tenth of 0.3 ms for a case: who works on so many at once will do so again.
+# Cases from which what is fast for a CPU is compiled. That takes some 10 s longer, and has paid
+# after 11,000 cases of elements and 29,000 of polynomials (`studies/costs.py`): who works on so
+# many at once will do so a few times.
 MANY = 4096
 _ROW = 16  # cases of beams that vary whose integrals stay in the cache of a CPU
 _Case = tuple[AnyRotor, Scalar, Wanted]  # and its speed

@@ -21,6 +21,7 @@ _MAGIC = b"jaxbeam, a traced program\n"
 _STAMP = ".looked_at"  # since when files of JAX's cache have not been looked at
 _ZSTD = b"\x28\xb5\x2f\xfd"  # how a file begins that is not of zlib
 _ABANDONED = 3600.0  # s: nobody writes a file for so long
+_UNUSED = 90 * 86400.0  # s: after so long nobody will ask for a program again
 
 
 class Folder(NamedTuple):
@@ -73,13 +74,15 @@ def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
     `jaxbeam` in the folder of the user's caches (`XDG_CACHE_HOME`, or `~/.cache`). It has the
     compiled programs of JAX's own cache, which is set to keep all of them there, and beside them
     traced programs of this package by `jax.export`, for which there is
-    `pip install "jaxbeam[keep]"`: without it each process traces anew. It may be deleted any time.
+    `pip install "jaxbeam[keep]"`: without it each process traces anew. Programs that no process has
+    asked for in 90 days are removed, and the folder may be deleted any time.
 
     Results are the same to the last bit whether a program was kept or is new. A program belongs to
     all that it is made of: model, shapes, types and functions of this package, the sources of
     this package, versions of Python, JAX and all others that have a part in it, and settings of
-    JAX. Numbers are its arguments. What cannot be told from others, such as a function of yours, is
-    traced in each process; `kept` is for these.
+    JAX. Numbers are its arguments, and functions among these, such as loads by time, are told from
+    others as `kept` tells them. What cannot be told, such as a class of yours, is traced in each
+    process; `kept` is for compiled functions of yours.
 
     Returns the folder, or None where nothing is kept: the environment says so, or the folder
     cannot be made. Then, and where a file is damaged or cannot be written, there is one warning in
@@ -108,7 +111,7 @@ def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
         warn_once('traced programs need `pip install "jaxbeam[keep]"`, compiled ones are kept')
     _mend(compiled)
     writable = _is_writable(compiled)
-    _tidy(traced)
+    _tidy(path)
     jax.config.update("jax_compilation_cache_dir", str(compiled))
     # JAX would warn of each program that it cannot write.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0 if writable else 1e9)
@@ -204,8 +207,16 @@ def _write(path: Path, body: bytes) -> None:
 
 
 def _tidy(path: Path) -> None:
-    """Remove what processes left that were killed while they wrote."""
-    with contextlib.suppress(OSError):
-        for part in path.glob(".*.part"):
-            if time.time() - part.stat().st_mtime > _ABANDONED:
+    """Remove what processes left that were killed while they wrote, and programs that none has
+    asked for in a long time: those of earlier versions among them. Who reads one in this moment has
+    it open, and who comes too late makes it anew."""
+    now = time.time()
+    for part in path.glob("traced/.*.part"):
+        with contextlib.suppress(OSError):
+            if now - part.stat().st_mtime > _ABANDONED:
                 part.unlink(missing_ok=True)
+    for file in (*path.glob("traced/[!.]*"), *path.glob("compiled/*/*-cache")):
+        with contextlib.suppress(OSError):
+            status = file.stat()
+            if now - max(status.st_atime, status.st_mtime) > _UNUSED:
+                file.unlink(missing_ok=True)

@@ -81,14 +81,16 @@ class Program:
         """The program that a call from here with these arguments takes, which counts as one."""
         if _is_within():
             return self.part
-        if not (_may_be_quick and self._calls):
-            return self.well
         kind = _kind((args, kwargs))
-        made = self._made.get(kind, 0) if kind is not None else self._calls
-        if made >= self._calls:
-            return self.well
-        self._made[kind] = made + 1
-        return self.quick
+        program = self._next(kind)
+        if program is not self.well:
+            self._made[kind] = self._made.get(kind, 0) + 1
+        return program
+
+    def _next(self, kind: Hashable | None) -> "Outside":
+        """The program that the next call with arguments of a kind takes, outside of all others."""
+        may_be_quick = _may_be_quick and kind is not None
+        return self.quick if may_be_quick and self._made.get(kind, 0) < self._calls else self.well
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.here(*args, **kwargs)(*args, **kwargs)
@@ -102,9 +104,9 @@ class Program:
         return (self.part if _is_within() else self.well)(*args, **kwargs)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
-        """Have the program compiled, well, that a call with these arguments takes: not within
+        """Have the program compiled that the next call with these arguments takes: not within
         others."""
-        self.well.prepare(*args, **kwargs)
+        self._next(_kind((args, kwargs))).prepare(*args, **kwargs)
 
     def lower(self, *args: Any, **kwargs: Any) -> Any:
         """The lowered program of a call with the same arguments, as by

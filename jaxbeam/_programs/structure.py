@@ -67,7 +67,12 @@ class Encoder:
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self._fields(value, static, path)
         named = _name_or_none(value)
-        return self._other(value) if named is None else ["name", *named]
+        if named is not None:
+            return ["name", *named]
+        if id(value) in self._given:
+            return ["given", *self._given[id(value)][0]]
+        self.seen.setdefault(id(value), (path, value))
+        return self._other(value)
 
     def _numbers(self, value: Any, static: bool) -> Any:
         if not static and eqx.is_array(value):

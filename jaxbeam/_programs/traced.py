@@ -10,6 +10,7 @@ import jax
 from jax import export
 
 from jaxbeam._programs.folder import Folder, folder, warn_once
+from jaxbeam._programs.functions import identity
 from jaxbeam._programs.identity import settings, sources_stayed, surroundings
 from jaxbeam._programs.structure import Encoder, NotKept, decoded
 
@@ -83,7 +84,7 @@ class Traces:
     def _traced(self, where: Folder, given: _Outside) -> Traced | None:
         """The program for such arguments: kept, or new and kept now; None where it cannot be."""
         try:
-            encoder = Encoder(_shape)
+            encoder = Encoder(_shape, other=identity)
             key = json.dumps([self._name(), surroundings(), encoder(given)], sort_keys=True)
             name = hashlib.sha256(key.encode()).hexdigest()
             if (body := where.read(name)) is not None:

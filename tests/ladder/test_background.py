@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._ladder import evaluate
 from jaxbeam._ladder.background import BackgroundCompiler
 from tests.beams import README_ROTOR
 from tests.helpers import slender
@@ -147,3 +148,18 @@ def test_no_linear_rung_in_a_sweep_that_is_beyond_them(compiled):
     table = jb.ladder_sweep(stout, cases, 1e-3, representatives=2, chunk=2)
     assert all(name.endswith("elements") for name in table["rung"])
     assert large(compiled, "batched") <= 5
+
+
+@pytest.mark.exhaustive
+def test_a_long_run_is_made_anew(compiled, monkeypatch):
+    """By a program that is compiled well: the first one gives up before that takes longer."""
+    monkeypatch.setattr(evaluate, "STEPS", 3)
+    rotor, question = readme()
+    answer = jb.ladder.evaluate(jb.Hybrid(0, 1, 0), rotor, question)
+    assert answer.status == jb.Status.OK
+    assert answer.steps > 3
+    assert large(compiled, "_answer") == 2
+    compiled.clear()
+    again = jb.ladder.evaluate(jb.Hybrid(0, 1, 0), rotor, question)
+    np.testing.assert_array_equal(again.value, answer.value)
+    assert compiled == []
