@@ -20,7 +20,6 @@ from jaxbeam._checks import (
     plain,
     real_array,
     real_scalar,
-    renamed,
     with_gaps,
 )
 from jaxbeam._fitting.matching import match_modes
@@ -210,7 +209,6 @@ class StaticData(Experiment):
     xi: tuple[float, ...] = eqx.field(static=True)
     direction: int = eqx.field(static=True)
 
-    @renamed(component="direction")
     def __init__(
         self, model: AbstractModel, rotor: Rotor, loads: Loads, measured: Any, noise: Any,
         xi: Any = 1.0, direction: int = 1, *, angular_speed: Any = 0.0,
