@@ -151,11 +151,10 @@ def timed(
 
 
 def cpu_seconds(
-    function: Callable[..., Any], *args: Any, repeats: int = 3, patience: float = math.inf
+    function: Callable[..., Any], *args: Any, repeats: int = 4, patience: float = math.inf
 ) -> tuple[float, Any]:
-    """Least CPU time of so many runs after one that may compile, of two if these took longer than
-    `patience`, and the last result."""
-    jax.block_until_ready(function(*args))
+    """Least CPU time of so many runs, the first of which may compile, of two once they took longer
+    than `patience` in all; and the last result."""
     taken: list[float] = []
     while len(taken) < 2 or (len(taken) < repeats and sum(taken) < patience):
         start = time.process_time()

@@ -13,7 +13,8 @@ MODULES = {
     for path in sorted(PACKAGE.rglob("*.py"))
 }
 # Rooms, folders or single modules: each may import from those above it alone.
-_TABLE = (PACKAGE / "README.md").read_text().split("| room | subject |")[1].split("\n\n")[0]
+_PAGE = Path(__file__).parents[1] / "jaxbeam" / "README.md"
+_TABLE = _PAGE.read_text().split("| room | subject |")[1].split("\n\n")[0]
 _ROWS = [line.split(" | ")[0] for line in _TABLE.splitlines()[2:]]
 ROOMS = [
     name.replace("/", ".") for row in _ROWS for name in re.findall(r"`([\w/]+?)(?:/|\.py)?`", row)

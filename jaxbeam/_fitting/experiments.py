@@ -23,7 +23,8 @@ from jaxbeam._checks import (
     with_gaps,
 )
 from jaxbeam._fitting.matching import match_modes
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose, lowest_in_plane

@@ -34,7 +34,8 @@ from jaxbeam._ladder.rungs import (
     rungs_of,
     scout_of,
 )
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish
 from jaxbeam._rotor.beam import Rotor

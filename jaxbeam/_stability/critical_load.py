@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._models.contract.base import AbstractModel, checked_case, small_motion
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.left_out import followed
 from jaxbeam._models.contract.loaded import (
@@ -25,6 +26,7 @@ from jaxbeam._models.contract.loaded import (
     equations_under,
     guarded_conditions,
 )
+from jaxbeam._models.contract.small_motion import small_motion
 from jaxbeam._numerics.brackets import Looks
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.loose import symmetric_part

@@ -25,7 +25,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.left_out import followed
 from jaxbeam._models.contract.loaded import Conditions, checked_potential, guarded_conditions
 from jaxbeam._numerics.brackets import Looks
