@@ -159,7 +159,7 @@ def tip(kind: str, model: Any, method: Method, scene: Any, share: Any, setting: 
             if method.adaptive
             else diffrax.ConstantStepSize()
         ),
-        max_steps=100_000, throw=False,
+        max_steps=10_000, throw=False,
     )  # fmt: skip
     return run.tip[:, 1:], run.status
 
