@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from common import ALUMINIUM, STIFF, cpu_seconds
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 import jaxbeam as jb
 from jaxbeam.models import ChordANCF, SpatialRod
@@ -51,40 +51,37 @@ class Method(NamedTuple):
     settings: tuple[float, ...]
 
 
-RODAS5P = Method(jb.solvers.Rodas5P(), True, (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7))
+RODAS5P = Method(jb.solvers.Rodas5P(), True, (1e-3, 1e-4, 1e-5, 1e-6, 1e-7))
 RODAS4P = RODAS5P._replace(solver=jb.solvers.Rodas4P())
 CHORD = Method(jb.solvers.ChordKvaerno5(), False, (1 / 50, 1 / 100, 1 / 200, 1 / 400, 1 / 800))
 MAGNUS = CHORD._replace(solver=jb.solvers.Magnus())
-# Classes of models, their sizes, and methods; the first three of each kind with --quick.
-TRIED: dict[str, list[tuple[Any, tuple[int, ...], Method]]] = {
+
+
+def each(method: Method | None, *models: tuple[Any, ...]) -> list[tuple[Any, Any, Method | None]]:
+    """Class, size and method of models that are given as classes with sizes."""
+    return [(cls, size, method) for cls, *sizes in models for size in sizes]
+
+
+TRIED = {  # the first two of each kind with --quick
     PLANE: [
-        (jb.ExactRodANCF, (8,), RODAS5P), (SpatialRod, (6,), RODAS5P),
-        (jb.Hybrid, (3, 4, 0), MAGNUS), (jb.ExactRodANCF, (4,), RODAS5P),
-        (jb.ExactRodANCF, (16,), RODAS5P),
-        (jb.ExactRodANCF, (32,), RODAS5P), (jb.ExactRodANCF, (8,), RODAS4P),
-        (jb.ExactRodANCF, (8,), CHORD), (SpatialRod, (4,), RODAS5P), (SpatialRod, (8,), RODAS5P),
-        (SpatialRod, (12,), RODAS5P), (jb.ANCF, (8,), RODAS5P), (ChordANCF, (8,), RODAS5P),
-        (jb.Hybrid, (0, 6, 0), RODAS5P), (jb.VonKarman, (8, 4, 0), RODAS5P),
-        (jb.Classical, (3, 4, 0), MAGNUS),
+        *each(RODAS5P, (jb.ExactRodANCF, 8)), *each(MAGNUS, (jb.Hybrid, (3, 4, 0))),
+        *each(RODAS5P, (jb.ExactRodANCF, 4, 16, 32), (SpatialRod, 4, 6, 8), (jb.ANCF, 8)),
+        *each(RODAS5P, (ChordANCF, 8), (jb.Hybrid, (0, 6, 0)), (jb.VonKarman, (8, 4, 0))),
+        *each(RODAS4P, (jb.ExactRodANCF, 8)), *each(CHORD, (jb.ExactRodANCF, 8)),
+        *each(MAGNUS, (jb.Classical, (3, 4, 0))),
     ],
-    SPACE: [
-        (jb.SpatialANCF, (8,), RODAS5P), (SpatialRod, (6,), RODAS5P),
-        (jb.Hybrid, (0, 6, 6), RODAS5P), (jb.SpatialANCF, (4,), RODAS5P),
-        (jb.SpatialANCF, (16,), RODAS5P),
-        (SpatialRod, (4,), RODAS5P), (SpatialRod, (8,), RODAS5P), (SpatialRod, (12,), RODAS5P),
-    ],
-}  # fmt: skip
-FREQUENCIES: dict[str, list[tuple[Any, tuple[int, ...]]]] = {
-    LAG: [
-        (jb.Hybrid, (8, 16, 0)), (jb.ExactRodANCF, (10,)), (SpatialRod, (8,)),
-        *((jb.Hybrid, (n // 2, n, 0)) for n in (6, 8, 12)), (jb.ANCF, (10,)), (jb.ANCF, (20,)),
-        *((jb.ExactRodANCF, (n,)) for n in (4, 20)), *((SpatialRod, (p,)) for p in (4, 6, 10)),
-    ],
-    FLAP: [
-        (jb.Hybrid, (8, 16, 16)), (jb.SpatialANCF, (10,)), (SpatialRod, (8,)),
-        *((jb.Hybrid, (n // 2, n, n)) for n in (6, 8, 12)),
-        *((jb.SpatialANCF, (n,)) for n in (4, 20)), *((SpatialRod, (p,)) for p in (4, 6, 10)),
-    ],
+    SPACE: each(
+        RODAS5P, (jb.SpatialANCF, 8), (SpatialRod, 6, 4, 8, 12), (jb.SpatialANCF, 4, 16),
+        (jb.Hybrid, (0, 6, 6)),
+    ),
+    LAG: each(
+        None, (jb.Hybrid, (8, 16, 0)), (jb.ExactRodANCF, 10, 4, 20), (SpatialRod, 4, 6, 8, 10),
+        (jb.Hybrid, *((n // 2, n, 0) for n in (6, 8, 12))), (jb.ANCF, 10, 20),
+    ),
+    FLAP: each(
+        None, (jb.Hybrid, (8, 16, 16)), (SpatialRod, 8, 4, 6, 10), (jb.SpatialANCF, 4, 10, 20),
+        (jb.Hybrid, *((n // 2, n, n) for n in (6, 8, 12))),
+    ),
 }  # fmt: skip
 
 
@@ -159,56 +156,41 @@ def tip(kind: str, model: Any, method: Method, scene: Any, share: Any, setting: 
             if method.adaptive
             else diffrax.ConstantStepSize()
         ),
-        max_steps=10_000, throw=False,
+        max_steps=5_000, throw=False,
     )  # fmt: skip
     return run.tip[:, 1:], run.status
 
 
-class Tried(NamedTuple):
-    """A model with a method: a function of a case, a share of its speed and a setting, and what to
-    call it."""
-
-    theory: str
-    model: str
-    method: str
-    settings: tuple[float, ...]
-    alone: Callable[..., Any]
-    batch: Callable[..., Any]
-
-    @classmethod
-    def of(
-        cls, function: Callable[..., Any], model: Any, size: tuple[int, ...],
-        method: Method | None = None,
-    ) -> "Tried":  # fmt: skip
-        theory, solved = model.__name__, type(method.solver).__name__ if method else ""
-        name, settings = f"{theory}{size}".replace(",)", ")"), method.settings if method else (0.0,)
-        batch = jax.jit(jax.vmap(function, (None, 0, None)))
-        return cls(theory, name, solved, settings, jax.jit(function), batch)
-
-
 def measured(
-    every: Sequence[Tried], scenes: Sequence[tuple[Any, ...]], shares: Any,
-    off: Callable[[np.ndarray, np.ndarray], float],
+    kind: str, quick: bool, function: Callable[..., Any], scenes: Sequence[tuple[Any, ...]],
+    shares: Any, off: Callable[[np.ndarray, np.ndarray], float],
 ) -> list[Point]:  # fmt: skip
-    """All that is tried in all scenes (kind, title, case, reference): with finer settings until the
-    error is small enough for anybody, or stands still. In batches what is not much slower alone."""
+    """All that is tried in scenes of a kind (title, case, reference): with finer settings until the
+    error is small enough for anybody, or stands still. In batches what is not much slower alone.
+
+    `function` takes model, method, case, share of its speed and setting."""
     points: list[Point] = []
     batches = []
-    for tried in every:
-        for kind, scene, case, reference in scenes:
+    for cls, size, method in TRIED[kind][: 2 if quick else None]:
+        given = size if isinstance(size, tuple) else (size,)
+        name = f"{cls.__name__}({', '.join(map(str, given))})"
+        solved, settings = (type(method[0]).__name__, method.settings) if method else ("", (0.0,))
+        one = partial(function, cls(*given), method)
+        alone, batch = jax.jit(one), jax.jit(jax.vmap(one, (None, 0, None)))
+        for scene, case, reference in scenes:
             before = np.inf
-            for setting in tried.settings:
-                cost, (found, code) = cpu_seconds(tried.alone, case, 1.0, setting, patience=1)
+            for setting in settings:
+                cost, (found, code) = cpu_seconds(alone, case, 1.0, setting, patience=1)
                 error, status = off(np.asarray(found), reference), jb.Status(int(code))
                 good = status == jb.Status.OK and error < 1
                 error = error if good else np.inf
-                names = kind, scene, tried.theory, tried.model, tried.method
-                points.append(Point(*names, setting, error, 1e3 * cost, np.nan, status.name))
-                batches.append((tried.batch, case, shares, setting))
+                labels = kind, f"{scene}, {kind.split(' ', 1)[1]}", cls.__name__, name, solved
+                points.append(Point(*labels, setting, error, 1e3 * cost, np.nan, status.name))
+                batches.append((batch, case, shares, setting))
                 if good and not ERRORS[-1] / 3 < error < before / 1.2:
                     break
                 before = error
-        print(f"  {points[-1].line}, {points[-1].kind}", flush=True)
+        print(f"  {points[-1].line}, {kind}", flush=True)
     for most in ERRORS:
         for scene in dict.fromkeys(p.scene for p in points):
             enough = ranked([p for p in points if p.scene == scene], most, "alone")
@@ -220,52 +202,40 @@ def measured(
     return points
 
 
-def motions(quick: bool) -> list[Point]:
-    """Spin-ups in and out of the plane."""
-    points: list[Point] = []
-    for kind, every in TRIED.items():
-        judge = jax.jit(partial(tip, kind, SpatialRod(12 if quick else 14), RODAS5P))
-        where = []
-        for scene in scenes()[1:] if quick else scenes():
-            case = jax.tree.map(jnp.asarray, tuple(scene)[1:])
-            exact = np.asarray(judge(case, 1.0, 1e-7 if quick else 1e-8)[0])
-            where.append((kind, f"{scene.title}, {kind[7:]}", case, exact))
-        tried = [
-            Tried.of(partial(tip, kind, model(*size), method), model, size, method)
-            for model, size, method in every[: 3 if quick else None]
-        ]
-        points += measured(tried, where, jnp.linspace(1.0, 0.9, LANES), _of_peak)
-    return points
+def motion(kind: str, quick: bool) -> list[Point]:
+    """Spin-ups in or out of the plane."""
+
+    def off(found: np.ndarray, exact: np.ndarray) -> float:
+        apart, size = (np.linalg.norm(a, axis=1).max() for a in (found - exact, exact))
+        return float(apart / size)
+
+    judge = jax.jit(partial(tip, kind, SpatialRod(12 if quick else 14), RODAS5P))
+    where = []
+    for scene in scenes()[1:] if quick else scenes():
+        case = jax.tree.map(jnp.asarray, tuple(scene)[1:])
+        exact = np.asarray(judge(case, 1.0, 1e-7 if quick else 1e-8)[0])
+        where.append((scene.title, case, exact))
+    shares = jnp.linspace(1.0, 0.9, LANES)
+    return measured(kind, quick, partial(tip, kind), where, shares, off)
 
 
-def _of_peak(found: np.ndarray, exact: np.ndarray) -> float:
-    apart, size = (np.linalg.norm(a, axis=1).max() for a in (found - exact, exact))
-    return float(apart / size)
-
-
-def frequencies(quick: bool) -> list[Point]:
-    """Lowest three in and out of the plane of a beam of slenderness 500 with hub and tip mass. The
+def frequencies(kind: str, quick: bool) -> list[Point]:
+    """Lowest three in or out of the plane of a beam of slenderness 500 with hub and tip mass. The
     steady strain, 3e-4 at the higher speed, is what linear theories leave out."""
-    points: list[Point] = []
-    for kind, every in FREQUENCIES.items():
-        which = jb.labels(in_plane=3) if kind == LAG else jb.labels(flap=3)
+    which = jb.labels(in_plane=3) if kind == LAG else jb.labels(flap=3)
 
-        def found(model: Any, speed: Any, share: Any, _: Any, which: Any = which) -> Any:
-            rotor = alike(1.0, 1.0, 500.0**2, 1.0, 0.5, 0.2)
-            modes = jb.modes(model, rotor, speed * share, which, throw=False)
-            return modes.frequency, modes.status
+    def found(model: Any, _: Any, speed: Any, share: Any, __: Any) -> Any:
+        rotor = alike(1.0, 1.0, 500.0**2, 1.0, 0.5, 0.2)
+        modes = jb.modes(model, rotor, speed * share, which, throw=False)
+        return modes.frequency, modes.status
 
-        judge, where = jax.jit(partial(found, SpatialRod(16))), []
-        for speed in (12.0,) if quick else (1.0, 12.0):
-            exact = np.asarray(judge(speed, 1.0, 0.0)[0])
-            where.append((kind, f"{kind}, speed {speed:g} sqrt(EI / rho L^4)", speed, exact))
-        tried = [
-            Tried.of(partial(found, model(*size)), model, size)
-            for model, size in every[: 3 if quick else None]
-        ]
-        shares = jnp.linspace(1.0, 0.95, MODES // 4 if quick else MODES)
-        points += measured(tried, where, shares, lambda a, b: float(np.max(np.abs(a / b - 1))))
-    return points
+    judge, where = jax.jit(partial(found, SpatialRod(16), None)), []
+    for speed in (12.0,) if quick else (1.0, 12.0):
+        exact = np.asarray(judge(speed, 1.0, 0.0)[0])
+        where.append((f"speed {speed:g} sqrt(EI / rho L^4)", speed, exact))
+    shares = jnp.linspace(1.0, 0.95, MODES // 4 if quick else MODES)
+    off = lambda found, exact: float(np.max(np.abs(found / exact - 1)))  # noqa: E731
+    return measured(kind, quick, found, where, shares, off)
 
 
 class Choice(NamedTuple):
@@ -326,17 +296,18 @@ def draw(path: Path, points: Sequence[Point]) -> None:
         for ax, scene in zip(row, columns, strict=True):
             for k, line in enumerate(lines):
                 mine = [p for p in points if p.scene == scene and line in (p.line, p.theory)]
-                mine = sorted((p for p in mine if np.isfinite(p.error)), key=lambda p: p.error)
+                mine = sorted((p for p in mine if p.error < 1), key=lambda p: (-p.setting, p.error))
                 ax.loglog(
                     [p.error for p in mine], [cost(p) for p in mine], marker="osD^v<>PX*"[k % 10],
                     color=COLOURS[line.split("(")[0]], ms=5, lw=1, alpha=0.85, label=line,
                 )  # fmt: skip
             ax.grid(alpha=0.3)
-            for axis in (ax.xaxis, ax.yaxis):
-                axis.set_minor_formatter(NullFormatter())
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.yaxis.set_major_formatter("{x:g}")
+            ax.yaxis.set_minor_formatter(NullFormatter())
         row[0].set_ylabel(f"CPU time of a case {how} (ms)")
     for ax, scene in zip(axes[0], columns, strict=True):
-        ax.set_title(scene, fontsize=11)
+        ax.set_title(scene, fontsize=10)
     for ax in axes[-1]:
         ax.set_xlabel(
             "largest error / peak (-)" if points[0].method else "largest relative error (-)"
@@ -349,7 +320,8 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     """Run all of it; returns the folder that holds the figures and the tables."""
     began = time.perf_counter()
     out = common.folder(out, "speed_accuracy")
-    points = motions(quick) + frequencies(quick)
+    points = [p for kind in (PLANE, SPACE) for p in motion(kind, quick)]
+    points += [p for kind in (LAG, FLAP) for p in frequencies(kind, quick)]
     common.write_csv(out / "speed_accuracy.csv", Point._fields, points)
     for name, kinds in (("", (PLANE,)), ("_space", (SPACE,)), ("_frequencies", (LAG, FLAP))):
         draw(out / f"speed_accuracy{name}.png", [p for p in points if p.kind in kinds])
