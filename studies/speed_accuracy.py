@@ -298,7 +298,8 @@ def draw(path: Path, points: Sequence[Point]) -> None:
         for ax, scene in zip(row, columns, strict=True):
             for k, line in enumerate(lines):
                 mine = [p for p in points if p.scene == scene and line in (p.line, p.theory)]
-                mine = sorted((p for p in mine if p.error < 1), key=lambda p: (-p.setting, p.error))
+                mine = [p for p in mine if p.error < 1 and np.isfinite(cost(p))]
+                mine.sort(key=lambda p: (-p.setting, p.error))
                 ax.loglog(
                     [p.error for p in mine], [cost(p) for p in mine], marker="osD^v<>PX*"[k % 10],
                     color=COLOURS[line.split("(")[0]], ms=5, lw=1, alpha=0.85, label=line,
@@ -311,19 +312,13 @@ def draw(path: Path, points: Sequence[Point]) -> None:
     for ax, scene in zip(axes[0], columns, strict=True):
         ax.set_title(scene, fontsize=10)
     for ax in axes[-1]:
-        ax.set_xlabel(
-            "largest error / peak (-)" if points[0].method else "largest relative error (-)"
-        )
+        ax.set_xlabel(f"largest {'error / peak' if points[0].method else 'relative error'} (-)")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     common.save_figure(figure, path, dpi=100)
 
 
-def main(quick: bool = False, out: Path | None = None) -> Path:
-    """Run all of it; returns the folder that holds the figures and the tables."""
-    began = time.perf_counter()
-    out = common.folder(out, "speed_accuracy")
-    points = [p for kind in (PLANE, SPACE) for p in motion(kind, quick)]
-    points += [p for kind in (LAG, FLAP) for p in frequencies(kind, quick)]
+def report(points: Sequence[Point], out: Path) -> None:
+    """Figures and tables, and what to take."""
     common.write_csv(out / "speed_accuracy.csv", Point._fields, points)
     for name, kinds in (("", (PLANE,)), ("_space", (SPACE,)), ("_frequencies", (LAG, FLAP))):
         draw(out / f"speed_accuracy{name}.png", [p for p in points if p.kind in kinds])
@@ -346,11 +341,16 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     common.write_csv(out / "cheapest.csv", columns, rows)
     for kinds in ((PLANE, SPACE), (LAG, FLAP)):
         for most in ERRORS:
-            print(
-                f"For {most:g} take, "
-                + "; ".join(advice(points, kind, most) for kind in kinds)
-                + "."
-            )
+            told = "; ".join(advice(points, kind, most) for kind in kinds)
+            print(f"For {most:.0e} take, {told}.")
+
+
+def main(quick: bool = False, out: Path | None = None) -> Path:
+    """Run all of it; returns the folder that holds the figures and the tables."""
+    began = time.perf_counter()
+    out = common.folder(out, "speed_accuracy")
+    points = [p for kind in (PLANE, SPACE) for p in motion(kind, quick)]
+    report(points + [p for kind in (LAG, FLAP) for p in frequencies(kind, quick)], out)
     return common.finish(began, "figures and tables are", out)
 
 
