@@ -112,7 +112,7 @@ else:
         return [*globals(), *_ROOMS]
 
     def _elsewhere(name: str) -> str:
-        """In which of the modules by subject a name is that is looked for here."""
+        """The module by subject that has a name which is looked for here, in words."""
         subjects = [room for room, where in _ROOMS.items() if where == __name__ and room != "plot"]
         for subject in () if name.startswith("_") else subjects:
             if hasattr(importlib.import_module(f"{__name__}.{subject}"), name):

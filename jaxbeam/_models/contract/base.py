@@ -46,14 +46,6 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     is_reference: ClassVar[bool] = False
     neglects: ClassVar[Neglects] = Neglects()
 
-    def __check_init__(self) -> None:
-        if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(self)):
-            raise TypeError(
-                f"model: {kind_of(self)} holds an array, and a model holds static choices alone: "
-                "make it a Python number, for which programs are compiled anew, or a parameter of "
-                "the rotor"
-            )
-
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
         cls.is_reference = vars(cls).get("is_reference", False)
@@ -114,6 +106,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def with_case(self, rotor: Any, angular_speed: Any) -> tuple["AbstractModel[Any]", Any, Scalar]:
         """The model as it suits a rotor at an angular speed, the rotor that it takes, and the
         speed, all checked: rotors that it does not know are refused here."""
+        _refuse_arrays(self)
         rotor = checked_rotor(self.rotor_type, rotor)
         model = self.suited(rotor)
         check_supported(model, rotor, moving=False)
@@ -186,3 +179,11 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         Whoever derives from a model need not think of this: tables are for a class itself alone.
         """
         return None
+
+
+def _refuse_arrays(model: AbstractModel[Any]) -> None:
+    if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(model)):
+        raise TypeError(
+            f"model: {kind_of(model)} holds an array, and a model holds static choices alone: make "
+            "it a Python number, for which programs are compiled anew, or a parameter of the rotor"
+        )
