@@ -98,12 +98,6 @@ else:
     # `import jaxbeam` would take is for solvers in time alone.
     _TABLE = re.findall(r"from (\S+) import (\w+) as", inspect.getsource(sys.modules[__name__]))
     _ROOMS = {name: room for room, name in _TABLE}
-    _RENAMED = {
-        "EngineeringANCF": "jaxbeam.ExactRodANCF",
-        "Family": "jaxbeam.models.Direction",
-        "Clearance": "jaxbeam.fitting.ResonanceMargin",
-        "ask": "jaxbeam.ladder.evaluate",
-    }
 
     def __getattr__(name: str) -> Any:
         if name not in _ROOMS:
@@ -118,9 +112,7 @@ else:
         return [*globals(), *_ROOMS]
 
     def _elsewhere(name: str) -> str:
-        """Where a name is that is looked for here: in one of the modules by subject, or renamed."""
-        if name in _RENAMED:
-            return f"; it is {_RENAMED[name]} now"
+        """The module by subject that has a name which is looked for here, in words."""
         subjects = [room for room, where in _ROOMS.items() if where == __name__ and room != "plot"]
         for subject in () if name.startswith("_") else subjects:
             if hasattr(importlib.import_module(f"{__name__}.{subject}"), name):

@@ -1,9 +1,8 @@
 """Arguments of public functions: numbers as arrays of real floats, or errors that name them."""
 
 import contextlib
-import functools
-from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +11,6 @@ from jaxtyping import Array
 
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, is_concrete
-
-Told = TypeVar("Told", bound=Callable[..., Any])
 
 
 def _default_float() -> Any:
@@ -196,33 +193,3 @@ def count_functions(name: str, value: int, least: int = 0) -> None:
         raise TypeError(f"{name} must be an int, got {type(value).__name__}")
     if value < least:
         raise ValueError(f"{name} must be >= {least}, got {value}")
-
-
-def needs(name: str, why: str) -> Callable[[Told], Told]:
-    """A constructor that says why it needs its first argument, where that is not given."""
-
-    def telling(init: Told) -> Told:
-        @functools.wraps(init)
-        def told(self: Any, *args: Any, **kwargs: Any) -> None:
-            if not args and name not in kwargs:
-                raise TypeError(f"{name}: {why}")
-            init(self, *args, **kwargs)
-
-        return told  # type: ignore[return-value]
-
-    return telling
-
-
-def renamed(**new: str) -> Callable[[Told], Told]:
-    """A function or constructor that says the new name of an argument given by its old one."""
-
-    def telling(function: Told) -> Told:
-        @functools.wraps(function)
-        def told(*args: Any, **kwargs: Any) -> Any:
-            for old in new.keys() & kwargs.keys():
-                raise TypeError(f"{old} is {new[old]} now")
-            return function(*args, **kwargs)
-
-        return told  # type: ignore[return-value]
-
-    return telling

@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
-from common import ALUMINIUM
+from common import ALUMINIUM, cpu_seconds
 
 import jaxbeam as jb
 
@@ -150,22 +150,11 @@ def gradients_of_runs() -> Iterator[Row]:
             ("a run", alone, grad, one),
             ("256 runs", together, jax.vmap(grad), masses),
         ):
-            price = cpu_seconds(jax.jit(reverse), at) / cpu_seconds(forward, at)
+            price = cpu_seconds(jax.jit(reverse), at)[0] / cpu_seconds(forward, at)[0]
             yield "reverse mode over forward run", f"spin-ups, {name}: {what}", price, "-"
         equal = jnp.full_like(masses, one)
-        price = equal.size * cpu_seconds(alone, one) / cpu_seconds(together, equal)
+        price = equal.size * cpu_seconds(alone, one)[0] / cpu_seconds(together, equal)[0]
         yield "loop over batch", f"256 equal spin-ups, {name}", price, "-"
-
-
-def cpu_seconds(function: Callable[..., Any], *args: Any) -> float:
-    """CPU time, the least of three after compilation."""
-    jax.block_until_ready(function(*args))
-    taken = []
-    for _ in range(3):
-        start = time.process_time()
-        jax.block_until_ready(function(*args))
-        taken.append(time.process_time() - start)
-    return min(taken)
 
 
 def gradients(quick: bool) -> list[Row]:
@@ -263,8 +252,7 @@ def rods() -> Iterator[Row]:
         return jb.steady(model, rotor(*of), 1.2, throw=False).tip
 
     def taken(function: Any, *of: Any) -> float:  # as runs, by the least CPU time
-        made = jax.jit(function)
-        return min(cpu_seconds(made, *of) for _ in range(10))
+        return cpu_seconds(jax.jit(function), *of, repeats=30)[0]
 
     price = taken(six, *numbers)
     yield "a rod alone", names[1], 1e6 * taken(tip, *numbers), "us"
@@ -272,7 +260,7 @@ def rods() -> Iterator[Row]:
     draw = np.random.default_rng(4)
     factors = jnp.asarray(draw.uniform(0.9, 1.1, (256, 2, 30, 1)))
     many = jax.jit(jax.vmap(lambda f: six(*(f * jnp.stack(numbers)))))
-    yield "a rod, a case of 256", names[0], 1e6 * cpu_seconds(many, factors) / 256, "us"
+    yield "a rod, a case of 256", names[0], 1e6 * cpu_seconds(many, factors)[0] / 256, "us"
     by = 0, 1
     for what, slope in (
         ("gradient of their sum, over them", jax.value_and_grad(lambda *of: jnp.sum(six(*of)), by)),

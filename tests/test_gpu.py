@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.contract.base import checked_case
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._modes.banded import bands_of
 from jaxbeam._modes.wanted import choose
 from jaxbeam._programs import platforms

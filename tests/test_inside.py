@@ -1,4 +1,4 @@
-"""The page for whoever extends the package is true of the code: rooms, names, files, glossary."""
+"""The page for whoever extends the package is true of the code: names, files, glossary."""
 
 import re
 from pathlib import Path
@@ -9,36 +9,6 @@ PAGE = (PACKAGE / "README.md").read_text()
 LINES = PAGE.split("\n## Glossary\n")[1].strip().splitlines()
 GLOSSARY = [line for line in LINES if line.startswith("- ")]
 FILES = [*PACKAGE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]
-
-
-def _imports(path):
-    found = re.findall(r"^from jaxbeam\.([\w.]+)", path.read_text(), re.MULTILINE)
-    return {_room(name.split(".")) for name in found}
-
-
-def _room(parts):
-    """The room of a module: a folder, or a single module."""
-    return "/".join(parts[:2]) if parts[0] == "_models" else parts[0]
-
-
-def test_rooms_stand_in_the_order_of_imports():
-    table = PAGE.split("| room | subject |")[1].split("\n\n")[0]
-    rows = [
-        re.findall(r"`([\w/]+?)(?:/|\.py)?`", line.split(" | ")[0])
-        for line in table.splitlines()[2:]
-    ]
-    rooms = [room for row in rows for room in row]
-    modules = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__"}
-    within = [
-        path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.glob("_*/**/*.py")
-    ]
-    folders = {_room(parts) for parts in within} - {"_models/__init__"}
-    assert sorted(rooms) == sorted(modules | folders)
-    for path in PACKAGE.rglob("*.py"):
-        room = _room(path.relative_to(PACKAGE).with_suffix("").parts)
-        if not room.endswith("__init__"):
-            above = rooms[: rooms.index(room) + 1]
-            assert _imports(path) <= set(above), path
 
 
 def test_files_that_it_names_are_there():

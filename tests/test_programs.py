@@ -1,67 +1,12 @@
-"""What people wait for the first time: programs stay small, and are kept between processes."""
+"""What people wait for the first time: imports are few, and programs are kept between processes."""
 
 import os
 import subprocess
 import sys
 
-import jax
 import pytest
 
 import jaxbeam as jb
-from tests.beams import README_ROTOR as ROTOR
-from tests.tiers import exhaustive, slow
-
-HYBRID, WHICH = jb.Hybrid(), jb.labels(in_plane=2, flap=1)
-MOTION = jb.motions.ModulatedSpeed(3.0, 0.5, 10.0)
-
-
-def spun_up(rotor):
-    times = jax.numpy.linspace(0.0, 20.0, 201)
-    run = jb.simulate(jb.GreenANCF(8), rotor, jb.SmoothSpinUp(4.0, 15.0), times, throw=False)
-    return run.peak()[0]
-
-
-def fitted(measured):
-    def experiments(stiffness, tip_mass):
-        return [
-            jb.FrequencyData(
-                jb.Hybrid(2, 4, 2),
-                jb.Rotor(jb.Beam(8.0, 0.2, 5e6, stiffness, stiffness), 0.5, tip_mass + more),
-                [0.0, 5.0],
-                measured,
-                0.02,
-                WHICH,
-            )
-            for more in (0.0, 0.2)
-        ]
-
-    return jb.fit(
-        experiments, {"stiffness": jb.FreeParameter(500.0), "tip_mass": jb.FreeParameter(0.2)}
-    )
-
-
-@pytest.mark.parametrize(
-    ("answer", "argument", "most"),
-    [
-        pytest.param(lambda rotor: jb.modes(HYBRID, rotor, 10.0, WHICH), ROTOR, 2700, id="modes"),
-        exhaustive(
-            lambda rotor: jb.southwell(HYBRID, rotor, 0.0, WHICH), ROTOR, 4500, id="southwell"
-        ),
-        slow(
-            lambda rotor: jb.critical_speed(jb.models.ChordANCF(4), rotor), ROTOR, 5000,
-            id="critical_speed",
-        ),
-        exhaustive(
-            lambda rotor: jb.floquet(jb.Hybrid(2, 3, 2), rotor, MOTION), ROTOR, 3400, id="floquet"
-        ),
-        exhaustive(fitted, jax.numpy.asarray([[2.6, 16.6, 2.6], [3.6, 20.8, 6.3]]), 6300, id="fit"),
-        slow(spun_up, ROTOR, 5000, id="spin-up"),
-        slow(jax.grad(spun_up), ROTOR, 9400, id="gradient of a spin-up"),
-    ],
-)  # fmt: skip
-def test_programs_are_small(answer, argument, most):
-    """In lines of StableHLO."""
-    assert jax.jit(answer).lower(argument).as_text().count("\n") <= most
 
 
 def test_what_is_not_asked_for_is_not_imported():

@@ -20,11 +20,11 @@ from jaxbeam._checks import (
     plain,
     real_array,
     real_scalar,
-    renamed,
     with_gaps,
 )
 from jaxbeam._fitting.matching import match_modes
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose, lowest_in_plane
@@ -210,7 +210,6 @@ class StaticData(Experiment):
     xi: tuple[float, ...] = eqx.field(static=True)
     direction: int = eqx.field(static=True)
 
-    @renamed(component="direction")
     def __init__(
         self, model: AbstractModel, rotor: Rotor, loads: Loads, measured: Any, noise: Any,
         xi: Any = 1.0, direction: int = 1, *, angular_speed: Any = 0.0,

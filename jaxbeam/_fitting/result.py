@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import numpy_if_concrete
 from jaxbeam._fitting.experiments import Experiment, residuals_of
 from jaxbeam._fitting.free import FreeParameter, values_of
+from jaxbeam._numerics.brackets import halved
 from jaxbeam._numerics.newton import value_and_jacobian
 from jaxbeam._results import nan_unless, per_case
 from jaxbeam._status import Status
@@ -257,12 +258,9 @@ def student(p: float, degrees_of_freedom: Array) -> Array:
     """Quantile of Student's distribution by bisection of its incomplete beta function."""
     low, high = jnp.zeros_like(degrees_of_freedom), jnp.full_like(degrees_of_freedom, 1e4)
 
-    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = ends
-        middle = (low + high) / 2
-        x = degrees_of_freedom / (degrees_of_freedom + middle**2)
-        below = 1 - 0.5 * jax.scipy.special.betainc(degrees_of_freedom / 2, 0.5, x) < p
-        return jnp.where(below, middle, low), jnp.where(below, high, middle)
+    def below(t: Array) -> Array:
+        x = degrees_of_freedom / (degrees_of_freedom + t**2)
+        return 1 - 0.5 * jax.scipy.special.betainc(degrees_of_freedom / 2, 0.5, x) < p
 
-    low, high = jax.lax.fori_loop(0, 60, halve, (low, high))
+    low, high = halved(below, low, high, 60)
     return (low + high) / 2

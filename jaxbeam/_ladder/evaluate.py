@@ -2,7 +2,8 @@
 
 from jaxbeam._checks import positive
 from jaxbeam._ladder.questions import Answer, Question, checked_question
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish
 from jaxbeam._rotor.beam import Rotor

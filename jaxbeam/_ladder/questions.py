@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import check_kind, checked_speed, count_functions, renamed
+from jaxbeam._checks import check_kind, checked_speed, count_functions
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import checked_conditions
 from jaxbeam._models.modal.theories import Hybrid
@@ -256,7 +256,6 @@ class _AtPoint(_InTime):
     direction: int = eqx.field(static=True)
     xi: float = eqx.field(static=True)
 
-    @renamed(component="direction")
     def __init__(
         self, motion: Motion, times: Any, direction: int = 1, xi: float = 1.0, *,
         loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, max_steps: int = 20_000,

@@ -18,7 +18,8 @@ from jaxtyping import Array
 
 from jaxbeam._ladder.questions import Question, checked_question, straightened
 from jaxbeam._models.ancf.theories import ExactRodANCF
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.supports import check_supported, missing, unsupported
 from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
 from jaxbeam._models.space.rod import SpatialRod

@@ -119,10 +119,10 @@ class _Parts(NamedTuple):
         directions = [direction for direction in every if system.where(direction).size]
         rows = system.where(*directions)
         own = np.ix_(rows, rows)
-        matrices = (a[own] for a in (system.mass, system.by_rates, system.stiffness))
+        m, c, k = (a[own] for a in (system.mass, system.by_rates, system.stiffness))
         sizes = [system.where(direction).size for direction in directions]
         along = None if system.taken_along is None else system.taken_along[own]
-        return cls(rows, directions, sizes, *matrices, along)
+        return cls(rows, directions, sizes, m, c, k, along)
 
     def uncoupled(self, k: Array, free: int, bent: bool) -> Array:
         """M v of the uncoupled modes, with this stiffness."""

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from jaxbeam._models.contract.base import AbstractModel, checked_model
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_model
 from jaxbeam._rotor.directions import Direction, Label
 
 _Counts = tuple[int, int, int, int]

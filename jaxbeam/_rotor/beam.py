@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import check_kind, numpy_if_concrete, positive, renamed
+from jaxbeam._checks import check_kind, numpy_if_concrete, positive
 from jaxbeam._numerics.linalg import largest
 from jaxbeam._rotor.ends import RootSprings, Tip, tip_of
 from jaxbeam._rotor.parameters import (
@@ -252,7 +252,6 @@ class Rotor(Parameters):
     root_support: Support | None = None
     tip_support: Support | None = None
 
-    @renamed(root="root_springs", tip="tip_body")
     def __init__(
         self,
         beam: Beam | AbstractSections,

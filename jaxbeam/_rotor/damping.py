@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import real_array, real_scalar, renamed, require
+from jaxbeam._checks import real_array, real_scalar, require
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, is_concrete
@@ -90,7 +90,6 @@ class Damping(eqx.Module):
     root_dampers: Float[Array, "6"] | None
     tip_dampers: Float[Array, "6"] | None
 
-    @renamed(mass="mass_coefficient", stiffness="stiffness_coefficient")
     def __init__(
         self, mass_coefficient: Real | None = None, stiffness_coefficient: Real | None = None, *,
         in_plane_ratio: Ratios = None, flap_ratio: Ratios = None, axial_ratio: Ratios = None,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._checks import check_kind, needs, real_array, real_scalar
+from jaxbeam._checks import check_kind, real_array, real_scalar
 from jaxbeam._rotor.parameters import Parameters, optional, parameter, whole
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, is_concrete
@@ -84,7 +84,6 @@ class TipBody(Parameters):
     axial_inertia: Scalar = parameter(Status.INVALID_TIP_BODY, zero=True)
     flap_inertia: Scalar | None = optional(Status.INVALID_TIP_BODY, zero=True)
 
-    @needs("mass", "a TipBody has a mass, and the rotor then takes no tip_mass: TipBody(mass=...)")
     def __init__(
         self,
         mass: Real,
@@ -150,7 +149,6 @@ class RigidBody(Parameters):
     centre_of_mass: Float[Array, "3"] = whole(Status.INVALID_RIGID_BODY, is_place)
     inertia: Float[Array, "3 3"] = whole(Status.INVALID_RIGID_BODY, is_body_inertia)
 
-    @needs("mass", "a RigidBody has one: RigidBody(mass=..., centre_of_mass=..., inertia=...)")
     def __init__(self, mass: Real, centre_of_mass: Any, inertia: Any) -> None:
         self.mass = real_scalar("mass", mass)
         self.centre_of_mass = _shaped("centre_of_mass", centre_of_mass, (3,))

@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 from jax.tree_util import Partial
 from jaxtyping import Array
 
+from jaxbeam._numerics.brackets import halved
 from jaxbeam._results import without_derivatives
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import during
@@ -188,7 +189,12 @@ def _end(
 
     # Between signs that differ Newton's method cannot leave the way: a step that ends beyond a peak
     # has a slope that points away from where the limit was met.
-    lower, upper = _bracket(lambda t: ahead(t, None), *without_derivatives((step.t0, step.t1)))
+    def sign(t: Scalar) -> Array:
+        return jnp.sign(without_derivatives(ahead(t, None)))
+
+    lower, upper = without_derivatives((step.t0, step.t1))
+    first_sign = sign(lower)
+    lower, upper = halved(lambda t: sign(t) == first_sign, lower, upper, 24)
     root = optimistix.root_find(
         ahead, event.root_finder, upper, options={"lower": lower, "upper": upper}, throw=False
     ).value
@@ -196,23 +202,6 @@ def _end(
     return jnp.where(first, came.t, root), jnp.where(
         first, came.y, output(settings.solver, step, root)
     )
-
-
-def _bracket(
-    function: Callable[[Scalar], Scalar], lower: Scalar, upper: Scalar
-) -> tuple[Scalar, Scalar]:
-    """A millionth of the interval, or less, at whose ends the function has the signs that it has
-    at those of the whole one."""
-    sign = jnp.sign(without_derivatives(function(lower)))
-
-    def halve(_: Any, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-        lower, upper = ends
-        middle = (lower + upper) / 2
-        before = jnp.sign(without_derivatives(function(middle))) == sign
-        return jnp.where(before, middle, lower), jnp.where(before, upper, middle)
-
-    ends: tuple[Scalar, Scalar] = jax.lax.fori_loop(0, 24, halve, (lower, upper))
-    return ends
 
 
 def is_far(scene: Scene, y: State) -> Array:

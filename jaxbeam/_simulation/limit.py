@@ -8,14 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 
-from jaxbeam._checks import positive, renamed
+from jaxbeam._checks import positive
 from jaxbeam._simulation.result import checked_point
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._types import Scalar
 
 
-@renamed(component="direction")
 def deflection_limit(limit: Any, direction: int = 1, xi: float = 1.0) -> diffrax.Event:
     """Event that ends a run where a deflection reaches `limit` (m, > 0) either way.
 

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxbeam._checks import renamed
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._programs.program import Program
 from jaxbeam._results import asked_with, finite_rows, harmless, nan_unless, per_case
@@ -88,7 +87,6 @@ class Simulation(AlongSpan):
         """Kinetic energy seen from the hub, centrifugal potential and strain energy, in J."""
         return self._each(_jacobi)
 
-    @renamed(component="direction")
     @per_case
     def peak(self, direction: int = 1, xi: float = 1.0) -> tuple[Scalar, Scalar]:
         """Largest deflection either way (m, with its sign) of a point, and when (s).

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions, real_scalar
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.equations import forces_are_resolved
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, finite_rows, nan_unless, without_derivatives

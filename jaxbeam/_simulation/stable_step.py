@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest
 from jaxbeam._programs.program import Program

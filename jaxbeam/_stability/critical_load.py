@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._models.contract.base import AbstractModel, checked_case, small_motion
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.left_out import status_of_shape
 from jaxbeam._models.contract.loaded import (
@@ -25,6 +26,8 @@ from jaxbeam._models.contract.loaded import (
     equations_under,
     guarded_conditions,
 )
+from jaxbeam._models.contract.small_motion import small_motion
+from jaxbeam._numerics.brackets import Looks
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
@@ -281,9 +284,9 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
     groups = Groups((naming(model.directions),), (np.arange(len(k0)),))
     scan = Scan(
         lambda factor: _loaded(model, given, factor)[1:], groups, functools.partial(_diagonal, k0),
-        bare.last, _RATIO * jnp.ones_like(bare.last), bare.looks,
+        Looks(bare.first, _RATIO, bare.last, bare.looks),
     )  # fmt: skip
-    end = scan.run(bare.first, 0, jnp.ones_like(k0[0]))
+    end = scan.run(0, jnp.ones_like(k0[0]))
     # What only pulls never makes a beam give way, if its elements, which follow a step of the
     # tension by functions without one, may be in compression beside it.
     pulls = only_pull(given[2], model.equations(given[0]).length)
@@ -291,12 +294,12 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
         pulls = jnp.asarray(False)  # its tip may be pushed against
     found = end.found & ~pulls
     factor = jnp.where(found, end.value, jnp.inf)
-    place = _Place(x=end.x, exists=found, model=model)
+    place = _Place(x=end.kept.x, exists=found, model=model)
     searched = first_failure(scan.status(end), first_broken((end.found, Status.SEARCH_ENDED)))
     status = jnp.where(pulls, Status.OK, searched)
     return (
         factor,
-        direction_of_energy(model.directions, k0, end.x),
+        direction_of_energy(model.directions, k0, end.kept.x),
         place,
         bare.held(given[0], status),
     )
@@ -325,7 +328,7 @@ def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPl
     end = first_lost(
         lambda factor: _loaded(model, given, factor), len(bare.k), bare.first, _RATIO, bare.looks,
     )  # fmt: skip
-    mode = end.mode
+    (mode, searched), upper = end.kept, end.b[0]
 
     def matrices(given: _Given, value: Scalar) -> tuple[Matrix, Matrix]:
         return _loaded(model, given, value)[:2]
@@ -334,10 +337,10 @@ def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPl
         x=mode.right, exists=end.found, left=mode.left, square=mode.square,
         flutters=mode.flutters, k0=bare.k, matrices=matrices,
     )  # fmt: skip
-    exact = polished(place, given, end.upper)
-    near = jnp.abs(exact - end.upper) <= _NEAR * end.upper
+    exact = polished(place, given, upper)
+    near = jnp.abs(exact - upper) <= _NEAR * upper
     status = first_failure(
-        end.status,
+        searched,
         first_broken((end.found, Status.SEARCH_ENDED), (near, Status.INACCURATE)),
     )
     factor = jnp.where(end.found, exact, jnp.inf)

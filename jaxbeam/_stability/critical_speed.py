@@ -25,9 +25,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.left_out import status_of_shape
 from jaxbeam._models.contract.loaded import Conditions, checked_potential, guarded_conditions
+from jaxbeam._numerics.brackets import Looks
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, without_derivatives
@@ -219,20 +221,21 @@ def _search(
             status = jnp.where(status == Status.OUT_OF_RANGE, Status.OK, status)
         return system.stiffness, status
 
-    scan = Scan(at, groups, lambda _: k0, top, ratio, _SCANNED, rotor is not free)
-    end = scan.run(bottom, tears, shape[tears])
+    looks = Looks(bottom, ratio, top, _SCANNED)
+    scan = Scan(at, groups, lambda _: k0, looks, rotor is not free)
+    end = scan.run(tears, shape[tears])
     # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
     # one that hardens has more than it began with.
-    hardens = end.softest[tears] > _HARD
+    hardens = end.kept.values[tears] > _HARD
     torn = jnp.where(hardens, jnp.inf, speed[tears])
     speed = jnp.where(end.found, end.value, torn)
     if rotor is not free:
         rest = _undeformed(model, free, zero)
-        speed = _freed(speed[None], end.x[None], k0, rest, rotor, hair)[0]
+        speed = _freed(speed[None], end.kept.x[None], k0, rest, rotor, hair)[0]
     return (
         speed,
-        jnp.where(end.found, end.direction, groups.codes[tears]),
-        jnp.where(end.found, end.x, shape[tears]),
+        jnp.where(end.found, end.kept.direction, groups.codes[tears]),
+        jnp.where(end.found, end.kept.x, shape[tears]),
         first_failure(sound, scan.status(end)),
     )
 
@@ -265,10 +268,10 @@ def _search_under(
         tears = groups.directions.index(Direction.AXIAL)
         bottom, top = _bottom(rotor, speed), 0.999 * speed[tears]
         ratio = (top / bottom) ** (1 / (_SCANNED - 1))
-        scan = Scan(at, every, lambda _: rest, top, ratio, _SCANNED)
-        end = scan.run(bottom, 0, x)
-        torn = jnp.where(end.softest[0] > _HARD, jnp.inf, speed[tears])
-        found, x = jnp.where(end.found, end.value, torn), end.x
+        scan = Scan(at, every, lambda _: rest, Looks(bottom, ratio, top, _SCANNED))
+        end = scan.run(0, x)
+        torn = jnp.where(end.kept.values[0] > _HARD, jnp.inf, speed[tears])
+        found, x = jnp.where(end.found, end.value, torn), end.kept.x
         status = first_failure(_sound(speed), scan.status(end))
     status = first_failure(at_rest, status)
     return found, direction_of_energy(model.directions, rest, x), x, status

@@ -26,8 +26,9 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import count_functions, kind_of, numpy_if_concrete, positive
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.left_out import status_of_shape
 from jaxbeam._models.contract.loaded import checked_damping

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jaxbeam._numerics.brackets import Bracket, Looks, first_change
 from jaxbeam._numerics.linalg import solve
 from jaxbeam._programs.batches import one_by_one
 from jaxbeam._stability.singular import AbstractPlace
@@ -24,7 +25,7 @@ from jaxbeam._status import Status
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 _MEETS = 1e-5  # imaginary part of 1 / mu, over its size, from which two have met
-_HALVINGS = 30
+_CLOSE = 2.0**-31
 _NEWTON_STEPS = 5
 _SECANTS = 5  # which begin so far apart, relative
 _APART = 1e-5
@@ -116,52 +117,27 @@ class LostPlace(AbstractPlace):
         return jnp.where(self.exists, h(share), value - 1.0)
 
 
-class Lost(NamedTuple):
-    """Where the search is: the load that is looked at, the `lower` one, up to which the beam is
-    stable, and the `upper` one, the first that is known to be too large, with its weakest mode."""
-
-    tries: Array
-    value: Scalar
-    lower: Scalar
-    upper: Scalar
-    mode: Weakest
-    status: Code
-
-    @property
-    def found(self) -> Array:
-        return self.mode.lost == 1
-
-
 def first_lost(
     loaded: Callable[[Scalar], tuple[Matrix, Matrix, Code]], n: int, bottom: Scalar, ratio: float,
-    looks: Array,
-) -> Lost:  # fmt: skip
-    """The least load, from `bottom` on and each `ratio` times the last, under which a mode is lost:
-    found by halving what lies between."""
+    many: Array,
+) -> Bracket:  # fmt: skip
+    """The least load, from `bottom` on and each `ratio` times the last, under which a mode is lost,
+    by halving: kept are the weakest mode of the least load that is known to be too large, and a
+    status."""
 
-    def body(search: Lost) -> Lost:
-        m, k, status = loaded(search.value)
+    def look(here: Bracket) -> tuple[Scalar, tuple[Weakest, Code], Array]:
+        m, k, status = loaded(here.value)
         mode = weakest(m, k)
         lost = mode.lost == 1
-        lower = jnp.where(lost, search.lower, search.value)
-        upper = jnp.where(lost, search.value, search.upper)
-        mode = jax.tree.map(lambda new, old: jnp.where(lost, new, old), mode, search.mode)
-        found = mode.lost == 1
-        value = jnp.where(found, (lower + upper) / 2, search.value * ratio)
-        return Lost(search.tries + 1, value, lower, upper, mode, status)
-
-    def goes_on(search: Lost) -> Array:
-        more = jnp.where(search.found, search.upper - search.lower > 2.0**-_HALVINGS * search.upper,
-                         search.tries < looks)  # fmt: skip
-        return more & (search.status == Status.OK) & (search.tries < looks + 2 * _HALVINGS)
+        mode = jax.tree.map(lambda new, old: jnp.where(lost, new, old), mode, here.kept[0])
+        return jnp.where(lost, -1.0, 1.0) + 0 * bottom, (mode, status), jnp.asarray(False)
 
     zero, none = jnp.zeros_like(bottom), jnp.asarray(0)
     vector = jnp.zeros(n, bottom.dtype)
-    start = Lost(
-        none, bottom, zero, zero, Weakest(none, none, zero + 1, vector, vector),
-        jnp.asarray(int(Status.OK)),
-    )  # fmt: skip
-    return jax.lax.while_loop(goes_on, body, start)
+    kept = Weakest(none, none, zero + 1, vector, vector), jnp.asarray(int(Status.OK))
+    top = bottom * jnp.asarray(ratio, bottom.dtype) ** (many - 1)
+    looks = Looks(bottom, ratio, top, many, _CLOSE, signs=True)
+    return first_change(look, looks, kept, lambda kept: kept[1] == Status.OK)
 
 
 def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._numerics.brackets import Bracket, Looks, first_change
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import AnyRotor
@@ -18,7 +19,6 @@ from jaxbeam._rotor.directions import Direction, naming
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
-_MORE = 100  # tries to narrow what was found
 _NEAR = 1e-6  # of two secants, relatively: the later one is then right to rounding, or nearly
 
 
@@ -88,61 +88,41 @@ def answer(place: AbstractPlace, given: Any, value: Scalar, status: Code) -> tup
     return value, jnp.where(exists, x / x[jnp.argmax(jnp.abs(x))], jnp.nan)
 
 
-class Search(NamedTuple):
-    """Where the search for a change of sign is: `a` and `b` are values of the parameter and lowest
-    eigenvalues."""
+class Softest(NamedTuple):
+    """What a look at K tells: the group with the lowest eigenvalue, its direction and shape, and
+    the lowest eigenvalue of each group."""
 
-    tries: Array
-    last: Scalar
-    value: Scalar
-    a: Vector
-    b: Vector
-    stable: Array  # whether K was positive definite at `last`
     direction: Code
     x: Vector
-    softest: Vector  # lowest eigenvalue of each group at `last`
+    values: Vector
     status: Code
-
-    @property
-    def found(self) -> Array:
-        """Whether the lowest eigenvalue has changed its sign."""
-        return self.b[1] <= 0
 
 
 class Scan(NamedTuple):
-    """The search for a change of sign of the lowest eigenvalue of K, up to the value `top`."""
+    """The search for a change of sign of the lowest eigenvalue of K."""
 
     at: Callable[[Scalar], tuple[Matrix, Code]]  # K at a value of the parameter, and a status
     groups: "Groups"
     measure: Callable[[Matrix], Matrix]  # from K to what its eigenvalues are measured by
-    top: Scalar
-    ratio: Scalar  # of one value that is looked at to the last
-    looks: Array | int  # up to the top
+    looks: Looks
     hinged: bool = False  # whether there may be motions that nothing holds, but for rounding
 
-    def run(self, bottom: Scalar, first: int, x: Vector) -> Search:
-        """The search from the value `bottom` on; until something is found, `direction` is that of
-        the group `first` and `x` what is given."""
-        zero, one = jnp.zeros_like(bottom), jnp.ones_like(bottom)
-        start = Search(
-            tries=jnp.asarray(0), last=zero, value=bottom, a=jnp.stack([zero, one]),
-            b=jnp.stack([self.top, one]), stable=jnp.asarray(True),
-            direction=self.groups.codes[first],
-            x=x, softest=jnp.ones(len(self.groups.rows), zero.dtype),
-            status=jnp.asarray(int(Status.OK)),
+    def run(self, first: int, x: Vector) -> Bracket:
+        """The search, which keeps a `Softest`; until something is found that is of the group
+        `first`, with the shape given."""
+        start = Softest(
+            self.groups.codes[first], x, jnp.ones(len(self.groups.rows), x.dtype),
+            jnp.asarray(int(Status.OK)),
         )  # fmt: skip
-        return jax.lax.while_loop(self._goes_on, self._step, start)
+        return first_change(self._look, self.looks, start, lambda kept: kept.status == Status.OK)
 
-    def status(self, end: Search) -> Code:
+    def status(self, end: Bracket) -> Code:
         """Whether the search came to an end."""
-        ended = end.tries < self.looks + _MORE
-        return first_failure(end.status, first_broken((ended, Status.INACCURATE)))
+        ended = first_broken((end.ended(self.looks), Status.INACCURATE))
+        return first_failure(end.kept.status, ended)
 
-    def _step(self, search: Search) -> Search:
-        """Steps up while K is positive definite, then the Illinois rule: secants between the ends
-        of the bracket, with the value at an end that stays halved each time."""
-        one = jnp.ones_like(search.value)
-        stiffness, status = self.at(search.value)
+    def _look(self, here: Bracket) -> tuple[Scalar, Softest, Array]:
+        stiffness, status = self.at(here.value)
         by = self.measure(stiffness)
         pairs = [softest(rows, stiffness, by) for rows in self.groups.rows]
         values, x = (jnp.stack(each) for each in zip(*pairs, strict=True))
@@ -150,35 +130,11 @@ class Scan(NamedTuple):
             size, eps = jnp.abs(x), jnp.finfo(x.dtype).eps
             rough = jnp.sum(size * (size @ jnp.abs(stiffness)), 1) / jnp.sum(x * (x @ by), 1)
             values = values + eps * rough
-        least, low = jnp.min(values), jnp.argmin(values)
-        here, stable = jnp.stack([search.value, least]), least > 0
-        weight = jnp.stack([one, jnp.where(stable == search.stable, one / 2, one)])
-        a = jnp.where(stable, here, search.a * weight)
-        b = jnp.where(stable, search.b * weight, here)
-        found = b[1] <= 0
-        secant = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
-        new = Search(
-            tries=search.tries + 1,
-            last=search.value,
-            value=jnp.where(found, secant, search.value * self.ratio),
-            # Until a change of sign is found the upper end is none.
-            a=a, b=jnp.where(found, b, search.b), stable=stable, direction=self.groups.codes[low],
-            x=x[low], softest=values, status=status,
-        )  # fmt: skip
+        low = jnp.argmin(values)
         # Where K is singular but for rounding no equilibrium is found: it is the value sought.
-        near = jnp.abs(search.value - search.last) < _NEAR * search.value
-        there = search.found & near & (status == Status.NOT_CONVERGED)
-        end = search._replace(tries=search.tries + 1, last=search.value)
-        return jax.tree.map(lambda old, new: jnp.where(there, old, new), end, new)
-
-    def _goes_on(self, search: Search) -> Array:
-        """Up to the top, or until the bracket is as narrow as rounding lets it be."""
-        more = jnp.where(
-            search.found,
-            jnp.abs(search.value - search.last) > 1e-14 * search.value,
-            search.value <= self.top * (1 + 1e-9),
-        )
-        return more & (search.status == Status.OK) & (search.tries < self.looks + _MORE)
+        near = jnp.abs(here.value - here.last) < _NEAR * here.value
+        there = here.found & near & (status == Status.NOT_CONVERGED)
+        return jnp.min(values), Softest(self.groups.codes[low], x[low], values, status), there
 
 
 class Groups(NamedTuple):

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jaxbeam._checks import count_functions, positive, real_array
-from jaxbeam._models.contract.base import AbstractModel, checked_case
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.loaded import checked_damping
 from jaxbeam._modes.modes import find

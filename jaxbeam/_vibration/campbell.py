@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._checks import concrete_array
-from jaxbeam._models.contract.base import AbstractModel, checked_case, fastest
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case, fastest
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import check_kind, count_functions
-from jaxbeam._models.contract.base import checked_case, guarded
 from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.door import checked_case
+from jaxbeam._models.contract.small_motion import guarded
 from jaxbeam._models.space.rod import SpatialRod
 from jaxbeam._numerics.linalg import modes_and_squares
 from jaxbeam._programs.program import Program

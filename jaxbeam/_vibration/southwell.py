@@ -10,8 +10,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._models.contract.base import AbstractModel, checked_case, guarded
+from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_potential, system_of
+from jaxbeam._models.contract.small_motion import guarded
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted, choose

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._checks import checked_speed
 from jaxbeam._models.bases.loads import Profile
-from jaxbeam._models.contract.base import guarded
+from jaxbeam._models.contract.small_motion import guarded
 from jaxbeam._models.modal.theories import Hybrid
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest

@@ -11,17 +11,14 @@ from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import (
     applied,
     applied_once,
-    beside,
     contract,
     held,
     product,
-    total,
     transposed,
     weighted_sum,
 )
 
 RNG = np.random.default_rng(3)
-TABLE = RNG.normal(size=(4, 5))
 LANES = 7
 
 
@@ -29,15 +26,6 @@ def _in_lanes(function, *arrays):
     """The function in each lane, one by one, behind."""
     each = [function(*(jnp.asarray(a[..., i]) for a in arrays)) for i in range(LANES)]
     return np.stack(each, -1)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_contract_is_a_sum_over_an_axis_of_products(axis):
-    a, x = RNG.normal(size=(2, 3, 4, LANES)), RNG.normal(size=(2, 3, 4, LANES))
-    found = contract(jnp.asarray(a), jnp.asarray(x), axis, 1)
-    np.testing.assert_allclose(found, (a * x).sum(axis), rtol=1e-14, atol=1e-14)
-    alone = _in_lanes(lambda a, x: contract(a, x, axis, 0), a, x)
-    np.testing.assert_allclose(found, alone, rtol=1e-14, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", [16, 17, 24, 37])
@@ -62,12 +50,6 @@ def test_products_in_a_kernel_are_those_of_a_library():
         np.testing.assert_allclose(found, alone, rtol=1e-12, atol=1e-13)
 
 
-def test_contract_broadcasts():
-    x = RNG.normal(size=(5, LANES))
-    found = contract(beside(TABLE, 1), jnp.asarray(x)[None], 1, 1)
-    np.testing.assert_allclose(found, TABLE @ x, rtol=1e-13, atol=1e-14)
-
-
 @pytest.mark.parametrize("shapes", [((4, 5, 1), (1, 5, 7)), ((1, 5, 7), (4, 5, 7))])
 def test_transposes_of_contract(shapes):
     """By both factors, where one or two of their axes are repeated."""
@@ -81,20 +63,6 @@ def test_transposes_of_contract(shapes):
         found = pulled(a, x)
     for own, other in zip(found, pulled(a, x), strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-12, atol=1e-13)
-
-
-@pytest.mark.parametrize("axes", [0, 1, 2])
-def test_beside_puts_axes_behind(axes):
-    found = beside(TABLE, axes)
-    assert found.shape == (*TABLE.shape, *(1,) * axes)
-    np.testing.assert_array_equal(found.reshape(TABLE.shape), TABLE)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 8, 13])
-def test_total_is_the_sum_along_the_first_axis(n):
-    x = RNG.normal(size=(n, 2, LANES))
-    np.testing.assert_allclose(total(jnp.asarray(x)), x.sum(0), rtol=1e-13, atol=1e-14)
-    np.testing.assert_array_equal(total(jnp.asarray(x)), _in_lanes(total, x))
 
 
 @pytest.mark.release

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.contract.base import checked_case
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._modes.banded import bands_of
 from jaxbeam._modes.search import MANY, is_certain
 from jaxbeam._modes.wanted import choose

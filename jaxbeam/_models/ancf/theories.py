@@ -19,9 +19,11 @@ from jaxbeam._models.ancf.energies import Chord, Element, Green, ModelA, Tangent
 from jaxbeam._models.ancf.exact import Engineering
 from jaxbeam._models.bases.basis import HermiteElements, stretch_integrals
 from jaxbeam._models.contract.bands import NodeByNode
-from jaxbeam._models.contract.base import checked_case, steady_strain
+from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.elasticity import LinearElasticity
+from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.small_motion import small_motion
 from jaxbeam._models.contract.supports import AS_BUILT, ROOT_IN_PLANE, check_supported
 from jaxbeam._models.modal.cartesian import CartesianEquations
 from jaxbeam._models.modal.cartesian_model import CartesianModel, linear_system
@@ -156,18 +158,10 @@ class _Nodal(_ANCF):
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
         """Tangents about the straight steady state (B eqs. 53-54, without small strain)."""
-        q, status = self.steady(rotor, speed)
-        equations = self.equations(rotor)
-        k, c = (dense(a) for a in equations.tangents(spinning(speed), q, jnp.zeros_like(q), None))
-        return LinearSystem(
-            mass=dense(equations.mass),
-            gyroscopic=c,
-            stiffness=symmetric_part(k),
-            steady_strain=steady_strain(rotor, speed, equations, q),
-            status=status,
-            directions=self.directions,
-            state=q,
-        )
+        rest, equations = Rest(*self.steady(rotor, speed)), self.equations(rotor)
+        m, c, k = equations.matrices_about(spinning(speed), rest.q)
+        rest = rest._replace(matrices=(m, c, symmetric_part(k)))
+        return small_motion(self, rotor, speed, equations, rest, state=rest.q)
 
 
 class GreenANCF(_Nodal):

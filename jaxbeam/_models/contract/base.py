@@ -1,7 +1,7 @@
 """What every model offers to the rest of the package."""
 
 import abc
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, Self
 
 import equinox as eqx
 import jax
@@ -11,21 +11,18 @@ from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import checked_speed, kind_of
 from jaxbeam._models.contract.bands import BandTables, NodeByNode
-from jaxbeam._models.contract.equations import Equations, Inputs
+from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.small_motion import TheRotor, linearised, small_motion
 from jaxbeam._models.contract.supports import Neglects, check_supported
-from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, harmless, nan_unless
-from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
+from jaxbeam._results import finish
+from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import ALL_COUPLED, CouplingGroup, Direction, coupling_groups
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._rotor.spring_rotor import SpringRotor
-from jaxbeam._status import Status, first_failure
-from jaxbeam._types import Code, Real, Scalar, Vector, is_concrete
-
-TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
+from jaxbeam._types import Code, Real, Scalar, Vector
 
 
 class AbstractModel(eqx.Module, Generic[TheRotor]):
@@ -105,8 +102,17 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
 
         Raises as `jaxbeam.modes` does.
         """
-        system = _linearised(*checked_case(self, rotor, angular_speed))
-        return finish(system, throw)
+        return finish(linearised(*self.with_case(rotor, angular_speed)), throw)
+
+    def with_case(self, rotor: Any, angular_speed: Any) -> tuple["AbstractModel[Any]", Any, Scalar]:
+        """The model as it suits a rotor at an angular speed, the rotor that it takes, and the
+        speed, all checked: rotors that it does not know are refused here."""
+        _refuse_arrays(self)
+        rotor = checked_rotor(self.rotor_type, rotor)
+        model = self.suited(rotor)
+        check_supported(model, rotor, moving=False)
+        speed = checked_speed(angular_speed)
+        return model.at_speed(rotor, speed), rotor, speed
 
     def matrices(self, rotor: TheRotor, speed: Scalar) -> LinearSystem:
         """`linearise` for parameters in range: tangents of the equations at their equilibrium.
@@ -176,99 +182,9 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         return None
 
 
-def small_motion(
-    model: AbstractModel, rotor: AnyRotor, speed: Scalar, equations: Equations,
-    state: Rest, inputs: Inputs | None = None,
-) -> LinearSystem:  # fmt: skip
-    """Matrices of small motion about a steady state under `inputs`, none by default but rotation:
-    the tangents of the equations there."""
-    hub, *acting = (spinning(speed), None, None) if inputs is None else inputs
-    q, status, matrices, lacking, taken_along = state
-    if matrices is None:
-        matrices = equations.matrices_about(hub, q, *acting)
-    mass, by_rates, stiffness = matrices
-    return LinearSystem(
-        mass=mass,
-        gyroscopic=by_rates,
-        stiffness=stiffness,
-        steady_strain=steady_strain(rotor, speed, equations, q),
-        status=status,
-        directions=model.directions,
-        coupling=model.coupling(rotor),
-        shapes=equations.functions,
-        lacking=lacking,
-        taken_along=taken_along,
-        general=model.couples_all,
-    )
-
-
-def checked_model(model: Any) -> AbstractModel:
-    """The argument, if it is a model; else an error that says what is."""
-    if not isinstance(model, AbstractModel):
-        raise TypeError(f"model must be a model, such as jaxbeam.Hybrid(), got {kind_of(model)}")
+def _refuse_arrays(model: AbstractModel[Any]) -> None:
     if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(model)):
         raise TypeError(
             f"model: {kind_of(model)} holds an array, and a model holds static choices alone: make "
             "it a Python number, for which programs are compiled anew, or a parameter of the rotor"
         )
-    return model
-
-
-def checked_case(
-    model: Any, rotor: Any, angular_speed: Any = 0.0
-) -> tuple[AbstractModel[Any], Any, Scalar]:
-    """A model as it suits a rotor at an angular speed, the rotor that it takes, and the speed, all
-    checked.
-
-    Public functions begin with that: rotors that a model does not know are refused here.
-    """
-    rotor = checked_rotor(checked_model(model).rotor_type, rotor)
-    model = model.suited(rotor)
-    check_supported(model, rotor, moving=False)
-    speed = checked_speed(angular_speed)
-    return model.at_speed(rotor, speed), rotor, speed
-
-
-def fastest(speeds: Any) -> Any:
-    """The largest of several speeds, as far as they are known and finite."""
-    values = np.asarray(speeds, float) if is_concrete(speeds) else np.zeros(0)
-    return np.max(np.abs(values[np.isfinite(values)]), initial=0.0)
-
-
-def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
-    """The largest axial strain of a steady state: at the root of a uniform beam; of one that varies
-    P / EA, since functions that are smooth do not follow its steps."""
-    if isinstance(rotor, Rotor) and rotor.varies and isinstance(rotor.beam, Beam):
-        return rotor.steady_strain(speed)
-    return equations.strain(q, np.zeros(1))[0]
-
-
-@Program
-def _linearised(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    system = guarded_matrices(model, rotor, speed)
-    matrices = (system.mass, system.gyroscopic, system.stiffness)
-    kept = nan_unless(system.status == Status.OK, (*matrices, system.state))
-    return eqx.tree_at(
-        lambda s: (s.mass, s.gyroscopic, s.stiffness, s.state), system, kept,
-        is_leaf=lambda leaf: leaf is None,
-    )  # fmt: skip
-
-
-def guarded_matrices(model: AbstractModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    """`model.matrices`, with parameters out of range reported in `status`."""
-    given, rotor, speed = guarded(rotor, speed)
-    system = model.matrices(rotor, speed)
-    status = first_failure(given, system.status)
-    strain = nan_unless(status == Status.OK, system.steady_strain)
-    return eqx.tree_at(lambda s: (s.status, s.steady_strain), system, (status, strain))
-
-
-def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
-    """Whether parameters are in range, and harmless ones in the place of those that are not.
-
-    A NaN in one lane of a batch would otherwise end up in the gradient of parameters that all lanes
-    share.
-    """
-    given = rotor.status(speed)
-    fine = given == Status.OK
-    return given, harmless(fine, rotor), jnp.where(fine, speed, 0.0)

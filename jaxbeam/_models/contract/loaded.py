@@ -1,6 +1,5 @@
 """Small motion about the state that loads deform, with damping."""
 
-import dataclasses
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
@@ -11,11 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import kind_of
-from jaxbeam._models.contract.base import AbstractModel, guarded, small_motion
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.drag import drag_of
 from jaxbeam._models.contract.equations import Equations, Inputs, forces_are_resolved
 from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.small_motion import guarded, small_motion
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
@@ -75,14 +75,11 @@ class Conditions(eqx.Module):
         damping, drag = None, drag_of(self.damping, model, rotor, equations)
         if not drag.is_none:
             damping = equations.damping_matrix_about(state.q, drag)
-        return dataclasses.replace(
-            small_motion(model, rotor, speed, equations, state, inputs),
-            coupling=ALL_COUPLED,
-            state=state.q,
-            damping=damping,
-            general=True,
+        return small_motion(
+            model, rotor, speed, equations, state, inputs,
+            coupling=ALL_COUPLED, state=state.q, damping=damping, general=True,
             conservative=self.loads.has_potential and damping is None,
-        )
+        )  # fmt: skip
 
 
 def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:

@@ -10,7 +10,9 @@ from jaxbeam._models.bases.basis import Basis, Functions
 from jaxbeam._models.bases.loads import Counts
 from jaxbeam._models.bases.shapes import COMPONENTS, Shapes, all_functions, sampled
 from jaxbeam._models.contract.base import AbstractModel
+from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.small_motion import small_motion
 from jaxbeam._models.modal.shape_integrals import (
     ShapeIntegrals,
     linear_stiffness,
@@ -18,10 +20,8 @@ from jaxbeam._models.modal.shape_integrals import (
     shape_integrals,
     varying_stiffness,
 )
-from jaxbeam._numerics.linalg import dense
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.directions import Direction, coupling_groups
-from jaxbeam._rotor.motion import spinning
+from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Matrix, Scalar
 
@@ -97,15 +97,6 @@ class CartesianModel(AbstractModel[Rotor]):
 
 def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
     """Matrices of a model whose equations are linear: their coefficients, whatever the state."""
-    equations, zero = model.equations(rotor), jnp.zeros(len(model.directions), speed.dtype)
-    k, c = equations.tangents(spinning(speed), zero, zero, None)
-    return LinearSystem(
-        mass=dense(equations.mass),
-        gyroscopic=c,
-        stiffness=k,
-        steady_strain=rotor.steady_strain(speed),
-        status=jnp.asarray(Status.OK),
-        directions=model.directions,
-        coupling=coupling_groups(rotor),
-        shapes=equations.functions,
-    )
+    rest = Rest(jnp.zeros(len(model.directions), speed.dtype), jnp.asarray(Status.OK))
+    strain = rotor.steady_strain(speed)
+    return small_motion(model, rotor, speed, model.equations(rotor), rest, steady_strain=strain)

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import count_functions
-from jaxbeam._models.contract.base import AbstractModel, small_motion
+from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.small_motion import small_motion
 from jaxbeam._models.contract.supports import (
     AS_BUILT,
     ROOT_SPRINGS,
