@@ -46,8 +46,6 @@ def test_derivatives_by_its_mass():
         (lambda: jb.Rotor(BEAM, 0.1, 0.5, tip_body=BODY.tip_body), ValueError, "no tip_mass"),
         (lambda: jb.Rotor(BEAM, 0.1, 0.5, tip_body=jb.TipBody(0.1, 0.02)), ValueError, "mass=..."),
         (lambda: dataclasses.replace(BODY, tip_mass=0.3), ValueError, "has a mass of its own"),
-        (lambda: jb.TipBody(offset=0.1, inertia=0.02), TypeError, r"^mass: .* TipBody\(mass="),
-        (lambda: jb.TipBody(), TypeError, r"^mass: .* TipBody\(mass="),
         (lambda: jb.TipBody(-1.0), ValueError, "tip_mass must be finite and >= 0"),
         (lambda: jb.Rotor(BEAM, tip_body=0.5), TypeError, "tip_body must be a TipBody, got float"),
     ],
