@@ -170,7 +170,9 @@ def test_lateral_buckling_of_thin_strips():
         return jb.critical_load(model, jb.Rotor(beam), across).factor
 
     thin = 2 * brentq(lambda x: jv(-0.25, x), 1.5, 2.5, xtol=1e-14)
-    assert abs(factor(1e7 * weak, 1e10) / thin - 1) < 1e-7
+    # What bends ten million times less the other way gives way 1e-7 later, and rounding of numbers
+    # so far apart is of that size.
+    assert abs(factor(1e7 * weak, 1e10) / thin - 1) < 1e-6
     for ratio, tolerance in ((1e3, 4e-7), (1e4, 4e-7)):
         exact = lateral_buckling(ratio, torsion / weak) / np.sqrt(torsion / weak)
         assert abs(factor(ratio * weak, 1e7) / exact - 1) < tolerance
