@@ -99,7 +99,7 @@ def test_forms_of_beams_that_vary():
 def test_forms_of_bands(model):
     case, names, shares = numbers(PLAIN)
     bands = bands_of(model, (0, 2, 0, 0), 2)
-    x = np.random.default_rng(2).normal(size=(2, len(model.directions))) + 0j
+    x = jnp.asarray(np.random.default_rng(2).normal(size=(2, len(model.directions))) + 0j)
 
     @jax.jit
     def both(shares):
