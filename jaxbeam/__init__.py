@@ -7,7 +7,7 @@ What rotates        Beam, Rotor; Loads and Damping act on it
 As built            Spanwise: a property along the span; RootSprings, TipBody,
                     PointMasses, PointForces: what is at its ends and between; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
-                    ExactRodANCF, GreenANCF, ANCF in finite elements in the plane,
+                    PlanarRod, GreenANCF, ANCF in finite elements in the plane,
                     SpatialANCF in space: it bends both ways and twists
 At a steady speed   steady: the state that loads and rotation deform, with internal forces
                     modes; labels name the modes that are asked for; rpm makes rad/s of turns
@@ -33,11 +33,15 @@ repository, with a table of all names.
 `help(jb.simulate)` and so on tell the details. `python -m jaxbeam --help` does without a script.
 """
 
+import functools
 import importlib
 import inspect
 import re
 import sys
 from typing import TYPE_CHECKING, Any
+
+# What became of names of this version that are others now; those that moved alone are found.
+_RENAMED = {"ExactRodANCF": "jaxbeam.PlanarRod"}
 
 if TYPE_CHECKING:
     from jaxbeam import blades as blades
@@ -55,8 +59,8 @@ if TYPE_CHECKING:
     from jaxbeam._ladder.choose import choose_model as choose_model
     from jaxbeam._ladder.sweep import ladder_sweep as ladder_sweep
     from jaxbeam._models.ancf.theories import ANCF as ANCF
-    from jaxbeam._models.ancf.theories import ExactRodANCF as ExactRodANCF
     from jaxbeam._models.ancf.theories import GreenANCF as GreenANCF
+    from jaxbeam._models.ancf.theories import PlanarRod as PlanarRod
     from jaxbeam._models.modal.theories import Classical as Classical
     from jaxbeam._models.modal.theories import Hybrid as Hybrid
     from jaxbeam._models.modal.theories import VonKarman as VonKarman
@@ -101,21 +105,31 @@ else:
 
     def __getattr__(name: str) -> Any:
         if name not in _ROOMS:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{_elsewhere(name)}")
+            return _absent(__name__, name)
         room = _ROOMS[name]
         if room == __name__:
-            return importlib.import_module(f"{room}.{name}")
+            module = importlib.import_module(f"{room}.{name}")
+            module.__getattr__ = functools.partial(_absent, module.__name__)
+            return module
         value = globals()[name] = getattr(importlib.import_module(room), name)
         return value
 
     def __dir__() -> list[str]:
         return [*globals(), *_ROOMS]
 
+    def _absent(module: str, name: str) -> Any:
+        """Raise for a name that a public module has not, and say where it is."""
+        raise AttributeError(f"module {module!r} has no attribute {name!r}{_elsewhere(name)}")
+
     def _elsewhere(name: str) -> str:
-        """The module by subject that has a name which is looked for here, in words."""
+        """Where a name is that is looked for in a module without it, in words."""
+        if name in _RENAMED:
+            return f"; it is {_RENAMED[name]} now"
+        if _ROOMS.get(name, __name__) != __name__:
+            return f"; it is in {__name__}"
         subjects = [room for room, where in _ROOMS.items() if where == __name__ and room != "plot"]
         for subject in () if name.startswith("_") else subjects:
-            if hasattr(importlib.import_module(f"{__name__}.{subject}"), name):
+            if name in vars(__getattr__(subject)):
                 return f"; it is in {__name__}.{subject}"
         return ""
 

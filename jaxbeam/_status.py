@@ -219,7 +219,7 @@ class Status(enum.IntEnum):
         48,
         "loads across the beam do not change the stiffness of a model that is linear, so that "
         "nothing gives way under them there: take SpatialANCF, which buckles sideways (it needs "
-        "torsional_stiffness and polar_inertia), or ExactRodANCF in the plane; or keep of the "
+        "torsional_stiffness and polar_inertia), or PlanarRod in the plane; or keep of the "
         "loads what is along the beam",
         INPUT,
     )

@@ -1,7 +1,7 @@
 """Theories of a rotating beam beyond the everyday ones, their parts, and what a model is.
 
 A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`. The everyday ones are in `jaxbeam`
-itself: `Hybrid`, `Classical` and `VonKarman` in functions along the beam, `ANCF`, `ExactRodANCF`
+itself: `Hybrid`, `Classical` and `VonKarman` in functions along the beam, `ANCF`, `PlanarRod`
 and `GreenANCF` in finite elements in the plane, `SpatialANCF` in space. Here are
 
 - `SpatialRod`, of blades whose sections are full and whose axis is curved (`jaxbeam.blades.Blade`),

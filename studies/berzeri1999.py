@@ -84,7 +84,7 @@ def run_case(case: Case, quick: bool) -> tuple[Runs, list[Row]]:
     """Simulate all models of a figure; the runs, and a line of the table for each."""
     count = 8 if quick else 16
     models: dict[str, jb.models.AbstractModel] = {
-        f"reference, {count} elements": jb.ExactRodANCF(count)
+        f"reference, {count} elements": jb.PlanarRod(count)
     }
     models |= {name: MODELS[name] for name in case.names}
     found = common.together(lambda model: spin_up(model, case, quick), models.values())

@@ -56,7 +56,7 @@ print(time.process_time() - aside)
 SPIN_UP = """
 def peak(tip_mass):
     motion, times = jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 20.0, 201)
-    run = jb.simulate(jb.ExactRodANCF(8), jb.Rotor(blade, 0.0, tip_mass), motion, times,
+    run = jb.simulate(jb.PlanarRod(8), jb.Rotor(blade, 0.0, tip_mass), motion, times,
                       throw=False)
     return run.peak()[0]
 """
@@ -142,7 +142,7 @@ def gradients_of_runs() -> Iterator[Row]:
     the same runs alone, and runs one by one over a batch of equal ones: ratios of CPU time, all
     settings as they are by default."""
     masses, one = jnp.linspace(0.05, 0.3, 256), jnp.asarray(0.1)
-    for name, model in (("8 elements", jb.ExactRodANCF(8)), ("6 polynomials", jb.Hybrid(0, 6, 0))):
+    for name, model in (("8 elements", jb.PlanarRod(8)), ("6 polynomials", jb.Hybrid(0, 6, 0))):
         peak = by_tip_mass(model)
         grad = jax.grad(peak)
         alone, together = jax.jit(peak), jax.jit(jax.vmap(peak))
@@ -164,7 +164,7 @@ def gradients(quick: bool) -> list[Row]:
     def peak(v: Any) -> Any:
         blade = jb.Beam(REF_21.length, v[0], v[1], v[2], v[2])
         return jb.simulate(
-            jb.ExactRodANCF(8), jb.Rotor(blade, v[3], v[4]), jb.SmoothSpinUp(4.0, 15.0), TIMES,
+            jb.PlanarRod(8), jb.Rotor(blade, v[3], v[4]), jb.SmoothSpinUp(4.0, 15.0), TIMES,
             stepsize_controller=diffrax.PIDController(rtol=1e-5, atol=1e-5), throw=False,
         ).peak()[0]  # fmt: skip
 
@@ -277,7 +277,7 @@ def elements(quick: bool, out: Path) -> Iterator[Row]:
     figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
     first = {}
     for kind, name, counts in (
-        (jb.ExactRodANCF, "in the plane", some),
+        (jb.PlanarRod, "in the plane", some),
         (jb.SpatialANCF, "in space", (8,) if quick else (8, 32, 128, 256)),
     ):
         taken = []
@@ -328,7 +328,7 @@ FIRST = {
     "gradient of its peak": ("jb.programs.kept(jax.grad(peak))(0.1)", SCENE + SPIN_UP),
     "256 modes, 10 elements": (
         "jb.programs.kept(jax.vmap(lowest))(speeds)",
-        SCENE + "model, which = jb.ExactRodANCF(10), jb.labels(in_plane=2)\n" + BATCH,
+        SCENE + "model, which = jb.PlanarRod(10), jb.labels(in_plane=2)\n" + BATCH,
     ),
     "256 modes, 16 + 8 polynomials": (
         "jb.programs.kept(jax.vmap(lowest))(speeds)",

@@ -133,7 +133,7 @@ def curves(quick: bool) -> list[Curve]:
     turning = np.stack([draw.uniform(*span, most) for span in spans], 1)
     still = np.asarray(common.random_cases(most, seed=5))
     factors = draw.uniform([0.8, 0.8, 0.3], [1.2, 1.2, 1.0], (most, 3))
-    few, elements = jb.Hybrid(0, 6, 0), jb.ExactRodANCF(8)
+    few, elements = jb.Hybrid(0, 6, 0), jb.PlanarRod(8)
     out = [
         Curve("modes", "8 polynomials", modes(jb.Hybrid(0, 8, 0)), still, sizes),
         Curve("modes", "8 elements", modes(elements), still, sizes),

@@ -27,7 +27,7 @@ import jaxbeam as jb
 REF_21 = jb.Beam.from_section(**ALUMINIUM)
 DURATION, ELEMENTS = 15.0, 8
 TIMES = np.linspace(0.0, 20.0, 201)
-MODEL = jb.ExactRodANCF(ELEMENTS)
+MODEL = jb.PlanarRod(ELEMENTS)
 
 
 class Line(NamedTuple):

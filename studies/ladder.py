@@ -155,7 +155,7 @@ def asked(kind: str, scene: Scene, size: float) -> Asked:
     else:
         question = spin_up(KINDS[kind], scene, float(at_rest(scene.tip)))
     accuracy = 1e-6 if kind == "strain" else 1e-7
-    return answered(kind, scene, question, rotor, jb.ExactRodANCF(TRUTH), accuracy, size)
+    return answered(kind, scene, question, rotor, jb.PlanarRod(TRUTH), accuracy, size)
 
 
 def answered(
@@ -317,11 +317,11 @@ def sweeps(quick: bool, out: Path, axes: Sequence[Any]) -> None:
         return table, spent
 
     accuracy = 0.05 * tolerance  # as in the ladder
-    models: list[jb.models.AbstractModel] = [jb.ExactRodANCF(TRUTH)]
+    models: list[jb.models.AbstractModel] = [jb.PlanarRod(TRUTH)]
     if not quick:
-        models = [jb.Hybrid(0, 4, 0), *(jb.ExactRodANCF(k) for k in sorted({finest, TRUTH}))]
+        models = [jb.Hybrid(0, 4, 0), *(jb.PlanarRod(k) for k in sorted({finest, TRUTH}))]
     tables, spent = zip(*(everywhere(model, accuracy) for model in models), strict=True)
-    truth = tables[-1] if quick else everywhere(jb.ExactRodANCF(32), 1e-7, runs=1)[0]
+    truth = tables[-1] if quick else everywhere(jb.PlanarRod(32), 1e-7, runs=1)[0]
     error = np.abs(table["partial"][:, 0] / truth["peak"] - 1)
     said = table["status"] == 0
     print(f"sweep of {n} spin-ups, tolerance {tolerance:g}")

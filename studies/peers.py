@@ -95,7 +95,7 @@ def at_error(lines: list[Line], method: str, error: float) -> float:
 def spin_up(speed: Any, solver: Any, controller: Any, dt0: Any) -> tuple[Any, Any]:
     """Tip deflection, and number of steps."""
     run = jb.simulate(
-        jb.ExactRodANCF(ELEMENTS), jb.Rotor(REF_21),
+        jb.PlanarRod(ELEMENTS), jb.Rotor(REF_21),
         jb.SmoothSpinUp(speed, DURATION), TIMES, solver=solver, stepsize_controller=controller,
         dt0=dt0, max_steps=10_000_000, throw=False,
     )  # fmt: skip
@@ -176,7 +176,7 @@ def first_order() -> tuple[Callable[..., Any], Callable[..., Any]]:
     """The same equations for SciPy, with their exact Jacobian: functions of t and (q, v)."""
     n = 4 * ELEMENTS + 1
     scene = jb.results.Scene(
-        jb.ExactRodANCF(ELEMENTS), jax.tree.map(jnp.asarray, jb.Rotor(REF_21)),
+        jb.PlanarRod(ELEMENTS), jax.tree.map(jnp.asarray, jb.Rotor(REF_21)),
         jb.SmoothSpinUp(4.0, DURATION), jb.Loads(), jb.Damping(),
     )  # fmt: skip
 

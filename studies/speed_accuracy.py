@@ -37,7 +37,7 @@ LAG, FLAP = "frequencies in the plane", "frequencies out of the plane"
 INCLINED = np.array([0.5, 0.0, np.sqrt(0.75)])
 SLOWER = 4.0  # times what is cheapest alone of all that do everywhere: in batches not looked at
 COLOURS = {
-    "ExactRodANCF": "tab:green", "SpatialRod": "tab:red", "SpatialANCF": "tab:olive",
+    "PlanarRod": "tab:green", "SpatialRod": "tab:red", "SpatialANCF": "tab:olive",
     "ANCF": "tab:orange", "ChordANCF": "gold", "Hybrid": "tab:blue", "VonKarman": "tab:purple",
     "Classical": "tab:brown",
 }  # fmt: skip
@@ -64,10 +64,10 @@ def each(method: Method | None, *models: tuple[Any, ...]) -> list[tuple[Any, Any
 
 TRIED = {  # the first two of each kind with --quick
     PLANE: [
-        *each(RODAS5P, (jb.ExactRodANCF, 8)), *each(MAGNUS, (jb.Hybrid, (3, 4, 0))),
-        *each(RODAS5P, (jb.ExactRodANCF, 4, 16, 32), (SpatialRod, 4, 6, 8), (jb.ANCF, 8)),
+        *each(RODAS5P, (jb.PlanarRod, 8)), *each(MAGNUS, (jb.Hybrid, (3, 4, 0))),
+        *each(RODAS5P, (jb.PlanarRod, 4, 16, 32), (SpatialRod, 4, 6, 8), (jb.ANCF, 8)),
         *each(RODAS5P, (ChordANCF, 8), (jb.Hybrid, (0, 6, 0)), (jb.VonKarman, (8, 4, 0))),
-        *each(RODAS4P, (jb.ExactRodANCF, 8)), *each(CHORD, (jb.ExactRodANCF, 8)),
+        *each(RODAS4P, (jb.PlanarRod, 8)), *each(CHORD, (jb.PlanarRod, 8)),
         *each(MAGNUS, (jb.Classical, (3, 4, 0))),
     ],
     SPACE: each(
@@ -75,7 +75,7 @@ TRIED = {  # the first two of each kind with --quick
         (jb.Hybrid, (0, 6, 6)),
     ),
     LAG: each(
-        None, (jb.Hybrid, (8, 16, 0)), (jb.ExactRodANCF, 10, 20), (SpatialRod, 6, 8),
+        None, (jb.Hybrid, (8, 16, 0)), (jb.PlanarRod, 10, 20), (SpatialRod, 6, 8),
         (jb.Hybrid, (3, 6, 0), (5, 10, 0)), (jb.ANCF, 10),
     ),
     FLAP: each(

@@ -35,7 +35,7 @@ def shapes(times: Any, quick: bool) -> tuple[Shapes, Shapes]:
     """The beams in the hub frame and in space."""
     turn = np.asarray(jax.vmap(MOTION.attitude)(times))[:, :2, :2]
     hub, space = {}, {}
-    models = {HYBRID: jb.Hybrid(0, 8, 0), NONLINEAR: jb.ExactRodANCF(4 if quick else 8)}
+    models = {HYBRID: jb.Hybrid(0, 8, 0), NONLINEAR: jb.PlanarRod(4 if quick else 8)}
     for name, model in models.items():
         run = jb.simulate(model, ROTOR, MOTION, times)
         place = np.asarray(run.displacement(XI))[:, :, :2] + np.outer(LENGTH * XI, [1, 0])

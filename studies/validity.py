@@ -290,11 +290,11 @@ def deflection(quick: bool, out: Path, ax: Any) -> None:
     every = spin_ups(families, speeds, wanted / 3)
     some = [1, 6]  # a weak and a strong one of each: what eight elements leave
     few = spin_ups(families, speeds[:, some], wanted[some] / 3)
-    models = [(jb.ExactRodANCF(8), every, shape), (HYBRID, every, shape)]
+    models = [(jb.PlanarRod(8), every, shape), (HYBRID, every, shape)]
     if not quick:
         models += [
             (jb.VonKarman(13, 7, 0), every, shape),
-            (jb.ExactRodANCF(16), few, (len(families), 2)),
+            (jb.PlanarRod(16), few, (len(families), 2)),
         ]  # fmt: skip
     exact, *others = common.together(peaks, *zip(*models, strict=True))
     found = dict(zip(colours, others[:2], strict=False))
@@ -351,7 +351,7 @@ def strain(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     """Part 3: linear theories with tension against exact ones, of the same elements."""
     n = ELEMENTS
     models = {
-        "exact": jb.ExactRodANCF(n),
+        "exact": jb.PlanarRod(n),
         "small strain": jb.models.SmallStrainANCF(n),
         "hybrid": jb.Hybrid(2 * n + 1, 2 * n, 0, basis=HermiteElements(n)),
     }

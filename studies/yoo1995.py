@@ -286,7 +286,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     # With flap functions in the planar examples as well, where they rest: one compilation for all.
     models: Models = {
         VON_KARMAN: jb.VonKarman(2 * n, n, n),
-        EXACT: jb.ExactRodANCF(8 if quick else 12),
+        EXACT: jb.PlanarRod(8 if quick else 12),
         PRESENT: jb.Hybrid(4, n, n),
         CLASSICAL: jb.Classical(4, n, n),
     }

@@ -32,12 +32,12 @@ NAMES = *ROTOR, "angular_speed"
 
 # One of each kind of equations: linear modal, non-linear modal, elements with an energy and
 # without, discrete. In which tier each takes a statement about all models, tests/README.md says.
-KINDS = jb.Hybrid, jb.VonKarman, jb.ExactRodANCF, jb.ANCF, jb.models.DiscreteNP
+KINDS = jb.Hybrid, jb.VonKarman, jb.PlanarRod, jb.ANCF, jb.models.DiscreteNP
 # One of each theory of planar elements, those of large deflections as classes, and of the discrete
 # analogue.
 ELEMENTS = [
     jb.models.SmallStrainANCF(2),
-    jb.ExactRodANCF(2),
+    jb.PlanarRod(2),
     jb.ANCF(2),
     jb.GreenANCF(2),
     jb.models.ChordANCF(2),

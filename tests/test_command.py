@@ -234,6 +234,7 @@ def test_further_scenes_are_accepted():
         ("[sweep]", "[[sweep]]", "sweep must be a table: [sweep], and its keys below"),
         ("[rotor]", "[motion]\nname='SmoothSpinUp'\n[rotor]", "[motion] has no use here"),
         ('"Hybrid"', '"Hybird"', "[model] needs a name, got 'Hybird': did you mean Hybrid?"),
+        ('"Hybrid"', '"ExactRodANCF"', "[model] ExactRodANCF is jaxbeam.PlanarRod now"),
         ('name = "Hybrid"', "", "[model] needs a name, got None: there are"),
         ("youngs_modulus", "youngs_moduls", "[beam] has no youngs_moduls: did you mean "
          "youngs_modulus? Beam.from_section takes length,"),

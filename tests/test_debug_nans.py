@@ -46,7 +46,7 @@ def southwell(r):
         slow(frequency(VARYING), jax.grad, id="varying reverse"),
         exhaustive(frequency(VARYING), jax.jacfwd, id="varying forward"),
         exhaustive(frequency(UNIFORM), lambda f: jax.jacfwd(jax.grad(f)), id="second"),
-        exhaustive(frequency(UNIFORM, jb.ExactRodANCF(2)), jax.grad, id="elements"),
+        exhaustive(frequency(UNIFORM, jb.PlanarRod(2)), jax.grad, id="elements"),
         exhaustive(hinged, jax.grad, id="hinged"),
         exhaustive(southwell, jax.grad, id="southwell"),
         exhaustive(tip, jax.grad, id="run reverse"),

@@ -26,7 +26,7 @@ def lowest(model):
 
 def spun_up(speed):
     times, motion = jnp.linspace(0.0, 10.0, 11), jb.SmoothSpinUp(speed, 8.0)
-    run = jb.simulate(jb.ExactRodANCF(4), jb.Rotor(BEAM), motion, times, throw=False)
+    run = jb.simulate(jb.PlanarRod(4), jb.Rotor(BEAM), motion, times, throw=False)
     return run.tip, run.strain_energy, run.status
 
 
@@ -43,7 +43,7 @@ def as_with_a_gpu(monkeypatch):
 @pytest.mark.usefixtures("as_with_a_gpu")
 @pytest.mark.parametrize(
     "case",
-    [lowest(jb.Hybrid(4, 8, 8)), lowest(jb.ExactRodANCF(4)), spun_up],
+    [lowest(jb.Hybrid(4, 8, 8)), lowest(jb.PlanarRod(4)), spun_up],
     ids=["modes", "modes of elements", "spin-ups"],
 )
 def test_all_lanes_at_once_and_no_calls_of_libraries(case):

@@ -45,7 +45,7 @@ def rest(model):
 
 def buckling(rotor):
     loads = jb.Loads(tip_force=[-1.0, 0.0, 0.0])
-    return jb.critical_load(jb.ExactRodANCF(4), rotor, loads=loads, throw=False).factor
+    return jb.critical_load(jb.PlanarRod(4), rotor, loads=loads, throw=False).factor
 
 
 def polynomials(rotor):
@@ -59,7 +59,7 @@ def polynomials(rotor):
         slow(buckling),
         exhaustive(modes(jb.Hybrid(4, 6, 6))),
         exhaustive(polynomials),
-        exhaustive(rest(jb.ExactRodANCF(3))),
+        exhaustive(rest(jb.PlanarRod(3))),
         exhaustive(modes(jb.VonKarman(3, 6, 6))),
         exhaustive(modes(jb.SpatialANCF(2))),
         exhaustive(rest(jb.Hybrid(4, 6, 6))),

@@ -61,7 +61,7 @@ def lowest(stiffness):
 differentiable = {
     "modes": lambda s: jb.modes(model, rotor(s), 3.0, which).frequency[0],
     "modes in bands": lambda s: jb.modes(banded, rotor(s), 3.0, 3).frequency[0],
-    "modes of elements": lambda s: jb.modes(jb.ExactRodANCF(3), rotor(s), 3.0, 3).frequency[0],
+    "modes of elements": lambda s: jb.modes(jb.PlanarRod(3), rotor(s), 3.0, 3).frequency[0],
     "linearise": lambda s: model.linearise(rotor(s), 3.0).stiffness[0, 0],
     "southwell": lambda s: jb.southwell(model, rotor(s), which=which).coefficient[0],
     "crossing": lambda s: jb.crossing(model, rotor(s), (0.5, 8.0), first[0], 2.0).angular_speed,

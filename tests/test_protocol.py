@@ -102,11 +102,11 @@ FAILING = {
         ), 1.0, 1e3, Status.MAX_STEPS,
     ),
     "steady_start": Failing(
-        lambda x, **how: jb.steady_start(jb.ExactRodANCF(1), ROTOR, jb.ConstantSpeed(x), **how),
+        lambda x, **how: jb.steady_start(jb.PlanarRod(1), ROTOR, jb.ConstantSpeed(x), **how),
         1.0, 1e3, Status.NOT_CONVERGED,
     ),
     "steady": Failing(
-        lambda x, **how: jb.steady(jb.ExactRodANCF(1), ROTOR, x, **how),
+        lambda x, **how: jb.steady(jb.PlanarRod(1), ROTOR, x, **how),
         1.0, 1e3, Status.NOT_CONVERGED,
     ),
     "fit": Failing(slope_where_there_is_none, 1.0, 0.0, Status.NOT_IDENTIFIABLE),

@@ -8,6 +8,7 @@ blocks of code of a page run one after the other in one process. Blocks `python`
 import ast
 import importlib
 import inspect
+import operator
 import re
 import shlex
 from pathlib import Path
@@ -135,6 +136,16 @@ def test_a_name_that_is_elsewhere_says_where():
         jb.QuinticSpinUp  # noqa: B018
     with pytest.raises(AttributeError, match=r"no attribute 'Quintic'$"):
         jb.Quintic  # noqa: B018
+    with pytest.raises(AttributeError, match=r"'jaxbeam\.models' has .* it is in jaxbeam$"):
+        jb.models.Hybrid  # noqa: B018
+
+
+def test_an_old_name_says_the_new_one():
+    for name, now in jb._RENAMED.items():
+        with pytest.raises(AttributeError, match=f"it is {re.escape(now)} now$"):
+            getattr(jb, name)
+        path = re.match(r"jaxbeam\.([\w.]+)", now)[1]
+        assert operator.attrgetter(path)(jb) is not None
 
 
 def test_the_index_of_equations_names_what_there_is():

@@ -32,7 +32,7 @@ hub_radius = {{from = 0.0, to = 4.0, count = 9}}
 """,
     "spin_up": f"""\
 [model]
-name = "ExactRodANCF"         # geometrically exact elements, in the plane of rotation
+name = "PlanarRod"            # geometrically exact elements, in the plane of rotation
 n_elements = 8
 {_ROTOR}\
 [motion]

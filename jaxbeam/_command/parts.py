@@ -98,6 +98,8 @@ def class_of(table: str, name: Any, base: type) -> type:
         name for name, kind in kinds.items()
         if all(is_real(p) or p.default is not p.empty for p in keys_of(kind).values())
     ]  # fmt: skip
+    if now := jb._RENAMED.get(str(name)):
+        raise ValueError(f"[{table}] {name} is {now} now")
     unless_among(str(name), offered, f"[{table}] needs a name, got {name!r}", "there are")
     return kinds[name]
 

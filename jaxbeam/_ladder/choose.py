@@ -81,7 +81,7 @@ def choose_model(
     estimate of a rung is its distance from the judge, plus what the judge may be off, a twentieth
     of the tolerance at least, plus what ten times tighter integration changes.
 
-    The judge's material has the engineering strain (`ExactRodANCF`, `SpatialANCF`, of frequencies
+    The judge's material has the engineering strain (`PlanarRod`, `SpatialANCF`, of frequencies
     in space `SpatialRod`). To estimates of rungs of any other axial law is added what laws that
     agree at small strains may differ by, from the strains that the judge meets: see
     `Answer.constitutive_uncertainty`, which `Choice.constitutive_uncertainty` repeats.

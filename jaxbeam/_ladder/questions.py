@@ -44,7 +44,7 @@ class Answer(eqx.Module):
 
     `constitutive_uncertainty` is the largest strain eps of the centre line plus the square of the
     largest curvature times the radius of gyration, (EI / EA)^(1/2), at the root: to first order in
-    both the bending stiffness and the length of `GreenANCF` and `ExactRodANCF` differ. The limits
+    both the bending stiffness and the length of `GreenANCF` and `PlanarRod` differ. The limits
     of these two differ by 0.1 to 0.5 of it in static deflection, at most 0.4 in peaks of spin-ups,
     0.1 to 0.8 in histories and frequencies; once, in a history long enough for phases to drift
     apart, by 1.4.

@@ -2,7 +2,7 @@
 
 Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
 at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
-elements converge to the right answer for a material of the engineering strain: `ExactRodANCF`
+elements converge to the right answer for a material of the engineering strain: `PlanarRod`
 in the plane, in space `SpatialANCF` in motion and `SpatialRod` of frequencies. These need to know
 how the beam twists; where its `torsional_stiffness` is not given, von Karman beams take their
 place, which are right to second order of deflection over length.
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxbeam._ladder.questions import Question, checked_question, straightened
-from jaxbeam._models.ancf.theories import ExactRodANCF
+from jaxbeam._models.ancf.theories import PlanarRod
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.supports import check_supported, missing, unsupported
@@ -79,7 +79,7 @@ def chains(
     """
     counts = () if space_alone(question, rotor) else question.functions
     linear: list[AbstractModel] = [Hybrid.of_size(n, rotor, planar) for n in counts]
-    theory = ExactRodANCF if planar else judge_in_space(question)
+    theory = PlanarRod if planar else judge_in_space(question)
     if planar or not unsupported(theory, rotor):
         least = question.functions[0]
         if theory is SpatialRod:

@@ -96,7 +96,7 @@ def critical_speed(
 
     through which it is differentiable by every parameter, in both modes and to any order.
 
-    That of `ExactRodANCF` tears there. Materials that harden (`ANCF`, `GreenANCF`) have a steady
+    That of `PlanarRod` tears there. Materials that harden (`ANCF`, `GreenANCF`) have a steady
     state at any speed; infinity then means: none up to there, where their strains are of order one.
     An interval of instability narrower than a step of the scan (64 up to there, in ratio) that ends
     again would be missed. Beyond divergence `modes` says how fast what grows (`growth_rate`).

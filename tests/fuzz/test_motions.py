@@ -157,7 +157,7 @@ def events(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [MODEL, jb.ExactRodANCF(1)], ids=name)
+@pytest.mark.parametrize("model", [MODEL, jb.PlanarRod(1)], ids=name)
 @examples(16)
 @given(data=st.data())
 def test_events(model, data, watched):

@@ -270,7 +270,7 @@ def test_choices_of_the_ladder(data, watched):
         event("met" if choice.met else "not met")
         assert np.isfinite(choice.answer).all() == choice.met
         assert choice.met == (choice.estimate <= tolerance)
-        exact = jb.ladder.evaluate(jb.ExactRodANCF(48), rotor, question, 1e-9, throw=False)
+        exact = jb.ladder.evaluate(jb.PlanarRod(48), rotor, question, 1e-9, throw=False)
         if int(exact.status) == Status.OK and np.isfinite(choice.estimate):
             event("compared")
             error = np.max(np.abs(choice.partial / np.asarray(exact.value) - 1))

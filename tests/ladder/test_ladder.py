@@ -178,9 +178,7 @@ def test_distance_of_answers():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    "model", [slow(jb.Hybrid(0, 2, 0)), jb.Hybrid(4, 2, 0), jb.ExactRodANCF(4)]
-)
+@pytest.mark.parametrize("model", [slow(jb.Hybrid(0, 2, 0)), jb.Hybrid(4, 2, 0), jb.PlanarRod(4)])
 def test_strain_at_the_root_of_a_slow_spin_up(model):
     """At its end P(0) / EA, by dynamics of stretch or quasi-statically."""
     rotor = slender(300.0, 0.5, 0.3)
@@ -217,7 +215,7 @@ def test_sweep_holds_its_tolerance_and_bad_cases_stay_alone():
 
     def truth(speed, duration, hub):
         rotor, question = spin_up(speed, duration, hub)
-        found = question.answer(jb.ExactRodANCF(16), rotor, jnp.asarray(1e-6), jnp.asarray(1e-3))
+        found = question.answer(jb.PlanarRod(16), rotor, jnp.asarray(1e-6), jnp.asarray(1e-3))
         return {"value": found.value[0], "size": found.size, "status": found.status}
 
     exact = jb.sweep(truth, jb.points(**columns), chunk=8, progress=False)

@@ -93,4 +93,5 @@ def test_whether_it_is_linear_is_what_its_equations_say():
 def test_the_ladder_asks_no_model_for_its_class():
     for module in (choice, choose, pool, questions, rungs, sweep):
         text = inspect.getsource(module)
-        assert not re.search(r"isinstance\([^)]*(Hybrid|Classical|VonKarman|ANCF|Yielding)", text)
+        theories = r"Hybrid|Classical|VonKarman|ANCF|PlanarRod|Yielding"
+        assert not re.search(rf"isinstance\([^)]*({theories})", text)

@@ -65,7 +65,7 @@ BENT = [(300.0, (0.0, 10.0)), (20.0, (-1.0, 6.0))]
 def test_elements_converge_to_the_extensible_elastica():
     """A stocky one: strains of five per cent, of bending by twenty."""
     exact = tip_at_rest((5.0, 5.0), 100.0)
-    found = bent(jb.ExactRodANCF(4), (5.0, 5.0), 10.0)
+    found = bent(jb.PlanarRod(4), (5.0, 5.0), 10.0)
     np.testing.assert_allclose(found, exact, atol=3e-5)
 
 
@@ -75,7 +75,7 @@ def test_order_of_convergence_to_the_extensible_elastica(slenderness, force):
     """Four; and elements of the Green strain have another limit."""
     exact = tip_at_rest(force, slenderness**2)
     n = np.array([8, 16, 32])
-    error = [np.linalg.norm(bent(jb.ExactRodANCF(int(k)), force, slenderness) - exact) for k in n]
+    error = [np.linalg.norm(bent(jb.PlanarRod(int(k)), force, slenderness) - exact) for k in n]
     assert -np.polyfit(np.log(n), np.log(error), 1)[0] > 3.8
     apart = bent(jb.GreenANCF(32), force, slenderness) - exact
     law = 1e-4 if slenderness > 100 else 1e-2
@@ -95,7 +95,7 @@ def stretched(speed, slenderness, hub, tip, x):
 def test_steady_rod():
     """Strains of the order of one; beyond the speed of tearing there is no steady state."""
     hub, tip, n = 0.3, 0.2, 8
-    rotor, model = slender(20.0, hub, tip), jb.ExactRodANCF(n)
+    rotor, model = slender(20.0, hub, tip), jb.PlanarRod(n)
     u = model.steady_state(rotor, 16.0)
     exact = stretched(16.0, 20.0, hub, tip, np.linspace(0.0, 1.0, n + 1))
     assert exact[-1] > 0.5
@@ -112,7 +112,7 @@ def test_steady_rod():
 @pytest.mark.slow
 def test_speed_of_tearing():
     """pi / 2 over L sqrt(rho / EA) without tip mass, where Green's strain hardens instead."""
-    found = jb.critical_speed(jb.ExactRodANCF(4), slender(20.0))
+    found = jb.critical_speed(jb.PlanarRod(4), slender(20.0))
     np.testing.assert_allclose(found.angular_speed, 20 * np.pi / 2, rtol=1e-6)
     assert jb.models.Direction(int(found.direction)) is jb.models.Direction.AXIAL
     assert np.isinf(jb.critical_speed(jb.GreenANCF(4), slender(20.0)).angular_speed)
@@ -129,7 +129,7 @@ def apart(slenderness, speed, duration, count):
             model, rotor, jb.SmoothSpinUp(speed, duration), times, stepsize_controller=controller,
             max_steps=20_000,
         )
-        for model in (jb.ExactRodANCF(count), jb.GreenANCF(count))
+        for model in (jb.PlanarRod(count), jb.GreenANCF(count))
     ]  # fmt: skip
     ours, greens = (np.asarray(run.tip[:, 1]) for run in runs)
     peaks = [abs(float(run.peak()[0])) for run in runs]
@@ -151,7 +151,7 @@ def test_what_the_law_is_worth_in_spin_ups():
 def test_estimates_know_what_the_law_is_worth():
     """The strain of the centre line, and the square of that of bending."""
     rotor, which = slender(50.0), jb.labels(in_plane=1)
-    found = jb.ladder.evaluate(jb.ExactRodANCF(4), rotor, jb.ladder.ModalFrequencies(5.0, which))
+    found = jb.ladder.evaluate(jb.PlanarRod(4), rotor, jb.ladder.ModalFrequencies(5.0, which))
     np.testing.assert_allclose(
         found.constitutive_uncertainty, rotor.steady_strain(jnp.asarray(5.0))
     )
@@ -169,9 +169,9 @@ def test_the_ladder_says_where_the_law_matters():
     rotor, which = slender(30.0), jb.labels(in_plane=2)
     choice = jb.choose_model(rotor, jb.ladder.ModalFrequencies(5.0, which), 1e-3)
     assert choice.met
-    assert isinstance(choice.model, jb.ExactRodANCF)
+    assert isinstance(choice.model, jb.PlanarRod)
     assert choice.constitutive_uncertainty > 1e-2
     assert "strains are not small" in str(choice)
     for rung, estimate, _ in choice.evidence:
-        if not isinstance(rung.model, jb.ExactRodANCF) and not np.isnan(estimate):
+        if not isinstance(rung.model, jb.PlanarRod) and not np.isnan(estimate):
             assert estimate > choice.constitutive_uncertainty

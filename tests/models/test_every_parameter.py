@@ -93,7 +93,7 @@ def test_forms_of_beams_that_vary():
 
 @pytest.mark.parametrize(
     "model",
-    [slow(jb.Hybrid(2, 8, 8)), exhaustive(jb.ExactRodANCF(2))],
+    [slow(jb.Hybrid(2, 8, 8)), exhaustive(jb.PlanarRod(2))],
     ids=lambda model: type(model).__name__,
 )
 def test_forms_of_bands(model):

@@ -279,9 +279,9 @@ def test_what_it_cannot_do_it_says():
     with pytest.raises(ValueError, match=r"take model\.suited"):
         jb.SpatialANCF(2).equations(rotor)
     assert len(jb.SpatialANCF(2).suited(rotor).directions) == 1 + len(jb.SpatialANCF(2).directions)
-    with pytest.raises(ValueError, match=r"loads\.tip_moment: ExactRodANCF has no moment"):
+    with pytest.raises(ValueError, match=r"loads\.tip_moment: PlanarRod has no moment"):
         jb.steady_start(
-            jb.ExactRodANCF(2), jb.Rotor(stiff), STILL, loads=jb.Loads(tip_moment=[0, 0, 1])
+            jb.PlanarRod(2), jb.Rotor(stiff), STILL, loads=jb.Loads(tip_moment=[0, 0, 1])
         )
     loads = jb.Loads(tip_force=[0, 1, 0], follows=True)
     with pytest.raises(ValueError, match=r"loads\.follows: Hybrid has no load that turns with"):

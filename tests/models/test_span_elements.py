@@ -51,7 +51,7 @@ def test_parts_of_elements_end_at_kinks():
     np.testing.assert_allclose(one, [[0, 2 / 3, 1], [0, 0.5, 1]])
 
 
-@pytest.mark.parametrize("theory", some({*THEORIES} - {jb.ExactRodANCF, jb.ANCF}), ids=name)
+@pytest.mark.parametrize("theory", some({*THEORIES} - {jb.PlanarRod, jb.ANCF}), ids=name)
 def test_constant_tables_are_a_uniform_beam(theory):
     """To rounding, where stations are nodes."""
     model, stations = theory(2), AT_NODES
@@ -79,9 +79,9 @@ def test_constant_tables_are_a_uniform_beam(theory):
 @pytest.mark.parametrize(
     ("theory", "yields"),
     [
-        slow(jb.ExactRodANCF, True),
+        slow(jb.PlanarRod, True),
         exhaustive(jb.GreenANCF, False),
-        *(exhaustive(theory, True) for theory in THEORIES if theory is not jb.ExactRodANCF),
+        *(exhaustive(theory, True) for theory in THEORIES if theory is not jb.PlanarRod),
     ],
     ids=name,
 )
@@ -106,7 +106,7 @@ def test_equations_of_varying_beams_follow_from_the_energies(theory, yields):
 
 
 def test_inertia_of_the_rigid_beam_with_its_body():
-    rotor, model = varying(tip_body=BODY), jb.ExactRodANCF(2)
+    rotor, model = varying(tip_body=BODY), jb.PlanarRod(2)
     edges = (0.0, 0.3, 0.45, 1.0)
     x, w = np.polynomial.legendre.leggauss(3)
     moments = np.array([0.9, 0.9 * 2.7, 0.9 * 2.7**2 + 0.2])
@@ -121,7 +121,7 @@ def test_inertia_of_the_rigid_beam_with_its_body():
     # Of a turn by a small angle, as the elements see it: they hold rigid motions.
     turn = jnp.asarray([0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])  # w = x, clamped slope aside
     rotor = varying(tip_body=BODY, root_springs=SPRING)
-    equations = jb.ExactRodANCF(2).suited(rotor).equations(rotor)
+    equations = jb.PlanarRod(2).suited(rotor).equations(rotor)
     turn = jnp.asarray([2.0, 0.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0])
     mass, first, second = moments
     about_root = second - 2 * 0.4 * first + 0.4**2 * mass
@@ -178,7 +178,7 @@ def errors(blade, n, speed, body=False, spring=None):
         tip_body=jb.TipBody(TIP.mass, TIP.offset, TIP.inertia) if body else None,
         root_springs=None if spring is None else jb.RootSprings(spring),
     )  # fmt: skip
-    found = jb.modes(jb.ExactRodANCF(n), rotor, speed, jb.labels(in_plane=2)).frequency
+    found = jb.modes(jb.PlanarRod(n), rotor, speed, jb.labels(in_plane=2)).frequency
     return np.abs(found / np.asarray(blade_reference.in_plane(reference, speed, 2)) - 1)
 
 
@@ -219,7 +219,7 @@ def test_axial_frequencies_with_a_body_converge_by_the_first_order():
     blade = blade_reference.Blade(stretch=1e4, hub=HUB, tip=TIP)
     [exact] = blade_reference.frequencies(blade, 0.0, 1, "axial")
     for n in (4, 16):
-        [found] = jb.modes(jb.ExactRodANCF(n), rotor, 0.0, jb.labels(axial=1)).frequency
+        [found] = jb.modes(jb.PlanarRod(n), rotor, 0.0, jb.labels(axial=1)).frequency
         assert abs(found / exact - 1) < 0.02 / n
 
 
@@ -228,7 +228,7 @@ def test_a_body_without_extent_is_a_point():
     """But for the strain of the end, which the body holds: an element's length of it."""
     frequencies = [
         jb.modes(
-            jb.ExactRodANCF(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, **tip),
+            jb.PlanarRod(16), jb.Rotor(jb.Beam.from_slenderness(100.0), HUB, **tip),
             6.0, jb.labels(in_plane=2),
         ).frequency
         for tip in ({"tip_mass": 0.3}, {"tip_body": jb.TipBody(0.3)})
@@ -241,7 +241,7 @@ def test_a_body_without_extent_is_a_point():
 def test_spin_up_of_a_varying_beam_keeps_its_energy():
     """The run says so itself."""
     times = jnp.linspace(0.0, 1.5, 7)
-    run = jb.simulate(jb.ExactRodANCF(2), varying(tip_body=BODY), jb.SmoothSpinUp(2.0, 1.0), times)
+    run = jb.simulate(jb.PlanarRod(2), varying(tip_body=BODY), jb.SmoothSpinUp(2.0, 1.0), times)
     assert jb.Status(int(run.status)) is jb.Status.OK
     assert np.abs(run.tip[:, 1]).max() > 1e-2
 
@@ -252,7 +252,7 @@ def test_spin_up_with_a_root_that_yields():
     times, farthest = jnp.linspace(0.0, 1.5, 7), []
     for spring in (None, jb.RootSprings(9.0), jb.RootSprings(1e7)):
         run = jb.simulate(
-            jb.ExactRodANCF(2),
+            jb.PlanarRod(2),
             varying(tip_body=BODY, root_springs=spring),
             jb.SmoothSpinUp(2.0, 1.0),
             times,
@@ -277,7 +277,7 @@ def of_stations(values):
 
 
 def lowest(values):
-    model, which = jb.ExactRodANCF(3), jb.labels(in_plane=2)
+    model, which = jb.PlanarRod(3), jb.labels(in_plane=2)
     return jb.modes(model, of_stations(values), 3.0, which).frequency
 
 
@@ -293,7 +293,7 @@ def test_batches_over_the_values_at_stations_are_single_runs():
     many = jnp.stack([VALUES, 1.1 * VALUES, VALUES**2])
 
     def run(values):
-        model, motion = jb.ExactRodANCF(3), jb.SmoothSpinUp(2.0, 1.0)
+        model, motion = jb.PlanarRod(3), jb.SmoothSpinUp(2.0, 1.0)
         times = jnp.linspace(0.0, 1.5, 7)
         return jb.simulate(model, of_stations(values), motion, times, throw=False).tip
 
@@ -315,7 +315,7 @@ def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
     torn = np.asarray([bool(plain.tears(speed)) for speed in speeds])
     assert 0 < torn.sum() < 21
     status = [
-        jb.Status(int(jb.ExactRodANCF(8).linearise(rotor, speed, throw=False).status))
+        jb.Status(int(jb.PlanarRod(8).linearise(rotor, speed, throw=False).status))
         for speed in speeds
     ]
     assert [one is jb.Status.NO_EQUILIBRIUM for one in status] == torn.tolist()
@@ -344,5 +344,5 @@ def test_what_planar_elements_do_not_take_is_refused(more, model, message):
 
 def test_twist_is_refused():
     rotor = jb.Rotor(short(4e3, twist=0.2))
-    with pytest.raises(ValueError, match=r"beam\.twist: ExactRodANCF has no turned sections"):
-        jb.ExactRodANCF(2).linearise(rotor, 1.0)
+    with pytest.raises(ValueError, match=r"beam\.twist: PlanarRod has no turned sections"):
+        jb.PlanarRod(2).linearise(rotor, 1.0)

@@ -74,7 +74,7 @@ def test_what_is_refused_is_named_with_models_that_know_it():
         why = refused_by(jb.models.AbstractModel, feature)
         assert why.startswith(feature.split(".")[0]), why
     for feature, (_, advice) in _REFUSED.items():
-        for named in re.findall(r"Hybrid|\w+ANCF", advice):
+        for named in re.findall(r"Hybrid|\w+ANCF|PlanarRod", advice):
             assert feature in borne(getattr(jb, named), moving=False), (feature, named)
 
 
@@ -82,11 +82,11 @@ def test_the_door_is_shut():
     """At once, where compiling would take its time; and at the equations, which have doors too."""
     coned, pitched = (HAVING[feature][0] for feature in ("precone", "pitch"))
     for ask in (
-        lambda: jb.modes(jb.ExactRodANCF(2), pitched, 1.0, 1),
-        lambda: jb.ExactRodANCF(2).equations(pitched),
+        lambda: jb.modes(jb.PlanarRod(2), pitched, 1.0, 1),
+        lambda: jb.PlanarRod(2).equations(pitched),
         lambda: jb.critical_speed(jb.ANCF(2), pitched),
     ):
-        with pytest.raises(ValueError, match=r"^pitch: \w*ANCF has no turned sections: take"):
+        with pytest.raises(ValueError, match=r"^pitch: \w+ has no turned sections: take"):
             ask()
     with pytest.raises(ValueError, match=r"^precone: Hybrid has no motion of a coned beam: take"):
         jb.Hybrid(0, 2, 2).equations(coned)

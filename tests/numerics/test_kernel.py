@@ -167,7 +167,7 @@ def test_functions_with_other_operations_still_work():
 
 
 MODELS = [
-    jb.ExactRodANCF(2),
+    jb.PlanarRod(2),
     jb.GreenANCF(2),
     jb.ANCF(2),
     jb.models.ChordANCF(2),
@@ -190,11 +190,11 @@ def end(model, solver, rotor, speed, damping=1e-4):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.ExactRodANCF(2), jb.ANCF(2)], ids=repr)
+@pytest.mark.parametrize("model", [jb.PlanarRod(2), jb.ANCF(2)], ids=repr)
 def test_a_batch_of_runs_is_as_the_runs_alone(model):
     """Values, and gradients of one model: for others these take a minute each to compile."""
     run = functools.partial(end, model, jb.solvers.Rodas4P(), ROTOR)
-    if isinstance(model, jb.ExactRodANCF):
+    if isinstance(model, jb.PlanarRod):
         run = jax.value_and_grad(run, (0, 1))
     one = jax.jit(run)
     speeds, damping = jnp.array([1.0, 2.0, 5.0]), jnp.array([1e-4, 0.0, 1e-3])
@@ -232,7 +232,7 @@ def test_steps_of_elements_are_one_function(model):
 @pytest.mark.exhaustive
 def test_steps_are_compiled_to_one_function():
     """What is asked for is what XLA does."""
-    run = jax.value_and_grad(functools.partial(step, jb.ExactRodANCF(2)), (0, 1))
+    run = jax.value_and_grad(functools.partial(step, jb.PlanarRod(2)), (0, 1))
     for lowered in (jax.jit(run).lower(2.0, 0.1), jax.jit(jax.vmap(run)).lower(*SEVERAL)):
         assert calls(lowered) == (2, 2)
 
@@ -259,7 +259,7 @@ def test_any_number_of_elements(n):
     """Programs grow with it, and XLA treats large operations in other ways."""
 
     def tip(n, speed):
-        run = jb.simulate(jb.ExactRodANCF(n), ROTOR, jb.SmoothSpinUp(speed, 5.0), [0.0, 2.0])
+        run = jb.simulate(jb.PlanarRod(n), ROTOR, jb.SmoothSpinUp(speed, 5.0), [0.0, 2.0])
         return run.tip[-1, 1]
 
     np.testing.assert_allclose(tip(n, 2.0), tip(16, 2.0), rtol=1e-4)

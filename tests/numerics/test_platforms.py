@@ -83,7 +83,7 @@ def lowest(speed):
 @pytest.mark.parametrize(
     "case",
     [
-        lambda speed: spun_up(jb.ExactRodANCF(2), speed),
+        lambda speed: spun_up(jb.PlanarRod(2), speed),
         lambda speed: spun_up(jb.Hybrid(0, 3, 0), speed),
         lowest,
     ],

@@ -120,14 +120,14 @@ def test_points_that_are_no_points(build, message):
         build()
 
 
-MODELS = [jb.VonKarman(5, 3, 2), jb.ExactRodANCF(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
+MODELS = [jb.VonKarman(5, 3, 2), jb.PlanarRod(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
 
 
 @pytest.mark.parametrize("model", [MODELS[-1], *map(exhaustive, MODELS[:-1])])
 def test_point_forces_do_virtual_work(model):
     """The generalised force of a force on a point is that by which the point moves with each
     coordinate, in any state."""
-    force = np.array([3.0, -2.0, 0.0 if isinstance(model, jb.ExactRodANCF) else 1.5])
+    force = np.array([3.0, -2.0, 0.0 if isinstance(model, jb.PlanarRod) else 1.5])
     rotor = jb.Rotor(short(torsional_stiffness=6.0), 0.4)
     forces = jb.PointForces([PLACE], lambda t: t * force[None])
     scenes = [
@@ -161,7 +161,7 @@ def test_turning_beams_with_a_point_mass():
     found = jb.modes(jb.Hybrid(0, 16, 16), rotor, 6.0, jb.labels(in_plane=3, flap=3)).frequency
     expected = [*blade.in_plane(reference, 6.0, 3), *blade.flap(reference, 6.0, 3)]
     np.testing.assert_allclose(found, expected, rtol=1e-5)
-    elements = jb.modes(jb.ExactRodANCF(20), rotor, 6.0, jb.labels(in_plane=3)).frequency
+    elements = jb.modes(jb.PlanarRod(20), rotor, 6.0, jb.labels(in_plane=3)).frequency
     # Of the steady strain, 1.5e-4, and of the elements, which have no node where the mass is.
     np.testing.assert_allclose(elements, found[:3], rtol=1e-3)
 
@@ -180,7 +180,7 @@ def pushed(model, places, pushes):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    ("model", "tolerance"), [(jb.Hybrid(0, 12, 12), 4e-3), (jb.ExactRodANCF(8), 4e-3)]
+    ("model", "tolerance"), [(jb.Hybrid(0, 12, 12), 4e-3), (jb.PlanarRod(8), 4e-3)]
 )
 def test_columns_pushed_at_points(model, tolerance):
     """What is beyond the force is free: Euler's column of length a, pi^2 / (4 a^2). Of two that
@@ -195,4 +195,4 @@ def test_columns_pushed_at_points(model, tolerance):
 @pytest.mark.exhaustive
 def test_forces_that_only_pull_have_no_critical_factor():
     """Two elements have compression beside the step of the tension, and say so of no load."""
-    assert pushed(jb.ExactRodANCF(2), [0.3, 0.7], [1.0, 1.0]) == np.inf
+    assert pushed(jb.PlanarRod(2), [0.3, 0.7], [1.0, 1.0]) == np.inf

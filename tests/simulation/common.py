@@ -15,7 +15,7 @@ TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
 # polynomials and by elements, with an energy and without, with masses that vary.
 RUNS = [
     (jb.Hybrid(2, 3, 0), ROTOR),
-    (jb.ExactRodANCF(2), ROTOR),
+    (jb.PlanarRod(2), ROTOR),
     (jb.ANCF(2), ROTOR),
     (jb.models.DiscreteNP(), SPRINGS),
 ]

@@ -25,7 +25,7 @@ def run(model, speed, tip_mass=0.1, bending=566.0):
     return out.tip[:, 1], out.solution.stats["num_steps"], out.status
 
 
-@pytest.mark.parametrize("model", [exhaustive(jb.ExactRodANCF(2)), slow(jb.Hybrid(1, 2, 0))])
+@pytest.mark.parametrize("model", [exhaustive(jb.PlanarRod(2)), slow(jb.Hybrid(1, 2, 0))])
 def test_a_batch_is_its_single_runs(model):
     """More cases than go ahead together, of which the longest takes many times the steps of the
     shortest; two of them fail, at once and on the way."""
@@ -43,7 +43,7 @@ def test_a_batch_is_its_single_runs(model):
 
 @pytest.mark.exhaustive
 def test_a_grid_is_a_batch():
-    model, masses = jb.ExactRodANCF(2), jnp.array([0.0, 0.05, 0.2])
+    model, masses = jb.PlanarRod(2), jnp.array([0.0, 0.05, 0.2])
 
     def one(mass, speed):
         return run(model, speed, mass)[0]
@@ -56,7 +56,7 @@ def test_a_grid_is_a_batch():
 @pytest.mark.exhaustive
 def test_gradients_through_a_batch():
     """Reverse mode of a mean over cases is the mean of theirs, to what rounding makes of steps."""
-    model = jb.ExactRodANCF(2)
+    model = jb.PlanarRod(2)
 
     def peak(bending, speed):
         return jnp.sum(run(model, speed, bending=bending)[0] ** 2)

@@ -77,7 +77,7 @@ def test_a_speed_as_an_encoder_gives_it(smooth):
     def found(tolerance):
         control = diffrax.PIDController(rtol=tolerance, atol=0.05 * tolerance)
         how = {"stepsize_controller": control, "throw": False}
-        run = jb.simulate(jb.ExactRodANCF(4), rotor, table, times[::10], **how)
+        run = jb.simulate(jb.PlanarRod(4), rotor, table, times[::10], **how)
         return run.tip[:, 1], run.solution.stats["num_steps"], run.status
 
     (tip, steps, status), (expected, _, _) = found(1e-6), found(1e-8)
@@ -92,5 +92,5 @@ def test_what_a_jump_deflects_is_expected():
     blow = jb.motions.HubVelocity(
         lambda t: jnp.zeros(3), lambda t: jnp.where(t >= 0.5, 0.5, 0.0) * A3, jumps=[0.5]
     )
-    run = jb.simulate(jb.ExactRodANCF(8), README_ROTOR, blow, [0.0, 6.0, 12.0])
+    run = jb.simulate(jb.PlanarRod(8), README_ROTOR, blow, [0.0, 6.0, 12.0])
     assert abs(run.tip[:, 1]).max() > 0.1

@@ -76,7 +76,7 @@ def expected():
     ("model", "within"),
     [
         (jb.Hybrid(4, 10, 0), 6e-3),
-        slow(jb.ExactRodANCF(8), 3e-2),
+        slow(jb.PlanarRod(8), 3e-2),
         slow(jb.VonKarman(20, 10, 0), 5e-3),
         *rest(
             (jb.GreenANCF(16), 5e-3),
@@ -134,7 +134,7 @@ def test_rigid_motions_in_space_are_not_damped():
 
 
 @pytest.mark.parametrize(
-    ("model", "points"), [(jb.ExactRodANCF(2), 5), *rest((jb.VonKarman(5, 3, 2), 12))], ids=name
+    ("model", "points"), [(jb.PlanarRod(2), 5), *rest((jb.VonKarman(5, 3, 2), 12))], ids=name
 )
 def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
     """c int EA eps'^2 + EI kappa'^2 dx, by strain and curvature as results give them."""
@@ -215,7 +215,7 @@ def test_discrete_coordinates_do_not_matter():
 @pytest.mark.exhaustive
 def test_floquet_of_damped_elements_at_a_constant_speed():
     """Multipliers decay as the linearised forces say."""
-    model, period = jb.ExactRodANCF(2), 0.3
+    model, period = jb.PlanarRod(2), 0.3
     found = jb.floquet(
         model, LONG, jb.ConstantSpeed(20.0), period=period,
             damping=jb.Damping(stiffness_coefficient=C),
@@ -233,7 +233,7 @@ def test_gradient_and_batch_by_the_coefficient():
 
     def end(c):
         return jb.simulate(
-            jb.ExactRodANCF(2), SHORT, jb.SmoothSpinUp(3.0, 0.5), times,
+            jb.PlanarRod(2), SHORT, jb.SmoothSpinUp(3.0, 0.5), times,
             damping=jb.Damping(stiffness_coefficient=c), throw=False, dt0=0.01, max_steps=128,
             stepsize_controller=diffrax.ConstantStepSize(),
         ).tip[-1, 1]  # fmt: skip

@@ -32,12 +32,12 @@ def weight(t):
     )
 
 
-MODELS = [jb.VonKarman(5, 3, 2), jb.ExactRodANCF(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
+MODELS = [jb.VonKarman(5, 3, 2), jb.PlanarRod(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
 
 
 def both(model):
     """Gravity, and the same as a force along the span; in the plane for a model that is planar."""
-    share = np.array([1.0, 1.0, 0.0 if isinstance(model, jb.ExactRodANCF) else 1.0])
+    share = np.array([1.0, 1.0, 0.0 if isinstance(model, jb.PlanarRod) else 1.0])
 
     def own(t):
         return tuple(
@@ -218,8 +218,8 @@ def test_discrete_models_take_none():
 
 
 def test_what_turns_with_the_sections_is_refused_in_a_plane_and_where_it_would_need_a_potential():
-    with pytest.raises(ValueError, match=r"loads\.follows: ExactRodANCF has no load that turns"):
-        jb.modes(jb.ExactRodANCF(2), ROTOR, 0.0, loads=FOLLOWING)
+    with pytest.raises(ValueError, match=r"loads\.follows: PlanarRod has no load that turns"):
+        jb.modes(jb.PlanarRod(2), ROTOR, 0.0, loads=FOLLOWING)
     with pytest.raises(ValueError, match=r"loads\.follows: a moment, or a force that turns"):
         jb.critical_speed(jb.SpatialANCF(2), ROTOR, loads=FOLLOWING)
     assert jb.Loads(gravity=[0, 0, -9.8], follows=True).has_potential

@@ -109,7 +109,7 @@ FOLLOWING = PUSH | {"tip_moment": [0.3, -0.2, 0.5], "follows": True}
 BALANCED = [
     slow(jb.VonKarman(5, 3, 2), STEPPED, PUSH),
     exhaustive(jb.Classical(3, 4, 3), AS_BUILT, PUSH),
-    exhaustive(jb.ExactRodANCF(2), STEPPED, PUSH),
+    exhaustive(jb.PlanarRod(2), STEPPED, PUSH),
     exhaustive(jb.ANCF(3), dataclasses.replace(STEPPED, tip_body=CONED.tip_body), PUSH),
     exhaustive(jb.SpatialANCF(3), STEPPED, PUSH),
     slow(jb.SpatialANCF(2), CONED, FOLLOWING),
@@ -282,7 +282,7 @@ def test_a_rod_that_tears_does_not_rest_folded():
     @jax.jit
     @jax.vmap
     def status(speed):
-        return jb.steady(jb.ExactRodANCF(2), rotor, speed, throw=False).status
+        return jb.steady(jb.PlanarRod(2), rotor, speed, throw=False).status
 
     torn = [bool(rotor.tears(speed)) for speed in speeds]
     assert torn == [False, True, True, True, True]
@@ -291,7 +291,7 @@ def test_a_rod_that_tears_does_not_rest_folded():
 
 def test_it_is_where_a_run_begins():
     """`steady_start` finds the same state; loads that change in time are refused."""
-    model, loads = jb.ExactRodANCF(1), jb.Loads(tip_force=[0.0, -0.3, 0.0])
+    model, loads = jb.PlanarRod(1), jb.Loads(tip_force=[0.0, -0.3, 0.0])
     start = jb.steady_start(model, ROTOR, jb.ConstantSpeed(2.0), loads=loads)
     found = jb.steady(model, ROTOR, 2.0, loads=loads)
     np.testing.assert_allclose(found.q, start.q, rtol=1e-12)

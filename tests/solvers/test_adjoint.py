@@ -104,7 +104,7 @@ def test_step_back():
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    ("model", "lanes"), [(jb.ExactRodANCF(2), 3), (jb.ANCF(2), 0), (jb.SpatialANCF(1), 0)], ids=str
+    ("model", "lanes"), [(jb.PlanarRod(2), 3), (jb.ANCF(2), 0), (jb.SpatialANCF(1), 0)], ids=str
 )
 def test_step_back_of_elements(model, lanes):
     """Also under loads and damping, and with a body at the tip."""
@@ -307,7 +307,7 @@ def test_second_derivatives_of_elements():
     def value(p):
         rotor = jb.Rotor(jb.Beam(8.0, 0.2, 5e5, p, 566.0), 0.5, 0.1)
         run = jb.simulate(
-            jb.ExactRodANCF(1), rotor, jb.SmoothSpinUp(4.0, 1.0), [0.0, 0.3], max_steps=256,
+            jb.PlanarRod(1), rotor, jb.SmoothSpinUp(4.0, 1.0), [0.0, 0.3], max_steps=256,
             throw=False,
         )  # fmt: skip
         return run.tip[-1, 1]

@@ -29,7 +29,7 @@ def test_speed_accuracy(tmp_path):
         size = "(8, 16, 0)" if scene.endswith("in the plane") else "(8, 16, 16)"
         assert 1e-5 < least(scene, f"Hybrid{size}") < 3e-4
     # What eight elements leave; it moves three quarters of its length in the abrupt one.
-    assert 1e-5 < least("B Ref. 21, 4 rad/s, in the plane", "ExactRodANCF(8)") < 3e-4
+    assert 1e-5 < least("B Ref. 21, 4 rad/s, in the plane", "PlanarRod(8)") < 3e-4
     assert least("B Ref. 21, 4 rad/s, out of the plane", "SpatialRod(6)") < 1e-4
     assert least("abrupt: Y Fig. 4, in the plane", "Hybrid(3, 4, 0)") > 0.15
     bad = {(r["scene"], r["status"]) for r in rows if float(r["error"]) == np.inf}

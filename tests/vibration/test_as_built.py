@@ -59,7 +59,7 @@ def test_a_classical_beam_diverges_at_its_first_frequency():
 @pytest.mark.slow
 def test_elements_lose_their_stability_where_they_tear():
     """A varying rod tears where its axial stiffness is used up, which the modal theory knows."""
-    elements = jb.ExactRodANCF(8)
+    elements = jb.PlanarRod(8)
     modal = jb.Hybrid(12, 8, 0)
     found, wanted = (jb.critical_speed(m, UNCOUPLED) for m in (elements, modal))
     np.testing.assert_allclose(found.angular_speed, wanted.angular_speed, rtol=1e-3)
@@ -156,7 +156,7 @@ def test_choice_of_a_model():
     question = jb.ladder.PeakDeflection(jb.SmoothSpinUp(2.5, 4.0), np.linspace(0.0, 5.0, 40))
     choice = jb.choose_model(UNCOUPLED, question, 1e-2)
     assert choice.met
-    truth = jb.ladder.evaluate(jb.ExactRodANCF(16), UNCOUPLED, question, 1e-6)
+    truth = jb.ladder.evaluate(jb.PlanarRod(16), UNCOUPLED, question, 1e-6)
     assert np.abs(choice.answer / np.asarray(truth.value) - 1).max() < 1e-2
     frequencies = jb.ladder.ModalFrequencies(2.0, FIRST)
     choice = jb.choose_model(AS_BUILT_IN_SPACE, frequencies, 0.05)
@@ -256,6 +256,6 @@ def test_the_largest_steady_strain_is_beside_a_step():
     """P / EA where EA falls to 0.7 of itself, in every theory; P(L / 2) = Omega^2 (1 - 1/4) / 2."""
     steps = jb.Spanwise([0, 0.5, 0.5, 1], [1e4, 1e4, 7e3, 7e3])
     rotor = jb.Rotor(jb.Beam(1.0, 1.0, steps, 1.0, 1.0))
-    for model in (jb.Hybrid(2, 6, 0), jb.VonKarman(4, 6, 0), jb.ExactRodANCF(2)):
+    for model in (jb.Hybrid(2, 6, 0), jb.VonKarman(4, 6, 0), jb.PlanarRod(2)):
         strain = jb.modes(model, rotor, 8.0, 1).steady_strain
         np.testing.assert_allclose(strain, 64 * 0.375 / 7e3, rtol=1e-6)

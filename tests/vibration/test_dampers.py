@@ -114,7 +114,7 @@ LAGS = jb.Rotor(STIFF, 0.3, root_springs=jb.RootSprings(LAG))
 @pytest.mark.parametrize(
     ("model", "rotor"),
     [
-        slow(jb.ExactRodANCF(1), LAGS), exhaustive(jb.Hybrid(0, 2, 2), HINGED),
+        slow(jb.PlanarRod(1), LAGS), exhaustive(jb.Hybrid(0, 2, 2), HINGED),
         *(exhaustive(model, HINGED) for model in (jb.SpatialANCF(1), jb.VonKarman(3, 2, 2))),
         exhaustive(jb.ANCF(2), LAGS),
     ],
@@ -146,7 +146,7 @@ SWINGS = jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(LAG, RISE))
 @pytest.mark.parametrize(
     ("model", "rotor"),
     [
-        (jb.ExactRodANCF(1), jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(LAG))),
+        (jb.PlanarRod(1), jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(LAG))),
         slow(jb.SpatialANCF(1), jb.Rotor(short(torsional_stiffness=6.0), 0.4,
                                          root_springs=jb.RootSprings(LAG, RISE))),
         exhaustive(jb.VonKarman(3, 2, 2), SWINGS), exhaustive(jb.Hybrid(0, 2, 2), SWINGS),
@@ -191,7 +191,7 @@ def test_dampers_do_a_moment_on_the_angle_of_the_root(model, rotor):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.ExactRodANCF(1), jb.Hybrid(0, 2, 0)], ids=name)
+@pytest.mark.parametrize("model", [jb.PlanarRod(1), jb.Hybrid(0, 2, 0)], ids=name)
 def test_a_damper_takes_the_energy_that_is_lost(model):
     """Jacobi's integral falls by int d phi'^2 dt in a run that swings far, and work is balanced."""
     rotor = jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(LAG))
@@ -241,7 +241,7 @@ def test_a_run_decays_as_its_ratio_says():
     ("model", "damping"),
     [
         (jb.Hybrid(0, 1, 1), jb.Damping(in_plane_ratio=0.02, flap_ratio=0.05, flap_damper=D)),
-        (jb.ExactRodANCF(1), jb.Damping(in_plane_damper=D)),
+        (jb.PlanarRod(1), jb.Damping(in_plane_damper=D)),
     ],
     ids=name,
 )
@@ -314,7 +314,7 @@ def test_gradients_and_batches():
     ("model", "rotor", "damping"),
     [
         (jb.Hybrid(2, 2, 2), AS_BUILT, lambda x: jb.Damping(flap_ratio=x, in_plane_ratio=[x, 0.1])),
-        (jb.ExactRodANCF(2), jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(LAG)),
+        (jb.PlanarRod(2), jb.Rotor(short(), 0.4, root_springs=jb.RootSprings(LAG)),
          lambda x: jb.Damping(in_plane_damper=x)),
     ],
     ids=name,
@@ -346,11 +346,11 @@ def test_what_is_refused():
         lambda model, damping: jb.floquet(model, ROTOR, steady, 1.0, damping=damping),
     ):
         with pytest.raises(ValueError, match=r"^damping\.in_plane_ratio: \w+ has no modes that"):
-            ask(jb.ExactRodANCF(1), in_plane)
+            ask(jb.PlanarRod(1), in_plane)
         with pytest.raises(ValueError, match=r"^damping\.flap_damper: the root is clamped there"):
             ask(jb.Hybrid(0, 2, 2), flap)
-        with pytest.raises(ValueError, match=r"^damping\.flap_damper: ExactRodANCF has no damper"):
-            ask(jb.ExactRodANCF(1), flap)
+        with pytest.raises(ValueError, match=r"^damping\.flap_damper: PlanarRod has no damper"):
+            ask(jb.PlanarRod(1), flap)
     with pytest.raises(ValueError, match=r"^damping\.in_plane_ratio: elements, which judge"):
         jb.ladder.PeakDeflection(steady, [0.0, 1.0], damping=in_plane)
     with pytest.raises(ValueError, match=r"in_plane_ratio must be a number, or a list"):

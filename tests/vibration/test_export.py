@@ -11,7 +11,7 @@ import jaxbeam as jb
 BEAM = jb.Beam.from_slenderness(70.0)
 TAPERED = jb.Beam(1.0, jb.Spanwise([0, 1], [1.0, 0.5]), 4900.0, jb.Spanwise([0, 1], [1.0, 0.5]), 1)
 CASES = {
-    "bands": (jb.ExactRodANCF(3), BEAM),
+    "bands": (jb.PlanarRod(3), BEAM),
     "dense": (jb.Hybrid(2, 4, 0), BEAM),
     "rows": (jb.Hybrid(0, 3, 3), TAPERED),
 }

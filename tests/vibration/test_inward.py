@@ -37,7 +37,7 @@ def test_frequencies_are_those_of_power_series(hub, tip, speed):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "tolerance"),
-    [(jb.Hybrid(6, 12, 0), 1e-8), (jb.ExactRodANCF(16), 1e-5), (jb.GreenANCF(16), 1e-5),
+    [(jb.Hybrid(6, 12, 0), 1e-8), (jb.PlanarRod(16), 1e-5), (jb.GreenANCF(16), 1e-5),
      (jb.ANCF(16), 1e-5), (jb.models.SmallStrainANCF(16), 1e-5), (jb.VonKarman(17, 8, 0), 1e-5),
      (jb.SpatialANCF(16), 1e-5)],
     ids=name,
@@ -57,7 +57,7 @@ def test_all_theories_agree_while_strains_are_small(model, tolerance):
 
 CRITICAL = [
     (jb.Hybrid(0, 9, 9), 1e-9), exhaustive(jb.Hybrid(4, 9, 0), 1e-9),
-    exhaustive(jb.ExactRodANCF(8), 3e-5), exhaustive(jb.GreenANCF(8), 3e-5),
+    exhaustive(jb.PlanarRod(8), 3e-5), exhaustive(jb.GreenANCF(8), 3e-5),
     exhaustive(jb.ANCF(8), 3e-5), exhaustive(jb.models.SmallStrainANCF(8), 3e-5),
     exhaustive(jb.VonKarman(17, 8, 0), 3e-5), exhaustive(jb.SpatialANCF(8), 3e-5),
 ]  # fmt: skip
@@ -87,7 +87,7 @@ def test_the_heavy_column_is_the_limit_of_a_wide_rim():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.Hybrid(0, 9, 0), jb.ExactRodANCF(4)], ids=name)
+@pytest.mark.parametrize("model", [jb.Hybrid(0, 9, 0), jb.PlanarRod(4)], ids=name)
 def test_critical_speeds_have_gradients(model):
     """By differences; of the modal theory against those of power series, too."""
     of = jax.jit(lambda hub, tip: jb.critical_speed(model, inward(hub, tip)).angular_speed)
@@ -105,7 +105,7 @@ def test_critical_speeds_have_gradients(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.Hybrid(4, 12, 8), jb.ExactRodANCF(8)], ids=name)
+@pytest.mark.parametrize("model", [jb.Hybrid(4, 12, 8), jb.PlanarRod(8)], ids=name)
 def test_a_batch_by_bands_is_that_of_single_cases(model):
     """Outward, crossing the axis, inward, and beyond the critical speed, where they grow."""
     which = jb.labels(in_plane=2)
@@ -138,7 +138,7 @@ def test_southwell_coefficients_go_on_below_the_axis():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.Hybrid(0, 6, 0), jb.ExactRodANCF(3)], ids=name)
+@pytest.mark.parametrize("model", [jb.Hybrid(0, 6, 0), jb.PlanarRod(3)], ids=name)
 def test_a_rigid_blade_falls_off_its_spring(model):
     """k + W^2 R L m / 2 = 0 in plane; on a free hinge at once, and outward never."""
 
@@ -159,7 +159,7 @@ def test_a_taper_that_points_inward_buckles_alike_in_two_theories():
     rotor = jb.Rotor(jb.Beam(1.0, jb.Spanwise([0.0, 1.0], [1.0, 0.5]), 1e6, taper, flap), -2.0)
     modal, elements = (
         jb.critical_speed(model, rotor).angular_speed
-        for model in (jb.Hybrid(0, 12, 12), jb.ExactRodANCF(8))
+        for model in (jb.Hybrid(0, 12, 12), jb.PlanarRod(8))
     )
     np.testing.assert_allclose(elements, modal, rtol=6e-5)
 
@@ -188,7 +188,7 @@ def test_the_discrete_analogue_falls_off_the_rim(model):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    "model", [jb.Hybrid(0, 8, 0), jb.ExactRodANCF(6), jb.SpatialANCF(4)], ids=name
+    "model", [jb.Hybrid(0, 8, 0), jb.PlanarRod(6), jb.SpatialANCF(4)], ids=name
 )
 def test_spin_ups(model):
     """Work balances energy; it lags more than from the axis outward. About the critical speed a

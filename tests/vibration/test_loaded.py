@@ -326,7 +326,7 @@ PARAMETERS = jnp.array([0.3, 0.2, 0.3, -0.2, 0.1, 0.2, 0.3, 0.05, 2.0, 0.1, 3.0]
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.ExactRodANCF(3), jb.SpatialANCF(2)])
+@pytest.mark.parametrize("model", [jb.PlanarRod(3), jb.SpatialANCF(2)])
 def test_gradients_through_the_state(model):
     """By loads, damping, speed, stiffness and cone, both ways, against differences; and batches
     are as single cases, of which one that fails leaves the others alone."""
@@ -405,7 +405,7 @@ def test_what_runs_leave_out_of_the_inertia_of_twist(force, aside, three, eight)
 @pytest.mark.exhaustive
 def test_decay_is_that_of_floquet_at_constant_speed():
     damping, speed = jb.Damping(mass_coefficient=0.3, stiffness_coefficient=2e-3), 5.0
-    for model in (jb.Hybrid(2, 4, 4), jb.ExactRodANCF(2)):
+    for model in (jb.Hybrid(2, 4, 4), jb.PlanarRod(2)):
         found = jb.modes(model, ROTOR, speed, 3, damping=damping).eigenvalue
         period = 2 * np.pi / speed
         motion = jb.ConstantSpeed(speed)
@@ -418,7 +418,7 @@ def test_decay_is_that_of_floquet_at_constant_speed():
 def test_diagrams_and_coefficients_under_loads():
     """Campbell diagrams and their crossings are those of `modes`; the coefficient of Southwell is
     the slope of squares; a pull along the beam delays nothing but its buckling."""
-    model, pull = jb.ExactRodANCF(3), jb.Loads(tip_force=[6.0, 2.0, 0.0])
+    model, pull = jb.PlanarRod(3), jb.Loads(tip_force=[6.0, 2.0, 0.0])
     which = jb.labels(in_plane=2)
     diagram = jb.campbell(model, ROTOR, np.linspace(0.5, 12.0, 6), which, loads=pull)
     each = [jb.modes(model, ROTOR, w, which, loads=pull).frequency for w in (0.5, 12.0)]
@@ -473,12 +473,12 @@ def test_a_push_along_the_tube_makes_a_particle_diverge_as_it_turns():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.ExactRodANCF(4), jb.SpatialANCF(3)])
+@pytest.mark.parametrize("model", [jb.PlanarRod(4), jb.SpatialANCF(3)])
 def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in(model):
     """200 random ones, from small to far beyond buckling: loads and squares of the speed rise in a
     hundred steps from nothing, with Newton's method of the test's own in each of them."""
     beam = jb.Beam(1.0, 1.0, 1e4, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-3)
-    rotor, flat = jb.Rotor(beam, 0.1, 0.1), isinstance(model, jb.ExactRodANCF)
+    rotor, flat = jb.Rotor(beam, 0.1, 0.1), isinstance(model, jb.PlanarRod)
     equations = model.equations(rotor)
 
     @jax.jit

@@ -139,7 +139,7 @@ def test_frequencies_of_the_continuum(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.Hybrid(8, 16, 8), jb.ExactRodANCF(8)], ids=repr)
+@pytest.mark.parametrize("model", [jb.Hybrid(8, 16, 8), jb.PlanarRod(8)], ids=repr)
 def test_random_rotors_get_an_answer_or_a_true_reason(model):
     """Slender and stout ones, at speeds up to where they tear and beyond, whatever is lowest."""
     rng = np.random.default_rng(20)
@@ -269,7 +269,7 @@ class _RibbedElements(jb.GreenANCF):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.ExactRodANCF(2), _RibbedElements(2)], ids=repr)
+@pytest.mark.parametrize("model", [jb.PlanarRod(2), _RibbedElements(2)], ids=repr)
 def test_derivatives_of_elements_are_limits_of_differences(model):
     """Also where, in units of the beam, equations depend on more than those of the package."""
     some = cases().at[:, :3].add(0.05)  # what is not negative is not made so

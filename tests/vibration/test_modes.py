@@ -639,7 +639,7 @@ import jaxbeam as jb
 
 def found():
     beam = jb.Beam(4.0, 1.5, 1e6, 2000.0, 900.0)
-    for model in (jb.ExactRodANCF(16), jb.ANCF(6)):
+    for model in (jb.PlanarRod(16), jb.ANCF(6)):
         for tip_mass in (0.0, 60.0, 240.0, 6000.0, 6e6):
             rotor, which = jb.Rotor(beam, 0.5, tip_mass), jb.labels(in_plane=2)
             found = jb.modes(model, rotor, 0.0, which, throw=False)

@@ -26,18 +26,18 @@ def frequencies(model, rotor, speed, which=WHICH):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("speed", [0.0, 6.0])
 def test_bending_of_a_straight_beam_is_that_of_the_planar_element_and_of_the_modal_theory(speed):
-    """In the plane that of `ExactRodANCF`, with the fourth power of an element's length; out of
+    """In the plane that of `PlanarRod`, with the fourth power of an element's length; out of
     it, which takes no part in its steady stretch, that of `Hybrid` where stretch is small."""
     found = [frequencies(jb.SpatialANCF(n), ROTOR, speed) for n in (4, 8)]
     strain = float(ROTOR.steady_strain(jnp.asarray(speed)))
     exact = frequencies(jb.Hybrid(12, 14, 14), ROTOR, speed)
     assert np.abs(found[1] / exact - 1).max() < 1e-4 + 2 * strain
-    planar = frequencies(jb.ExactRodANCF(32), ROTOR, speed, jb.labels(in_plane=2))
+    planar = frequencies(jb.PlanarRod(32), ROTOR, speed, jb.labels(in_plane=2))
     apart = [np.abs(each[:2] / planar - 1).max() for each in found]
     assert apart[1] < 5e-4
     assert apart[1] < apart[0] / 10
     if speed == 0.0:  # without stretch, which they integrate differently, as many are the same
-        planar = frequencies(jb.ExactRodANCF(8), ROTOR, speed, jb.labels(in_plane=2))
+        planar = frequencies(jb.PlanarRod(8), ROTOR, speed, jb.labels(in_plane=2))
         np.testing.assert_allclose(found[1][:2], planar, rtol=1e-5)
 
 
@@ -130,7 +130,7 @@ ALONG = np.array([-1.0, 0.0, 0.0])
     "model",
     [
         exhaustive(jb.SpatialANCF(4)),
-        slow(jb.ExactRodANCF(4)),
+        slow(jb.PlanarRod(4)),
         slow(jb.Hybrid(0, 6, 0)),
     ],
 )
@@ -166,7 +166,7 @@ def pushed_at_the_tip_and_pulled_along_the_span():
 @pytest.mark.parametrize(
     ("model", "error"),
     [(jb.Hybrid(0, 8, 8), 1e-4), exhaustive(jb.Hybrid(0, 16, 0), 1e-8),
-     exhaustive(jb.ExactRodANCF(16), 2e-4), exhaustive(jb.VonKarman(13, 8, 0), 2e-3)],
+     exhaustive(jb.PlanarRod(16), 2e-4), exhaustive(jb.VonKarman(13, 8, 0), 2e-3)],
 )  # fmt: skip
 def test_a_column_buckles_beyond_the_range_that_is_searched_at_first(model, error):
     """Where a force along the span pulls, and none but the end is pushed."""
@@ -203,7 +203,7 @@ def test_the_end_of_a_search_is_not_infinity():
         loads = jb.Loads(
             tip_force=jnp.stack([tip[0], tip[1], 0 * tip[0]]), force_per_length=(along, 0.0, 0.0)
         )
-        found = jb.critical_load(jb.ExactRodANCF(4), rotor, loads, throw=False)
+        found = jb.critical_load(jb.PlanarRod(4), rotor, loads, throw=False)
         return found.factor, found.status
 
     tips = jnp.array([[0.0, 1.0], [1.0, 0.0], [0.0, 0.0], [5.0, 0.0], [1.0, 0.0]])
@@ -222,7 +222,7 @@ def test_columns_of_any_slenderness_buckle_under_the_load_of_a_rod_that_gets_sho
     def of(axial):
         rotor = jb.Rotor(jb.Beam(1.0, 1.0, axial, 1.0, 1.0))
         loads = jb.Loads(tip_force=[-1.0, 0, 0])
-        found = jb.critical_load(jb.ExactRodANCF(2), rotor, loads, throw=False)
+        found = jb.critical_load(jb.PlanarRod(2), rotor, loads, throw=False)
         return found.factor, found.status
 
     both = jax.jit(jax.vmap(of))
@@ -286,7 +286,7 @@ def test_critical_loads_have_gradients():
 
     def of(x):
         rotor = jb.Rotor(jb.Beam(x[0], 1.0, 1e3 * x[1], 2.5 * x[2], 1.0))
-        return jb.critical_load(jb.ExactRodANCF(2), rotor, jb.Loads(tip_force=x[3] * ALONG)).factor
+        return jb.critical_load(jb.PlanarRod(2), rotor, jb.Loads(tip_force=x[3] * ALONG)).factor
 
     x, of = jnp.ones(4), jax.jit(of)
     exact = jax.jit(jax.grad(of))(x)

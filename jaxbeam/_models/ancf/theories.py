@@ -168,17 +168,17 @@ class GreenANCF(_Nodal):
     """Finite elements with an energy of Green strain, U = int EA eps^2 + EI r''.r'' dx / 2.
 
     It hardens with strain, axially and, since r''.r'' = (phi' |r'|)^2 + |r'|'^2 with phi the angle
-    of the tangent, in bending; its limit is not that of `ExactRodANCF`, see there.
+    of the tangent, in bending; its limit is not that of `PlanarRod`, see there.
 
-    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `PlanarRod`.
 
-    Raises as `ExactRodANCF` does.
+    Raises as `PlanarRod` does.
     """
 
     element = Green
 
 
-class ExactRodANCF(_Nodal):
+class PlanarRod(_Nodal):
     """Finite elements of the shear-free rod of Reissner, geometrically exact, in a plane.
 
     Their axial strain is the engineering strain |r'| - 1, and
@@ -216,9 +216,9 @@ class ChordANCF(_Nodal):
 
     Unstable above a speed that grows with the number of elements.
 
-    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `PlanarRod`.
 
-    Raises as `ExactRodANCF` does.
+    Raises as `PlanarRod` does.
     """
 
     element = Chord
@@ -230,9 +230,9 @@ class TangentANCF(_Nodal):
     Fails at a lower speed than `ChordANCF`, and is far too stiff with few elements: neighbours
     measure strain along different directions. With one element it is `Classical`.
 
-    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `PlanarRod`.
 
-    Raises as `ExactRodANCF` does.
+    Raises as `PlanarRod` does.
     """
 
     element = Tangent
@@ -242,7 +242,7 @@ class SmallStrainANCF(_ANCF):
     """Model A linearised as in B, section 5: the model of B Tables 2-5.
 
     The steady strain is the *linear* one of B eqs. 41-43, eps = P / EA, found on the undeformed
-    beam. Frequencies are wrong by up to 0.9 eps, relative, against `ExactRodANCF` (0.4 eps
+    beam. Frequencies are wrong by up to 0.9 eps, relative, against `PlanarRod` (0.4 eps
     against `GreenANCF`): believe them while `steady_strain` is small. The tension acts on
     transverse displacement and, twice, on axial displacement (one EA eps is its own, the other is
     B eq. 52 evaluated with q_0).
@@ -290,9 +290,9 @@ class ANCF(_Nodal):
     The steady beam is straight. There u' is quadratic along an element and equals the interpolated
     strain, so the tangent is that of any non-linear strain to first order, and symmetric.
 
-    `n_elements` (int >= 1, 10 by default) as in `ExactRodANCF`.
+    `n_elements` (int >= 1, 10 by default) as in `PlanarRod`.
 
-    Raises as `ExactRodANCF` does.
+    Raises as `PlanarRod` does.
     """
 
     element = ModelA

@@ -22,7 +22,7 @@ _REFUSED = {
         "full sections nor curved axes",
         "take SpatialRod, or the straight beam that blade.beam() makes of it",
     ),
-    "spanwise": ("property that varies along the span", "take Hybrid or ExactRodANCF"),
+    "spanwise": ("property that varies along the span", "take Hybrid or PlanarRod"),
     "beam.twist": ("turned sections", "take Hybrid or SpatialANCF"),
     "pitch": ("turned sections", "take Hybrid or SpatialANCF"),
     "precone": (
@@ -31,12 +31,12 @@ _REFUSED = {
         "soft beams is the smaller error",
     ),
     CONED_AND_MORE: ("equations of that", "take SpatialANCF"),
-    "root_springs": ("root that yields", "take Hybrid or ExactRodANCF"),
-    "root_springs.in_plane": ("root that yields in plane", "take Hybrid or ExactRodANCF"),
+    "root_springs": ("root that yields", "take Hybrid or PlanarRod"),
+    "root_springs.in_plane": ("root that yields in plane", "take Hybrid or PlanarRod"),
     "root_springs.flap": ("root that yields in flap", "take Hybrid or SpatialANCF"),
     "root_support": ("support of its root", "take SpatialRod, or root_springs=RootSprings(...)"),
     "tip_support": ("support of its tip", "take SpatialRod, or leave it out"),
-    "tip_body": ("body at the tip", "take Hybrid or ExactRodANCF"),
+    "tip_body": ("body at the tip", "take Hybrid or PlanarRod"),
     "tip_body.flap_inertia": (
         "body at the tip of two inertias across the beam",
         "leave flap_inertia out, or take Hybrid",
@@ -47,20 +47,20 @@ _REFUSED = {
     ),
     "loads.tip_moment": ("moment at its tip", "take SpatialANCF, or leave it out"),
     "loads.follows": ("load that turns with its sections", "take SpatialANCF, or leave it out"),
-    "beam.point_masses": ("masses at points of the beam", "take Hybrid or ExactRodANCF"),
+    "beam.point_masses": ("masses at points of the beam", "take Hybrid or PlanarRod"),
     "loads.point_forces": (
         "forces on points of the beam",
-        "take Hybrid or ExactRodANCF, or leave them out",
+        "take Hybrid or PlanarRod, or leave them out",
     ),
     "loads.force_per_length": (
         "force along the span",
-        "take Hybrid or ExactRodANCF, or leave it out",
+        "take Hybrid or PlanarRod, or leave it out",
     ),
 }
 _REFUSED |= dict.fromkeys(
     RATIOS, ("modes that last", "take Hybrid, or give a stiffness_coefficient")
 ) | {
-    "damping.in_plane_damper": ("damper in plane", "take Hybrid or ExactRodANCF"),
+    "damping.in_plane_damper": ("damper in plane", "take Hybrid or PlanarRod"),
     "damping.flap_damper": ("damper in flap", "take Hybrid or SpatialANCF"),
     "damping.section_coefficients": (
         "full sections",

@@ -200,7 +200,7 @@ class Hybrid(_Linear):
 
     Stiffens as it must at any speed. The tension acts on the undeformed beam, so frequencies are
     wrong by up to 0.9 of the steady strain, relative, and motions are right to second order in
-    deflection over length: compare `ExactRodANCF` where those are not small.
+    deflection over length: compare `PlanarRod` where those are not small.
     `Hybrid(n_stretch=0)` is the inextensible (prestressed, bending-only) beam.
 
     `n_stretch`, `n_in_plane` and `n_flap` (10, 16 and 16) are numbers of functions, ints >= 0 of

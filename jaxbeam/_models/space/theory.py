@@ -24,7 +24,7 @@ class SpatialANCF(AbstractModel[Rotor]):
 
     Energy int [EA eps^2 + GJ k_1^2 + bending as sections are turned] dx / 2, eps = |r'| - 1 the
     engineering strain, k_1 the twist per length and (k_2, k_3) the curvatures of the frame that the
-    section keeps, all by the unstretched length. In a plane it converges to what `ExactRodANCF`
+    section keeps, all by the unstretched length. In a plane it converges to what `PlanarRod`
     does, which integrates stretch with more points. Rotations may be of any size, within an element
     less than a right angle. It takes moments, and loads that turn with the sections (`Loads`),
     pitch, twist, pre-cone, springs of the root and bodies at the tip of one inertia across the
