@@ -8,7 +8,8 @@ As built            Spanwise: a property along the span; RootSprings, TipBody,
                     PointMasses, PointForces: what is at its ends and between; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
                     PlanarRod, GreenANCF, ANCF in finite elements in the plane,
-                    SpatialANCF in space: it bends both ways and twists
+                    SpatialANCF in space: it bends both ways and twists;
+                    SpatialRod in space, of every beam and blade
 At a steady speed   steady: the state that loads and rotation deform, with internal forces
                     modes; labels name the modes that are asked for; rpm makes rad/s of turns
                     southwell, stiffening_ratio: how fast they stiffen
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal.theories import Classical as Classical
     from jaxbeam._models.modal.theories import Hybrid as Hybrid
     from jaxbeam._models.modal.theories import VonKarman as VonKarman
+    from jaxbeam._models.space.rod import SpatialRod as SpatialRod
     from jaxbeam._models.space.theory import SpatialANCF as SpatialANCF
     from jaxbeam._modes.modes import modes as modes
     from jaxbeam._programs.folder import keep as keep

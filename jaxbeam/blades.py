@@ -40,7 +40,7 @@ swept, fitted and differentiated. How many functions such a beam needs, and how 
 what is missing, is said in docs/vibration.md.
 
 **Full sections.** A `Blade` has a stiffness and an inertia of 6 x 6 at each station, about an axis
-that may be curved, swept and twisted. `models.SpatialRod` takes it, and every `Beam`:
+that may be curved, swept and twisted. `SpatialRod` takes it, and every `Beam`:
 
 ```py
 import numpy
@@ -49,7 +49,7 @@ stiffness[3, 4] = stiffness[4, 3] = 2e5  # it twists where it bends in flap
 inertia = numpy.diag([60.0, 60.0, 60.0, 2.9, 0.3, 2.6])
 swept = [[0, 0, 0], [4, 0, 0], [8, -0.2, 0.1], [10, -0.6, 0.3]]  # axis, from the root
 blade = jb.blades.Blade([0, 1], [stiffness, stiffness / 4], [inertia, inertia / 4], swept)
-print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
+print(jb.modes(jb.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
 ```
 
 ```txt
@@ -72,7 +72,7 @@ laden = jb.blades.section_inertia(
     mass_per_length=60.0, in_plane_inertia=2.0, flap_inertia=0.3, mass_centre=(-0.1, 0.01)
 )
 blade = jb.blades.Blade([0, 1], box, laden, 10.0)
-print(jb.modes(jb.models.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
+print(jb.modes(jb.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
 ```
 
 ```txt
@@ -93,7 +93,7 @@ do it refuses by name:
 planar elements have no twist, no pitch and no spring in flap; `SpatialANCF` has all of them. In
 elements a body at the tip is held by a stiff spring, which costs bending frequencies 1e-4 and axial
 frequencies some tenths of a per cent. A `RigidBody` has a full inertia and its centre anywhere;
-`models.SpatialRod` alone knows it.
+`SpatialRod` alone knows it.
 
 **Cones.** Of a beam with `precone` there are frequencies in `Hybrid(n_stretch=0)`. They are about
 the deflected steady state of the beam, which is that of the exact rod: at 5 degrees, γ = 8 and EI

@@ -40,7 +40,7 @@ strain by one per cent. Theories of your own stand beside these: `choose_model(.
 **Many cases.** `ladder_sweep` does this for a few cases of many, and answers the others on the rung
 that suffices, with an estimate each. Cases that outgrow their rung go on to the next.
 
-**In space.** Out of the plane `SpatialANCF` judges runs, and `models.SpatialRod` frequencies, if the
+**In space.** Out of the plane `SpatialANCF` judges runs, and `SpatialRod` frequencies, if the
 beam has its `torsional_stiffness`. What no other theory bears (a moment at the tip, loads that
 follow it, motion in a cone, modes of torsion, frequencies of a `blades.Blade` or between
 `blades.Support`s) they answer alone. The rod has the rotary inertia of the `polar_inertia`, by which

@@ -2,10 +2,8 @@
 
 A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`. The everyday ones are in `jaxbeam`
 itself: `Hybrid`, `Classical` and `VonKarman` in functions along the beam, `ANCF`, `PlanarRod`
-and `GreenANCF` in finite elements in the plane, `SpatialANCF` in space. Here are
+and `GreenANCF` in finite elements in the plane, `SpatialANCF` and `SpatialRod` in space. Here are
 
-- `SpatialRod`, of blades whose sections are full and whose axis is curved (`jaxbeam.blades.Blade`),
-  and of every beam: steady states and frequencies, loads of all kinds, no runs;
 - `SmallStrainANCF`, the linearisation of `ANCF` that is behind the tables of Berzeri and Shabana;
 - `ChordANCF` and `TangentANCF`, their Model 0: linear strain in a frame that moves with the
   element. It fails above a speed, and is here to show where;
@@ -43,7 +41,6 @@ from jaxbeam._models.discrete import DiscreteLP as DiscreteLP
 from jaxbeam._models.discrete import DiscreteNC as DiscreteNC
 from jaxbeam._models.discrete import DiscreteNP as DiscreteNP
 from jaxbeam._models.discrete import DiscreteNS as DiscreteNS
-from jaxbeam._models.space.rod import SpatialRod as SpatialRod
 from jaxbeam._rotor.directions import Direction as Direction
 from jaxbeam._rotor.directions import Label as Label
 from jaxbeam._rotor.spring_rotor import SpringRotor as SpringRotor

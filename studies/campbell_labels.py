@@ -34,7 +34,7 @@ from common import BLUE, GREEN, VERMILION
 import jaxbeam as jb
 from jaxbeam.blades import Blade
 
-MODEL = jb.models.SpatialRod(6)
+MODEL = jb.SpatialRod(6)
 COUNT, MORE = 6, 4  # modes that are followed, and others beside which they may move
 SPEEDS, SPLIT, ALIKE, SAME = 20, 10, 0.98, 1e-6
 LENGTH = 3.0

@@ -237,7 +237,7 @@ def full_blade() -> jb.blades.Blade:
 def rods() -> Iterator[Row]:
     """The rod of a blade, 48 coordinates: its steady rotation, six modes about that, a case of a
     batch, and derivatives by all 42 numbers of all sections."""
-    model, blade = jb.models.SpatialRod(8), full_blade()
+    model, blade = jb.SpatialRod(8), full_blade()
     names = "six modes, 30 full sections", "tip in steady rotation, the same"
     numbers = blade.stiffness, blade.inertia
 
@@ -335,7 +335,7 @@ FIRST = {
         SCENE + "model, which = jb.Hybrid(8, 16, 0), jb.labels(in_plane=2)\n" + BATCH,
     ),
     "modes of a rod": (
-        "jb.modes(jb.models.SpatialRod(), jb.Rotor(stiff, 0.5), 2.0, 6).frequency",
+        "jb.modes(jb.SpatialRod(), jb.Rotor(stiff, 0.5), 2.0, 6).frequency",
         SCENE + IN_SPACE,
     ),
     "in space: run": ("turning(0.1)", SCENE + IN_SPACE),

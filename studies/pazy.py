@@ -39,7 +39,7 @@ AT_AXIS, AT_MIDDLE, AT_TRAILING = (
     (TIP + far) / LENGTH for far in (1e-6, MIDDLE, TRAILING)
 )  # on the part that turns back
 ORDER = [0, 3, 4, 5]  # of the published numbers: axial, torsion, out of plane, in plane
-MODEL = jb.models.SpatialRod(6)
+MODEL = jb.SpatialRod(6)
 CALIBRATED = {"measured": (1.0, 2.0), "GFEM_SOL400": (1.0, 1.0)}  # kg, in bending and in torsion
 SHOWN = {"measured": "measured", "GFEM_SOL400": "solid model"}
 

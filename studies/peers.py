@@ -306,10 +306,10 @@ def in_space(quick: bool) -> list[Line]:
         return run
 
     lines = []
-    best = np.asarray(ours(jb.models.SpatialRod(8 if quick else 10))(4.0, 1e-8)[0])
+    best = np.asarray(ours(jb.SpatialRod(8 if quick else 10))(4.0, 1e-8)[0])
     some = [("Rodas5P", jb.SpatialANCF(n), f"{n}") for n in ((4,) if quick else (4, 6, 8))]
     degrees = (5,) if quick else (4, 5, 6, 8)
-    rods = [("rod", jb.models.SpatialRod(p), f"degree {p}") for p in degrees]
+    rods = [("rod", jb.SpatialRod(p), f"degree {p}") for p in degrees]
     for name, model, size in (*some, *rods):
         run = ours(model)
         for tolerance in (1e-3, 1e-4) if quick else (1e-3, 3e-4, 1e-4, 1e-5, 1e-6):

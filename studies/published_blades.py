@@ -200,7 +200,7 @@ def main(quick: bool = False, out: Path | None = None, files: Sequence[Path] = (
     for path in paths:
         print(f"  {path.name}")
         blades.append(read(path))
-    of = answers(jb.models.SpatialRod(8 if quick else 6, 1 if quick else 6))
+    of = answers(jb.SpatialRod(8 if quick else 6, 1 if quick else 6))
     shares = np.linspace(0.0, 1.0, 2 if quick else 6)
     groups, same = grouped(blades), alike(blades)
     found: dict[int, Any] = {}

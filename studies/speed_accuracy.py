@@ -28,7 +28,6 @@ from common import ALUMINIUM, STIFF, cpu_seconds
 from matplotlib.ticker import LogLocator, NullFormatter
 
 import jaxbeam as jb
-from jaxbeam.models import ChordANCF, SpatialRod
 
 POINTS, LANES, MODES = 101, 64, 1024  # times of a run; cases in a batch of runs, of frequencies
 ERRORS = 1e-2, 1e-3, 1e-5  # that somebody may ask for
@@ -65,21 +64,21 @@ def each(method: Method | None, *models: tuple[Any, ...]) -> list[tuple[Any, Any
 TRIED = {  # the first two of each kind with --quick
     PLANE: [
         *each(RODAS5P, (jb.PlanarRod, 8)), *each(MAGNUS, (jb.Hybrid, (3, 4, 0))),
-        *each(RODAS5P, (jb.PlanarRod, 4, 16, 32), (SpatialRod, 4, 6, 8), (jb.ANCF, 8)),
-        *each(RODAS5P, (ChordANCF, 8), (jb.Hybrid, (0, 6, 0)), (jb.VonKarman, (8, 4, 0))),
+        *each(RODAS5P, (jb.PlanarRod, 4, 16, 32), (jb.SpatialRod, 4, 6, 8), (jb.ANCF, 8)),
+        *each(RODAS5P, (jb.models.ChordANCF, 8), (jb.Hybrid, (0, 6, 0)), (jb.VonKarman, (8, 4, 0))),
         *each(RODAS4P, (jb.PlanarRod, 8)), *each(CHORD, (jb.PlanarRod, 8)),
         *each(MAGNUS, (jb.Classical, (3, 4, 0))),
     ],
     SPACE: each(
-        RODAS5P, (jb.SpatialANCF, 8), (SpatialRod, 6, 4, 8, 12), (jb.SpatialANCF, 4, 16),
+        RODAS5P, (jb.SpatialANCF, 8), (jb.SpatialRod, 6, 4, 8, 12), (jb.SpatialANCF, 4, 16),
         (jb.Hybrid, (0, 6, 6)),
     ),
     LAG: each(
-        None, (jb.Hybrid, (8, 16, 0)), (jb.PlanarRod, 10, 20), (SpatialRod, 6, 8),
+        None, (jb.Hybrid, (8, 16, 0)), (jb.PlanarRod, 10, 20), (jb.SpatialRod, 6, 8),
         (jb.Hybrid, (3, 6, 0), (5, 10, 0)), (jb.ANCF, 10),
     ),
     FLAP: each(
-        None, (jb.Hybrid, (8, 16, 16)), (SpatialRod, 8, 6), (jb.SpatialANCF, 10, 20),
+        None, (jb.Hybrid, (8, 16, 16)), (jb.SpatialRod, 8, 6), (jb.SpatialANCF, 10, 20),
         (jb.Hybrid, (3, 6, 6), (5, 10, 10)),
     ),
 }  # fmt: skip
@@ -212,7 +211,7 @@ def motion(kind: str, quick: bool) -> list[Point]:
         apart, size = (np.linalg.norm(a, axis=1).max() for a in (found - exact, exact))
         return float(apart / size)
 
-    judge = jax.jit(partial(tip, kind, SpatialRod(10 if quick else 14), RODAS5P))
+    judge = jax.jit(partial(tip, kind, jb.SpatialRod(10 if quick else 14), RODAS5P))
     where = []
     for scene in scenes()[1:] if quick else scenes():
         case = jax.tree.map(jnp.asarray, tuple(scene)[1:])
@@ -232,7 +231,7 @@ def frequencies(kind: str, quick: bool) -> list[Point]:
         modes = jb.modes(model, rotor, speed * share, which, throw=False)
         return modes.frequency, modes.status
 
-    judge, where = jax.jit(partial(found, SpatialRod(16), None)), []
+    judge, where = jax.jit(partial(found, jb.SpatialRod(16), None)), []
     for speed in (12.0,) if quick else (1.0, 12.0):
         exact = np.asarray(judge(speed, 1.0, 0.0)[0])
         where.append((f"speed {speed:g} sqrt(EI / rho L^4)", speed, exact))

@@ -120,7 +120,7 @@ FAILING = {
     ),
     "blades.reduction": Failing(
         lambda x, **how: jb.blades.reduction(
-            jb.Rotor(SHORT_BLADE, x), 1, rod=jb.models.SpatialRod(2), **how
+            jb.Rotor(SHORT_BLADE, x), 1, rod=jb.SpatialRod(2), **how
         ), 1.0, np.inf, Status.INVALID_HUB_RADIUS,
     ),
     "ladder.evaluate": Failing(

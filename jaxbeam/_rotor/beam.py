@@ -230,7 +230,7 @@ class Rotor(Parameters):
     The hub radius is the distance from the axis of rotation to the root, along the beam: below zero
     the beam points inward, from a rim to the axis, and beyond it where -R < L. What is before the
     axis is pushed towards the root, and buckles at a speed (`critical_speed`). The root is clamped
-    unless there are `root_springs` or, for `models.SpatialRod`, a `root_support`, and the tip free
+    unless there are `root_springs` or, for `SpatialRod`, a `root_support`, and the tip free
     unless there is a `tip_support`. What is at the tip is a point, of the `tip_mass`, or a
     `tip_body`, which has a mass of its own: one of them is given, or none, where nothing is there.
     `tip_mass` reads the mass of either, `tip_body` the body or the point. Sections are as the beam

@@ -100,7 +100,7 @@ class Blade(Parameters, AbstractSections):
     splines ("not a knot") between kinks, whose length is that of the curve. What is given may also
     be (n, 21): the upper triangle of each matrix, row by row, which is how fields hold it; or one
     matrix for all stations. `section_stiffness` and `section_inertia` make them of engineering
-    numbers. All but places can be swept, fitted and differentiated. `models.SpatialRod` takes all
+    numbers. All but places can be swept, fitted and differentiated. `SpatialRod` takes all
     of it; for other models see `beam`.
 
     Raises `TypeError` for what are no real numbers, and `ValueError` for what is not allowed, and

@@ -73,7 +73,7 @@ class Damping(eqx.Module):
     mu_6 in plane. That is how BeamDyn has it, whose coefficients `BladeTable.damping` are. Six that
     are equal do what c does, but for springs of the root. Where K couples what has unequal mu (also
     by offsets of centres) mu K is not symmetric: it may then feed some motion with energy, which
-    growth rates of `modes` show. `models.SpatialRod` knows it, and no other model.
+    growth rates of `modes` show. `SpatialRod` knows it, and no other model.
 
     Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """

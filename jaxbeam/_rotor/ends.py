@@ -138,7 +138,7 @@ class RigidBody(Parameters):
     Axes are those of the last section, which twist and pitch turn: along the blade, towards the
     leading edge, and a third one. Principal moments are >= 0, and none is more than the sum of the
     other two (to 1e-6 of the trace, for numbers that were rounded). `Rotor(tip_body=...)` takes it
-    in the place of a `TipBody`; `models.SpatialRod` knows it, with all that a turning hub does to
+    in the place of a `TipBody`; `SpatialRod` knows it, with all that a turning hub does to
     its products of inertia, and all other models refuse it by name.
 
     Raises `TypeError` for what are no real numbers, and `ValueError` for what is not allowed.

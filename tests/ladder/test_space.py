@@ -87,7 +87,7 @@ ALONE = [
 def test_what_elements_in_space_alone_bear(question, more, needed):
     """They are all the rungs there are, of frequencies rods, and without them there is an error
     that names the cause."""
-    theory = jb.SpatialANCF if question.moving else jb.models.SpatialRod
+    theory = jb.SpatialANCF if question.moving else jb.SpatialRod
     assert all(isinstance(r.model, theory) for r in jb.ladder.rungs(rotor(**more), question))
     refused = rotor(None, **more)
     for ask in (
@@ -101,7 +101,7 @@ def test_what_elements_in_space_alone_bear(question, more, needed):
 
 def test_frequencies_in_a_cone_have_hybrid_rungs_without_stretch():
     models = [rung.model for rung in jb.ladder.rungs(rotor(precone=0.1), BENDING)]
-    assert {type(model) for model in models} == {jb.Hybrid, jb.models.SpatialRod}
+    assert {type(model) for model in models} == {jb.Hybrid, jb.SpatialRod}
     assert all(model.n_stretch == 0 for model in models if isinstance(model, jb.Hybrid))
     with pytest.raises(ValueError, match=r"^precone: .* give torsional_stiffness"):
         jb.ladder.rungs(rotor(None, precone=0.1), BENDING)
@@ -129,7 +129,7 @@ def test_rods_alone_bear_blades_and_supports():
     for asked in (jb.Rotor(blade(), 0.5), rotor(**held)):
         for question in (BENDING, jb.ladder.ModalFrequencies(1.0, jb.labels(in_plane=1))):
             models = [rung.model for rung in jb.ladder.rungs(asked, question)]
-            assert {type(model) for model in models} == {jb.models.SpatialRod}
+            assert {type(model) for model in models} == {jb.SpatialRod}
         with pytest.raises(ValueError, match=r"blade|tip_support"):
             jb.ladder.rungs(asked, inclined(1.0))
 
@@ -145,7 +145,7 @@ def test_places_in_a_cone():
 
 
 def truth(asked, question, size, elements):
-    richest = jb.SpatialANCF(elements) if question.moving else jb.models.SpatialRod(elements)
+    richest = jb.SpatialANCF(elements) if question.moving else jb.SpatialRod(elements)
     found = jb.ladder.evaluate(richest, asked, question, 1e-6, size)
     assert int(found.status) == 0
     return found

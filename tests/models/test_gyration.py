@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam._models.space.rod_state import Around, balance
 from jaxbeam._rotor.sections import frames
 from jaxbeam.blades import Blade
-from jaxbeam.models import SpatialRod
 from tests.tiers import slow
 
 LENGTH, RADIUS, TORSION, POLAR = 3.0, 0.1, 40.0, 0.03

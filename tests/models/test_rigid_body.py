@@ -9,9 +9,9 @@ import pytest
 import scipy
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam._models.space.rod_tables import _body
 from jaxbeam.blades import Blade, RigidBody
-from jaxbeam.models import SpatialRod
 from tests.references import full_rod
 
 LENGTH, TWIST = 3.0, 0.6

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam._models.space.rod_state import Around, balance
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam.blades import Blade, read_blade
-from jaxbeam.models import SpatialRod
 from tests.beams import soft_tipped
 from tests.files.made_up import FOLDER
 from tests.references import full_rod

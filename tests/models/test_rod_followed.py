@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam.models import SpatialRod
+from jaxbeam import SpatialRod
 from tests.beams import soft_tipped
 from tests.tiers import slow
 

@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 from scipy.special import jv
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam.blades import Blade
-from jaxbeam.models import SpatialRod
 from tests.references import full_rod, intrinsic
 from tests.references.rod import lateral_buckling
 

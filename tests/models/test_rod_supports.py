@@ -10,11 +10,11 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam._models.contract.supports import unsupported
 from jaxbeam._models.space.rod_state import Around, balance
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam.blades import Blade
-from jaxbeam.models import SpatialRod
 from tests.tiers import slow
 
 Support = jb.blades.Support

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam.blades import Blade, read_blade
-from jaxbeam.models import SpatialRod
 from tests.files.made_up import FOLDER
 
 MU = np.array([3e-3, 0.0, 0.0, 6e-3, 5e-3, 4e-3])

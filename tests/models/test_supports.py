@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam._models.contract.supports import _REFUSED, RATIOS, borne, unsupported
 from jaxbeam._rotor.parameters import optional
-from jaxbeam.models import SpatialRod
 from tests.helpers import DISCRETE, ELEMENTS
 
 BEAM = jb.Beam(1.0, 1.0, 1e4, 16.0, 1.0)
@@ -74,7 +74,7 @@ def test_what_is_refused_is_named_with_models_that_know_it():
         why = refused_by(jb.models.AbstractModel, feature)
         assert why.startswith(feature.split(".")[0]), why
     for feature, (_, advice) in _REFUSED.items():
-        for named in re.findall(r"Hybrid|\w+ANCF|PlanarRod", advice):
+        for named in re.findall(r"Hybrid|\w+ANCF|\w+Rod", advice):
             assert feature in borne(getattr(jb, named), moving=False), (feature, named)
 
 

@@ -12,8 +12,8 @@ from numpy.polynomial import chebyshev
 from scipy.special import ellipj, ellipk
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam.blades import Support
-from jaxbeam.models import SpatialRod
 from tests.helpers import finite_difference, optimised
 from tests.simulation.rods import FREE, TIGHT, coupled, slender, uniform
 

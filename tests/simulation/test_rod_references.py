@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam._numerics.quaternions import rotation
-from jaxbeam.models import SpatialRod
 from tests.helpers import optimised
 from tests.references import elastica
 from tests.references.intrinsic_in_time import Scene, run

@@ -521,7 +521,7 @@ def test_the_ladder_answers_about_loaded_states():
     question = jb.ladder.ModalFrequencies(3.0, jb.labels(in_plane=1, flap=1), loads=loads)
     choice = jb.choose_model(rotor, question, 1e-3)
     assert choice.met
-    assert isinstance(choice.model, jb.models.SpatialRod)
+    assert isinstance(choice.model, jb.SpatialRod)
     fine = jb.modes(jb.SpatialANCF(20), rotor, 3.0, question.which, loads=loads).frequency
     assert np.abs(choice.answer / np.asarray(fine) - 1).max() < 1e-3
     # What is known beforehand is of the deformed state, by the coarsest elements that answer.

@@ -6,8 +6,8 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam.blades import Blade, reduction, section_inertia, section_stiffness
-from jaxbeam.models import SpatialRod
 
 LENGTH = 10.0
 SHEAR = {"in_plane_shear_stiffness": 1.5e7, "flap_shear_stiffness": 8e6}

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam import SpatialRod
 from jaxbeam.blades import Blade
-from jaxbeam.models import SpatialRod
 
 BEAM = jb.Beam(8.0, 0.2, 5e9, 566.0, 400.0, torsional_stiffness=200.0, polar_inertia=1e-6)
 BLADE = Blade.of(BEAM)
