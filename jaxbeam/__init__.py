@@ -7,9 +7,8 @@ What rotates        Beam, Rotor; Loads and Damping act on it
 As built            Spanwise: a property along the span; RootSprings, TipBody,
                     PointMasses, PointForces: what is at its ends and between; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
-                    PlanarRod, GreenANCF, ANCF in finite elements in the plane,
-                    SpatialANCF in space: it bends both ways and twists;
-                    SpatialRod in space, of every beam and blade
+                    PlanarRod in finite elements in the plane; SpatialANCF in space:
+                    it bends both ways and twists; SpatialRod there, of every beam and blade
 At a steady speed   steady: the state that loads and rotation deform, with internal forces
                     modes; labels name the modes that are asked for; rpm makes rad/s of turns
                     southwell, stiffening_ratio: how fast they stiffen
@@ -26,11 +25,11 @@ How much model      choose_model for one question, ladder_sweep for many cases
 What went wrong     Status: whatever can fail raises, or takes throw=False and then carries one;
                     batches (sweep, ladder_sweep, campbell) carry one a case and never raise for it
 
-The rest is by subject: jb.models, jb.motions, jb.blades (beams as built, and from files),
-jb.solvers, jb.ladder, jb.fitting, jb.results (what functions return), jb.programs (how well they
-are compiled) and jb.plot. `help` of each is a chapter of the manual with examples; the others, on
-vibration, loads, stability, sweeps, speed, start-up and limitations, are in the folder docs of the
-repository, with a table of all names.
+The rest is by subject: jb.models, jb.papers (theories that are here to compare with), jb.motions,
+jb.blades (beams as built, and from files), jb.solvers, jb.ladder, jb.fitting, jb.results (what
+functions return), jb.programs (how well they are compiled) and jb.plot. `help` of each is a chapter
+of the manual with examples; the others, on vibration, loads, stability, sweeps, speed, start-up and
+limitations, are in the folder docs of the repository, with a table of all names.
 `help(jb.simulate)` and so on tell the details. `python -m jaxbeam --help` does without a script.
 """
 
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from jaxbeam import ladder as ladder
     from jaxbeam import models as models
     from jaxbeam import motions as motions
+    from jaxbeam import papers as papers
     from jaxbeam import plot as plot
     from jaxbeam import programs as programs
     from jaxbeam import results as results
@@ -59,8 +59,6 @@ if TYPE_CHECKING:
     from jaxbeam._fitting.free import FreeParameter as FreeParameter
     from jaxbeam._ladder.choose import choose_model as choose_model
     from jaxbeam._ladder.sweep import ladder_sweep as ladder_sweep
-    from jaxbeam._models.ancf.theories import ANCF as ANCF
-    from jaxbeam._models.ancf.theories import GreenANCF as GreenANCF
     from jaxbeam._models.ancf.theories import PlanarRod as PlanarRod
     from jaxbeam._models.modal.theories import Classical as Classical
     from jaxbeam._models.modal.theories import Hybrid as Hybrid

@@ -1,14 +1,10 @@
-"""Theories of a rotating beam beyond the everyday ones, their parts, and what a model is.
+"""Theories of a rotating beam: how far they reach, their parts, and what a model is.
 
 A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`. The everyday ones are in `jaxbeam`
-itself: `Hybrid`, `Classical` and `VonKarman` in functions along the beam, `ANCF`, `PlanarRod`
-and `GreenANCF` in finite elements in the plane, `SpatialANCF` and `SpatialRod` in space. Here are
+itself: `Hybrid`, `Classical` and `VonKarman` in functions along the beam, `PlanarRod` in finite
+elements in the plane, `SpatialANCF` and `SpatialRod` in space. What only the papers need, to
+compare with, is in `jaxbeam.papers`. Here are
 
-- `SmallStrainANCF`, the linearisation of `ANCF` that is behind the tables of Berzeri and Shabana;
-- `ChordANCF` and `TangentANCF`, their Model 0: linear strain in a frame that moves with the
-  element. It fails above a speed, and is here to show where;
-- `SpringRotor`, the two-degree-of-freedom analogue of Yoo, Ryan and Scott, with its models
-  `DiscreteNC`, `DiscreteNP`, `DiscreteLC`, `DiscreteLP` and `DiscreteNS`;
 - `Polynomials`, `CantileverModes` and, for beams that are all but strings, `Layered`: bases for the
   modal models (`Hybrid(basis=...)`). How many functions are needed is said in docs/vibration.md;
 - `Label` and `Direction`, the names of modes that `jaxbeam.labels` makes;
@@ -28,19 +24,10 @@ docs/limitations.md has the limits of each theory.
 The papers that docstrings call Y and B are cited in `_models/contract/__init__.py`.
 """
 
-from jaxbeam._models.ancf.theories import ChordANCF as ChordANCF
-from jaxbeam._models.ancf.theories import SmallStrainANCF as SmallStrainANCF
-from jaxbeam._models.ancf.theories import TangentANCF as TangentANCF
 from jaxbeam._models.bases.basis import CantileverModes as CantileverModes
 from jaxbeam._models.bases.basis import Polynomials as Polynomials
 from jaxbeam._models.bases.layered import Layered as Layered
 from jaxbeam._models.contract.base import AbstractModel as AbstractModel
 from jaxbeam._models.contract.linear_system import LinearSystem as LinearSystem
-from jaxbeam._models.discrete import DiscreteLC as DiscreteLC
-from jaxbeam._models.discrete import DiscreteLP as DiscreteLP
-from jaxbeam._models.discrete import DiscreteNC as DiscreteNC
-from jaxbeam._models.discrete import DiscreteNP as DiscreteNP
-from jaxbeam._models.discrete import DiscreteNS as DiscreteNS
 from jaxbeam._rotor.directions import Direction as Direction
 from jaxbeam._rotor.directions import Label as Label
-from jaxbeam._rotor.spring_rotor import SpringRotor as SpringRotor

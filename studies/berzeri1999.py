@@ -62,8 +62,9 @@ CASES = (
     Case("7", jb.Rotor(REF_21, 0.0, 0.0), 40.0, (A2, A10, Z2)),
 )
 MODELS: dict[str, jb.models.AbstractModel] = {
-    A2: jb.ANCF(2), A10: jb.ANCF(10), Z1: jb.models.ChordANCF(1), Z2: jb.models.ChordANCF(2),
-    Z10: jb.models.ChordANCF(10), T2: jb.models.TangentANCF(2), MODAL: jb.Hybrid(0, 8, 0),
+    A2: jb.papers.ANCF(2), A10: jb.papers.ANCF(10), Z1: jb.papers.ChordANCF(1),
+    Z2: jb.papers.ChordANCF(2), Z10: jb.papers.ChordANCF(10),
+    T2: jb.papers.TangentANCF(2), MODAL: jb.Hybrid(0, 8, 0),
 }  # fmt: skip
 
 
@@ -194,7 +195,7 @@ def steady_strain(out: Path) -> None:
         axes[0].plot(xi, 1e6 * exact, color=colour, lw=4, alpha=0.4, label=f"P / EA, N = {ratio:g}")
         for count, marker, every, dash in ((1, "s", 25, "-"), (10, ".", 5, "--")):
             name = f"Model A, {count} element{'s' * (count > 1)}, N = {ratio:g}"
-            model, worst = jb.ANCF(count), []
+            model, worst = jb.papers.ANCF(count), []
             for beam in (limp, REF_19):
                 rotor = jb.Rotor(beam, hub, ratio * mass)
                 start = jb.steady_start(model, rotor, jb.ConstantSpeed(speed))
@@ -224,7 +225,7 @@ def remainder(quick: bool) -> None:
         "at the end\nand at its largest, over the largest strain energy"
     )
     counts = (2, 10) if quick else (1, 2, 4, 8)
-    runs = common.together(lambda n: spin_up(jb.ANCF(n), CASES[2], quick), counts)
+    runs = common.together(lambda n: spin_up(jb.papers.ANCF(n), CASES[2], quick), counts)
     for count, run in zip(counts, runs, strict=True):
         force = jax.jit(jax.vmap(run.scene.equations.nonconservative_force))(run.state.q)
         power = np.sum(np.asarray(force * run.state.v), 1)
@@ -246,7 +247,7 @@ def critical_speed(model: jb.models.AbstractModel) -> float:
 def critical_speeds() -> None:
     """B: "there always exists a critical value" that depends on the number of elements."""
     print("\nModel 0 in either frame, Ref. 21 beam: speed (rad/s) up to which it is stable")
-    models = [kind(n) for kind in (jb.models.ChordANCF, jb.models.TangentANCF) for n in (1, 2, 10)]
+    models = [kind(n) for kind in (jb.papers.ChordANCF, jb.papers.TangentANCF) for n in (1, 2, 10)]
     for model, speed in zip(models, common.together(critical_speed, models), strict=True):
         name = f"{type(model).__name__}, {model.n_elements}:"
         print(f"  {name:16s} {'> ' * (speed == 100)}{speed:.1f}")

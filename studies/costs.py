@@ -179,7 +179,8 @@ def gradients(quick: bool) -> list[Row]:
         return lambda cases: jnp.sum(jax.vmap(one)(cases))
 
     for name, model in (
-        ("modes, 16 + 8 polynomials", jb.Hybrid(8, 16, 0)), ("modes, 10 elements", jb.ANCF(10))
+        ("modes, 16 + 8 polynomials", jb.Hybrid(8, 16, 0)),
+        ("modes, 10 elements", jb.papers.ANCF(10)),
     )[: 1 if quick else 2]:  # fmt: skip
 
         def one(v: Any, model: Any = model) -> Any:
@@ -346,7 +347,7 @@ FIRST = {
     "in space: their gradient": ("jb.programs.kept(jax.grad(bent))(0.1)", SCENE + IN_SPACE),
     "southwell": ("jb.southwell(model, rotor, 0.0, which).coefficient", SCENE),
     "critical_speed": (
-        "jb.critical_speed(jb.models.ChordANCF(4), rotor).angular_speed", SCENE,
+        "jb.critical_speed(jb.papers.ChordANCF(4), rotor).angular_speed", SCENE,
     ),
     "floquet": (
         "jb.floquet(jb.Hybrid(0, 3, 2), rotor, jb.motions.ModulatedSpeed(3.0, 0.5, 10.0)).status",

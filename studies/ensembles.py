@@ -116,7 +116,7 @@ def modes(quick: bool) -> list[Line]:
     lines = []
     for name, model, which in (
         ("modes, 16 + 8 + 16 polynomials", jb.Hybrid(8, 16, 16), jb.labels(in_plane=2, flap=1)),
-        ("modes, 10 elements", jb.ANCF(10), jb.labels(in_plane=3)),
+        ("modes, 10 elements", jb.papers.ANCF(10), jb.labels(in_plane=3)),
     ):
 
         def one(case: Any, model: Any = model, which: Any = which) -> Any:

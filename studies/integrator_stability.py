@@ -25,7 +25,7 @@ from matplotlib.lines import Line2D
 import jaxbeam as jb
 
 ROTOR = jb.Rotor(jb.Beam.from_section(**ALUMINIUM))
-SPRING_ROTOR = jb.models.SpringRotor(*SPRINGS)
+SPRING_ROTOR = jb.papers.SpringRotor(*SPRINGS)
 SPEEDS = (0.0, 2.0)  # rad/s
 STEPS, GROWTH, TINY = 1000, 100.0, 1e-9  # TINY in m: far above rounding, and linear
 WRONG = 0.05  # of the peak
@@ -42,11 +42,11 @@ COLOURS = {
 }  # fmt: skip
 MODELS = {
     "hybrid, 3 + 2 functions": jb.Hybrid(2, 3, 0),
-    "Green, 2 elements": jb.GreenANCF(2),
-    "Model A, 2 elements": jb.ANCF(2),
-    "Model 0, 1 element": jb.models.ChordANCF(1),
-    "discrete, NC": jb.models.DiscreteNC(),
-    "discrete, LP": jb.models.DiscreteLP(),
+    "Green, 2 elements": jb.papers.GreenANCF(2),
+    "Model A, 2 elements": jb.papers.ANCF(2),
+    "Model 0, 1 element": jb.papers.ChordANCF(1),
+    "discrete, NC": jb.papers.DiscreteNC(),
+    "discrete, LP": jb.papers.DiscreteLP(),
 }
 MARKERS = {"OK": "o", "UNBALANCED": "X", "DIVERGED": "^", "MAX_STEPS": "s", "STEP_FAILED": "D"}
 
@@ -84,7 +84,7 @@ def growth(solver: Any, model: Any, rotor: Any, speed: Any, mode: Any, h: Any) -
 
 def limits(name: str, model: Any, solvers: Any) -> list[Limit]:
     """Of one model: all integrators at all speeds."""
-    rotor: Any = SPRING_ROTOR if model.rotor_type is jb.models.SpringRotor else ROTOR
+    rotor: Any = SPRING_ROTOR if model.rotor_type is jb.papers.SpringRotor else ROTOR
     settings: dict[str, Any] = {"steps": STEPS, "growth": GROWTH}
     modes = []
     for speed in SPEEDS:
@@ -186,7 +186,7 @@ class Run(NamedTuple):
 
 def spin_ups(quick: bool) -> list[Run]:
     """B Ref. 21 to 4 rad/s in 15 s, past the largest lag at 6.9 s; all tolerances at once."""
-    model = jb.GreenANCF(1 if quick else 2)
+    model = jb.papers.GreenANCF(1 if quick else 2)
     case = model, ROTOR, jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 8.0, 81)
     tight = diffrax.PIDController(rtol=1e-10, atol=1e-11)
     exact = np.asarray(jb.simulate(*case, stepsize_controller=tight).tip[:, 1])

@@ -484,7 +484,7 @@ def eigenvalues(quick: bool) -> list[Line]:
     judge = modes(jb.Hybrid(12, 24, 0), inside)
     exact = np.asarray(judge(sample).frequency)
     lines = []
-    plane, space, elements = jb.Hybrid(8, 16, 0), jb.Hybrid(8, 16, 16), jb.ANCF(10)
+    plane, space, elements = jb.Hybrid(8, 16, 0), jb.Hybrid(8, 16, 16), jb.papers.ANCF(10)
     many, few = cases, 200
     tried: tuple[tuple[str, Any, Any, int], ...] = (
         ("modes, 16 + 8 polynomials", plane, inside, many),
@@ -514,7 +514,7 @@ def eigenvalues(quick: bool) -> list[Line]:
             lines.append(Line(method, f"{size} cases", seconds / size, error, first))
             say(lines[-1])
 
-    linearised = jax.jit(lambda v: jb.ANCF(10).linearise(*at(v), throw=False))
+    linearised = jax.jit(lambda v: jb.papers.ANCF(10).linearise(*at(v), throw=False))
     systems = [jax.tree.map(np.asarray, linearised(v)) for v in sample]
 
     def loop() -> np.ndarray:

@@ -58,7 +58,7 @@ def table_2(out: Path) -> None:
     which = jb.labels(in_plane=3, axial=1)
     columns = {}
     for name, model, slenderness in (
-        ("simulation", jb.models.SmallStrainANCF(10), SLENDERNESS),
+        ("simulation", jb.papers.SmallStrainANCF(10), SLENDERNESS),
         ("exact", jb.Hybrid(12, 14, 0), 216.2162),  # the exact column is of a beam so slender
     ):
         beam = jb.Beam.from_slenderness(slenderness)
@@ -93,7 +93,7 @@ def tables_3_to_5(out: Path, quick: bool) -> None:
     columns = ("N", "R_over_L", "gamma", "mode", "omega_printed")
 
     # The model of the tables, with all modes below those printed.
-    ten = jb.sweep(frequency_case(jb.models.SmallStrainANCF(10), 30), cases)
+    ten = jb.sweep(frequency_case(jb.papers.SmallStrainANCF(10), 30), cases)
     ten.save(out / "sweep_ten_elements.npz")
     lowest, share = ten["frequency"][at], ten["transverse_share"][at]
     mostly = np.argsort(share < 0.5, axis=1, kind="stable")  # mostly transverse first, in order
@@ -123,8 +123,8 @@ def tables_3_to_5(out: Path, quick: bool) -> None:
     if not quick:
         models |= {
             "modal inextensible": jb.Hybrid(0, 28, 0, graded),
-            "40 elements small strain": jb.models.SmallStrainANCF(40),
-            "40 elements exact": jb.ANCF(40),
+            "40 elements small strain": jb.papers.SmallStrainANCF(40),
+            "40 elements exact": jb.papers.ANCF(40),
         }
     frequency = {}
     for name, model in models.items():
@@ -214,7 +214,7 @@ def campbell_figure(out: Path, quick: bool) -> None:
             ax.set_title(f"R / L = {hub:g}, N = {tip:g}")
             continue
         elements = jb.campbell(
-            jb.ANCF(10), rotor(hub, tip), np.linspace(0.0, 12.0, 13), jb.labels(in_plane=2)
+            jb.papers.ANCF(10), rotor(hub, tip), np.linspace(0.0, 12.0, 13), jb.labels(in_plane=2)
         )
         ax.plot(
             elements.table.coords["angular_speed"], elements.table["frequency"], "x",

@@ -64,8 +64,8 @@ def each(method: Method | None, *models: tuple[Any, ...]) -> list[tuple[Any, Any
 TRIED = {  # the first two of each kind with --quick
     PLANE: [
         *each(RODAS5P, (jb.PlanarRod, 8)), *each(MAGNUS, (jb.Hybrid, (3, 4, 0))),
-        *each(RODAS5P, (jb.PlanarRod, 4, 16, 32), (jb.SpatialRod, 4, 6, 8), (jb.ANCF, 8)),
-        *each(RODAS5P, (jb.models.ChordANCF, 8), (jb.Hybrid, (0, 6, 0)), (jb.VonKarman, (8, 4, 0))),
+        *each(RODAS5P, (jb.PlanarRod, 4, 16, 32), (jb.SpatialRod, 4, 6, 8), (jb.papers.ANCF, 8)),
+        *each(RODAS5P, (jb.papers.ChordANCF, 8), (jb.Hybrid, (0, 6, 0)), (jb.VonKarman, (8, 4, 0))),
         *each(RODAS4P, (jb.PlanarRod, 8)), *each(CHORD, (jb.PlanarRod, 8)),
         *each(MAGNUS, (jb.Classical, (3, 4, 0))),
     ],
@@ -75,7 +75,7 @@ TRIED = {  # the first two of each kind with --quick
     ),
     LAG: each(
         None, (jb.Hybrid, (8, 16, 0)), (jb.PlanarRod, 10, 20), (jb.SpatialRod, 6, 8),
-        (jb.Hybrid, (3, 6, 0), (5, 10, 0)), (jb.ANCF, 10),
+        (jb.Hybrid, (3, 6, 0), (5, 10, 0)), (jb.papers.ANCF, 10),
     ),
     FLAP: each(
         None, (jb.Hybrid, (8, 16, 16)), (jb.SpatialRod, 8, 6), (jb.SpatialANCF, 10, 20),

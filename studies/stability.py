@@ -30,7 +30,7 @@ import jaxbeam as jb
 
 REF_21 = jb.Beam.from_section(**ALUMINIUM)
 BEAM = jb.Beam.from_slenderness(70.0)
-SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)  # Y, Table 2
+SPRINGS = jb.papers.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)  # Y, Table 2
 KICK = 1e-6  # of the length: what motions in time start from
 NAMES = {
     jb.models.Direction.IN_PLANE: "in-plane divergence",
@@ -86,16 +86,16 @@ def critical_table(out: Path, quick: bool) -> None:
     cases = [
         Case("C.L.C.", jb.Classical(4, 6, 6), hub),
         Case("hybrid", jb.Hybrid(8, 6, 6), hub),
-        Case("LC", jb.models.DiscreteLC(), SPRINGS),
-        Case("Model A, 2 elements", jb.ANCF(2), hub),
-        *(Case(f"Model 0, chord, {n}", jb.models.ChordANCF(n), plain) for n in counts),
+        Case("LC", jb.papers.DiscreteLC(), SPRINGS),
+        Case("Model A, 2 elements", jb.papers.ANCF(2), hub),
+        *(Case(f"Model 0, chord, {n}", jb.papers.ChordANCF(n), plain) for n in counts),
     ]
     if not quick:
         cases += [
-            Case("LP", jb.models.DiscreteLP(), SPRINGS),
-            Case("small-strain, 2 elements", jb.models.SmallStrainANCF(2), hub),
-            Case("Green, 2 elements", jb.GreenANCF(2), hub),
-            *(Case(f"Model 0, tangent, {n}", jb.models.TangentANCF(n), plain) for n in counts),
+            Case("LP", jb.papers.DiscreteLP(), SPRINGS),
+            Case("small-strain, 2 elements", jb.papers.SmallStrainANCF(2), hub),
+            Case("Green, 2 elements", jb.papers.GreenANCF(2), hub),
+            *(Case(f"Model 0, tangent, {n}", jb.papers.TangentANCF(n), plain) for n in counts),
         ]
     header = (
         "model", "critical_speed_rad_s", "over_first_rest_frequency", "what_gives_way",
@@ -128,7 +128,7 @@ def critical_row(case: Case) -> tuple[Any, ...]:
 
     slope = np.nan
     if not isinstance(
-        model, jb.models.ChordANCF | jb.models.TangentANCF
+        model, jb.papers.ChordANCF | jb.papers.TangentANCF
     ):  # which compile for half a minute
         slope = float(jax.jit(jax.grad(by_radius))(at.hub_radius))
     below = jb.modes(model, at, 0.99 * speed, 1, throw=False)
@@ -167,11 +167,11 @@ def maps(out: Path, quick: bool) -> None:
     models: list[tuple[str, Any]] = [
         ("C.L.C.", jb.Classical(2, 4, 0)),
         ("hybrid", jb.Hybrid(6, 4, 0)),
-        ("Model A, 2", jb.ANCF(2)),
-        ("Model 0, 1", jb.models.ChordANCF(1)),
-        ("Model 0, 2", jb.models.ChordANCF(2)),
+        ("Model A, 2", jb.papers.ANCF(2)),
+        ("Model 0, 1", jb.papers.ChordANCF(1)),
+        ("Model 0, 2", jb.papers.ChordANCF(2)),
     ]
-    models = models[:1] if quick else [*models, ("Model 0, 4", jb.models.ChordANCF(4))]
+    models = models[:1] if quick else [*models, ("Model 0, 4", jb.papers.ChordANCF(4))]
     panels: list[list[tuple[str, Any, Any]]] = [
         [
             (f"{name}, N = {mass}", model, lambda r, mass=mass: rotor(BEAM, r, mass))
@@ -179,8 +179,8 @@ def maps(out: Path, quick: bool) -> None:
         ]
         for mass in (0.0, 1.0)
     ]
-    panels[0].append(("LC", jb.models.DiscreteLC(), springs))
-    panels[1].append(("LP", jb.models.DiscreteLP(), springs))
+    panels[0].append(("LC", jb.papers.DiscreteLC(), springs))
+    panels[1].append(("LP", jb.papers.DiscreteLP(), springs))
     radii = jnp.linspace(0.0, 4.0, 4 if quick else 9)
     speeds = jnp.geomspace(0.3, 100.0, 8 if quick else 22)  # over the first rest frequency
     figure, axes = plt.subplots(
@@ -284,7 +284,7 @@ def compiled(model: Any) -> tuple[Any, Any]:
     return jax.jit(jax.vmap(motion, (0, 0, None, None))), jax.jit(jax.vmap(boundary))
 
 
-def springs(radius: Any) -> jb.models.SpringRotor:
+def springs(radius: Any) -> jb.papers.SpringRotor:
     """The discrete analogue with this hub radius, in m."""
     return eqx.tree_at(lambda r: r.hub_radius, SPRINGS, jnp.asarray(radius))
 

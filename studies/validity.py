@@ -352,11 +352,11 @@ def strain(quick: bool, out: Path, axes: Sequence[Any]) -> None:
     n = ELEMENTS
     models = {
         "exact": jb.PlanarRod(n),
-        "small strain": jb.models.SmallStrainANCF(n),
+        "small strain": jb.papers.SmallStrainANCF(n),
         "hybrid": jb.Hybrid(2 * n + 1, 2 * n, 0, basis=HermiteElements(n)),
     }
     if not quick:
-        models["Model A"] = jb.ANCF(n)
+        models["Model A"] = jb.papers.ANCF(n)
     level = np.geomspace(1e-5, 0.5, 9 if quick else 13)
     hubs, tips, slender = [0.0, 1.0], [0.0, 1.0], [100.0] if quick else [30.0, 100.0, 300.0]
     cases = jb.grid(hub=hubs, tip=tips, slenderness=slender, strain=level)

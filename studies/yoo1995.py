@@ -50,7 +50,7 @@ class Example(NamedTuple):
 
     figure: str
     length: float
-    rotor: jb.Rotor | jb.models.SpringRotor
+    rotor: jb.Rotor | jb.papers.SpringRotor
     motion: jb.motions.Motion
     times: np.ndarray
     components: dict[str, int]
@@ -59,7 +59,7 @@ class Example(NamedTuple):
 
     def run(self, model: jb.models.AbstractModel, throw: bool = True) -> jb.results.Simulation:
         # Twelve lengths are beyond what counts as diverged, and short of overflow.
-        runaway = isinstance(model, jb.Classical | jb.models.DiscreteLC)
+        runaway = isinstance(model, jb.Classical | jb.papers.DiscreteLC)
         return jb.simulate(
             model, self.rotor, self.motion, self.times, throw=throw,
             event=jb.deflection_limit(12 * self.length) if runaway else None,
@@ -251,7 +251,7 @@ def angle_sweep(out: Path, example: Example, models: Models, angles: list[float]
 def figures_12_to_14(out: Path, peaks: list[Row]) -> None:
     """The particle on two springs: five sets of equations at two speeds."""
     sets: Models = {n: getattr(jb.models, f"Discrete{n}")() for n in ("NC", "LC", "NP", "LP", "NS")}
-    springs = jb.models.SpringRotor(*SPRINGS)
+    springs = jb.papers.SpringRotor(*SPRINGS)
     examples = [
         Example(
             "12-14", 1.0, springs, jb.SmoothSpinUp(speed, 1.0), np.linspace(0, 2, POINTS), {"y": 1},

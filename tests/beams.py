@@ -22,14 +22,14 @@ README_ROTOR = jb.Rotor(ALUMINIUM, 0.5, 0.1)  # of the first example of README.m
 ABRUPT = jb.Rotor(jb.Beam(30.5, 550.0, 6.89e9 * 9.29e-2, 6.89e9 * 7.19e-4, 6.89e9 * 7.19e-4))
 SMOOTH = jb.Rotor(jb.Beam(10.0, 1.2, 7e10 * 4e-4, 7e10 * 2e-7, 7e10 * 2e-7))
 SPATIAL = jb.Rotor(jb.Beam(10.0, 1.2, 7e10 * 4e-4, 7e10 * 4e-7, 7e10 * 2e-7))
-PAPER_SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
+PAPER_SPRINGS = jb.papers.SpringRotor(1.0, 1.0, 1.0, 6e5, 300.0)
 
 # --- made up -------------------------------------------------------------------------------------
 
 # The aluminium beam in round numbers.
 ROUND = jb.Beam(8.0, 0.2, 5e6, 566.0, 566.0)
-SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
-SOFT_SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
+SPRINGS = jb.papers.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+SOFT_SPRINGS = jb.papers.SpringRotor(1.3, 0.8, 0.4, 600.0, 30.0)
 TORSION = {"torsional_stiffness": 6.0, "polar_inertia": 0.03}  # of `short`, for models in space
 
 

@@ -26,30 +26,30 @@ def rules(kind: type) -> dict[str, Mapping[str, Any]]:
 
 
 OF_ROTOR = rules(jb.Rotor) | {"tip_mass": rules(PointMass)["mass"]}
-BEAM, SPRINGS = tuple(rules(jb.Beam)), tuple(rules(jb.models.SpringRotor))
+BEAM, SPRINGS = tuple(rules(jb.Beam)), tuple(rules(jb.papers.SpringRotor))
 ROTOR = *BEAM, *OF_ROTOR
 NAMES = *ROTOR, "angular_speed"
 
 # One of each kind of equations: linear modal, non-linear modal, elements with an energy and
 # without, discrete. In which tier each takes a statement about all models, tests/README.md says.
-KINDS = jb.Hybrid, jb.VonKarman, jb.PlanarRod, jb.ANCF, jb.models.DiscreteNP
+KINDS = jb.Hybrid, jb.VonKarman, jb.PlanarRod, jb.papers.ANCF, jb.papers.DiscreteNP
 # One of each theory of planar elements, those of large deflections as classes, and of the discrete
 # analogue.
 ELEMENTS = [
-    jb.models.SmallStrainANCF(2),
+    jb.papers.SmallStrainANCF(2),
     jb.PlanarRod(2),
-    jb.ANCF(2),
-    jb.GreenANCF(2),
-    jb.models.ChordANCF(2),
-    jb.models.TangentANCF(2),
+    jb.papers.ANCF(2),
+    jb.papers.GreenANCF(2),
+    jb.papers.ChordANCF(2),
+    jb.papers.TangentANCF(2),
 ]
 THEORIES = [type(model) for model in ELEMENTS[1:]]
 DISCRETE = [
-    jb.models.DiscreteNC(),
-    jb.models.DiscreteNP(),
-    jb.models.DiscreteLC(),
-    jb.models.DiscreteLP(),
-    jb.models.DiscreteNS(),
+    jb.papers.DiscreteNC(),
+    jb.papers.DiscreteNP(),
+    jb.papers.DiscreteLC(),
+    jb.papers.DiscreteLP(),
+    jb.papers.DiscreteNS(),
 ]
 
 # What can model a beam as built, and each with the one that it takes.

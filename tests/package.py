@@ -7,7 +7,9 @@ import jaxbeam
 
 PACKAGE = Path(jaxbeam.__file__).parent
 # Public modules of names by subject.
-SUBJECTS = ["models", "motions", "solvers", "results", "fitting", "ladder", "blades", "programs"]
+SUBJECTS = [
+    "models", "papers", "motions", "solvers", "results", "fitting", "ladder", "blades", "programs",
+]  # fmt: skip
 MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))

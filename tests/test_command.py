@@ -151,7 +151,7 @@ def test_histories_of_a_spin_up(command, tmp_path):
     assert said.splitlines() == ["1 of 1 ok", "scene/spin_up.csv, .npz and .png"]
     times = np.linspace(0.0, 20.0, 11)
     motion = jb.SmoothSpinUp(4.0, 15.0)
-    run = jb.simulate(jb.GreenANCF(2), jb.Rotor(ALUMINIUM, 0.0, 0.1), motion, times)
+    run = jb.simulate(jb.papers.GreenANCF(2), jb.Rotor(ALUMINIUM, 0.0, 0.1), motion, times)
     rows = columns(tmp_path / "scene/spin_up.csv")
     np.testing.assert_array_equal(rows["time"], times)
     for i, direction in enumerate(("axial", "in plane", "flap")):
@@ -300,7 +300,7 @@ def test_no_two_tables_have_a_number_of_one_name():
     more = [_numbers_of(jb.Damping)]
     more += [set().union(*map(_numbers_of, jb.motions.Spin.__subclasses__()))]
     beam = [beam, *map(_numbers_of, (jb.Rotor, jb.RootSprings, jb.blades.Support, jb.TipBody))]
-    for rotor in (beam, [_numbers_of(jb.models.SpringRotor)]):
+    for rotor in (beam, [_numbers_of(jb.papers.SpringRotor)]):
         for one, other in itertools.combinations([*rotor, *more], 2):
             assert not one & other
 
@@ -502,7 +502,7 @@ def test_springs_are_swept_also_under_the_name_of_a_count(tmp_path):
 def test_units_at_axes_are_those_of_the_parameters():
     """As the tables of the docstrings have them; of motions, whose angles are in rad."""
     units = dict.fromkeys(("angular_speed", "mean", "frequency"), "rad/s")
-    for kind in (jb.Beam, jb.Rotor, jb.models.SpringRotor, jb.Damping):
+    for kind in (jb.Beam, jb.Rotor, jb.papers.SpringRotor, jb.Damping):
         for row in re.findall(r"^ *\| (\w+) +\|[^|]*\| (\S[^|]*?) *\|", kind.__doc__, re.MULTILINE):
             units[row[0]] = row[1].replace("^2", "²")
     del units["field"]

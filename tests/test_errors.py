@@ -21,8 +21,8 @@ SENTENCE = "length must be finite and > 0"
 
 
 def stiffness(length):
-    rotor = jb.models.SpringRotor(1.0, length, 1.0, 100.0, 1.0)
-    return jb.models.DiscreteLP().linearise(rotor, 0.5).stiffness.sum()
+    rotor = jb.papers.SpringRotor(1.0, length, 1.0, 100.0, 1.0)
+    return jb.papers.DiscreteLP().linearise(rotor, 0.5).stiffness.sum()
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def polynomials(rotor):
         exhaustive(modes(jb.VonKarman(3, 6, 6))),
         exhaustive(modes(jb.SpatialANCF(2))),
         exhaustive(rest(jb.Hybrid(4, 6, 6))),
-        exhaustive(rest(jb.ANCF(3))),
+        exhaustive(rest(jb.papers.ANCF(3))),
     ],
 )
 def test_lapack_meets_one_matrix_at_a_time(answer):
@@ -117,7 +117,7 @@ for _ in range(4):
 
 # Several models, gradients and second derivatives side by side in one program.
 MIXED = """
-models = jb.Hybrid(6, 8, 8), jb.ANCF(6), jb.models.SmallStrainANCF(10), jb.Classical(4, 6, 0)
+models = jb.Hybrid(6, 8, 8), jb.papers.ANCF(6), jb.papers.SmallStrainANCF(10), jb.Classical(4, 6, 0)
 @jax.jit
 @jax.vmap
 def everything(c):
@@ -138,7 +138,7 @@ for _ in range(8):
     "body",
     [
         SWEEP.replace("MODEL", "jb.Hybrid(8, 12, 12)"),
-        SWEEP.replace("MODEL", "jb.ANCF(10)"),
+        SWEEP.replace("MODEL", "jb.papers.ANCF(10)"),
         SWEEP.replace("MODEL", "jb.Classical(6, 8, 0)"),
         BLADES,
         MIXED,

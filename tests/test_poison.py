@@ -41,7 +41,7 @@ def classical(speed, tip_mass):
 
 
 def elements(speed, tip_mass):
-    return spun_up(jb.GreenANCF(1), speed, tip_mass)
+    return spun_up(jb.papers.GreenANCF(1), speed, tip_mass)
 
 
 def modes_in_space(speed, tip_mass):

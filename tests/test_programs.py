@@ -65,7 +65,7 @@ differentiable = {
     "linearise": lambda s: model.linearise(rotor(s), 3.0).stiffness[0, 0],
     "southwell": lambda s: jb.southwell(model, rotor(s), which=which).coefficient[0],
     "crossing": lambda s: jb.crossing(model, rotor(s), (0.5, 8.0), first[0], 2.0).angular_speed,
-    "critical_speed": lambda s: jb.critical_speed(jb.models.ChordANCF(2), rotor(s)).angular_speed,
+    "critical_speed": lambda s: jb.critical_speed(jb.papers.ChordANCF(2), rotor(s)).angular_speed,
     "floquet": lambda s: jb.floquet(model, rotor(s), motion, steps=128).growth_rate,
     "tongue": lambda s: jb.tongue(plain, rotor(s), 2.0, first * 2, [0.1]).frequency[0, 0],
 }

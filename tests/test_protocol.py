@@ -20,8 +20,8 @@ from jaxbeam import Status
 from tests.package import SUBJECTS
 from tests.tiers import exhaustive
 
-SPRINGS = jb.models.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
-DISCRETE = jb.models.DiscreteLC(), SPRINGS
+SPRINGS = jb.papers.SpringRotor(1.3, 0.8, 0.4, 6000.0, 30.0)
+DISCRETE = jb.papers.DiscreteLC(), SPRINGS
 BEAM = jb.Beam.from_slenderness(70.0)
 ROTOR = jb.Rotor(BEAM, 0.1, 0.3)
 FIRST = jb.labels(in_plane=1)

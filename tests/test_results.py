@@ -54,6 +54,7 @@ def answered(speed):
 
 
 MODEL = jb.Hybrid(2, 3, 2)
+ELEMENT = jb.papers.GreenANCF(1)
 # A case of each result, as a function of a number between 1 and 2.
 RESULTS = {
     "Simulation": run,
@@ -243,11 +244,11 @@ NUMBERS = {
         [1.0, 1e3, np.nan],
     ),
     "modes of elements": (
-        lambda p, x: jb.modes(jb.GreenANCF(2), rotor(p), x, 1, throw=False).frequency[0],
+        lambda p, x: jb.modes(jb.papers.GreenANCF(2), rotor(p), x, 1, throw=False).frequency[0],
         [1.0, 1e9, np.nan],
     ),
     "linearise": (
-        lambda p, x: jb.ANCF(1).linearise(rotor(p), x, throw=False).stiffness.max(),
+        lambda p, x: jb.papers.ANCF(1).linearise(rotor(p), x, throw=False).stiffness.max(),
         [1.0, 1e9, np.nan],
     ),
     "southwell": (
@@ -292,12 +293,12 @@ NUMBERS = {
         lambda p, x: jb.stiffening_ratio(rotor(p), x, throw=False).ratio, [1.0, np.inf, np.nan]
     ),
     "steady": (
-        lambda p, x: jb.steady(jb.GreenANCF(1), rotor(p), x, throw=False).section_force(0.3)[0, 0],
+        lambda p, x: jb.steady(ELEMENT, rotor(p), x, throw=False).section_force(0.3)[0, 0],
         [1.0, 1e9, np.nan],
     ),
     "steady_start": (
         lambda p, x: jb.steady_start(
-            jb.GreenANCF(1), rotor(p), jb.ConstantSpeed(x), throw=False
+            jb.papers.GreenANCF(1), rotor(p), jb.ConstantSpeed(x), throw=False
         ).q.max(),
         [1.0, np.inf, np.nan],
     ),

@@ -83,7 +83,7 @@ def in_radians(name: str, keys: Collection[str]) -> str:
 @functools.cache
 def public(base: type) -> dict[str, type]:
     """Classes of this kind that users have, by name."""
-    places = (jb, jb.models, jb.motions, jb.blades)
+    places = (jb, jb.models, jb.papers, jb.motions, jb.blades)
     every = {name: getattr(at, name) for at in places for name in dir(at) if name[0].isupper()}
     return {
         name: kind for name, kind in sorted(every.items())

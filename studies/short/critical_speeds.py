@@ -9,7 +9,7 @@ import numpy as np
 
 import jaxbeam as jb
 
-model = jb.models.ChordANCF(2)  # Model 0 of Berzeri and Shabana, which fails above a speed
+model = jb.papers.ChordANCF(2)  # Model 0 of Berzeri and Shabana, which fails above a speed
 
 
 def critical(hub_radius, tip_mass):

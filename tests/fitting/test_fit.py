@@ -589,7 +589,7 @@ def test_static_deflections_tell_stiffness():
     np.testing.assert_allclose(found.parameters["in_plane"], stiffness, rtol=1e-6)
     rotor = slender(500.0)
     loads = jb.Loads(gravity=[0.0, -1e-3, 0.0])
-    (sag,) = jb.fitting.StaticData(jb.GreenANCF(8), rotor, loads, [1.0], 1.0).predicted()
+    (sag,) = jb.fitting.StaticData(jb.papers.GreenANCF(8), rotor, loads, [1.0], 1.0).predicted()
     np.testing.assert_allclose(sag, -1e-3 / 8, rtol=1e-5)
 
 
@@ -659,7 +659,9 @@ def test_bad_histories_and_problems_are_named():
     with pytest.raises(TypeError, match="descent must be a Descent"):
         jb.fit(at_rest([[3.5, 22.0]]), free, descent=16)
     with pytest.raises(ValueError, match="needs a model with flap functions"):
-        jb.fitting.StaticData(jb.GreenANCF(2), slender(), jb.Loads(), [0.0], 1.0, direction=2)
+        jb.fitting.StaticData(
+            jb.papers.GreenANCF(2), slender(), jb.Loads(), [0.0], 1.0, direction=2
+        )
 
 
 @pytest.mark.exhaustive

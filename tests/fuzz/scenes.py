@@ -33,7 +33,7 @@ def examples(number):
 
 BAD = 0.0, -1.0, math.nan, math.inf, -math.inf
 ABSURD = 1e-300, 1e-30, 1e30, 1e300  # and yet in range
-RULES = rules(jb.Beam) | OF_ROTOR | rules(jb.models.SpringRotor)
+RULES = rules(jb.Beam) | OF_ROTOR | rules(jb.papers.SpringRotor)
 TWISTING = "torsional_stiffness", "polar_inertia"  # of elements in space
 # What a parameter's status is called follows from its name.
 NAMED = {key: Status[f"INVALID_{key.upper()}"] for key in (*RULES, *TWISTING)}
@@ -77,7 +77,7 @@ def rotors(draw, model):
     """A rotor, its unit of frequency (rad/s) and of force (N)."""
     length, unit = draw(decades(-2, 2)), draw(decades(-1, 2))
     slenderness = draw(decades(1, 3.5))
-    if model.rotor_type is jb.models.SpringRotor:
+    if model.rotor_type is jb.papers.SpringRotor:
         mass = draw(decades(-3, 3))
         torsional = unit**2 * mass * length**2
         rotor = {
@@ -121,8 +121,8 @@ def spinning(draw, model):
 
 def build(model, p):
     """The rotor of these numbers."""
-    if model.rotor_type is jb.models.SpringRotor:
-        return jb.models.SpringRotor(**{key: p[key] for key in SPRINGS})
+    if model.rotor_type is jb.papers.SpringRotor:
+        return jb.papers.SpringRotor(**{key: p[key] for key in SPRINGS})
     twisting = {key: p[key] for key in TWISTING if key in p}
     beam = jb.Beam(*(p[key] for key in BEAM), **twisting)
     return jb.Rotor(beam, p["hub_radius"], p["tip_mass"])
@@ -130,7 +130,7 @@ def build(model, p):
 
 def broken(model, p, *others, **instead):
     """Status of the first number that is out of range: of the rotor, then of these others."""
-    own = SPRINGS if model.rotor_type is jb.models.SpringRotor else (*BEAM, *TWISTING, *ROTOR)
+    own = SPRINGS if model.rotor_type is jb.papers.SpringRotor else (*BEAM, *TWISTING, *ROTOR)
     for key in own + others:
         value = p.get(key, 1.0)
         least = 0.0 if key in NOT_NEGATIVE else 5e-324 if key in POSITIVE else -math.inf

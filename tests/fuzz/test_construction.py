@@ -21,7 +21,7 @@ ARGUMENTS = [
         (functools.partial(jb.Rotor, BEAM_OF_ONES), {"hub_radius": 1.0, "tip_mass": 1.0}, key)
         for key in ("hub_radius", "tip_mass")
     ),
-    *((jb.models.SpringRotor, dict.fromkeys(SPRINGS, 1.0), key) for key in SPRINGS),
+    *((jb.papers.SpringRotor, dict.fromkeys(SPRINGS, 1.0), key) for key in SPRINGS),
     *(
         (kind, {"angular_speed": 1.0, "duration": 1.0}, key)
         for kind in (jb.SmoothSpinUp, jb.motions.QuinticSpinUp)

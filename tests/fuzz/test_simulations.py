@@ -58,12 +58,12 @@ CASES = [
     Case(jb.Hybrid(0, 1, 0), "modulated", "loads", diffrax.Tsit5(), "adaptive"),
     Case(jb.Classical(1, 2, 0), "constant", "start"),
     Case(jb.VonKarman(3, 2, 0), "quintic", "damping"),
-    Case(jb.GreenANCF(4), "up and down", "loads damping"),
-    Case(jb.GreenANCF(2), "quintic", "", jb.solvers.ChordKvaerno5(), "fixed"),
-    Case(jb.ANCF(2), "quintic", "loads"),
-    Case(jb.models.ChordANCF(2), "smooth", "damping"),
-    Case(jb.models.DiscreteNC(), "quintic", "loads damping"),
-    slow(Case(jb.models.DiscreteNP(), "constant", "start", None, "", 300)),
+    Case(jb.papers.GreenANCF(4), "up and down", "loads damping"),
+    Case(jb.papers.GreenANCF(2), "quintic", "", jb.solvers.ChordKvaerno5(), "fixed"),
+    Case(jb.papers.ANCF(2), "quintic", "loads"),
+    Case(jb.papers.ChordANCF(2), "smooth", "damping"),
+    Case(jb.papers.DiscreteNC(), "quintic", "loads damping"),
+    slow(Case(jb.papers.DiscreteNP(), "constant", "start", None, "", 300)),
 ]
 MOTIONS = {
     "constant": lambda p, axis: jb.ConstantSpeed(p["angular_speed"], axis),
@@ -142,7 +142,7 @@ def simulation(case):
         if "start" in p:
             start = jb.steady_start(model, rotor, motion, loads=loads, throw=False)
             push = p["start"] * PATTERN[:n]
-            if isinstance(model, jb.models.DiscreteNP):
+            if isinstance(model, jb.papers.DiscreteNP):
                 push = push.at[1].divide(p["length"])  # an angle
             start = jb.solvers.State(start.q + push, start.v)
         found = jb.simulate(

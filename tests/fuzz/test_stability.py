@@ -64,8 +64,8 @@ def critical(model):
 
 
 CRITICAL = [
-    jb.Hybrid(3, 3, 3), jb.Classical(2, 3, 2), jb.VonKarman(4, 2, 2), jb.models.ChordANCF(1),
-    jb.GreenANCF(1), jb.models.DiscreteLC(),
+    jb.Hybrid(3, 3, 3), jb.Classical(2, 3, 2), jb.VonKarman(4, 2, 2), jb.papers.ChordANCF(1),
+    jb.papers.GreenANCF(1), jb.papers.DiscreteLC(),
 ]  # fmt: skip
 
 
@@ -122,7 +122,7 @@ def multipliers(model):
 
 def rotor_frequency(model, p):
     """Unit of frequency."""
-    if model.rotor_type is jb.models.SpringRotor:
+    if model.rotor_type is jb.papers.SpringRotor:
         return (p["torsional_spring"] / p["mass"]) ** 0.5 / p["length"]
     return (p["in_plane_bending_stiffness"] / p["mass_per_length"]) ** 0.5 / p["length"] ** 2
 
@@ -159,7 +159,7 @@ def modulated(draw, model):
     return spoiled(draw, p)
 
 
-MODULATED = [jb.Hybrid(0, 1, 0), jb.Hybrid(1, 2, 1), jb.GreenANCF(1), jb.models.DiscreteLP()]
+MODULATED = [jb.Hybrid(0, 1, 0), jb.Hybrid(1, 2, 1), jb.papers.GreenANCF(1), jb.papers.DiscreteLP()]
 
 
 @pytest.mark.exhaustive

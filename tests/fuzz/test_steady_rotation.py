@@ -80,9 +80,9 @@ def check_modes(model, p):
 
 
 VIBRATING = [
-    slow(jb.Hybrid(2, 4, 2)), jb.Classical(2, 3, 2), jb.VonKarman(3, 2, 2), slow(jb.GreenANCF(2)),
-    jb.models.ChordANCF(2), jb.models.SmallStrainANCF(2), jb.models.DiscreteNC(),
-    jb.SpatialANCF(2),
+    slow(jb.Hybrid(2, 4, 2)), jb.Classical(2, 3, 2), jb.VonKarman(3, 2, 2),
+    slow(jb.papers.GreenANCF(2)), jb.papers.ChordANCF(2), jb.papers.SmallStrainANCF(2),
+    jb.papers.DiscreteNC(), jb.SpatialANCF(2),
 ]  # fmt: skip
 
 
@@ -128,7 +128,7 @@ def one_and_many(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [slow(jb.Hybrid(4, 8, 0)), jb.GreenANCF(3)], ids=name)
+@pytest.mark.parametrize("model", [slow(jb.Hybrid(4, 8, 0)), jb.papers.GreenANCF(3)], ids=name)
 @examples(24)
 @given(data=st.data())
 def test_many_modes(model, data, watched):
@@ -175,7 +175,7 @@ def stiffening(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), slow(jb.GreenANCF(2))], ids=name)
+@pytest.mark.parametrize("model", [jb.Hybrid(2, 3, 0), slow(jb.papers.GreenANCF(2))], ids=name)
 @examples(20)
 @given(data=st.data())
 def test_southwell_coefficients(model, data, watched):

@@ -33,7 +33,7 @@ class _Same(jb.Hybrid):
 
 
 def test_a_theory_of_ones_own_is_a_rung():
-    own = [_Thinned(0, 3, 0), _Same(0, 3, 0), jb.GreenANCF(3)]
+    own = [_Thinned(0, 3, 0), _Same(0, 3, 0), jb.papers.GreenANCF(3)]
     found = jb.ladder.rungs(slender(), BENDING, own)
     names = [rung.name for rung in found]
     assert {"_Thinned, 3 functions", "mine, 3 functions", "GreenANCF, 3 elements"} < {*names}
@@ -82,7 +82,7 @@ def test_it_is_chosen_where_it_is_the_cheapest_that_will_do():
 
 
 def test_whether_it_is_linear_is_what_its_equations_say():
-    springs = jb.models.SpringRotor(*len(SPRINGS) * [1.0])
+    springs = jb.papers.SpringRotor(*len(SPRINGS) * [1.0])
     beams = [*ELEMENTS, jb.Hybrid(2, 2, 0), jb.Classical(2, 2, 0), jb.VonKarman(2, 2, 0)]
     for models, rotor in ((beams, slender()), (DISCRETE, springs)):
         for model in models:

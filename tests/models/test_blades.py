@@ -168,7 +168,7 @@ def test_root_that_yields_one_way():
     clamped = 4 * 1.8751040687119611**2  # the first root of cos(b) cosh(b) = -1
     printed = [1.158197107, 15.86088999, 50.44763967]
     np.testing.assert_allclose(found, [clamped, *printed], rtol=1e-9)
-    clamped = jb.models.SmallStrainANCF(2)
+    clamped = jb.papers.SmallStrainANCF(2)
     with pytest.raises(ValueError, match="root_springs: SmallStrainANCF has no root that yields"):
         jb.modes(clamped, jb.Rotor(rotor.beam, root_springs=jb.RootSprings(in_plane=0.5)), 0.0)
 
@@ -392,7 +392,7 @@ def test_what_coned_beams_cannot_do_is_named():
 MODES = jb.models.CantileverModes()  # functions that are the same on every beam
 CONSTANT = [
     slow(jb.Hybrid(3, 4, 3, MODES)),
-    exhaustive(jb.models.SmallStrainANCF(2)),
+    exhaustive(jb.papers.SmallStrainANCF(2)),
     exhaustive(jb.Classical(3, 4, 3, MODES)),
     exhaustive(jb.VonKarman(5, 3, 2, MODES)),
 ]

@@ -77,7 +77,7 @@ def test_order_of_convergence_to_the_extensible_elastica(slenderness, force):
     n = np.array([8, 16, 32])
     error = [np.linalg.norm(bent(jb.PlanarRod(int(k)), force, slenderness) - exact) for k in n]
     assert -np.polyfit(np.log(n), np.log(error), 1)[0] > 3.8
-    apart = bent(jb.GreenANCF(32), force, slenderness) - exact
+    apart = bent(jb.papers.GreenANCF(32), force, slenderness) - exact
     law = 1e-4 if slenderness > 100 else 1e-2
     assert 0.3 * law < np.linalg.norm(apart) < 3 * law
 
@@ -115,7 +115,7 @@ def test_speed_of_tearing():
     found = jb.critical_speed(jb.PlanarRod(4), slender(20.0))
     np.testing.assert_allclose(found.angular_speed, 20 * np.pi / 2, rtol=1e-6)
     assert jb.models.Direction(int(found.direction)) is jb.models.Direction.AXIAL
-    assert np.isinf(jb.critical_speed(jb.GreenANCF(4), slender(20.0)).angular_speed)
+    assert np.isinf(jb.critical_speed(jb.papers.GreenANCF(4), slender(20.0)).angular_speed)
 
 
 @functools.cache
@@ -129,7 +129,7 @@ def apart(slenderness, speed, duration, count):
             model, rotor, jb.SmoothSpinUp(speed, duration), times, stepsize_controller=controller,
             max_steps=20_000,
         )
-        for model in (jb.PlanarRod(count), jb.GreenANCF(count))
+        for model in (jb.PlanarRod(count), jb.papers.GreenANCF(count))
     ]  # fmt: skip
     ours, greens = (np.asarray(run.tip[:, 1]) for run in runs)
     peaks = [abs(float(run.peak()[0])) for run in runs]
@@ -155,7 +155,9 @@ def test_estimates_know_what_the_law_is_worth():
     np.testing.assert_allclose(
         found.constitutive_uncertainty, rotor.steady_strain(jnp.asarray(5.0))
     )
-    greens = jb.ladder.evaluate(jb.GreenANCF(4), rotor, jb.ladder.ModalFrequencies(5.0, which))
+    greens = jb.ladder.evaluate(
+        jb.papers.GreenANCF(4), rotor, jb.ladder.ModalFrequencies(5.0, which)
+    )
     assert (
         0.1 * found.constitutive_uncertainty
         < greens.distance(found)

@@ -45,7 +45,7 @@ def test_equations_of_motion_follow_from_the_energies(model, rotor):
     planar = jb.models.Direction.FLAP not in model.directions
     hub, q, v = random_state(model, 1, planar)
     if isinstance(
-        model, jb.models.DiscreteLP
+        model, jb.papers.DiscreteLP
     ):  # linear: forces times s, theta products are left out
         q, v = q * 1e-9, v * 1e-9
     force = jnp.array([3.0, -2.0, 0.0 if planar else 1.5])

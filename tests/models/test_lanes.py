@@ -21,7 +21,7 @@ MODELS = [
     (jb.Hybrid(2, 4, 3), BUILT[0]),
     (jb.VonKarman(18, 2, 2), BUILT[0]),  # sums that are too long to be written out
     slow(jb.Classical(0, 3, 2), BUILT[0]),
-    slow(jb.models.SmallStrainANCF(2), jb.Rotor(short(4e3), 0.4, 0.9)),
+    slow(jb.papers.SmallStrainANCF(2), jb.Rotor(short(4e3), 0.4, 0.9)),
     slow(jb.Hybrid(2, 4, 3), BUILT[1]),
 ]
 CASES = 3

@@ -17,8 +17,8 @@ MODELS = [
     jb.Hybrid(4, 5, 0, jb.models.CantileverModes()),
     jb.Hybrid(4, 5, 6, jb.models.Polynomials(2)),
     jb.Classical(4, 5, 6),
-    jb.models.SmallStrainANCF(3),
-    jb.ANCF(3),
+    jb.papers.SmallStrainANCF(3),
+    jb.papers.ANCF(3),
 ]
 ids = [repr(m) for m in MODELS]
 ROTOR = jb.Rotor(jb.Beam(2.0, 0.7, 3e3, 5.0, 8.0), hub_radius=0.4, tip_mass=0.3)
@@ -147,7 +147,7 @@ TO_PAPER = np.array([[1 / 1.3, 0, 0, 0, 0], [0, 0, 0, 1, 0], [0, 1, 0, 0, 0],
 def test_one_element_mass_and_coriolis_are_those_printed():
     """B eqs. 25 and 26, the latter with its misprinted rows 4 and 5 as skew partners."""
     mass, _, _ = _printed(0.8 * 1.3, 1.3, 0.6, 900.0, 4.0)
-    system = jb.ANCF(1).linearise(ONE, 2.0)
+    system = jb.papers.ANCF(1).linearise(ONE, 2.0)
     np.testing.assert_allclose(system.mass, TO_PAPER.T @ mass @ TO_PAPER, rtol=1e-12)
     axial, transverse = [0, 1, 3], [2, 4]
     c = np.zeros((5, 5))
@@ -174,7 +174,7 @@ def test_one_element_tangent_is_that_of_the_printed_forces(speed):
         stiffness = sum((e * k for e, k in zip(eps, k_l, strict=True)), jnp.asarray(k_t))
         return stiffness @ q - speed**2 * (mass @ q + hub)
 
-    model = jb.ANCF(1)
+    model = jb.papers.ANCF(1)
     u = model.steady_state(ONE, speed)
     q0 = jnp.array([1 + u[0] / length, length + u[1], 0.0, 1 + u[2] / length, 0.0])
     assert float(jnp.abs(force(q0)).max()) < 1e-9
@@ -188,8 +188,8 @@ def test_small_strain_tends_to_exact_as_strain_vanishes():
     gaps, strains = [], []
     for slenderness in (50.0, 100.0, 200.0, 400.0):
         rotor = slender(slenderness, 0.5, 0.5)
-        a = jb.models.SmallStrainANCF(6).linearise(rotor, 3.0)
-        b = jb.ANCF(6).linearise(rotor, 3.0)
+        a = jb.papers.SmallStrainANCF(6).linearise(rotor, 3.0)
+        b = jb.papers.ANCF(6).linearise(rotor, 3.0)
         bent = [
             s.stiffness[np.ix_(i, i)] for s, i in ((s, s.where(DIRECTION.IN_PLANE)) for s in (a, b))
         ]
@@ -208,7 +208,7 @@ def test_steady_state_against_the_first_integral_of_the_rod():
     """
     slenderness, speed, hub = 1e5, 3e4, 0.25
     rotor = slender(slenderness, hub)
-    u = jb.ANCF(40).steady_state(rotor, speed)
+    u = jb.papers.ANCF(40).steady_state(rotor, speed)
     beta2 = (speed / slenderness) ** 2
     tip = 1 + hub + float(u[-2])
     node = np.asarray(u)[1::2]
@@ -222,7 +222,7 @@ def test_steady_state_against_the_first_integral_of_the_rod():
 def test_steady_state_derivative():
     @jax.jit
     def tip(speed):
-        return jb.ANCF(5).steady_state(slender(30.0, 0.5, 0.5), speed)[-2]
+        return jb.papers.ANCF(5).steady_state(slender(30.0, 0.5, 0.5), speed)[-2]
 
     h = 1e-3
     for d, order in ((jax.grad(tip), 1), (jax.grad(jax.grad(tip)), 2)):
@@ -234,17 +234,21 @@ def test_steady_state_derivative():
 @pytest.mark.slow
 def test_search_that_fails_says_so():
     rotor = slender(5.0, 0.5, 1.0)
-    for call in (jb.ANCF(3).steady_state, jb.ANCF(3).linearise, partial(jb.modes, jb.ANCF(3))):
+    for call in (
+        jb.papers.ANCF(3).steady_state,
+        jb.papers.ANCF(3).linearise,
+        partial(jb.modes, jb.papers.ANCF(3)),
+    ):
         with pytest.raises(RuntimeError, match="did not converge at this angular_speed"):
             call(rotor, 1e9)
-    system = jb.ANCF(3).linearise(rotor, 1e9, throw=False)
+    system = jb.papers.ANCF(3).linearise(rotor, 1e9, throw=False)
     assert jb.Status(int(system.status)) is jb.Status.NOT_CONVERGED
-    failed = jb.modes(jb.ANCF(3), rotor, 1e9, throw=False)
+    failed = jb.modes(jb.papers.ANCF(3), rotor, 1e9, throw=False)
     assert jnp.isnan(failed.frequency).all()
     assert jnp.isnan(failed.growth_rate).all()
 
 
-@pytest.mark.parametrize("make", [jb.ANCF, jb.models.SmallStrainANCF])
+@pytest.mark.parametrize("make", [jb.papers.ANCF, jb.papers.SmallStrainANCF])
 def test_bad_element_counts(make):
     for bad in (0, -1):
         with pytest.raises(ValueError, match="n_elements must be >= 1"):

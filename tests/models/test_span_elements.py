@@ -51,7 +51,7 @@ def test_parts_of_elements_end_at_kinks():
     np.testing.assert_allclose(one, [[0, 2 / 3, 1], [0, 0.5, 1]])
 
 
-@pytest.mark.parametrize("theory", some({*THEORIES} - {jb.PlanarRod, jb.ANCF}), ids=name)
+@pytest.mark.parametrize("theory", some({*THEORIES} - {jb.PlanarRod, jb.papers.ANCF}), ids=name)
 def test_constant_tables_are_a_uniform_beam(theory):
     """To rounding, where stations are nodes."""
     model, stations = theory(2), AT_NODES
@@ -80,7 +80,7 @@ def test_constant_tables_are_a_uniform_beam(theory):
     ("theory", "yields"),
     [
         slow(jb.PlanarRod, True),
-        exhaustive(jb.GreenANCF, False),
+        exhaustive(jb.papers.GreenANCF, False),
         *(exhaustive(theory, True) for theory in THEORIES if theory is not jb.PlanarRod),
     ],
     ids=name,
@@ -138,12 +138,12 @@ def test_stretch_of_small_strain_elements_bends_with_a_varying_stiffness():
             jax.tree_util.Partial(lambda x: factor * 11.0 * (1 - 0.6 * x) ** 3)
         )
         whole = jb.Beam(2.0, beam.mass_per_length, beam.axial_stiffness, stiffness, 7.0)
-        equations = jb.GreenANCF(n).equations(jb.Rotor(whole))
+        equations = jb.papers.GreenANCF(n).equations(jb.Rotor(whole))
         k = jax.jit(lambda e: dense(e.elastic_tangent(jnp.zeros(4 * n + 1))))(equations)
-        axial = np.asarray(jb.GreenANCF(n).directions) == jb.models.Direction.AXIAL
+        axial = np.asarray(jb.papers.GreenANCF(n).directions) == jb.models.Direction.AXIAL
         return np.asarray(k)[np.ix_(axial, axial)]
 
-    found = axial_bending(jb.models.SmallStrainANCF(n), rotor)
+    found = axial_bending(jb.papers.SmallStrainANCF(n), rotor)
     expected = along(2.0) - along(1.0)
     np.testing.assert_allclose(found[: 2 * n + 1, : 2 * n + 1], expected, atol=1e-9)
     assert not np.any(found[2 * n + 1 :])
@@ -327,12 +327,12 @@ def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
     [
         (
             {"pitch": 0.1},
-            jb.ANCF(2),
+            jb.papers.ANCF(2),
             "pitch: ANCF has no turned sections: take Hybrid or SpatialANCF",
         ),
         (
             {"root_springs": jb.RootSprings(flap=3.0)},
-            jb.GreenANCF(2),
+            jb.papers.GreenANCF(2),
             "root_springs.flap: GreenANCF has no root that yields in flap: take",
         ),
     ],

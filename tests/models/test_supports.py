@@ -61,7 +61,7 @@ HAVING["damping.section_coefficients"] = (
     jb.Rotor(TWISTING), {}, jb.Damping(section_coefficients=[0.1] * 6)
 )  # fmt: skip
 MODELS = [jb.Hybrid, jb.Classical, jb.VonKarman, *{type(m): 0 for m in ELEMENTS}, jb.SpatialANCF,
-          jb.models.SmallStrainANCF, SpatialRod]  # fmt: skip
+          jb.papers.SmallStrainANCF, SpatialRod]  # fmt: skip
 
 
 def refused_by(model, feature, moving=True):
@@ -84,7 +84,7 @@ def test_the_door_is_shut():
     for ask in (
         lambda: jb.modes(jb.PlanarRod(2), pitched, 1.0, 1),
         lambda: jb.PlanarRod(2).equations(pitched),
-        lambda: jb.critical_speed(jb.ANCF(2), pitched),
+        lambda: jb.critical_speed(jb.papers.ANCF(2), pitched),
     ):
         with pytest.raises(ValueError, match=r"^pitch: \w+ has no turned sections: take"):
             ask()

@@ -168,10 +168,10 @@ def test_functions_with_other_operations_still_work():
 
 MODELS = [
     jb.PlanarRod(2),
-    jb.GreenANCF(2),
-    jb.ANCF(2),
-    jb.models.ChordANCF(2),
-    jb.models.TangentANCF(2),
+    jb.papers.GreenANCF(2),
+    jb.papers.ANCF(2),
+    jb.papers.ChordANCF(2),
+    jb.papers.TangentANCF(2),
 ]
 
 
@@ -190,7 +190,7 @@ def end(model, solver, rotor, speed, damping=1e-4):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.PlanarRod(2), jb.ANCF(2)], ids=repr)
+@pytest.mark.parametrize("model", [jb.PlanarRod(2), jb.papers.ANCF(2)], ids=repr)
 def test_a_batch_of_runs_is_as_the_runs_alone(model):
     """Values, and gradients of one model: for others these take a minute each to compile."""
     run = functools.partial(end, model, jb.solvers.Rodas4P(), ROTOR)

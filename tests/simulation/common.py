@@ -16,8 +16,8 @@ TIGHT = diffrax.PIDController(rtol=1e-9, atol=1e-11)
 RUNS = [
     (jb.Hybrid(2, 3, 0), ROTOR),
     (jb.PlanarRod(2), ROTOR),
-    (jb.ANCF(2), ROTOR),
-    (jb.models.DiscreteNP(), SPRINGS),
+    (jb.papers.ANCF(2), ROTOR),
+    (jb.papers.DiscreteNP(), SPRINGS),
 ]
 
 

@@ -79,10 +79,10 @@ def expected():
         slow(jb.PlanarRod(8), 3e-2),
         slow(jb.VonKarman(20, 10, 0), 5e-3),
         *rest(
-            (jb.GreenANCF(16), 5e-3),
-            (jb.ANCF(16), 5e-3),
-            (jb.models.SmallStrainANCF(16), 5e-3),
-            (jb.models.ChordANCF(8), 8e-2),
+            (jb.papers.GreenANCF(16), 5e-3),
+            (jb.papers.ANCF(16), 5e-3),
+            (jb.papers.SmallStrainANCF(16), 5e-3),
+            (jb.papers.ChordANCF(8), 8e-2),
             (jb.SpatialANCF(16), 5e-3),
         ),
     ],
@@ -170,7 +170,8 @@ EVERY += BUILT
     ("model", "rotor"),
     # The second one ended the process where all but the rates was constant, see `held`.
     [
-        (jb.GreenANCF(2), SHORT), (jb.VonKarman(5, 3, 2), SHORT), (DISCRETE[0], SOFT_SPRINGS),
+        (jb.papers.GreenANCF(2), SHORT), (jb.VonKarman(5, 3, 2), SHORT),
+        (DISCRETE[0], SOFT_SPRINGS),
         *rest(*EVERY),
     ],
     ids=name,
@@ -204,10 +205,10 @@ def test_damping_is_the_stiffness_at_rest_and_has_its_tangents(model, rotor):
 
 def test_discrete_coordinates_do_not_matter():
     """Exact springs have one power, by x and y as by s and theta."""
-    polar = jb.models.DiscreteNP().equations(SOFT_SPRINGS)
+    polar = jb.papers.DiscreteNP().equations(SOFT_SPRINGS)
     s, rate = jnp.array([0.1, 0.7]), jnp.array([-0.4, 1.3])
     q, v = jax.jvp(polar.place, (s,), (rate,))
-    power = jb.models.DiscreteNC().equations(SOFT_SPRINGS).viscous_force(q, v) @ v
+    power = jb.papers.DiscreteNC().equations(SOFT_SPRINGS).viscous_force(q, v) @ v
     np.testing.assert_allclose(power, 600.0 * 0.4**2 + 30.0 * 1.3**2, rtol=1e-12)
     np.testing.assert_allclose(polar.viscous_force(s, rate) @ rate, power, rtol=1e-12)
 

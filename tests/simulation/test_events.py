@@ -568,7 +568,7 @@ def test_the_particle_is_struck_as_mechanics_says():
     """The hub of the discrete analogue stops dead: the particle keeps its momentum across."""
     times = jnp.array([0.0, 1.0, 1.0 + 1e-6])
     motion = turning(lambda t: jnp.where(t > 1.0, 0.0, 0.7), jumps=[1.0])
-    for model in (jb.models.DiscreteNC(), jb.models.DiscreteNP()):
+    for model in (jb.papers.DiscreteNC(), jb.papers.DiscreteNP()):
         start = jb.steady_start(model, SPRINGS, jb.ConstantSpeed(0.7))
         found = run(model, SPRINGS, motion, times, start=start)
         equations, y = model.equations(SPRINGS), found.state

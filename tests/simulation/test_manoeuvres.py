@@ -55,7 +55,7 @@ def test_smooth_spin_up():
     motion, times = jb.SmoothSpinUp(6.0, 120.0), np.linspace(0.0, 150.0, 301)
     hybrid = jb.simulate(jb.Hybrid(3, 4, 0), SMOOTH, motion, times)
     classical = jb.simulate(jb.Classical(3, 4, 0), SMOOTH, motion, times, throw=False)
-    elements = jb.simulate(jb.GreenANCF(8), SMOOTH, motion, times)
+    elements = jb.simulate(jb.papers.GreenANCF(8), SMOOTH, motion, times)
     np.testing.assert_allclose(hybrid.tip[:, 1], elements.tip[:, 1], atol=2e-5)
     assert np.abs(hybrid.tip[times > 121, 1]).max() < 1e-3 * abs(float(hybrid.peak()[0]))
     assert int(classical.status) == jb.Status.DIVERGED
@@ -71,7 +71,7 @@ def test_smooth_spin_up():
 @pytest.mark.exhaustive
 def test_explicit_steps_at_loose_tolerance_fail_and_say_so():
     """Each step passes the solver's own test, and energy appears: the tip ends metres away."""
-    case = jb.GreenANCF(2), ROTOR, jb.SmoothSpinUp(4.0, 15.0), [0.0, 8.0]
+    case = jb.papers.GreenANCF(2), ROTOR, jb.SmoothSpinUp(4.0, 15.0), [0.0, 8.0]
     good = jb.simulate(*case)
     run = jb.simulate(
         *case, solver=diffrax.Tsit5(), max_steps=10**6, throw=False,
@@ -92,7 +92,7 @@ def test_mass_damping_is_the_same_in_all_coordinates():
             damping=jb.Damping(mass_coefficient=0.7),
             stepsize_controller=diffrax.PIDController(rtol=1e-11, atol=1e-13),
         ).tip
-        for model in (jb.models.DiscreteNC(), jb.models.DiscreteNP())
+        for model in (jb.papers.DiscreteNC(), jb.papers.DiscreteNP())
     ]  # fmt: skip
     np.testing.assert_allclose(*tips, rtol=1e-9, atol=1e-10)
 
@@ -105,7 +105,7 @@ def test_abrupt_spin_up():
     runs = {
         "hybrid": jb.simulate(jb.Hybrid(3, 4, 0), ABRUPT, motion, times),
         "classical": jb.simulate(jb.Classical(3, 4, 0), ABRUPT, motion, times, throw=False),
-        "exact": jb.simulate(jb.GreenANCF(16), ABRUPT, motion, times),
+        "exact": jb.simulate(jb.papers.GreenANCF(16), ABRUPT, motion, times),
     }
     peak = {name: abs(float(run.peak()[0])) for name, run in runs.items()}
     assert 0.6 < peak["exact"] / 30.5 < 0.85
@@ -174,11 +174,11 @@ def test_reference_is_converged(exact):
 @pytest.mark.parametrize(
     ("theory", "counts", "order", "peak_order", "peak_error"),
     [
-        (jb.GreenANCF, (4, 16), 4, 4, 1e-5),
+        (jb.papers.GreenANCF, (4, 16), 4, 4, 1e-5),
         # the chord is shorter than the arc by h^2, and so is the mean strain that it stands for
-        (jb.ANCF, (4, 16), 2, 1, 1e-5),
-        (jb.models.ChordANCF, (8, 32), 2, 1.5, 2e-4),
-        (jb.models.TangentANCF, (8, 32), 3, 3, 3e-4),
+        (jb.papers.ANCF, (4, 16), 2, 1, 1e-5),
+        (jb.papers.ChordANCF, (8, 32), 2, 1.5, 2e-4),
+        (jb.papers.TangentANCF, (8, 32), 3, 3, 3e-4),
     ],
     ids=lambda v: getattr(v, "__name__", None),
 )
@@ -194,8 +194,8 @@ def test_elements_converge_to_the_exact_beam(exact, theory, counts, order, peak_
 @pytest.mark.exhaustive
 def test_two_elements_of_model_a_are_enough(exact):
     """B, section 3: at 2 and 4 rad/s."""
-    assert max(deviation(jb.ANCF(2), 2.0, exact)) < 2e-3
-    assert max(deviation(jb.ANCF(2), 4.0, exact)) < 4e-3
+    assert max(deviation(jb.papers.ANCF(2), 2.0, exact)) < 2e-3
+    assert max(deviation(jb.papers.ANCF(2), 4.0, exact)) < 4e-3
 
 
 @pytest.mark.exhaustive
@@ -204,7 +204,7 @@ def test_remainder_of_model_a_vanishes_with_its_elements():
     motion = jb.SmoothSpinUp(4.0, 15.0)
 
     def remainder(n):
-        run = jb.simulate(jb.ANCF(n), ROTOR, motion, np.linspace(0.0, 20.0, 801))
+        run = jb.simulate(jb.papers.ANCF(n), ROTOR, motion, np.linspace(0.0, 20.0, 801))
         rate = jax.vmap(lambda y: run.scene.equations.nonconservative_force(y.q) @ y.v)
         work = cumulative_trapezoid(rate(run.state), run.times)
         return np.abs(work).max() / np.max(run.strain_energy)
@@ -244,7 +244,7 @@ def test_modal_models_converge_exponentially_to_their_own_limit(exact, build, li
 def test_linear_elements_have_the_limit_of_the_hybrid_model(exact):
     """One linear theory, small-strain, by elements and by polynomials."""
     found = [
-        deviation(m, 4.0, exact)[1] for m in (jb.models.SmallStrainANCF(10), jb.Hybrid(5, 5, 0))
+        deviation(m, 4.0, exact)[1] for m in (jb.papers.SmallStrainANCF(10), jb.Hybrid(5, 5, 0))
     ]
     np.testing.assert_allclose(*found, rtol=0.01)
 
@@ -256,16 +256,22 @@ def test_model_zero_fails_where_berzeri_says():
     def growth(model, speed):
         return float(jb.modes(model, ROTOR, speed, 1).growth_rate[0])
 
-    assert growth(jb.models.ChordANCF(1), 10.0) > 1
-    assert growth(jb.models.ChordANCF(2), 10.0) == 0
-    assert growth(jb.models.ChordANCF(2), 40.0) > 10
-    assert growth(jb.models.TangentANCF(1), 4.0) > 1
-    for model in (jb.ANCF(1), jb.ANCF(2), jb.GreenANCF(2), jb.models.ChordANCF(10)):
+    assert growth(jb.papers.ChordANCF(1), 10.0) > 1
+    assert growth(jb.papers.ChordANCF(2), 10.0) == 0
+    assert growth(jb.papers.ChordANCF(2), 40.0) > 10
+    assert growth(jb.papers.TangentANCF(1), 4.0) > 1
+    for model in (
+        jb.papers.ANCF(1),
+        jb.papers.ANCF(2),
+        jb.papers.GreenANCF(2),
+        jb.papers.ChordANCF(10),
+    ):
         assert growth(model, 10.0) == 0
-    assert growth(jb.ANCF(2), 40.0) == growth(jb.models.ChordANCF(10), 40.0) == 0
+    assert growth(jb.papers.ANCF(2), 40.0) == growth(jb.papers.ChordANCF(10), 40.0) == 0
     first = jb.labels(in_plane=1)
     ten = [
-        jb.modes(m, ROTOR, 10.0, first).frequency for m in (jb.models.ChordANCF(10), jb.ANCF(10))
+        jb.modes(m, ROTOR, 10.0, first).frequency
+        for m in (jb.papers.ChordANCF(10), jb.papers.ANCF(10))
     ]
     np.testing.assert_allclose(*ten, rtol=0.02)
 
@@ -276,13 +282,13 @@ def test_model_zero_in_time():
     motion, times = jb.SmoothSpinUp(10.0, 15.0), np.linspace(0.0, 20.0, 101)
     loose = diffrax.PIDController(rtol=1e-5, atol=1e-5)
     one = jb.simulate(
-        jb.models.ChordANCF(1), ROTOR, motion, times, throw=False, max_steps=20_000,
+        jb.papers.ChordANCF(1), ROTOR, motion, times, throw=False, max_steps=20_000,
         stepsize_controller=loose,
     )  # fmt: skip
     assert np.nanmax(np.abs(one.partial.tip[:, 1])) > 4.0
     runs = [
         jb.simulate(m, ROTOR, motion, times, stepsize_controller=loose)
-        for m in (jb.models.ChordANCF(10), jb.ANCF(10))
+        for m in (jb.papers.ChordANCF(10), jb.papers.ANCF(10))
     ]
     peaks = [float(run.peak()[0]) for run in runs]
     np.testing.assert_allclose(*peaks, rtol=0.02)
@@ -296,8 +302,9 @@ def test_steady_stretch_by_every_model():
     exact = 10.0 * (np.tan(b) / b - 1)
     for model, tolerance in (
         (jb.Hybrid(5, 1, 0), 1e-8), (jb.Classical(5, 1, 0), 1e-8), (jb.VonKarman(5, 1, 0), 1e-8),
-        (jb.models.ChordANCF(4), 1e-8), (jb.models.TangentANCF(4), 1e-8),
-        (jb.GreenANCF(8), 3e-4), (jb.ANCF(8), 3e-4), (jb.models.SmallStrainANCF(8), 3e-4),
+        (jb.papers.ChordANCF(4), 1e-8), (jb.papers.TangentANCF(4), 1e-8),
+        (jb.papers.GreenANCF(8), 3e-4), (jb.papers.ANCF(8), 3e-4),
+        (jb.papers.SmallStrainANCF(8), 3e-4),
     ):  # fmt: skip
         run = jb.simulate(
             model, rotor, motion, [0.0, 1e-3], start=jb.steady_start(model, rotor, motion)
@@ -310,14 +317,14 @@ def test_discrete_frequencies():
     """Exact models agree at speed; LC diverges at sqrt(k_r / m) / L; LP is k_r / m + d Omega^2."""
     both = [
         jb.modes(m, PAPER_SPRINGS, 10.0, 2).frequency
-        for m in (jb.models.DiscreteNC(), jb.models.DiscreteNP())
+        for m in (jb.papers.DiscreteNC(), jb.papers.DiscreteNP())
     ]
     np.testing.assert_allclose(*both, rtol=1e-12)
     critical = np.sqrt(300.0)
     for speed, grows in ((0.9999 * critical, False), (1.0001 * critical, True)):
-        growth = jb.modes(jb.models.DiscreteLC(), PAPER_SPRINGS, speed, 1).growth_rate[0]
+        growth = jb.modes(jb.papers.DiscreteLC(), PAPER_SPRINGS, speed, 1).growth_rate[0]
         assert (growth > 0) == grows
     # without stretch, LP is an oscillator; k_T makes it nearly so
-    stiff = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e12, 300.0)
-    frequency = jb.modes(jb.models.DiscreteLP(), stiff, 10.0, 1).frequency[0]
+    stiff = jb.papers.SpringRotor(1.0, 1.0, 1.0, 1e12, 300.0)
+    frequency = jb.modes(jb.papers.DiscreteLP(), stiff, 10.0, 1).frequency[0]
     np.testing.assert_allclose(frequency, np.sqrt(400.0), rtol=1e-8)

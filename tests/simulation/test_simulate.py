@@ -106,7 +106,7 @@ def test_jacobi_integral_is_constant_at_constant_speed(model, rotor, periods):
             stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-10),
         )
     )()  # fmt: skip
-    if isinstance(model, jb.ANCF):
+    if isinstance(model, jb.papers.ANCF):
         # what the forces of B eq. A-5 do beyond the gradient of B eq. 9
         assert drift(run) < 1e-1
         assert np.abs(run.imbalance).max() < 1e-8
@@ -116,11 +116,11 @@ def test_jacobi_integral_is_constant_at_constant_speed(model, rotor, periods):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    "model", [jb.Hybrid(2, 2, 2), jb.VonKarman(4, 2, 2), jb.GreenANCF(2)], ids=name
+    "model", [jb.Hybrid(2, 2, 2), jb.VonKarman(4, 2, 2), jb.papers.GreenANCF(2)], ids=name
 )
 def test_jacobi_integral_of_large_motion(model):
     """The same in space, about an inclined axis, and bent by a tenth of the length."""
-    flat = isinstance(model, jb.GreenANCF)
+    flat = isinstance(model, jb.papers.GreenANCF)
     motion = jb.ConstantSpeed(1.0, None if flat else jb.motions.inclined_axis(1.1))
     push = jb.Loads(tip_force=[0.0, -0.8, 0.0 if flat else 0.5])
     start = jb.steady_start(model, ROTOR, motion, loads=push)
@@ -196,7 +196,7 @@ def test_tip_force_along_the_beam_buckles_it():
 @pytest.mark.exhaustive
 def test_damping_ratio():
     """(mass / w + stiffness w) / 2 of the first mode, by logarithmic decrement."""
-    rotor, model = jb.Rotor(BLADE), jb.GreenANCF(3)
+    rotor, model = jb.Rotor(BLADE), jb.papers.GreenANCF(3)
     found = jb.modes(model, rotor, 0.0, jb.labels(in_plane=1))
     w, shape = float(found.frequency[0]), found.shape[0].real
     ratio = 0.02
@@ -333,8 +333,8 @@ SPRING_VALUES = jnp.array([1.3, 0.8, 0.4, 6000.0, 30.0, 3.0, 1.4, 0.3, 2e-3])
 
 def outcome(model, p, **kwargs):
     """Peak deflection, within the run, and final one as a function of every parameter."""
-    if model.rotor_type is jb.models.SpringRotor:
-        rotor = jb.models.SpringRotor(*p[:5])
+    if model.rotor_type is jb.papers.SpringRotor:
+        rotor = jb.papers.SpringRotor(*p[:5])
     else:
         rotor = jb.Rotor(jb.Beam(p[0], p[1], p[2], p[3], p[3]), p[4], p[5])
     motion, damping = jb.SmoothSpinUp(p[-4], p[-3]), jb.Damping(p[-2], p[-1])
@@ -593,7 +593,7 @@ def test_verdict_does_not_depend_on_what_is_saved():
 def test_default_tolerance_suits_stiff_beams():
     """Deflections of a millionth of the length are resolved as well as large ones."""
     rotor = jb.Rotor(jb.Beam(2.0, 1.3, 1e9, 1e7, 1e7), 0.4, 0.3)
-    for model in (jb.Hybrid(2, 3, 0), jb.GreenANCF(2)):
+    for model in (jb.Hybrid(2, 3, 0), jb.papers.GreenANCF(2)):
         case = model, rotor, jb.motions.QuinticSpinUp(3.0, 1.0), np.linspace(0.0, 1.0, 11)
         run = jb.simulate(*case)
         exact = jb.simulate(
@@ -788,7 +788,7 @@ def gap(t, value):
 def test_a_gap_in_motion_or_load_between_outputs_is_named():
     def run(motion, loads):
         return jb.simulate(
-            jb.models.DiscreteNC(),
+            jb.papers.DiscreteNC(),
             SPRINGS,
             motion,
             [0.0, 1.0],

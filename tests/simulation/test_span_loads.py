@@ -211,10 +211,10 @@ def test_a_wave_that_travels_along_the_span():
 
 
 def test_discrete_models_take_none():
-    rotor = jb.models.SpringRotor(1.0, 1.0, 0.1, 100.0, 10.0)
+    rotor = jb.papers.SpringRotor(1.0, 1.0, 0.1, 100.0, 10.0)
     loads = jb.Loads(force_per_length=(0.0, 1.0, 0.0))
     with pytest.raises(ValueError, match="has no force along the span"):
-        jb.steady_start(jb.models.DiscreteLC(), rotor, MOTION, loads=loads)
+        jb.steady_start(jb.papers.DiscreteLC(), rotor, MOTION, loads=loads)
 
 
 def test_what_turns_with_the_sections_is_refused_in_a_plane_and_where_it_would_need_a_potential():

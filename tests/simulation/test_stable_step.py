@@ -14,7 +14,7 @@ from tests.tiers import exhaustive, slow
 ROTOR = jb.Rotor(jb.Beam.from_slenderness(50.0), 0.1, 0.0)
 SPEED = 2.0  # rad/s: more than half the lowest frequency
 STEPS, GROWTH = 200, 100.0
-GREEN = jb.GreenANCF(2)
+GREEN = jb.papers.GreenANCF(2)
 
 
 def named(value):
@@ -115,12 +115,12 @@ def test_stable_at_any_step(solver):
         found = each_angle(solver, angles, ratio)
         assert found.max() < 1 + 1e-12
         assert found[-1] < 1e-5
-    assert stable_step(jb.models.DiscreteLP(), SPRINGS, SPEED, solver).step == np.inf
+    assert stable_step(jb.papers.DiscreteLP(), SPRINGS, SPEED, solver).step == np.inf
 
 
 def limit(solver, steps=1000, growth=100.0):
     """h omega."""
-    found = stable_step(jb.models.DiscreteLP(), SPRINGS, SPEED, solver, steps=steps, growth=growth)
+    found = stable_step(jb.papers.DiscreteLP(), SPRINGS, SPEED, solver, steps=steps, growth=growth)
     return float(found.step * found.frequency)
 
 
@@ -162,14 +162,14 @@ def test_high_order_does_not_mean_stable():
 @pytest.mark.slow
 def test_step_follows_the_highest_frequency():
     """Under jit and vmap, with derivatives by the rotor."""
-    model, euler = jb.models.DiscreteLP(), diffrax.Euler()
+    model, euler = jb.papers.DiscreteLP(), diffrax.Euler()
 
     def step(mass):
-        springs = jb.models.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
+        springs = jb.papers.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
         return stable_step(model, springs, SPEED, euler, throw=False).step
 
     def highest(mass):
-        springs = jb.models.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
+        springs = jb.papers.SpringRotor(mass, 0.8, 0.4, 6000.0, 30.0)
         return jb.modes(model, springs, SPEED, 2, throw=False).frequency.max()
 
     masses = jnp.array([1.3, 2.0])
@@ -198,7 +198,7 @@ def test_bad_input():
             amplification(diffrax.Euler(), angle)
     with pytest.raises(TypeError, match="damping_ratio must be a real"):
         amplification(diffrax.Euler(), 1.0, "much")
-    case = jb.models.DiscreteLP(), SPRINGS, SPEED, diffrax.Euler()
+    case = jb.papers.DiscreteLP(), SPRINGS, SPEED, diffrax.Euler()
     with pytest.raises(ValueError, match="steps must be >= 1, got 0"):
         stable_step(*case, steps=0)
     with pytest.raises(TypeError, match="steps must be an int, got float"):
@@ -207,7 +207,7 @@ def test_bad_input():
         with pytest.raises(ValueError, match="growth must be finite and > 1"):
             stable_step(*case, growth=growth)
     with pytest.raises(TypeError, match="rotor must be a SpringRotor, got Rotor"):
-        stable_step(jb.models.DiscreteLP(), ROTOR, SPEED, diffrax.Euler())
+        stable_step(jb.papers.DiscreteLP(), ROTOR, SPEED, diffrax.Euler())
     with pytest.raises(TypeError, match="solver must be a diffrax solver"):
         stable_step(*case[:3], None)
 
@@ -215,7 +215,7 @@ def test_bad_input():
 @pytest.mark.parametrize(
     ("model", "rotor", "speed", "status"),
     [
-        (jb.models.DiscreteLC(), SPRINGS, 20.0, jb.Status.NO_EQUILIBRIUM),  # its spring gives way
+        (jb.papers.DiscreteLC(), SPRINGS, 20.0, jb.Status.NO_EQUILIBRIUM),  # its spring gives way
         slow(jb.Classical(2, 3, 0), ROTOR, 5.0, jb.Status.NO_EQUILIBRIUM),
         slow(jb.Hybrid(2, 3, 0), ROTOR, 90.0, jb.Status.NO_EQUILIBRIUM),
     ],
@@ -280,15 +280,15 @@ def largest_stable(run, low, high):
 @pytest.mark.parametrize(
     ("solver", "model"),
     [
-        (diffrax.Euler(), jb.models.DiscreteLP()),
+        (diffrax.Euler(), jb.papers.DiscreteLP()),
         (diffrax.Tsit5(), jb.Hybrid(1, 2, 0)),
-        (diffrax.Tsit5(), jb.GreenANCF(1)),
+        (diffrax.Tsit5(), jb.papers.GreenANCF(1)),
     ],
     ids=named,
 )
 def test_steps_fail_where_theory_says_and_not_below(solver, model):
     """Other methods: in the study."""
-    rotor = SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR
+    rotor = SPRINGS if model.rotor_type is jb.papers.SpringRotor else ROTOR
     theory = float(stable_step(model, rotor, SPEED, solver, steps=STEPS, growth=GROWTH).step)
     run = follow(solver, model, rotor)
     np.testing.assert_allclose(largest_stable(run, 0.5 * theory, 1.5 * theory), theory, rtol=1e-3)
@@ -307,13 +307,13 @@ def test_steps_fail_where_theory_says_and_not_below(solver, model):
     [
         (jb.solvers.Rodas5P(), GREEN),
         (jb.solvers.ChordKvaerno5(), GREEN),
-        (jb.solvers.Magnus(), jb.models.DiscreteLP()),
+        (jb.solvers.Magnus(), jb.papers.DiscreteLP()),
     ],
     ids=named,
 )
 def test_implicit_and_exponential_steps_may_be_long(solver, model):
     """A hundred times what the best explicit method bears."""
-    rotor = SPRINGS if model.rotor_type is jb.models.SpringRotor else ROTOR
+    rotor = SPRINGS if model.rotor_type is jb.papers.SpringRotor else ROTOR
     explicit = stable_step(model, rotor, SPEED, diffrax.Dopri8())
     assert stable_step(model, rotor, SPEED, solver).step == np.inf
     growth, status = follow(solver, model, rotor)(100 * explicit.step * jnp.array([0.01, 0.1, 1.0]))

@@ -110,7 +110,7 @@ BALANCED = [
     slow(jb.VonKarman(5, 3, 2), STEPPED, PUSH),
     exhaustive(jb.Classical(3, 4, 3), AS_BUILT, PUSH),
     exhaustive(jb.PlanarRod(2), STEPPED, PUSH),
-    exhaustive(jb.ANCF(3), dataclasses.replace(STEPPED, tip_body=CONED.tip_body), PUSH),
+    exhaustive(jb.papers.ANCF(3), dataclasses.replace(STEPPED, tip_body=CONED.tip_body), PUSH),
     exhaustive(jb.SpatialANCF(3), STEPPED, PUSH),
     slow(jb.SpatialANCF(2), CONED, FOLLOWING),
     exhaustive(jb.SpatialANCF(2), YIELDING, FOLLOWING),
@@ -300,7 +300,7 @@ def test_it_is_where_a_run_begins():
 
 
 def test_what_has_no_sections_says_so():
-    found = jb.steady(jb.models.DiscreteNC(), SPRINGS, 1.0)
+    found = jb.steady(jb.papers.DiscreteNC(), SPRINGS, 1.0)
     assert found.status == jb.Status.OK
     assert found.hub_force[0] < 0
     with pytest.raises(ValueError, match="SpringRotor has none: ask for hub_force"):

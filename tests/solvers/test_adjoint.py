@@ -104,7 +104,9 @@ def test_step_back():
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    ("model", "lanes"), [(jb.PlanarRod(2), 3), (jb.ANCF(2), 0), (jb.SpatialANCF(1), 0)], ids=str
+    ("model", "lanes"),
+    [(jb.PlanarRod(2), 3), (jb.papers.ANCF(2), 0), (jb.SpatialANCF(1), 0)],
+    ids=str,
 )
 def test_step_back_of_elements(model, lanes):
     """Also under loads and damping, and with a body at the tip."""

@@ -184,11 +184,11 @@ def test_magnus_refuses_what_is_not_linear():
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    "model", [slow(jb.Hybrid(2, 3, 0)), jb.Classical(2, 3, 2), jb.models.DiscreteLP()]
+    "model", [slow(jb.Hybrid(2, 3, 0)), jb.Classical(2, 3, 2), jb.papers.DiscreteLP()]
 )
 def test_magnus_is_exact_in_one_step_at_constant_speed(model):
     rotor = SPRINGS
-    if not isinstance(model, jb.models.DiscreteLP):
+    if not isinstance(model, jb.papers.DiscreteLP):
         rotor = jb.Rotor(short(), 0.4, 0.3)
     rng = np.random.default_rng(3)
     q, v = jnp.asarray(1e-3 * rng.normal(size=(2, len(model.directions))))

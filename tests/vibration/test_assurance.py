@@ -104,8 +104,8 @@ def test_batches_and_cases_that_failed():
         many.mac(three)
     with pytest.raises(TypeError, match="other must be a Modes, got Rotor"):
         many.mac(ROTOR)
-    springs = jb.models.SpringRotor(1.0, 1.0, 0.0, 1e4, 10.0)
-    discrete = shaped(jb.models.DiscreteNC(), np.eye(2), springs)
+    springs = jb.papers.SpringRotor(1.0, 1.0, 0.0, 1e4, 10.0)
+    discrete = shaped(jb.papers.DiscreteNC(), np.eye(2), springs)
     same = jax.jit(lambda: discrete.mac(discrete))()
     np.testing.assert_allclose(same, np.eye(2), atol=1e-15)
     with pytest.raises(ValueError, match="same kind of rotor"):

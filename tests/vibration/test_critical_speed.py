@@ -16,35 +16,35 @@ from tests.helpers import finite_difference, name, slender
 from tests.tiers import exhaustive, slow
 
 DATA = Path(__file__).parents[1] / "data"
-SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)
+SPRINGS = jb.papers.SpringRotor(1.0, 1.0, 1.0, 1e6, 300.0)
 REF_21 = jb.Rotor(ALUMINIUM)
 # Those that lose their stability: the model, its rotor, the direction that gives way.
 FAILING = [
     (jb.Classical(4, 6, 6), slender(hub=0.5, tip=0.3), jb.models.Direction.IN_PLANE),
-    (jb.models.DiscreteLC(), SPRINGS, jb.models.Direction.IN_PLANE),
-    exhaustive(jb.models.ChordANCF(1), REF_21, jb.models.Direction.IN_PLANE),
-    exhaustive(jb.models.TangentANCF(2), REF_21, jb.models.Direction.IN_PLANE),
+    (jb.papers.DiscreteLC(), SPRINGS, jb.models.Direction.IN_PLANE),
+    exhaustive(jb.papers.ChordANCF(1), REF_21, jb.models.Direction.IN_PLANE),
+    exhaustive(jb.papers.TangentANCF(2), REF_21, jb.models.Direction.IN_PLANE),
 ]
 TEARING = [
     (jb.Hybrid(12, 6, 6), slender(hub=0.5, tip=0.3)),
-    (jb.models.DiscreteLP(), SPRINGS),
+    (jb.papers.DiscreteLP(), SPRINGS),
     exhaustive(jb.VonKarman(10, 5, 0), slender(hub=0.5, tip=0.3)),
-    exhaustive(jb.models.DiscreteNC(), SPRINGS),
-    slow(jb.models.DiscreteNP(), SPRINGS),
-    (jb.models.DiscreteNS(), SPRINGS),
+    exhaustive(jb.papers.DiscreteNC(), SPRINGS),
+    slow(jb.papers.DiscreteNP(), SPRINGS),
+    (jb.papers.DiscreteNS(), SPRINGS),
 ]
 STABLE = [
-    slow(jb.ANCF(2), slender(hub=0.5, tip=0.3)),
-    exhaustive(jb.GreenANCF(2), slender(hub=0.5, tip=0.3)),
-    (jb.models.SmallStrainANCF(4), slender(hub=0.5, tip=0.3)),
+    slow(jb.papers.ANCF(2), slender(hub=0.5, tip=0.3)),
+    exhaustive(jb.papers.GreenANCF(2), slender(hub=0.5, tip=0.3)),
+    (jb.papers.SmallStrainANCF(4), slender(hub=0.5, tip=0.3)),
     (jb.Hybrid(0, 6, 6), slender(hub=0.5, tip=0.3)),
 ]
-SLOW = (jb.models.ChordANCF, jb.models.TangentANCF)  # to compile
+SLOW = (jb.papers.ChordANCF, jb.papers.TangentANCF)  # to compile
 
 
 def tear(rotor):
     """Closed form: beta tan(beta) = m / m_t, Omega L sqrt(rho / EA) = beta."""
-    if isinstance(rotor, jb.models.SpringRotor):
+    if isinstance(rotor, jb.papers.SpringRotor):
         return float(np.sqrt(rotor.translational_spring / rotor.mass))
     beam, ratio = rotor.beam, float(rotor.tip_mass / rotor.beam.mass)
     beta = np.pi / 2
@@ -87,7 +87,7 @@ def test_classical_diverges_at_the_first_rest_frequency():
 @pytest.mark.parametrize("radius", [0.0, 0.7, 4.0])
 def test_lc_diverges_at_the_speed_of_its_hinge(radius):
     rotor = eqx.tree_at(lambda r: r.hub_radius, SPRINGS, jnp.asarray(radius))
-    found = jb.critical_speed(jb.models.DiscreteLC(), rotor)
+    found = jb.critical_speed(jb.papers.DiscreteLC(), rotor)
     assert found.direction == jb.models.Direction.IN_PLANE
     np.testing.assert_allclose(found.angular_speed, np.sqrt(300.0), rtol=1e-14)  # 17.3205
 
@@ -138,12 +138,12 @@ def test_model_0_as_b_says():
     def critical(model):
         return float(jb.critical_speed(model, REF_21).angular_speed)
 
-    chord = [critical(jb.models.ChordANCF(n)) for n in (1, 2, 10)]
-    tangent = [critical(jb.models.TangentANCF(n)) for n in (1, 2)]
+    chord = [critical(jb.papers.ChordANCF(n)) for n in (1, 2, 10)]
+    tangent = [critical(jb.papers.TangentANCF(n)) for n in (1, 2)]
     assert chord[0] < 10 < chord[1] < 40 < chord[2] < tear(REF_21)
     assert tangent[0] < tangent[1]
     assert all(t < c for t, c in zip(tangent, chord, strict=False))
-    one = jb.models.SmallStrainANCF(1).linearise(REF_21, 0.0)
+    one = jb.papers.SmallStrainANCF(1).linearise(REF_21, 0.0)
     rest = np.linalg.eigvals(np.linalg.solve(one.mass[3:, 3:], one.stiffness[3:, 3:]))
     np.testing.assert_allclose(tangent[0], np.sqrt(rest.min()), rtol=1e-9)
 
@@ -154,7 +154,7 @@ def test_a_batch_finds_what_single_cases_find():
 
     def critical(radius):
         rotor = slender(70.0, hub=radius)
-        return jb.critical_speed(jb.models.ChordANCF(1), rotor, throw=False).angular_speed
+        return jb.critical_speed(jb.papers.ChordANCF(1), rotor, throw=False).angular_speed
 
     radii = jnp.linspace(0.0, 1.0, 11)
     together = jax.jit(jax.vmap(critical))(radii)
@@ -164,7 +164,7 @@ def test_a_batch_finds_what_single_cases_find():
 PARAMETERS = [  # and whether the rod tears
     exhaustive(jb.Hybrid(8, 3, 0), True),
     exhaustive(jb.Classical(2, 5, 0), False),
-    exhaustive(jb.models.ChordANCF(1), False),
+    exhaustive(jb.papers.ChordANCF(1), False),
 ]
 
 
@@ -190,8 +190,8 @@ def test_second_derivative():
     """Of sqrt(k_r / m) / L."""
 
     def critical(m, length, spring):
-        rotor = jb.models.SpringRotor(m, length, 1.0, 1e6, spring)
-        return jb.critical_speed(jb.models.DiscreteLC(), rotor, throw=False).angular_speed
+        rotor = jb.papers.SpringRotor(m, length, 1.0, 1e6, spring)
+        return jb.critical_speed(jb.papers.DiscreteLC(), rotor, throw=False).angular_speed
 
     at = tuple(jnp.asarray(v) for v in (2.0, 0.5, 300.0))
     by_length, by_spring = jax.jit(jax.hessian(critical, (1, 2)))(*at)
@@ -239,8 +239,8 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(
         jb.critical_speed(jb.Hybrid(10, 3, 0), rotor).angular_speed, tear(rotor), rtol=1e-9
     )
-    stiff = jb.models.SpringRotor(1.0, 1.0, 1.0, 1e20, 300.0)
-    for model in (jb.models.DiscreteLP(), jb.models.DiscreteNS()):
+    stiff = jb.papers.SpringRotor(1.0, 1.0, 1.0, 1e20, 300.0)
+    for model in (jb.papers.DiscreteLP(), jb.papers.DiscreteNS()):
         np.testing.assert_allclose(jb.critical_speed(model, stiff).angular_speed, 1e10, rtol=1e-9)
 
 
@@ -301,7 +301,7 @@ def test_no_flutter():
 @pytest.mark.parametrize("tip", [0.0, 0.5])
 def test_liapunov_function(tip):
     """B eq. 61 is constant to rounding along linearised motions; eq. 56 is positive definite."""
-    model, rotor = jb.models.SmallStrainANCF(1), slender(hub=0.5, tip=tip)
+    model, rotor = jb.papers.SmallStrainANCF(1), slender(hub=0.5, tip=tip)
 
     def stiffness(radius, mass, speed):
         return model.linearise(slender(hub=radius, tip=mass), speed, throw=False).stiffness
@@ -342,7 +342,7 @@ def test_printed_matrices():
     @jax.jit
     def parts(radius, mass):
         systems = [
-            jb.models.SmallStrainANCF(1).linearise(slender(hub=radius, tip=mass), v) for v in (0, 1)
+            jb.papers.SmallStrainANCF(1).linearise(slender(hub=radius, tip=mass), v) for v in (0, 1)
         ]
         return systems[1].stiffness - systems[0].stiffness, systems[0].mass
 

@@ -62,9 +62,9 @@ GIVEN = jb.Damping(axial_ratio=0.2, in_plane_ratio=[0.05, 0.1], ratio_speed=2.0)
     ("model", "rotor"),
     [
         (jb.Hybrid(2, 3, 1), ROTOR),
-        *(exhaustive(m, ROTOR) for m in (jb.Classical(2, 3, 2), jb.models.SmallStrainANCF(2))),
-        exhaustive(jb.models.DiscreteLP(), SOFT_SPRINGS),
-        exhaustive(jb.models.DiscreteLC(), SOFT_SPRINGS),
+        *(exhaustive(m, ROTOR) for m in (jb.Classical(2, 3, 2), jb.papers.SmallStrainANCF(2))),
+        exhaustive(jb.papers.DiscreteLP(), SOFT_SPRINGS),
+        exhaustive(jb.papers.DiscreteLC(), SOFT_SPRINGS),
     ],
     ids=name,
 )  # fmt: skip
@@ -116,7 +116,7 @@ LAGS = jb.Rotor(STIFF, 0.3, root_springs=jb.RootSprings(LAG))
     [
         slow(jb.PlanarRod(1), LAGS), exhaustive(jb.Hybrid(0, 2, 2), HINGED),
         *(exhaustive(model, HINGED) for model in (jb.SpatialANCF(1), jb.VonKarman(3, 2, 2))),
-        exhaustive(jb.ANCF(2), LAGS),
+        exhaustive(jb.papers.ANCF(2), LAGS),
     ],
     ids=name,
 )  # fmt: skip

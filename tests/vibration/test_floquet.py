@@ -14,7 +14,7 @@ from tests.helpers import finite_difference, name, slender
 from tests.tiers import exhaustive, slow
 
 ROTOR = slender(hub=0.5, tip=0.3)
-SPRINGS = jb.models.SpringRotor(1.0, 1.0, 1.0, 400.0, 300.0)
+SPRINGS = jb.papers.SpringRotor(1.0, 1.0, 1.0, 400.0, 300.0)
 ONE = jb.Hybrid(0, 1, 0)  # m w'' + (k_0 + k_1 Omega^2) w = 0
 IN_PLANE = jb.labels(in_plane=2)
 
@@ -95,12 +95,12 @@ SHORT = slender(20.0, 0.5, 0.3)
 PAIRED = [
     slow(jb.Hybrid(2, 3, 2), SHORT),
     exhaustive(jb.Classical(2, 3, 2), SHORT),
-    (jb.models.SmallStrainANCF(2), SHORT),
-    exhaustive(jb.models.DiscreteLP(), SPRINGS),
-    exhaustive(jb.models.DiscreteNP(), SPRINGS),
+    (jb.papers.SmallStrainANCF(2), SHORT),
+    exhaustive(jb.papers.DiscreteLP(), SPRINGS),
+    exhaustive(jb.papers.DiscreteNP(), SPRINGS),
     exhaustive(jb.VonKarman(3, 2, 1), SHORT),
-    exhaustive(jb.ANCF(1), SHORT),
-    exhaustive(jb.models.ChordANCF(1), SHORT),
+    exhaustive(jb.papers.ANCF(1), SHORT),
+    exhaustive(jb.papers.ChordANCF(1), SHORT),
 ]
 
 
@@ -118,7 +118,7 @@ def test_multipliers_come_in_pairs(model, rotor):
 TIMED = [
     (jb.Hybrid(1, 2, 1), jb.Damping()),
     (jb.Hybrid(1, 2, 1), jb.Damping(mass_coefficient=0.3, stiffness_coefficient=2e-3)),
-    (jb.models.SmallStrainANCF(1), jb.Damping(stiffness_coefficient=2e-3)),
+    (jb.papers.SmallStrainANCF(1), jb.Damping(stiffness_coefficient=2e-3)),
 ]
 
 
@@ -167,7 +167,7 @@ def test_mass_damping_without_stretch_is_a_factor():
         exhaustive(jb.Hybrid(0, 3, 0), (0, 0), 2),
         exhaustive(jb.Hybrid(0, 3, 0), (0, 1), 1),
         exhaustive(jb.Hybrid(2, 3, 0), (0, 1), 1),
-        exhaustive(jb.models.SmallStrainANCF(2), (0, 0), 1),
+        exhaustive(jb.papers.SmallStrainANCF(2), (0, 0), 1),
     ],
     ids=lambda v: name(v) or str(v),
 )
@@ -218,7 +218,7 @@ def test_damping_moves_the_tip_by_the_analytic_amount():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.GreenANCF(1), jb.models.ChordANCF(1)], ids=name)
+@pytest.mark.parametrize("model", [jb.papers.GreenANCF(1), jb.papers.ChordANCF(1)], ids=name)
 def test_elements_linearised_about_the_stretched_beam(model):
     """They grow in the middle of their principal tongue; Green elements, at strains of 1e-4, as the
     small-strain linearisation does."""
@@ -228,9 +228,9 @@ def test_elements_linearised_about_the_stretched_beam(model):
 
     middle = 2 * jb.modes(model, ROTOR, 2.0, IN_PLANE[:1]).frequency[0]
     assert growth(model, middle) > 0.1
-    if isinstance(model, jb.GreenANCF):
+    if isinstance(model, jb.papers.GreenANCF):
         for nu in (0.97 * middle, middle, 1.05 * middle):
-            expected = growth(jb.models.SmallStrainANCF(1), nu)
+            expected = growth(jb.papers.SmallStrainANCF(1), nu)
             assert expected > 0.05
             np.testing.assert_allclose(growth(model, nu), expected, rtol=0.01)
 
@@ -359,7 +359,7 @@ def test_errors_of_multipliers_are_what_steps_do(depth, counts):
 @pytest.mark.exhaustive
 def test_a_modulus_that_may_be_far_off_is_no_answer():
     """Of elements, whose fast modes take more steps, though each step is short enough."""
-    model, motion = jb.models.SmallStrainANCF(2), jb.motions.ModulatedSpeed(2.0, 0.3, 6.04)
+    model, motion = jb.papers.SmallStrainANCF(2), jb.motions.ModulatedSpeed(2.0, 0.3, 6.04)
     few, many = (jb.floquet(model, ROTOR, motion, steps=n, throw=False) for n in (64, 128))
     assert (few.status, many.status) == (jb.Status.TOO_FEW_STEPS, jb.Status.OK)
     assert np.isnan(few.multiplier_error).all()

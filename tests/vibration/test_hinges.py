@@ -79,7 +79,7 @@ def test_a_frequency_that_is_lost_in_rounding_is_told():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.PlanarRod(4), jb.ANCF(4), jb.SpatialANCF(2)], ids=repr)
+@pytest.mark.parametrize("model", [jb.PlanarRod(4), jb.papers.ANCF(4), jb.SpatialANCF(2)], ids=repr)
 @pytest.mark.parametrize("count", [1, 3])
 def test_elements_tell_what_rounding_leaves(model, count):
     """Right to 2e-3, or INACCURATE, from a spring that holds well to none at all."""
@@ -142,8 +142,8 @@ def test_derivatives_of_a_frequency_of_zero_are_none_and_spoil_no_others():
         slow(jb.PlanarRod(3), id="elements"),
         exhaustive(jb.VonKarman(6, 4, 4), id="von_karman"),
         exhaustive(jb.SpatialANCF(2), id="space"),
-        exhaustive(jb.GreenANCF(3), id="green"),
-        exhaustive(jb.ANCF(3), id="ancf"),
+        exhaustive(jb.papers.GreenANCF(3), id="green"),
+        exhaustive(jb.papers.ANCF(3), id="ancf"),
         exhaustive(jb.Hybrid(3, 5, 5), id="hybrid"),
     ],
 )
@@ -356,7 +356,7 @@ def test_a_free_hinge_finds_where_a_force_turns_it(force):
     rotor = jb.Rotor(
         jb.Beam(1.0, 1.0, 1e5, 1e2, 1e2), 0.3, root_springs=jb.RootSprings(in_plane=0.0)
     )
-    model = jb.GreenANCF(2).suited(rotor)
+    model = jb.papers.GreenANCF(2).suited(rotor)
     loads = jb.Loads(tip_force=[0.0, force, 0.0])
     found = jb.steady_start(model, rotor, jb.ConstantSpeed(2.0), loads=loads)
     angle = np.arctan(force / (4 * 0.3 / 2))

@@ -37,9 +37,9 @@ def test_frequencies_are_those_of_power_series(hub, tip, speed):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "tolerance"),
-    [(jb.Hybrid(6, 12, 0), 1e-8), (jb.PlanarRod(16), 1e-5), (jb.GreenANCF(16), 1e-5),
-     (jb.ANCF(16), 1e-5), (jb.models.SmallStrainANCF(16), 1e-5), (jb.VonKarman(17, 8, 0), 1e-5),
-     (jb.SpatialANCF(16), 1e-5)],
+    [(jb.Hybrid(6, 12, 0), 1e-8), (jb.PlanarRod(16), 1e-5), (jb.papers.GreenANCF(16), 1e-5),
+     (jb.papers.ANCF(16), 1e-5), (jb.papers.SmallStrainANCF(16), 1e-5),
+     (jb.VonKarman(17, 8, 0), 1e-5), (jb.SpatialANCF(16), 1e-5)],
     ids=name,
 )  # fmt: skip
 def test_all_theories_agree_while_strains_are_small(model, tolerance):
@@ -57,8 +57,8 @@ def test_all_theories_agree_while_strains_are_small(model, tolerance):
 
 CRITICAL = [
     (jb.Hybrid(0, 9, 9), 1e-9), exhaustive(jb.Hybrid(4, 9, 0), 1e-9),
-    exhaustive(jb.PlanarRod(8), 3e-5), exhaustive(jb.GreenANCF(8), 3e-5),
-    exhaustive(jb.ANCF(8), 3e-5), exhaustive(jb.models.SmallStrainANCF(8), 3e-5),
+    exhaustive(jb.PlanarRod(8), 3e-5), exhaustive(jb.papers.GreenANCF(8), 3e-5),
+    exhaustive(jb.papers.ANCF(8), 3e-5), exhaustive(jb.papers.SmallStrainANCF(8), 3e-5),
     exhaustive(jb.VonKarman(17, 8, 0), 3e-5), exhaustive(jb.SpatialANCF(8), 3e-5),
 ]  # fmt: skip
 
@@ -178,10 +178,10 @@ def test_strains_have_signs():
         np.testing.assert_allclose(table.steady_strain(speed), exact, rtol=2e-2)
 
 
-@pytest.mark.parametrize("model", [jb.models.DiscreteLP(), slow(jb.models.DiscreteNC())], ids=name)
+@pytest.mark.parametrize("model", [jb.papers.DiscreteLP(), slow(jb.papers.DiscreteNC())], ids=name)
 def test_the_discrete_analogue_falls_off_the_rim(model):
     """k_r + m d L W^2 = 0, but for what the soft tube gives."""
-    rotor = jb.models.SpringRotor(1.0, 1.0, -3.0, 1e8, 2.0)
+    rotor = jb.papers.SpringRotor(1.0, 1.0, -3.0, 1e8, 2.0)
     found = jb.critical_speed(model, rotor).angular_speed
     np.testing.assert_allclose(found, np.sqrt(2.0 / 3.0), rtol=1e-6)
 

@@ -449,7 +449,7 @@ def test_a_push_along_the_tube_makes_a_particle_diverge_as_it_turns():
     spring tears at m Omega^2 = k_T: a closed form, and its derivative, which differences give too.
     """
     along, hinge, length, mass = 50.0, 3.0, 1.3, 0.7
-    rotor, model = jb.models.SpringRotor(mass, length, 0.0, along, hinge), jb.models.DiscreteNC()
+    rotor, model = jb.papers.SpringRotor(mass, length, 0.0, along, hinge), jb.papers.DiscreteNC()
 
     @jax.jit
     @jax.value_and_grad

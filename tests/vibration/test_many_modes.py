@@ -17,7 +17,7 @@ from tests.tiers import slow
 PLANE = jb.Hybrid(n_stretch=8, n_in_plane=16, n_flap=0)
 SPACE = jb.Hybrid(n_stretch=4, n_in_plane=8, n_flap=10)
 STIFF = jb.Hybrid(n_stretch=0, n_in_plane=12, n_flap=0)
-ELEMENTS = [jb.ANCF(4), jb.models.TangentANCF(6)]
+ELEMENTS = [jb.papers.ANCF(4), jb.papers.TangentANCF(6)]
 NAMES = (
     "speed", "hub_radius", "tip_mass", "length", "mass_per_length", "axial_stiffness",
     "in_plane_bending_stiffness", "flap_bending_stiffness",
@@ -94,7 +94,7 @@ def test_many_are_as_single_ones(model, named):
             ::-1
         ]
     # Model 0 is unstable at high speed.
-    soft = isinstance(model, jb.models.TangentANCF)
+    soft = isinstance(model, jb.papers.TangentANCF)
     some = cases(top=2.0 if soft else 12.0)
     many = jax.jit(jax.vmap(of(model, which)))(some)
     assert np.all(many.status == jb.Status.OK)
@@ -163,7 +163,7 @@ def test_random_rotors_get_an_answer_or_a_true_reason(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [PLANE, jb.ANCF(4)], ids=repr)
+@pytest.mark.parametrize("model", [PLANE, jb.papers.ANCF(4)], ids=repr)
 def test_derivatives_are_those_of_single_cases(model):
     """By every parameter, in both modes, of eigenvalues, shapes and shares; second ones too."""
     some = cases()
@@ -198,7 +198,7 @@ def test_derivatives_are_those_of_single_cases(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [slow(PLANE), jb.ANCF(4)], ids=repr)
+@pytest.mark.parametrize("model", [slow(PLANE), jb.papers.ANCF(4)], ids=repr)
 def test_bad_cases_are_named_and_leave_the_others_as_they_are(model):
     some = cases()
     spoilt = some.at[1, 0].set(jnp.nan).at[2, 2].set(-1.0).at[3, 0].set(1e5)
@@ -222,7 +222,7 @@ def test_bad_cases_are_named_and_leave_the_others_as_they_are(model):
 @pytest.mark.exhaustive
 def test_growing_modes_come_first_among_many():
     """Those that bands do not find: of a model that is unstable at these speeds."""
-    model, some = jb.models.TangentANCF(2), cases(top=30.0)
+    model, some = jb.papers.TangentANCF(2), cases(top=30.0)
     many = jax.jit(jax.vmap(of(model, 2)))(some)
     grows = np.asarray(many.growth_rate[:, 0] > 0)
     assert 20 < grows.sum() < MANY - 20
@@ -237,8 +237,8 @@ def test_growing_modes_come_first_among_many():
     ("model", "numbers"),  # axial stiffness, tip mass, speed
     [
         (jb.Hybrid(4, 8, 0), (6264.3353665688555, 3.1622776601683795, 3.1622776601683795)),
-        (jb.GreenANCF(3), (1000.0, 1.0, 1.0)),
-        (jb.GreenANCF(3), (1596.338544287942, 0.1333521432163324, 1.0)),
+        (jb.papers.GreenANCF(3), (1000.0, 1.0, 1.0)),
+        (jb.papers.GreenANCF(3), (1596.338544287942, 0.1333521432163324, 1.0)),
     ],
 )
 def test_no_mode_is_skipped_where_axial_ones_pass(model, numbers):
@@ -258,7 +258,7 @@ def _softer(given):
     return eqx.tree_at(lambda r: r.beam.in_plane_bending_stiffness, given, stiffness)
 
 
-class _RibbedElements(jb.GreenANCF):
+class _RibbedElements(jb.papers.GreenANCF):
     """Whose bending stiffness has a part in N m^2 that no parameter says."""
 
     def equations(self, rotor):
@@ -285,13 +285,13 @@ def test_derivatives_of_elements_are_limits_of_differences(model):
         np.testing.assert_allclose(difference / scale, ours[:, :, i] / scale, atol=1e-7)
 
 
-class _HeldElements(jb.GreenANCF):
+class _HeldElements(jb.papers.GreenANCF):
     def steady(self, rotor, speed):
         q, status = super().steady(rotor, speed)
         return 0 * q, status
 
 
-class _OtherMatrices(jb.GreenANCF):
+class _OtherMatrices(jb.papers.GreenANCF):
     def matrices(self, rotor, speed):
         return super().matrices(rotor, 2 * speed)
 
@@ -322,7 +322,7 @@ class _StiffHybrid(jb.Hybrid):
         return 4 * super().linear_stiffness(rotor, shapes)
 
 
-class _SoftElements(jb.GreenANCF):
+class _SoftElements(jb.papers.GreenANCF):
     def equations(self, rotor):
         return super().equations(_softer(rotor))
 
@@ -335,6 +335,6 @@ def test_models_with_other_equations_do_not_get_those_of_their_base(model):
     many = jax.jit(jax.vmap(of(model, 2)))(some)
     assert_alike(jax.tree.map(lambda a: a[:5], many), alone(model, 2, some[:5]))
     changed = {_SoftHybrid: jb.Hybrid(4, 8, 0), _StiffHybrid: jb.Hybrid(4, 8, 0)}
-    base = changed.get(type(model), jb.GreenANCF(2))
+    base = changed.get(type(model), jb.papers.GreenANCF(2))
     theirs = alone(base, 2, some[:5]).frequency
     assert np.all(np.abs(many.frequency[:5, 0] / theirs[:, 0] - 1) > 0.01)

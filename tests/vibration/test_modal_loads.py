@@ -76,7 +76,7 @@ def test_moments_about_a_loaded_state():
 
 
 def test_what_has_no_sections_says_so():
-    modes = jb.modes(jb.models.DiscreteLC(), SPRINGS, 1.0)
+    modes = jb.modes(jb.papers.DiscreteLC(), SPRINGS, 1.0)
     with pytest.raises(ValueError, match="SpringRotor has none"):
         modes.section_moment(0.5)
     assert jnp.isfinite(modes.frequency).all()

@@ -33,7 +33,7 @@ IN_PLANE, FLAP, AXIAL = (
 @pytest.fixture(scope="module")
 def tables():
     rows = np.genfromtxt(DATA / "berzeri_1999_tables_3_4_5.csv", delimiter=",", names=True)
-    model, beam = jb.models.SmallStrainANCF(10), jb.Beam.from_slenderness(216.21246)
+    model, beam = jb.papers.SmallStrainANCF(10), jb.Beam.from_slenderness(216.21246)
 
     @jax.jit
     @jax.vmap
@@ -71,7 +71,7 @@ def test_720_printed_frequencies(tables):
 @pytest.mark.parametrize(
     ("slenderness", "model", "column"),
     [
-        (216.21246, jb.models.SmallStrainANCF(10), "omega_simulation"),
+        (216.21246, jb.papers.SmallStrainANCF(10), "omega_simulation"),
         (216.2162, jb.Hybrid(12, 14, 0), "omega_exact"),
     ],
     ids=["simulation", "exact"],
@@ -97,7 +97,7 @@ def test_a_printed_value_is_not_the_beam():
     """At gamma = 50, N = R = 0 the printed 10.278 is ten elements: finer ones leave it for good."""
     rotor, label = slender(), jb.labels(in_plane=1)
     n = (10, 20, 40, 80)
-    found = [jb.modes(jb.models.SmallStrainANCF(k), rotor, 50.0, label).frequency[0] for k in n]
+    found = [jb.modes(jb.papers.SmallStrainANCF(k), rotor, 50.0, label).frequency[0] for k in n]
     assert found[0] == pytest.approx(10.278, abs=6e-4)
     steps = -np.diff(found)
     assert steps[0] > 0.2
@@ -186,10 +186,10 @@ def _order(counts, errors):
 @pytest.mark.parametrize(
     ("make", "gamma"),
     [
-        exhaustive(jb.models.SmallStrainANCF, 0.0),
-        exhaustive(jb.ANCF, 5.0),
-        exhaustive(jb.models.SmallStrainANCF, 5.0),
-        exhaustive(jb.ANCF, 0.0),
+        exhaustive(jb.papers.SmallStrainANCF, 0.0),
+        exhaustive(jb.papers.ANCF, 5.0),
+        exhaustive(jb.papers.SmallStrainANCF, 5.0),
+        exhaustive(jb.papers.ANCF, 0.0),
     ],
 )
 def test_order_of_convergence_of_elements_in_bending(make, gamma):
@@ -207,7 +207,7 @@ def test_order_of_convergence_of_elements_in_bending(make, gamma):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("make", [jb.models.SmallStrainANCF, jb.ANCF])
+@pytest.mark.parametrize("make", [jb.papers.SmallStrainANCF, jb.papers.ANCF])
 def test_order_of_convergence_of_elements_in_stretch(make):
     """h^6, to beta tan(beta) = m / m_t, for a beam so slender that the EI u''^2 of K_t is nil.
 
@@ -227,7 +227,7 @@ def test_order_of_convergence_of_elements_in_stretch(make):
 @pytest.mark.slow
 def test_elements_converge_to_the_rest_frequencies_of_the_continuum():
     expected = np.array(power_series.frequencies(0.0, 0.0, 0.3))
-    model = jb.ANCF(40)
+    model = jb.papers.ANCF(40)
     found = jb.modes(model, slender(60.0, 0.5, 0.3), 0.0, jb.labels(in_plane=3)).frequency
     np.testing.assert_allclose(found, expected, rtol=3e-6)
 
@@ -306,8 +306,8 @@ def test_classical_with_stretch_against_scipy():
     "model",
     [
         jb.Hybrid(12, 16, 16),
-        exhaustive(jb.models.SmallStrainANCF(8)),
-        exhaustive(jb.ANCF(8)),
+        exhaustive(jb.papers.SmallStrainANCF(8)),
+        exhaustive(jb.papers.ANCF(8)),
     ],
     ids=repr,
 )
@@ -408,13 +408,13 @@ def test_labels_survive_veering_and_crossing(steps):
 PLAIN = jnp.array([1.3, 0.8, 4.9e3, 1.1, 1.7, 0.3, 0.25, 5.0])
 DIFFERENTIABLE = [
     (jb.Hybrid(4, 8, 8), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
-    slow(jb.ANCF(3), PLAIN, jb.labels(in_plane=3, axial=1)),
+    slow(jb.papers.ANCF(3), PLAIN, jb.labels(in_plane=3, axial=1)),
     exhaustive(jb.Hybrid(8, 12, 12), PLAIN, jb.labels(in_plane=3, flap=2, axial=1)),
     exhaustive(
         jb.Hybrid(8, 12, 0, jb.models.Polynomials(2)), PLAIN, jb.labels(in_plane=3, axial=1)
     ),
-    exhaustive(jb.models.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
-    exhaustive(jb.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    exhaustive(jb.papers.SmallStrainANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
+    exhaustive(jb.papers.ANCF(6), PLAIN, jb.labels(in_plane=3, axial=1)),
     exhaustive(
         jb.Classical(8, 12, 12), PLAIN.at[-1].set(1.2), jb.labels(in_plane=3, flap=2, axial=1)
     ),
@@ -631,7 +631,7 @@ def test_shorter_floats_are_promoted():
     found = jb.modes(model, slender(), jnp.float32(1.0)).frequency
     assert found.dtype == jnp.float64
     np.testing.assert_array_equal(found, expected)
-    jb.modes(jb.ANCF(2), slender(), jnp.float32(1.0))
+    jb.modes(jb.papers.ANCF(2), slender(), jnp.float32(1.0))
 
 
 SHORT = """
@@ -639,7 +639,7 @@ import jaxbeam as jb
 
 def found():
     beam = jb.Beam(4.0, 1.5, 1e6, 2000.0, 900.0)
-    for model in (jb.PlanarRod(16), jb.ANCF(6)):
+    for model in (jb.PlanarRod(16), jb.papers.ANCF(6)):
         for tip_mass in (0.0, 60.0, 240.0, 6000.0, 6e6):
             rotor, which = jb.Rotor(beam, 0.5, tip_mass), jb.labels(in_plane=2)
             found = jb.modes(model, rotor, 0.0, which, throw=False)

@@ -128,8 +128,8 @@ def test_flap_exceeds_in_plane_by_one(hub, tip, speed):
     "model",
     [
         jb.Hybrid(8, 12, 12),
-        exhaustive(jb.ANCF(5)),
-        exhaustive(jb.models.SmallStrainANCF(5)),
+        exhaustive(jb.papers.ANCF(5)),
+        exhaustive(jb.papers.SmallStrainANCF(5)),
     ],
 )
 def test_continuous_at_rest(model):
@@ -186,7 +186,9 @@ OVERFLOWING = [
 
 
 @pytest.mark.parametrize(
-    "model", [jb.Hybrid(0, 1, 0), pytest.param(jb.GreenANCF(1), marks=pytest.mark.slow)], ids=name
+    "model",
+    [jb.Hybrid(0, 1, 0), pytest.param(jb.papers.GreenANCF(1), marks=pytest.mark.slow)],
+    ids=name,
 )
 def test_what_overflows_is_not_blamed_on_the_speed(model):
     """Nor is a coefficient that is not a number called ok; in a batch others are as they were."""
