@@ -41,7 +41,12 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 # What became of names of this version that are others now; those that moved alone are found.
-_RENAMED = {"ExactRodANCF": "jaxbeam.PlanarRod"}
+_RENAMED = {
+    "ExactRodANCF": "jaxbeam.PlanarRod",
+    "read_csv": "jaxbeam.blades.read_blade(path, format=BladeFormat.CSV)",
+    "read_elastodyn": "jaxbeam.blades.read_blade(path, format=BladeFormat.ELASTODYN)",
+    "read_bmodes": "jaxbeam.blades.read_blade(path, format=BladeFormat.BMODES)",
+}
 
 if TYPE_CHECKING:
     from jaxbeam import blades as blades

@@ -1,10 +1,11 @@
 """Beams as they are built: properties along the span, from tables and files, and held ends.
 
 `read_blade(path, length=61.5, axial_stiffness=1e10).beam` is a `jaxbeam.Beam` whose properties are
-`jaxbeam.Spanwise`. It reads a table of any spreadsheet with named columns and units (`read_csv`), a
-blade file of OpenFAST's ElastoDyn (`read_elastodyn`), and a section file or main file of BModes
-(`read_bmodes`), and tells them apart by what is in them. What else a reader returns is a
-`BladeTable`: it knows what the file says of the `Rotor`, and what in the file is ignored.
+`jaxbeam.Spanwise`. It reads a table of any spreadsheet with named columns and units (CSV), a blade
+file of OpenFAST's ElastoDyn, and a section file or main file of BModes, and tells them apart by
+what is in them; `help(jaxbeam.blades.BladeFormat)` says which columns and lines these have, and
+`format=BladeFormat.CSV` insists on one. What else a reader returns is a `BladeTable`: it knows what
+the file says of the `Rotor`, and what in the file is ignored.
 `write_elastodyn` writes a blade file with a beam and the shapes of its modes. What has full
 sections is read as well, and written for two programs: see "Full sections" below.
 
@@ -137,10 +138,8 @@ of these moves them by 0.1 to 6 %.
 from jaxbeam._files.beamdyn import read_beamdyn as read_beamdyn
 from jaxbeam._files.beamdyn_writer import write_beamdyn as write_beamdyn
 from jaxbeam._files.blade import read_blade as read_blade
-from jaxbeam._files.bmodes import read_bmodes as read_bmodes
-from jaxbeam._files.csv import read_csv as read_csv
-from jaxbeam._files.elastodyn import read_elastodyn as read_elastodyn
 from jaxbeam._files.elastodyn_writer import write_elastodyn as write_elastodyn
+from jaxbeam._files.formats import BladeFormat as BladeFormat
 from jaxbeam._files.hawc2 import read_hawc2 as read_hawc2
 from jaxbeam._files.hawc2_writer import write_hawc2 as write_hawc2
 from jaxbeam._files.tables import BladeTable as BladeTable

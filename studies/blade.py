@@ -28,7 +28,7 @@ TABLE = Path(__file__).parent / "data" / "nrel5mw_blade.csv"
 HUB = 1.5  # m
 # No column of the table. Motion along the blade is left out, so that it says nothing here.
 AXIAL_STIFFNESS = 1e10  # N
-BEAM = jb.blades.read_csv(TABLE, length=61.5, axial_stiffness=AXIAL_STIFFNESS).beam
+BEAM = jb.blades.read_blade(TABLE, length=61.5, axial_stiffness=AXIAL_STIFFNESS).beam
 STRAIGHT = dataclasses.replace(BEAM, twist=None)
 CUT_IN, RATED, FASTEST = 6.9, 12.1, 20.0  # rpm
 RPM = np.pi / 30

@@ -39,7 +39,7 @@ FACTORS = ("thrust", "flap stiffness", "edge stiffness", "torsional stiffness", 
 
 def blade(flap: Any = 1.0, edge: Any = 1.0, torsion: Any = 1.0, mass: Any = 1.0) -> jb.Rotor:
     """The blade with properties multiplied all along."""
-    table = jb.blades.read_csv(TABLE, length=LENGTH, axial_stiffness=AXIAL_STIFFNESS).beam
+    table = jb.blades.read_blade(TABLE, length=LENGTH, axial_stiffness=AXIAL_STIFFNESS).beam
     stations = table.mass_per_length.stations
     first, second = (
         getattr(table, name).values

@@ -262,7 +262,7 @@ def blade_frequencies(
 ) -> dict[tuple[str, int], float]:
     """At rest, in Hz."""
     file = DATA / f"{name}_blade.csv"
-    beam = jb.blades.read_csv(file, length=length, axial_stiffness=1e10).beam
+    beam = jb.blades.read_blade(file, length=length, axial_stiffness=1e10).beam
     mass = beam.mass_per_length
     mass = jb.Spanwise(mass.stations, factor * mass.values)
     rotor = jb.Rotor(dataclasses.replace(beam, mass_per_length=mass), hub)

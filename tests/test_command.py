@@ -450,10 +450,10 @@ def test_a_main_file_of_bmodes_says_what_the_rotor_is(tmp_path, capsys, monkeypa
     said = capsys.readouterr().err
     assert "tw_iner is ignored" in said
     assert "angular_speed is 1.26711 rad/s, as the beam's file says" in said
-    wanted = jb.blades.read_bmodes("blade.txt").rotor(tip_mass=20.0)
+    wanted = jb.blades.read_blade("blade.txt").rotor(tip_mass=20.0)
     assert (float(wanted.hub_radius), float(wanted.tip_mass)) == (1.5, 20.0)
     assert eqx.tree_equal(seen[0], wanted)
-    stated = jb.blades.read_bmodes("blade.txt").angular_speed
+    stated = jb.blades.read_blade("blade.txt").angular_speed
     np.testing.assert_allclose(stated, 12.1 * np.pi / 30, rtol=1e-12)
     tables = tomllib.loads(scene)
     assert read(tables).axes == {"angular_speed": [stated]}

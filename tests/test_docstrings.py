@@ -16,6 +16,7 @@ from tests.package import MODULES, SUBJECTS
 # Arguments that need not be named, or None for all, and why.
 UNNAMED = {
     "Status": (None, "an enum: `Status(code)` is all that there is to call"),
+    "BladeFormat": (None, "an enum: its members are all that there is"),
     "Direction": (None, "an enum: `Direction(code)` is all that there is to call"),
     "Simulation": ({"is_partial"}, "set by `partial`"),
     "Fit": ({"free", "z", "scale", "known_noise"}, "what `partial` and `interval` go by"),

@@ -164,7 +164,7 @@ _no.factor = 2.0
         (lambda x: x * eval("2"), "the name eval"),
         (lambda x: x * np.load("numbers"), "load, which may read"),
         (lambda x: x * np.random.default_rng().normal(), "random, which may read"),
-        (lambda x: x * jb.blades.read_csv("b").length, "read_csv, which may read"),
+        (lambda x: x * jb.blades.read_blade("b").length, "read_blade, which may read"),
         (lambda x: x * nowhere, "the name nowhere"),  # noqa: F821
         (lambda x: x * pytest.__version__, "the module pytest"),
         (changes, "OWN, which it changes"),

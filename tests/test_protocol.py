@@ -204,9 +204,6 @@ CHECK_ALONE = (
     "blades.section_stiffness",  # matrices, which a Blade checks
     "blades.section_inertia",
     "blades.read_beamdyn",
-    "blades.read_bmodes",
-    "blades.read_csv",
-    "blades.read_elastodyn",
     "blades.read_hawc2",
     "blades.read_vabs",
     "blades.read_windio",

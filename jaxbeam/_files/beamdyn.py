@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.formats import BladeFormat, refuse_other
 from jaxbeam._files.nrel import Said, count_of, named, number, require, table_rows
 from jaxbeam._files.section_axes import (
     BEAMDYN,
@@ -78,7 +78,7 @@ def read_beamdyn(path: FilePath, *, length: Real | None = None) -> BladeTable:
             raise no_axis(path, "a blade file of BeamDyn", better)
         axis = straight(length)
     if "station_total" not in said:
-        refuse_other(path, lines, "read_beamdyn")
+        refuse_other(path, lines, BladeFormat.BEAMDYN)
     require(path, said, ("station_total", "damp_type"))
     return _sections(path, lines, said, axis)
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.formats import BladeFormat, refuse_other
 from jaxbeam._files.names import meanings
 from jaxbeam._files.nrel import (
     REASONS,
@@ -68,31 +68,7 @@ def read_bmodes(
 ) -> BladeTable:
     """A beam from a section file of BModes, or from a main file (`.bmi`), which names one.
 
-    `path` is that of the file. A section file has a title, n_secs, a line of titles, a line of
-    units and n_secs rows of the thirteen columns sec_loc (x / L), str_tw, tw_iner (deg), mass_den
-    (kg/m), flp_iner, edge_iner (kg m), flp_stff, edge_stff, tor_stff (N m^2), axial_stff (N),
-    cg_offst, sc_offst, tc_offst (m), known by their order, as in BModes; other units are converted.
-    What follows are notes. It needs `length`, in m. `axial_stiffness`, in N, takes the place of
-    axial_stff. Where they are positive everywhere tor_stff is the torsional stiffness, and flp_iner
-    + edge_iner the polar inertia.
-
-    A main file is read line by line, as BModes of version 3.00 or 1.03 does, or, if lines are
-    missing, by the names behind the values. Its length is radius - hub_rad; its factors are
-    applied; hub radius (hub_rad is along the coned blade), precone (positive towards the axis of
-    rotation, downwind), tip mass, pitch (bl_thp) and speed (rot_rpm times rpm_mult, or romg times
-    romg_mult) are fields of the result, and so is the body that cm_axial and the inertias ixx_tip
-    (in plane), iyy_tip (in flap) and izz_tip (axial), which the program takes about the centre of
-    mass, make of the tip mass; `BladeTable.rotor()` makes a rotor of them all. beam_type must be 1,
-    a blade, and hub_conn 1, clamped. The section file is looked for beside it.
-
-    Values are linear from one station to the next. (BModes has constant ones in each of its
-    elements; where these are few, its frequencies differ by per cents.) The sense of twist and
-    pitch is that of `read_csv`: positive in the file is negative in the beam and the result.
-
-    Source: G. Bir, User's Guide to BModes, NREL/TP-500-39133, 2005, and the program itself.
-
-    Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
-    the file cannot be read.
+    See `BladeFormat`.
     """
     path = Path(path)
     lines = read_lines(path)
@@ -230,7 +206,7 @@ def _sections(
     """The blade of a section file, its properties times factors."""
     first = next((i for i in range(1, len(lines)) if lines[i].strip()), None)
     if first is None or not is_section_file(lines):
-        refuse_other(path, lines, "read_bmodes")
+        refuse_other(path, lines, BladeFormat.BMODES)
     if first is None:
         raise ValueError(f"{path}: no n_secs, titles and units after the first line")
     count = count_of(path, first + 1, "n_secs", value_in(lines[first]))

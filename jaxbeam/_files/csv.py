@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from jaxbeam._files.formats import no_format, refuse_other
+from jaxbeam._files.formats import BladeFormat, no_format, refuse_other
 from jaxbeam._files.names import NAMES
 from jaxbeam._files.tables import (
     AXIAL,
@@ -42,53 +42,11 @@ def read_csv(
     length: Real | None = None,
     axial_stiffness: Real | AbstractSpanwise | None = None,
 ) -> BladeTable:
-    """A beam from a table with commas, semicolons or tabs between entries.
-
-    `path` is that of the file. Lines that begin with # are comments. The first other line names the
-    columns, in any order, each a name and then a unit: `flap_stiffness_N_m2` or `flap stiffness [N
-    m^2]`.
-
-    | name                                   | or                                | unit           |
-    |----------------------------------------|-----------------------------------|----------------|
-    | x_over_L, x/L (from 0 to 1)            | BlFract, sec_loc, span_fraction   | none           |
-    | or x (from 0 at the root)              |                                   | m, cm, mm      |
-    | mass_per_length                        | BMassDen, mass_den, linear_mass,  | kg/m, g/m, t/m |
-    |                                        | linear_density, rhoA              |                |
-    | in_plane_stiffness (edge, edgewise,    | EI_edge, EIedge, edge_EI, and so  | N m^2, kN m^2, |
-    | lag, lead_lag for in_plane)            | on; EdgStff, edge_stff            | MN m^2, GN m^2,|
-    |                                        |                                   | N mm^2         |
-    | flap_stiffness (flapwise,              | EI_flap, EIflap, flap_EI, and so  | the same       |
-    | out_of_plane for flap)                 | on; FlpStff, flp_stff             |                |
-    | axial_stiffness, if there              | EA, EAStff, axial_stff            | N, kN, MN, GN  |
-    | twist, structural_twist, if there      | StrcTwst, str_tw, twist_angle     | deg, rad       |
-    | torsional_stiffness, if there          | GJ, GJStff, tor_stff              | as in plane    |
-    | polar_inertia, if there                | or both flap_inertia and          | kg m, g m, t m,|
-    |                                        | edge_inertia, FlpIner and EdgIner | kg m^2/m       |
-
-    `_bending_stiffness` and `_rigidity` may stand for `_stiffness`. A name without brackets is
-    followed by its unit, as in `flap_stiffness_N_m2` and `mass_per_length_kg_per_m`. Units are
-    converted; any other one is refused. Torsional stiffness and polar inertia are taken where they
-    are positive at all stations. All other columns are named in `ignored`. Each later line is a
-    station. Values are linear from one to the next; two equal ones are a step. Numbers may have a
-    decimal comma, all of them or none; in quotes, where commas part entries.
-
-    `length`, in m, is needed with x_over_L; with x it is the last station. `axial_stiffness`, in N,
-    takes the place of the column, and is needed without one. Frequencies of bending hardly depend
-    on it if the beam is stretched by little at its speed.
-
-    Twist is positive in the file as in tables of wind turbines: towards feather, the leading edge
-    upwind. Such a rotor turns clockwise as seen from upwind, so its axis by the right-hand rule is
-    downwind, and that is where `Beam.twist` is positive: its values are the negative ones of the
-    file, and a pitch towards feather is a negative `Rotor.pitch`. Frequencies do not depend on the
-    sense, but to which side a mode in plane moves in flap does. Zero at all stations is no twist.
-
-    Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
-    the file cannot be read.
-    """
+    """A beam from a table with commas, semicolons or tabs between entries. See `BladeFormat`."""
     path = Path(path)
     lines = read_lines(path)
     if count_named(path, lines) < 2:
-        refuse_other(path, lines, "read_csv")
+        refuse_other(path, lines, BladeFormat.CSV)
     ((line, titles), *rows), by = _records(path, lines)
     columns: dict[str, Column] = {}
     for i, title in enumerate(titles):

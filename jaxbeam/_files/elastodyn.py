@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.formats import BladeFormat, refuse_other
 from jaxbeam._files.names import meanings
 from jaxbeam._files.nrel import (
     Head,
@@ -31,29 +31,13 @@ def read_elastodyn(
 ) -> BladeTable:
     """A beam from a blade file of ElastoDyn (OpenFAST, FAST 8), or of FAST 7, which looks the same.
 
-    `path` is that of the file. `length`, in m, is TipRad - HubRad of the main file, and is needed.
-    Used are NBlInpSt, the columns BlFract, StrcTwst (deg), BMassDen (kg/m), FlpStff and EdgStff (N
-    m^2; edgewise is in plane without twist) and, if there, EAStff (N), GJStff (N m^2), FlpIner and
-    EdgIner (kg m, together the polar inertia), and the factors AdjBlMs, AdjFlSt, AdjEdSt. Columns
-    have any order; units that the line below them has instead are converted. All else is named in
-    `ignored`: damping, tuners and shapes of modes, further columns of older files.
-    `axial_stiffness`, in N, takes the place of EAStff and is needed without it; in ElastoDyn itself
-    blades do not stretch.
-
-    Values are linear from one station to the next. The sense of the twist is that of `read_csv`:
-    positive in the file (about minus the axis from root to tip) is negative in the beam.
-
-    Sources: OpenFAST documentation, ElastoDyn; J. Jonkman, M. Buhl, FAST User's Guide,
-    NREL/EL-500-38230, 2005; for the NREL 5-MW blade Jonkman et al., NREL/TP-500-38060, 2009.
-
-    Raises `ValueError`, which names file, line and column of the first mistake, and `OSError` where
-    the file cannot be read.
+    See `BladeFormat`.
     """
     path = Path(path)
     lines = read_lines(path)
     head = head_of_stations(lines)
     if head is None:
-        refuse_other(path, lines, "read_elastodyn")
+        refuse_other(path, lines, BladeFormat.ELASTODYN)
         raise ValueError(f"{path}: no line has BlFract among titles, so there are no stations")
     titles = _titles(lines[head])
     said = named(lines, _free(lines), head)

@@ -38,10 +38,10 @@ def write_elastodyn(
     Stations are those of all properties together, where one is a function of x / L with 51
     equidistant ones; a step is written as two stations 1e-9 apart, since ElastoDyn wants them to
     increase; places nearer than twice that become one. Twist goes into the file in the sense of
-    `read_csv`. ElastoDyn's blades do not stretch or twist: `axial_stiffness`,
+    `BladeFormat`. ElastoDyn's blades do not stretch or twist: `axial_stiffness`,
     `torsional_stiffness` and `polar_inertia` are not in the file.
 
-    `read_elastodyn` reads it back.
+    `read_blade` reads it back.
 
     Raises `TypeError` unless all numbers are known, and `ValueError` where damping is out of range
     or coefficients do not sum to one within 0.0015, which ElastoDyn refuses.

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.formats import BladeFormat, refuse_other
 from jaxbeam._files.nrel import table_rows
 from jaxbeam._files.section_axes import (
     HAWC2,
@@ -103,7 +103,7 @@ def read_hawc2(
         ]  # fmt: skip
         path, lines = _sections_beside(path, chosen)
     else:
-        refuse_other(path, lines, "read_hawc2")
+        refuse_other(path, lines, BladeFormat.HAWC2)
         if length is None:
             better = "read the htc file, whose c2_def is the axis"
             raise no_axis(path, "an st file of HAWC2", better)

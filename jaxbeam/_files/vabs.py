@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxbeam._checks import real_scalar
-from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.formats import BladeFormat, refuse_other
 from jaxbeam._files.section_axes import checked_sections, seen_from
 from jaxbeam._files.tables import BladeTable
 from jaxbeam._files.texts import FilePath, entries, is_number, mistake, number_in, read_lines
@@ -72,7 +72,7 @@ def read_vabs(
 def _section(path: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Stiffness and inertia (1, 6, 6) of a file, and sentences on what in it is ignored."""
     lines = read_lines(path)
-    refuse_other(path, lines, "read_vabs")
+    refuse_other(path, lines, BladeFormat.VABS)
     found = {
         name: next((i for i, line in enumerate(lines) if re.search(name, line, re.I)), None)
         for name in (_MASS, _STIFFNESS, _CLASSICAL, _TRAPEZE)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxbeam._files.beamdyn import ORDER
-from jaxbeam._files.formats import refuse_other
+from jaxbeam._files.formats import BladeFormat, refuse_other
 from jaxbeam._files.section_axes import (
     BEAMDYN,
     Axis,
@@ -70,7 +70,7 @@ def read_windio(turbine: FilePath | Mapping[str, Any], *, component: str = "blad
     else:
         path = Path(turbine)
         lines = read_lines(path)
-        refuse_other(path, lines, "read_windio")
+        refuse_other(path, lines, BladeFormat.WINDIO)
         tree = _parsed(path, "\n".join(lines))
     top: Keys = ("components", component)
     blade = _within(path, tree, top)

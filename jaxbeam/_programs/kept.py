@@ -27,10 +27,10 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
     names may mean parts of jaxbeam, JAX, NumPy, Equinox, diffrax, optimistix and lineax (of their
     installed versions), and of Python what knows nothing but arguments: `math`, `functools`, `len`
     and so on. A function that refers to anything else (modules and classes of yours, `open`,
-    `numpy.load`, `jb.blades.read_csv`, random numbers) is compiled in each process, with a warning:
-    hand it such things as arguments. So is one that calls back to Python, as those of this package
-    do to raise: pass `throw=False`. What a function of those packages is told to read from a file
-    behind another name is not seen.
+    `numpy.load`, `jb.blades.read_blade`, random numbers) is compiled in each process, with a
+    warning: hand it such things as arguments. So is one that calls back to Python, as those of this
+    package do to raise: pass `throw=False`. What a function of those packages is told to read from
+    a file behind another name is not seen.
 
     Returns the compiled function, with the arguments and results of `jax.jit(function)`.
 

@@ -78,13 +78,13 @@ def test_mangled_files_are_read_or_refused(case, tier, tmp_path, watched):
     file = tmp_path / "blade.txt"
     written(file, text)
     known = {} if "main" in name else {"length": 50.0, "axial_stiffness": 1e10}
-    readers = [blades.read_blade]
-    readers += [blades.read_elastodyn] if name == "elastodyn" else []
-    readers += [blades.read_bmodes] if "main" in name or name == "sections" else []
+    formats = [None]
+    formats += [blades.BladeFormat.ELASTODYN] if name == "elastodyn" else []
+    formats += [blades.BladeFormat.BMODES] if "main" in name or name == "sections" else []
     with watched(case):
-        for read in readers:
+        for form in formats:
             try:
-                table = read(file, **known)
+                table = blades.read_blade(file, format=form, **known)
             except ValueError as error:
                 said = str(error)
                 assert said.startswith(str(tmp_path)), said

@@ -11,7 +11,7 @@ from jaxbeam._rotor.span import Span
 from tests.references import blade as blade_reference
 from tests.tiers import slow
 
-BLADE = jb.blades.read_csv(blade_reference.NREL, length=61.5, axial_stiffness=1e10).beam
+BLADE = jb.blades.read_blade(blade_reference.NREL, length=61.5, axial_stiffness=1e10).beam
 
 
 @pytest.mark.exhaustive

@@ -254,30 +254,35 @@ NEIGHBOURS = {
     "an AeroDyn blade file": "AERODYN\nown\n2 NumBlNds\nBlSpn BlCrvAC BlSwpAC BlTwist BlChord\n",
     "an Excel workbook (save it as CSV)": b"PK\x03\x04\x14\x00\x06\x00\x08\x00[Content_Types].xml",
 }
-ALL_READERS = blades.read_blade, blades.read_csv, blades.read_elastodyn, blades.read_bmodes
+FORMATS = blades.BladeFormat
 
 
 @pytest.mark.parametrize("title", NEIGHBOURS)
 def test_files_of_neighbours_are_named(title, tmp_path):
     path, text = tmp_path / "file", NEIGHBOURS[title]
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    for read in ALL_READERS:
+    for form in (None, FORMATS.CSV, FORMATS.ELASTODYN, FORMATS.BMODES):
         with pytest.raises(ValueError, match=re.escape(f"file is {title}, which is not read; kno")):
-            read(path, length=12.0)
+            blades.read_blade(path, length=12.0, format=form)
 
 
-def test_a_reader_names_the_one_that_reads_a_file(tmp_path):
+def test_another_format_than_that_of_a_file_is_refused(tmp_path):
     path = tmp_path / "file"
-    for text, title, reader in (
-        (ELASTODYN.format(title="own"), "an ElastoDyn blade file", blades.read_elastodyn),
-        (DECK.format(title="own"), "a BModes main file", blades.read_bmodes),
-        (SECTIONS, "a BModes section file", blades.read_bmodes),
+    for text, title, own in (
+        (ELASTODYN.format(title="own"), "an ElastoDyn blade file", FORMATS.ELASTODYN),
+        (DECK.format(title="own"), "a BModes main file", FORMATS.BMODES),
+        (SECTIONS, "a BModes section file", FORMATS.BMODES),
     ):
         path.write_text(text)
-        for read in {*ALL_READERS[1:]} - {reader}:
-            said = f"file is {title}: take {reader.__name__}, or read_blade"
+        for form in {*FORMATS} - {own, FORMATS.WINDIO}:
+            said = f"file is {title}: take read_blade, with {own} or none"
             with pytest.raises(ValueError, match=said):
-                read(path, length=12.0)
+                blades.read_blade(path, length=12.0, format=form)
+    with pytest.raises(TypeError, match=r"format must be a BladeFormat, got 'csv'"):
+        blades.read_blade(path, format="csv")
+
+
+def test_files_without_a_kind_are_refused(tmp_path):
     for text in ("a letter\nof two lines\n", "1,2,3\n4,5,6\n", "{}"):
         with pytest.raises(ValueError, match=r"is of no known kind, .*; known are tables of named"):
             reading(tmp_path, text)

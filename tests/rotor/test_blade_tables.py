@@ -1,5 +1,6 @@
 """Blades from files: the three formats agree, and what is wrong in one is said in a line."""
 
+import functools
 import re
 
 import equinox as eqx
@@ -11,6 +12,10 @@ import jaxbeam as jb
 from jaxbeam import blades
 from tests.references.blade import NREL
 
+read_csv, read_elastodyn, read_bmodes = (
+    functools.partial(blades.read_blade, format=form)
+    for form in (blades.BladeFormat.CSV, blades.BladeFormat.ELASTODYN, blades.BladeFormat.BMODES)
+)
 EA = 9.7e9
 ROWS = np.loadtxt(NREL, delimiter=",", skiprows=2)  # x / L, twist, mass, flap, edge
 PUBLISHED_FACTOR = 1.04536  # AdjBlMs in OpenFAST's file of this blade
@@ -121,7 +126,7 @@ def same(one, two):
 
 
 def nrel():
-    return blades.read_csv(NREL, length=61.5, axial_stiffness=EA)
+    return read_csv(NREL, length=61.5, axial_stiffness=EA)
 
 
 def test_the_published_blade_has_its_mass(tmp_path):
@@ -131,7 +136,7 @@ def test_the_published_blade_has_its_mass(tmp_path):
     assert float(beam.mass) == pytest.approx(mass, rel=1e-13)
     # 17,740 kg are published with this factor, for the sum over the 17 nodes of that model.
     file = elastodyn(tmp_path / "blade.dat", AdjBlMs=PUBLISHED_FACTOR)
-    adjusted = float(blades.read_elastodyn(file, length=61.5, axial_stiffness=EA).beam.mass)
+    adjusted = float(read_elastodyn(file, length=61.5, axial_stiffness=EA).beam.mass)
     assert adjusted == pytest.approx(PUBLISHED_FACTOR * mass, rel=1e-13)
     assert adjusted == pytest.approx(17_740, rel=0.01)
 
@@ -149,11 +154,11 @@ def test_properties_are_where_they_belong():
 def test_all_formats_give_the_same_beam(tmp_path):
     want = nrel().beam
     file = elastodyn(tmp_path / "blade.dat")
-    same(blades.read_elastodyn(file, length=61.5, axial_stiffness=EA).beam, want)
-    found = blades.read_bmodes(sections(tmp_path / "my blade.dat"), length=61.5).beam
+    same(read_elastodyn(file, length=61.5, axial_stiffness=EA).beam, want)
+    found = read_bmodes(sections(tmp_path / "my blade.dat"), length=61.5).beam
     same(found, want)
     np.testing.assert_array_equal(found.axial_stiffness.values, EA)
-    same(blades.read_bmodes(main_file(tmp_path / "blade.bmi")).beam, want)
+    same(read_bmodes(main_file(tmp_path / "blade.bmi")).beam, want)
 
 
 def test_files_written_by_pybmodes_read_the_same(tmp_path):
@@ -161,17 +166,17 @@ def test_files_written_by_pybmodes_read_the_same(tmp_path):
     reader = pytest.importorskip("pybmodes.io.elastodyn_reader")
     theirs = reader.read_elastodyn_blade(elastodyn(tmp_path / "blade.dat"))
     io.write_elastodyn_blade(theirs, tmp_path / "theirs.dat")
-    table = blades.read_elastodyn(tmp_path / "theirs.dat", length=61.5, axial_stiffness=EA)
+    table = read_elastodyn(tmp_path / "theirs.dat", length=61.5, axial_stiffness=EA)
     same(table.beam, nrel().beam)
     props = pytest.importorskip("pybmodes.io.sec_props")
     theirs = props.read_sec_props(sections(tmp_path / "sections.dat"))
-    ours = blades.read_bmodes(tmp_path / "sections.dat", length=61.5).beam
+    ours = read_bmodes(tmp_path / "sections.dat", length=61.5).beam
     np.testing.assert_array_equal(ours.mass_per_length.values, theirs.mass_den)
     np.testing.assert_array_equal(ours.in_plane_bending_stiffness.values, theirs.edge_stff)
 
 
 def test_units_and_names_of_columns(tmp_path):
-    plain = blades.read_csv(
+    plain = read_csv(
         write(
             tmp_path / "plain.csv",
             "x_m,mass_per_length_kg_per_m,in_plane_stiffness_N_m2,flap_stiffness_N_m2,"
@@ -182,7 +187,7 @@ def test_units_and_names_of_columns(tmp_path):
     assert float(plain.length) == 2.0
     assert plain.twist.stations == (0.0, 0.5, 1.0)
     np.testing.assert_allclose(plain.twist.values, [-0.1, -0.05, -0.02])
-    other = blades.read_csv(
+    other = read_csv(
         write(
             tmp_path / "other.csv",
             "# in other units, in another order\n",
@@ -198,7 +203,7 @@ def test_units_and_names_of_columns(tmp_path):
 
 
 def test_steps_and_no_twist(tmp_path):
-    beam = blades.read_csv(
+    beam = read_csv(
         write(
             tmp_path / "step.csv",
             "x/L [-],mass_per_length_kg_per_m,edge_stiffness_N_m2,flap_stiffness_N_m2,twist_deg",
@@ -216,7 +221,7 @@ def test_what_is_ignored_in_csv(tmp_path):
     text = NREL.read_text().splitlines()
     more = [f"{line},{i},foil {i},0" for i, line in enumerate(text)]
     file = write(tmp_path / "more.csv", f"{text[1]},x_cg_m,foil,sweep_m", *more[2:])
-    table = blades.read_csv(file, length=61.5, axial_stiffness=EA)
+    table = read_csv(file, length=61.5, axial_stiffness=EA)
     same(table.beam, nrel().beam)
     assert table.ignored == (  # not the column of zeros
         "x_cg_m is ignored: a Beam has nothing of this name (in the file up to 50).",
@@ -231,7 +236,7 @@ def test_what_is_ignored_in_elastodyn(tmp_path):
         [ROWS[:, 0], 0.25 * ones, *ROWS[:, 1:].T, 1e9 * ones, EA * ones, 0 * ones, ones]
     )
     file = elastodyn(tmp_path / "older.dat", rows, older, **{"FlStTunr(1)": 1.1, "AdjEdSt": 2})
-    table = blades.read_elastodyn(file, length=61.5)
+    table = read_elastodyn(file, length=61.5)
     np.testing.assert_array_equal(table.beam.axial_stiffness.values, EA)
     np.testing.assert_allclose(table.beam.in_plane_bending_stiffness.values, 2 * ROWS[:, 4])
     np.testing.assert_array_equal(table.beam.torsional_stiffness.values, 1e9)
@@ -245,7 +250,7 @@ def test_what_is_ignored_in_elastodyn(tmp_path):
         "BldFl1Sh",
     ]
     assert "BldFlDmp is ignored: damping is an argument of a simulation." in table.ignored
-    table = blades.read_elastodyn(file, length=61.5, axial_stiffness=1e8)
+    table = read_elastodyn(file, length=61.5, axial_stiffness=1e8)
     assert float(table.beam.axial_stiffness) == 1e8
     assert table.ignored[0] == "EAStff is ignored: axial_stiffness was given."
 
@@ -257,7 +262,7 @@ def test_main_file_of_bmodes(tmp_path):
     factors = {"sec_mass_mult": 2.0, "flp_stff_mult": 3.0, "edge_stff_mult": 4.0}
     changed |= {"tor_stff_mult": 6.0, "flp_iner_mult": 7.0, "lag_iner_mult": 8.0}
     file = main_file(tmp_path / "blade.bmi", axial_stff_mult=5.0, **changed, **factors)
-    table = blades.read_bmodes(file)
+    table = read_bmodes(file)
     assert table.hub_radius == pytest.approx(1.5 * np.cos(np.radians(2.5)))
     assert table.tip_mass == 40.0
     assert table.pitch == pytest.approx(-np.radians(3.0))  # in the sense of the twist
@@ -280,21 +285,21 @@ def test_main_file_of_bmodes(tmp_path):
     rotor = table.rotor()
     assert [float(leaf) for leaf in jax.tree.leaves(rotor.tip_body)] == [40.0, 0.2, 0.0, 0.0]
     whole = {"cm_loc": 0.05, "ixx_tip": 10.0, "iyy_tip": 1.75, "izz_tip": 2.5, "ixy_tip": 1.0}
-    table = blades.read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
+    table = read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
     assert table.ignored[2:] == (
         "cm_loc is ignored: the tip mass is on the axis of the beam (in the file 0.05).",
         "ixy_tip is ignored: axes of the tip body are those of the last section (in the file 1).",
     )
     assert eqx.tree_equal(table.rotor().tip_body, jb.TipBody(40.0, 0.0, 10.0, 2.5, 1.75))
     whole["iyy_tip"] = 10.0
-    table = blades.read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
+    table = read_bmodes(main_file(tmp_path / "blade.bmi", tip_mass=40.0, **whole))
     assert table.rotor().tip_body.flap_inertia is None
 
 
 def csv_with(*lines, titles=CSV_TITLES):
     def read(folder):
         file = write(folder / "a.csv", "# comment", titles, *lines)
-        return blades.read_csv(file, length=61.5, axial_stiffness=EA)
+        return read_csv(file, length=61.5, axial_stiffness=EA)
 
     return read
 
@@ -362,40 +367,40 @@ BAD_CSV = {
         "line 2, column x_m: says the length, so none must be given",
     ),
     "no length": (
-        lambda folder: blades.read_csv(NREL, axial_stiffness=EA),
+        lambda folder: read_csv(NREL, axial_stiffness=EA),
         ": length must be given, in m, since the file does not say it",
     ),
     "no axial stiffness": (
-        lambda folder: blades.read_csv(NREL, length=61.5),
+        lambda folder: read_csv(NREL, length=61.5),
         "line 2: no column axial_stiffness_N; axial_stiffness may also be given as an argument",
     ),
-    "no titles": (lambda folder: blades.read_csv(write(folder / "a.csv", "# nothing")), "no line"),
+    "no titles": (lambda folder: read_csv(write(folder / "a.csv", "# nothing")), "no line"),
 }
 
 
 def elastodyn_with(rows=ROWS, **changed):
     def read(folder):
         file = elastodyn(folder / "a.dat", rows, **changed)
-        return blades.read_elastodyn(file, length=61.5, axial_stiffness=EA)
+        return read_elastodyn(file, length=61.5, axial_stiffness=EA)
 
     return read
 
 
 def sections_with(rows=None, count=None):
-    return lambda folder: blades.read_bmodes(sections(folder / "a.dat", rows, count), length=61.5)
+    return lambda folder: read_bmodes(sections(folder / "a.dat", rows, count), length=61.5)
 
 
 def main_with(**changed):
     def read(folder):
         sections(folder / "my blade.dat")
-        return blades.read_bmodes(main_file(folder / "a.bmi", **changed))
+        return read_bmodes(main_file(folder / "a.bmi", **changed))
 
     return read
 
 
 BAD_OTHERS = {
     "no table": (
-        lambda folder: blades.read_elastodyn(write(folder / "a.dat", "BMassDen"), length=1.0),
+        lambda folder: read_elastodyn(write(folder / "a.dat", "BMassDen"), length=1.0),
         ": no line has BlFract among titles",
     ),
     "no factor": (elastodyn_with(AdjBlMs="", NBlInpSt=""), ": no line has NBlInpSt, AdjBlMs"),
@@ -421,7 +426,7 @@ BAD_OTHERS = {
         "line 20, column FlpStff: must be finite and > 0, got -3",
     ),
     "no EAStff": (
-        lambda folder: blades.read_elastodyn(elastodyn(folder / "a.dat"), length=61.5),
+        lambda folder: read_elastodyn(elastodyn(folder / "a.dat"), length=61.5),
         "line 15: no column EAStff; axial_stiffness may also be given",
     ),
     "n_secs": (sections_with(count="many"), "line 2, column n_secs: not a number, 'many'"),
@@ -435,10 +440,10 @@ BAD_OTHERS = {
         "line 7, column mass_den: must be finite and > 0, got 0",
     ),
     "not sections": (
-        lambda folder: blades.read_bmodes(write(folder / "a.dat", "a title"), length=61.5),
+        lambda folder: read_bmodes(write(folder / "a.dat", "a title"), length=61.5),
         ": no n_secs, titles and units",
     ),
-    "no length": (lambda f: blades.read_bmodes(sections(f / "a.dat")), ": length must be given"),
+    "no length": (lambda f: read_bmodes(sections(f / "a.dat")), ": length must be given"),
     "tower": (main_with(beam_type=2), "line 6, column beam_type: must be 1, a blade, got 2"),
     "inertia": (main_with(ixx_tip=-1), "column ixx_tip: must be finite and >= 0, got -1"),
     "hinged": (main_with(hub_conn=4), "line 13, column hub_conn: must be 1, a clamped root, got 4"),
@@ -449,7 +454,7 @@ BAD_OTHERS = {
     ),
     "no radius": (main_with(radius=""), ": no line has radius behind its value"),
     "length twice": (
-        lambda folder: blades.read_bmodes(main_file(folder / "a.bmi"), length=61.5),
+        lambda folder: read_bmodes(main_file(folder / "a.bmi"), length=61.5),
         ": a main file says the length, so none must be given",
     ),
 }  # fmt: skip
@@ -468,7 +473,7 @@ def test_what_is_wrong_is_said_in_a_line(read, said, tmp_path):
     assert message.startswith((str(tmp_path), str(NREL)))
 
 
-@pytest.mark.parametrize("read", [blades.read_csv, blades.read_elastodyn, blades.read_bmodes])
+@pytest.mark.parametrize("read", [read_csv, read_elastodyn, read_bmodes])
 def test_a_file_that_is_not_there(read, tmp_path):
     with pytest.raises(FileNotFoundError):
         read(tmp_path / "none.dat", length=1.0)
@@ -478,10 +483,10 @@ def test_a_section_file_that_is_not_there(tmp_path):
     """The mistake is in the main file: its line is named."""
     said = r"a\.bmi, line 18, column sec_props_file: .*my blade\.dat cannot be read: No such file"
     with pytest.raises(ValueError, match=said):
-        blades.read_bmodes(main_file(tmp_path / "a.bmi"))
+        read_bmodes(main_file(tmp_path / "a.bmi"))
 
 
 def test_numbers_as_fortran_writes_them(tmp_path):
     rows = [re.sub("e", "D", row(line)) for line in ROWS]
     file = elastodyn(tmp_path / "blade.dat", [f"{line}  ! a comment" for line in rows])
-    same(blades.read_elastodyn(str(file), length=61.5, axial_stiffness=EA).beam, nrel().beam)
+    same(read_elastodyn(str(file), length=61.5, axial_stiffness=EA).beam, nrel().beam)

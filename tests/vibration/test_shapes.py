@@ -7,7 +7,7 @@ import pytest
 
 import jaxbeam as jb
 from jaxbeam._results import found_alone
-from jaxbeam.blades import SpanwiseFunction, read_elastodyn, write_elastodyn
+from jaxbeam.blades import SpanwiseFunction, read_blade, write_elastodyn
 from jaxbeam.results import Modes
 
 UNIFORM = jb.Rotor(jb.Beam(2.0, 3.0, 1e7, 50.0, 20.0))
@@ -169,7 +169,7 @@ def test_a_file_that_is_written_reads_as_the_same_beam(tmp_path):
     edge = np.array([0.9, 0.3, -0.3, 0.2, -0.1])
     path = tmp_path / "blade.dat"
     write_elastodyn(path, BLADE, flap=rows, edge=edge, damping=(0.005, 0.006, 0.007))
-    read = read_elastodyn(path, length=2.0, axial_stiffness=1e7)
+    read = read_blade(path, length=2.0, axial_stiffness=1e7)
     xi = np.array([0.0, 0.1, 0.299999, 0.300001, 0.44, 0.9, 1.0])
     for name in (
         "mass_per_length",
@@ -211,7 +211,7 @@ def test_stations_that_differ_by_rounding_are_written_once(stations, also, writt
     first = lines.index("(-) (-) (deg) (kg/m) (Nm^2) (Nm^2)") + 1
     count = len(written.split())
     assert " ".join(line.split()[0] for line in lines[first : first + count]) == written
-    read = read_elastodyn(path, length=50.0, axial_stiffness=1e9).beam
+    read = read_blade(path, length=50.0, axial_stiffness=1e9).beam
     xi = np.array([0.0, 2e-8, 0.1, 0.29999999, 0.30000001, 0.9, 1.0 - 2e-8, 1.0])
     for name in ("mass_per_length", "twist"):
         there, wanted = (getattr(b, name).at(xi) for b in (read, beam))
@@ -249,5 +249,5 @@ def test_what_cannot_be_written_is_said(tmp_path):
     assert not path.exists()
     write(title="BlFract BMassDen")  # as the titles of columns
     np.testing.assert_allclose(
-        read_elastodyn(path, length=2.0, axial_stiffness=1e7).beam.mass_per_length.at(XI), 3.0
+        read_blade(path, length=2.0, axial_stiffness=1e7).beam.mass_per_length.at(XI), 3.0
     )
