@@ -43,6 +43,7 @@ from typing import TYPE_CHECKING, Any
 # What became of names of this version that are others now; those that moved alone are found.
 _RENAMED = {
     "ExactRodANCF": "jaxbeam.PlanarRod",
+    "second_order_term": "jaxbeam.solvers.SecondOrderSystem.term",
     "read_csv": "jaxbeam.blades.read_blade(path, format=BladeFormat.CSV)",
     "read_elastodyn": "jaxbeam.blades.read_blade(path, format=BladeFormat.ELASTODYN)",
     "read_bmodes": "jaxbeam.blades.read_blade(path, format=BladeFormat.BMODES)",

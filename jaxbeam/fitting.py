@@ -52,4 +52,3 @@ from jaxbeam._fitting.experiments import HistoryData as HistoryData
 from jaxbeam._fitting.experiments import ResonanceMargin as ResonanceMargin
 from jaxbeam._fitting.experiments import StaticData as StaticData
 from jaxbeam._fitting.fit import Descent as Descent
-from jaxbeam._fitting.matching import match_modes as match_modes

@@ -5,7 +5,7 @@ default, of order 5) and `Rodas4P` are linearly implicit and solve systems of n 
 step is linear in the number of elements. `Rosenbrock` is their base. `ChordKvaerno5` has implicit
 stages, for fixed steps. `Magnus` makes exponential steps for the linear models, which are exact at
 constant speed. To give these solvers a system of your own, see `SecondOrderSystem`, `State` and
-`second_order_term`.
+`SecondOrderSystem.term`.
 
 **Any diffrax** solver of ordinary differential equations (explicit, implicit, or both), step-size
 controller, adjoint, `SaveAt`, event or progress meter passes through `simulate`.
@@ -38,4 +38,3 @@ from jaxbeam._solvers.rodas import Rodas5P as Rodas5P
 from jaxbeam._solvers.rodas import Rosenbrock as Rosenbrock
 from jaxbeam._solvers.system import SecondOrderSystem as SecondOrderSystem
 from jaxbeam._solvers.system import State as State
-from jaxbeam._solvers.system import second_order_term as second_order_term

@@ -70,7 +70,7 @@ def growth(solver: Any, model: Any, rotor: Any, speed: Any, mode: Any, h: Any) -
     """Of the fastest mode, started as a trace on steady rotation, in STEPS steps of length h."""
     omega, shape, still = mode
     scene = jb.results.Scene(model, rotor, jb.ConstantSpeed(speed), jb.Loads(), jb.Damping())
-    case = jb.solvers.second_order_term(solver), jnp.zeros_like(h), h
+    case = jb.solvers.SecondOrderSystem.term(solver), jnp.zeros_like(h), h
     start = jb.solvers.State(still + shape.real, -omega * shape.imag)
 
     def step(_: Any, carry: Any) -> Any:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
+from jaxbeam._fitting.matching import match_modes
 from jaxbeam._status import raise_unless_ok, said
 from tests.helpers import run_optimised
 
@@ -141,8 +142,8 @@ def clearance(**changed):
         ("tip_force", lambda x: jb.Loads(tip_force=x)),
         ("axis", lambda x: jb.ConstantSpeed(1.0, axis=x)),
         ("depths", lambda x: jb.tongue(MODEL, ROTOR, 1.0, (WHICH[0], WHICH[0]), x)),
-        ("measured", lambda x: jb.fitting.match_modes(x, [1.0, 2.0])),
-        ("computed", lambda x: jb.fitting.match_modes([1.0], x)),
+        ("measured", lambda x: match_modes(x, [1.0, 2.0])),
+        ("computed", lambda x: match_modes([1.0], x)),
         ("angular_speed", lambda x: data(angular_speed=x)),
         ("measured", lambda x: data(measured=x)),
         ("noise", lambda x: data(noise=x)),

@@ -197,8 +197,6 @@ CHECK_ALONE = (
     "rpm",  # a product
     "deflection_limit",  # an event
     "motions.inclined_axis",  # a cosine and a sine: NaN for NaN, of which what takes it tells
-    "solvers.second_order_term",  # a term of diffrax
-    "fitting.match_modes",  # indices; where there is no mode, what they point at is NaN
     "ladder.rungs",  # models, of which none is asked
     "blades.read_blade",  # files: read, or refused with the line that is wrong
     "blades.section_stiffness",  # matrices, which a Blade checks

@@ -19,7 +19,7 @@ from jaxbeam._simulation.step_limits import during
 from jaxbeam._solvers.adjoint import run
 from jaxbeam._solvers.rodas import Rosenbrock
 from jaxbeam._solvers.run import Inputs, Run, Settings, conditions, integrate_steps, output
-from jaxbeam._solvers.system import State, second_order_term
+from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar
 
 # Controllers that never tell of a jump, which saves code; with others one may come at any step.
@@ -114,7 +114,7 @@ def integrate(
     derivatives in that mode."""
     inner = getattr(controller, "controller", controller)
     settings = Settings(
-        second_order_term(solver), solver, controller, dt0, event,
+        SecondOrderSystem.term(solver), solver, controller, dt0, event,
         is_far if event is None else None, max_steps,
         bool(scene.pauses.first.size) or not isinstance(inner, _NEVER_JUMP),
     )  # fmt: skip
@@ -227,7 +227,7 @@ def by_diffrax(
         saveat = eqx.tree_at(lambda s: s.subs, saveat, (saveat.subs, watch))
         event = diffrax.Event(_runaway) if event is None else event
     solution = diffrax.diffeqsolve(
-        second_order_term(solver), solver, times[0], times[-1], dt0, y0, scene, saveat=saveat,
+        SecondOrderSystem.term(solver), solver, times[0], times[-1], dt0, y0, scene, saveat=saveat,
         stepsize_controller=controller, max_steps=max_steps, throw=False, event=event,
         adjoint=diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
         progress_meter=diffrax.NoProgressMeter() if progress_meter is None else progress_meter,

@@ -17,7 +17,7 @@ from jaxbeam._modes.wanted import lowest
 from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor
-from jaxbeam._solvers.system import SecondOrderSystem, State, second_order_term
+from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, is_concrete
 
@@ -103,7 +103,7 @@ def _factor(
 ) -> tuple[Scalar, Bool[Array, ""]]:
     """The spectral radius of one step, and whether its stages were solved."""
     system = _Oscillator(jnp.eye(1, dtype=angle.dtype), ratio)
-    case = second_order_term(solver), jnp.zeros_like(angle), angle
+    case = SecondOrderSystem.term(solver), jnp.zeros_like(angle), angle
 
     def step(start: Array) -> tuple[Array, Any]:
         y0 = State(start[:1], start[1:])

@@ -43,7 +43,7 @@ class SecondOrderSystem(eqx.Module):
 
     `State.work` carries no derivatives by parameters: it is there to judge a result.
 
-    Subclass it, pass an instance as `args` and `second_order_term` as `terms` to
+    Subclass it, pass an instance as `args` and its `term(solver)` as `terms` to
     `diffrax.diffeqsolve`: every diffrax solver takes it as a first-order system; `Rodas5P`,
     `Rodas4P` and `ChordKvaerno5` use its structure, `Magnus` too where it is linear.
     """
@@ -99,25 +99,25 @@ class SecondOrderSystem(eqx.Module):
         q, v = y.q, y.v
         return State(self.kinematics(q, v), self.acceleration(t, q, v), work_rate(self, t, q, v))
 
+    @staticmethod
+    def term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
+        """The term of diffrax for any system that is given as `args`, as `solver` takes it.
+
+        `solver` is any of diffrax, or of `jaxbeam.solvers`: implicit-explicit ones
+        (`diffrax.KenCarp4` and others) get all of the system as the implicit part.
+
+        Raises `AttributeError` for what is no solver; the term, `TypeError` for any other `args`.
+        """
+        term = diffrax.ODETerm(_rate)
+        if get_origin(solver.term_structure) is diffrax.MultiTerm:
+            return diffrax.MultiTerm(diffrax.ODETerm(_nothing), term)
+        return term
+
 
 def work_rate(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> Scalar:
     """`system.power` without derivatives, which nobody asks for and which cost compilation."""
     system, t, q, v = without_derivatives((system, t, q, v))
     return system.power(system.inputs(t), q, v)
-
-
-def second_order_term(solver: diffrax.AbstractSolver) -> diffrax.AbstractTerm:
-    """The term of diffrax for a `SecondOrderSystem` given as `args`, as `solver` takes it.
-
-    `solver` is any of diffrax, or of `jaxbeam.solvers`: implicit-explicit ones (`diffrax.KenCarp4`
-    and others) get all of it as the implicit part.
-
-    Raises `AttributeError` for what is no solver; the term, `TypeError` for any other `args`.
-    """
-    term = diffrax.ODETerm(_rate)
-    if get_origin(solver.term_structure) is diffrax.MultiTerm:
-        return diffrax.MultiTerm(diffrax.ODETerm(_nothing), term)
-    return term
 
 
 def _rate(t: Any, y: State, args: SecondOrderSystem) -> State:

@@ -13,6 +13,7 @@ from scipy.stats import chi2, t
 
 import jaxbeam as jb
 from jaxbeam import plot
+from jaxbeam._fitting.matching import match_modes
 from tests.fitting.lines import line
 from tests.helpers import optimised, slender
 
@@ -72,7 +73,7 @@ def test_modes_are_matched_as_by_brute_force(seed):
     if seed % 3 == 0:
         measured[rng.integers(4)] = np.nan
     here = np.flatnonzero(np.isfinite(measured))
-    found = np.asarray(jb.fitting.match_modes(measured, computed))[here]
+    found = np.asarray(match_modes(measured, computed))[here]
 
     def cost(places):
         return np.sum(np.log(measured[here] / computed[list(places)]) ** 2)
@@ -83,10 +84,10 @@ def test_modes_are_matched_as_by_brute_force(seed):
 
 
 def test_match_passes_over_modes_without_an_answer():
-    assert np.asarray(jb.fitting.match_modes([1.0, 3.1], [jnp.nan, 3.0, 1.1])).tolist() == [2, 1]
+    assert np.asarray(match_modes([1.0, 3.1], [jnp.nan, 3.0, 1.1])).tolist() == [2, 1]
     for measured in ([1.0, 2.0], []):
         with pytest.raises(ValueError, match="not empty and the latter no shorter"):
-            jb.fitting.match_modes(measured, [1.0])
+            match_modes(measured, [1.0])
 
 
 @pytest.mark.exhaustive

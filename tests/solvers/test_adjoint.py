@@ -48,7 +48,7 @@ def check(ours, other, tolerance=1e-10):
 def step_of(system_of, n):
     """Of a step of `Rodas5P`: some number by parameters, the state before it, and both times."""
     solver = jb.solvers.Rodas5P()
-    term = jb.solvers.second_order_term(solver)
+    term = jb.solvers.SecondOrderSystem.term(solver)
 
     def number(p, q, v, t):
         y, error, info, _, _ = solver.step(term, t[0], t[1], State(q, v), system_of(p), None, False)

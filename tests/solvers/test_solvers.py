@@ -57,7 +57,7 @@ def system(stiff, linear=False):
 def solve(args, solver, **kwargs):
     y0 = jb.solvers.State(jnp.array([0.0, 0.1]), jnp.array([1.0, 0.0]))
     return diffrax.diffeqsolve(
-        jb.solvers.second_order_term(solver),
+        jb.solvers.SecondOrderSystem.term(solver),
         solver,
         0.0,
         2.0,
@@ -227,7 +227,7 @@ class Loose(jb.solvers.SecondOrderSystem):
 def test_magnus_takes_what_nothing_holds():
     """Free motion is a parabola, whatever the length of a step."""
     solver, start = jb.solvers.Magnus(), jb.solvers.State(jnp.zeros(3), jnp.ones(3))
-    loose, term = Loose(jnp.eye(3)), jb.solvers.second_order_term(solver)
+    loose, term = Loose(jnp.eye(3)), jb.solvers.SecondOrderSystem.term(solver)
     step = jax.jit(lambda h: solver.step(term, 0 * h, h, start, loose, None, False)[0].q)
     for h in (2.0, 0.1):
         grown = (np.cosh(2 * h) - 1) / 4 + np.sinh(2 * h) / 2
@@ -246,7 +246,7 @@ class Loaded(Loose):
 def test_work_of_a_load_is_exact_in_steps_longer_than_a_vibration():
     """It is the load times the way, also between the ends of a step."""
     solver, start = jb.solvers.Magnus(), jb.solvers.State(jnp.zeros(3), jnp.ones(3))
-    loaded, term = Loaded(jnp.eye(3)), jb.solvers.second_order_term(solver)
+    loaded, term = Loaded(jnp.eye(3)), jb.solvers.SecondOrderSystem.term(solver)
 
     @jax.jit
     def states(h):
@@ -274,7 +274,7 @@ def test_magnus_measures_slow_motion_from_its_equilibrium():
     solver, slow = jb.solvers.Magnus(), Slow(jnp.eye(1))
     start, times = jb.solvers.State(jnp.zeros(1), jnp.zeros(1)), np.linspace(0.0, 30.0, 41)
     run = diffrax.diffeqsolve(
-        jb.solvers.second_order_term(solver), solver, 0.0, 30.0, 0.075, start, slow,
+        jb.solvers.SecondOrderSystem.term(solver), solver, 0.0, 30.0, 0.075, start, slow,
         saveat=diffrax.SaveAt(ts=times), max_steps=500,
     )  # fmt: skip
     exact = (np.sin(0.5 * times) - 0.5 / 3.8 * np.sin(3.8 * times)) / (3.8**2 - 0.25)
@@ -296,7 +296,7 @@ def test_forces_may_jump_where_the_controller_is_told(solver):
         diffrax.PIDController(rtol=1e-6, atol=1e-6), jump_ts=[1.0]
     )
     found = diffrax.diffeqsolve(
-        jb.solvers.second_order_term(solver), solver, 0.0, 2.0, 0.5,
+        jb.solvers.SecondOrderSystem.term(solver), solver, 0.0, 2.0, 0.5,
         jb.solvers.State(jnp.zeros(1), jnp.zeros(1)),
         Pushed(jnp.eye(1)), stepsize_controller=control,
     )  # fmt: skip
@@ -308,7 +308,7 @@ def test_forces_may_jump_where_the_controller_is_told(solver):
 @pytest.mark.parametrize("jumped", [True, jnp.asarray(True)])
 def test_an_acceleration_from_before_a_jump_is_not_used(jumped):
     solver, still = jb.solvers.ChordKvaerno5(), jb.solvers.State(jnp.zeros(1), jnp.zeros(1))
-    term, pushed = jb.solvers.second_order_term(solver), Pushed(jnp.eye(1))
+    term, pushed = jb.solvers.SecondOrderSystem.term(solver), Pushed(jnp.eye(1))
     span = jnp.asarray(1.0), jnp.asarray(1.5)
     end = solver.step(term, *span, still, pushed, jnp.zeros(1), jumped)[0]
     np.testing.assert_allclose(end.q, 0.125, rtol=1e-12)
