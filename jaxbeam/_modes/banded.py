@@ -21,7 +21,7 @@ from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.kernel import kernel
-from jaxbeam._programs.lanes import beside, total
+from jaxbeam._programs.lanes import append_axes, pairwise_sum
 from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
@@ -122,13 +122,13 @@ def _out_of_plane(numbers: _Numbers) -> tuple[list[Any], list[Any]]:
 def _summed(tables: Sequence[Any], weights: list[Any], like: Array) -> Array:
     """Weighted sum of tables, with axes of lanes behind their own."""
     one = jnp.ones_like(like)
-    beside_lanes = [beside(table, like.ndim) for table in tables]
+    beside_lanes = [append_axes(table, like.ndim) for table in tables]
     return combined(jnp.stack(beside_lanes, -1 - like.ndim), [a * one for a in weights])
 
 
 def _guessed(few: Float[Array, "m k *lanes"], functions: np.ndarray) -> Float[Array, "k n *lanes"]:
     """Modes in a few functions, by the values of these at coordinates."""
-    columns = beside(functions, few.ndim - 2)
+    columns = append_axes(functions, few.ndim - 2)
     return jax.lax.map(
         lambda mode: functools.reduce(jnp.add, [columns[:, i] * c for i, c in enumerate(mode)]),
         jnp.swapaxes(few, 0, 1),
@@ -321,7 +321,7 @@ class _Elements(Bands):
     def _pencil(self, mass: Any, k: BlockTridiagonal, c: BlockTridiagonal) -> Pencil:
         m = jnp.broadcast_to(mass.rows, k.rows.shape)
         # Quadrature: rows of w and of u see the Coriolis force with opposite signs.
-        signed = c.rows * beside(self.signs.reshape(-1, 4, 1), k.rows.ndim - 3)
+        signed = c.rows * append_axes(self.signs.reshape(-1, 4, 1), k.rows.ndim - 3)
         return Pencil(*(_banded(rows) for rows in (k.rows, m, signed)))
 
 
@@ -339,7 +339,7 @@ def _steady(equations: Equations, speed: Number) -> tuple[Vector, Any, Number]:
         rest = jnp.zeros_like(q)
         k, c = equations.tangents(hub, q, rest, None)
         step = k.inverse() @ equations.force(hub, q, rest, None)
-        square = total(step**2) / size**2
+        square = pairwise_sum(step**2) / size**2
         small, tiny = (jnp.where(square < most**2, 1.0, 0.0) for most in (1e-9, 1e-15))
         there = jnp.maximum(near, tiny)
         return i + 1, jnp.where(there < 1, q + step, q), jnp.maximum(near, small), there, (k, c)

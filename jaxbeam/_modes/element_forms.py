@@ -25,7 +25,7 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.kernel import kernel
-from jaxbeam._programs.lanes import beside, total
+from jaxbeam._programs.lanes import append_axes, pairwise_sum
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._types import Number, Vector
@@ -97,7 +97,7 @@ class ElementForms:
         rows = self._rows(four, q)[None]
         rows = jnp.concatenate([rows, jax.lax.map(by_number, jnp.eye(len(four), dtype=q.dtype))])
         mass: Any = self._equations(four)[0].mass
-        left = beside(self.signs[None, None], q.ndim - 1) * x
+        left = append_axes(self.signs[None, None], q.ndim - 1) * x
 
         def of_matrix(rows: Array) -> Array:
             matrix = BlockTridiagonal(rows, absent=mass.absent)
@@ -105,8 +105,8 @@ class ElementForms:
             def of_mode(both: tuple[Array, Array]) -> Array:
                 left, right = both[0], [matrix @ part for part in both[1]]
                 return jnp.stack([
-                    total(left[0] * right[0]) - total(left[1] * right[1]),
-                    total(left[0] * right[1]) + total(left[1] * right[0]),
+                    pairwise_sum(left[0] * right[0]) - pairwise_sum(left[1] * right[1]),
+                    pairwise_sum(left[0] * right[1]) + pairwise_sum(left[1] * right[0]),
                 ])  # fmt: skip
 
             return jax.lax.map(of_mode, (jnp.swapaxes(left, 0, 1), jnp.swapaxes(x, 0, 1)))

@@ -11,7 +11,7 @@ from numpy.polynomial import chebyshev
 
 from jaxbeam._models.modal.theories import Hybrid
 from jaxbeam._numerics.band import congruent, full, largest, polished
-from jaxbeam._programs.lanes import beside, contract
+from jaxbeam._programs.lanes import append_axes, sum_of_products
 from jaxbeam._rotor.span import tension
 
 DEGREE = 24  # polynomials in which functions are given
@@ -31,12 +31,12 @@ class Ritz(NamedTuple):
         """Frequencies without axial inertia (axial motion follows the Coriolis force at once, by
         which bending drags along 4 spin2 / axial stiffness of it), and modes in these functions."""
         lanes, one = tip.ndim, jnp.ones_like(tip)
-        own = beside(self.inertia, lanes)
+        own = append_axes(self.inertia, lanes)
         inertia = combined(own, [one, tip, drag, drag * tip, drag * tip**2])
         spun = combined(own[:, :, :2], [-spin2, -spin2 * tip])
-        k = combined(beside(self.stiffness, lanes), stiffness) + spun
+        k = combined(append_axes(self.stiffness, lanes), stiffness) + spun
         omega = largest(congruent(k, inertia), len(self.start[0])) ** -0.5
-        start = jnp.broadcast_to(beside(self.start, lanes), (*self.start.shape, *tip.shape))
+        start = jnp.broadcast_to(append_axes(self.start, lanes), (*self.start.shape, *tip.shape))
         whole = full(k)[:, :, None] - omega**2 * full(inertia)[:, :, None]
         return omega, polished(whole, start.astype(tip.dtype))
 
@@ -45,7 +45,7 @@ def combined(shape_integrals: Any, parts: Sequence[Array]) -> Array:
     """Sum of tables (..., p, *lanes) times p numbers."""
     lanes = parts[0].ndim
     axis = shape_integrals.ndim - lanes - 1
-    return contract(shape_integrals, jnp.stack(parts)[(None,) * axis], axis, lanes)
+    return sum_of_products(shape_integrals, jnp.stack(parts)[(None,) * axis], axis, lanes)
 
 
 @functools.lru_cache(maxsize=8)
@@ -101,9 +101,9 @@ class Axial(NamedTuple):
             terms.append(2 * t * terms[-1] - terms[-2])
         shapes = np.moveaxis(values @ self.modes, 0, -1)
         square = np.moveaxis(self.square, 0, -1)
-        mu = combined(beside(square, lanes), terms)
+        mu = combined(append_axes(square, lanes), terms)
         mu = jnp.concatenate([mu[:1] / (1 + tip), mu[1:]])
-        return mu, combined(beside(shapes, lanes), terms)
+        return mu, combined(append_axes(shapes, lanes), terms)
 
 
 @functools.lru_cache(maxsize=8)

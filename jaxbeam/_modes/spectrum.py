@@ -19,9 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._numerics.band import Pencil, factors, product, refined
+from jaxbeam._numerics.band import Pencil, band_matvec, factors, refined
 from jaxbeam._numerics.blocks import padded
-from jaxbeam._programs.lanes import beside, total
+from jaxbeam._programs.lanes import append_axes, pairwise_sum
 from jaxbeam._rotor.directions import Direction
 
 Named = tuple[Array, Array] | None  # directions and numbers of the modes wanted, or the lowest
@@ -63,13 +63,13 @@ def coupled_modes(
     lanes = bends.omega.ndim - 1
     directions = np.repeat([float(Direction.IN_PLANE), float(Direction.AXIAL)], [n_bends, n_pulls])
     numbers = np.concatenate([1.0 + np.arange(n_bends), 1.0 + np.arange(n_pulls)])
-    directions, numbers = beside(directions, lanes), beside(numbers, lanes)
-    is_axial = beside(is_axial, lanes)
+    directions, numbers = append_axes(directions, lanes), append_axes(numbers, lanes)
+    is_axial = append_axes(is_axial, lanes)
 
     def momenta(x: Array) -> Array:
         """Momenta of an uncoupled mode of unit modal mass."""
-        heavy = product(pencil.m, x)
-        return heavy / jnp.sqrt(total(x * heavy))
+        heavy = band_matvec(pencil.m, x)
+        return heavy / jnp.sqrt(pairwise_sum(x * heavy))
 
     start = jnp.concatenate([bends.x, pulls.x])
     heavy = jax.lax.map(momenta, start)
@@ -81,21 +81,29 @@ def coupled_modes(
         their guesses say. There are none of all bending below an axial mode that is asked for, but
         its own, of a beam at rest, is known well."""
         pick = _picked(mode, rank, directions, numbers)
-        present = total(_number(pick)) > 0  # else it is in another group: begin with the first here
-        pick = pick | (~present & beside(np.arange(len(guess)) == 0, lanes))
+        present = (
+            pairwise_sum(_number(pick)) > 0
+        )  # else it is in another group: begin with the first here
+        pick = pick | (~present & append_axes(np.arange(len(guess)) == 0, lanes))
         found = refined(
-            pencil, total(jnp.where(pick, guess, 0.0)), total(jnp.where(pick[:, None], start, 0.0))
+            pencil,
+            pairwise_sum(jnp.where(pick, guess, 0.0)),
+            pairwise_sum(jnp.where(pick[:, None], start, 0.0)),
         )
-        bears = jax.lax.map(lambda heavy: total(found.x * heavy) ** 2, heavy) > _CLEAR
-        clear = (total(_number(bears)) == 1) & (total(_number(bears & pick)) == 1) & found.done
-        placed = total(jnp.where(bears, rank, 0.0)) == found.below
+        bears = jax.lax.map(lambda heavy: pairwise_sum(found.x * heavy) ** 2, heavy) > _CLEAR
+        clear = (
+            (pairwise_sum(_number(bears)) == 1)
+            & (pairwise_sum(_number(bears & pick)) == 1)
+            & found.done
+        )
+        placed = pairwise_sum(jnp.where(bears, rank, 0.0)) == found.below
         if named is not None:
             placed = placed | (mode[0] == Direction.AXIAL)
         clear = clear & placed
-        direction, number = (total(jnp.where(pick, a, 0.0)) for a in (directions, numbers))
+        direction, number = (pairwise_sum(jnp.where(pick, a, 0.0)) for a in (directions, numbers))
         return (
             found.omega, found.x, jnp.where(present, direction, -1.0), number,
-            total(jnp.where(is_axial, found.x * product(pencil.m, found.x), 0.0)),
+            pairwise_sum(jnp.where(is_axial, found.x * band_matvec(pencil.m, found.x), 0.0)),
             residual(pencil, found.omega, found.x), _number(clear | ~present),
         )  # fmt: skip
 
@@ -118,7 +126,13 @@ def transverse(pencil: Pencil, direction: Direction, guess: Guess) -> Entries:
     omega, x, left, certain = jax.lax.map(one, (*guess, places))
     none = jnp.zeros_like(omega)
     return Entries(
-        omega, x, float(direction) + none, 1 + beside(places, lanes) + none, none, left, certain
+        omega,
+        x,
+        float(direction) + none,
+        1 + append_axes(places, lanes) + none,
+        none,
+        left,
+        certain,
     )
 
 
@@ -140,11 +154,12 @@ def chosen(groups: Sequence[Entries], named: Named, count: int, size: int) -> En
         parts, first = [], 0
         for group in groups:
             mine = pick[first : first + len(group.x), None]
-            parts.append(total(jnp.where(mine, group.x, 0.0)))
+            parts.append(pairwise_sum(jnp.where(mine, group.x, 0.0)))
             first += len(group.x)
         x = padded(jnp.concatenate(parts), 0, size - sum(len(part) for part in parts))
         numbers = [
-            total(jnp.where(pick, a, 0.0)) for a in (omega, direction, number, share, left, certain)
+            pairwise_sum(jnp.where(pick, a, 0.0))
+            for a in (omega, direction, number, share, left, certain)
         ]
         return numbers[0], x, *numbers[1:]
 
@@ -166,13 +181,13 @@ def residual(pencil: Pencil, omega: Array, x: Array) -> Float[Array, "*lanes"]:
     parts: list[Any] = [(1.0, pencil.k, 1.0), (omega**2, pencil.m, -1.0)]
     if pencil.c is not None:
         parts.append((omega, pencil.c, 1.0))
-    terms = [sign * weight * product(a, x) for weight, a, sign in parts]
+    terms = [sign * weight * band_matvec(a, x) for weight, a, sign in parts]
     sizes = [
-        weight * jnp.sqrt(total(a[:, 0] ** 2 + 2 * jnp.sum(a[:, 1:] ** 2, 1)))
+        weight * jnp.sqrt(pairwise_sum(a[:, 0] ** 2 + 2 * jnp.sum(a[:, 1:] ** 2, 1)))
         for weight, a, _ in parts
     ]
     left, size = (functools.reduce(jnp.add, some) for some in (terms, sizes))
-    return jnp.sqrt(total(left**2) / total(x**2)) / size
+    return jnp.sqrt(pairwise_sum(left**2) / pairwise_sum(x**2)) / size
 
 
 def _number(true: Array) -> Array:
@@ -181,10 +196,10 @@ def _number(true: Array) -> Array:
 
 def ranks(omega: Float[Array, "p *lanes"]) -> Float[Array, "p *lanes"]:
     """How many are lower, or as low and before."""
-    before = beside(np.tri(len(omega), k=-1).astype(bool), omega.ndim - 1)
+    before = append_axes(np.tri(len(omega), k=-1).astype(bool), omega.ndim - 1)
 
     def one(row: tuple[Array, Array]) -> Array:
         mine, earlier = row
-        return total(_number((omega < mine) | ((omega == mine) & earlier)))
+        return pairwise_sum(_number((omega < mine) | ((omega == mine) & earlier)))
 
     return jax.lax.map(one, (omega, jnp.asarray(before)))

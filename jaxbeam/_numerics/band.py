@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._programs.lanes import held, total
+from jaxbeam._programs.lanes import compute_once, pairwise_sum
 
 Band = Float[Array, "n w ..."]
 _Vector = Float[Array, "n ..."]
@@ -36,14 +36,14 @@ def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
     return 1 + max(diagonals, default=0)
 
 
-def product(a: Any, x: _Vector) -> _Vector:
+def band_matvec(a: Any, x: _Vector) -> _Vector:
     """The product A x of a symmetric band matrix with a vector."""
     y = a[:, 0] * x
     for m in range(1, a.shape[1]):
         below = a[:-m, m]
         none = jnp.zeros_like(y[:m])
         y = y + jnp.concatenate([below * x[m:], none]) + jnp.concatenate([none, below * x[:-m]])
-    return held(y)
+    return compute_once(y)
 
 
 def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
@@ -75,7 +75,7 @@ def solved(d: _Vector, below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
     """A^-1 x from `factors`."""
 
     def back(after: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        y = row[0] - total(row[1] * after)
+        y = row[0] - pairwise_sum(row[1] * after)
         return jnp.concatenate([y[None], after[:-1]]), y
 
     y = _forward(below, x)
@@ -96,7 +96,7 @@ def _forward(below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
 def polished(a: Band, x: _Vector) -> _Vector:
     """An inverse iteration in the null space of A, of unit length."""
     x = solved(*factors(a), x)
-    return x / jnp.sqrt(total(x**2))
+    return x / jnp.sqrt(pairwise_sum(x**2))
 
 
 class Pencil(NamedTuple):
@@ -137,7 +137,7 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
     none, tolerance = jnp.zeros_like(omega), 5e3 * jnp.finfo(x.dtype).eps
 
     def times(a: Band | None, x: Array) -> Array:
-        return jnp.zeros_like(x) if a is None else product(a, x)
+        return jnp.zeros_like(x) if a is None else band_matvec(a, x)
 
     def go_on(state: tuple[Array, ...]) -> Array:
         return (state[0] < 8) & jnp.any(state[-1] < 1)
@@ -148,16 +148,16 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
         right = cx - 2 * omega * mx
         new = solved(d, columns, right)
         new_mx, new_cx = times(pencil.m, new), times(pencil.c, new)
-        size = total(new * new_mx) ** -0.5
+        size = pairwise_sum(new * new_mx) ** -0.5
         # The root of x^T D(omega + change) x, with D x = right * size and x^T M x = 1.
-        now = size**2 * total(new * right)
-        first = size**2 * total(new * new_cx) - 2 * omega
+        now = size**2 * pairwise_sum(new * right)
+        first = size**2 * pairwise_sum(new * new_cx) - 2 * omega
         change = 2 * now / (jnp.sqrt(first**2 + 4 * now) - first)
         better = omega + change
-        sine = jnp.sqrt(jnp.abs(1 - (size * total(x * new_mx)) ** 2))
+        sine = jnp.sqrt(jnp.abs(1 - (size * pairwise_sum(x * new_mx)) ** 2))
         # Below omega, where the one found may lie. The last count is the nearest one, but where
         # omega is right to rounding its own sign is not.
-        here = total(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
+        here = pairwise_sum(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
         counts = (done < 1) & ((i < 1) | (jnp.abs(change) > 1e-10 * better))
         # What is done stays as it is, whatever its neighbours in a batch still need.
         small = jnp.where(jnp.abs(change) * sine < tolerance * better, 1.0, 0.0)
@@ -170,7 +170,7 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
         )
 
     mx = times(pencil.m, x)
-    size = total(x * mx) ** -0.5
+    size = pairwise_sum(x * mx) ** -0.5
     state: tuple[Array, ...] = (
         jnp.zeros((), int), omega, size * x, size * mx, size * times(pencil.c, x), none, none
     )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.small import small_inverse, written_out
-from jaxbeam._programs.lanes import contract, held
+from jaxbeam._programs.lanes import compute_once, sum_of_products
 from jaxbeam._programs.platforms import loops_are_dear
 
 Blocks = Float[Array, "k b b *lanes"]
@@ -59,14 +59,14 @@ class BlockTridiagonal(eqx.Module):
                 self.rows[:, :, side * b + i] * beside[side : side + k, i : i + 1]
                 for side, i in places
             ]
-            return self.flat(held(functools.reduce(jnp.add, terms)))
+            return self.flat(compute_once(functools.reduce(jnp.add, terms)))
         window = jnp.concatenate([beside[:-2], beside[1:-1], beside[2:]], 1)
-        return self.flat(contract(self.rows, window[:, None], 2, x.ndim - 1))
+        return self.flat(sum_of_products(self.rows, window[:, None], 2, x.ndim - 1))
 
     def __rmatmul__(self, x: _Vector) -> _Vector:
         """The product x^T A."""
         b = self.rows.shape[1]
-        each = held(contract(self.rows, self.blocked(x)[:, :, None], 1, x.ndim - 1))
+        each = compute_once(sum_of_products(self.rows, self.blocked(x)[:, :, None], 1, x.ndim - 1))
         low, own, up = each[1:, :b], each[:, b : 2 * b], each[:-1, 2 * b :]
         return self.flat(own + padded(low, 0, 1) + padded(up, 1, 0))
 
@@ -78,7 +78,7 @@ class BlockTridiagonal(eqx.Module):
         own = jax.vmap(self.blocked)(x)
         beside = jax.vmap(lambda y: padded(self.blocked(y), 1, 1))(y)
         window = jnp.concatenate([beside[:, :-2], beside[:, 1:-1], beside[:, 2:]], 2)
-        rows = contract(own[:, :, :, None], window[:, :, None], 0, lanes)
+        rows = sum_of_products(own[:, :, :, None], window[:, :, None], 0, lanes)
         return BlockTridiagonal(rows, self.absent)
 
     def dense(self) -> Float[Array, "n n"]:
@@ -210,8 +210,8 @@ def _solve_transposed(
 
 def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Array:
     """Products of small matrices as sums: they fuse, and lanes fill vector units."""
-    return contract(a[:, :, None], b[None], 1, a.ndim - 2)
+    return sum_of_products(a[:, :, None], b[None], 1, a.ndim - 2)
 
 
 def _apply(a: Float[Array, "b c *#lanes"], x: Float[Array, "c *#lanes"]) -> Array:
-    return contract(a, x[None], 1, x.ndim - 1)
+    return sum_of_products(a, x[None], 1, x.ndim - 1)

@@ -45,7 +45,7 @@ def conjugate(q: Quaternion) -> Quaternion:
     return jnp.concatenate([q[..., :1], -q[..., 1:]], -1)
 
 
-def product(p: Quaternion, q: Quaternion) -> Quaternion:
+def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
     """p q: first the rotation q, then p."""
     w, x, v, y = p[..., :1], p[..., 1:], q[..., :1], q[..., 1:]
     scalar = w * v - jnp.sum(x * y, -1, keepdims=True)
@@ -79,5 +79,5 @@ def turn_of(q: Quaternion) -> Turn:
 
 def rotated(q: Quaternion, vector: Turn) -> Quaternion:
     """q after a turn about axes that turn with it, of length one."""
-    out = product(q, of_turn(vector))
+    out = quaternion_product(q, of_turn(vector))
     return out / jnp.sqrt(jnp.sum(out * out, -1, keepdims=True))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import applied_once, product
+from jaxbeam._programs.lanes import matmul, matvec_once
 from jaxbeam._programs.platforms import loops_are_dear
 
 _Vector = Float[Array, "n *lanes"]
@@ -37,15 +37,15 @@ class SmallMatrix(eqx.Module):
         return self * (1 / divisor)
 
     def __matmul__(self, x: _Vector) -> _Vector:
-        return applied_once(self.array, x)
+        return matvec_once(self.array, x)
 
     def __rmatmul__(self, x: _Vector) -> _Vector:
         """The product x^T A."""
-        return applied_once(self.array.swapaxes(0, 1), x)
+        return matvec_once(self.array.swapaxes(0, 1), x)
 
     def outer(self, x: Float[Array, "s n *lanes"], y: Float[Array, "s n *lanes"]) -> "SmallMatrix":
         """The sum of x_i y_i^T, as a matrix of this kind."""
-        return SmallMatrix(product(x.swapaxes(0, 1), y))
+        return SmallMatrix(matmul(x.swapaxes(0, 1), y))
 
     def dense(self) -> Float[Array, "n n"]:
         """The matrix as an array; not where there are lanes."""

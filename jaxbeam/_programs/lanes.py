@@ -28,16 +28,18 @@ from jaxbeam._programs.platforms import is_for_cpus
 LARGE = 48  # rows beyond which a dense matrix is none for `kernel`
 _IN_KERNEL: ContextVar[bool] = ContextVar("in_kernel", default=False)
 # A matrix, or constants of one, with lanes behind its axes.
-Table = Float[Array, "_ _ *#lanes"] | Float[np.ndarray, "_ _ *#lanes"]
+LaneMatrix = Float[Array, "_ _ *#lanes"] | Float[np.ndarray, "_ _ *#lanes"]
 _WRITTEN_OUT = 16  # terms of a sum that are written out one by one; where they are more, in groups
 _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
 
 @contextlib.contextmanager
 def transposed(on: bool = True) -> Iterator[None]:
-    """What is traced herein bears `jax.vjp` alone, but where this is not `on` again. Products then
-    have transposes of their own: that of the parts that they are written out in would put arrays
-    together from slices."""
+    """A block whose products have transposes of their own, so that they bear `jax.vjp` alone.
+
+    The transpose of the parts that products are written out in would put arrays together from
+    slices. Within the block `transposed(False)` makes them as outside.
+    """
     token = _TRANSPOSED.set(on)
     try:
         yield
@@ -47,7 +49,7 @@ def transposed(on: bool = True) -> Iterator[None]:
 
 @contextlib.contextmanager
 def in_kernel() -> Iterator[None]:
-    """What is traced herein is for a `kernel`."""
+    """A block in which what is traced is for a `kernel`."""
     token = _IN_KERNEL.set(True)
     try:
         yield
@@ -56,13 +58,15 @@ def in_kernel() -> Iterator[None]:
 
 
 def is_transposed() -> bool:
-    """Whether this is called within `transposed`."""
+    """Whether the caller is in a block of `transposed`."""
     return _TRANSPOSED.get()
 
 
-def contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
-    """Sum over an axis of a * x, which broadcast: the form of a product that a kernel bears. Where
-    there are axes of lanes it is written out, so that they fill vector units."""
+def sum_of_products(a: Any, x: Any, axis: int, lanes: int) -> Array:
+    """Sum over an axis of a * x, which broadcast: the form of a product that a kernel bears.
+
+    Where there are axes of lanes it is written out, so that they fill vector units.
+    """
     return _transposable((a, x), axis, lanes) if is_transposed() else _contract(a, x, axis, lanes)
 
 
@@ -121,7 +125,7 @@ def _backwards(
             return jnp.broadcast_to(other * out, whole)
         found = jnp.expand_dims(_contract(other, out, repeated[0], lanes), repeated[0])
         for i in repeated[1:]:
-            found = total(jnp.moveaxis(found, i, 0))[None]
+            found = pairwise_sum(jnp.moveaxis(found, i, 0))[None]
             found = jnp.moveaxis(found, 0, i)
         return jnp.broadcast_to(found, own.shape)
 
@@ -130,18 +134,20 @@ def _backwards(
     return pulled(a, x) if moves[0] else None, pulled(x, a) if moves[1] else None
 
 
-def product(a: Table, b: Table) -> Array:
-    """The product of two matrices, in the form that a kernel bears where this is in one."""
+def matmul(a: LaneMatrix, b: LaneMatrix) -> Array:
+    """The product of two matrices, in the form that a kernel bears if this is in one."""
     lanes = max(a.ndim, b.ndim) - 2
     return (
-        contract(a[:, :, None], b[None], 1, lanes) if _is_written_out(lanes) else jnp.asarray(a @ b)
+        sum_of_products(a[:, :, None], b[None], 1, lanes)
+        if _is_written_out(lanes)
+        else jnp.asarray(a @ b)
     )
 
 
-def applied(a: Table, x: Float[Array, "b *#lanes"]) -> Array:
-    """The product of a matrix and a vector, as `product`."""
+def matvec(a: LaneMatrix, x: Float[Array, "b *#lanes"]) -> Array:
+    """The product of a matrix and a vector, in the form that a kernel bears if this is in one."""
     lanes = x.ndim - 1
-    return contract(a, x[None], 1, lanes) if _is_written_out(lanes) else jnp.asarray(a @ x)
+    return sum_of_products(a, x[None], 1, lanes) if _is_written_out(lanes) else jnp.asarray(a @ x)
 
 
 def _is_written_out(lanes: int) -> bool:
@@ -149,10 +155,13 @@ def _is_written_out(lanes: int) -> bool:
     return lanes > 0 or _IN_KERNEL.get()
 
 
-def applied_once(a: Table, x: Float[Array, "b *#lanes"]) -> Array:
-    """The same, `held`: neither are its factors made anew for each row, nor is it for each use, and
-    a loop over lanes has no more in it than compilers vectorise."""
-    return held(applied(a, held(x)))
+def matvec_once(a: LaneMatrix, x: Float[Array, "b *#lanes"]) -> Array:
+    """The product of a matrix and a vector, computed once, and its factors too.
+
+    Neither are the factors made anew for each row, nor is the product for each use, and a loop over
+    lanes has no more in it than compilers vectorise.
+    """
+    return compute_once(matvec(a, compute_once(x)))
 
 
 def weighted_sum(
@@ -162,16 +171,16 @@ def weighted_sum(
     lanes = weights.ndim - 1
     if not _is_written_out(lanes):
         return jnp.tensordot(weights, tables, 1)
-    return contract(held(weights)[:, None, None], tables, 0, lanes)
+    return sum_of_products(compute_once(weights)[:, None, None], tables, 0, lanes)
 
 
-def beside(table: Any, axes: int) -> Any:
-    """The table with axes of length one behind its own, to stand beside arrays with lanes."""
+def append_axes(table: Any, axes: int) -> Any:
+    """A table with axes of length one behind its own, so that it broadcasts over lanes."""
     return table.reshape(*table.shape, *(1,) * axes)
 
 
-def total(x: Float[Array, "n *rest"]) -> Float[Array, "*rest"]:
-    """Sum along the first axis, by halves."""
+def pairwise_sum(x: Float[Array, "n *rest"]) -> Float[Array, "*rest"]:
+    """Sum along the first axis, by halves (pairwise summation)."""
     if len(x) == 3:  # the same sum, in fewer operations
         return x[0] + x[1] + x[2]
     while len(x) > 1:
@@ -185,10 +194,12 @@ def _same(values: Any) -> Any:
     return values
 
 
-def held(values: Any) -> Any:
-    """Arrays as they are, computed once. XLA for CPUs joins loops, and would rather compute a
-    product or a sum anew for each row of numbers that is made of it, and what that is made of; but
-    not across the border of a call."""
+def compute_once(values: Any) -> Any:
+    """Arrays as they are, computed once: a barrier to the fusion of loops.
+
+    XLA for CPUs joins loops, and would rather compute a product or a sum anew for each row of
+    numbers that is made of it, and what that is made of; but not across the border of a call.
+    """
     if not is_for_cpus():
         return values
     if not _IN_KERNEL.get():

@@ -11,7 +11,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun
 from jax.interpreters.partial_eval import dce_jaxpr
 from jaxtyping import Array
 
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import pairwise_sum
 from jaxbeam._programs.platforms import by_platform
 
 # What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
@@ -165,5 +165,5 @@ def _short_sum(x: Array, axes: tuple[int, ...]) -> Array:
             terms = [jax.lax.index_in_dim(x, i, axis, False) for i in range(x.shape[axis])]
             x = functools.reduce(jnp.add, terms)
         else:
-            x = total(jnp.moveaxis(x, axis, 0))
+            x = pairwise_sum(jnp.moveaxis(x, axis, 0))
     return x

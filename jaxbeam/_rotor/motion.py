@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import is_there, kind_of, real_array, traceable
-from jaxbeam._programs.lanes import applied, beside, held, product
+from jaxbeam._programs.lanes import append_axes, compute_once, matmul, matvec
 from jaxbeam._rotor.clock import Clock
 from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
@@ -183,8 +183,8 @@ def cross(a: Triple, b: Triple) -> Triple:
 
 def skew(a: Triple) -> Float[Array, "3 3 *#lanes"]:
     """The matrix of b -> a x b."""
-    table = beside(_EPSILON.reshape(3, 9).T, a.ndim - 1)
-    return applied(table, a).reshape(3, 3, *a.shape[1:])
+    table = append_axes(_EPSILON.reshape(3, 9).T, a.ndim - 1)
+    return matvec(table, a).reshape(3, 3, *a.shape[1:])
 
 
 def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
@@ -196,7 +196,7 @@ def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
     share = jnp.where(ahead, 1.0, 1 - x) / jnp.where(ahead, 1 + x, y * y + z * z)
     second = jnp.stack([-y, 1 - y * y * share, -y * z * share])
     third = jnp.stack([-z, -y * z * share, 1 - z * z * share])
-    cos, sin = (a[None] for a in held((jnp.cos(angle), jnp.sin(angle))))
+    cos, sin = (a[None] for a in compute_once((jnp.cos(angle), jnp.sin(angle))))
     return jnp.stack([t, cos * second + sin * third, cos * third - sin * second])
 
 
@@ -222,7 +222,7 @@ def hub_matrices(hub: Hub) -> tuple[Float[Array, "3 3 *#lanes"], Float[Array, "3
     """omega~ omega~ + omega'~ and 2 omega~: the acceleration of a point, seen from the hub, by its
     position and its velocity there."""
     spin = skew(hub.angular_velocity)
-    return product(spin, spin) + skew(hub.angular_velocity_rate), 2 * spin
+    return matmul(spin, spin) + skew(hub.angular_velocity_rate), 2 * spin
 
 
 def no_times() -> Times:

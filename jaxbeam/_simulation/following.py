@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import pairwise_sum
 from jaxbeam._results import without_derivatives
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import StepLimits
@@ -195,7 +195,7 @@ def _displacements(
     mass = equations.rigid_moments[0]
 
     def mean(a: Array) -> Scalar:
-        return jnp.sqrt(jnp.maximum(total(a * (scene.mass @ a)), 0.0) / mass)
+        return jnp.sqrt(jnp.maximum(pairwise_sum(a * (scene.mass @ a)), 0.0) / mass)
 
     def of(y: State, q: Scalar, v: Scalar) -> State:
         return State(jnp.full_like(y.q, q), jnp.full_like(y.v, v), y.work)

@@ -16,7 +16,7 @@ from jaxbeam._numerics.blocks import BlockInverse, BlockTridiagonal
 from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.small import SmallMatrix
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import pairwise_sum
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.clock import Clock, Later, place
@@ -266,12 +266,14 @@ class Scene(SecondOrderSystem):
     def power(self, x: Inputs, q: Vector, v: Vector) -> Number:
         """Rate of the balance of energy, in `work_unit` per second."""
         (hub, tip_force, span), equations = x, self.equations
-        out = -self._moved_by(hub, q, v) - total(
+        out = -self._moved_by(hub, q, v) - pairwise_sum(
             (equations.nonconservative_force(q) + self._damping(q, v)) * v
         )
         if self.loads.gravity is not None:
             moving = self.kinematics(q, v)
-            out = out + total(hub.gravity * jax.jvp(equations.first_moment, (q,), (moving,))[1])
+            out = out + pairwise_sum(
+                hub.gravity * jax.jvp(equations.first_moment, (q,), (moving,))[1]
+            )
         if tip_force is not None:
             out = out + equations.tip_power(q, v, tip_force)
         if span is not None:

@@ -35,7 +35,7 @@ from jaxtyping import Array, Float
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._numerics.kinematics import Kinematics, Straight
 from jaxbeam._numerics.linalg import outer
-from jaxbeam._programs.lanes import held, total, transposed
+from jaxbeam._programs.lanes import compute_once, pairwise_sum, transposed
 from jaxbeam._programs.one_function import without_rules
 from jaxbeam._solvers.steps import combined
 from jaxbeam._solvers.system import SecondOrderSystem, State
@@ -93,7 +93,7 @@ def stages(
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
         i, rows, d, now = row
         # Held, or they would be made anew for each number that is made of them.
-        step, past = held(combined(rows, done))
+        step, past = compute_once(combined(rows, done))
         step, past = both + step, past / h
         at = step[:n], step[n:]
         first = system.kinematics(*at) + past[:n]
@@ -150,12 +150,14 @@ def _back(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> An
     pull_back = _back_by_matrices if plain else _back_along
     more, to_start, by_q, by_v = pull_back(own, still, y0, shared, (y, e, done))
     by_past = later[1::2]
-    to_y = end + total(later[::2])
+    to_y = end + pairwise_sum(later[::2])
     to_y0 = State(to_y[:n] + by_q, to_y[n:] + by_v, jnp.zeros_like(y0.work))
     to_h = None
     if own[1] is not None:
         by_past = by_past * (done / g - past)
-        to_h = total(by_rate * found.force_rate) + total(by_past.reshape(-1, *done.shape[2:]))
+        to_h = pairwise_sum(by_rate * found.force_rate) + pairwise_sum(
+            by_past.reshape(-1, *done.shape[2:])
+        )
     to_system = jax.tree.map(jnp.add, to_system, more)
     whole = (to_system, to_h, eqx.filter(to_y0, moving[2]), to_start, to_inputs)
     return *whole, *(_zeros(a) for a in own[5:])
@@ -176,7 +178,7 @@ def _backwards(
     def stage(state: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
         later, to_system = state
         i, columns, to_u, at, x, other_x = row
-        to_u = to_u + held(combined(columns[None], later)[0])
+        to_u = to_u + compute_once(combined(columns[None], later)[0])
         to_q, to_v = to_u[:n], to_u[n:]
         y = (kinematics.led_back(to_q, y0.v) + to_v) @ found.solve
         e = to_q - kinematics.seen_back(y @ found.k, y0.q)
@@ -242,7 +244,7 @@ def _back_along(own: Any, still: Any, y0: State, shared: Any, done: Any) -> Any:
         return whole.mass, rate
 
     _, pull = jax.vjp(rest, own[0], own[3], y0.q, y0.v)
-    each = jax.tree.map(total, jax.vmap(along)(y, e, u))
+    each = jax.tree.map(pairwise_sum, jax.vmap(along)(y, e, u))
     return jax.tree.map(jnp.add, each, pull((to_mass, to_rate)))
 
 

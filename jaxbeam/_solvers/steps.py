@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._programs.kernel import Adjoint, in_reverse_mode, kernel
-from jaxbeam._programs.lanes import beside, contract
+from jaxbeam._programs.lanes import append_axes, sum_of_products
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number
@@ -182,7 +182,7 @@ def work_along(
 
 def combined(weights: Any, rows: Float[Array, "s n *lanes"]) -> Float[Array, "r n *lanes"]:
     """Sums of s rows with weights (r, s)."""
-    return contract(beside(weights, rows.ndim - 1), rows[None], 1, rows.ndim - 2)
+    return sum_of_products(append_axes(weights, rows.ndim - 1), rows[None], 1, rows.ndim - 2)
 
 
 def step_result(

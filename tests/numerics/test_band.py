@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxbeam._numerics.band import band, factors, polished, product, solved, width_of
+from jaxbeam._numerics.band import band, band_matvec, factors, polished, solved, width_of
 
 
 def matrix(n, b, seed=0):
@@ -18,7 +18,7 @@ def test_products_and_solutions_are_those_of_dense_matrices(n, b):
     a, x = matrix(n, b), np.linspace(1.0, 2.0, n)
     assert width_of(a) == b + 1
     narrow = jnp.asarray(band(a, b + 1))
-    np.testing.assert_allclose(product(narrow, jnp.asarray(x)), a @ x, rtol=1e-13)
+    np.testing.assert_allclose(band_matvec(narrow, jnp.asarray(x)), a @ x, rtol=1e-13)
     found = solved(*factors(narrow), jnp.asarray(x))
     np.testing.assert_allclose(found, np.linalg.solve(a, x), rtol=1e-12)
 

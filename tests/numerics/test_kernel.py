@@ -12,7 +12,7 @@ import pytest
 import jaxbeam as jb
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.kernel import kernel
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import append_axes, pairwise_sum, sum_of_products
 from jaxbeam._solvers.system import State
 from tests.beams import ROUND
 
@@ -25,11 +25,11 @@ TABLE = np.random.default_rng(3).normal(size=(5, 6))
 def chain(parameters, x):
     """Products, a loop, a solve and sums: what a step is made of."""
     lanes = x.ndim - 1
-    y = contract(beside(TABLE, lanes), x[None], 1, lanes)
+    y = sum_of_products(append_axes(TABLE, lanes), x[None], 1, lanes)
     y, _ = jax.lax.scan(lambda y, p: (jnp.sin(p * y), None), y, parameters["scale"])
     rows = parameters["rows"] + 0 * x[0]
     z = BlockTridiagonal(rows, absent=1).inverse() @ y
-    return {"z": z, "total": total(z**2)}
+    return {"z": z, "total": pairwise_sum(z**2)}
 
 
 def case(shape=(), seed=0):

@@ -9,11 +9,11 @@ import pytest
 
 from jaxbeam._programs.kernel import kernel
 from jaxbeam._programs.lanes import (
-    applied,
-    applied_once,
-    contract,
-    held,
-    product,
+    compute_once,
+    matmul,
+    matvec,
+    matvec_once,
+    sum_of_products,
     transposed,
     weighted_sum,
 )
@@ -32,9 +32,9 @@ def _in_lanes(function, *arrays):
 def test_long_sums_are_made_of_groups(count):
     """And what is repeated along the axis is no longer for it."""
     a, x = RNG.normal(size=(3, count, 4, LANES)), RNG.normal(size=(1, count, 4, LANES))
-    found = jax.jit(lambda a, x: contract(a, x, 1, 1))(a, x)
+    found = jax.jit(lambda a, x: sum_of_products(a, x, 1, 1))(a, x)
     np.testing.assert_allclose(found, (a * x).sum(1), rtol=1e-12, atol=1e-13)
-    once = jax.jit(lambda a, x: contract(a, x[:, :1], 1, 1))(a, x)
+    once = jax.jit(lambda a, x: sum_of_products(a, x[:, :1], 1, 1))(a, x)
     np.testing.assert_allclose(once, (a * x[:, :1]).sum(1), rtol=1e-12, atol=1e-13)
 
 
@@ -42,7 +42,7 @@ def test_products_in_a_kernel_are_those_of_a_library():
     a, b, x = (RNG.normal(size=(*size, LANES)) for size in ((4, 5), (5, 3), (5,)))
     tables, weights = RNG.normal(size=(2, 4, 4, LANES)), RNG.normal(size=(2, LANES))
     for function, args in (
-        (product, (a, b)), (applied, (a, x)), (applied_once, (a, x)),
+        (matmul, (a, b)), (matvec, (a, x)), (matvec_once, (a, x)),
         (weighted_sum, (weights, tables)),
     ):  # fmt: skip
         alone = _in_lanes(function, *args)
@@ -56,7 +56,7 @@ def test_transposes_of_contract(shapes):
     a, x = (jnp.asarray(RNG.normal(size=shape)) for shape in shapes)
 
     def pulled(a, x):
-        out, pull = jax.vjp(lambda a, x: contract(a, x, 1, 1), a, x)
+        out, pull = jax.vjp(lambda a, x: sum_of_products(a, x, 1, 1), a, x)
         return pull(jnp.cos(jnp.arange(out.size).reshape(out.shape)))
 
     with transposed():
@@ -83,7 +83,9 @@ def test_held_numbers_are_what_they_were_with_their_derivatives():
         parts = function(x[0]), jax.vmap(function)(x), jax.jacrev(function)(x[1]), rates
         return jnp.concatenate([part.ravel() for part in parts])
 
-    found, expected = (jax.jit(all_of, static_argnums=0)(made(f)) for f in (held, lambda a: a))
+    found, expected = (
+        jax.jit(all_of, static_argnums=0)(made(f)) for f in (compute_once, lambda a: a)
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
-    constant = jax.jit(lambda: made(held)(jnp.ones(3)))()
+    constant = jax.jit(lambda: made(compute_once)(jnp.ones(3)))()
     np.testing.assert_allclose(constant, made(lambda a: a)(jnp.ones(3)), rtol=1e-14)

@@ -168,7 +168,7 @@ EVERY += BUILT
 
 @pytest.mark.parametrize(
     ("model", "rotor"),
-    # The second one ended the process where all but the rates was constant, see `held`.
+    # The second one ended the process where all but the rates was constant, see `compute_once`.
     [
         (jb.papers.GreenANCF(2), SHORT), (jb.VonKarman(5, 3, 2), SHORT),
         (DISCRETE[0], SOFT_SPRINGS),

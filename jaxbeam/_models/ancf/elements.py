@@ -46,7 +46,7 @@ from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
 from jaxbeam._models.contract.strained import Parts, force_of, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import append_axes, pairwise_sum, sum_of_products
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.motion import Hub
@@ -88,7 +88,7 @@ class ElementEquations(Equations):
         body = rotor.tip_body
         self.tip_mass = body.mass
         self.tip_body = body_mass(body, length) if isinstance(body, TipBody) else None
-        along = radius + length * beside(np.linspace(0.0, 1.0, n_elements + 1), length.ndim)
+        along = radius + length * append_axes(np.linspace(0.0, 1.0, n_elements + 1), length.ndim)
         along = jnp.stack([along, length + jnp.zeros_like(along)], 1)
         self.straight = jnp.stack([jnp.zeros_like(along), along], 1)
         self.sections = Sections(beam, n_elements, element)
@@ -118,9 +118,9 @@ class ElementEquations(Equations):
         if self.tip_body is None:
             at_tip = np.zeros((len(self.straight), 4, 12))
             at_tip[-1, ::2, 4:8:2] = matrix
-            rows = rows + self.tip_mass * beside(at_tip, lanes)
+            rows = rows + self.tip_mass * append_axes(at_tip, lanes)
         else:
-            rotated = beside(matrix[:, None, :, None], lanes)
+            rotated = append_axes(matrix[:, None, :, None], lanes)
             rows = rows + self._at_node(-1, rotated * self.tip_body[None, :, None])
         return self._matrix(rows)
 
@@ -216,13 +216,13 @@ class ElementEquations(Equations):
         """Mass matrix at the tip times a field there; of a point only values count."""
         if self.tip_body is None:
             return self.tip_mass * field
-        return contract(self.tip_body[None], field[:, None], 2, field.ndim - 2)
+        return sum_of_products(self.tip_body[None], field[:, None], 2, field.ndim - 2)
 
     def strain_energy(self, q: Vector) -> Number:
         each = self.sections.by_element(
             lambda law, _, local: law.energy(self._gradients(local)), of_elements(self._nodes(q))
         )
-        energy = total(each)
+        energy = pairwise_sum(each)
         energy = self.axial_stiffness * self.length * energy
         return energy if self.ends.are_plain else energy + self._at_ends(self.ends.energy, q)
 
@@ -240,7 +240,9 @@ class ElementEquations(Equations):
     def first_moment(self, q: Vector) -> Triple:
         nodes, axes = self._nodes(q), jnp.eye(3, dtype=q.dtype)
         along, across = (
-            self._product(jnp.broadcast_to(constant(beside(axis, q.ndim - 1)), nodes.shape), nodes)
+            self._product(
+                jnp.broadcast_to(constant(append_axes(axis, q.ndim - 1)), nodes.shape), nodes
+            )
             for axis in axes[:2]
         )
         return jnp.stack([along, across, jnp.zeros_like(along)])
@@ -251,11 +253,11 @@ class ElementEquations(Equations):
             lambda _, mass, field: self.sections.weighed(mass, field), of_elements(b)
         )
         own = of_elements(a) * weighed
-        own = total(own.reshape(-1, *own.shape[3:]))
+        own = pairwise_sum(own.reshape(-1, *own.shape[3:]))
         if self.tip_body is None:
-            return own + self.tip_mass * total(a[-1, :, 0] * b[-1, :, 0])
+            return own + self.tip_mass * pairwise_sum(a[-1, :, 0] * b[-1, :, 0])
         at_tip = a[-1] * self._borne(b[-1])
-        return own + total(at_tip.reshape(4, *at_tip.shape[2:]))
+        return own + pairwise_sum(at_tip.reshape(4, *at_tip.shape[2:]))
 
     def tip(self, q: Vector) -> Triple:
         return jnp.stack([q[-2], q[-4], jnp.zeros_like(q[-1])])

@@ -34,7 +34,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.strained import Strained, gradient_of
-from jaxbeam._programs.lanes import beside, contract, total
+from jaxbeam._programs.lanes import append_axes, pairwise_sum, sum_of_products
 from jaxbeam._types import Number
 
 Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, mean, at the last end
@@ -44,12 +44,12 @@ POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
 QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # a1 becomes a2, a2 becomes -a1
 
 
-def matvec(
+def map_rows(
     table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
 ) -> Array:
     """The product sum_b table_ab x_cb, with axes of lanes behind."""
     lanes = x.ndim - 2
-    return contract(beside(table[None], lanes), x[:, None], 2, lanes)
+    return sum_of_products(append_axes(table[None], lanes), x[:, None], 2, lanes)
 
 
 def along_element(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
@@ -60,7 +60,7 @@ def along_element(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"
 
 
 def _integral(weights: np.ndarray, x: Float[Array, "g *lanes"]) -> Number:
-    return matvec(weights[None], x[None])[0, 0]
+    return map_rows(weights[None], x[None])[0, 0]
 
 
 def axis_of(d: Float[Array, "2 *lanes"]) -> Array:
@@ -110,7 +110,7 @@ class Element(Strained):
     def stresses(self, strains: Strains) -> Strains:
         """Weights times EA strain and EI curvature."""
         strain, *bends = strains
-        weights = beside(self.weights, strain.ndim - 1)
+        weights = append_axes(self.weights, strain.ndim - 1)
         moments = (weights * (self.bending * bend) for bend in bends)
         return weights * self.pulled(strain), *moments
 
@@ -179,27 +179,27 @@ class Continuum(Element):
         """Strain at the stations, and its derivative by d."""
 
     def strains(self, e: Local) -> Strains:
-        along, curved = axis_of(matvec(self.slopes, e)), matvec(self.curvatures, e)
+        along, curved = axis_of(map_rows(self.slopes, e)), map_rows(self.curvatures, e)
         size = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
         stretching = (along[0] * curved[0] + along[1] * curved[1]) / size
         return self._strain(e), (along[1] * curved[0] - along[0] * curved[1]) / size, stretching
 
     def _strain(self, e: Local) -> Float[Array, "g *lanes"]:
-        return self.interpolated(self.measure(matvec(self.stations, e))[0][None])[0]
+        return self.interpolated(self.measure(map_rows(self.stations, e))[0][None])[0]
 
     def energy(self, e: Local) -> Number:
         """Strain energy of B eq. 9."""
-        bend = total(matvec(self.curvatures, e) ** 2)
+        bend = pairwise_sum(map_rows(self.curvatures, e) ** 2)
         return _integral(self.weights, self.pulled(self._strain(e) ** 2) + self.bending * bend) / 2
 
     def force(self, e: Local) -> Local:
         """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
-        pull = self.pulled(self._strain(e))[None] * axis_of(matvec(self.slopes, e))
-        pull = matvec((self.weights[:, None] * self.slopes).T, pull)
+        pull = self.pulled(self._strain(e))[None] * axis_of(map_rows(self.slopes, e))
+        pull = map_rows((self.weights[:, None] * self.slopes).T, pull)
         if self.stretching is None:
-            return pull + self.bending * matvec(self._bend, e)
-        moment = self.bending[None] * matvec(self.curvatures, e)
-        return pull + matvec((self.weights[:, None] * self.curvatures).T, moment)
+            return pull + self.bending * map_rows(self._bend, e)
+        moment = self.bending[None] * map_rows(self.curvatures, e)
+        return pull + map_rows((self.weights[:, None] * self.curvatures).T, moment)
 
     @property
     def _bend(self) -> np.ndarray:
@@ -208,8 +208,8 @@ class Continuum(Element):
 
     def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
         slopes, stations = self.slopes, self.stations
-        strain, stretched = self.measure(matvec(stations, e))
-        pull = _rows(slopes, axis_of(matvec(slopes, e)))
+        strain, stretched = self.measure(map_rows(stations, e))
+        pull = _rows(slopes, axis_of(map_rows(slopes, e)))
         # By the derivative of the strain
         by_gradient = jax.vmap(self.pulled)(self.interpolated(_rows(stations, stretched)))
         terms = [w * pull[:, None, g] * by_gradient[None, :, g] for g, w in enumerate(self.weights)]
@@ -218,7 +218,7 @@ class Continuum(Element):
         pull = jax.vmap(self.pulled)(self.interpolated(strain[None]))
         along = _weighted(self.weights, slopes, slopes, pull)
         if self.stretching is None:
-            along = along + self.bending * beside(self._bend, e.ndim - 2)
+            along = along + self.bending * append_axes(self._bend, e.ndim - 2)
         else:
             bending = jnp.broadcast_to(self.bending, pull[0].shape)[None]
             along = along + _weighted(self.weights, self.curvatures, self.curvatures, bending)
@@ -229,7 +229,7 @@ def _rows(
     table: Float[np.ndarray, "p 3"] | Float[Array, "p 3"], vector: Float[Array, "2 p *lanes"]
 ) -> Float[Array, "6 p *lanes"]:
     """Table^T times a vector at every point."""
-    out = vector[:, None] * beside(table.T[None], vector.ndim - 2)
+    out = vector[:, None] * append_axes(table.T[None], vector.ndim - 2)
     return out.reshape(6, *vector.shape[1:])
 
 
@@ -238,12 +238,12 @@ def _weighted(
 ) -> Float[Array, "3 3 *lanes"]:
     """int x y^T values dx of two tables (g, 3)."""
     each = weights[None, None] * x.T[:, None] * y.T[None] + 0.0  # no zero is negative
-    return matvec(each.reshape(9, -1), values)[0].reshape(3, 3, *values.shape[2:])
+    return map_rows(each.reshape(9, -1), values)[0].reshape(3, 3, *values.shape[2:])
 
 
 def _both(a: Float[Array, "3 3 *lanes"]) -> Float[Array, "2 3 2 3 *lanes"]:
     """A matrix of one component as one of both, which it does not couple."""
-    return beside(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
+    return append_axes(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
 
 
 class ModelA(Continuum):
@@ -256,7 +256,7 @@ class ModelA(Continuum):
         return np.eye(3)
 
     def interpolated(self, values: Array) -> Array:
-        return matvec(self.slopes, values)
+        return map_rows(self.slopes, values)
 
     def measure(self, d: Array) -> tuple[Array, Array]:
         strain = elongation(d)
@@ -294,8 +294,8 @@ class ModelZero(Element):
         size = 1 + elongation(axis)
         # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
         lean = jnp.stack([axis[0], axis[1] - (size - 1)]) / size[None]
-        d, tangent = matvec(self.slopes, e), axis_of(lean)
-        stretched, curved = axis_of(d), matvec(self.curvatures, e)
+        d, tangent = map_rows(self.slopes, e), axis_of(lean)
+        stretched, curved = axis_of(d), map_rows(self.curvatures, e)
         strain = lean[0] * stretched[0] + lean[1] * stretched[1] + d[1]
         return strain, tangent[1] * curved[0] - tangent[0] * curved[1]
 

@@ -1,7 +1,7 @@
 """Elements of the exact rod without shear, whose axial strain is the engineering strain.
 
 Compilers that fuse operations compute sums of few products anew for every number that is made of
-them, unless they are `apart`; what was divided is computed once.
+them, unless they are `map_rows_once`; what was divided is computed once.
 """
 
 from typing import Any, NamedTuple
@@ -11,19 +11,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.ancf.energies import QUARTER_TURN, Element, Local, Strains, axis_of, matvec
-from jaxbeam._programs.lanes import beside, held
+from jaxbeam._models.ancf.energies import QUARTER_TURN, Element, Local, Strains, axis_of, map_rows
+from jaxbeam._programs.lanes import append_axes, compute_once
 from jaxbeam._programs.platforms import loops_are_dear
 
 
-def apart(
+def map_rows_once(
     table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
 ) -> Array:
-    """The product of `matvec`, where there are lanes in a loop of its own: the sums are computed
+    """The product of `map_rows`, where there are lanes in a loop of its own: the sums are computed
     once, and not anew for every number that is made of them."""
     if x.ndim == 2 or loops_are_dear():
-        return matvec(table, x)
-    return jax.lax.map(lambda row: matvec(table, row[None])[0], x)
+        return map_rows(table, x)
+    return jax.lax.map(lambda row: map_rows(table, row[None])[0], x)
 
 
 # Masks of second derivatives by components c and d of r' or r'', (c, d, 2, 2, g): of those by r'
@@ -52,7 +52,7 @@ class Engineering(Element):
 
     def force(self, e: Local) -> Local:
         at = self._at(e)
-        over = beside(self.weights, e.ndim - 2) / at.square
+        over = append_axes(self.weights, e.ndim - 2) / at.square
         couple = self.bending * at.angle_rate * over
         pull = (self.pulled(at.strain * at.size) - 2 * self.bending * at.angle_rate**2) * over
         by_slope = pull[None] * at.along + couple[None] * at.curved_normal
@@ -67,7 +67,7 @@ class Engineering(Element):
         stretch = (at.along[0] * slope[0] + at.along[1] * slope[1]) / at.square
         change = at.back[0] * bend[0] + at.back[1] * bend[1]
         change = change + at.curved_normal[0] * slope[0] + at.curved_normal[1] * slope[1]
-        change, b, w = change / at.square, self.bending, beside(self.weights, lanes)
+        change, b, w = change / at.square, self.bending, append_axes(self.weights, lanes)
         couple = w * b * at.angle_rate / at.square
         pull = w * (self.pulled(at.strain * at.size) - 2 * b * at.angle_rate**2) / at.square
         twist = at.angle_rate * stretch
@@ -93,8 +93,10 @@ class Engineering(Element):
         square, moment = at.square, bending * at.angle_rate
         bent = moment * at.angle_rate
         k = (at.curved_normal - 4 * at.angle_rate[None] * at.along) / square[None]
-        both = held(jnp.stack([k, at.back / square[None]], 1))  # of k, what goes with S' and S''
-        each = held(
+        both = compute_once(
+            jnp.stack([k, at.back / square[None]], 1)
+        )  # of k, what goes with S' and S''
+        each = compute_once(
             (
                 (self.pulled(at.size) - 4 * bent) / square**2,
                 (self.pulled(at.strain * at.size) - 2 * bent) / square,
@@ -107,13 +109,13 @@ class Engineering(Element):
         # by number.
         p = at.along[:, None] * at.along[None]
         rows = by_k * both[:, None, :, None] * both[None, :, None]
-        rows = rows + beside(_OF_SLOPES, lanes) * by_p * p[:, :, None, None]
-        rows = rows + beside(_OF_BOTH, lanes) * along + beside(_SKEWED, lanes) * across
+        rows = rows + append_axes(_OF_SLOPES, lanes) * by_p * p[:, :, None, None]
+        rows = rows + append_axes(_OF_BOTH, lanes) * along + append_axes(_SKEWED, lanes) * across
         rows = rows.reshape(4, -1, *e.shape[2:])
 
         tables = self._tables.reshape(2, -1, 3).transpose(2, 0, 1)
         table = self.weights[(None,) * 4] * tables[:, None, :, None] * tables[None, :, None]
-        found = apart(table.reshape(9, -1), rows)
+        found = map_rows_once(table.reshape(9, -1), rows)
         return found.reshape(2, 2, 3, 3, *e.shape[2:]).swapaxes(1, 2)
 
     def _at(self, e: Local) -> "_Bent":
@@ -134,12 +136,12 @@ class Engineering(Element):
 
     def _gradients(self, e: Local) -> tuple[Array, Array]:
         """d and r'' at the Gauss points, (2, g, *lanes)."""
-        both, g = apart(self._tables, e), len(self.weights)
+        both, g = map_rows_once(self._tables, e), len(self.weights)
         return both[:, :g], both[:, g:]
 
     def _projected(self, by_slope: Array, by_bend: Array) -> Local:
         """The transpose of `_gradients`."""
-        return apart(self._tables.T, jnp.concatenate([by_slope, by_bend], 1))
+        return map_rows_once(self._tables.T, jnp.concatenate([by_slope, by_bend], 1))
 
 
 class _Bent(NamedTuple):

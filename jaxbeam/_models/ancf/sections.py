@@ -18,11 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.ancf.energies import POINTS, WEIGHTS, Element, elongation, matvec, rule
+from jaxbeam._models.ancf.energies import POINTS, WEIGHTS, Element, elongation, map_rows, rule
 from jaxbeam._models.ancf.nodes import assembled
 from jaxbeam._models.bases.basis import hermite
 from jaxbeam._models.contract.strained import EndSprings, Parts, holding
-from jaxbeam._programs.lanes import beside, contract
+from jaxbeam._programs.lanes import append_axes, sum_of_products
 from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.ends import TipBody
@@ -149,15 +149,15 @@ class Sections(eqx.Module):
     def weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
         """int N N^T dm of an element times a field, (2, 4, *lanes)."""
         if self.parts is None:
-            return mass * matvec(self._gram, field)
-        return contract(mass[None], field[:, None], 2, field.ndim - 2)
+            return mass * map_rows(self._gram, field)
+        return sum_of_products(mass[None], field[:, None], 2, field.ndim - 2)
 
     def inertial(self, matrix: np.ndarray, lanes: int) -> Float[Array, "k 4 12 *lanes"]:
         """Rows of blocks of int N (matrix N)^T dm over all elements."""
         if self.parts is None:
             local = np.einsum("cd,ij->cidj", matrix, self._gram)[None]
-            return self.mass * beside(assembled(jnp.repeat(local, self.n_elements, 0)), lanes)
-        rotated = beside(matrix[None, :, None, :, None], lanes)
+            return self.mass * append_axes(assembled(jnp.repeat(local, self.n_elements, 0)), lanes)
+        rotated = append_axes(matrix[None, :, None, :, None], lanes)
         return assembled(rotated * self.mass[:, None, :, None])
 
     @property

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import applied_once, total
+from jaxbeam._programs.lanes import matvec_once, pairwise_sum
 from jaxbeam._types import Matrix, Number, Vector
 
 
@@ -53,10 +53,10 @@ class LinearElasticity(Elasticity):
     stiffness: Matrix
 
     def energy(self, q: Vector) -> Number:
-        return total(q * self.force(q)) / 2
+        return pairwise_sum(q * self.force(q)) / 2
 
     def force(self, q: Vector) -> Vector:
-        return applied_once(self.stiffness, q)
+        return matvec_once(self.stiffness, q)
 
     def tangent(self, q: Vector) -> Matrix:
         return self.stiffness

@@ -18,7 +18,7 @@ from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.kinematics import Kinematics, Straight
 from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.small import SmallMatrix
-from jaxbeam._programs.lanes import applied_once, total, transposed
+from jaxbeam._programs.lanes import matvec_once, pairwise_sum, transposed
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
 from jaxbeam._rotor.span import Span
@@ -289,10 +289,12 @@ class Equations(eqx.Module):
 
         (place, along), (moving, rate) = jax.jvp(centre, (q,), (v,))
         moving = moving + velocity + cross(spin, place)
-        energy = body.mass * total(moving * moving) / 2
+        energy = body.mass * pairwise_sum(moving * moving) / 2
         if isinstance(body, TipBody):
             rate = rate + cross(spin, along)
-            energy = energy + body.inertia * total(rate * rate) / 2 + self.spin_energy(q, v, spin)
+            energy = (
+                energy + body.inertia * pairwise_sum(rate * rate) / 2 + self.spin_energy(q, v, spin)
+            )
         return energy
 
     def end(self, q: Vector) -> Triple:
@@ -314,7 +316,7 @@ class Equations(eqx.Module):
 
     def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
         """What a load at the tip does, in W."""
-        return total(tip_force * jax.jvp(self.tip, (q,), (self.kinematics(q, v),))[1])
+        return pairwise_sum(tip_force * jax.jvp(self.tip, (q,), (self.kinematics(q, v),))[1])
 
     def tip_action(self, q: Vector, tip_force: Any) -> tuple[Triple, Triple]:
         """Force and moment of a load at the tip, in hub axes, in N and N m."""
@@ -363,7 +365,7 @@ class Equations(eqx.Module):
         if drag.dampers is not None:
             out = out + self.damper_force(q, v, drag.dampers)
         if drag.matrix is not None:
-            out = out + applied_once(drag.matrix, v)
+            out = out + matvec_once(drag.matrix, v)
         return out
 
     def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import applied, total
+from jaxbeam._programs.lanes import matvec, pairwise_sum
 from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Matrix, Number, Vector
@@ -31,7 +31,7 @@ class AbstractSpanForce(eqx.Module):
 
     def power(self, equations: Any, q: Vector, v: Vector) -> Number:
         """What it does, in W."""
-        return total(self.on(equations, q) * v)
+        return pairwise_sum(self.on(equations, q) * v)
 
 
 class SpanForce(AbstractSpanForce):
@@ -41,7 +41,7 @@ class SpanForce(AbstractSpanForce):
     stiffness: Matrix | None  # None: zero
 
     def on(self, equations: Any, q: Vector) -> Vector:
-        return self.force if self.stiffness is None else self.force - applied(self.stiffness, q)
+        return self.force if self.stiffness is None else self.force - matvec(self.stiffness, q)
 
     def tangent(self, equations: Any, q: Vector) -> Matrix | None:
         return self.stiffness

@@ -18,7 +18,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import beside, contract, is_transposed, total, transposed
+from jaxbeam._programs.lanes import (
+    append_axes,
+    is_transposed,
+    pairwise_sum,
+    sum_of_products,
+    transposed,
+)
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._types import Number
 
@@ -65,7 +71,9 @@ class Strained(eqx.Module):
         held = self.by(lambda e: jax.vjp(self.strains, e)[1](stress)[0], e)
         by = [jax.vmap(self.stresses)(a) for a in (b_rate, b)]
         lanes, b = e.ndim - self.axes, pull(b, e)[:, None]
-        by_e, by_rate = (contract(b, pull(a, e)[None], 2, lanes).reshape(held.shape) for a in by)
+        by_e, by_rate = (
+            sum_of_products(b, pull(a, e)[None], 2, lanes).reshape(held.shape) for a in by
+        )
         return held + by_e, by_rate
 
     @transposed(on=False)
@@ -79,7 +87,7 @@ class Strained(eqx.Module):
         """One of each coordinate."""
         own, lanes = e.shape[: self.axes], e.ndim - self.axes
         units = jnp.eye(math.prod(own), dtype=e.dtype).reshape(-1, *own)
-        return jnp.broadcast_to(beside(units, lanes), (len(units), *e.shape))
+        return jnp.broadcast_to(append_axes(units, lanes), (len(units), *e.shape))
 
     def _rows(self, strains: Any, e: Array) -> Array:
         """All numbers of many strains, (n, k, *lanes)."""
@@ -95,23 +103,23 @@ class Parts(eqx.Module):
     each: Any  # an element, whose arrays have a first axis, of parts
 
     def energy(self, e: Array) -> Number:
-        return total(jax.vmap(lambda part: part.energy(e))(self.each))
+        return pairwise_sum(jax.vmap(lambda part: part.energy(e))(self.each))
 
     def force(self, e: Array) -> Array:
-        return total(jax.vmap(lambda part: part.force(e))(self.each))
+        return pairwise_sum(jax.vmap(lambda part: part.force(e))(self.each))
 
     def tangent(self, e: Array) -> Array:
-        return total(jax.vmap(lambda part: part.tangent(e))(self.each))
+        return pairwise_sum(jax.vmap(lambda part: part.tangent(e))(self.each))
 
     def pushed(self, e: Array, rate: Array) -> Array:
-        return total(jax.vmap(lambda part: part.pushed(e, rate))(self.each))
+        return pairwise_sum(jax.vmap(lambda part: part.pushed(e, rate))(self.each))
 
     def viscous(self, e: Array, rate: Array) -> Array:
-        return total(jax.vmap(lambda part: part.viscous(e, rate))(self.each))
+        return pairwise_sum(jax.vmap(lambda part: part.viscous(e, rate))(self.each))
 
     def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
         by_e, by_rate = jax.vmap(lambda part: part.viscous_tangents(e, rate))(self.each)
-        return total(by_e), total(by_rate)
+        return pairwise_sum(by_e), pairwise_sum(by_rate)
 
 
 @transposed(on=False)
@@ -220,5 +228,5 @@ class EndSprings(Strained):
     def by(self, function: Callable[[Array], Array], e: Array) -> Float[Array, "2 c c *lanes"]:
         """The derivative of each force by its own gradient; there is none by the other."""
         push, units = jax.linearize(function, e)[1], jnp.eye(e.shape[1], dtype=e.dtype)[:, None]
-        along = jnp.broadcast_to(beside(units, e.ndim - 2), (e.shape[1], *e.shape))
+        along = jnp.broadcast_to(append_axes(units, e.ndim - 2), (e.shape[1], *e.shape))
         return jax.vmap(push, out_axes=2)(along)

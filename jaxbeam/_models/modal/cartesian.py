@@ -37,12 +37,12 @@ from jaxbeam._models.modal.tip_bodies import TipRotation
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import (
     LARGE,
-    Table,
-    applied,
-    applied_once,
-    beside,
-    product,
-    total,
+    LaneMatrix,
+    append_axes,
+    matmul,
+    matvec,
+    matvec_once,
+    pairwise_sum,
     weighted_sum,
 )
 from jaxbeam._rotor.beam import Rotor
@@ -206,7 +206,7 @@ class CartesianEquations(Equations):
         if tip_force is not None:
             out = out + self._along(tip_force) * self.at_tip
         if self.stiffening is not None:
-            out = out - applied_once(self._tension(hub, w, tip_force), q)
+            out = out - matvec_once(self._tension(hub, w, tip_force), q)
         if self.tip_rotation is not None:
             out = out + self.tip_rotation.force(hub, q, v)
         return out
@@ -227,9 +227,9 @@ class CartesianEquations(Equations):
 
     def _along(self, vector: Triple) -> Vector:
         """The component of a vector in the direction of each coordinate."""
-        return applied(beside(self.model.one_hot, vector.ndim - 1), vector)
+        return matvec(append_axes(self.model.one_hot, vector.ndim - 1), vector)
 
-    def _carried(self, *parts: tuple[Table, Vector]) -> Vector:
+    def _carried(self, *parts: tuple[LaneMatrix, Vector]) -> Vector:
         """The sum of [B] G q of the module's docstring, B and q being each of these: rows of one
         direction after the other, which need one row of B."""
         out, start = [], 0
@@ -237,7 +237,7 @@ class CartesianEquations(Equations):
             if count:
                 rows = self.gram[start : start + count]
                 terms = [self._along(b[c]) * q for b, q in parts]
-                out.append(applied_once(rows, functools.reduce(jnp.add, terms)))
+                out.append(matvec_once(rows, functools.reduce(jnp.add, terms)))
             start += count
         return jnp.concatenate(out)
 
@@ -248,8 +248,8 @@ class CartesianEquations(Equations):
 
     def inertial(self, b: Float[Array, "3 3 *#lanes"]) -> Matrix:
         """[B] G of the module's docstring."""
-        one_hot = beside(self.model.one_hot, b.ndim - 2)
-        return product(product(one_hot, b), one_hot.swapaxes(0, 1)) * self.gram
+        one_hot = append_axes(self.model.one_hot, b.ndim - 2)
+        return matmul(matmul(one_hot, b), one_hot.swapaxes(0, 1)) * self.gram
 
     def _tension(
         self, hub: Hub, w: Float[Array, "3 3 *#lanes"], tip_force: Triple | None
@@ -287,19 +287,21 @@ class CartesianEquations(Equations):
         """
         spun = skew(spin)
         back = spun.swapaxes(0, 1)  # S^T
-        away = product(back, spun)
-        shift = applied(back, velocity)
-        moving = self._carried((jnp.asarray(beside(np.eye(3), spin.ndim - 1)), v))
-        out = total(v * moving) / 2 + total(q * self._carried((away / 2, q), (-spun, v)))
+        away = matmul(back, spun)
+        shift = matvec(back, velocity)
+        moving = self._carried((jnp.asarray(append_axes(np.eye(3), spin.ndim - 1)), v))
+        out = pairwise_sum(v * moving) / 2 + pairwise_sum(
+            q * self._carried((away / 2, q), (-spun, v))
+        )
         at, rate = self._along(shift) * q, self._along(velocity) * v
-        out = out + total(self.first_moments * (at + rate))
-        out = out + total(self.first * (self._along(away[0]) * q - self._along(spun[0]) * v))
+        out = out + pairwise_sum(self.first_moments * (at + rate))
+        out = out + pairwise_sum(self.first * (self._along(away[0]) * q - self._along(spun[0]) * v))
         if self.stiffening is not None:
             # The beam is shorter along a1 by w, int w dm = q.D q / 2 and int X w dm = q.E q / 2
             # with what is motion stiffness for a1(X) = -1 and for X.
-            at = applied_once(self.motion_stiffness(-shift[0] / 2, away[0, 0] / 2, None), q)
-            rate = applied_once(self.motion_stiffness(-velocity[0], 0 * velocity[0], None), v)
-            out = out - total(q * (at + rate))
+            at = matvec_once(self.motion_stiffness(-shift[0] / 2, away[0, 0] / 2, None), q)
+            rate = matvec_once(self.motion_stiffness(-velocity[0], 0 * velocity[0], None), v)
+            out = out - pairwise_sum(q * (at + rate))
         return out if self.tip_rotation is None else out + self.tip_rotation.energy(q, v, spin)
 
     def first_moment(self, q: Vector) -> Triple:
@@ -321,12 +323,12 @@ class CartesianEquations(Equations):
 
     def _sum(self, each: Vector) -> Triple:
         """The vector of numbers along the direction of each coordinate."""
-        return applied(beside(self.model.one_hot.T, each.ndim - 1), each)
+        return matvec(append_axes(self.model.one_hot.T, each.ndim - 1), each)
 
     def _shortened(self, vector: Triple, matrix: Matrix, q: Vector) -> Triple:
         """The vector, less q.matrix q / 2 along the beam."""
-        less = total(q * applied_once(matrix, q)) / 2
-        return vector - beside(np.eye(3)[0], less.ndim) * less[None]
+        less = pairwise_sum(q * matvec_once(matrix, q)) / 2
+        return vector - append_axes(np.eye(3)[0], less.ndim) * less[None]
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
         """Displacement; of arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
@@ -363,7 +365,7 @@ class CartesianEquations(Equations):
         """The unit vector e of the class's docstring."""
         slope = self._sum(self.shape_integrals.tip_slope * q) / self.length
         across = slope * np.array([0.0, 1.0, 1.0])
-        short = 0.0 if self.stiffening is None else total(across * across) / 2
+        short = 0.0 if self.stiffening is None else pairwise_sum(across * across) / 2
         return across + (1 - short) * np.eye(3)[0]
 
     def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:

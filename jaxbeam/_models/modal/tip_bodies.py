@@ -26,7 +26,7 @@ from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.modal.shape_integrals import one_hots
 from jaxbeam._numerics.loose import symmetric_part
-from jaxbeam._programs.lanes import applied_once, total
+from jaxbeam._programs.lanes import matvec_once, pairwise_sum
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.motion import Hub
@@ -86,15 +86,18 @@ class TipRotation(eqx.Module):
     def energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
         """Kinetic energy to second order, without that of the rigid beam."""
         rise, square = self._along(spin)
-        out = total(rise * q) + total(q * applied_once(square, q)) / 2
+        out = pairwise_sum(rise * q) + pairwise_sum(q * matvec_once(square, q)) / 2
         if self.winding is not None:
-            wound = applied_once(self.winding - self._swept / 2, v)
-            out = out + self.axial * spin[0] * total(q * wound)
+            wound = matvec_once(self.winding - self._swept / 2, v)
+            out = out + self.axial * spin[0] * pairwise_sum(q * wound)
         if self.excess is None:
             return out
         g, h = self._bent
-        p, rate_about = total(self.first * spin), -(total(g * v) + spin[0] * total(h * q))
-        across = total(q * applied_once(self._across(spin), q))
+        p, rate_about = (
+            pairwise_sum(self.first * spin),
+            -(pairwise_sum(g * v) + spin[0] * pairwise_sum(h * q)),
+        )
+        across = pairwise_sum(q * matvec_once(self._across(spin), q))
         own = p * rate_about + rate_about**2 / 2 + p * across / 2
         return out + self.excess * own
 
@@ -102,11 +105,12 @@ class TipRotation(eqx.Module):
         """-d/dt dT/dq' + dT/dq, but for what the mass matrix says."""
         stiffness, damping = self.tangents(hub)
         out = self._along(hub.angular_velocity)[0]
-        out = out - applied_once(stiffness, q) - applied_once(damping, v)
+        out = out - matvec_once(stiffness, q) - matvec_once(damping, v)
         if self.excess is not None:
             g, h = self._bent
             p, rate = (
-                total(self.first * a) for a in (hub.angular_velocity, hub.angular_velocity_rate)
+                pairwise_sum(self.first * a)
+                for a in (hub.angular_velocity, hub.angular_velocity_rate)
             )
             out = out + self.excess * (rate * g - hub.angular_velocity[0] * p * h)
         return out
@@ -123,7 +127,7 @@ class TipRotation(eqx.Module):
         g, h = self._bent
         crossed = g[:, None] * h[None]
         more = rate[0] * crossed - spin[0] ** 2 * _outer(h)
-        more = more - total(self.first * spin) * self._across(spin)
+        more = more - pairwise_sum(self.first * spin) * self._across(spin)
         damping = damping + self.excess * spin[0] * (crossed - crossed.swapaxes(0, 1))
         return stiffness + self.excess * more, damping
 
@@ -147,7 +151,7 @@ class TipRotation(eqx.Module):
         g, h = self._bent
         if self.winding is None:
             return jnp.zeros_like(self._swept)
-        p, r = total(self.first * spin), total(self.second * spin)
+        p, r = pairwise_sum(self.first * spin), pairwise_sum(self.second * spin)
         crossed = g[:, None] * h[None]
         crossed = (crossed + crossed.swapaxes(0, 1)) / 2
         return r * (self.winding - crossed) - p * _outer(h)

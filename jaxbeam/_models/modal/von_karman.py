@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.elasticity import Elasticity
-from jaxbeam._programs.lanes import applied_once, product, total
+from jaxbeam._programs.lanes import matmul, matvec_once, pairwise_sum
 from jaxbeam._types import Matrix, Number, Vector
 
 
@@ -23,13 +23,13 @@ class VonKarmanElasticity(Elasticity):
     one_hot: Float[Array, "n 3 *#lanes"]
 
     def energy(self, q: Vector) -> Number:
-        stretch = total(self.weight * self.strain(self._gradient(q)) ** 2)
-        bent = total(q * applied_once(self.bending, q))
+        stretch = pairwise_sum(self.weight * self.strain(self._gradient(q)) ** 2)
+        bent = pairwise_sum(q * matvec_once(self.bending, q))
         return self.axial_stiffness * self.length * stretch / 2 + bent / 2
 
     def force(self, q: Vector) -> Vector:
         gradient = self._gradient(q)
-        return self._pulled(gradient, self.strain(gradient)) + applied_once(self.bending, q)
+        return self._pulled(gradient, self.strain(gradient)) + matvec_once(self.bending, q)
 
     def tangent(self, q: Vector) -> Matrix:
         gradient = self._gradient(q)
@@ -38,7 +38,7 @@ class VonKarmanElasticity(Elasticity):
 
     def viscous(self, q: Vector, v: Vector) -> Vector:
         gradient = self._gradient(q)
-        return self._pulled(gradient, self._rate(gradient, v)) + applied_once(self.bending, v)
+        return self._pulled(gradient, self._rate(gradient, v)) + matvec_once(self.bending, v)
 
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
         gradient, moving = self._gradient(q), self._gradient(v)
@@ -50,32 +50,32 @@ class VonKarmanElasticity(Elasticity):
         return gradient[:, 0] + (gradient[:, 1] ** 2 + gradient[:, 2] ** 2) / 2
 
     def _gradient(self, q: Vector) -> Float[Array, "p 3 *#lanes"]:
-        return product(self.slope, self.one_hot * q[:, None]) / self.length
+        return matmul(self.slope, self.one_hot * q[:, None]) / self.length
 
     def _rows(self, gradient: Float[Array, "p 3 *#lanes"]) -> Float[Array, "p n *#lanes"]:
         """d strain / dq, times length."""
         along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
-        return self.slope * product(along, self.one_hot.swapaxes(0, 1))
+        return self.slope * matmul(along, self.one_hot.swapaxes(0, 1))
 
     def _rate(self, gradient: Float[Array, "p 3 *#lanes"], v: Vector) -> Float[Array, "p *#lanes"]:
         """The rate of the strain."""
-        return applied_once(self._rows(gradient), v) / self.length
+        return matvec_once(self._rows(gradient), v) / self.length
 
     def _pulled(
         self, gradient: Float[Array, "p 3 *#lanes"], strain: Float[Array, "p *#lanes"]
     ) -> Vector:
         """What a strain does on the coordinates."""
         rows = self._rows(gradient).swapaxes(0, 1)
-        return applied_once(rows, self.axial_stiffness * self.weight * strain)
+        return matvec_once(rows, self.axial_stiffness * self.weight * strain)
 
     def _product(
         self, rows: Float[Array, "p n *#lanes"], others: Float[Array, "p n *#lanes"]
     ) -> Matrix:
         weight = self.axial_stiffness / self.length * self.weight
-        return product(rows.swapaxes(0, 1), weight[:, None] * others)
+        return matmul(rows.swapaxes(0, 1), weight[:, None] * others)
 
     def _geometric(self, strain: Float[Array, "p *#lanes"]) -> Matrix:
         """What a strain does as stiffness, by the derivative of `_rows` by q."""
         bends = self.one_hot[:, 1:]
-        alike = product(bends, bends.swapaxes(0, 1))
+        alike = matmul(bends, bends.swapaxes(0, 1))
         return self._product(self.slope, strain[:, None] * self.slope) * alike

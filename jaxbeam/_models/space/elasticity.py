@@ -16,7 +16,7 @@ from jaxbeam._models.space.frames import deformation
 from jaxbeam._models.space.nodes import Nodes, Ways, assembled, of_elements
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
-from jaxbeam._programs.lanes import held, total
+from jaxbeam._programs.lanes import compute_once, pairwise_sum
 from jaxbeam._types import Number, Triple, Vector
 
 
@@ -67,7 +67,7 @@ class SpatialElasticity(Equations):
         each = self.sections.by_element(
             lambda part, local: part.law.energy(self._strains(local)), of_elements(self._nodes(q))
         )
-        energy = self.sections.axial_stiffness * self.length * total(each)
+        energy = self.sections.axial_stiffness * self.length * pairwise_sum(each)
         return energy if self.ends.are_plain else energy + self._at_ends(self.ends.energy, q)
 
     def is_in_range(self, q: Vector) -> Array:
@@ -80,7 +80,7 @@ class SpatialElasticity(Equations):
             first = jnp.concatenate([natural[:1], jnp.zeros_like(natural[:2])])
             # Between nodes that point the same way a loop may be folded.
             gradient = jnp.stack([first, (6 * chord - first - last) / 4, last], 1)
-            stretch = jnp.abs(jnp.sqrt(total(gradient**2)) - 1)
+            stretch = jnp.abs(jnp.sqrt(pairwise_sum(gradient**2)) - 1)
             fits = jnp.all((gradient[0] > 0) & (stretch < 0.5), 0)
             return fits & (jnp.abs(natural[8]) < np.pi / 2)
 
@@ -164,7 +164,7 @@ class SpatialElasticity(Equations):
         """A matrix by local coordinates times the length as one by those of an element (16, 16)."""
         for _ in range(2):
             rows = self._on_nodes(matrix)
-            matrix = held(rows.reshape(16, *rows.shape[3:])).swapaxes(0, 1)
+            matrix = compute_once(rows.reshape(16, *rows.shape[3:])).swapaxes(0, 1)
         return matrix
 
     def _gathered_tangent(

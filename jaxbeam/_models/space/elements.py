@@ -48,7 +48,7 @@ from jaxbeam._models.space.nodes import (
 )
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
-from jaxbeam._programs.lanes import applied, beside, contract, total
+from jaxbeam._programs.lanes import append_axes, matvec, pairwise_sum, sum_of_products
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.loads import TipLoad
@@ -171,8 +171,8 @@ class SpatialEquations(SpatialElasticity):
         def one(part: Any, local: Array) -> Array:
             rows = rolls(self._strains(local), self.sections.n_elements)
             lanes = rows.ndim - 2
-            weighed = contract(part.polar[:, :, None], rows[None], 1, lanes)
-            return self._by_nodes(contract(rows[:, :, None], weighed[:, None], 0, lanes))
+            weighed = sum_of_products(part.polar[:, :, None], rows[None], 1, lanes)
+            return self._by_nodes(sum_of_products(rows[:, :, None], weighed[:, None], 0, lanes))
 
         local = of_elements(self._nodes(q))
         last = rolls(self._strains(local[-1]), self.sections.n_elements)[2]
@@ -194,14 +194,16 @@ class SpatialEquations(SpatialElasticity):
         carried = self._by(skew_spin, self.straight) + self._constant(roll)
         energy = self._product(own, own / 2 + carried)
         if self.bears_body:
-            about = total(spin * self._seen(self._nodes(q)[-1, 1]))
+            about = pairwise_sum(spin * self._seen(self._nodes(q)[-1, 1]))
             rest = self._nodes(v)[-1, 0, 3] + self.length * spin[0]
             energy = energy + self.tip_polar * about * (rest + about / 2)
         return energy
 
     def first_moment(self, q: Vector) -> Triple:
         nodes, units = self._nodes(q), np.eye(4)[:3]
-        axes = [beside(unit, q.ndim - 1) + jnp.zeros((4, *q.shape[1:]), q.dtype) for unit in units]
+        axes = [
+            append_axes(unit, q.ndim - 1) + jnp.zeros((4, *q.shape[1:]), q.dtype) for unit in units
+        ]
         fields = [jnp.broadcast_to(self._constant(axis), nodes.shape) for axis in axes]
         return self._outward(jnp.stack([self._product(field, nodes) for field in fields]))
 
@@ -210,11 +212,13 @@ class SpatialEquations(SpatialElasticity):
         weighed = self.sections.by_element(lambda part, b: part.weighed(b), of_elements(b))
         own = of_elements(a) * weighed
         at_tip = a[-1] * self._borne(b[-1])
-        return total(own.reshape(-1, *own.shape[4:])) + total(at_tip.reshape(8, *own.shape[4:]))
+        return pairwise_sum(own.reshape(-1, *own.shape[4:])) + pairwise_sum(
+            at_tip.reshape(8, *own.shape[4:])
+        )
 
     def tip_power(self, q: Vector, v: Vector, tip_force: Triple | TipLoad) -> Number:
         rates = self._nodes(v)[-1] * self._pushed(tip_force, q)
-        return total(rates.reshape(8, *q.shape[1:]))
+        return pairwise_sum(rates.reshape(8, *q.shape[1:]))
 
     def tip_action(self, q: Vector, tip_force: Triple | TipLoad) -> tuple[Triple, Triple]:
         if not isinstance(tip_force, TipLoad):
@@ -274,9 +278,9 @@ class SpatialEquations(SpatialElasticity):
         shapes, local = self._around(q, xi)
         bend = self._seen(jnp.sum(shapes.curvature[0][:, :, None] * local, 1).T) / self.length**2
         t = self.gradient(q, xi) + A1[:, None]
-        size = jnp.sqrt(total(t * t))
+        size = jnp.sqrt(pairwise_sum(t * t))
         t = t / size[None]
-        rate = (bend - t * total(t * bend)[None]) / size[None]
+        rate = (bend - t * pairwise_sum(t * bend)[None]) / size[None]
         return jnp.einsum("kcp,cp->pk", axes(t, self.torsion(q, xi))[1:], rate)
 
     def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
@@ -285,7 +289,7 @@ class SpatialEquations(SpatialElasticity):
 
     def section_axes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3 3"]:
         r = self.gradient(q, xi) + A1[:, None]
-        own = axes(r / jnp.sqrt(total(r * r))[None], self.torsion(q, xi))
+        own = axes(r / jnp.sqrt(pairwise_sum(r * r))[None], self.torsion(q, xi))
         rows = jnp.moveaxis(own, 2, 0)
         return rows if self.axes is None else rows @ self.axes
 
@@ -294,10 +298,12 @@ class SpatialEquations(SpatialElasticity):
             return self.torsion(q, xi), self.gradient(q, xi)
 
         (_, d), (rate, moving) = jax.jvp(bent, (q,), (v,))
-        return rate + total(carried(d + A1[:, None]) * moving)
+        return rate + pairwise_sum(carried(d + A1[:, None]) * moving)
 
     def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
-        about = total(self._inward(spin) * (self._seen(self._nodes(q)[-1, 1]) / self.length + A1))
+        about = pairwise_sum(
+            self._inward(spin) * (self._seen(self._nodes(q)[-1, 1]) / self.length + A1)
+        )
         rate = self._nodes(v)[-1, 0, 3] / self.length
         return self.tip_polar * self.length**2 * (rate + about) ** 2 / 2
 
@@ -325,7 +331,7 @@ class SpatialEquations(SpatialElasticity):
 
     def _borne(self, field: Float[Array, "2 4 *#lanes"]) -> Float[Array, "2 4 *#lanes"]:
         """Mass matrix at the tip times a field there."""
-        moved = contract(self.tip_mass[:, :, None], field[None], 1, field.ndim - 2)
+        moved = sum_of_products(self.tip_mass[:, :, None], field[None], 1, field.ndim - 2)
         twist = jnp.stack([self.tip_polar * field[0, 3], 0 * field[0, 3]])
         return jnp.concatenate([moved[:, :3], twist[:, None]], 1)
 
@@ -337,8 +343,8 @@ class SpatialEquations(SpatialElasticity):
         slope."""
         spin, push = hub.angular_velocity, hub.angular_velocity_rate
         slope, turns = self._seen(u[1]), self._seen(rate[1])
-        about = rate[0, 3] + self.length * spin[0] + total(spin * slope)
-        twist = self.tip_polar * (total(push * slope) + total(spin * turns))
+        about = rate[0, 3] + self.length * spin[0] + pairwise_sum(spin * slope)
+        twist = self.tip_polar * (pairwise_sum(push * slope) + pairwise_sum(spin * turns))
         held_back = self._ordered(-self.tip_polar * about * spin, 0 * twist)
         return jnp.stack([self._ordered(0 * spin, twist), held_back])
 
@@ -350,7 +356,7 @@ class SpatialEquations(SpatialElasticity):
             jnp.concatenate([jnp.zeros_like(a), a])
             for a in (self._ordered(spin, none), self._ordered(push, none))
         )
-        twist = beside(np.eye(8)[3], spin.ndim - 1)
+        twist = append_axes(np.eye(8)[3], spin.ndim - 1)
         stiff = twist[:, None] * rate[None] - slope[:, None] * slope[None]
         drag = twist[:, None] * slope[None] - slope[:, None] * twist[None]
 
@@ -366,7 +372,7 @@ class SpatialEquations(SpatialElasticity):
 
     def _inward(self, vector: Triple) -> Triple:
         """A vector in axes of the beam, from one in axes of the hub."""
-        return vector if self.axes is None else applied(self.axes, vector)
+        return vector if self.axes is None else matvec(self.axes, vector)
 
     def _outward(self, vector: Triple) -> Triple:
         """A vector in axes of the hub, from one in axes of the beam."""
@@ -374,7 +380,7 @@ class SpatialEquations(SpatialElasticity):
             return vector
         # NaN, of a case that failed, is kept from the derivative by axes that others share.
         there = jnp.where(vector == vector, vector, 0.0)
-        return applied(self.axes.swapaxes(0, 1), there) + (vector - there)
+        return matvec(self.axes.swapaxes(0, 1), there) + (vector - there)
 
     def _nodal(self, vectors: Float[Array, "k 2 3"]) -> Nodes:
         """Nodal values of vectors in the order a1, a2, a3, without twist."""
@@ -388,4 +394,4 @@ class SpatialEquations(SpatialElasticity):
 
     def _by(self, matrix: Float[Array, "3 3 *#lanes"], nodes: Nodes) -> Nodes:
         """A matrix times the displacements of all nodes."""
-        return contract(self._four(matrix)[None, None], nodes[:, :, None], 3, nodes.ndim - 3)
+        return sum_of_products(self._four(matrix)[None, None], nodes[:, :, None], 3, nodes.ndim - 3)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.strained import EndSprings, holding
 from jaxbeam._models.space.energies import elongation
 from jaxbeam._models.space.frames import A1, carried
-from jaxbeam._programs.lanes import beside, contract, total, transposed
+from jaxbeam._programs.lanes import append_axes, pairwise_sum, sum_of_products, transposed
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import axes, cross
@@ -65,9 +65,9 @@ def in_beam_axes(load: TipLoad, d: Triple, angle: Number) -> tuple[Triple, Tripl
     of twist there."""
     if not load.follows:
         return load.force, load.moment
-    back = axes((d + beside(A1, d.ndim - 1)) / (1 + elongation(d))[None], angle).swapaxes(0, 1)
+    back = axes((d + append_axes(A1, d.ndim - 1)) / (1 + elongation(d))[None], angle).swapaxes(0, 1)
     force, moment = (
-        contract(back, part[None], 1, d.ndim - 1) for part in (load.force, load.moment)
+        sum_of_products(back, part[None], 1, d.ndim - 1) for part in (load.force, load.moment)
     )
     return force, moment
 
@@ -78,8 +78,8 @@ def push(load: TipLoad, d: Triple, angle: Number) -> Float[Array, "7 *#lanes"]:
     the least rotation turns there: see `space.carried`."""
     force, moment = in_beam_axes(load, d, angle)
     size = 1 + elongation(d)
-    t = (d + beside(A1, d.ndim - 1)) / size[None]
-    about = total(moment * t)
+    t = (d + append_axes(A1, d.ndim - 1)) / size[None]
+    about = pairwise_sum(moment * t)
     slope = (cross(moment, t) + about[None] * carried(t)) / size[None]
     return jnp.concatenate([force, slope, about[None]])
 
@@ -88,6 +88,6 @@ def push(load: TipLoad, d: Triple, angle: Number) -> Float[Array, "7 *#lanes"]:
 def push_tangent(load: TipLoad, d: Triple, angle: Number) -> Float[Array, "7 4 *#lanes"]:
     """Derivatives of `push` by the gradient and the angle."""
     at: Any = jnp.concatenate([d, angle[None]])
-    steps = [jnp.broadcast_to(beside(unit, d.ndim - 1), at.shape) for unit in np.eye(4)]
+    steps = [jnp.broadcast_to(append_axes(unit, d.ndim - 1), at.shape) for unit in np.eye(4)]
     each = [jax.jvp(lambda e: push(load, e[:3], e[3]), (at,), (step,))[1] for step in steps]
     return jnp.stack(each, 1)

@@ -36,7 +36,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.ancf.energies import along_element, matvec
+from jaxbeam._models.ancf.energies import along_element, map_rows
 from jaxbeam._models.contract.strained import Strained
 from jaxbeam._models.space.frames import (
     Local,
@@ -51,7 +51,13 @@ from jaxbeam._models.space.frames import (
 )
 from jaxbeam._models.space.points import Points
 from jaxbeam._models.space.rotated import Rotated, Way
-from jaxbeam._programs.lanes import beside, contract, held, total, transposed
+from jaxbeam._programs.lanes import (
+    append_axes,
+    compute_once,
+    pairwise_sum,
+    sum_of_products,
+    transposed,
+)
 from jaxbeam._types import Number
 
 # Gauss points of an element and their weights, exact to degree 5, as small bending and twist want
@@ -138,30 +144,30 @@ class SpatialElement(Strained):
 
     def strains(self, e: Local) -> tuple[Array, Array]:
         """Strain eps at the points of stretch, and (k_1, k_v, k_w) at Gauss points, (3, g)."""
-        strain = elongation(matvec(self.rule.strained, gradients(e)))
+        strain = elongation(map_rows(self.rule.strained, gradients(e)))
         return strain, self._moments(self._at(deformation(e, self.n_elements)))[0]
 
     def stresses(self, strains: tuple[Array, Array]) -> tuple[Array, Array]:
         strain, (twist, v, w) = strains
         rule, lanes = self.rule, strain.ndim - 1
         moments = jnp.stack([self.torsion * twist, *self._bends(v, w)])
-        pull = beside(rule.pulls, lanes) * _pulled(self.stretching, strain)
-        return pull, beside(rule.weights[None], lanes) * moments
+        pull = append_axes(rule.pulls, lanes) * _pulled(self.stretching, strain)
+        return pull, append_axes(rule.weights[None], lanes) * moments
 
     def energy(self, e: Local) -> Number:
         """Strain energy of one element."""
         rule, natural = self.rule, deformation(e, self.n_elements)
-        strain = elongation(matvec(rule.strained, gradients(e)))
+        strain = elongation(map_rows(rule.strained, gradients(e)))
         stretch = _pulled(self.stretching, strain**2)
-        return matvec(rule.pulls[None], stretch[None])[0, 0] / 2 + self._turns(natural)
+        return map_rows(rule.pulls[None], stretch[None])[0, 0] / 2 + self._turns(natural)
 
     def force(self, e: Local) -> Local:
         """Elastic force of one element."""
         rule = self.rule
-        d = matvec(rule.strained, gradients(e))
-        strain, w = elongation(d), beside(rule.pulls, e.ndim - 1)
+        d = map_rows(rule.strained, gradients(e))
+        strain, w = elongation(d), append_axes(rule.pulls, e.ndim - 1)
         pull = w * _pulled(self.stretching, strain / (1 + strain))
-        pull = matvec(rule.strained.T, pull[None] * stretched(d))
+        pull = map_rows(rule.strained.T, pull[None] * stretched(d))
         n = self.n_elements
         angle = pulled_back(frames(e, n), self._bent(deformation(e, n))[:, None], n)[:, 0]
         return angle + _padded(pull.reshape(9, *e.shape[1:]))
@@ -184,7 +190,7 @@ class SpatialElement(Strained):
         k, v, w = strains
         by_v, by_w = self._bends(v, w)
         density = (twist * k + by_v * v + by_w * w) / 2
-        return total(beside(self.rule.weights, natural.ndim - 1) * density)
+        return pairwise_sum(append_axes(self.rule.weights, natural.ndim - 1) * density)
 
     def _at(self, natural: Natural) -> Rotated:
         """What is at the Gauss points, in the axes of the first node's frame."""
@@ -192,10 +198,12 @@ class SpatialElement(Strained):
         first = jnp.stack([natural[0], none, none])
         stations = jnp.stack([first, natural[1:4], natural[4:7]], 1)
         stations = jnp.concatenate([stations, natural[None, 7:]])
-        here, ahead = held(
-            contract(beside(self.rule.tables, lanes), stations[None, :, None], 3, lanes + 1)
+        here, ahead = compute_once(
+            sum_of_products(
+                append_axes(self.rule.tables, lanes), stations[None, :, None], 3, lanes + 1
+            )
         )
-        cos, sin = held((jnp.cos(here[3]), jnp.sin(here[3])))
+        cos, sin = compute_once((jnp.cos(here[3]), jnp.sin(here[3])))
         return Rotated(Points.of(here[:3], ahead[:3]), cos, sin, ahead[3])
 
     def _moments(self, at: Rotated) -> tuple[Array, Array, Array]:
@@ -206,7 +214,7 @@ class SpatialElement(Strained):
         twist = at.rate + at.points.rise
         by_v, by_w = self._bends(v, w)
         moments = jnp.stack([self.torsion * twist, *at.before_turn(by_v, by_w)])
-        return held((jnp.stack([twist, v, w]), moments, by_v * w - by_w * v))
+        return compute_once((jnp.stack([twist, v, w]), moments, by_v * w - by_w * v))
 
     def _bends(self, v: Array, w: Array) -> tuple[Array, Array]:
         """Bending moments about the axes of the section."""
@@ -218,8 +226,8 @@ class SpatialElement(Strained):
         rule, at, lanes = self.rule, self._at(natural), natural.ndim - 1
         strains, moments, on_turn = self._moments(at)
         by = self._by([*at.strain_ways(strains), *at.moment_ways(moments, on_turn)], at)
-        weights = beside(rule.weights[None], lanes)
-        stiff = held(weights[None] * jax.vmap(self._stiff)(by[:, :3]))
+        weights = append_axes(rule.weights[None], lanes)
+        stiff = compute_once(weights[None] * jax.vmap(self._stiff)(by[:, :3]))
         second = self._fixed(at, moments, by[:, 4])
         for way in range(3):
             for g in range(len(rule.weights)):
@@ -237,29 +245,29 @@ class SpatialElement(Strained):
         moments, on_turns, on_rates = (jnp.stack(each) for each in zip(*ways, strict=True))
         forces = jax.vmap(at.points.forces)(moments)
         loads = jnp.stack([*forces[:3], on_turns, *forces[3:], on_rates])
-        loads = held(_back(at.points, loads.reshape(2, 4, *on_turns.shape)))
-        return held(_natural(_by_stations(self.rule.tables, loads)))
+        loads = compute_once(_back(at.points, loads.reshape(2, 4, *on_turns.shape)))
+        return compute_once(_natural(_by_stations(self.rule.tables, loads)))
 
     def _over_points(self, values: Float[Array, "10 g *lanes"]) -> Natural:
         """Integral of what is at the Gauss points."""
-        weights = beside(self.rule.weights[None], values.ndim - 2)
-        return total(jnp.moveaxis(weights * values, 1, 0))
+        weights = append_axes(self.rule.weights[None], values.ndim - 2)
+        return pairwise_sum(jnp.moveaxis(weights * values, 1, 0))
 
     @transposed(on=False)
     def viscous_tangents(self, e: Local, rate: Local) -> tuple[Array, Array]:
         """Derivatives as in `Strained`, in a smaller program, by the strains' own ones."""
         lanes = e.ndim - 1
         b, change = jax.jvp(self._strain_rows, (e,), (rate,))
-        rates = held(contract(b, rate[:, None], 0, max(lanes, 1)))
-        by = (held(jax.vmap(self._stressed)(a)) for a in (change, b))
-        by_e, by_rate = (contract(b[:, None], a[None], 2, lanes) for a in by)
+        rates = compute_once(sum_of_products(b, rate[:, None], 0, max(lanes, 1)))
+        by = (compute_once(jax.vmap(self._stressed)(a)) for a in (change, b))
+        by_e, by_rate = (sum_of_products(b[:, None], a[None], 2, lanes) for a in by)
         return by_e + self._geometric(e, rates), by_rate
 
     def viscous(self, e: Local, rate: Local) -> Local:
         """Force as in `Strained`, in a smaller program."""
         b, lanes = self._strain_rows(e), e.ndim - 1
-        rates = held(contract(b, rate[:, None], 0, max(lanes, 1)))
-        return contract(b, self._stressed(rates)[None], 1, lanes)
+        rates = compute_once(sum_of_products(b, rate[:, None], 0, max(lanes, 1)))
+        return sum_of_products(b, self._stressed(rates)[None], 1, lanes)
 
     def _stressed(self, strains: Array) -> Array:
         """Stresses by all strains (s, *lanes), in the order of `_strain_rows`."""
@@ -273,22 +281,22 @@ class SpatialElement(Strained):
         n, at = self.n_elements, self._at(deformation(e, self.n_elements))
         bends = self._by(at.strain_ways(self._moments(at)[0]), at)
         bends = pulled_back(frames(e, n), bends.reshape(10, -1, *e.shape[1:]), n)
-        d = matvec(self.rule.strained, gradients(e))
+        d = map_rows(self.rule.strained, gradients(e))
         rows = self._rows_of(stretched(d) / (1 + elongation(d))[None])
-        return held(jnp.concatenate([_padded(rows), bends], 1))
+        return compute_once(jnp.concatenate([_padded(rows), bends], 1))
 
     def _rows_of(self, along: Float[Array, "3 p *lanes"]) -> Float[Array, "9 p *lanes"]:
         """Derivatives by the gradient's values of what goes along vectors at points of stretch."""
-        table = beside(self.rule.strained.T[None], along.ndim - 2)
+        table = append_axes(self.rule.strained.T[None], along.ndim - 2)
         return (along[:, None] * table).reshape(9, *along.shape[1:])
 
     def _geometric(self, e: Local, rates: Array) -> Float[Array, "13 13 *lanes"]:
         """Second derivatives of all strains, times the stresses by these rates."""
         rule, n, lanes = self.rule, self.n_elements, e.ndim - 1
         points = len(rule.pulls)
-        d = matvec(rule.strained, gradients(e))
+        d = map_rows(rule.strained, gradients(e))
         size = 1 + elongation(d)
-        pull = beside(rule.pulls, lanes) * _pulled(self.stretching, rates[:points] / size)
+        pull = append_axes(rule.pulls, lanes) * _pulled(self.stretching, rates[:points] / size)
         natural = deformation(e, n)
         at = self._at(natural)
         (_, v, w), *_ = self._moments(at)
@@ -304,27 +312,27 @@ class SpatialElement(Strained):
         do goes by this with the turn (10, g)."""
         rule = self.rule
         own, mixed = at.points.second(moments)
-        values = held(jnp.stack([own, mixed, mixed.swapaxes(0, 1)], 2))
+        values = compute_once(jnp.stack([own, mixed, mixed.swapaxes(0, 1)], 2))
         values = values.reshape(9, -1, *values.shape[4:])
         along, bend = (table.T for table in (rule.slopes, rule.curvatures))
         pairs = (along, along), (along, bend), (bend, along)
         stack = np.concatenate if isinstance(along, np.ndarray) else jnp.concatenate
         weights = rule.weights[None, None]
         table = stack([weights * a[:, None] * b[None] for a, b in pairs], 2)
-        blocks = matvec(table.reshape(9, -1), values).reshape(3, 3, 3, 3, *values.shape[2:])
+        blocks = map_rows(table.reshape(9, -1), values).reshape(3, 3, 3, 3, *values.shape[2:])
         half = _natural(jnp.moveaxis(blocks, 2, 1))  # (7, d, k)
         rest = _natural(jnp.moveaxis(half, 0, 2))
-        turns = matvec((rule.weights[:, None] * rule.angles).T, on_turn)
+        turns = map_rows((rule.weights[:, None] * rule.angles).T, on_turn)
         rest = jnp.concatenate([rest, turns[:7].swapaxes(0, 1)])
-        return held(jnp.concatenate([rest, turns], 1))
+        return compute_once(jnp.concatenate([rest, turns], 1))
 
     def _stretching(self, e: Local) -> Float[Array, "13 13 *lanes"]:
         """Second derivatives of the energy of stretch, int EA (t t^T + eps (1 - t t^T)) / |r'|."""
         rule, lanes = self.rule, e.ndim - 1
-        d = matvec(rule.strained, gradients(e))
+        d = map_rows(rule.strained, gradients(e))
         strain = elongation(d)
         size = 1 + strain
-        w = beside(rule.pulls, lanes) * _pulled(self.stretching, 1 / size)
+        w = append_axes(rule.pulls, lanes) * _pulled(self.stretching, 1 / size)
         return self._by_pulls(stretched(d) / size[None], w, w * strain)
 
     def _by_pulls(
@@ -332,26 +340,26 @@ class SpatialElement(Strained):
     ) -> Float[Array, "13 13 *lanes"]:
         """The sum of w t t^T + alike 1 over points of stretch, by the gradients there."""
         rule, lanes = self.rule, t.ndim - 2
-        rows = held(self._rows_of(t))
-        both = contract(held(w[None] * rows)[:, None], rows[None], 2, lanes + 1)
+        rows = compute_once(self._rows_of(t))
+        both = sum_of_products(compute_once(w[None] * rows)[:, None], rows[None], 2, lanes + 1)
         pairs = rule.strained.T[:, None] * rule.strained.T[None]  # (3, 3, p)
-        alike = held(matvec(pairs.reshape(9, -1), alike[None])[0])
+        alike = compute_once(map_rows(pairs.reshape(9, -1), alike[None])[0])
         alike = alike.reshape(3, 3, *t.shape[2:])
-        ways: Any = beside(np.eye(3)[:, None, :, None], lanes)
+        ways: Any = append_axes(np.eye(3)[:, None, :, None], lanes)
         both = both + (ways * alike[None, :, None]).reshape(9, 9, *t.shape[2:])
         return jnp.pad(both, ((0, 4), (0, 4), *((0, 0),) * lanes))
 
 
 def _back(points: Points, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
     """Forces on r' and L r'', from those on changes of these in frames at the points."""
-    on_both = contract(points.rows[None, :, :, None], loads[:, :3, None], 1, loads.ndim - 3)
-    return held(jnp.concatenate([on_both, loads[:, 3:]], 1))
+    on_both = sum_of_products(points.rows[None, :, :, None], loads[:, :3, None], 1, loads.ndim - 3)
+    return compute_once(jnp.concatenate([on_both, loads[:, 3:]], 1))
 
 
 def _by_stations(tables: Any, loads: Float[Array, "2 4 k g *lanes"]) -> Array:
     """Derivatives by the stations (4, 3, k, g), from those by what is at the Gauss points."""
-    tables = beside(tables.swapaxes(2, 3)[:, :, :, None], loads.ndim - 4)
-    return contract(tables, loads[:, :, None], 0, 1)
+    tables = append_axes(tables.swapaxes(2, 3)[:, :, :, None], loads.ndim - 4)
+    return sum_of_products(tables, loads[:, :, None], 0, 1)
 
 
 def _natural(stations: Float[Array, "c 3 *rest"]) -> Float[Array, "n *rest"]:
@@ -361,7 +369,7 @@ def _natural(stations: Float[Array, "c 3 *rest"]) -> Float[Array, "n *rest"]:
 
 def elongation(d: Float[Array, "3 *rest"]) -> Number:
     """|a1 + d| - 1, without cancellation."""
-    excess = 2 * d[0] + total(d * d)
+    excess = 2 * d[0] + pairwise_sum(d * d)
     return excess / (1 + jnp.sqrt(1 + excess))
 
 

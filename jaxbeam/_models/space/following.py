@@ -28,7 +28,13 @@ from jaxbeam._models.space.energies import turns
 from jaxbeam._models.space.frames import Local, deformation, frames
 from jaxbeam._models.space.nodes import of_elements
 from jaxbeam._numerics.blocks import BlockTridiagonal
-from jaxbeam._programs.lanes import beside, contract, held, total, transposed
+from jaxbeam._programs.lanes import (
+    append_axes,
+    compute_once,
+    pairwise_sum,
+    sum_of_products,
+    transposed,
+)
 from jaxbeam._rotor.motion import axes
 from jaxbeam._types import Vector
 
@@ -59,7 +65,7 @@ class FollowingForce(AbstractSpanForce):
 
         def one(tables: Any, push: Pushes, local: Array) -> Array:
             (value, slopes, angles), lanes, e = tables, local.ndim - 3, equations._strains(local)
-            units = jnp.broadcast_to(beside(np.eye(13), lanes), (13, *e.shape))
+            units = jnp.broadcast_to(append_axes(np.eye(13), lanes), (13, *e.shape))
 
             def force(e: Local) -> Pushes:
                 return in_beam_axes(e, push, slopes, angles, n)
@@ -119,17 +125,19 @@ def in_beam_axes(e: Local, push: Pushes, slopes: Any, angles: Any, n_elements: i
     natural, rows = deformation(e, n_elements), frames(e, n_elements).rows
     none = jnp.zeros_like(natural[0])
     stations = jnp.stack([jnp.stack([natural[0], none, none]), natural[1:4], natural[4:7]], 1)
-    here = contract(stations[:, None], beside(slopes, lanes)[None], 2, max(lanes, 1))
-    angle = contract(natural[None, 7:], beside(angles, lanes), 1, max(lanes, 1))
-    size = jnp.sqrt(total(here * here))
-    sections = held(axes(here / size[None], angle))
-    seen = held(contract(sections, push[:, None], 0, max(lanes, 1)))
-    return contract(rows[:, :, None], seen[:, None], 0, max(lanes, 1))
+    here = sum_of_products(stations[:, None], append_axes(slopes, lanes)[None], 2, max(lanes, 1))
+    angle = sum_of_products(natural[None, 7:], append_axes(angles, lanes), 1, max(lanes, 1))
+    size = jnp.sqrt(pairwise_sum(here * here))
+    sections = compute_once(axes(here / size[None], angle))
+    seen = compute_once(sum_of_products(sections, push[:, None], 0, max(lanes, 1)))
+    return sum_of_products(rows[:, :, None], seen[:, None], 0, max(lanes, 1))
 
 
 def _on_nodes(equations: Any, push: Pushes, value: Any, lanes: int) -> Array:
     """What forces at the points of an element do on its nodes (2, 2, 4, *lanes)."""
-    by = contract(beside(value, lanes)[:, :, None], push.swapaxes(0, 1)[:, None], 0, max(lanes, 1))
+    by = sum_of_products(
+        append_axes(value, lanes)[:, :, None], push.swapaxes(0, 1)[:, None], 0, max(lanes, 1)
+    )
     rows = [equations._ordered(vector, jnp.zeros_like(vector[0])) for vector in by]
     return jnp.stack(rows).reshape(2, 2, 4, *push.shape[2:])
 

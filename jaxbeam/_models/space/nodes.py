@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
-from jaxbeam._programs.lanes import beside
+from jaxbeam._programs.lanes import append_axes
 
 Nodes = Float[Array, "k 2 4 *#lanes"]  # in m: value and L times slope, by component
 # Components of a node: those that a clamped root has not come first, see `SpatialEquations`.
@@ -44,7 +44,7 @@ def mixed_rows(
 ) -> Float[Array, "k 8 24 *#lanes"]:
     """Rows of blocks for all components, which `mixing` (4, 4, *lanes) mixes."""
     lanes = gram.ndim - 4
-    mixing = beside(mixing, lanes - (mixing.ndim - 2))
+    mixing = append_axes(mixing, lanes - (mixing.ndim - 2))
     rows = gram[:, :, None, :, :, None] * mixing[None, None, :, None, None]
     return rows.reshape(len(gram), 8, 24, *rows.shape[6:])
 

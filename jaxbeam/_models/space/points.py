@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._programs.lanes import beside, contract, held
+from jaxbeam._programs.lanes import append_axes, compute_once, sum_of_products
 from jaxbeam._types import Number
 
 
@@ -41,11 +41,13 @@ class Points(NamedTuple):
         size = jnp.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
         over, share, unit = 1 / size, 1 / (size + p[0]), np.eye(3)
         t, u2, u3 = p * over[None], p[1] * share, p[2] * share
-        lean = t + beside(unit[0], p.ndim - 1)
-        across = [beside(unit[i], p.ndim - 1) - u[None] * lean for i, u in ((1, u2), (2, u3))]
+        lean = t + append_axes(unit[0], p.ndim - 1)
+        across = [append_axes(unit[i], p.ndim - 1) - u[None] * lean for i, u in ((1, u2), (2, u3))]
         rows = jnp.stack([t * over[None], *(n * over[None] for n in across)])
-        rows, u2, u3, c = held((rows, u2, u3, size * share))
-        return cls(rows, u2, u3, c, held(contract(rows, q[None], 1, max(q.ndim - 1, 1))))
+        rows, u2, u3, c = compute_once((rows, u2, u3, size * share))
+        return cls(
+            rows, u2, u3, c, compute_once(sum_of_products(rows, q[None], 1, max(q.ndim - 1, 1)))
+        )
 
     @property
     def rise(self) -> Number:
@@ -65,8 +67,8 @@ class Points(NamedTuple):
         """How what moments do on p goes with p and with q, if they stay as they are."""
         m1, m2, m3 = moments
         (e, k2, k3), u2, u3 = self.seen, self.u2, self.u3
-        a, b, twist = held((m2 + m1 * u3, m3 - m1 * u2, m1 * self.c))
-        k1, along = held((self.rise, u2 * k2 + u3 * k3))
+        a, b, twist = compute_once((m2 + m1 * u3, m3 - m1 * u2, m1 * self.c))
+        k1, along = compute_once((self.rise, u2 * k2 + u3 * k3))
         first = 2 * (a * (e - k3 * u3) + (b * u3) * k2 + twist * k3)
         second = 2 * (a * u2 * k3 + b * (e - k2 * u2) - twist * k2)
         both = a * (k3 * (u3 * u3 - u2 * u2 - 1) / 2 - e * u3 + k2 * u2 * u3)
@@ -77,6 +79,8 @@ class Points(NamedTuple):
         )
         own = [2 * (a * k2 + b * k3), first, second, first, twice[0], both, second, both, twice[1]]
         mixed = [0 * a, -a, -b, -a, -b * u3, a * u3 - twist, -b, b * u2 + twist, -a * u2]
-        found = held(jnp.stack([*own, *mixed]).reshape(2, 3, 3, *a.shape))
-        found = held(contract(self.rows[None, :, :, None], found[:, :, None], 1, a.ndim))
-        return contract(self.rows[None, None], found[:, :, :, None], 2, a.ndim)
+        found = compute_once(jnp.stack([*own, *mixed]).reshape(2, 3, 3, *a.shape))
+        found = compute_once(
+            sum_of_products(self.rows[None, :, :, None], found[:, :, None], 1, a.ndim)
+        )
+        return sum_of_products(self.rows[None, None], found[:, :, :, None], 2, a.ndim)

@@ -24,7 +24,7 @@ from jaxbeam._models.space.rod_nodes import Coordinates, slot
 from jaxbeam._models.space.rod_supports import dampers_of
 from jaxbeam._numerics.linalg import positive_inverse
 from jaxbeam._numerics.quaternions import rotation, turned_by
-from jaxbeam._programs.lanes import total
+from jaxbeam._programs.lanes import pairwise_sum
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub
@@ -138,7 +138,7 @@ class RodEquations(RestingRod):
 
     def tip_power(self, q: Coordinates, v: Vector, tip_force: Any) -> Number:
         load = self.load_in_beam_axes(tip_force)
-        return total(self.rod.of_velocities(v)[-1] * self._acting(q, load, None).force[-1])
+        return pairwise_sum(self.rod.of_velocities(v)[-1] * self._acting(q, load, None).force[-1])
 
     def tip_action(self, q: Coordinates, tip_force: Any) -> tuple[Triple, Triple]:
         load = self.load_in_beam_axes(tip_force)

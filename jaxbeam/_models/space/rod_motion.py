@@ -25,7 +25,7 @@ from jaxbeam._models.space.rod_loads import Still, carried, twisting, velocities
 from jaxbeam._models.space.rod_nodes import Rod
 from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._numerics.linalg import Factors
-from jaxbeam._numerics.quaternions import conjugate, product, rotation
+from jaxbeam._numerics.quaternions import conjugate, quaternion_product, rotation
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
 _Sixes = Float[Array, "nodes 6"]
@@ -76,7 +76,7 @@ class Turning(Kinematics):
         moving, turns = self.rod.by_nodes(first)
         own = self.g**2 / (1 + (self.g**2) * jnp.sum(self.w[:, 3:] ** 2, 1, keepdims=True) / 4)
         half = jnp.concatenate([jnp.zeros_like(own), self.w[:, 3:] / 2], 1)
-        spun = own * (turns / self.g + product(turns, half))
+        spun = own * (turns / self.g + quaternion_product(turns, half))
         by_turn = jnp.cross(self._turns(spun), self.w[:, :3])
         moved = self.g * (moving + jnp.einsum("nij,nj->ni", rotation(self.p), by_turn))
         return self.rod.coordinates(moved, spun)
@@ -105,4 +105,4 @@ class Turning(Kinematics):
     def _turns(self, spun: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3"]:
         """Small turns of nodes, in their axes, from changes of their quaternions."""
         size = jnp.sum(self.p * self.p, 1, keepdims=True)
-        return 2 * product(conjugate(self.p), spun)[:, 1:] / size
+        return 2 * quaternion_product(conjugate(self.p), spun)[:, 1:] / size

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
-from jaxbeam._numerics.quaternions import crossing, product, rotated, rotation
+from jaxbeam._numerics.quaternions import crossing, quaternion_product, rotated, rotation
 from jaxbeam._types import Scalar
 
 Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
@@ -97,7 +97,7 @@ class Rod(eqx.Module):
         """How coordinates change where nodes with these quaternions do so, in their axes."""
         moving = jnp.einsum("nij,nj->ni", rotation(p), rates[:, :3])
         by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
-        return self.coordinates(moving, product(p, by_half))
+        return self.coordinates(moving, quaternion_product(p, by_half))
 
     def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
         """Changes of all nodes from those that are free."""

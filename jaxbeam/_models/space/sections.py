@@ -15,7 +15,7 @@ from jaxbeam._models.bases.basis import hermite
 from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._models.contract.strained import Parts
 from jaxbeam._models.space.energies import GAUSS, SIMPSON, SpatialElement, spatial_rule
-from jaxbeam._programs.lanes import contract
+from jaxbeam._programs.lanes import sum_of_products
 from jaxbeam._programs.platforms import loops_are_dear
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.span import polar_inertia
@@ -33,8 +33,8 @@ class SpatialPart(eqx.Module):
     def weighed(self, field: Float[Array, "2 2 4 *lanes"]) -> Float[Array, "2 2 4 *lanes"]:
         """Inertia times nodal values of displacement and twist."""
         nodes = field.reshape(4, 4, *field.shape[3:])
-        moved = contract(self.mass[:, :, None], nodes[None, :, :3], 1, field.ndim - 3)
-        rotated = contract(self.polar[:, :, None], nodes[None, :, 3:], 1, field.ndim - 3)
+        moved = sum_of_products(self.mass[:, :, None], nodes[None, :, :3], 1, field.ndim - 3)
+        rotated = sum_of_products(self.polar[:, :, None], nodes[None, :, 3:], 1, field.ndim - 3)
         return jnp.concatenate([moved, rotated], 1).reshape(field.shape)
 
 
