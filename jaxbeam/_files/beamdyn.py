@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxbeam._files.formats import BladeFormat, refuse_other
-from jaxbeam._files.nrel import Said, count_of, named, number, require, table_rows
+from jaxbeam._files.nrel import NamedValues, count_of, named, number, require, table_rows
 from jaxbeam._files.section_axes import (
     BEAMDYN,
     Axis,
@@ -83,7 +83,7 @@ def read_beamdyn(path: FilePath, *, length: Real | None = None) -> BladeTable:
     return _sections(path, lines, said, axis)
 
 
-def _axis(path: Path, lines: Sequence[str], said: Said) -> Axis:
+def _axis(path: Path, lines: Sequence[str], said: NamedValues) -> Axis:
     """The axis through the key points of a primary file."""
     members, total = (
         count_of(path, said[name][0].line, name, said[name][0].text)
@@ -113,7 +113,7 @@ def _axis(path: Path, lines: Sequence[str], said: Said) -> Axis:
     return axis_of(pieces)
 
 
-def _sections(path: Path, lines: Sequence[str], said: Said, axis: Axis) -> BladeTable:
+def _sections(path: Path, lines: Sequence[str], said: NamedValues, axis: Axis) -> BladeTable:
     """The blade of a blade file along an axis."""
     total = said["station_total"][0]
     count = count_of(path, total.line, "station_total", total.text)
@@ -162,7 +162,7 @@ def _next(path: Path, lines: Sequence[str], at: int, width: int, what: str) -> t
     return (at + 1, cells[:width]), at + 1
 
 
-def _damping(path: Path, lines: Sequence[str], said: Said) -> tuple[float, ...] | None:
+def _damping(path: Path, lines: Sequence[str], said: NamedValues) -> tuple[float, ...] | None:
     """Coefficients mu in the order of sixes of a `Blade`, or None."""
     if number(path, said, "damp_type", True) != 1:
         return None

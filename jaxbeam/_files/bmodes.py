@@ -9,7 +9,7 @@ from jaxbeam._files.names import meanings
 from jaxbeam._files.nrel import (
     REASONS,
     Head,
-    Said,
+    NamedValues,
     Value,
     blade_of,
     count_of,
@@ -112,7 +112,7 @@ def read_bmodes(
     )
 
 
-def _body(path: Path, said: Said, mass: float) -> TipBody | None:
+def _body(path: Path, said: NamedValues, mass: float) -> TipBody | None:
     """What a main file makes of the tip mass; None for a point."""
     lag, flap, axial = (
         number(path, said, name, True) if name in said else 0.0
@@ -139,21 +139,21 @@ def is_section_file(lines: Sequence[str]) -> bool:
     return fits and ("n_secs" in named([count], 0, None) or next(rows, None) is not None)
 
 
-def _said(lines: Sequence[str]) -> Said:
+def _said(lines: Sequence[str]) -> NamedValues:
     """What a main file says, by line or else by name; names of older versions are those of newer
     ones."""
     if said := _by_line(lines):
         return said
-    by_name: Said = {}
+    by_name: NamedValues = {}
     for name, values in named(lines, _FREE, None).items():
         by_name.setdefault(_ALSO.get(name, name), []).extend(values)
     return by_name
 
 
-def _by_line(lines: Sequence[str]) -> Said | None:
+def _by_line(lines: Sequence[str]) -> NamedValues | None:
     """What a main file says if all lines are there: BModes itself knows no names."""
     for names in (_LINES, [name for name in _LINES if name != "cm_axial"]):
-        said: Said = {}
+        said: NamedValues = {}
         at = 0
         for name in names:
             while name != "-" and at < len(lines) and not lines[at].strip():

@@ -45,7 +45,7 @@ _APART = 0.01  # of moments of inertia, from which on two readings of radii are 
 _UPWARDS = 3  # folders above that of an htc file in which names of files may begin
 
 
-class _Body(NamedTuple):
+class _MainBody(NamedTuple):
     """A main body: words of its lines behind their names, with the numbers of these lines."""
 
     name: str
@@ -163,9 +163,9 @@ def _near(angle: np.ndarray, other: np.ndarray) -> np.ndarray:
     return near
 
 
-def _bodies(path: Path, lines: Sequence[str]) -> list[_Body]:
+def _bodies(path: Path, lines: Sequence[str]) -> list[_MainBody]:
     """Main bodies of an htc file, with their blocks timoschenko_input and c2_def."""
-    found: list[_Body] = []
+    found: list[_MainBody] = []
     blocks: list[str] = []
     for number, line in enumerate(lines, 1):
         words = line.split(";")[0].split()
@@ -174,7 +174,7 @@ def _bodies(path: Path, lines: Sequence[str]) -> list[_Body]:
         name = words[0].lower()
         if name == "begin":
             blocks.append(words[1].lower() if len(words) > 1 else "")
-            found += [_Body("", {}, [])] if blocks[-1] == "main_body" else []
+            found += [_MainBody("", {}, [])] if blocks[-1] == "main_body" else []
         elif name == "end":
             blocks = blocks[:-1]
         elif "main_body" in blocks:
@@ -187,7 +187,7 @@ def _bodies(path: Path, lines: Sequence[str]) -> list[_Body]:
     return [body for body in found if body.axis]
 
 
-def _chosen(path: Path, bodies: Sequence[_Body], name: str | None) -> _Body:
+def _chosen(path: Path, bodies: Sequence[_MainBody], name: str | None) -> _MainBody:
     wanted = [body for body in bodies if body.name == (name or _BODY)]
     wanted = list(bodies) if name is None and len(bodies) == 1 else wanted
     if len(wanted) == 1:
@@ -202,7 +202,7 @@ def _chosen(path: Path, bodies: Sequence[_Body], name: str | None) -> _Body:
     )
 
 
-def _axis(path: Path, body: _Body) -> Axis:
+def _axis(path: Path, body: _MainBody) -> Axis:
     titles = "x", "y", "z", "twist"
     for line, cells in body.axis:
         if len(cells) < len(titles):
@@ -243,7 +243,7 @@ def _warn_of_side(path: Path, table: np.ndarray) -> None:
         )
 
 
-def _set(path: Path, body: _Body) -> tuple[int, int]:
+def _set(path: Path, body: _MainBody) -> tuple[int, int]:
     line, words = body.said.get("fpm", (body.axis[0][0], ["0"]))
     if words[:1] != ["1"]:
         what = (
@@ -256,7 +256,7 @@ def _set(path: Path, body: _Body) -> tuple[int, int]:
     return int(words[0]), int(words[1])
 
 
-def _sections_beside(path: Path, body: _Body) -> tuple[Path, list[str]]:
+def _sections_beside(path: Path, body: _MainBody) -> tuple[Path, list[str]]:
     """The st file that a main body names, and its lines."""
     if "filename" not in body.said:
         raise ValueError(f"{path}: main body {body.name} has no filename of its sections")

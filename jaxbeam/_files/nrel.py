@@ -52,7 +52,7 @@ class Value(NamedTuple):
     text: str
 
 
-Said = dict[str, list[Value]]  # by name in small letters
+NamedValues = dict[str, list[Value]]  # by name in small letters
 
 
 class Head(NamedTuple):
@@ -71,9 +71,9 @@ def value_in(line: str) -> str:
     return (entries(text) or [""])[0]
 
 
-def named(lines: Sequence[str], start: int, stop: int | None) -> Said:
+def named(lines: Sequence[str], start: int, stop: int | None) -> NamedValues:
     """What lines of a value and then its name say."""
-    said: Said = {}
+    said: NamedValues = {}
     for i, line in enumerate(lines[start:stop], start + 1):
         found = _VALUE.match(line)
         if found and not line.lstrip().startswith("--"):
@@ -82,7 +82,7 @@ def named(lines: Sequence[str], start: int, stop: int | None) -> Said:
     return said
 
 
-def require(path: Path, said: Said, names: Sequence[str]) -> None:
+def require(path: Path, said: NamedValues, names: Sequence[str]) -> None:
     """Each of these names must be there, once."""
     missing = [name for name in names if name.lower() not in said]
     if missing:
@@ -93,7 +93,7 @@ def require(path: Path, said: Said, names: Sequence[str]) -> None:
             raise mistake(path, others[0].line, name, f"is said again, after line {first.line}")
 
 
-def number(path: Path, said: Said, name: str, zero: bool | None = None) -> float:
+def number(path: Path, said: NamedValues, name: str, zero: bool | None = None) -> float:
     """The number of a name, positive or `zero`; with None it may have any sign."""
     value = said[name.lower()][0]
     return number_in(path, value.line, value.name, value.text, zero)

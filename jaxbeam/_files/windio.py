@@ -33,7 +33,7 @@ _INERTIA = "mass cm_x cm_y i_edge i_flap i_plr i_cp"
 _SAME = 1e-9  # places on grids
 _APART = 0.01  # of the length: how far a grid may be from shares of the length of arc
 _END = 1e-5  # where no point mass may be
-Keys = tuple[str, ...]
+KeyPath = tuple[str, ...]
 
 
 def read_windio(turbine: FilePath | Mapping[str, Any], *, component: str = "blade") -> BladeTable:
@@ -72,7 +72,7 @@ def read_windio(turbine: FilePath | Mapping[str, Any], *, component: str = "blad
         lines = read_lines(path)
         refuse_other(path, lines, BladeFormat.WINDIO)
         tree = _parsed(path, "\n".join(lines))
-    top: Keys = ("components", component)
+    top: KeyPath = ("components", component)
     blade = _within(path, tree, top)
     if "structure" in blade or "outer_shape" in blade:
         return _second(path, blade, top)
@@ -92,11 +92,11 @@ def _parsed(path: Path, text: str) -> Any:
         raise mistake(path, line, None, f"not YAML: {error.problem}") from error
 
 
-def _first(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
+def _first(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
     """The blade of version 1."""
-    keys: Keys = (*top, "elastic_properties_mb", "six_x_six")
+    keys: KeyPath = (*top, "elastic_properties_mb", "six_x_six")
     sections = _within(path, blade, keys, 2)
-    shape: Keys = (*top, "outer_shape_bem")
+    shape: KeyPath = (*top, "outer_shape_bem")
     parts = [
         (sections[name], (*keys, name)) if name in sections
         else (_within(path, blade, (*shape, name), 2), (*shape, name))
@@ -116,12 +116,12 @@ def _first(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
     return _blade(path, axis, grids, matrices)
 
 
-def _second(path: Path, blade: Mapping[str, Any], top: Keys) -> BladeTable:
+def _second(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
     """The blade of version 2."""
     names = (*top, "reference_axis"), (*top, "outer_shape", "twist")
     parts = [(_within(path, blade, keys, 2), keys) for keys in names]
     axis = _axis(path, parts, FEATHER * math.pi / 180)
-    keys: Keys = (*top, "structure", "elastic_properties")
+    keys: KeyPath = (*top, "structure", "elastic_properties")
     sections = _within(path, blade, keys, 2)
     grids, columns = [], []
     for name, needed, every in (
@@ -158,7 +158,7 @@ def _inertia(
     return own
 
 
-def _masses(path: Path, table: Any, keys: Keys) -> list[tuple[float, float]]:
+def _masses(path: Path, table: Any, keys: KeyPath) -> list[tuple[float, float]]:
     """Places and masses of what is at points, but for none at all."""
     if table is None:
         return []
@@ -168,14 +168,14 @@ def _masses(path: Path, table: Any, keys: Keys) -> list[tuple[float, float]]:
     return [(float(x), float(m)) for x, m in zip(grid, mass, strict=True) if m and x > _END]
 
 
-def _mu(path: Path, table: Any, keys: Keys) -> tuple[float, ...] | None:
+def _mu(path: Path, table: Any, keys: KeyPath) -> tuple[float, ...] | None:
     if table is None or "mu" not in table:
         return None
     mu = _numbers(path, table["mu"], keys, 6)
     return tuple(float(mu[i]) for i in ORDER) if np.any(mu) else None
 
 
-def _axis(path: Path, parts: Sequence[tuple[Any, Keys]], factor: float) -> Axis:
+def _axis(path: Path, parts: Sequence[tuple[Any, KeyPath]], factor: float) -> Axis:
     """The axis of a line and a twist, each with its keys."""
     line, twist = parts
     tables = {
@@ -224,11 +224,11 @@ def _blade(
     )  # fmt: skip
 
 
-def _wrong(path: Path, keys: Keys, what: str) -> ValueError:
+def _wrong(path: Path, keys: KeyPath, what: str) -> ValueError:
     return ValueError(f"{path}, {'/'.join(keys)}: {what}")
 
 
-def _within(path: Path, tree: Any, keys: Keys, start: int = 0) -> Any:
+def _within(path: Path, tree: Any, keys: KeyPath, start: int = 0) -> Any:
     """What is below keys, of which the first ones led to the tree."""
     for i in range(start, len(keys)):
         if not isinstance(tree, Mapping) or keys[i] not in tree:
@@ -238,7 +238,7 @@ def _within(path: Path, tree: Any, keys: Keys, start: int = 0) -> Any:
     return tree
 
 
-def _listed(path: Path, values: Any, keys: Keys, count: int | None = None) -> Any:
+def _listed(path: Path, values: Any, keys: KeyPath, count: int | None = None) -> Any:
     if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str):
         raise _wrong(path, keys, f"must be a list, got {values!r}")
     if count is not None and len(values) != count:
@@ -246,7 +246,7 @@ def _listed(path: Path, values: Any, keys: Keys, count: int | None = None) -> An
     return values
 
 
-def _numbers(path: Path, values: Any, keys: Keys, count: int | None = None) -> np.ndarray:
+def _numbers(path: Path, values: Any, keys: KeyPath, count: int | None = None) -> np.ndarray:
     """A list of finite numbers; 1e5 is a text in YAML."""
     numbers = []
     for i, value in enumerate(_listed(path, values, keys, count), 1):
@@ -260,7 +260,7 @@ def _numbers(path: Path, values: Any, keys: Keys, count: int | None = None) -> n
     return np.array(numbers)
 
 
-def _grid(path: Path, table: Any, keys: Keys) -> np.ndarray:
+def _grid(path: Path, table: Any, keys: KeyPath) -> np.ndarray:
     grid = _numbers(path, _within(path, table, (*keys, "grid"), len(keys)), (*keys, "grid"))
     if len(grid) < 2 or abs(grid[0]) > _SAME or abs(grid[-1] - 1) > _SAME:
         got = f"{grid[0]:g} to {grid[-1]:g}" if len(grid) else "nothing"
@@ -273,7 +273,7 @@ def _grid(path: Path, table: Any, keys: Keys) -> np.ndarray:
     return grid
 
 
-def _table(path: Path, table: Any, keys: Keys) -> tuple[np.ndarray, np.ndarray]:
+def _table(path: Path, table: Any, keys: KeyPath) -> tuple[np.ndarray, np.ndarray]:
     """A grid, and values there."""
     grid = _grid(path, table, keys)
     own = (*keys, "values")

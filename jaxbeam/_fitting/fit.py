@@ -100,7 +100,7 @@ def fit(
     problem = Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
     _check_problem(problem, known_noise, descent)
     solver = optimistix.LevenbergMarquardt(rtol=_ENOUGH, atol=_ENOUGH) if solver is None else solver
-    search = _Search(problem, solver, max_steps, known_noise, descent)
+    search = _FitSearch(problem, solver, max_steps, known_noise, descent)
     found = search.best(jax.random.key(seed), progress)
     return finish(found, throw, noted=True)  # which parameters, and what of them is known
 
@@ -155,7 +155,7 @@ def _check_descent(descent: Any) -> None:
         raise TypeError(f"descent.optimiser must be an optimiser of optax, got {got}")
 
 
-class _Search(NamedTuple):
+class _FitSearch(NamedTuple):
     """How to look for the parameters, once the arguments of `fit` are checked."""
 
     problem: Problem

@@ -54,7 +54,9 @@ class _Discrete(AbstractModel[SpringRotor]):
     def equations(self, rotor: SpringRotor) -> "_Particle": ...
 
 
-Strains = Callable[[SpringRotor, Vector], tuple[Scalar, Scalar]]  # stretch and angle of the springs
+StrainLaw = Callable[
+    [SpringRotor, Vector], tuple[Scalar, Scalar]
+]  # stretch and angle of the springs
 
 
 class _Particle(Equations):
@@ -66,7 +68,7 @@ class _Particle(Equations):
     tip_radius: Scalar
     energy_scale: Scalar
     rotor: SpringRotor
-    strains: Strains = eqx.field(static=True)
+    strains: StrainLaw = eqx.field(static=True)
 
     @property
     def is_linear(self) -> bool:
@@ -235,7 +237,7 @@ class _LinearPolar(_Polar):
         return m * (rigid @ whole + more @ more / 2)
 
 
-def _particle(kind: type[_Particle], rotor: SpringRotor, strains: Strains) -> _Particle:
+def _particle(kind: type[_Particle], rotor: SpringRotor, strains: StrainLaw) -> _Particle:
     one, end = jnp.ones_like(rotor.length), rotor.hub_radius + rotor.length
     arm = rotor.length if issubclass(kind, _Polar) else one  # metres across per unit of q_2
     return kind(

@@ -15,7 +15,7 @@ from jaxbeam._models.contract.bands import BandTables, NodeByNode
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._modes import ritz
-from jaxbeam._modes.element_forms import ElementForms, Four
+from jaxbeam._modes.element_forms import ElementForms, UnitBeam
 from jaxbeam._modes.ritz import combined
 from jaxbeam._modes.spectrum import Entries, Guess, Named, chosen, coupled_modes, transverse
 from jaxbeam._numerics.band import Band, Pencil, band, width_of
@@ -30,9 +30,9 @@ from jaxbeam._rotor.span import tension
 from jaxbeam._types import Number, Scalar, Vector
 
 MOST = 6  # modes of a direction that are found this way; of axial ones half as many
-Counts = tuple[int, int, int, int]  # of each `Direction`
+ModeCounts = tuple[int, int, int, int]  # of each `Direction`
 About = tuple[Vector | None, Array]  # the steady state of elements, and whether the case is OK
-_Forms = tuple[Complex[Array, " k"], Complex[Array, " k"], Complex[Array, " k"]]
+_BandForms = tuple[Complex[Array, " k"], Complex[Array, " k"], Complex[Array, " k"]]
 
 
 class Lowest(NamedTuple):
@@ -52,7 +52,9 @@ class Bands(abc.ABC):
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
         """The modes wanted, as far as they are certain; for batches, without derivatives."""
 
-    def forms(self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About) -> _Forms:
+    def forms(
+        self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About
+    ) -> _BandForms:
         """x^T S M x, x^T S G x and x^T S K x of vectors, differentiable, where `has_forms`: where
         that takes less than the matrices. S is 1 on w and -1 on u."""
         # A sound beam at rest takes the place of one that failed, whose derivatives would spoil
@@ -64,12 +66,12 @@ class Bands(abc.ABC):
     @abc.abstractmethod
     def _forms(
         self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
-    ) -> _Forms:
+    ) -> _BandForms:
         """The forms of a sound beam, about its steady state."""
 
 
 @functools.lru_cache(maxsize=64)
-def bands_of(model: AbstractModel, most: Counts, count: int) -> Bands | None:
+def bands_of(model: AbstractModel, most: ModeCounts, count: int) -> Bands | None:
     """Bands for up to `most` modes of each direction, `count` in all; None where matrices are no
     bands, or too small for that many."""
     bands = model.bands()
@@ -159,7 +161,7 @@ class _Polynomials(Bands):
 
     has_forms = True
 
-    def __init__(self, bands: BandTables, most: Counts, count: int) -> None:
+    def __init__(self, bands: BandTables, most: ModeCounts, count: int) -> None:
         tables = bands.in_plane
         n = len(tables[0])
         self.is_axial = ~np.isin(np.arange(n), bands.places)
@@ -241,7 +243,7 @@ class _Polynomials(Bands):
 
     def _forms(
         self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
-    ) -> _Forms:
+    ) -> _BandForms:
         # x_i x_(i + m) of all that is not zero in any of the tables.
         beyond = jnp.pad(x[:, self.order], ((0, 0), (0, self.diagonals)))
         pairs = [x[:, self.order] * beyond[:, m : m + x.shape[1]] for m in range(self.diagonals)]
@@ -267,13 +269,15 @@ def _wide(tables: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [band(table, width) for table in tables]
 
 
-_Case = tuple[Rotor, Scalar]  # and its speed
+_RotorAtSpeed = tuple[Rotor, Scalar]  # and its speed
 
 
 class _Elements(Bands):
     """Coordinates node by node."""
 
-    def __init__(self, model: AbstractModel, bands: NodeByNode, most: Counts, count: int) -> None:
+    def __init__(
+        self, model: AbstractModel, bands: NodeByNode, most: ModeCounts, count: int
+    ) -> None:
         n = bands.n_elements
         self.model, self.most, self.count = model, most, count
         nodes, basis = np.linspace(0.0, 1.0, n + 1), Polynomials()
@@ -292,15 +296,15 @@ class _Elements(Bands):
 
     def _forms(
         self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
-    ) -> _Forms:
+    ) -> _BandForms:
         assert state is not None
         numbers, scale, mass = _numbers(rotor, speed), rotor.beam.frequency_scale, rotor.beam.mass
-        four = Four(numbers.speed, numbers.hub, numbers.tip, 1 / numbers.softness)
+        four = UnitBeam(numbers.speed, numbers.hub, numbers.tip, 1 / numbers.softness)
         unit = jax.lax.stop_gradient(state / rotor.beam.length)
         m, c, k = jax.lax.complex(*self.unit_forms(four, unit, jnp.stack([x.real, x.imag])))
         return mass * m, mass * scale * c, mass * scale**2 * k
 
-    def _search(self, case: _Case, named: Named) -> tuple[Entries, Number, Vector]:
+    def _search(self, case: _RotorAtSpeed, named: Named) -> tuple[Entries, Number, Vector]:
         rotor, speed = case
         equations, numbers = self.model.equations(rotor), _numbers(rotor, speed)
         element: Any = equations.element  # type: ignore[attr-defined]

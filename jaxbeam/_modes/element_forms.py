@@ -3,7 +3,7 @@
 An eigenvalue with the mode x changes by x^T S dM x, x^T S dC x and x^T S dK x, S = 1 for
 deflections across the beam and -1 along it: these are the forms of the matrices of small motion M,
 C (of the Coriolis forces) and K. A uniform clamped beam with a mass at its tip, in units of its own
-length, mass and bending stiffness, depends on four numbers alone: see `Four`. So every first
+length, mass and bending stiffness, depends on four numbers alone: see `UnitBeam`. So every first
 derivative of a form is a combination of four, those by these numbers. Each number moves the steady
 state q as well, by dq = K^-1 dF, F being the force at a state that stays as it is. One `kernel`
 finds the forms and their four derivatives from one factorisation of K; what is left to JAX are four
@@ -31,7 +31,7 @@ from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._types import Number, Vector
 
 
-class Four(NamedTuple):
+class UnitBeam(NamedTuple):
     """What the unit beam depends on; also rates of these numbers."""
 
     speed: Number  # over sqrt(EI / (rho L^4))
@@ -50,12 +50,12 @@ class ElementForms:
         self.model, self.signs = model, signs
         self.expansion = kernel(self._expansion)
 
-    def __call__(self, four: Four, q: Vector, x: Float[Array, "2 k n"]) -> _Values:
+    def __call__(self, four: UnitBeam, q: Vector, x: Float[Array, "2 k n"]) -> _Values:
         """Forms of modes, given by their real and imaginary parts, about the steady state of these
         numbers, whose derivatives are known here."""
         return _values(self, four, q, x)
 
-    def _equations(self, four: Four) -> tuple[Equations, Hub]:
+    def _equations(self, four: UnitBeam) -> tuple[Equations, Hub]:
         """Equations of the unit beam and the motion of its hub."""
         ones = Rotor(Beam(1, 1, 1, 1, 1))
         unit: Any = jax.tree.map(lambda a: jnp.full_like(four.speed, a), ones)
@@ -64,33 +64,33 @@ class ElementForms:
         )
         return self.model.equations(rotor), spinning(four.speed)
 
-    def _rows(self, four: Four, q: Vector) -> Float[Array, "3 b 4 12 *lanes"]:
+    def _rows(self, four: UnitBeam, q: Vector) -> Float[Array, "3 b 4 12 *lanes"]:
         """M, C and K by rows of blocks."""
         equations, hub = self._equations(four)
         k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
         mass: Any = equations.mass
         return jnp.stack(jnp.broadcast_arrays(mass.rows, c.rows, k.rows))
 
-    def state_rate(self, four: Four, q: Vector) -> Callable[[Four], Vector]:
+    def state_rate(self, four: UnitBeam, q: Vector) -> Callable[[UnitBeam], Vector]:
         """Returns the map from rates of the numbers to the rate of the steady state, K^-1 dF."""
         rest, (equations, hub) = jnp.zeros_like(q), self._equations(four)
         inverse = equations.tangents(hub, q, rest, None)[0].inverse()
 
-        def force(four: Four) -> Vector:
+        def force(four: UnitBeam) -> Vector:
             equations, hub = self._equations(four)
             return equations.force(hub, q, rest, None)
 
         return lambda rates: inverse @ jax.jvp(force, (four,), (rates,))[1]
 
     def _expansion(
-        self, four: Four, q: Vector, x: Float[Array, "2 k n *lanes"]
+        self, four: UnitBeam, q: Vector, x: Float[Array, "2 k n *lanes"]
     ) -> tuple[_Values, Float[Array, "4 2 3 k *lanes"]]:
         """Forms, and their derivatives by each of the numbers."""
         q = _settled(self, q, four)
         one, state_rate = jnp.ones_like(q[0]), self.state_rate(four, q)
 
         def by_number(unit: Array) -> Array:
-            rates = Four(*(one * rate for rate in unit))
+            rates = UnitBeam(*(one * rate for rate in unit))
             rows: Array = jax.jvp(self._rows, (four, q), (rates, state_rate(rates)))[1]
             return rows
 
@@ -118,7 +118,7 @@ class ElementForms:
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _values(elements: ElementForms, four: Four, q: Vector, x: Array) -> _Values:
+def _values(elements: ElementForms, four: UnitBeam, q: Vector, x: Array) -> _Values:
     """The forms, whose derivatives by the numbers are those of the expansion. The steady state has
     none of its own, since it belongs to the numbers."""
     out: _Values = elements.expansion(four, q, x)[0]
@@ -145,7 +145,7 @@ def _values_jvp(elements: ElementForms, primals: Any, tangents: Any) -> tuple[_V
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _settled(elements: ElementForms, q: Vector, four: Four) -> Vector:
+def _settled(elements: ElementForms, q: Vector, four: UnitBeam) -> Vector:
     """The steady state, which is known, with its derivatives by the numbers alone."""
     return q
 

@@ -28,12 +28,12 @@ from jaxbeam._types import Scalar, Vector
 # many at once will do so a few times.
 MANY = 4096
 _ROW = 16  # cases of beams that vary whose integrals stay in the cache of a CPU
-_Case = tuple[AnyRotor, Scalar, Wanted]  # and its speed
+_Query = tuple[AnyRotor, Scalar, Wanted]  # and its speed
 _Found = tuple[Modes, Vector | None]  # and the steady state of elements
 
 
 def search(
-    model: AbstractModel, bands: Bands | None, system: LinearSystem, case: _Case, free: int,
+    model: AbstractModel, bands: Bands | None, system: LinearSystem, case: _Query, free: int,
     judged: bool,
 ) -> tuple[Modes, Mixes | Vector | None]:  # fmt: skip
     """The modes, with signs that make tips move the positive way, and, if they are to be `judged`,
@@ -48,7 +48,7 @@ def search(
         return dataclasses.replace(found, shape=shape, frequency_error=error), state
     leaves, tree = jax.tree.flatten((system, case))
 
-    def complete(system: LinearSystem, case: _Case) -> tuple[Modes, Mixes | None]:
+    def complete(system: LinearSystem, case: _Query) -> tuple[Modes, Mixes | None]:
         rotor, speed, wanted = case
         found = dense_modes(system, wanted, _loose(rotor) if free else None, free)
         shape = found.shape * _sign(model, rotor, system, found)[:, None]
@@ -91,7 +91,7 @@ def _loose(rotor: AnyRotor) -> Bool[Array, " 4"]:
     return jnp.stack([no, in_plane, flap, no])
 
 
-def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Case) -> _Found:
+def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Query) -> _Found:
     leaves, tree = jax.tree.flatten((system, case))
 
     def dense(leaves: list[Array]) -> _Found:

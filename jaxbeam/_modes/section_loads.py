@@ -8,7 +8,7 @@ from jaxtyping import Array, Complex
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._models.contract.loaded import Conditions, equations_under, resting
-from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
+from jaxbeam._models.contract.section_loads import Environment, Moved, section_loads
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.damping import NO_DAMPING
@@ -34,7 +34,7 @@ def modal_loads(
     # Linear theories have the tension on the undeformed beam.
     q = equations.rest if alone and model.is_linear else resting(rotor, equations, inputs).q
     drag = Drag(conditions.damping.mass_coefficient)
-    outside = Outside(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
+    outside = Environment(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
 
     def loads(q: Vector, v: Vector, a: Vector) -> tuple[Array, Array]:
         return section_loads(rotor, equations, outside, Moved(q, v, a), np.array(xi))

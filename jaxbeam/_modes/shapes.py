@@ -30,7 +30,7 @@ class ShapePolynomials(NamedTuple):
     misfit: Float[Array, "*batch k"]
 
 
-class Fit(NamedTuple):
+class PolynomialFit(NamedTuple):
     """Where shapes are looked at, and what each power becomes there: its own way, and across."""
 
     xi: np.ndarray
@@ -50,7 +50,7 @@ class Fit(NamedTuple):
         return found / jnp.sum(found), misfit
 
 
-def fit(rotor: AnyRotor) -> Fit:
+def fit(rotor: AnyRotor) -> PolynomialFit:
     """The fit to the deflection of a rotor's beam; where sections are turned, to what a curvature
     about their axes does.
 
@@ -65,9 +65,9 @@ def fit(rotor: AnyRotor) -> Fit:
     if isinstance(rotor, Rotor):
         angle = section_angle(rotor, functools.partial(on, span=span))
     if angle is None:
-        return Fit(xi, np.asarray(span.weight), xi[:, None] ** POWERS[None], None)
+        return PolynomialFit(xi, np.asarray(span.weight), xi[:, None] ** POWERS[None], None)
     curved = (POWERS * (POWERS - 1))[None] * xi[:, None] ** (POWERS - 2)[None]
     both = [
         span.up_to(span.up_to(curved * part[:, None])) for part in (jnp.cos(angle), jnp.sin(angle))
     ]
-    return Fit(xi, np.asarray(span.weight), *both)
+    return PolynomialFit(xi, np.asarray(span.weight), *both)

@@ -12,7 +12,7 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_model
 from jaxbeam._rotor.directions import Direction, Label
 
-_Counts = tuple[int, int, int, int]
+_ModeCounts = tuple[int, int, int, int]
 _FEW = 3  # labels up to here share a program, as do those up to twice as many
 
 
@@ -24,7 +24,7 @@ class Wanted(eqx.Module):
     """
 
     count: int = eqx.field(static=True)
-    most: _Counts = eqx.field(static=True)  # of each `Direction`
+    most: _ModeCounts = eqx.field(static=True)  # of each `Direction`
     named: tuple[Int[Array, " k"], Int[Array, " k"]] | None
 
 
@@ -39,7 +39,7 @@ def lowest_in_plane(model: AbstractModel, count: int) -> Wanted:
     return Wanted(count, _at_most(model, (min(count, _FEW), count, 0, 0)), None)
 
 
-def _at_most(model: AbstractModel, counts: _Counts) -> _Counts:
+def _at_most(model: AbstractModel, counts: _ModeCounts) -> _ModeCounts:
     """So many modes of each direction, or as many as there are."""
     here = [model.directions.count(direction) for direction in Direction]
     axial, in_plane, flap, torsion = (min(*both) for both in zip(counts, here, strict=True))

@@ -43,7 +43,7 @@ def find_root(
     since what nothing but the load holds goes far at once under any share of it. If that ends in a
     minimum it is the answer.
     """
-    search = _Search(residual, acceptable, support, jacobian)
+    search = _RootSearch(residual, acceptable, support, jacobian)
     like = None if jacobian is None else jax.eval_shape(jacobian, start, jnp.ones((), start.dtype))
 
     def solved(linear: Callable[[Array], Array], y: Array) -> Array:
@@ -55,7 +55,7 @@ def find_root(
     )
 
 
-class _Search(NamedTuple):
+class _RootSearch(NamedTuple):
     """What `find_root` looks for."""
 
     residual: Callable[..., Array]

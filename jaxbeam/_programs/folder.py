@@ -24,7 +24,7 @@ _ABANDONED = 3600.0  # s: nobody writes a file for so long
 _UNUSED = 90 * 86400.0  # s: after so long nobody will ask for a program again
 
 
-class Folder(NamedTuple):
+class ProgramFolder(NamedTuple):
     """Where traced programs are kept, or None where none are."""
 
     path: Path
@@ -57,11 +57,11 @@ class Folder(NamedTuple):
             warn_once(f"{self.traced} cannot be written to ({error})")
 
 
-_folder: Folder | None = None
+_folder: ProgramFolder | None = None
 _warned = False
 
 
-def folder() -> Folder | None:
+def folder() -> ProgramFolder | None:
     """Where programs are kept, if they are."""
     return _folder
 
@@ -117,7 +117,7 @@ def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0 if writable else 1e9)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     compilation_cache.reset_cache()  # it may have looked for its folder already
-    _folder = Folder(path, traced if has_format else None)
+    _folder = ProgramFolder(path, traced if has_format else None)
     return path
 
 

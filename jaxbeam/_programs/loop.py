@@ -22,10 +22,10 @@ from jaxbeam._programs.platforms import by_platform
 _MANY = 1 << 17
 
 GoesOn = Callable[[Any, Any], Any]
-Step = Callable[[Any, Any], Any]
+StepFunction = Callable[[Any, Any], Any]
 
 
-def loop(goes_on: GoesOn, step: Step, fixed: Any, state: Any) -> Any:
+def loop(goes_on: GoesOn, step: StepFunction, fixed: Any, state: Any) -> Any:
     """The state after `while goes_on(fixed, state): state = step(fixed, state)`.
 
     `fixed` and `state` are pytrees that hold all arrays that the two functions see; `step` must
@@ -60,7 +60,9 @@ _Leaves = list[Array]
 _Riders = dict[int, frozenset[int]]
 
 
-def _loop(more: GoesOn, once: Step, given: _Leaves, start: _Leaves, riders: _Riders) -> _Leaves:
+def _loop(
+    more: GoesOn, once: StepFunction, given: _Leaves, start: _Leaves, riders: _Riders
+) -> _Leaves:
     """`loop` of lists of arrays, some of which are `riders`."""
     count = len(given)
 
@@ -110,7 +112,7 @@ def _everywhere(size: int, a: Array, moved: bool) -> Array:
 
 
 def _aboard(
-    size: int, moves: tuple[bool, ...], rides: list[bool], more: GoesOn, once: Step,
+    size: int, moves: tuple[bool, ...], rides: list[bool], more: GoesOn, once: StepFunction,
     leaves: _Leaves, count: int, riders: _Riders,
 ) -> tuple[_Leaves, list[bool]]:  # fmt: skip
     """A batch in which riders alone differ is one case with so many of each that `rides`."""
@@ -131,7 +133,7 @@ def _aboard(
 
 
 def _with_rates(
-    more: GoesOn, once: Step, leaves: _Leaves, rates: Any, count: int, riders: _Riders
+    more: GoesOn, once: StepFunction, leaves: _Leaves, rates: Any, count: int, riders: _Riders
 ) -> tuple[_Leaves, Any]:
     """The final state and its rates, which ride with it."""
     moving = [i for i, a in enumerate(leaves) if eqx.is_inexact_array(a)]
@@ -171,7 +173,9 @@ def _with_rates(
 class _Ensemble:
     """Cases that go ahead together; what they begin with is of each case where it `moves`."""
 
-    def __init__(self, goes_on: GoesOn, step: Step, size: int, moves: tuple[bool, ...]) -> None:
+    def __init__(
+        self, goes_on: GoesOn, step: StepFunction, size: int, moves: tuple[bool, ...]
+    ) -> None:
         self.goes_on, self.step = jax.vmap(goes_on), jax.vmap(step)
         self.size, self.moves = size, moves
 
@@ -190,7 +194,7 @@ class _Ensemble:
             self.starts(self.size, start),
         )
 
-    def by(self, width: int) -> Step:
+    def by(self, width: int) -> StepFunction:
         """So many cases at a time."""
 
         def run(fixed: _Leaves, start: _Leaves) -> _Leaves:

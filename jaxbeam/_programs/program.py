@@ -62,20 +62,20 @@ class Program:
         self._traces = Traces(identity or (lambda: name_of(self)), function, refused)
 
     @functools.cached_property
-    def well(self) -> "Outside":
+    def well(self) -> "OuterProgram":
         """The program of a call outside of all others, compiled well."""
         how = _known(_HASTE) | _known(_WELL)
         made = self._jit(self._whole, compiler_options=how) if how else self.part
-        return Outside(made, self._traces, how)
+        return OuterProgram(made, self._traces, how)
 
     @functools.cached_property
-    def quick(self) -> "Outside":
+    def quick(self) -> "OuterProgram":
         """The program of a call outside of all others, compiled quickly; or as `well`."""
         how = _known(QUICK)
         if not how:
             return self.well
         how = _known(_HASTE) | how
-        return Outside(self._jit(self._whole, compiler_options=how), self._traces, how)
+        return OuterProgram(self._jit(self._whole, compiler_options=how), self._traces, how)
 
     def here(self, *args: Any, **kwargs: Any) -> Any:
         """The program that a call from here with these arguments takes, which counts as one."""
@@ -87,7 +87,7 @@ class Program:
             self._made[kind] = self._made.get(kind, 0) + 1
         return program
 
-    def _next(self, kind: Hashable | None) -> "Outside":
+    def _next(self, kind: Hashable | None) -> "OuterProgram":
         """The program that the next call with arguments of a kind takes, outside of all others."""
         may_be_quick = _may_be_quick and kind is not None
         return self.quick if may_be_quick and self._made.get(kind, 0) < self._calls else self.well
@@ -114,7 +114,7 @@ class Program:
         return (self.part if _is_within() else self.well).lower(*args, **kwargs)
 
 
-class Outside:
+class OuterProgram:
     """A program outside of all others, with options of the compiler: that which is kept between
     processes, if such are kept and it can be."""
 

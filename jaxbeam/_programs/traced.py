@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 from jax import export
 
-from jaxbeam._programs.folder import Folder, folder, warn_once
+from jaxbeam._programs.folder import ProgramFolder, folder, warn_once
 from jaxbeam._programs.functions import identity
 from jaxbeam._programs.identity import settings, sources_stayed, surroundings
 from jaxbeam._programs.structure import Encoder, NotKept, decoded
@@ -17,7 +17,7 @@ from jaxbeam._programs.structure import Encoder, NotKept, decoded
 _Outside = tuple[tuple[Any, ...], dict[str, Any]]
 
 
-class Traced(NamedTuple):
+class TracedProgram(NamedTuple):
     """A program and what it returns, with the places of arrays in that."""
 
     exported: Any
@@ -40,11 +40,11 @@ class Traced(NamedTuple):
 
     def result(self, found: list[Any]) -> Any:
         """What the function returns, with the arrays that the program found."""
-        leaves = [found[x.index] if isinstance(x, _Place) else x for x in self.leaves]
+        leaves = [found[x.index] if isinstance(x, _ArrayPlace) else x for x in self.leaves]
         return jax.tree.unflatten(self.structure, leaves)
 
 
-class _Place:
+class _ArrayPlace:
     """Stands for an array of a result."""
 
     def __init__(self, index: int) -> None:
@@ -60,9 +60,9 @@ class Traces:
     ) -> None:  # fmt: skip
         """`name` tells the function from others, and `refused` hears why a program is not kept."""
         self._name, self._function, self._refused = name, function, refused
-        self._found: dict[Any, Traced | None] = {}
+        self._found: dict[Any, TracedProgram | None] = {}
 
-    def of(self, args: Any, kwargs: Any) -> tuple[Traced | None, list[Any]]:
+    def of(self, args: Any, kwargs: Any) -> tuple[TracedProgram | None, list[Any]]:
         """The traced program for these arguments, if there is one, and the arrays among them."""
         where = folder()
         if where is None or where.traced is None:
@@ -81,7 +81,7 @@ class Traces:
             self._found[kind] = self._traced(where, given)
         return self._found[kind], arrays
 
-    def _traced(self, where: Folder, given: _Outside) -> Traced | None:
+    def _traced(self, where: ProgramFolder, given: _Outside) -> TracedProgram | None:
         """The program for such arguments: kept, or new and kept now; None where it cannot be."""
         try:
             encoder = Encoder(_shape, other=identity)
@@ -115,7 +115,7 @@ def _is_here(array: Any) -> bool:
     return len(devices) == 1 and next(iter(devices)).platform == jax.default_backend()
 
 
-def _made(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[bytes, Traced]:
+def _made(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[bytes, TracedProgram]:
     """A new program of a function for such arguments, as it is kept and as it is read again."""
     exported, result, structure = _exported(function, given, seen)
     text = json.dumps(result).encode()
@@ -156,9 +156,9 @@ def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple
     return export.export(jax.jit(run))(*shapes), said, built
 
 
-def _read(body: bytes, given: _Outside) -> Traced:
+def _read(body: bytes, given: _Outside) -> TracedProgram:
     size = int.from_bytes(body[:8], "little")
-    result = decoded(json.loads(body[8 : 8 + size]), _Place, given)
+    result = decoded(json.loads(body[8 : 8 + size]), _ArrayPlace, given)
     leaves, structure = jax.tree.flatten(result)
     exported = export.deserialize(bytearray(body[8 + size :]))
-    return Traced(exported, leaves, structure, {})
+    return TracedProgram(exported, leaves, structure, {})

@@ -13,7 +13,7 @@ from jaxbeam._rotor.blade import Blade
 from jaxbeam._rotor.engineering import at_centres
 from jaxbeam._rotor.sections import full_matrices, upper_triangles
 
-_Sixes = Float[Array, "n 6 6"]
+_SixBySix = Float[Array, "n 6 6"]
 # Entries that are no couplings of a section whose strains are at its centres: shear with shear and
 # bending with bending are what principal axes are of.
 _OWN = np.eye(6)
@@ -60,12 +60,12 @@ WITHOUT: dict[str, Callable[[Blade], Blade]] = {
 }  # fmt: skip
 
 
-def _with(blade: Blade, compliance: _Sixes) -> Blade:
+def _with(blade: Blade, compliance: _SixBySix) -> Blade:
     rows = upper_triangles(inverses(compliance))
     return eqx.tree_at(lambda b: b.stiffness, blade, rows)
 
 
-def _seen_from_centres(blade: Blade) -> tuple[_Sixes, _Sixes]:
+def _seen_from_centres(blade: Blade) -> tuple[_SixBySix, _SixBySix]:
     """Compliances of stretch at tension centres and shear at shear centres, and what makes of such
     strains those at the reference point."""
     f = inverses(full_matrices(blade.stiffness))

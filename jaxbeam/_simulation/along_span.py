@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import places
-from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
+from jaxbeam._models.contract.section_loads import Environment, Moved, section_loads
 from jaxbeam._results import per_case
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._simulation.scene import Scene
@@ -181,7 +181,7 @@ def _torsion(now: Instant, *xi: float) -> Float[Array, " p"]:
 
 def _section_loads(now: Instant, *xi: float) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
     scene, t, y = now.scene, now.t, now.y
-    outside = Outside(scene.hub(t), scene.loads, t, scene.damping)
+    outside = Environment(scene.hub(t), scene.loads, t, scene.damping)
     moved = Moved(y.q, y.v, now.acceleration)
     return section_loads(now.rotor, scene.equations, outside, moved, np.array(xi))
 

@@ -11,7 +11,7 @@ from jaxbeam._rotor.motion import Hub, Motion, Times
 from jaxbeam._types import Scalar, Triple
 
 
-class Traced(Motion):
+class TracedMotion(Motion):
     """A motion of which only the program is left."""
 
     program: Callable[[Scalar], Hub]

@@ -18,7 +18,7 @@ from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import during
 from jaxbeam._solvers.adjoint import run
 from jaxbeam._solvers.rodas import Rosenbrock
-from jaxbeam._solvers.run import Inputs, Run, Settings, conditions, integrate_steps, output
+from jaxbeam._solvers.run import Run, RunInputs, Settings, conditions, integrate_steps, output
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar
 
@@ -124,7 +124,7 @@ def integrate(
     start, every = wanted[0], jnp.sort(jnp.concatenate([wanted, watch]))
     asked = _after_jumps(scene, every, every[-1])
     scene = _prepared(scene, solver).with_closures_traced(start)
-    inputs, constant = Inputs(scene, y0, start, asked), without_derivatives(settings)
+    inputs, constant = RunInputs(scene, y0, start, asked), without_derivatives(settings)
     came = integrate_steps(constant, inputs)[0] if adjoint is not None else run(inputs, constant)
     n = y0.q.size
 
@@ -169,7 +169,7 @@ def _prepared(scene: Scene, solver: diffrax.AbstractSolver) -> Scene:
 
 
 def _end(
-    settings: Settings, inputs: Inputs, event: diffrax.Event, came: Run
+    settings: Settings, inputs: RunInputs, event: diffrax.Event, came: Run
 ) -> tuple[Scalar, Array]:
     """When a run with an event ended, and the state there."""
     if event.root_finder is None:

@@ -23,7 +23,7 @@ from jaxbeam._rotor.clock import Clock, Later, place
 from jaxbeam._rotor.damping import Damping
 from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, Motion, Times, skew
-from jaxbeam._simulation.closures import Traced, converted
+from jaxbeam._simulation.closures import TracedMotion, converted
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
@@ -131,7 +131,7 @@ class Scene(SecondOrderSystem):
         the user close over too, and without tracing them ever again; t is any time."""
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
-        motion = Traced(hub, self.motion.change_times(), self.motion.jump_times())
+        motion = TracedMotion(hub, self.motion.change_times(), self.motion.jump_times())
         own = (converted(part, t) for part in (loads.tip_force, loads.tip_moment))
         span = self.span
         if span is not None:

@@ -13,8 +13,8 @@ from jaxbeam._programs.anywhere import anywhere
 from jaxbeam._programs.kernel import reverse_mode
 from jaxbeam._programs.loop import loop
 from jaxbeam._solvers.run import (
-    Inputs,
     Run,
+    RunInputs,
     Settings,
     Step,
     Tape,
@@ -31,7 +31,7 @@ from jaxbeam._solvers.system import State
 
 
 @eqx.filter_custom_vjp
-def run(inputs: Inputs, settings: Settings) -> Run:
+def run(inputs: RunInputs, settings: Settings) -> Run:
     """Runs the task, with reverse mode by the discrete adjoint: of `outputs`, `y` and `last`.
 
     The derivative of what was computed, to rounding: each step that was kept is transposed, with
@@ -47,7 +47,7 @@ def run(inputs: Inputs, settings: Settings) -> Run:
 
 @run.def_fwd
 def _forwards(
-    perturbed: Any, inputs: Inputs, settings: Settings
+    perturbed: Any, inputs: RunInputs, settings: Settings
 ) -> tuple[Run, tuple[Tape, Array, Array]]:
     result, tape = integrate_steps(settings, inputs, empty_tape(settings, inputs))
     assert tape is not None
@@ -90,7 +90,7 @@ class _Sweep(NamedTuple):
     def advance(self, moving: Any, row: Array, k: Array) -> tuple[Array, Step]:
         """Makes step k anew from the state in `row`; returns the state after it, and the step."""
         settings, t1 = self.settings, self.tape.ends[k]
-        own: Inputs = eqx.combine(moving, self.still)
+        own: RunInputs = eqx.combine(moving, self.still)
         t0, jumped = self.tape.start_of(k)
         t0 = jnp.where(k == 0, own.start, t0)
         t1 = jnp.where((k == self.steps - 1) & self.finished, own.times[-1], t1)
@@ -181,14 +181,16 @@ class _Sweep(NamedTuple):
 
 
 @run.def_bwd
-def _backwards(residuals: Any, out: Run, perturbed: Any, inputs: Inputs, settings: Settings) -> Any:
+def _backwards(
+    residuals: Any, out: Run, perturbed: Any, inputs: RunInputs, settings: Settings
+) -> Any:
     sweep, back = _begin(residuals, out, perturbed, inputs, settings)
     back = loop(_Sweep.goes_on, _Sweep.step, sweep, back)
     # The first output is the state at the start, on which the first state of the solver depends.
     to_y0 = sweep.at_outputs[0]
 
     def start(moving: Any) -> Array:
-        own: Inputs = eqx.combine(moving, sweep.still)
+        own: RunInputs = eqx.combine(moving, sweep.still)
         return as_row(own.y0, solver_state_of(settings, own))
 
     _, pull = jax.vjp(start, sweep.moving)
@@ -200,7 +202,7 @@ def _begin(
     residuals: tuple[Tape, Array, Array],
     out: Run,
     perturbed: Any,
-    inputs: Inputs,
+    inputs: RunInputs,
     settings: Settings,
 ) -> tuple[_Sweep, _Back]:
     """Puts the sweep at the first step of the last span."""

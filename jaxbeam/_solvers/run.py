@@ -43,7 +43,7 @@ class Settings(eqx.Module):
         return self.event is not None and self.event.root_finder is not None
 
 
-class Inputs(eqx.Module):
+class RunInputs(eqx.Module):
     """What to run, and to take derivatives by."""
 
     args: Any
@@ -52,7 +52,7 @@ class Inputs(eqx.Module):
     times: Float[Array, " T"]  # of outputs, increasing, the first not after `start`; the last ends
 
 
-def conditions(settings: Settings, inputs: Inputs) -> list[Callable[[Scalar, State], Any]]:
+def conditions(settings: Settings, inputs: RunInputs) -> list[Callable[[Scalar, State], Any]]:
     """The conditions of the event, as functions of t and y."""
     if settings.event is None:
         return []
@@ -71,7 +71,7 @@ def _asked(function: Any, args: Any, more: dict[str, Any], t: Scalar, y: State) 
     return function(t, y, args, **more)
 
 
-def _events(settings: Settings, inputs: Inputs) -> Events:
+def _events(settings: Settings, inputs: RunInputs) -> Events:
     asked = conditions(settings, without_derivatives(inputs))
     directions: list[bool | None] = [None] * len(asked)
     if settings.event is not None and settings.event.direction is not None:
@@ -147,7 +147,7 @@ class _Verdict(NamedTuple):
 
 
 def integrate_steps(
-    settings: Settings, inputs: Inputs, tape: Tape | None = None
+    settings: Settings, inputs: RunInputs, tape: Tape | None = None
 ) -> tuple[Run, Tape | None]:
     """Runs the task; with an empty `tape` that is filled."""
     stepping, now = _begin(settings, inputs, tape)
@@ -157,7 +157,9 @@ def integrate_steps(
     return run._replace(outputs=run.outputs[:-1], result=result), now.tape
 
 
-def _begin(settings: Settings, inputs: Inputs, tape: Tape | None) -> tuple["_Stepping", LoopState]:
+def _begin(
+    settings: Settings, inputs: RunInputs, tape: Tape | None
+) -> tuple["_Stepping", LoopState]:
     """Chooses the first step, and finds what holds before it."""
     solver, end = settings.solver, inputs.times[-1]
     order: Any = solver.error_order(settings.term)
@@ -187,7 +189,7 @@ def _begin(settings: Settings, inputs: Inputs, tape: Tape | None) -> tuple["_Ste
     return _Stepping(settings, inputs, order, end, nearly, events), now
 
 
-def _no_step(settings: Settings, inputs: Inputs, t1: Scalar, solver_state: Any) -> Step:
+def _no_step(settings: Settings, inputs: RunInputs, t1: Scalar, solver_state: Any) -> Step:
     """Returns zeros in the place of the last step, before there is one."""
     step = eqx.filter_eval_shape(
         settings.solver.step,
@@ -207,7 +209,7 @@ class _Stepping(NamedTuple):
     """What stays as it is from step to step, and how a step is made."""
 
     settings: Settings
-    inputs: Inputs
+    inputs: RunInputs
     order: Any  # of the error, which the controller asks for
     end: Scalar
     nearly: Scalar  # steps that would end later end at the end
@@ -334,7 +336,7 @@ def _saved(
 ROWS = 1024  # states that are kept at most; where steps are more, every 2nd, 4th, ... is
 
 
-def empty_tape(settings: Settings, inputs: Inputs) -> Tape:
+def empty_tape(settings: Settings, inputs: RunInputs) -> Tape:
     """A tape with room for all steps."""
     steps = settings.max_steps
     if steps is None:
@@ -350,7 +352,7 @@ def empty_tape(settings: Settings, inputs: Inputs) -> Tape:
     return Tape(jnp.zeros((rows + 1, row.size), row.dtype), ends, gaps)
 
 
-def solver_state_of(settings: Settings, inputs: Inputs) -> Any:
+def solver_state_of(settings: Settings, inputs: RunInputs) -> Any:
     """The state of the solver at the start."""
     state = settings.solver.init(settings.term, inputs.start, inputs.start, inputs.y0, inputs.args)
     return as_arrays(state)

@@ -162,7 +162,7 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
     return CriticalLoad(factor, direction, shape, nan_unless(there, frequency), status)
 
 
-class _Place(AbstractPlace):
+class _CriticalLoadPlace(AbstractPlace):
     """A critical load of loads that have a potential."""
 
     x: Vector
@@ -294,7 +294,7 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
         pulls = jnp.asarray(False)  # its tip may be pushed against
     found = end.found & ~pulls
     factor = jnp.where(found, end.value, jnp.inf)
-    place = _Place(x=end.kept.x, exists=found, model=model)
+    place = _CriticalLoadPlace(x=end.kept.x, exists=found, model=model)
     searched = first_failure(scan.status(end), first_broken((end.found, Status.SEARCH_ENDED)))
     status = jnp.where(pulls, Status.OK, searched)
     return (
@@ -317,7 +317,7 @@ def _affine(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstract
         (are_along(loads, model.equations(given[0]).length), Status.LOADS_ACROSS),
         (~jnp.isnan(factor), Status.NOT_FINITE),
     )
-    place = _Place(x=x, exists=jnp.isfinite(factor), model=model)
+    place = _CriticalLoadPlace(x=x, exists=jnp.isfinite(factor), model=model)
     direction = direction_of_energy(model.directions, k0, x)
     return factor, direction, place, bare.held(given[0], status)
 

@@ -145,7 +145,7 @@ def _critical(
     lacks = jnp.where(there, status_of_shape(model, rotor, x), Status.OK)
     status = first_failure(given, at_speed, status, few, lacks)
     exists = there & (status == Status.OK)
-    place = _Place(x=x, exists=exists, model=model, direction=direction)
+    place = _CriticalSpeedPlace(x=x, exists=exists, model=model, direction=direction)
     speed, shape = answer(place, (rotor, conditions), found, status)
     return CriticalSpeed(angular_speed=speed, direction=direction, shape=shape, status=status)
 
@@ -164,7 +164,7 @@ def _resolved(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Bool[Arra
     return ~leans | model.resolves(rotor, _FINER * jnp.where(leans, speed, 0.0))
 
 
-class _Place(AbstractPlace):
+class _CriticalSpeedPlace(AbstractPlace):
     """A critical speed."""
 
     x: Vector

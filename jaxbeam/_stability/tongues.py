@@ -133,12 +133,12 @@ def _tongue(
     eigenvalue = jnp.where(fine, found.eigenvalue, 1j)
     onset_now = jnp.sum(eigenvalue.imag) / order
     onset = without_derivatives(onset_now)
-    without_depth = without_derivatives(_Case(rotor, mean, damping, onset, 0 * onset))
+    without_depth = without_derivatives(_Modulation(rotor, mean, damping, onset, 0 * onset))
     still = without_depth.group(model, directions)
     shapes = jnp.where(fine, found.shape, 1.0)
     basis = without_derivatives(_basis(still, mean, eigenvalue, shapes))
     margin = _Margin(model, directions, basis, steps)
-    search = _Search(margin, rotor, mean, damping, onset, order)
+    search = _BoundarySearch(margin, rotor, mean, damping, onset, order)
     kept, rates, status = search.boundaries(depths)
     ends, error = jax.vmap(jax.vmap(search.polished, (0, 0, None)))(kept, rates, depths)
     status = first_failure(given, status)
@@ -162,7 +162,7 @@ def _unmodulated(
     return found, first_failure(given, found.status, at_mean)
 
 
-class _Case(NamedTuple):
+class _Modulation(NamedTuple):
     """A beam and a modulation of its speed: all that a margin has derivatives by."""
 
     rotor: AnyRotor
@@ -187,14 +187,14 @@ class _Margin(NamedTuple):
     basis: Complex[Array, "m 2"]
     steps: int
 
-    def at(self, case: _Case) -> tuple[Scalar, Scalar]:
+    def at(self, case: _Modulation) -> tuple[Scalar, Scalar]:
         """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
         the steps are too long."""
         found = case.group(self.model, self.directions).monodromy(self.steps)
         value, ahead = self.of(found.matrix, found.sound)
         return value, jnp.where(found.sound, ahead, jnp.nan)
 
-    def estimated(self, case: _Case) -> tuple[Scalar, Scalar]:
+    def estimated(self, case: _Modulation) -> tuple[Scalar, Scalar]:
         """The first of `at`, and what the steps do to it."""
         found = case.group(self.model, self.directions).monodromy(self.steps, half(self.steps))
         assert found.by_fewer is not None
@@ -244,7 +244,7 @@ class _End(NamedTuple):
     tries: Scalar
 
 
-class _Traced(NamedTuple):
+class _BoundaryPoint(NamedTuple):
     """What the boundary at one depth leaves to the search at the next."""
 
     depth: Scalar
@@ -253,7 +253,7 @@ class _Traced(NamedTuple):
     slopes: Float[Array, " 2"]
 
 
-class _Search(NamedTuple):
+class _BoundarySearch(NamedTuple):
     """The search for the two boundaries of one tongue, without derivatives but for `polished`."""
 
     margin: _Margin
@@ -266,10 +266,12 @@ class _Search(NamedTuple):
     def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
         """Both ends at each depth, the derivatives of the margin there, and a status."""
         onset, least = self.onset, jnp.full_like(self.onset, 1e-3)
-        first = _Traced(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
+        first = _BoundaryPoint(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
         return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
 
-    def follow(self, last: _Traced, given: Scalar) -> tuple[_Traced, tuple[Array, Array, Array]]:
+    def follow(
+        self, last: _BoundaryPoint, given: Scalar
+    ) -> tuple[_BoundaryPoint, tuple[Array, Array, Array]]:
         """One step of the search, from one depth to the next."""
         valid = jnp.isfinite(given) & (given > 0)
         depth = jnp.where(valid, given, last.depth)
@@ -285,7 +287,7 @@ class _Search(NamedTuple):
         good = exists & jnp.all(end.change <= 1e-9 * self.onset) & (ends[1] > ends[0])
         status = _ended(end, valid, exists, good)
         good &= valid
-        new = _Traced(
+        new = _BoundaryPoint(
             depth=depth,
             centre=jnp.where(good, jnp.mean(ends), centre),
             width=jnp.where(good, (ends[1] - ends[0]) / 2, last.width),
@@ -328,14 +330,16 @@ class _Search(NamedTuple):
     def slope(self, nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
         """The margin and its likeness, and the derivative of it along (frequency, depth)."""
         start, one = self.case(nu, depth), jnp.ones_like(nu)
-        still: _Case = jax.tree.map(jnp.zeros_like, start)
+        still: _Modulation = jax.tree.map(jnp.zeros_like, start)
         push = still._replace(frequency=along[0] * one, depth=along[1] * one)
         (value, likeness), (rate, _) = jax.jvp(self.margin.at, (start,), (push,))
         return value, likeness, rate
 
-    def case(self, frequency: Scalar, depth: Scalar) -> _Case:
+    def case(self, frequency: Scalar, depth: Scalar) -> _Modulation:
         """A modulation of this beam, without derivatives."""
-        return without_derivatives(_Case(self.rotor, self.mean, self.damping, frequency, depth))
+        return without_derivatives(
+            _Modulation(self.rotor, self.mean, self.damping, frequency, depth)
+        )
 
     def polished(self, end: Scalar, rate: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
         """One more step, in which the parameters carry their derivatives, and what the steps of
@@ -343,7 +347,7 @@ class _Search(NamedTuple):
         here = jnp.isfinite(end)
         depth = jnp.where(here, depth, 1e-3)
         start = jnp.where(here, end, self.onset)
-        case = _Case(self.rotor, self.mean, self.damping, start, depth)
+        case = _Modulation(self.rotor, self.mean, self.damping, start, depth)
         value, error = self.margin.estimated(case)
         value, end = jnp.where(here, value, 0.0), jnp.where(here, end, self.onset)
         rate = jnp.where(here, rate, 1.0)

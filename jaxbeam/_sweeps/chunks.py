@@ -16,7 +16,7 @@ from jaxbeam._programs.program import Program
 from jaxbeam._results import found_alone
 from jaxbeam._status import Status, said, unlogged
 from jaxbeam._sweeps.cases import refuse_traced
-from jaxbeam._sweeps.store import Part, Spec
+from jaxbeam._sweeps.store import ChunkResults, Spec
 
 Columns = dict[str, np.ndarray]
 _MADE_WITH = ("jaxbeam", "jax", "jaxlib", "equinox", "diffrax", "numpy")
@@ -71,7 +71,7 @@ class Work(NamedTuple):
     specs: Mapping[str, Spec]
     chunk: int
 
-    def on(self, columns: Columns, device: jax.Device | None) -> Part:
+    def on(self, columns: Columns, device: jax.Device | None) -> ChunkResults:
         """Results of these cases, and what those say that raised."""
         n, results = self._blank(columns)
         errors: dict[int, str] = {}
@@ -98,13 +98,13 @@ class Work(NamedTuple):
                 found["status"] = _finite(found, len(lanes))
             for name, leaf in found.items():
                 results[name][lanes] = leaf
-        return Part(results, errors)
+        return ChunkResults(results, errors)
 
-    def lost(self, columns: Columns, message: str) -> Part:
+    def lost(self, columns: Columns, message: str) -> ChunkResults:
         """What stands for a chunk that nobody lived to compute."""
         n, results = self._blank(columns)
         results["status"][:] = Status.RAISED
-        return Part(results, dict.fromkeys(range(n), message), computed=False)
+        return ChunkResults(results, dict.fromkeys(range(n), message), computed=False)
 
     def _blank(self, columns: Columns) -> tuple[int, dict[str, np.ndarray]]:
         """The number of these cases, and results that are not known yet."""

@@ -15,7 +15,7 @@ from typing import Any
 import jax
 
 from jaxbeam._sweeps.chunks import Columns, Work
-from jaxbeam._sweeps.store import Part
+from jaxbeam._sweeps.store import ChunkResults
 
 
 def checked_devices(devices: Any) -> tuple[jax.Device | None, ...]:
@@ -38,12 +38,12 @@ def on_devices(
     columns: Callable[[int], Columns],
     numbers: Sequence[int],
     devices: Sequence[jax.Device | None],
-) -> Generator[tuple[int, Part]]:
+) -> Generator[tuple[int, ChunkResults]]:
     """Every number with what was found for it, as they end: one at a time on each device, or as
     many as the device is named."""
     exact = jax.config.read("jax_enable_x64")
 
-    def compute(number: int, device: jax.Device | None) -> Part:
+    def compute(number: int, device: jax.Device | None) -> ChunkResults:
         if jax.config.read("jax_enable_x64") != exact:
             raise RuntimeError(
                 "settings made by a context manager do not reach the threads of devices: use "

@@ -26,7 +26,7 @@ from typing import Any
 import jax
 
 from jaxbeam._sweeps.chunks import Columns, Work, made_with
-from jaxbeam._sweeps.store import Part
+from jaxbeam._sweeps.store import ChunkResults
 
 try:  # it takes functions of scripts and notebooks along, and comes with Dask and with loky
     import cloudpickle as pickler
@@ -42,7 +42,7 @@ _PATIENCE = 45.0  # seconds without any worker, after which no other is believed
 
 def on_executor(
     work: Work, columns: Callable[[int], Columns], numbers: Sequence[int], executor: Any
-) -> Generator[tuple[int, Part]]:
+) -> Generator[tuple[int, ChunkResults]]:
     """Every number with what was found for it, as they end.
 
     Executors of the standard library end with the first worker that dies: they are made again, and
@@ -55,7 +55,7 @@ def on_executor(
     ahead = 2 * getattr(pool, "_max_workers", _MANY // 2)
     deaths: collections.Counter[int] = collections.Counter()
     waiting = collections.deque(numbers)
-    running: dict[Future[Part | str], int] = {}
+    running: dict[Future[ChunkResults | str], int] = {}
 
     def may_go(number: int) -> bool:
         suspects = {k for k, times in deaths.items() if times >= _DEATHS - 1}
@@ -176,7 +176,7 @@ def _another(executor: Any, end: BaseException) -> Executor:
     return _made(executor)
 
 
-def _found(future: Future[Part | str]) -> Part | BaseException:
+def _found(future: Future[ChunkResults | str]) -> ChunkResults | BaseException:
     """What was found for a chunk, or how the worker died that had it."""
     if future.cancelled():
         raise RuntimeError("the executor was shut down, or lost its connection")
@@ -223,7 +223,7 @@ def _opened(job: bytes) -> Work:
     return work
 
 
-def _answer(job: bytes, columns: Columns, deaths: int) -> Part | str:
+def _answer(job: bytes, columns: Columns, deaths: int) -> ChunkResults | str:
     """What a worker finds for a chunk, or what went wrong with all of it. Dask knows calls
     by their arguments: with the number of deaths before, another try is not the one that failed."""
     try:

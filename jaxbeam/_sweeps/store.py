@@ -45,7 +45,7 @@ class Spec(NamedTuple):
         return np.full((n, *self.shape), filled, self.dtype)
 
 
-class Part(NamedTuple):
+class ChunkResults(NamedTuple):
     """A chunk: results by name, and messages of the cases that raised, by their place in it."""
 
     results: dict[str, np.ndarray]
@@ -64,7 +64,7 @@ class _Chunks:
         """The number of cases in a chunk."""
         return min(self.chunk, self.n - number * self.chunk)
 
-    def by_case(self, number: int, part: Part) -> dict[int, str]:
+    def by_case(self, number: int, part: ChunkResults) -> dict[int, str]:
         """Messages of a chunk by number of case."""
         return {number * self.chunk + place: text for place, text in part.errors.items()}
 
@@ -82,7 +82,7 @@ class Memory(_Chunks):
         """Numbers of the chunks that are not there."""
         return list(self._left)
 
-    def put(self, number: int, part: Part) -> None:
+    def put(self, number: int, part: ChunkResults) -> None:
         """Keep a chunk."""
         start = number * self.chunk
         del self._left[number]
@@ -96,7 +96,7 @@ class Memory(_Chunks):
         return self._results, self._errors
 
 
-class Folder(_Chunks):
+class ResultFolder(_Chunks):
     """Results in a folder, made by `opened` or `reopened`."""
 
     def __init__(
@@ -111,7 +111,7 @@ class Folder(_Chunks):
         """Numbers of the chunks that are not there, or not whole."""
         return [k for k in range(self.number) if k not in self.errors]
 
-    def put(self, number: int, part: Part) -> None:
+    def put(self, number: int, part: ChunkResults) -> None:
         """Write a chunk; one that was not computed is missing when the folder is opened again."""
         errors = self.by_case(number, part)
         try:
@@ -231,7 +231,7 @@ class Folder(_Chunks):
 
 def opened(
     folder: Path, identity: dict[str, Any], specs: Mapping[str, Spec], cases: Cases
-) -> Folder:
+) -> ResultFolder:
     """The folder of this sweep, new or to go on with; one of another sweep is refused."""
     results = {name: [spec.dtype.str, list(spec.shape)] for name, spec in specs.items()}
     if len({name.casefold() for name in results}) < len(results):
@@ -259,10 +259,10 @@ def opened(
             _replace(folder / "cases.npz", file.getvalue())
     except OSError as error:
         raise _told(error, folder) from error
-    return Folder(folder, _digest(described), specs, len(cases), identity["chunk"])
+    return ResultFolder(folder, _digest(described), specs, len(cases), identity["chunk"])
 
 
-def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
+def reopened(folder: Path) -> tuple[ResultFolder, dict[str, Any], Cases]:
     """The folder of some sweep, what sweep it is, and its cases."""
     identity, cases = _identity(folder), _cases(folder)
     if identity["format"] != _FORMAT:
@@ -275,7 +275,7 @@ def reopened(folder: Path) -> tuple[Folder, dict[str, Any], Cases]:
     specs = {
         n: Spec(_readable(folder, n, d), tuple(s)) for n, (d, s) in identity["results"].items()
     }
-    store = Folder(folder, _digest(identity), specs, len(cases), identity["chunk"])
+    store = ResultFolder(folder, _digest(identity), specs, len(cases), identity["chunk"])
     return store, identity, cases
 
 

@@ -20,7 +20,7 @@ from jaxbeam._sweeps.chunks import Columns, Work, batched, made_with, named, pla
 from jaxbeam._sweeps.devices import checked_devices, on_devices
 from jaxbeam._sweeps.executors import on_executor
 from jaxbeam._sweeps.identity import program_of
-from jaxbeam._sweeps.store import Folder, Memory, Spec, opened
+from jaxbeam._sweeps.store import Memory, ResultFolder, Spec, opened
 from jaxbeam._sweeps.table import Table, as_table, coordinate, layout
 
 Dims = Mapping[str, Mapping[str, Sequence[Any]]]
@@ -135,7 +135,7 @@ class _Job(NamedTuple):
     folder: Path | None
     dims: Dims
 
-    def begin(self) -> tuple[dict[str, Spec], Memory | Folder]:
+    def begin(self) -> tuple[dict[str, Spec], Memory | ResultFolder]:
         """What one case gives, and the place for results."""
         cases, chunk = self.cases, self.chunk
         with _lowered_for(self.devices[0]):
@@ -150,7 +150,9 @@ class _Job(NamedTuple):
             }  # fmt: skip
         return specs, opened(self.folder, identity, specs, cases)
 
-    def run(self, specs: Mapping[str, Spec], store: Memory | Folder, progress: bool | None) -> None:
+    def run(
+        self, specs: Mapping[str, Spec], store: Memory | ResultFolder, progress: bool | None
+    ) -> None:
         """Fill the store with the chunks that are missing."""
         missing = store.missing()
         report = _Progress(sum(map(store.length, missing)), progress)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxbeam as jb
-from jaxbeam._models.contract.section_loads import Moved, Outside, section_loads
+from jaxbeam._models.contract.section_loads import Environment, Moved, section_loads
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from tests.beams import AS_BUILT, AS_BUILT_IN_SPACE, SPRINGS, short
@@ -34,7 +34,7 @@ def test_a_cantilever_at_rest():
     def found(q):
         scene = Scene(model, ROTOR, jb.ConstantSpeed(0.0), loads, jb.Damping())
         t, moved = jnp.zeros(()), Moved(q, 0 * q, 0 * q)
-        outside = Outside(scene.hub(t), loads, t)
+        outside = Environment(scene.hub(t), loads, t)
         return section_loads(ROTOR, scene.equations, outside, moved, XI)
 
     fine = np.linspace(0, 1, 20001)
@@ -127,7 +127,7 @@ def at_root(model, rotor, loads, parts, size=0.05):
     def found(q, v, a):
         scene = Scene(model, rotor, Tumbling(parts), loads, jb.Damping())
         equations = scene.equations
-        outside = Outside(scene.hub(t), loads, t)
+        outside = Environment(scene.hub(t), loads, t)
         forces, moments = section_loads(rotor, equations, outside, Moved(q, v, a), np.zeros(1))
         axes = equations.section_axes(q, np.zeros(1))[0]
         twist, lag, flap = moments[0]

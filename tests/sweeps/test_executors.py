@@ -216,7 +216,7 @@ def test_what_is_not_wanted_any_more_is_cancelled(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("jaxbeam._sweeps.store.Folder._write", full)
+    monkeypatch.setattr("jaxbeam._sweeps.store.ResultFolder._write", full)
     with Idle(3) as pool, pytest.raises(OSError, match="Chunks finished before are intact"):
         jb.sweep(sine, jb.points(a=np.arange(9.0)), chunk=1, executor=pool, folder=tmp_path)
     assert [future.cancelled() for future in sent] == [False, *5 * [True]]

@@ -361,7 +361,7 @@ def test_what_others_did_while_it_ran_is_found(what, tmp_path, monkeypatch, comp
     folder = tmp_path / "kept"
     run(folder, other_function)
     late = store.reopened(folder)[0]
-    part = store.Part({name: spec.blank(4) for name, spec in late.specs.items()}, {})
+    part = store.ChunkResults({name: spec.blank(4) for name, spec in late.specs.items()}, {})
     shutil.rmtree(folder)
 
     def happens():
@@ -370,7 +370,7 @@ def test_what_others_did_while_it_ran_is_found(what, tmp_path, monkeypatch, comp
         elif what == "a flipped bit":
             flip(folder / "sum.npy", 128 + 3 * 8)
         else:
-            monkeypatch.setattr(store.Folder, "_must_be_ours", lambda _: None)
+            monkeypatch.setattr(store.ResultFolder, "_must_be_ours", lambda _: None)
             late.put(0, part)
 
     before_chunk(monkeypatch, 4, happens)

@@ -29,17 +29,17 @@ from jaxtyping import Array, Float
 from jaxbeam._models.ancf.energies import (
     QUARTER_TURN,
     Element,
-    Local,
+    LocalGradients,
 )
 from jaxbeam._models.ancf.nodes import (
-    Nodes,
+    PlanarNodes,
     assembled,
     constant,
     of_elements,
     on_ends,
     quarter_turned,
 )
-from jaxbeam._models.ancf.sections import Ends, Sections, body_mass
+from jaxbeam._models.ancf.sections import PlanarEnds, Sections, body_mass
 from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.damping_data import Dampers
 from jaxbeam._models.contract.equations import Equations
@@ -70,11 +70,11 @@ class ElementEquations(Equations):
     tip_radius: Number
     energy_scale: Number
     skew_mass: BlockTridiagonal  # M times a turn by a right angle
-    straight: Nodes  # of X a1
+    straight: PlanarNodes  # of X a1
     tip_mass: Number
     tip_body: Float[Array, "2 2 *lanes"] | None
     sections: Sections
-    ends: Ends
+    ends: PlanarEnds
     yields: bool = eqx.field(static=True)  # whether the slope at the root is a coordinate
 
     def __init__(self, rotor: Rotor, n_elements: int, element: type[Element]) -> None:
@@ -93,7 +93,7 @@ class ElementEquations(Equations):
         self.straight = jnp.stack([jnp.zeros_like(along), along], 1)
         self.sections = Sections(beam, n_elements, element)
         self.energy_scale = self.sections.bending_stiffness / length
-        self.ends = Ends(rotor, self.axial_stiffness, n_elements)
+        self.ends = PlanarEnds(rotor, self.axial_stiffness, n_elements)
         self.yields = self.ends.spring is not None
         self.mass, self.skew_mass = self._inertial(np.eye(2)), self._inertial(QUARTER_TURN)
 
@@ -247,7 +247,7 @@ class ElementEquations(Equations):
         )
         return jnp.stack([along, across, jnp.zeros_like(along)])
 
-    def _product(self, a: Nodes, b: Nodes) -> Number:
+    def _product(self, a: PlanarNodes, b: PlanarNodes) -> Number:
         """int a . b dm of two fields."""
         weighed = self.sections.by_element(
             lambda _, mass, field: self.sections.weighed(mass, field), of_elements(b)
@@ -308,12 +308,12 @@ class ElementEquations(Equations):
         shapes = Functions(*(a[None] for a in hermite(xi * n - index, 1 / n)))
         return shapes, of_elements(self._nodes(q))[index].swapaxes(0, 1)
 
-    def _gradients(self, local: Float[Array, "2 4 *lanes"]) -> Local:
+    def _gradients(self, local: Float[Array, "2 4 *lanes"]) -> LocalGradients:
         """Displacement gradient of an element at its first end, on average, at its last end."""
         chord = self.element.n_elements * (local[:, 2:3] - local[:, :1])
         return jnp.concatenate([local[:, 1:2], chord, local[:, 3:]], 1) / self.length
 
-    def _nodes(self, q: Vector) -> Nodes:
+    def _nodes(self, q: Vector) -> PlanarNodes:
         """Coordinates node by node, those of the clamped node included."""
         nodes = padded(q, self._absent, 0).reshape(-1, 2, 2, *q.shape[1:])
         return self._reordered(nodes)
@@ -329,7 +329,7 @@ class ElementEquations(Equations):
     def _absent(self) -> int:
         return 2 if self.yields else 3
 
-    def _reordered(self, nodes: Nodes) -> Nodes:
+    def _reordered(self, nodes: PlanarNodes) -> PlanarNodes:
         """Values in the order of nodes from that of coordinates, or back: where the root yields,
         values of the first node come before its slopes, so that what is absent is at the
         beginning."""

@@ -37,7 +37,9 @@ from jaxbeam._models.contract.strained import Strained, gradient_of
 from jaxbeam._programs.lanes import append_axes, pairwise_sum, sum_of_products
 from jaxbeam._types import Number
 
-Local = Float[Array, "2 3 *lanes"]  # displacement gradient at the first end, mean, at the last end
+LocalGradients = Float[
+    Array, "2 3 *lanes"
+]  # displacement gradient at the first end, mean, at the last end
 Strains = tuple[Array, ...]  # axial strain and curvatures at the Gauss points, (g, *lanes) each
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact to degree 9: eps^2 of Green has 8
 POINTS, WEIGHTS = (1 + POINTS) / 2, WEIGHTS / 2
@@ -104,7 +106,7 @@ class Element(Strained):
     part: Rule | None = None  # of a part of the element; None: of the whole
 
     @abc.abstractmethod
-    def strains(self, e: Local) -> Strains:
+    def strains(self, e: LocalGradients) -> Strains:
         """Axial strain and curvature at the Gauss points, not changed by any rigid motion."""
 
     def stresses(self, strains: Strains) -> Strains:
@@ -114,7 +116,7 @@ class Element(Strained):
         moments = (weights * (self.bending * bend) for bend in bends)
         return weights * self.pulled(strain), *moments
 
-    def energy(self, e: Local) -> Number:
+    def energy(self, e: LocalGradients) -> Number:
         """Strain energy of one element."""
         strain, *bends = self.strains(e)
         density = self.pulled(strain**2)
@@ -122,11 +124,11 @@ class Element(Strained):
             density = density + self.bending * bend**2
         return _integral(self.weights, density) / 2
 
-    def force(self, e: Local) -> Local:
+    def force(self, e: LocalGradients) -> LocalGradients:
         """Elastic force of one element."""
         return gradient_of(self.energy)(e)
 
-    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+    def tangent(self, e: LocalGradients) -> Float[Array, "2 3 2 3 *lanes"]:
         """d force / de."""
         return self.by(self.force, e)
 
@@ -178,21 +180,21 @@ class Continuum(Element):
     ) -> tuple[Float[Array, "k *lanes"], Float[Array, "2 k *lanes"]]:
         """Strain at the stations, and its derivative by d."""
 
-    def strains(self, e: Local) -> Strains:
+    def strains(self, e: LocalGradients) -> Strains:
         along, curved = axis_of(map_rows(self.slopes, e)), map_rows(self.curvatures, e)
         size = jnp.sqrt(along[0] ** 2 + along[1] ** 2)
         stretching = (along[0] * curved[0] + along[1] * curved[1]) / size
         return self._strain(e), (along[1] * curved[0] - along[0] * curved[1]) / size, stretching
 
-    def _strain(self, e: Local) -> Float[Array, "g *lanes"]:
+    def _strain(self, e: LocalGradients) -> Float[Array, "g *lanes"]:
         return self.interpolated(self.measure(map_rows(self.stations, e))[0][None])[0]
 
-    def energy(self, e: Local) -> Number:
+    def energy(self, e: LocalGradients) -> Number:
         """Strain energy of B eq. 9."""
         bend = pairwise_sum(map_rows(self.curvatures, e) ** 2)
         return _integral(self.weights, self.pulled(self._strain(e) ** 2) + self.bending * bend) / 2
 
-    def force(self, e: Local) -> Local:
+    def force(self, e: LocalGradients) -> LocalGradients:
         """(K_l + K_t) e of B eqs. 10 and A-5, where A-6 and A-7 are misprinted."""
         pull = self.pulled(self._strain(e))[None] * axis_of(map_rows(self.slopes, e))
         pull = map_rows((self.weights[:, None] * self.slopes).T, pull)
@@ -206,7 +208,7 @@ class Continuum(Element):
         """int S''^T S'' dx."""
         return np.einsum("g,gi,gj->ij", self.weights, self.curvatures, self.curvatures)
 
-    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+    def tangent(self, e: LocalGradients) -> Float[Array, "2 3 2 3 *lanes"]:
         slopes, stations = self.slopes, self.stations
         strain, stretched = self.measure(map_rows(stations, e))
         pull = _rows(slopes, axis_of(map_rows(slopes, e)))
@@ -286,10 +288,10 @@ class ModelZero(Element):
     tears = True
 
     @abc.abstractmethod
-    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+    def along(self, e: LocalGradients) -> Float[Array, "2 *lanes"]:
         """Tangent of the frame, less a1, before it is made a unit vector."""
 
-    def strains(self, e: Local) -> Strains:
+    def strains(self, e: LocalGradients) -> Strains:
         axis = self.along(e)
         size = 1 + elongation(axis)
         # t.r' - 1 = (t - a1).r' + d_1, both small, so that nothing cancels.
@@ -303,12 +305,12 @@ class ModelZero(Element):
 class Chord(ModelZero):
     """The frame of an element lies along the chord from one end to the other."""
 
-    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+    def along(self, e: LocalGradients) -> Float[Array, "2 *lanes"]:
         return e[:, 1]
 
 
 class Tangent(ModelZero):
     """The frame of an element lies along the tangent at its first end."""
 
-    def along(self, e: Local) -> Float[Array, "2 *lanes"]:
+    def along(self, e: LocalGradients) -> Float[Array, "2 *lanes"]:
         return e[:, 0]

@@ -11,7 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.ancf.energies import QUARTER_TURN, Element, Local, Strains, axis_of, map_rows
+from jaxbeam._models.ancf.energies import (
+    QUARTER_TURN,
+    Element,
+    LocalGradients,
+    Strains,
+    axis_of,
+    map_rows,
+)
 from jaxbeam._programs.lanes import append_axes, compute_once
 from jaxbeam._programs.platforms import loops_are_dear
 
@@ -46,11 +53,11 @@ class Engineering(Element):
     # then two coarse meshes agree by chance, and the ladder takes that for convergence.
     tears = True
 
-    def strains(self, e: Local) -> Strains:
+    def strains(self, e: LocalGradients) -> Strains:
         at = self._at(e)
         return at.strain, at.angle_rate
 
-    def force(self, e: Local) -> Local:
+    def force(self, e: LocalGradients) -> LocalGradients:
         at = self._at(e)
         over = append_axes(self.weights, e.ndim - 2) / at.square
         couple = self.bending * at.angle_rate * over
@@ -58,7 +65,7 @@ class Engineering(Element):
         by_slope = pull[None] * at.along + couple[None] * at.curved_normal
         return self._projected(by_slope, couple[None] * at.back)
 
-    def pushed(self, e: Local, rate: Local) -> Local:
+    def pushed(self, e: LocalGradients, rate: LocalGradients) -> LocalGradients:
         """Rates of the force. With a = r'.d r' / s, that of stretch, and
         c = (t.d r'' + J r''.d r') / s, that of phi' is c - 2 phi' a, and those of what the force
         has before r' and J r'' are as below."""
@@ -79,7 +86,7 @@ class Engineering(Element):
         by_bend = couple_rate[None] * at.back + couple[None] * jnp.stack([slope[1], -slope[0]])
         return self._projected(by_slope, by_bend)
 
-    def tangent(self, e: Local) -> Float[Array, "2 3 2 3 *lanes"]:
+    def tangent(self, e: LocalGradients) -> Float[Array, "2 3 2 3 *lanes"]:
         """Second derivatives of strain and angle, gathered: over EA and EI / (EA L^2) = b,
 
             int (|r'| - 4 b phi'^2) / s^2 p p^T + b k k^T dx, with
@@ -118,7 +125,7 @@ class Engineering(Element):
         found = map_rows_once(table.reshape(9, -1), rows)
         return found.reshape(2, 2, 3, 3, *e.shape[2:]).swapaxes(1, 2)
 
-    def _at(self, e: Local) -> "_Bent":
+    def _at(self, e: LocalGradients) -> "_Bent":
         """The strain and its derivatives at the Gauss points."""
         d, curved = self._gradients(e)
         strain, along = self.strain(d), axis_of(d)
@@ -134,12 +141,12 @@ class Engineering(Element):
         constant = isinstance(tables[0], np.ndarray)
         return np.concatenate(tables) if constant else jnp.concatenate(tables)
 
-    def _gradients(self, e: Local) -> tuple[Array, Array]:
+    def _gradients(self, e: LocalGradients) -> tuple[Array, Array]:
         """d and r'' at the Gauss points, (2, g, *lanes)."""
         both, g = map_rows_once(self._tables, e), len(self.weights)
         return both[:, :g], both[:, g:]
 
-    def _projected(self, by_slope: Array, by_bend: Array) -> Local:
+    def _projected(self, by_slope: Array, by_bend: Array) -> LocalGradients:
         """The transpose of `_gradients`."""
         return map_rows_once(self._tables.T, jnp.concatenate([by_slope, by_bend], 1))
 

@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._types import Triple
 
-Nodes = Float[Array, "k 2 2 *lanes"]  # in m: value and L times slope
+PlanarNodes = Float[Array, "k 2 2 *lanes"]  # in m: value and L times slope
 
 
 def on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest"]:
@@ -16,7 +16,7 @@ def on_ends(n: int, force: Float[Array, "c 3 *rest"]) -> Float[Array, "c 4 *rest
     return jnp.concatenate([-chord, force[:, :1], chord, force[:, 2:]], 1)
 
 
-def of_elements(nodes: Nodes) -> Float[Array, "E 2 4 *lanes"]:
+def of_elements(nodes: PlanarNodes) -> Float[Array, "E 2 4 *lanes"]:
     """Values and slopes at both nodes of every element."""
     return jnp.concatenate([nodes[:-1], nodes[1:]], 2)
 
@@ -27,7 +27,7 @@ def constant(vector: Triple) -> Float[Array, "1 2 2 *lanes"]:
     return jnp.stack([value, jnp.zeros_like(value)], 1)[None]
 
 
-def quarter_turned(nodes: Nodes) -> Nodes:
+def quarter_turned(nodes: PlanarNodes) -> PlanarNodes:
     """A field turned by a quarter: `QUARTER_TURN` applied at every node."""
     return jnp.concatenate([nodes[:, 1:], -nodes[:, :1]], 1)
 

@@ -171,14 +171,14 @@ def body_mass(body: TipBody, length: Number) -> Float[Array, "2 2"]:
     """Mass matrix of a body that belongs to the position of the tip and to L r' there.
 
     Its centre is at r + c r' and its kinetic energy m_t |d(r + c r')/dt|^2 / 2 + J |dr'/dt|^2 / 2,
-    which are those of a rigid body as far as r' of the end is a unit vector: see `Ends`.
+    which are those of a rigid body as far as r' of the end is a unit vector: see `PlanarEnds`.
     """
     arm = body.mass * body.offset / length
     own = arm * body.offset / length + body.inertia / length**2
     return jnp.stack([body.mass, arm, arm, own]).reshape(2, 2)
 
 
-class Ends(EndSprings):
+class PlanarEnds(EndSprings):
     """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there, with
     components in the order a2, a1.
 

@@ -37,7 +37,7 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
 
-Counts = tuple[int, int, int]  # of axial, in-plane and flap functions
+FunctionCounts = tuple[int, int, int]  # of axial, in-plane and flap functions
 _FALLS = 6.0  # the share of a load with the power of its number
 _MORE = 5  # points of a segment, besides those that polynomials need
 
@@ -52,7 +52,7 @@ Mixes = tuple[Array, Array, Array]
 class Kind:
     """What functions are asked for: as static as the model that asks."""
 
-    counts: Counts
+    counts: FunctionCounts
     grading: int  # of polynomials
     points: int  # products of so many functions are integrated
     arc_length: bool  # stretch has N / EA for strain; else polynomials, which follow bending, too
@@ -127,7 +127,7 @@ class Profile(eqx.Module):
         return in_plane * cos + flap * sin, flap * cos - in_plane * sin
 
 
-class Loads(eqx.Module):
+class LoadFunctions(eqx.Module):
     """Loads on a rotor's beam at the points of a span, and what they do there.
 
     In each direction that bends, of n functions, they are n moments, n // 2 pulls of the tension
@@ -251,7 +251,7 @@ def _ordered(by_mass: Array, by_tip: Array, body: bool) -> Array:
     return jnp.concatenate([by_mass[:, :1], *tip, by_mass[:, 1:]], 1)
 
 
-def mixed(loads: Loads, raw: tuple[Array, Array, Array]) -> Mixes:
+def mixed(loads: LoadFunctions, raw: tuple[Array, Array, Array]) -> Mixes:
     """Combinations that are orthonormal in their strain energy."""
     weight, each = loads.profile.span.weight, zip(raw, loads.stiffness, strict=True)
     stretch, *bent = (

@@ -11,7 +11,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, Functions, Polynomials
-from jaxbeam._models.bases.loads import Counts, Kind, Loads, Mixes, Profile, mixed, span_of
+from jaxbeam._models.bases.loads import (
+    FunctionCounts,
+    Kind,
+    LoadFunctions,
+    Mixes,
+    Profile,
+    mixed,
+    span_of,
+)
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.span import Span
@@ -19,7 +27,7 @@ from jaxbeam._rotor.span import Span
 COMPONENTS = tuple(Direction)[:3]  # of displacements
 
 
-class Ends(NamedTuple):
+class EndValues(NamedTuple):
     """Values of n functions at the tip, slopes there, and slopes at the root."""
 
     tip: Any  # (n,)
@@ -32,9 +40,9 @@ class Shapes(eqx.Module):
 
     span: Span
     at: Functions  # (p, n)
-    ends: Ends
+    ends: EndValues
     mixes: Mixes | None  # of loads; None of the functions of a basis
-    counts: Counts = eqx.field(static=True)
+    counts: FunctionCounts = eqx.field(static=True)
     basis: Basis | None = eqx.field(static=True, default=None)
 
     def places(self, xi: np.ndarray) -> Functions:
@@ -52,7 +60,7 @@ class Shapes(eqx.Module):
         return self.span.interpolated(self.span.up_to(products), xi)
 
 
-def all_functions(basis: Basis, counts: Counts, xi: Any) -> Functions:
+def all_functions(basis: Basis, counts: FunctionCounts, xi: Any) -> Functions:
     """All functions of a basis side by side, at points xi."""
     parts = [basis.stretch(counts[0], xi)] if counts[0] else []
     ways = zip(COMPONENTS[1:], counts[1:], strict=True)
@@ -61,7 +69,7 @@ def all_functions(basis: Basis, counts: Counts, xi: Any) -> Functions:
 
 
 @functools.lru_cache(maxsize=64)
-def shortening(basis: Basis, counts: Counts, xi: tuple[float, ...]) -> np.ndarray:
+def shortening(basis: Basis, counts: FunctionCounts, xi: tuple[float, ...]) -> np.ndarray:
     """Shortening by the functions of a basis."""
     # Rescaled to [0, xi], a rule stays exact for smooth functions.
     rules = [basis.up_to(max(counts), end) for end in xi]
@@ -71,32 +79,34 @@ def shortening(basis: Basis, counts: Counts, xi: tuple[float, ...]) -> np.ndarra
     return f.swapaxes(1, 2) @ (w[:, :, None] * f) * _bend_alike(counts)
 
 
-def _bend_alike(counts: Counts) -> np.ndarray:
+def _bend_alike(counts: FunctionCounts) -> np.ndarray:
     direction = np.repeat(np.arange(3), counts)
     alike: np.ndarray = (direction[:, None] == direction) & (direction > 0)
     return alike
 
 
 @functools.lru_cache(maxsize=64)
-def sampled(basis: Basis, counts: Counts, products: int, edges: tuple[float, ...]) -> Shapes:
+def sampled(
+    basis: Basis, counts: FunctionCounts, products: int, edges: tuple[float, ...]
+) -> Shapes:
     """All functions of a basis at the points of its rule that stops at edges, in NumPy."""
     span = basis.rule(products, edges)
     ends = ends_of(basis, counts)
     return Shapes(span, all_functions(basis, counts, span.xi), ends, None, counts, basis)
 
 
-def ends_of(basis: Basis, counts: Counts) -> Ends:
+def ends_of(basis: Basis, counts: FunctionCounts) -> EndValues:
     """What functions of a basis are at the ends."""
     bends = np.repeat(np.arange(3), counts) > 0
     tip = all_functions(basis, counts, np.ones(1))
     # Axial functions may have no slope at the clamp: nobody asks for it.
     root = all_functions(basis, counts, np.zeros(1)).slope[0]
-    return Ends(tip.value[0], np.where(bends, tip.slope[0], 0.0), np.where(bends, root, 0.0))
+    return EndValues(tip.value[0], np.where(bends, tip.slope[0], 0.0), np.where(bends, root, 0.0))
 
 
 def shapes_on(kind: Kind, rotor: Rotor) -> Shapes:
     """The functions on a rotor's beam."""
-    loads = Loads.on(kind, rotor, span_of(kind, rotor))
+    loads = LoadFunctions.on(kind, rotor, span_of(kind, rotor))
     raw = loads.raw()
     mixes = mixed(loads, raw)
     unit = [jnp.eye(n) for n in kind.counts]
@@ -108,15 +118,15 @@ def shapes_on(kind: Kind, rotor: Rotor) -> Shapes:
     return Shapes(loads.profile.span, at, ends, mixes, kind.counts)
 
 
-def _at_root(loads: Loads, coordinates: Sequence[Array]) -> list[Array]:
+def _at_root(loads: LoadFunctions, coordinates: Sequence[Array]) -> list[Array]:
     """Coordinates that turn the root, (0 or 1, k) of each direction."""
     yields = (False, *loads.yields)
     return [q[: int(turns)] for q, turns in zip(coordinates, yields, strict=True)]
 
 
 def _integrated(
-    loads: Loads, strains: Sequence[Array], coordinates: Sequence[Array]
-) -> tuple[Functions, Ends]:
+    loads: LoadFunctions, strains: Sequence[Array], coordinates: Sequence[Array]
+) -> tuple[Functions, EndValues]:
     """What coordinates of functions, (n, k) by direction, are along the beam, from their strains:
     k axially, k in plane and k in flap, side by side."""
     span, (stretch, *bent) = loads.profile.span, strains
@@ -127,7 +137,7 @@ def _integrated(
     tip_slope = jnp.concatenate([jnp.zeros_like(stretch[0]), span.total(curvature)]) + root
     curvature = jnp.concatenate([jnp.zeros_like(stretch), curvature], 1)
     at = Functions(span.up_to(slope), slope, curvature)
-    return at, Ends(span.total(slope), tip_slope, root)
+    return at, EndValues(span.total(slope), tip_slope, root)
 
 
 class Shape(NamedTuple):
@@ -143,7 +153,7 @@ class Shape(NamedTuple):
     root: Array
 
     @classmethod
-    def of(cls, at: Functions, ends: Ends, ways: int) -> Self:
+    def of(cls, at: Functions, ends: EndValues, ways: int) -> Self:
         """Shapes in so many directions, side by side."""
         return cls(*(a.reshape(*a.shape[:-1], ways, -1) for a in (*at, *ends)))
 
@@ -153,7 +163,7 @@ def shape_of(
 ) -> tuple[Profile, Shape]:
     """What coordinates, by direction, are at the points of integration, or at those of so many
     more in each segment; those of models without axial functions have to be real."""
-    loads = Loads.on(kind, rotor, span_of(kind, rotor, beside))
+    loads = LoadFunctions.on(kind, rotor, span_of(kind, rotor, beside))
     if kind.counts[0]:
         parts = [jnp.concatenate([q.real, q.imag], 1) for q in parts]
     roots = _at_root(loads, parts)
@@ -173,14 +183,14 @@ def shape_of(
     return loads.profile, Shape(*map(joined, (*at, *ends)))
 
 
-def of_basis(basis: Basis, counts: Counts, span: Span, parts: Sequence[Array]) -> Shape:
+def of_basis(basis: Basis, counts: FunctionCounts, span: Span, parts: Sequence[Array]) -> Shape:
     """What coordinates of functions of a basis, by direction, are on a span."""
     q = jax.scipy.linalg.block_diag(*parts)
     at, ends = all_functions(basis, counts, span.xi), ends_of(basis, counts)
     # Axial functions may have no curvature at the clamp: nobody asks for it.
     bends = np.repeat(np.arange(3), counts) > 0
     at = at._replace(curvature=np.where(bends, at.curvature, 0.0))
-    return Shape.of(Functions(*(a @ q for a in at)), Ends(*(a @ q for a in ends)), 3)
+    return Shape.of(Functions(*(a @ q for a in at)), EndValues(*(a @ q for a in ends)), 3)
 
 
 def follows(basis: Basis, rotor: Rotor) -> bool:

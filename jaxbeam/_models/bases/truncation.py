@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.bases.loads import Counts, Profile, section_angle
+from jaxbeam._models.bases.loads import FunctionCounts, Profile, section_angle
 from jaxbeam._models.bases.shapes import Shape
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
@@ -42,7 +42,7 @@ class _Case(NamedTuple):
     profile: Profile
     rotor: Rotor
     speed: Scalar
-    counts: Counts
+    counts: FunctionCounts
     pull: Array  # N
     tensioned: bool
 
@@ -96,8 +96,8 @@ class _Body(NamedTuple):
 
 
 def frequency_error(
-    x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, eigenvalue: Array, counts: Counts,
-    pull: Array | None,
+    x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, eigenvalue: Array,
+    counts: FunctionCounts, pull: Array | None,
 ) -> Float[Array, " k"]:  # fmt: skip
     """Estimate for each eigenvalue, of which x are the shapes, relative; zero for zero ones. `pull`
     is the tension of steady rotation, in N, None in a theory that does not know it. Where shapes
@@ -126,7 +126,7 @@ def _quotient(forms: Any, square: Array, eigenvalue: Array) -> tuple[Array, Arra
 
 
 def forms(
-    x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, counts: Counts, pull: Array
+    x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, counts: FunctionCounts, pull: Array
 ) -> tuple[Array, Array, Array]:
     """x^H M x, x^H G x and x^H K x of shapes, with the tension `pull`."""
     case = _Case(profile, rotor, speed, counts, pull, True)

@@ -26,7 +26,7 @@ _POINTS = 16  # of each piece: products of three cubics and a line are exact
 _Rows = Float[Array, "p 3"]
 
 
-class Outside(NamedTuple):
+class Environment(NamedTuple):
     """What acts on a beam at time t: its hub, loads, and damping."""
 
     hub: Hub
@@ -49,7 +49,7 @@ class Moved(NamedTuple):
 
 
 def section_loads(
-    rotor: AnyRotor | None, equations: Equations, outside: Outside, moved: Moved, xi: np.ndarray
+    rotor: AnyRotor | None, equations: Equations, outside: Environment, moved: Moved, xi: np.ndarray
 ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
     """Force (N) and moment (N m) by which what is outboard acts on sections at x = xi L, in their
     axes: the tangent and the two axes of `Equations.section_axes`. Moments are that about the
@@ -88,7 +88,7 @@ def section_loads(
 
 
 def _along(
-    rotor: Rotor, equations: Equations, outside: Outside, moved: Moved, span: Span
+    rotor: Rotor, equations: Equations, outside: Environment, moved: Moved, span: Span
 ) -> tuple[_Rows, _Rows]:
     """Force and couple along the span at its points, by x / L."""
     (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved
@@ -127,7 +127,7 @@ def _along(
 
 
 def _at_tip(
-    rotor: Rotor, equations: Equations, outside: Outside, moved: Moved
+    rotor: Rotor, equations: Equations, outside: Environment, moved: Moved
 ) -> tuple[Triple, Triple]:
     """Force at the tip, and moment about it, of what is there."""
     (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved

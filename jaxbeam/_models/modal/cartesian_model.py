@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, Functions
-from jaxbeam._models.bases.loads import Counts
+from jaxbeam._models.bases.loads import FunctionCounts
 from jaxbeam._models.bases.shapes import COMPONENTS, Shapes, all_functions, sampled
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.equilibrium import Rest
@@ -36,7 +36,7 @@ class CartesianModel(AbstractModel[Rotor]):
 
     @property
     @abc.abstractmethod
-    def counts(self) -> Counts:
+    def counts(self) -> FunctionCounts:
         """Number of axial, in-plane and flap coordinates; they come in this order."""
 
     @property

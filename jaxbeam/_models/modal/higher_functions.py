@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
 from jaxbeam._models.bases.basis import Basis, Polynomials, Yielding
-from jaxbeam._models.bases.loads import Counts, in_beam_axes
+from jaxbeam._models.bases.loads import FunctionCounts, in_beam_axes
 from jaxbeam._models.modal.finer import relative
 from jaxbeam._models.modal.shape_integrals import shape_integrals
 from jaxbeam._numerics.loose import cholesky, lower_solve
@@ -41,7 +41,7 @@ def _polynomials(basis: Basis) -> Polynomials | None:
     return own if type(own) is Polynomials else None
 
 
-def _are_enough(basis: Basis, counts: Counts) -> bool:
+def _are_enough(basis: Basis, counts: FunctionCounts) -> bool:
     """Whether the next functions see nothing of what is at the tip, and none for a slope at the
     root."""
     polynomials, slopes = _polynomials(basis), _slopes(basis, counts)
@@ -52,7 +52,7 @@ def _are_enough(basis: Basis, counts: Counts) -> bool:
     return all(not n or n - slope >= most * polynomials.grading for n, slope, most in own)
 
 
-def _slopes(basis: Basis, counts: Counts) -> list[int]:
+def _slopes(basis: Basis, counts: FunctionCounts) -> list[int]:
     """How many functions of each direction are for a root that yields."""
     yields = (False, basis.in_plane, basis.flap) if isinstance(basis, Yielding) else (False,) * 3
     return [int(y and n > 0) for y, n in zip(yields, counts, strict=True)]
@@ -70,7 +70,7 @@ class _Higher(NamedTuple):
 
 
 @functools.lru_cache(maxsize=64)
-def _higher(basis: Basis, counts: Counts, mixed: bool) -> _Higher:
+def _higher(basis: Basis, counts: FunctionCounts, mixed: bool) -> _Higher:
     """`mixed`: sections are turned, so that functions of one number in plane and in flap have
     stiffness in common."""
     polynomials = _polynomials(basis)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Basis, bending_integrals, stretch_integrals
-from jaxbeam._models.bases.loads import Counts, Profile, in_beam_axes
+from jaxbeam._models.bases.loads import FunctionCounts, Profile, in_beam_axes
 from jaxbeam._models.bases.shapes import COMPONENTS, Shapes, all_functions, ends_of
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
@@ -37,13 +37,13 @@ class ShapeIntegrals(NamedTuple):
     axial_tension: Any  # (3, n, n), the same for the axial coordinates
 
 
-def one_hots(counts: Counts) -> Float[np.ndarray, "n 3"]:
+def one_hots(counts: FunctionCounts) -> Float[np.ndarray, "n 3"]:
     """One-hot: which way a coordinate moves, axially, in plane or in flap."""
     return np.eye(3)[np.repeat(np.arange(3), counts)]
 
 
 @functools.lru_cache(maxsize=64)
-def shape_integrals(basis: Basis, counts: Counts) -> ShapeIntegrals:
+def shape_integrals(basis: Basis, counts: FunctionCounts) -> ShapeIntegrals:
     """Integrals of a uniform beam, in NumPy."""
     direction = np.repeat(np.arange(3), counts)
     one_hot = np.eye(3)[direction]
@@ -104,7 +104,7 @@ def weighted(shapes: Shapes, rotor: Rotor) -> ShapeIntegrals:
     )
 
 
-def linear_stiffness(basis: Basis, counts: Counts, rotor: Rotor) -> Matrix:
+def linear_stiffness(basis: Basis, counts: FunctionCounts, rotor: Rotor) -> Matrix:
     """EA int f' f' dx axially, EI int f'' f'' dx in bending (Y eqs. 9 and 10), of a uniform beam,
     and the springs at the root."""
     beam, length, unit = rotor.beam, rotor.beam.length, shape_integrals(basis, counts)
@@ -153,7 +153,7 @@ def springs(root: Any, one_hot: np.ndarray, rotor: Rotor) -> Any:
     return out
 
 
-def _of_each(columns: Array, counts: Counts) -> list[Array]:
+def _of_each(columns: Array, counts: FunctionCounts) -> list[Array]:
     """Columns (p, n) of all coordinates, those of each direction by themselves."""
     return jnp.split(columns, np.cumsum(counts)[:-1], 1)
 

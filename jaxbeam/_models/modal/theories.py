@@ -26,7 +26,7 @@ from jaxtyping import Array, Bool, Float
 from jaxbeam._checks import check_kind, count_functions
 from jaxbeam._models.bases import layered
 from jaxbeam._models.bases.basis import Basis, CantileverModes, Polynomials, Yielding
-from jaxbeam._models.bases.loads import Counts, Kind, Mixes, Profile
+from jaxbeam._models.bases.loads import FunctionCounts, Kind, Mixes, Profile
 from jaxbeam._models.bases.shapes import (
     Shapes,
     all_functions,
@@ -164,7 +164,7 @@ class _Modal(CartesianModel):
         return super().shapes(rotor)
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> FunctionCounts:
         return self.n_stretch, self.n_in_plane, self.n_flap
 
     @abc.abstractmethod

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.damping_data import Dampers
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.strained import force_of
-from jaxbeam._models.space.ends import Ends
+from jaxbeam._models.space.ends import SpatialEnds
 from jaxbeam._models.space.frames import deformation
-from jaxbeam._models.space.nodes import Nodes, Ways, assembled, of_elements
+from jaxbeam._models.space.nodes import SpatialNodes, Ways, assembled, of_elements
 from jaxbeam._models.space.sections import SpatialSections
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._programs.lanes import compute_once, pairwise_sum
@@ -28,7 +28,7 @@ class SpatialElasticity(Equations):
     """
 
     sections: SpatialSections
-    ends: Ends
+    ends: SpatialEnds
     ways: Ways = eqx.field(static=True)
     absent: int = eqx.field(static=True)
 
@@ -125,7 +125,7 @@ class SpatialElasticity(Equations):
         rows = [[matrix[c, d] for d in self.ways[:3]] + [none] for c in self.ways[:3]]
         return jnp.stack([jnp.stack(row) for row in [*rows, [none] * 4]])
 
-    def _nodes(self, q: Vector) -> Nodes:
+    def _nodes(self, q: Vector) -> SpatialNodes:
         """Coordinates node by node, those of the clamped node included."""
         return padded(q, self.absent, 0).reshape(-1, 2, 4, *q.shape[1:])
 

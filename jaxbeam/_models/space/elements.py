@@ -34,12 +34,12 @@ from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.equations import Undeformed
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral, ElementSpanIntegral
 from jaxbeam._models.space.elasticity import SpatialElasticity
-from jaxbeam._models.space.ends import Ends, in_beam_axes, push, push_tangent
+from jaxbeam._models.space.ends import SpatialEnds, in_beam_axes, push, push_tangent
 from jaxbeam._models.space.energies import elongation, section_angles
 from jaxbeam._models.space.following import FollowingIntegral
 from jaxbeam._models.space.frames import A1, carried, rolls
 from jaxbeam._models.space.nodes import (
-    Nodes,
+    SpatialNodes,
     assembled,
     components,
     mass_rows,
@@ -69,7 +69,7 @@ class SpatialEquations(SpatialElasticity):
     length: Number
     tip_radius: Number
     energy_scale: Number
-    straight: Nodes  # of X a1
+    straight: SpatialNodes  # of X a1
     gram: Float[Array, "k 2 3 2 *#lanes"]  # mass matrix of each component of displacement, by rows
     tip_mass: Float[Array, "2 2 *#lanes"]
     tip_polar: Number
@@ -86,7 +86,7 @@ class SpatialEquations(SpatialElasticity):
         self.ways, self.absent = components(*(spring is not None for spring in rotor.springs))
         self.sections = SpatialSections(rotor, n_elements)
         self.energy_scale = self.sections.bending_stiffness / length
-        self.ends = Ends(rotor, self.sections.axial_stiffness, n_elements)
+        self.ends = SpatialEnds(rotor, self.sections.axial_stiffness, n_elements)
         none = jnp.zeros_like(length)
         self.axes, root = None, jnp.stack([rotor.hub_radius, none, none])
         if rotor.precone is not None:
@@ -207,7 +207,7 @@ class SpatialEquations(SpatialElasticity):
         fields = [jnp.broadcast_to(self._constant(axis), nodes.shape) for axis in axes]
         return self._outward(jnp.stack([self._product(field, nodes) for field in fields]))
 
-    def _product(self, a: Nodes, b: Nodes) -> Number:
+    def _product(self, a: SpatialNodes, b: SpatialNodes) -> Number:
         """int a . b dm of two fields, and polar inertia times their twists."""
         weighed = self.sections.by_element(lambda part, b: part.weighed(b), of_elements(b))
         own = of_elements(a) * weighed
@@ -382,7 +382,7 @@ class SpatialEquations(SpatialElasticity):
         there = jnp.where(vector == vector, vector, 0.0)
         return matvec(self.axes.swapaxes(0, 1), there) + (vector - there)
 
-    def _nodal(self, vectors: Float[Array, "k 2 3"]) -> Nodes:
+    def _nodal(self, vectors: Float[Array, "k 2 3"]) -> SpatialNodes:
         """Nodal values of vectors in the order a1, a2, a3, without twist."""
         ordered = [vectors[:, :, c] for c in self.ways[:3]]
         return jnp.stack([*ordered, jnp.zeros_like(ordered[0])], 2)
@@ -392,6 +392,6 @@ class SpatialEquations(SpatialElasticity):
         value = self._ordered(field[:3], field[3])
         return jnp.stack([value, jnp.zeros_like(value)])[None]
 
-    def _by(self, matrix: Float[Array, "3 3 *#lanes"], nodes: Nodes) -> Nodes:
+    def _by(self, matrix: Float[Array, "3 3 *#lanes"], nodes: SpatialNodes) -> SpatialNodes:
         """A matrix times the displacements of all nodes."""
         return sum_of_products(self._four(matrix)[None, None], nodes[:, :, None], 3, nodes.ndim - 3)

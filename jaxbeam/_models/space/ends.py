@@ -18,7 +18,7 @@ from jaxbeam._rotor.motion import axes, cross
 from jaxbeam._types import Number, Triple
 
 
-class Ends(EndSprings):
+class SpatialEnds(EndSprings):
     """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there; see
     the one of elements in the plane. A spring at the root has k phi^2 / 2, phi the component about
     its axis of the least rotation from a1 to the tangent."""

@@ -39,7 +39,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.ancf.energies import along_element, map_rows
 from jaxbeam._models.contract.strained import Strained
 from jaxbeam._models.space.frames import (
-    Local,
+    LocalCoordinates,
     Natural,
     between,
     deformation,
@@ -110,7 +110,7 @@ def section_angles(e: Float[Array, "p 13"], s: np.ndarray, n_elements: int) -> F
     """The angle a at a point s of each element: by which the section is turned from the frame
     to which the least rotation brings the axes of the hub, as at the nodes."""
 
-    def one(e: Local, along: Array, by_angles: Array) -> Number:
+    def one(e: LocalCoordinates, along: Array, by_angles: Array) -> Number:
         r = stretched(gradients(e))
         first, here = r[:, 0], r @ along
         first, here = (t / jnp.linalg.norm(t) for t in (first, here))
@@ -142,7 +142,7 @@ class SpatialElement(Strained):
     def rule(self) -> SpatialRule:
         return spatial_rule(self.n_elements) if self.part is None else self.part
 
-    def strains(self, e: Local) -> tuple[Array, Array]:
+    def strains(self, e: LocalCoordinates) -> tuple[Array, Array]:
         """Strain eps at the points of stretch, and (k_1, k_v, k_w) at Gauss points, (3, g)."""
         strain = elongation(map_rows(self.rule.strained, gradients(e)))
         return strain, self._moments(self._at(deformation(e, self.n_elements)))[0]
@@ -154,14 +154,14 @@ class SpatialElement(Strained):
         pull = append_axes(rule.pulls, lanes) * _pulled(self.stretching, strain)
         return pull, append_axes(rule.weights[None], lanes) * moments
 
-    def energy(self, e: Local) -> Number:
+    def energy(self, e: LocalCoordinates) -> Number:
         """Strain energy of one element."""
         rule, natural = self.rule, deformation(e, self.n_elements)
         strain = elongation(map_rows(rule.strained, gradients(e)))
         stretch = _pulled(self.stretching, strain**2)
         return map_rows(rule.pulls[None], stretch[None])[0, 0] / 2 + self._turns(natural)
 
-    def force(self, e: Local) -> Local:
+    def force(self, e: LocalCoordinates) -> LocalCoordinates:
         """Elastic force of one element."""
         rule = self.rule
         d = map_rows(rule.strained, gradients(e))
@@ -172,7 +172,7 @@ class SpatialElement(Strained):
         angle = pulled_back(frames(e, n), self._bent(deformation(e, n))[:, None], n)[:, 0]
         return angle + _padded(pull.reshape(9, *e.shape[1:]))
 
-    def tangent(self, e: Local) -> Float[Array, "13 13 *lanes"]:
+    def tangent(self, e: LocalCoordinates) -> Float[Array, "13 13 *lanes"]:
         """d force / de."""
         n = self.n_elements
         force, second = self._second(deformation(e, n))
@@ -254,7 +254,7 @@ class SpatialElement(Strained):
         return pairwise_sum(jnp.moveaxis(weights * values, 1, 0))
 
     @transposed(on=False)
-    def viscous_tangents(self, e: Local, rate: Local) -> tuple[Array, Array]:
+    def viscous_tangents(self, e: LocalCoordinates, rate: LocalCoordinates) -> tuple[Array, Array]:
         """Derivatives as in `Strained`, in a smaller program, by the strains' own ones."""
         lanes = e.ndim - 1
         b, change = jax.jvp(self._strain_rows, (e,), (rate,))
@@ -263,7 +263,7 @@ class SpatialElement(Strained):
         by_e, by_rate = (sum_of_products(b[:, None], a[None], 2, lanes) for a in by)
         return by_e + self._geometric(e, rates), by_rate
 
-    def viscous(self, e: Local, rate: Local) -> Local:
+    def viscous(self, e: LocalCoordinates, rate: LocalCoordinates) -> LocalCoordinates:
         """Force as in `Strained`, in a smaller program."""
         b, lanes = self._strain_rows(e), e.ndim - 1
         rates = compute_once(sum_of_products(b, rate[:, None], 0, max(lanes, 1)))
@@ -275,7 +275,7 @@ class SpatialElement(Strained):
         pull, moments = self.stresses((strains[:points], strains[points:].reshape(3, -1, *rest)))
         return jnp.concatenate([pull, moments.reshape(-1, *rest)])
 
-    def _strain_rows(self, e: Local) -> Float[Array, "13 s *lanes"]:
+    def _strain_rows(self, e: LocalCoordinates) -> Float[Array, "13 s *lanes"]:
         """Derivatives of all strains by the local coordinates: of stretch, and then of twist and
         curvatures, point by point."""
         n, at = self.n_elements, self._at(deformation(e, self.n_elements))
@@ -290,7 +290,7 @@ class SpatialElement(Strained):
         table = append_axes(self.rule.strained.T[None], along.ndim - 2)
         return (along[:, None] * table).reshape(9, *along.shape[1:])
 
-    def _geometric(self, e: Local, rates: Array) -> Float[Array, "13 13 *lanes"]:
+    def _geometric(self, e: LocalCoordinates, rates: Array) -> Float[Array, "13 13 *lanes"]:
         """Second derivatives of all strains, times the stresses by these rates."""
         rule, n, lanes = self.rule, self.n_elements, e.ndim - 1
         points = len(rule.pulls)
@@ -326,7 +326,7 @@ class SpatialElement(Strained):
         rest = jnp.concatenate([rest, turns[:7].swapaxes(0, 1)])
         return compute_once(jnp.concatenate([rest, turns], 1))
 
-    def _stretching(self, e: Local) -> Float[Array, "13 13 *lanes"]:
+    def _stretching(self, e: LocalCoordinates) -> Float[Array, "13 13 *lanes"]:
         """Second derivatives of the energy of stretch, int EA (t t^T + eps (1 - t t^T)) / |r'|."""
         rule, lanes = self.rule, e.ndim - 1
         d = map_rows(rule.strained, gradients(e))
@@ -373,7 +373,7 @@ def elongation(d: Float[Array, "3 *rest"]) -> Number:
     return excess / (1 + jnp.sqrt(1 + excess))
 
 
-def _padded(x: Float[Array, "9 *lanes"]) -> Local:
+def _padded(x: Float[Array, "9 *lanes"]) -> LocalCoordinates:
     return jnp.pad(x, ((0, 4), *((0, 0),) * (x.ndim - 1)))
 
 

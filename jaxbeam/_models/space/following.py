@@ -25,7 +25,7 @@ from jaxbeam._models.contract.span_integrals import (
     AbstractSpanIntegral,
 )
 from jaxbeam._models.space.energies import turns
-from jaxbeam._models.space.frames import Local, deformation, frames
+from jaxbeam._models.space.frames import LocalCoordinates, deformation, frames
 from jaxbeam._models.space.nodes import of_elements
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._programs.lanes import (
@@ -67,7 +67,7 @@ class FollowingForce(AbstractSpanForce):
             (value, slopes, angles), lanes, e = tables, local.ndim - 3, equations._strains(local)
             units = jnp.broadcast_to(append_axes(np.eye(13), lanes), (13, *e.shape))
 
-            def force(e: Local) -> Pushes:
+            def force(e: LocalCoordinates) -> Pushes:
                 return in_beam_axes(e, push, slopes, angles, n)
 
             by = jax.vmap(lambda unit: jax.jvp(force, (e,), (unit,))[1])(units)
@@ -118,7 +118,9 @@ class FollowingIntegral(AbstractSpanIntegral):
         return jax.vmap(equations._outward)(there)
 
 
-def in_beam_axes(e: Local, push: Pushes, slopes: Any, angles: Any, n_elements: int) -> Pushes:
+def in_beam_axes(
+    e: LocalCoordinates, push: Pushes, slopes: Any, angles: Any, n_elements: int
+) -> Pushes:
     """Forces in axes of the beam, from those along the axes of the sections at points of an
     element."""
     lanes = e.ndim - 1

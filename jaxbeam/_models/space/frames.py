@@ -21,7 +21,7 @@ from jaxbeam._programs.lanes import append_axes, compute_once, pairwise_sum, sum
 from jaxbeam._rotor.motion import axes, cross, skew
 from jaxbeam._types import Number, Triple
 
-Local = Float[Array, "13 *lanes"]
+LocalCoordinates = Float[Array, "13 *lanes"]
 Natural = Float[Array, "10 *lanes"]  # see `deformation`
 A1 = np.array([1.0, 0.0, 0.0])
 
@@ -40,7 +40,7 @@ class Frames(NamedTuple):
     lean: Triple  # n of the module's docstring
 
 
-def frames(e: Local, n_elements: int) -> Frames:
+def frames(e: LocalCoordinates, n_elements: int) -> Frames:
     """Frames at both ends of an element."""
     r = stretched(gradients(e))
     first, last, lanes = r[:, 0], r[:, 2], e.ndim - 1
@@ -58,7 +58,7 @@ def frames(e: Local, n_elements: int) -> Frames:
     return Frames(rows, first, last, size, end_size, chord, ahead, end, compute_once(lean))
 
 
-def deformation(e: Local, n_elements: int) -> Natural:
+def deformation(e: LocalCoordinates, n_elements: int) -> Natural:
     """What is left of an element when it is not moved rigidly: |r'| of the first node; r' on the
     chord and at the last node in the axes of the first node's frame; and the turn that twists it:
     its rate at the first node, from there to the last, and its rate there."""
@@ -187,7 +187,7 @@ def carried(r: Triple) -> Triple:
     return jnp.stack([jnp.zeros_like(size), r[2], -r[1]]) * (share / size)[None]
 
 
-def rolls(e: Local, n_elements: int) -> Float[Array, "4 13 *lanes"]:
+def rolls(e: LocalCoordinates, n_elements: int) -> Float[Array, "4 13 *lanes"]:
     """How changes of the local coordinates turn the section about the tangent, at the first node
     and at the last one: by da + c(r').dr', which goes along the beam, times L, with
 
@@ -233,7 +233,7 @@ def between(t: Triple, u: Triple) -> Number:
     return 2 * jnp.arctan2(up, 1 + t[0] + u[0] + pairwise_sum(t * u))
 
 
-def gradients(e: Local) -> Float[Array, "3 3 *lanes"]:
+def gradients(e: LocalCoordinates) -> Float[Array, "3 3 *lanes"]:
     """Gradients of r - x a1, by components, at the first node, on the chord, at the last node."""
     return e[:9].reshape(3, 3, *e.shape[1:])
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from jaxbeam._numerics.blocks import padded
 from jaxbeam._programs.lanes import append_axes
 
-Nodes = Float[Array, "k 2 4 *#lanes"]  # in m: value and L times slope, by component
+SpatialNodes = Float[Array, "k 2 4 *#lanes"]  # in m: value and L times slope, by component
 # Components of a node: those that a clamped root has not come first, see `SpatialEquations`.
 Ways = tuple[int, int, int, int]
 LAG_FIRST, FLAP_FIRST = (1, 2, 0, 3), (2, 1, 0, 3)  # 0, 1, 2: along a1, a2, a3; 3: twist
@@ -22,7 +22,7 @@ def components(in_plane_yields: bool, flap_yields: bool) -> tuple[Ways, int]:
     return ways, 6 - in_plane_yields - flap_yields
 
 
-def of_elements(nodes: Nodes) -> Float[Array, "E 2 2 4 *#lanes"]:
+def of_elements(nodes: SpatialNodes) -> Float[Array, "E 2 2 4 *#lanes"]:
     """Values and slopes at both nodes of every element."""
     return jnp.stack([nodes[:-1], nodes[1:]], 1)
 

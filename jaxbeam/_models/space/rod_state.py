@@ -109,7 +109,7 @@ def balance(
     return Balance(residual, stiffness, gyroscopic, elastic, strain, by)
 
 
-class _Search(NamedTuple):
+class _NewtonState(NamedTuple):
     q: Coordinates
     force: Float[Array, "E m"]
     kept: Coordinates  # of the largest share that is settled
@@ -159,7 +159,7 @@ def _settled(rod: Rod, around: Around) -> Settled:
     scale = jnp.where(scale > 0, 1 / rod.length, 1.0)
     close = max(_CLOSE, float(jnp.finfo(one.dtype).eps) ** _ROUNDING)
 
-    def body(now: _Search) -> _Search:
+    def body(now: _NewtonState) -> _NewtonState:
         rests = now.settled >= 1
         share = jnp.minimum(now.settled + now.rise, 1.0)
         here = balance(rod, now.q, around.times(share), now.force, rests)
@@ -180,7 +180,7 @@ def _settled(rod: Rod, around: Around) -> Settled:
         def pick(a: Any, b: Any, c: Any) -> Any:
             return jnp.where(rests, c, jnp.where(ended, a, jnp.where(lost, b, c)))
 
-        return _Search(
+        return _NewtonState(
             jnp.where(rests, now.q, pick(q, now.kept, q)),
             pick(force, now.kept_force, force),
             pick(q, now.kept, now.kept),
@@ -193,13 +193,13 @@ def _settled(rod: Rod, around: Around) -> Settled:
             (here.gyroscopic, here.stiffness),
         )
 
-    def go_on(now: _Search) -> Array:
+    def go_on(now: _NewtonState) -> Array:
         more: Array = (now.rise > _LEAST) & (now.in_all < _IN_ALL)
         return more
 
     zero = jnp.asarray(0)
     matrix = jnp.zeros((6 * len(tables.place),) * 2, one.dtype)
-    first = _Search(
+    first = _NewtonState(
         rest, none, rest, none, 0 * one, one, zero, zero, 0 * one + _NONE, (matrix, matrix)
     )
     end = jax.lax.while_loop(go_on, body, first)
