@@ -128,7 +128,7 @@ else:
         raise AttributeError(f"module {module!r} has no attribute {name!r}{_elsewhere(name)}")
 
     def _elsewhere(name: str) -> str:
-        """Where a name is that is looked for in a module without it, in words."""
+        """The place of a name that is looked for in a module without it, in words."""
         if name in _RENAMED:
             return f"; it is {_RENAMED[name]} now"
         if _ROOMS.get(name, __name__) != __name__:

@@ -55,7 +55,7 @@ def numpy_if_concrete(value: Any) -> Any:
 
 
 def kind_of(value: Any) -> str:
-    """What an argument of the wrong type is called in an error."""
+    """The words for the type of an argument in an error."""
     return f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
 
 

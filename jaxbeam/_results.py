@@ -19,7 +19,7 @@ Tree = TypeVar("Tree")
 
 
 def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
-    """What a public function returns, the last line of all that can fail.
+    """The result of a public function, the last line of all that can fail.
 
     With `throw` the result, or the exception that belongs to its `status` (of several the largest);
     `noted` adds the text of the result to that, where it says what is known nevertheless. Without
@@ -40,7 +40,7 @@ def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
 
 
 class InHertz:
-    """What has a `frequency` in rad/s."""
+    """A result with a `frequency` in rad/s, which is told in Hz as well."""
 
     @property
     def frequency_hz(self) -> Any:

@@ -37,7 +37,9 @@ ASKED = {
 FRAGMENTS = {
     "of", "those", "that", "these", "it", "as", "its", "they", "this", "such", "same",
     "by", "from", "with", "without", "in", "at", "to", "for",
-}  # fmt: skip
+}
+# Of a function or class too: it is said as a noun, or as a verb with its object.
+ASKS = {"what", "which", "so", "have"}  # fmt: skip
 CONSTRUCTORS = "__init__", "__check_init__", "__post_init__"
 
 Documented = ast.FunctionDef | ast.ClassDef
@@ -197,7 +199,11 @@ def test_docstrings_begin_with_a_sentence_of_their_own():
             if text is None:
                 continue
             first, *rest = text.split(None, 2)
-            fragment = first.lower() in FRAGMENTS or [first, *rest[:1]] == ["The", "same"]
+            two = [first, *rest[:1]]
+            fragment = first.lower() in FRAGMENTS or two in (["The", "same"], ["One", "of"])
+            # A whole sentence or phrase; a formula may follow.
+            fragment |= isinstance(node, Documented) and first.lower() in ASKS
+            fragment |= not text.split("\n\n")[0].rstrip().endswith((".", ":", ",", "with"))
             # A capital, or a symbol: a letter, or what has digits or signs within.
             begins = first[0].isupper() or not first.isalpha() or len(first) == 1 or first == "int"
             if fragment or not begins:

@@ -27,8 +27,8 @@ Keys = dict[str, inspect.Parameter]
 
 
 class Part(NamedTuple):
-    """What a table stands for: its arguments by the path of its table, those of tables within
-    included, and how to make it of swept numbers and of other tables."""
+    """A table of a scene: its arguments by the path of their table, those of tables within
+    included, and the function that makes it of swept numbers and of other tables."""
 
     keys: dict[str, Keys]
     make: Callable[..., Any]
@@ -36,7 +36,7 @@ class Part(NamedTuple):
 
 @contextlib.contextmanager
 def blamed(table: str) -> Iterator[None]:
-    """What the library says of an argument, with the table that it stands in."""
+    """A block whose errors are told with the table that the argument stands in."""
     try:
         yield
     except (TypeError, ValueError) as error:

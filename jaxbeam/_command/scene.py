@@ -92,7 +92,7 @@ class _Scene:
         return found
 
     def gather(self, table: str) -> None:
-        """Have the part of a table at hand, and before it those that it needs."""
+        """Prepare the part of a table, and before it those that it needs."""
         given = self.tables.setdefault(table, {})
         makers = self._makers(table, given)
         every = inspect.signature(makers[0]).parameters  # of beams, which have several, nothing
@@ -123,7 +123,7 @@ class _Scene:
         return makers[table] if table in makers else [QUESTIONS[table][0]]
 
     def made(self, table: str, numbers: Numbers) -> Any:
-        """What a table stands for, of these numbers."""
+        """The object that a table describes, made of these numbers."""
         others = {needed: self.made(needed, numbers) for needed in self.needs[table]}
         return self.parts[table].make(numbers, **others)
 
@@ -132,8 +132,8 @@ class _Scene:
         return lambda numbers: self.made(name, _in_radians(self.keys, numbers))
 
     def kept_by(self) -> Any:
-        """What tells its questions from others; nothing does where a file is read, which may be
-        another one next time."""
+        """The tables and axes that tell this scene from others; None where a file is read, which
+        may be another one next time."""
         return None if "file" in self.tables.get("beam", {}) else (self.tables, list(self.axes))
 
     def check_swept(self, axes: Collection[str]) -> None:
@@ -179,7 +179,7 @@ def _no_table(key: str) -> str:
 
 
 def _flat(sweep: Mapping[str, Any], path: str = "") -> dict[str, Any]:
-    """What is swept, by path: `rotor.hub_radius = [...]` is a table in a table."""
+    """Swept values by path: `rotor.hub_radius = [...]` is a table in a table."""
     found: dict[str, Any] = {}
     for name, given in sweep.items():
         if isinstance(given, dict) and not {"from", "to", "count"} & given.keys():

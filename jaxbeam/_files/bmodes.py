@@ -113,7 +113,7 @@ def read_bmodes(
 
 
 def _body(path: Path, said: NamedValues, mass: float) -> TipBody | None:
-    """What a main file makes of the tip mass; None for a point."""
+    """The body that a main file makes of the tip mass; None for a point."""
     lag, flap, axial = (
         number(path, said, name, True) if name in said else 0.0
         for name in ("ixx_tip", "iyy_tip", "izz_tip")
@@ -140,8 +140,8 @@ def is_section_file(lines: Sequence[str]) -> bool:
 
 
 def _said(lines: Sequence[str]) -> NamedValues:
-    """What a main file says, by line or else by name; names of older versions are those of newer
-    ones."""
+    """The values of a main file, by line or else by name; names of older versions are those of
+    newer ones."""
     if said := _by_line(lines):
         return said
     by_name: NamedValues = {}
@@ -151,7 +151,8 @@ def _said(lines: Sequence[str]) -> NamedValues:
 
 
 def _by_line(lines: Sequence[str]) -> NamedValues | None:
-    """What a main file says if all lines are there: BModes itself knows no names."""
+    """The values of a main file by their lines, if all lines are there: BModes itself knows no
+    names."""
     for names in (_LINES, [name for name in _LINES if name != "cm_axial"]):
         said: NamedValues = {}
         at = 0

@@ -68,7 +68,7 @@ def read_elastodyn(
 
 
 def head_of_stations(lines: Sequence[str]) -> int | None:
-    """Which line has the titles of the columns."""
+    """The index of the line with the titles of the columns; None where there is none."""
     start = _free(lines)
     for i, line in enumerate(lines[start:], start):
         words = {title.lower() for title in _titles(line)}

@@ -49,5 +49,5 @@ NAMES: Mapping[str, tuple[str, Mapping[str, float]]] = {  # the property, and it
 
 
 def meanings(names: str, factors: Mapping[str, float]) -> dict[str, tuple[str, float]]:
-    """What a format means by these names of its own, with factors of properties."""
+    """The meanings of a format's own names, with factors of properties."""
     return {name: (NAMES[name][0], factors.get(NAMES[name][0], 1.0)) for name in names.split()}

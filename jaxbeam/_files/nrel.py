@@ -45,7 +45,7 @@ _VALUE = re.compile(
 
 
 class Value(NamedTuple):
-    """What a line says: a value, and behind it what it is called."""
+    """A value in a line, and the name that is behind it."""
 
     line: int
     name: str
@@ -72,7 +72,7 @@ def value_in(line: str) -> str:
 
 
 def named(lines: Sequence[str], start: int, stop: int | None) -> NamedValues:
-    """What lines of a value and then its name say."""
+    """The values of lines that have a value and then its name."""
     said: NamedValues = {}
     for i, line in enumerate(lines[start:stop], start + 1):
         found = _VALUE.match(line)
@@ -110,8 +110,8 @@ def count_of(path: Path, line: int, name: str, text: str) -> int:
 def table_rows(
     path: Path, lines: Sequence[str], start: int, count: int, name: str, width: int
 ) -> list[Row]:
-    """So many rows as a number says, as Fortran reads them: a row may go on in the next line, and
-    what is behind its last entry is not read, unless it is a number."""
+    """The rows of a table, as many as a number of the file says, as Fortran reads them: a row may
+    go on in the next line, and what is behind its last entry is not read, unless it is a number."""
     rows: list[Row] = []
     at = start
     while len(rows) < count:

@@ -61,7 +61,7 @@ class Piece(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """What a `Blade` is told of its axis, and where along it the points of the file are."""
+    """The axis that a `Blade` is given, and where along it the points of the file are."""
 
     points: Float[np.ndarray, "k 3"]
     twist: Float[np.ndarray, " k"]

@@ -18,7 +18,7 @@ from jaxbeam._types import Real
 
 
 class BladeTable(NamedTuple):
-    """What a file says of a blade.
+    """The contents of a file of a blade.
 
     | field         | unit  |                                                                   |
     |---------------|-------|-------------------------------------------------------------------|
@@ -112,7 +112,8 @@ def unit_in(text: str) -> str:
 
 
 def factor_of(path: Path, line: int, title: str, unit: str, units: Mapping[str, float]) -> float:
-    """What makes of this unit that of a `Beam`, or the error that says which there may be."""
+    """The factor from this unit to that of a `Beam`, or an error that says which units there may
+    be."""
     if unit not in units:
         allowed = ", ".join(units) or "none at all"
         got = f"{unit!r}" if unit else "none"
@@ -229,7 +230,7 @@ def _numbers(
 
 
 def _misplaced(stations: Sequence[float]) -> str:
-    """What is wrong with the last one so far, if anything is."""
+    """The complaint about the last station so far; empty where nothing is wrong."""
     here, before = stations[-1], stations[-2] if len(stations) > 1 else None
     if before is None:
         return f"stations must begin at 0, the root, got {here:g}" if here else ""

@@ -229,7 +229,7 @@ def _wrong(path: Path, keys: KeyPath, what: str) -> ValueError:
 
 
 def _within(path: Path, tree: Any, keys: KeyPath, start: int = 0) -> Any:
-    """What is below keys, of which the first ones led to the tree."""
+    """The branch of a file below keys, of which the first ones led to the tree."""
     for i in range(start, len(keys)):
         if not isinstance(tree, Mapping) or keys[i] not in tree:
             there = f"there are {', '.join(map(str, tree))}" if isinstance(tree, Mapping) else ""

@@ -76,7 +76,8 @@ def _pressed(residual: Array, by_value: Array, room: Array) -> Array:
 def _stepped(
     z: Array, residual: Array, by_unit: Array, rate: Array, side: Array, room: Array
 ) -> Array:
-    """What is held at its bound, and all others by a step; z itself where nothing is held."""
+    """Parameters at their bounds where they are held there, and after a step of the others; z
+    itself where nothing is held."""
     held = side != 0
     way = jnp.where(side < 0, -room[0], jnp.where(side > 0, room[1], 0.0))
     finite = jnp.all(jnp.isfinite(by_unit)) & jnp.all(jnp.isfinite(residual))
@@ -107,7 +108,7 @@ def decomposed(by_unit: Array, held: Array) -> tuple[Array, Array, Array]:
 
 
 def gain(residual: Array, along: Array, certainty: Array) -> Scalar:
-    """What a step of Gauss and Newton would still take off the sum of squares."""
+    """The reduction of the sum of squares that another step of Gauss and Newton promises."""
     return jnp.sum(jnp.where(certainty > 0, residual @ along[: residual.size], 0.0) ** 2)
 
 

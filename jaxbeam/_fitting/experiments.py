@@ -48,11 +48,11 @@ class Experiment(eqx.Module):
 
     @abc.abstractmethod
     def predicted(self) -> Array:
-        """What the model says, in the shape of `measured`; NaN where it has no answer."""
+        """The prediction of the model, in the shape of `measured`; NaN where it has no answer."""
 
     @property
     def present(self) -> Bool[Array, "..."]:
-        """Which of the numbers were measured: the others are NaN in the data."""
+        """The mask of numbers that were measured: the others are NaN in the data."""
         return jnp.isfinite(self.measured)
 
     def residual(self) -> Float[Array, "..."]:

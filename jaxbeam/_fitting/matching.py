@@ -10,7 +10,7 @@ from jaxbeam._checks import real_array, with_gaps
 
 
 def match_modes(measured: Any, computed: Any) -> Array:
-    """Which computed frequency each measured one belongs to: an index (int) for each of these.
+    """The computed frequency that each measured one belongs to: an index (int) for each of these.
 
     `measured` (k,) and `computed` (n,), k <= n, are in the same unit and any order. The assignment
     of k different modes with the least sum of squares of log(measured / computed), by dynamic

@@ -58,7 +58,7 @@ class Problem(eqx.Module):
 
 
 class Fit(eqx.Module):
-    """What a fit found: m parameters, from n numbers measured.
+    """The result of a fit: m parameters, from n numbers measured.
 
     | field               | shape  |                                                              |
     |---------------------|--------|--------------------------------------------------------------|

@@ -13,7 +13,7 @@ NOT_NEEDED = "not needed"
 
 
 class Evidence(NamedTuple):
-    """What became of one `rung`, in a choice between several.
+    """The findings about one `rung`, in a choice between several.
 
     `estimate` is that of its error, relative (NaN: not run), and `verdict` says in words whether it
     meets the tolerance, misses it, failed, was ruled out or not needed.

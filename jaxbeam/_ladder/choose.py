@@ -158,7 +158,7 @@ def _none(
 def _scouted(
     ask: "_Asker", scout: AbstractModel, elements: list[AbstractModel]
 ) -> tuple[Answer, Indicators]:
-    """What the scout says of a question, and how large deflections are, which `ask` is told. In the
+    """The scout's answer to a question, and the size of deflections, which `ask` is told. In the
     meantime programs are compiled that are sure to be needed."""
     question, rotor = ask.question, ask.rotor
     ask.begin(scout)
@@ -254,7 +254,7 @@ class _Trial:
 
     @property
     def constitutive_uncertainty(self) -> float:
-        """What another axial law might change, by the strains that the judge meets."""
+        """The change that another axial law might make, by the strains that the judge meets."""
         return float(self.ask(self.judge).constitutive_uncertainty)
 
     def estimate(self, model: AbstractModel) -> float:
@@ -292,7 +292,7 @@ class _Trial:
         return "more functions do not help" if stuck else ""
 
     def misses(self, model: AbstractModel) -> str:
-        """What the answers of rungs that were asked say against a rung."""
+        """The evidence against a rung from the answers of rungs that were asked."""
         if model in self.nonlinear:  # half as fine is four times as wrong, or more
             finer = self.nonlinear[self.nonlinear.index(model) :]
             better = next(m for m in finer if m in self.estimates)

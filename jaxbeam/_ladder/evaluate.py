@@ -23,7 +23,7 @@ def evaluate(
     *,
     throw: bool = True,
 ) -> Answer:
-    """What one model answers to a question about a rotor: `Question.answer`, compiled.
+    """The answer of one model to a question about a rotor: `Question.answer`, compiled.
 
     `model` and `rotor` are those of `modes`, `question` is a `Question`; `accuracy` > 0 is that of
     numerical integration, relative, where the largest deflection is `size` > 0 times the length.
@@ -61,5 +61,5 @@ def answer_of(question: Question, *given: object) -> Answer:
 
 
 def prepare_answer(question: Question, *given: object) -> None:
-    """Have the program compiled that `answer_of` takes first: not within others."""
+    """Compile the program that `answer_of` takes first; not within other programs."""
     _answer.prepare(question.within(STEPS), *given)

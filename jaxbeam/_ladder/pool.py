@@ -28,7 +28,7 @@ SIZE = "deflection to expect"  # no parameter of the user's has this name
 
 
 class Know(eqx.Module):
-    """What needs no answer: steady strain, and whether all stays in the plane."""
+    """Facts that need no answer: the steady strain, and whether all stays in the plane."""
 
     situation: Situation
 

@@ -35,7 +35,7 @@ from jaxbeam._types import Real, Scalar, Vector
 
 
 class Answer(eqx.Module):
-    """What one model answers to a question.
+    """The answer of one model to a question.
 
     `value` (m,) and what its errors are relative to, `scale` (m,); `size`, the largest deflection
     of the tip on the way over the length; `slope`, the largest at the tip; `steps` in time;
@@ -81,7 +81,7 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
-        """What `model` answers of `rotor`, as an `Answer`.
+        """The answer of `model` for `rotor`, as an `Answer`.
 
         Numerical errors are of the size of `accuracy`, relative, where the largest deflection is
         `size` times the length.
@@ -101,7 +101,8 @@ class Question(eqx.Module):
 
     @property
     def space_alone(self) -> str:
-        """What of it elements in space alone bear, in words; empty where other theories do too."""
+        """Parts of the question that elements in space alone bear, in words; empty where other
+        theories do too."""
         return ""
 
     def cost(self, model: AbstractModel) -> float:

@@ -51,7 +51,7 @@ class Rung(NamedTuple):
 
 
 def space_alone(question: Question, rotor: Rotor) -> str:
-    """What of a question or a rotor elements in space alone bear, in words, or nothing."""
+    """Parts of a question or a rotor that elements in space alone bear, in words, or nothing."""
     return question.space_alone or next(iter(missing(Hybrid, rotor, moving=question.moving)), "")
 
 
@@ -148,7 +148,7 @@ def _suited(model: AbstractModel, question: Question, rotor: Rotor) -> AbstractM
 
 
 class Indicators(eqx.Module):
-    """What is known of a question before it is answered.
+    """Facts about a question that are known before it is answered.
 
     | field                | shape |                                                              |
     |----------------------|-------|--------------------------------------------------------------|
@@ -175,7 +175,7 @@ class Indicators(eqx.Module):
 
     @property
     def nonlinearity(self) -> Real:
-        """What linear theories, and that of von Karman, leave out goes with this."""
+        """The measure by which linear theories, and that of von Karman, go wrong."""
         return self.size**2 + self.steady_strain
 
 
@@ -247,7 +247,7 @@ def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) ->
 
 
 def left_out_by(judge: AbstractModel, beforehand: Indicators) -> float:
-    """What a judge may be off however fine it is."""
+    """The error that a judge may have however fine it is."""
     return 0.0 if judge.is_reference else SPACE * float(beforehand.nonlinearity)
 
 

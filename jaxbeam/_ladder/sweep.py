@@ -38,7 +38,7 @@ _START = 0.5  # of the tolerance, which the usual error of the first rung to ask
 
 
 class _Chain(NamedTuple):
-    """What representatives say of a chain of models.
+    """Answers of representatives about a chain of models.
 
     The error of rung k is `ratio[k]` times its distance from rung k - 1, at least `floor[k]`; plus
     `theory` times `Indicators.nonlinearity`, up to the nonlinearity `limit`; plus `noise` of

@@ -44,7 +44,7 @@ class Lowest(NamedTuple):
 
 
 class Bands(abc.ABC):
-    """What can be asked of a model whose matrices are bands."""
+    """The questions that a model answers whose matrices are bands."""
 
     has_forms: bool
 
@@ -86,7 +86,7 @@ def bands_of(model: AbstractModel, most: ModeCounts, count: int) -> Bands | None
 
 
 class _Numbers(NamedTuple):
-    """What modes in units of the beam depend on."""
+    """The numbers that modes in units of the beam depend on."""
 
     speed: Number  # over sqrt(EI_zz / (rho L^4))
     hub: Number  # R / L
@@ -184,7 +184,7 @@ class _Polynomials(Bands):
         return ritz.bending(max(self.most[Direction.IN_PLANE], self.most[Direction.FLAP]))
 
     def _bends(self, guess: tuple[Array, Array], count: int, polynomials: np.ndarray) -> Guess:
-        """So many of the modes that were guessed, by coordinates of these polynomials."""
+        """The first `count` of the guessed modes, by coordinates of these polynomials."""
         omega, few = guess
         functions = polynomials @ self.few.functions
         return Guess(omega[:count], _guessed(few[:, :count], functions))

@@ -206,8 +206,8 @@ def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
 
 
 class _Group(NamedTuple):
-    """What is found of one coupling group: modes in coordinates `rows`, and the label of each as
-    the place among `rows` of the coordinate that bears the same one."""
+    """The modes of one coupling group, in coordinates `rows`, and the label of each as the place
+    among `rows` of the coordinate that bears the same one."""
 
     rows: np.ndarray
     eigenvalue: Complex[Array, " n"]
@@ -260,11 +260,11 @@ def _group(
 
 
 def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: int) -> Array | None:
-    """What rounding may do to frequencies, relative, where it may be much. In double precision that
-    is where a root that is all but `free` leaves little of x^H K x: to |x|^T |K| |x| over that. In
-    single precision to that of the lowest modes, which all others have some of, and to
-    |x|^T |M| |x|, over what is left of them; to what is far above the lowest; and how far x^H Q x
-    is from zero."""
+    """The relative error that rounding may bring to frequencies, where it may be much. In double
+    precision that is where a root that is all but `free` leaves little of x^H K x: to |x|^T |K| |x|
+    over that. In single precision to that of the lowest modes, which all others have some of, and
+    to |x|^T |M| |x|, over what is left of them; to what is far above the lowest; and how far x^H Q
+    x is from zero."""
     double = jnp.finfo(m.dtype).bits > 32
     if double and not free:
         return None

@@ -32,7 +32,7 @@ from jaxbeam._types import Number, Vector
 
 
 class UnitBeam(NamedTuple):
-    """What the unit beam depends on; also rates of these numbers."""
+    """The numbers that the unit beam depends on; also rates of these numbers."""
 
     speed: Number  # over sqrt(EI / (rho L^4))
     hub_radius: Number  # over L

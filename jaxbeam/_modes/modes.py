@@ -89,7 +89,7 @@ def find(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool = True,
     conditions: Conditions | None = None,
 ) -> Modes:  # fmt: skip
-    """What `modes` does once its arguments are checked; unless `judged`, modes are those of the
+    """The modes of `modes` once its arguments are checked; unless `judged`, they are those of the
     model, however many of its functions they would need."""
     return found_about(model, rotor, speed, wanted, judged, conditions)[0]
 

@@ -337,7 +337,7 @@ def own_tip(
     model: AbstractModel, rotor: AnyRotor, shape: Vectors, direction: Array,
     shapes: Shapes | None = None,
 ) -> Inexact[Array, " k"]:  # fmt: skip
-    """What the tip does in the direction that names each mode, of torsion L times the twist;
+    """The motion of the tip in the direction that names each mode, of torsion L times the twist;
     `shapes` are the functions on a beam that varies, where they are known."""
     if shapes is not None:
         same = np.array(model.directions)[None] == direction[:, None]

@@ -172,7 +172,7 @@ def _each(named: Named, count: int) -> Any:
 
 
 def _picked(mode: Any, rank: Array, direction: Any, number: Any) -> Array:
-    """Which of many modes it is, by one of `_each`."""
+    """The mask of one of many modes, by one of `_each`."""
     return (direction == mode[0]) & (number == mode[1]) if isinstance(mode, tuple) else rank == mode
 
 

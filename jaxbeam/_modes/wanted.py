@@ -40,7 +40,7 @@ def lowest_in_plane(model: AbstractModel, count: int) -> Wanted:
 
 
 def _at_most(model: AbstractModel, counts: _ModeCounts) -> _ModeCounts:
-    """So many modes of each direction, or as many as there are."""
+    """The counts of modes of each direction, of which there are no more than the model has."""
     here = [model.directions.count(direction) for direction in Direction]
     axial, in_plane, flap, torsion = (min(*both) for both in zip(counts, here, strict=True))
     return axial, in_plane, flap, torsion
@@ -59,7 +59,7 @@ def _of_labels(model: AbstractModel, labels: Sequence[Label]) -> Wanted:
 
 
 def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Wanted:
-    """`which` of `modes`, checked against what the model has."""
+    """The modes that `which` asks for, checked against what the model has."""
     total = len(checked_model(model).directions)
     if which is None:
         return lowest(model, min(6, total))

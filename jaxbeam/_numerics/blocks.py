@@ -92,7 +92,7 @@ class BlockTridiagonal(eqx.Module):
         return out.swapaxes(0, 1).reshape(k * b, width)[self.absent :, b + self.absent : -b]
 
     def inverse(self) -> "BlockInverse":
-        """What solves with this matrix, once eliminated; differentiable in both modes."""
+        """The solver of systems with this matrix, once eliminated; differentiable in both modes."""
         return BlockInverse(self)
 
     def matrix_of(self, linear: Callable[[_Vector], _Vector]) -> Float[Array, "n n"]:

@@ -81,7 +81,7 @@ def lowest_by_skew(
 
 
 def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
-    """What `gyroscopic_eigenpairs` finds, with modes as columns."""
+    """The eigenpairs of `gyroscopic_eigenpairs`, with modes as columns."""
     n = len(m)
     skew, lower, stable = _skew(m, gyro, k)
     y, nu = jax.lax.linalg.eigh(1j * skew, symmetrize_input=False)
@@ -92,7 +92,7 @@ def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
 
 
 def by_skew_settled(m: Array, gyro: Array, k: Array, free: int) -> Any:
-    """What `by_skew` finds, where so many motions may be held by nothing."""
+    """The eigenpairs of `by_skew`, where `free` motions may be held by nothing."""
 
     def found(more: Array) -> tuple[Array, Array, Array]:
         lam, x, stable = by_skew(m, gyro, k + more * m)

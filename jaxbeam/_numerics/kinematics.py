@@ -41,7 +41,8 @@ class Kinematics(eqx.Module):
 
     @abc.abstractmethod
     def inverse(self, matrix: Any) -> Any:
-        """What multiplies the few right-hand sides of a step, from either side."""
+        """The inverse that the few right-hand sides of a step are multiplied with, from either
+        side."""
 
     def led(self, z: Vector) -> Vector:
         """D B z, of coordinates."""

@@ -56,7 +56,7 @@ def find_root(
 
 
 class _RootSearch(NamedTuple):
-    """What `find_root` looks for."""
+    """The problem of `find_root`, and its search."""
 
     residual: Callable[..., Array]
     acceptable: Callable[[Array], Array]

@@ -52,7 +52,7 @@ class SmallMatrix(eqx.Module):
         return self.array
 
     def inverse(self) -> "SmallInverse":
-        """What solves with this matrix; differentiable in both modes."""
+        """The solver of systems with this matrix; differentiable in both modes."""
         return SmallInverse(self)
 
 

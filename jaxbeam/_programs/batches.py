@@ -163,7 +163,7 @@ def in_rows(
 
 
 def mended(found: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
-    """What was found of a batch; what is not certain is found `again`, case by case."""
+    """The findings of a batch, where those that are not certain are found `again`, case by case."""
     doubtful = jnp.argsort(certain)
 
     def mend(i: Array, found: Any) -> Any:
@@ -174,7 +174,8 @@ def mended(found: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
 
 
 def _shared(function: Callable[..., Any], *given: Any) -> tuple[Any, Any]:
-    """What all cases of a batch have in common, as a rule for batches returns it."""
+    """The results of a function that all cases of a batch share, as a rule for batches returns
+    them."""
     out = function(*given)
     return out, jax.tree.map(lambda _: False, out)
 
@@ -191,7 +192,7 @@ def _case_by_case(
     unless: Otherwise, more: int, own: tuple[bool, ...], varies: tuple[bool, ...],
     leaves: list[Array],
 ) -> tuple[Any, Any] | None:  # fmt: skip
-    """What `unless` says to each case of a batch, which are all of one kind."""
+    """The results of `unless` for each case of a batch, which are all of one kind."""
     flags: Any = None
 
     def case(leaves: list[Array]) -> Any:

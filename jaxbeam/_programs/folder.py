@@ -31,7 +31,7 @@ class ProgramFolder(NamedTuple):
     traced: Path | None
 
     def read(self, key: str) -> bytes | None:
-        """What was kept under this name, whole; or None."""
+        """The bytes that were kept under this name, whole; or None."""
         if self.traced is None:
             return None
         try:

@@ -35,7 +35,7 @@ _JITTED = type(jax.jit(lambda: 0))
 
 
 def identity(function: Any) -> Any:
-    """What tells a function from all others, as nested lists of text.
+    """A description that tells a function from all others, as nested lists of text.
 
     A function of Python is its instructions and constants, its defaults, what it closes over, and
     all names that it finds in its module: numbers and arrays by value, functions in the same way,
@@ -90,7 +90,7 @@ def _mark(value: object) -> tuple[str, str]:
 
 
 def _title(value: Any) -> str:
-    """What a value is called in a warning."""
+    """The words for a value in a warning."""
     if isinstance(value, types.ModuleType):
         return f"the module {value.__name__}"
     if isinstance(value, type):
@@ -123,7 +123,7 @@ def _function(function: types.FunctionType, encode: Encoder) -> Any:
 
 
 def _outside(function: types.FunctionType, name: str, encode: Encoder) -> Any:
-    """What a name means in the module of a function."""
+    """The value that a name has in the module of a function."""
     if name in function.__globals__:
         value = function.__globals__[name]
         _refuse_reading(_own_name(value))

@@ -180,7 +180,7 @@ class _Ensemble:
         self.size, self.moves = size, moves
 
     def starts(self, size: int, start: _Leaves) -> _Leaves:
-        """What the first cases begin with, so many."""
+        """The beginnings of the first cases, `size` of them."""
         return [
             a[:size] if moved else _everywhere(size, a, False)
             for a, moved in zip(start, self.moves, strict=True)
@@ -195,7 +195,7 @@ class _Ensemble:
         )
 
     def by(self, width: int) -> StepFunction:
-        """So many cases at a time."""
+        """A function that runs all cases, `width` of them at a time."""
 
         def run(fixed: _Leaves, start: _Leaves) -> _Leaves:
             small = self.size <= width

@@ -104,8 +104,8 @@ class Program:
         return (self.part if _is_within() else self.well)(*args, **kwargs)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
-        """Have the program compiled that the next call with these arguments takes: not within
-        others."""
+        """Compile the program that the next call with these arguments takes; not within other
+        programs."""
         self._next(_kind((args, kwargs))).prepare(*args, **kwargs)
 
     def lower(self, *args: Any, **kwargs: Any) -> Any:
@@ -128,7 +128,7 @@ class OuterProgram:
         return traced.result(traced.program(self._options)(*arrays))
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
-        """Have it compiled for a call with these arguments."""
+        """Compile the program for a call with these arguments."""
         traced, arrays = self._traces.of(args, kwargs)
         if traced is None:
             self._made.lower(*args, **kwargs).compile()
@@ -156,7 +156,8 @@ def compile_well(always: bool = True) -> None:
 
 
 def _kind(arguments: Any) -> Hashable | None:
-    """What a program is compiled for; None for what cannot be told from others."""
+    """The kind of arguments that a program is compiled for; None for what cannot be told from
+    others."""
     leaves, structure = jax.tree.flatten(arguments)
     kinds: list[Any] = [structure]
     for leaf in leaves:
@@ -176,7 +177,7 @@ def _is_within() -> bool:
 
 @functools.cache
 def _outside() -> Any:
-    """What JAX calls the state in which nothing is traced."""
+    """The state of JAX in which nothing is traced."""
     return _elsewhere(get_opaque_trace_state)
 
 

@@ -148,7 +148,7 @@ def _is_ours(module: str) -> bool:
 
 
 def named(module: str, name: str) -> Any:
-    """What has this name in a module of one of `PACKAGES`."""
+    """The object of this name in a module of one of `PACKAGES`."""
     if not _is_ours(module):
         raise NotKept(module)
     found = importlib.import_module(module)

@@ -39,7 +39,7 @@ class TracedProgram(NamedTuple):
         return self.compiled[how]
 
     def result(self, found: list[Any]) -> Any:
-        """What the function returns, with the arrays that the program found."""
+        """The result of the function, with the arrays that the program found."""
         leaves = [found[x.index] if isinstance(x, _ArrayPlace) else x for x in self.leaves]
         return jax.tree.unflatten(self.structure, leaves)
 

@@ -174,7 +174,7 @@ class Beam(Parameters):
 
     @property
     def span_features(self) -> tuple[str, ...]:
-        """What models have to know of properties along the span."""
+        """The features that models have to know of properties along the span."""
         varies = isinstance(self.mass_per_length, AbstractSpanwise) or self._varying(mass=False)
         return ("spanwise",) if varies else ()
 
@@ -275,8 +275,8 @@ class Rotor(Parameters):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What a model has to know: names of all that is given and need not be, but for what
-        torsion is made of, and what of it goes together."""
+        """The features that a model has to know: names of all that is given and need not be, but
+        for what torsion is made of, and what of it goes together."""
         more = self.couples_bending or self.tip_body.is_body
         return (
             *(CONED_AND_MORE,) * (more and self.precone is not None),

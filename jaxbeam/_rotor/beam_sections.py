@@ -17,7 +17,7 @@ STIFF_IN_SHEAR = 1e-8
 
 
 def sections_of(beam: Beam | AbstractSections) -> AbstractSections:
-    """What elements with full sections ask for them."""
+    """The full sections of a beam, for elements that ask for them."""
     return beam if isinstance(beam, AbstractSections) else BeamSections(beam)
 
 

@@ -12,7 +12,7 @@ from jaxbeam._types import Scalar
 
 
 class Clock(eqx.Module):
-    """What the time is, for functions of time that jump at known times, `since` an origin.
+    """The time, for functions of time that jump at known times, `since` an origin.
 
     The sum of both is rounded, and may fall on the other side of a jump than it is by the clock
     that shows zero at the origin: it is held on its own side, a few units of rounding away, which

@@ -132,7 +132,7 @@ class Damping(eqx.Module):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What a model has to know, beyond the coefficients."""
+        """The features that a model has to know, beyond the coefficients."""
         names = (
             "in_plane_ratio", "flap_ratio", "axial_ratio", "in_plane_damper", "flap_damper",
             "section_coefficients",

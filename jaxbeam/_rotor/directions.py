@@ -11,9 +11,9 @@ from jaxbeam._rotor.beam import AnyRotor, Rotor
 
 
 class Direction(enum.IntEnum):
-    """Which way a coordinate or a mode moves: along the beam, in the plane of rotation, along the
-    axis of rotation, or about the beam. The first three are also the components of
-    displacements."""
+    """The direction in which a coordinate or a mode moves: along the beam, in the plane of
+    rotation, along the axis of rotation, or about the beam. The first three are also the components
+    of displacements."""
 
     AXIAL = 0
     IN_PLANE = 1
@@ -82,9 +82,9 @@ APART: tuple[CouplingGroup, ...] = (
 
 
 def coupling_groups(rotor: AnyRotor) -> tuple[CouplingGroup, ...]:
-    """Which directions of modes are coupled: flap with none, unless sections are turned, the beam
-    is coned, or there is a body at the tip, whose spin about the beam couples it with torsion;
-    torsion too where it is coned, and all with all where it is both."""
+    """The groups of directions of modes that are coupled: flap with none, unless sections are
+    turned, the beam is coned, or there is a body at the tip, whose spin about the beam couples it
+    with torsion; torsion too where it is coned, and all with all where it is both."""
     if not isinstance(rotor, Rotor):
         return APART
     if rotor.precone is not None:

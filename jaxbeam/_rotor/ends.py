@@ -49,7 +49,8 @@ class PointMass(Parameters):
         self._take({"mass": mass})
 
     def centre(self, value: Any, slope: Any, length: Any = 1.0) -> Any:
-        """What has a value and a slope by x / length at the tip, at the centre of mass."""
+        """The value at the centre of mass of a function with a value and a slope by x / length at
+        the tip."""
         return value
 
     def second_moment(self, radius: Number) -> Number:
@@ -95,7 +96,8 @@ class TipBody(Parameters):
         self._take(locals())
 
     def centre(self, value: Any, slope: Any, length: Any = 1.0) -> Any:
-        """What has a value and a slope at the tip, at the centre of mass, as of a `PointMass`."""
+        """The value at the centre of mass of a function with a value and a slope at the tip, as of
+        a `PointMass`."""
         return value + self.offset / length * slope
 
     def second_moment(self, radius: Number) -> Number:
@@ -163,7 +165,8 @@ class RigidBody(Parameters):
         yield "centre_of_mass", {}  # what no `TipBody` has
 
     def centre(self, value: Any, slope: Any, length: Any = 1.0) -> Any:
-        """What has a value and a slope at the tip, at the centre of mass, as of a `PointMass`."""
+        """The value at the centre of mass of a function with a value and a slope at the tip, as of
+        a `PointMass`."""
         return value + self.centre_of_mass[0] / length * slope
 
     def second_moment(self, radius: Number) -> Number:
@@ -187,7 +190,8 @@ Tip = PointMass | TipBody | RigidBody
 
 
 def tip_of(tip_mass: Real | None, tip_body: Any) -> Tip:
-    """What is at the tip, of which at most one is given; a point gives way to another mass."""
+    """The mass or body at the tip, of which at most one is given; a point gives way to another
+    mass."""
     check_kind("tip_body", tip_body, TipBody, RigidBody, PointMass, type(None))
     if tip_mass is None:
         return PointMass(0.0) if tip_body is None else tip_body

@@ -121,8 +121,8 @@ def section_inertia(
 
 
 def at_centres(along: Float[Array, "n 2"], across: Float[Array, "n 2"]) -> Float[Array, "n 6 6"]:
-    """What makes of strains (velocities) at the reference point those along the blade at one point
-    and those across it at another; with points on the other side it is undone."""
+    """The matrix that makes of strains (velocities) at the reference point those along the blade at
+    one point and those across it at another; with points on the other side it is undone."""
     parts = ((along, _ALONG), (across, _ACROSS))
     offsets = [at[:, i, None, None] * by[i][None] for at, by in parts for i in range(2)]
     return np.eye(6)[None] + sum(offsets)

@@ -134,14 +134,15 @@ class Loads(eqx.Module):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What a model has to know, beyond gravity and a force in hub axes at its tip."""
+        """The features that a model has to know, beyond gravity and a force in hub axes at its
+        tip."""
         given = self.force_per_length, self.point_forces
         there = self.tip_moment is not None, self.turns, *(part is not None for part in given)
         names = "tip_moment", "follows", "force_per_length", "point_forces"
         return tuple(f"loads.{name}" for name, it in zip(names, there, strict=True) if it)
 
     def at_tip(self, t: Scalar) -> Triple | TipLoad | None:
-        """What acts at the tip at time t: its force, where that is all."""
+        """The load at the tip at time t: its force, where that is all."""
         force, moment = (
             jnp.asarray(part(t)) if callable(part) else part
             for part in (self.tip_force, self.tip_moment)

@@ -44,7 +44,7 @@ class Boxes(eqx.Module):
         return tuple(itertools.chain(*self.ends))
 
     def density(self, xi: np.ndarray) -> Float[np.ndarray, "p k"]:
-        """What integrates to one over each, at places that are no kinks."""
+        """The density that integrates to one over each box, at places that are no kinks."""
         start, end = np.asarray(self.ends).T
         inside = (start < xi[:, None]) & (xi[:, None] < end)
         return inside / (end - start)

@@ -49,7 +49,8 @@ class Span(eqx.Module):
 
     @classmethod
     def between(cls, edges: tuple[float, ...], points: int, steepness: Any = None) -> Self:
-        """So many points in each segment; without `steepness` known ones, in NumPy."""
+        """Points of integration, so many in each segment; without `steepness` known ones, in
+        NumPy."""
         t, _ = _gauss(points)
         start, length = np.asarray(edges[:-1])[:, None], np.diff(edges)[:, None]
         if steepness is None:

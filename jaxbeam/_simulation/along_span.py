@@ -35,7 +35,7 @@ class Instant(NamedTuple):
 
 
 class AlongSpan(eqx.Module):
-    """What runs and steady states answer along the span, with axes of times or none in front.
+    """Answers of runs and steady states along the span, with axes of times or none in front.
 
     Displacements are in the hub frame, components axial, in plane, flap, from the undeformed place;
     points are given as xi = x / L, one number or p of them from 0 to 1. Each of these raises
@@ -44,7 +44,7 @@ class AlongSpan(eqx.Module):
 
     @abc.abstractmethod
     def _each(self, function: Callable[..., Any], *xi: float) -> Any:
-        """What a function makes of each `Instant` and the points."""
+        """The results of a function of each `Instant` and the points."""
 
     @per_case
     def displacement(self, xi: Any = 1.0) -> Float[Array, "*times p 3"]:

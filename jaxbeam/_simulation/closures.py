@@ -33,8 +33,8 @@ class TracedMotion(Motion):
 
 
 def converted(part: Any, t: Scalar) -> Any:
-    """A function of time with all its numbers as leaves, those that it closes over too. (Not those
-    of default arguments, which would be one for all cases.)"""
+    """A function of time with all its numbers as leaves, those that it closes over too, but not
+    those of default arguments, which would be one for all cases."""
 
     def at(t: Scalar) -> Array:
         return jnp.asarray(part(t))

@@ -131,7 +131,7 @@ class _Following(diffrax.AbstractStepSizeController):
         return isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController)
 
     def _sizes(self, t0: Any, t1: Any, scene: Scene, given: tuple[State, ...]) -> tuple[State, ...]:
-        """Both states of a step and its error, as the controller is to see them."""
+        """The two states of a step and its error, as the controller is to see them."""
         pauses = self.step_limits.pauses
         if not self._adaptive:
             return given
@@ -220,38 +220,38 @@ class AfterImpulse(diffrax.AbstractWrappedSolver):
 
     @property
     def term_structure(self) -> Any:
-        """What the solver within has."""
+        """The structure of terms of the solver within."""
         return self.solver.term_structure
 
     @property
     def interpolation_cls(self) -> Any:  # type: ignore[override]
-        """What the solver within has."""
+        """The interpolation of the solver within."""
         return self.solver.interpolation_cls
 
     @property
     def term_compatible_contr_kwargs(self) -> Any:
-        """What the solver within has."""
+        """The arguments for terms of the solver within."""
         return self.solver.term_compatible_contr_kwargs
 
     @property
     def root_finder(self) -> Any:
-        """What the solver within has, if it is implicit."""
+        """The root finder of the solver within, if it is implicit."""
         return self.solver.root_finder  # type: ignore[attr-defined]
 
     def order(self, terms: Any) -> Any:
-        """What the solver within has."""
+        """The order of the solver within."""
         return self.solver.order(terms)
 
     def error_order(self, terms: Any) -> Any:
-        """What the solver within has."""
+        """The order of the error estimate of the solver within."""
         return self.solver.error_order(terms)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: Scene) -> Any:
-        """What the solver within has, after a jump at t0."""
+        """The first state of the solver within, after a jump at t0."""
         return self.solver.init(terms, t0, t1, y0, args.within(t0))
 
     def func(self, terms: Any, t0: Any, y0: State, args: Scene) -> Any:
-        """What the solver within has, after a jump at t0."""
+        """The rate of the solver within, after a jump at t0."""
         return self.solver.func(terms, t0, y0, args.within(t0))
 
     def step(

@@ -64,7 +64,8 @@ class Calendar(NamedTuple):
         return out
 
     def saved(self, sub: diffrax.SubSaveAt, scene: Scene) -> diffrax.SubSaveAt:
-        """What diffrax saves, with times since the origin, by a function that asks by the clock."""
+        """A `SubSaveAt` of diffrax with times since the origin, whose function asks by the
+        clock."""
         if sub.fn is not _SAVE_STATE:
             sub = eqx.tree_at(lambda s: s.fn, sub, Partial(_by_clock, sub.fn, self.origin))
         if sub.ts is None:

@@ -126,7 +126,7 @@ class Pauses(eqx.Module):
         return jnp.where(there, t - self._room(jnp.where(there, t, 0.0)), t)
 
     def _of(self, t: Scalar) -> Array:
-        """Which of the declared times t belongs to, if it does to any."""
+        """The index of the last declared time up to t, or of the first one before all of them."""
         return jnp.maximum(place(self.first, t, "right") - 1, 0)
 
     def _room(self, t: Array) -> Array:

@@ -23,7 +23,7 @@ from jaxbeam._types import Scalar, Vector
 
 
 class Simulation(AlongSpan):
-    """What became of a scene: T times, n coordinates, p points.
+    """The course of a scene in time: T times, n coordinates, p points.
 
     | field      | shape  | unit |                                                               |
     |------------|--------|------|---------------------------------------------------------------|
@@ -106,7 +106,8 @@ class Simulation(AlongSpan):
         return _mapped(self, function, xi)
 
     def _outputs(self, fine: Array) -> tuple[Array, Array, State]:
-        """Which outputs there are an answer for, given that the status is `fine`; times and states.
+        """The mask of outputs that there is an answer for, given that the status is `fine`; times
+        and states.
 
         What is out of range ran with harmless numbers in place of its own, and never has an answer.
         Harmless ones take the place of outputs without an answer, too: NaN would end up in

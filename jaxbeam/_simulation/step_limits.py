@@ -138,7 +138,7 @@ def _between(pauses: Pauses, spacing: Scalar, signals: Float[Array, "c T"]) -> F
 
 
 def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:
-    """What forces depend on, one number each."""
+    """Signals that forces depend on, one number each."""
     parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
     parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]  # which may be a `TipLoad`
     parts += [] if span is None else [span[:, row] for row in range(3)]
@@ -166,7 +166,8 @@ def _longest_step(signals: Float[Array, "c T"], sudden: Bool[Array, " 64"]) -> F
         )
 
     def unseen(s: int, of_these: Float[Array, "C n"], bend: Float[Array, " k"]) -> Array:
-        """What rises and falls within parts of a stride s, each with its middle there."""
+        """Whether a change rises and falls unseen within parts of a stride s, each with its middle
+        there."""
         passed = of_these - highest(either, 2, s)
         passed = jax.lax.pad(passed, 0.0, [(0, 0, 0), (s // 2, s // 2 - 1, 0)])
         mean = jnp.pad(jnp.mean(bend.reshape(-1, s), 1)[1:-1], 2, mode="edge")

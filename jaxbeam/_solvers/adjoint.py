@@ -68,7 +68,7 @@ class _Back(NamedTuple):
 
 
 class _Sweep(NamedTuple):
-    """What stays as it is on the way back, and how a step is made."""
+    """The constants of the way back, and how a step is made."""
 
     settings: Settings
     moving: Any  # what is given and derivatives are asked by

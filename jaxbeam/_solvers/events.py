@@ -22,7 +22,7 @@ class Events(NamedTuple):
         return [jnp.asarray(f(*without_derivatives((t, y)))) for f in self.conditions]
 
     def happened(self, before: list[Array], values: list[Array]) -> list[Array]:
-        """Which conditions a step meets that ends at these values."""
+        """The mask of conditions that a step meets that ends at these values."""
         return [_happened(*each) for each in zip(self.directions, before, values, strict=True)]
 
 

@@ -159,8 +159,9 @@ class Magnus(SecondOrderSolver):
 
 
 def _moment(system: SecondOrderSystem, flexible: Matrix, t: Scalar, slow: Scalar) -> _Moment:
-    """What the method takes of the system at a time; `flexible` is the inverse of the mass, `slow`
-    the square of the frequency below which motions are not measured from their equilibrium."""
+    """The data of the system at a time that the method takes; `flexible` is the inverse of the
+    mass, `slow` the square of the frequency below which motions are not measured from their
+    equilibrium."""
     one, zero = jnp.ones_like(t), jnp.zeros_like(flexible[0])
 
     def given(t: Scalar) -> tuple[Vector, Matrix, Matrix]:
@@ -193,7 +194,7 @@ def _power(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> tuple[
 
 
 def _work_rows(given: tuple[Array, ...], scale: Scalar) -> tuple[Float[Array, "2 m"], Scalar]:
-    """What the rate of the work takes of z at the Gauss points, in a unit, and that."""
+    """The rows that the rate of the work takes of z at the Gauss points, in a unit, and that."""
     there, by_q, by_v = given
     none = jnp.zeros_like(there[:, None])
     rows = jnp.concatenate([by_q, jax.lax.stop_gradient(scale) * by_v, there[:, None], none], 1)

@@ -44,7 +44,7 @@ class Settings(eqx.Module):
 
 
 class RunInputs(eqx.Module):
-    """What to run, and to take derivatives by."""
+    """The inputs of a run, by which there are derivatives."""
 
     args: Any
     y0: State
@@ -88,7 +88,7 @@ class Step(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What came of a run: its outputs, how it ended, and what was spent."""
+    """The result of a run: its outputs, how it ended, and what was spent."""
 
     outputs: Float[Array, "T m"]  # the flat state at the times; `reached` of them
     y: Float[Array, " m"]  # at the end of the last step
@@ -103,7 +103,7 @@ class Run(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """What is written down of each step for reverse mode, with a row for what is not to be kept."""
+    """The record of each step for reverse mode, with a row for what is not to be kept."""
 
     rows: Float[Array, "C r"]  # state of the equations and the solver before a step, see `tape_row`
     ends: Float[Array, " K"]  # end of each step
@@ -136,7 +136,7 @@ class LoopState(NamedTuple):
 
 
 class _Verdict(NamedTuple):
-    """What the controller makes of a step: whether it is kept, and how to go on."""
+    """The verdict of the controller on a step: whether it is kept, and how to go on."""
 
     kept: Array
     t0: Scalar
@@ -206,7 +206,7 @@ def _no_step(settings: Settings, inputs: RunInputs, t1: Scalar, solver_state: An
 
 
 class _Stepping(NamedTuple):
-    """What stays as it is from step to step, and how a step is made."""
+    """The constants of a run from step to step, and how a step is made."""
 
     settings: Settings
     inputs: RunInputs
@@ -359,7 +359,7 @@ def solver_state_of(settings: Settings, inputs: RunInputs) -> Any:
 
 
 def as_row(y: State, solver_state: Any) -> Float[Array, " r"]:
-    """What a tape keeps of the state before a step."""
+    """The row of a tape for the state before a step."""
     return ravel_pytree(eqx.filter((y, solver_state), eqx.is_array))[0]
 
 

@@ -67,7 +67,7 @@ class Tableau(NamedTuple):
 
 
 class Stages(NamedTuple):
-    """What a step is made of."""
+    """The stages of a step."""
 
     k: Any
     kinematics: Kinematics

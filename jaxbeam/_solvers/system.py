@@ -18,7 +18,8 @@ from jaxbeam._types import Matrix, Number, Scalar, Vector
 
 
 class State(eqx.Module):
-    """What is integrated: coordinates `q`, velocities `v`, and an integral along the way, `work`.
+    """The state that is integrated: coordinates `q`, velocities `v`, and an integral along the way,
+    `work`.
 
     `q` (n,) in m and `v` (m,) in m/s are those of a model (the angle of the polar discrete models
     in rad), the rates of q, but of rods (`SpatialRod`), whose velocities are in axes that turn with
@@ -77,7 +78,7 @@ class SecondOrderSystem(eqx.Module):
         return v
 
     def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
-        """What of q' a stage asks for, g being its share of the step, in s."""
+        """The kinematics that a stage asks for, g being its share of the step, in s."""
         return Straight(g)
 
     def power(self, x: Any, q: Vector, v: Vector) -> Number:

@@ -295,7 +295,7 @@ class Reduced(NamedTuple):
         return phi, jnp.maximum(w2, slow) ** 0.25
 
     def monodromy(self, steps: int, fewer: int | None = None) -> "Monodromy":
-        """What takes (x, y) through the period by so many steps, and by fewer."""
+        """The matrices that take (x, y) through the period by so many steps, and by fewer."""
         phi, root = self.coordinates
         n = root.size
 

@@ -23,7 +23,7 @@ _NEAR = 1e-6  # of two secants, relatively: the later one is then right to round
 
 
 class AbstractPlace(eqx.Module):
-    """What is known of a singular stiffness, without derivatives: the coordinates x that give way.
+    """A singular stiffness as it is known without derivatives: the coordinates x that give way.
 
     The parameter is the root of the scalar f of the bordered system
 
@@ -89,7 +89,7 @@ def answer(place: AbstractPlace, given: Any, value: Scalar, status: Code) -> tup
 
 
 class Softest(NamedTuple):
-    """What a look at K tells: the group with the lowest eigenvalue, its direction and shape, and
+    """The result of a look at K: the group with the lowest eigenvalue, its direction and shape, and
     the lowest eigenvalue of each group."""
 
     direction: Code

@@ -245,7 +245,7 @@ class _End(NamedTuple):
 
 
 class _BoundaryPoint(NamedTuple):
-    """What the boundary at one depth leaves to the search at the next."""
+    """The boundary at one depth, from which the search at the next begins."""
 
     depth: Scalar
     centre: Scalar
@@ -264,7 +264,7 @@ class _BoundarySearch(NamedTuple):
     order: Scalar
 
     def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
-        """Both ends at each depth, the derivatives of the margin there, and a status."""
+        """The two ends at each depth, the derivatives of the margin there, and a status."""
         onset, least = self.onset, jnp.full_like(self.onset, 1e-3)
         first = _BoundaryPoint(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
         return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
@@ -355,7 +355,7 @@ class _BoundarySearch(NamedTuple):
 
 
 def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:
-    """What became of the two ends at a depth."""
+    """The status of the two ends at a depth."""
     clear = jnp.all(end.likeness > 0.2)
     status = jnp.where(clear, Status.OK, Status.INACCURATE)
     status = jnp.where(good, status, Status.NOT_CONVERGED)

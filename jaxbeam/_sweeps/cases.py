@@ -38,7 +38,8 @@ class Cases:
         return self.at(np.arange(len(self)))
 
     def described(self) -> list[list[Any]]:
-        """What tells them from others, in order: name, number, ends, and a digest of all bits."""
+        """A description that tells these cases from others, in order: name, number, ends, and a
+        digest of all bits."""
         columns = {**self.axes, **(self.of_list or {})}.items()
         # JSON has no NaN that equals itself.
         ends = {name: [repr(column[i].item()) for i in (0, -1)] for name, column in columns}

@@ -23,13 +23,13 @@ _MADE_WITH = ("jaxbeam", "jax", "jaxlib", "equinox", "diffrax", "numpy")
 
 
 def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
-    """What `function(**parameters)` finds, of every case."""
+    """The results of `function(**parameters)` for every case."""
     program, arrays = _program(function)
     return program(arrays, columns)
 
 
 def prepare(function: Callable[..., Any], columns: dict[str, jax.Array]) -> None:
-    """Have the program of `batched` compiled."""
+    """Compile the program of `batched`."""
     program, arrays = _program(function)
     program.prepare(arrays, columns)
 
@@ -65,7 +65,7 @@ def _program_without(structure: Any, rest: tuple[Any, ...], _: tuple[type, ...])
 
 
 class Work(NamedTuple):
-    """What is done with every chunk: a function, results of one case, and cases at a time."""
+    """The work on every chunk: a function, results of one case, and cases at a time."""
 
     function: Callable[..., Any]
     specs: Mapping[str, Spec]
@@ -101,7 +101,7 @@ class Work(NamedTuple):
         return ChunkResults(results, errors)
 
     def lost(self, columns: Columns, message: str) -> ChunkResults:
-        """What stands for a chunk that nobody lived to compute."""
+        """The placeholder for a chunk that nobody lived to compute."""
         n, results = self._blank(columns)
         results["status"][:] = Status.RAISED
         return ChunkResults(results, dict.fromkeys(range(n), message), computed=False)
@@ -157,7 +157,7 @@ def _isolated(
 
 
 def made_with() -> dict[str, Any]:
-    """What the last bits may depend on beside the program."""
+    """Versions and hardware that the last bits may depend on beside the program."""
     device = jax.device_put(0.0).device
     versions = {name: importlib.metadata.version(name) for name in _MADE_WITH}
     flags = os.environ.get("XLA_FLAGS", "").split()

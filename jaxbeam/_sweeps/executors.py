@@ -112,7 +112,8 @@ class _Watch:
         self.warned = False
 
     def ended(self, pool: Executor, running: Any, all_of_them: bool) -> Iterable[Any]:
-        """What ended of what is running; nothing, now and then, while there is nothing yet."""
+        """The jobs that ended of those running; nothing, now and then, while there is nothing
+        yet."""
         if self.seen is None:
             self._look(pool)
         if all_of_them:
@@ -177,7 +178,7 @@ def _another(executor: Any, end: BaseException) -> Executor:
 
 
 def _found(future: Future[ChunkResults | str]) -> ChunkResults | BaseException:
-    """What was found for a chunk, or how the worker died that had it."""
+    """The results of a chunk, or how the worker died that had it."""
     if future.cancelled():
         raise RuntimeError("the executor was shut down, or lost its connection")
     death = future.exception()
@@ -195,7 +196,7 @@ def _found(future: Future[ChunkResults | str]) -> ChunkResults | BaseException:
 
 
 def _deaths() -> tuple[type[BaseException], ...]:
-    """What executors raise in the place of an answer where workers died of it."""
+    """The exceptions that executors raise in the place of an answer where workers died of it."""
     dask = sys.modules.get("distributed.scheduler")
     return (BrokenExecutor,) if dask is None else (BrokenExecutor, dask.KilledWorker)
 
@@ -224,8 +225,8 @@ def _opened(job: bytes) -> Work:
 
 
 def _answer(job: bytes, columns: Columns, deaths: int) -> ChunkResults | str:
-    """What a worker finds for a chunk, or what went wrong with all of it. Dask knows calls
-    by their arguments: with the number of deaths before, another try is not the one that failed."""
+    """The results of a worker for a chunk, or what went wrong with all of it. Dask knows calls by
+    their arguments: with the number of deaths before, another try is not the one that failed."""
     try:
         return _opened(job).on(columns, None)
     except Exception as error:

@@ -34,7 +34,7 @@ INFORMATION = ("function", "reads")  # for people: the program is what is compar
 
 
 class Spec(NamedTuple):
-    """What one case brings for one result."""
+    """The kind and shape of one result of one case."""
 
     dtype: np.dtype
     shape: tuple[int, ...]

@@ -136,7 +136,7 @@ class _Job(NamedTuple):
     dims: Dims
 
     def begin(self) -> tuple[dict[str, Spec], Memory | ResultFolder]:
-        """What one case gives, and the place for results."""
+        """The results that one case gives, and the place for them."""
         cases, chunk = self.cases, self.chunk
         with _lowered_for(self.devices[0]):
             first = jax.device_put(cases.at(np.arange(chunk)))
@@ -210,7 +210,7 @@ def _kept_as(name: str, dtype: Any) -> np.dtype:
 def compiled(
     function: Callable[..., Any], cases: Cases, chunk: int, devices: Sequence[jax.Device] | None
 ) -> None:
-    """Have the program at hand that `sweep` runs, on the first device."""
+    """Compile the program that `sweep` runs, on the first device."""
     device = checked_devices(devices)[0]
     first = jax.device_put(cases.at(np.arange(min(chunk, len(cases)))), device)
     prepare(placed(function, device), first)

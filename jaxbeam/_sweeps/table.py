@@ -127,7 +127,7 @@ class Table:
         return {i: self.errors[int(n)] for i, n in enumerate(kept) if int(n) in self.errors}
 
     def message(self, **at: Any) -> str:
-        """What became of one case, named by its coordinates `**at` as in `sel`, in words.
+        """The fate of one case, named by its coordinates `**at` as in `sel`, in words.
 
         Raises `ValueError` unless they name one case, and what `sel` raises.
         """

@@ -45,7 +45,7 @@ class Reduction(eqx.Module):
 def reduction(
     rotor: Rotor, count: int = 3, *, rod: SpatialRod = _ROD, throw: bool = True
 ) -> Reduction:
-    """What `Blade.beam` leaves out, by how much it changes the lowest frequencies at rest.
+    """The effect on the lowest frequencies at rest of each thing that `Blade.beam` leaves out.
 
     `rotor` has a `Blade`; `count` frequencies are found, with what is at its ends, by the matrices
     of `rod`, a `SpatialRod`. They are w of the blade as it is and w' of one without one thing,

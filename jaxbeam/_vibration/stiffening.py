@@ -98,8 +98,8 @@ def _at_rest(model: Hybrid, rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
 
 
 def timoshenko_reduction(rotor: Rotor) -> Float[Array, "2 6"]:
-    """What shear and rotary inertia would take off the first frequencies in plane and in flap, at
-    rest, relative; where sections are turned off those of the lowest modes, twice.
+    """The relative reduction of the first frequencies in plane and in flap, at rest, by shear and
+    rotary inertia; where sections are turned that of the lowest modes, twice.
 
         int r^2 phi'^2 dm / 2 + omega^2 int Q^2 / (kappa G A) dx / 2,   Q = int_x^L phi dm,
 

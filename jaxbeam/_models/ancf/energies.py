@@ -153,7 +153,7 @@ class Element(Strained):
         return rule(self.n_elements) if self.part is None else self.part
 
     def pulled(self, x: Float[Array, "g *lanes"]) -> Float[Array, "g *lanes"]:
-        """What is at the Gauss points times the axial stiffness there."""
+        """Numbers at the Gauss points times the axial stiffness there."""
         return x if self.stretching is None else self.stretching * x
 
 
@@ -168,7 +168,7 @@ class Continuum(Element):
     @property
     @abc.abstractmethod
     def stations(self) -> np.ndarray:
-        """What makes gradients at the stations of local coordinates (k, 3)."""
+        """The matrix that makes gradients at the stations of local coordinates (k, 3)."""
 
     @abc.abstractmethod
     def interpolated(self, values: Float[Array, "c k *lanes"]) -> Float[Array, "c g *lanes"]:

@@ -69,9 +69,10 @@ def _stacked(some: list[ARule]) -> ARule:
 
 
 def each_element(function: Callable[..., Array], of: tuple[Any, ...], axes: int) -> Array:
-    """What a function makes of every element: where the last of these has more axes than that, one
-    after the other, so that what is needed on the way stays in the cache, and loops over lanes are
-    not mixed up with what becomes of the results; but all at once where loops are dear."""
+    """The results of a function for every element: where the last of the arguments has more axes
+    than `axes`, one element after the other, so that what is needed on the way stays in the cache,
+    and loops over lanes are not mixed up with what becomes of the results; but all at once where
+    loops are dear."""
     if of[-1].ndim > axes and not loops_are_dear():
         # The way back makes anew what is needed of an element, and keeps nothing of it.
         one = jax.checkpoint(lambda of: function(*of), prevent_cse=False)
@@ -136,7 +137,8 @@ class Sections(eqx.Module):
         self.law = law(bending, n, stretching)
 
     def by_element(self, function: Callable[..., Array], *local: Array) -> Array:
-        """What a function of law, mass and coordinates (2, 4, *lanes) makes of every element."""
+        """The results of a function of law, mass and coordinates (2, 4, *lanes) for every
+        element."""
         if self.parts is None:
             return each_element(lambda *local: function(self.law, self.mass, *local), local, 3)
         # Attached here, since lanes are behind the axes of the law's numbers only.

@@ -74,7 +74,7 @@ class Basis(abc.ABC):
 
     @property
     def unit(self) -> str:
-        """What one of the functions is called."""
+        """The word for one of the functions."""
         return "function"
 
     def towards(self, direction: Direction) -> "Basis":
@@ -84,7 +84,7 @@ class Basis(abc.ABC):
 
 @functools.lru_cache(maxsize=64)
 def segments(edges: tuple[float, ...], points: int, grading: int = 1) -> Span:
-    """So many Gauss points between any two edges, in xi^(1/grading)."""
+    """Gauss points between any two edges, in xi^(1/grading)."""
     return Span.graded(edges, points, grading)
 
 

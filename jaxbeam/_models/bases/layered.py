@@ -79,9 +79,9 @@ def has_layers(basis: Basis | None) -> bool:
 
 
 def massless(basis: Basis | None, dtype: Any) -> float:
-    """What to add to the mass matrix, over the mass. Layers carry next to none, less than rounding
-    makes of it, which need not be positive: by 50 roundings of int f'' f'' it is, and frequencies
-    are lower by as many times kappa or less."""
+    """A term for the mass matrix, over the mass, that keeps it positive where layers have no mass.
+    Layers carry next to none, less than rounding makes of it, which need not be positive: by 50
+    roundings of int f'' f'' it is, and frequencies are lower by as many times kappa or less."""
     return 50 * float(jnp.finfo(dtype).eps) if has_layers(basis) else 0.0
 
 
@@ -95,7 +95,7 @@ def is_soft(rotor: Rotor, speed: Any) -> Any:
 
 
 def is_known_to_be_soft(rotor: Rotor, speed: Any) -> bool:
-    """The same, and not where numbers are traced."""
+    """Whether numbers are concrete and the beam is so soft that layers are needed."""
     # In NumPy, whose arithmetic is not compiled.
     return is_concrete((rotor, speed)) and bool(is_soft(*jax.tree.map(np.asarray, (rotor, speed))))
 

@@ -50,7 +50,7 @@ Mixes = tuple[Array, Array, Array]
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """What functions are asked for: as static as the model that asks."""
+    """The model's wishes about functions: as static as the model itself."""
 
     counts: FunctionCounts
     grading: int  # of polynomials
@@ -171,7 +171,7 @@ class LoadFunctions(eqx.Module):
 
     @property
     def stiffness(self) -> tuple[Array, Array, Array]:
-        """What strains and curvatures are weighed with, (p,) each."""
+        """Weights of strains and curvatures, (p,) each."""
         return self.axial, 1 / self.own[0], 1 / self.own[1]
 
     def raw(self) -> tuple[Array, Array, Array]:

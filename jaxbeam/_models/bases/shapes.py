@@ -96,7 +96,7 @@ def sampled(
 
 
 def ends_of(basis: Basis, counts: FunctionCounts) -> EndValues:
-    """What functions of a basis are at the ends."""
+    """Values and slopes of the functions of a basis at the ends."""
     bends = np.repeat(np.arange(3), counts) > 0
     tip = all_functions(basis, counts, np.ones(1))
     # Axial functions may have no slope at the clamp: nobody asks for it.
@@ -127,8 +127,8 @@ def _at_root(loads: LoadFunctions, coordinates: Sequence[Array]) -> list[Array]:
 def _integrated(
     loads: LoadFunctions, strains: Sequence[Array], coordinates: Sequence[Array]
 ) -> tuple[Functions, EndValues]:
-    """What coordinates of functions, (n, k) by direction, are along the beam, from their strains:
-    k axially, k in plane and k in flap, side by side."""
+    """Values along the beam of coordinates of functions, (n, k) by direction, from their strains: k
+    axially, k in plane and k in flap, side by side."""
     span, (stretch, *bent) = loads.profile.span, strains
     root = jnp.concatenate([jnp.sum(q, 0) for q in _at_root(loads, coordinates)])
     # Strains are slopes, curvatures become such.
@@ -161,7 +161,7 @@ class Shape(NamedTuple):
 def shape_of(
     kind: Kind, rotor: Rotor, mixes: Mixes, parts: Sequence[Array], beside: int = 0
 ) -> tuple[Profile, Shape]:
-    """What coordinates, by direction, are at the points of integration, or at those of so many
+    """Values of coordinates, by direction, at the points of integration, or at those of `beside`
     more in each segment; those of models without axial functions have to be real."""
     loads = LoadFunctions.on(kind, rotor, span_of(kind, rotor, beside))
     if kind.counts[0]:
@@ -184,7 +184,7 @@ def shape_of(
 
 
 def of_basis(basis: Basis, counts: FunctionCounts, span: Span, parts: Sequence[Array]) -> Shape:
-    """What coordinates of functions of a basis, by direction, are on a span."""
+    """Values on a span of coordinates of the functions of a basis, by direction."""
     q = jax.scipy.linalg.block_diag(*parts)
     at, ends = all_functions(basis, counts, span.xi), ends_of(basis, counts)
     # Axial functions may have no curvature at the clamp: nobody asks for it.

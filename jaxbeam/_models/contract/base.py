@@ -127,7 +127,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         return self.equations(rotor).equilibrium(spinning(speed))[:2]
 
     def coupling(self, rotor: TheRotor) -> tuple[CouplingGroup, ...]:
-        """Which directions of small motion about steady rotation are coupled."""
+        """The groups of directions that small motion about steady rotation couples."""
         return ALL_COUPLED if self.couples_all else coupling_groups(rotor)
 
     def suited(self, rotor: TheRotor) -> Self:
@@ -158,13 +158,13 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def frequency_error(
         self, system: LinearSystem, rotor: TheRotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """What functions and quadrature leave out of frequencies, relative: see `Modes`. None where
-        that is not estimated."""
+        """The relative error of frequencies by lack of functions and by quadrature: see `Modes`.
+        None where that is not estimated."""
         return None
 
     def mixes(self, system: LinearSystem, rotor: TheRotor) -> Any:
-        """What functions on a beam that varies are made of, where `forms` are known of them; else
-        None."""
+        """Combinations of loads that functions on a beam that varies are made of; None where
+        `forms` are not known of them."""
         return None
 
     def forms(

@@ -34,7 +34,8 @@ class Elasticity(eqx.Module):
 
     @abc.abstractmethod
     def viscous(self, q: Vector, v: Vector) -> Vector:
-        """What stresses do that are the stiffness times the rates of strain: see `strained.py`."""
+        """The viscous force, of stresses that are the stiffness times the rates of strain: see
+        `strained.py`."""
 
     @abc.abstractmethod
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:

@@ -67,7 +67,8 @@ class Equations(eqx.Module):
 
     @property
     def kernel(self) -> Self | None:
-        """What of these equations forces, tangents and energies take, if they suit `kernel`."""
+        """The part of these equations that forces, tangents and energies take, if they suit
+        `kernel`."""
         return None
 
     @property
@@ -101,7 +102,7 @@ class Equations(eqx.Module):
         return v
 
     def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
-        """What of q' a stage of a solver asks for, see `SecondOrderSystem`."""
+        """The kinematics of a stage of a solver, see `SecondOrderSystem`."""
         return Straight(g)
 
     def as_velocities(self, q: Vector, change: Vector) -> Vector:
@@ -244,7 +245,7 @@ class Equations(eqx.Module):
         return None
 
     def lacking_about(self, q: Vector) -> Matrix | None:
-        """What the stiffness about q may be too small by, where that is known."""
+        """The most by which the stiffness about q may be too small, where that is known."""
         return None
 
     def high_share(self, q: Vector) -> tuple[Number, Number] | None:
@@ -302,7 +303,7 @@ class Equations(eqx.Module):
         return self.direction(q, np.ones(1))[0]
 
     def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
-        """What a body at the tip has beside M |dr/dt|^2 / 2 and J |dr'/dt|^2 / 2, in J."""
+        """The energy of a body at the tip beyond M |dr/dt|^2 / 2 and J |dr'/dt|^2 / 2, in J."""
         return jnp.zeros_like(self.length)
 
     def is_in_range(self, q: Vector) -> Array:
@@ -315,7 +316,7 @@ class Equations(eqx.Module):
         return jnp.asarray(True)
 
     def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
-        """What a load at the tip does, in W."""
+        """The power of a load at the tip, in W."""
         return pairwise_sum(tip_force * jax.jvp(self.tip, (q,), (self.kinematics(q, v),))[1])
 
     def tip_action(self, q: Vector, tip_force: Any) -> tuple[Triple, Triple]:
@@ -323,9 +324,9 @@ class Equations(eqx.Module):
         return tip_force, jnp.zeros_like(tip_force)
 
     def span_integral(self, kinks: tuple[float, ...], follows: bool) -> AbstractSpanIntegral:
-        """What a force along the span, smooth but for these x / L, does on the coordinates; of
-        models that support `loads.force_per_length`. If it follows, it turns with the sections: of
-        those that support `loads.follows`."""
+        """The generalised force of a force along the span, smooth but for these x / L; of models
+        that support `loads.force_per_length`. If it follows, it turns with the sections: of those
+        that support `loads.follows`."""
         raise NotImplementedError
 
     @transposed(on=False)

@@ -40,7 +40,7 @@ def equilibrium(
     scale = equations.energy_scale / equations.length
 
     def share(fraction: Scalar | float) -> tuple[Hub, Any]:
-        """So much of the load: the motion of the hub, and what acts at the tip."""
+        """A share of the load: the motion of the hub, and what acts at the tip."""
         root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else
         part = Hub(
             root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,

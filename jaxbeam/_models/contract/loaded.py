@@ -83,8 +83,8 @@ class Conditions(eqx.Module):
 
 
 def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
-    """What `resting` finds, and not OK either where nothing holds the beam, which might rest
-    elsewhere, or where functions cannot follow the forces in it."""
+    """The state of `resting`, and a status that is not OK either where nothing holds the beam,
+    which might rest elsewhere, or where functions cannot follow the forces in it."""
     state = resting(rotor, equations, inputs)
     stiff = equations.is_held(state)
     held = first_broken((True if stiff is None else stiff, Status.NOT_HELD))
@@ -146,7 +146,7 @@ class _Density(eqx.Module):
 
 
 def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, AbstractSpanForce | None]:
-    """What acts at the tip, and along the span, at time t."""
+    """The loads at the tip and along the span at time t."""
     span = SpanLoad.of(equations, loads)
     return loads.at_tip(t), None if span is None else span(t)
 

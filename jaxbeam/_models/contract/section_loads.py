@@ -27,7 +27,7 @@ _Rows = Float[Array, "p 3"]
 
 
 class Environment(NamedTuple):
-    """What acts on a beam at time t: its hub, loads, and damping."""
+    """Everything that acts on a beam at time t: its hub, loads, and damping."""
 
     hub: Hub
     loads: Loads

@@ -18,8 +18,8 @@ POINTS = 6  # in an element: products with cubics are exact up to degree eight
 
 
 class AbstractSpanForce(eqx.Module):
-    """What a force along the span does on the coordinates of some equations of motion. It is
-    linear in its arrays: so many times these are so many times the force."""
+    """The generalised force of a force along the span on the coordinates of some equations of
+    motion. It is linear in its arrays: so many times these are so many times the force."""
 
     @abc.abstractmethod
     def on(self, equations: Any, q: Vector) -> Vector:
@@ -30,7 +30,7 @@ class AbstractSpanForce(eqx.Module):
         """Minus its derivative by q, of the kind of `Equations.mass`; None where that is zero."""
 
     def power(self, equations: Any, q: Vector, v: Vector) -> Number:
-        """What it does, in W."""
+        """The power of the force along the span, in W."""
         return pairwise_sum(self.on(equations, q) * v)
 
 

@@ -30,7 +30,7 @@ from jaxbeam._types import Number
 
 
 class Strained(eqx.Module):
-    """What has strains and an energy s.D s / 2, by coordinates e with so many `axes`, and with
+    """A part with strains and an energy s.D s / 2, by coordinates e with so many `axes`, and with
     others of lanes behind them."""
 
     axes: ClassVar[int]
@@ -84,7 +84,7 @@ class Strained(eqx.Module):
         return jax.vmap(push, out_axes=self.axes)(self._units(e)).reshape(*own, *e.shape)
 
     def _units(self, e: Array) -> Array:
-        """One of each coordinate."""
+        """Unit vectors of the coordinates, repeated over lanes."""
         own, lanes = e.shape[: self.axes], e.ndim - self.axes
         units = jnp.eye(math.prod(own), dtype=e.dtype).reshape(-1, *own)
         return jnp.broadcast_to(append_axes(units, lanes), (len(units), *e.shape))
@@ -178,7 +178,7 @@ def _backwards(
 
 
 class EndSprings(Strained):
-    """What is at both ends, with strains of the displacement gradients d = r' - a1 at root and tip
+    """Springs at both ends, with strains of the displacement gradients d = r' - a1 at root and tip
     (2, c, *lanes), each by one of these alone, and the energy sum k s^2 / 2."""
 
     axes: ClassVar[int] = 2

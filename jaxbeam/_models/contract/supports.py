@@ -87,8 +87,8 @@ SUPPORTS = frozenset(
 
 
 class Neglects(NamedTuple):
-    """What a theory leaves out, as a rule: its relative error over three numbers. All are zero
-    where nothing is known."""
+    """The part of an answer that a theory leaves out, as a rule: its relative error over three
+    numbers. All are zero where nothing is known."""
 
     stiffening: float = 0.0  # over the stiffening ratio
     deflection: float = 0.0  # over the square of deflection over length
@@ -153,7 +153,7 @@ def check_supported(
 
 
 def _clamped(rotor: Rotor, damping: Damping) -> str:
-    """Which damper has nothing to damp, in a sentence; empty where there is none."""
+    """The damper that has nothing to damp, in a sentence; empty where there is none."""
     if rotor.root_support is None:
         each = zip(("in_plane", "flap"), damping.dampers, rotor.springs, strict=True)
         for way, damper, spring in each:
@@ -179,7 +179,7 @@ def _clamped(rotor: Rotor, damping: Damping) -> str:
 
 
 def _rigid(end: str, dampers: Any, support: Support) -> str:
-    """Which damper of a support is where it holds rigidly, in a sentence."""
+    """The damper of a support where that holds rigidly, in a sentence."""
     if not is_concrete(dampers):
         return ""
     for way, damper, spring in zip(WAYS, np.asarray(dampers), support.springs, strict=True):

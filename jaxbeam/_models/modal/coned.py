@@ -126,8 +126,8 @@ class _Cone(NamedTuple):
 
 
 def lag_of_root(lag: Any, moment: Any, bent_by: Scalar) -> Scalar:
-    """What the root does to a small turn b of the tangent across, in N m, at a steady turn a in
-    flap, by a spring against lag and the moment by which it holds the flap.
+    """The moment of the root against a small turn b of the tangent across, in N m, at a steady turn
+    a in flap, by a spring against lag and the moment by which it holds the flap.
 
     Its axes are those of the cone. Springs have k phi^2 / 2, phi the components about these of the
     least rotation from the direction of the cone to the tangent. With f = a / sin a

@@ -191,9 +191,9 @@ def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array, matters: Arr
 
 @functools.lru_cache(maxsize=64)
 def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, Array], Array]:
-    """What `_enlarged` does, of (ways, 4) weights of tables and (ways, 2 k, width) residuals, case
-    by case, where it matters: stiff beams, of which kappa = L sqrt(P / EI) is no more than
-    functions are, need it not."""
+    """The batch rule of `_enlarged`, of (ways, 4) weights of tables and (ways, 2 k, width)
+    residuals, case by case, where it matters: stiff beams, of which kappa = L sqrt(P / EI) is no
+    more than functions are, need it not."""
 
     def one(elastic: Array, r: Array, n: int) -> Array:
         size, k = n + _FAR * grading, len(r) // 2

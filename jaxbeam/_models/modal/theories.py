@@ -122,7 +122,7 @@ class _Modal(CartesianModel):
         return layered.are_followed(self.counts[1:], rotor, speed)
 
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array | None:
-        """What pulls at sections in steady rotation, in N; None in a theory that does not know."""
+        """The tension of sections in steady rotation, in N; None in a theory without it."""
         return tension(profile, rotor, speed)
 
     def frequency_error(
@@ -354,7 +354,7 @@ class VonKarman(_Modal):
 
     @classmethod
     def of_size(cls, n: int, rotor: Rotor, planar: bool, n_stretch: int = 0) -> Self:
-        """The same; functions of u1 follow u2'^2."""
+        """A model with n bending functions each way; functions of u1 follow u2'^2."""
         return super().of_size(n, rotor, planar, 2 * n + 1)
 
     @property

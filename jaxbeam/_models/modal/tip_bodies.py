@@ -35,7 +35,7 @@ from jaxbeam._types import Matrix, Number, Triple, Vector
 
 
 class TipRotation(eqx.Module):
-    """What the axial inertia of a body does, and the difference D of the two others.
+    """The effect of the axial inertia of a body, and of the difference D of the two others.
 
     All are vectors and matrices of the coordinates q of a model: e2 = slopes[0] . q and so on.
     """
@@ -49,7 +49,7 @@ class TipRotation(eqx.Module):
 
     @classmethod
     def of(cls, rotor: Rotor, body: TipBody, shapes: Shapes, to_second_order: bool) -> Self:
-        """What the body at the tip of a rotor adds, by the functions along its beam."""
+        """The rotation of the body at the tip of a rotor, by the functions along its beam."""
         length = rotor.beam.length
         angle = section_angle(rotor, lambda angle: along(angle, np.ones(1)))
         one_hot = one_hots(shapes.counts)
@@ -68,7 +68,7 @@ class TipRotation(eqx.Module):
 
     @property
     def mass(self) -> Any:
-        """What the body adds to the mass matrix."""
+        """The contribution of the body to the mass matrix."""
         return 0.0 if self.excess is None else self.excess * _outer(self._bent[0])
 
     @property

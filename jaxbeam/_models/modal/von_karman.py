@@ -64,7 +64,7 @@ class VonKarmanElasticity(Elasticity):
     def _pulled(
         self, gradient: Float[Array, "p 3 *#lanes"], strain: Float[Array, "p *#lanes"]
     ) -> Vector:
-        """What a strain does on the coordinates."""
+        """The generalised force of a strain."""
         rows = self._rows(gradient).swapaxes(0, 1)
         return matvec_once(rows, self.axial_stiffness * self.weight * strain)
 
@@ -75,7 +75,7 @@ class VonKarmanElasticity(Elasticity):
         return matmul(rows.swapaxes(0, 1), weight[:, None] * others)
 
     def _geometric(self, strain: Float[Array, "p *#lanes"]) -> Matrix:
-        """What a strain does as stiffness, by the derivative of `_rows` by q."""
+        """The geometric stiffness of a strain, by the derivative of `_rows` by q."""
         bends = self.one_hot[:, 1:]
         alike = matmul(bends, bends.swapaxes(0, 1))
         return self._product(self.slope, strain[:, None] * self.slope) * alike

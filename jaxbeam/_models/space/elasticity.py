@@ -21,7 +21,7 @@ from jaxbeam._types import Number, Triple, Vector
 
 
 class SpatialElasticity(Equations):
-    """What elements, springs of the root and what holds a body at the tip do on the coordinates.
+    """The elasticity of elements, of springs of the root and of what holds a body at the tip.
 
     Components of a node are in the order `ways`, and the first `absent` numbers of the first node
     are not coordinates: its values, and the slopes that the root does not let be.

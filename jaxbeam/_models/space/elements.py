@@ -227,7 +227,7 @@ class SpatialEquations(SpatialElasticity):
         return self._outward(force), self._outward(moment)
 
     def _pushed(self, tip_force: Triple | TipLoad, q: Vector) -> Float[Array, "2 4 *#lanes"]:
-        """What a load does on the last node."""
+        """The generalised force of a load on the last node."""
         if not isinstance(tip_force, TipLoad):
             pull = jnp.concatenate([self._inward(tip_force), jnp.zeros_like(tip_force[:1])])
             return self._constant(pull)[0]
@@ -338,8 +338,8 @@ class SpatialEquations(SpatialElasticity):
     def _spun(
         self, hub: Hub, u: Float[Array, "2 4 *#lanes"], rate: Float[Array, "2 4 *#lanes"]
     ) -> Float[Array, "2 4 *#lanes"]:
-        """What a body at the tip does that spins about its axis t at a' + omega.t, but for what
-        a'' + omega_1' do: j (omega'.u' + omega.t') on the twist, -j (a' + omega.t) omega on the
+        """The force of a body at the tip that spins about its axis t at a' + omega.t, but for that
+        of a'' + omega_1': j (omega'.u' + omega.t') on the twist, -j (a' + omega.t) omega on the
         slope."""
         spin, push = hub.angular_velocity, hub.angular_velocity_rate
         slope, turns = self._seen(u[1]), self._seen(rate[1])

@@ -73,9 +73,9 @@ def in_beam_axes(load: TipLoad, d: Triple, angle: Number) -> tuple[Triple, Tripl
 
 
 def push(load: TipLoad, d: Triple, angle: Number) -> Float[Array, "7 *#lanes"]:
-    """What does the work of a load at the tip on the displacement, on its gradient and on the angle
-    of twist there. The section turns by t x dt, and about t by the change of the angle and by what
-    the least rotation turns there: see `space.carried`."""
+    """The forces of a load at the tip on the displacement, on its gradient and on the angle of
+    twist there, by their work. The section turns by t x dt, and about t by the change of the angle
+    and by what the least rotation turns there: see `space.carried`."""
     force, moment = in_beam_axes(load, d, angle)
     size = 1 + elongation(d)
     t = (d + append_axes(A1, d.ndim - 1)) / size[None]

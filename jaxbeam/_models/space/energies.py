@@ -84,7 +84,8 @@ class SpatialRule(NamedTuple):
 
     @property
     def tables(self) -> Any:
-        """What makes r' and turn, and their derivatives, of those at stations (2, 4, g, 3)."""
+        """The tables that make r' and turn, and their derivatives, of those at stations (2, 4, g,
+        3)."""
         stack = np.stack if isinstance(self.slopes, np.ndarray) else jnp.stack
         tables = (self.slopes, self.angles), (self.curvatures, self.rates)
         return stack([stack([along] * 3 + [about]) for along, about in tables])
@@ -193,7 +194,7 @@ class SpatialElement(Strained):
         return pairwise_sum(append_axes(self.rule.weights, natural.ndim - 1) * density)
 
     def _at(self, natural: Natural) -> Rotated:
-        """What is at the Gauss points, in the axes of the first node's frame."""
+        """Vectors and angles at the Gauss points, in the axes of the first node's frame."""
         none, lanes = jnp.zeros_like(natural[0]), natural.ndim - 1
         first = jnp.stack([natural[0], none, none])
         stations = jnp.stack([first, natural[1:4], natural[4:7]], 1)
@@ -241,7 +242,7 @@ class SpatialElement(Strained):
         return jnp.stack([self.torsion * twist, *self._bends(v, w)])
 
     def _by(self, ways: list[Way], at: Rotated) -> Float[Array, "10 k g *lanes"]:
-        """What each of k ways does on `Natural`."""
+        """The forces of each of k ways on `Natural`."""
         moments, on_turns, on_rates = (jnp.stack(each) for each in zip(*ways, strict=True))
         forces = jax.vmap(at.points.forces)(moments)
         loads = jnp.stack([*forces[:3], on_turns, *forces[3:], on_rates])

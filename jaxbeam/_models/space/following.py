@@ -42,7 +42,8 @@ Pushes = Float[Array, "3 p *lanes"]  # forces at points of one element
 
 
 class FollowingForce(AbstractSpanForce):
-    """What acts at the points of elements, each with its share of the length."""
+    """Forces that turn with the sections, at points of elements, each with its share of the
+    length."""
 
     push: Float[Array, "E 3 p *#lanes"]  # along the axes of the section there, in N
     parts: Cuts = eqx.field(static=True)
@@ -136,7 +137,7 @@ def in_beam_axes(
 
 
 def _on_nodes(equations: Any, push: Pushes, value: Any, lanes: int) -> Array:
-    """What forces at the points of an element do on its nodes (2, 2, 4, *lanes)."""
+    """Forces on the nodes of an element (2, 2, 4, *lanes) by forces at its points."""
     by = sum_of_products(
         append_axes(value, lanes)[:, :, None], push.swapaxes(0, 1)[:, None], 0, max(lanes, 1)
     )

@@ -59,7 +59,7 @@ def frames(e: LocalCoordinates, n_elements: int) -> Frames:
 
 
 def deformation(e: LocalCoordinates, n_elements: int) -> Natural:
-    """What is left of an element when it is not moved rigidly: |r'| of the first node; r' on the
+    """The deformation of an element without its rigid motion: |r'| of the first node; r' on the
     chord and at the last node in the axes of the first node's frame; and the turn that twists it:
     its rate at the first node, from there to the last, and its rate there."""
     frame = frames(e, n_elements)
@@ -94,7 +94,7 @@ class _Acting(NamedTuple):
 
 
 def _acting(frame: Frames, force: Float[Array, "10 k *lanes"], n_elements: int) -> _Acting:
-    """What does the work of a force on `deformation`, where the frame turns by Phi."""
+    """The forces that do the work of a force on `deformation`, where the frame turns by Phi."""
     lean, (none, one) = frame.lean, (f(frame.size) for f in (jnp.zeros_like, jnp.ones_like))
     slope = jnp.stack(frame.end.forces(jnp.stack([one, none, none]))[:3])
     slope = sum_of_products(frame.end.rows, slope[:, None], 0, max(lean.ndim - 1, 1))

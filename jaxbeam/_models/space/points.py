@@ -55,7 +55,7 @@ class Points(NamedTuple):
         return self.u3 * self.seen[1] - self.u2 * self.seen[2]
 
     def forces(self, moments: Float[Array, "3 *#g"]) -> tuple[Number, ...]:
-        """What moments of k_1, k_2 and k_3 do on changes of p and q."""
+        """The forces of moments of k_1, k_2 and k_3 on changes of p and q."""
         m1, m2, m3 = moments
         (e, k2, k3), u2, u3 = self.seen, self.u2, self.u3
         a, b = m2 + m1 * u3, m3 - m1 * u2

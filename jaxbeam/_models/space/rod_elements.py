@@ -139,7 +139,7 @@ def _by_seen(
 
 
 def nodal(tables: RodTables, state: Bent, force: Float[Array, "E p 6"]) -> Float[Array, "E k 6"]:
-    """What forces in sections, at Gauss points with weights, do on nodes, in axes of these."""
+    """Forces on nodes, in axes of these, by forces in sections at Gauss points with weights."""
     push, couple = _on_nodes(tables, state, force)
     pairs = (state.turns, push), (state.leads, couple)
     return jnp.concatenate([jnp.einsum("ekct,ekc->ekt", *pair) for pair in pairs], -1)
@@ -148,7 +148,7 @@ def nodal(tables: RodTables, state: Bent, force: Float[Array, "E p 6"]) -> Float
 def _on_nodes(
     tables: RodTables, state: Bent, force: Float[Array, "E p 6"]
 ) -> tuple[Float[Array, "E k 3"], Float[Array, "E k 4"]]:
-    """What forces in sections do on nodes, by changes of their places and of their quaternions."""
+    """Forces on nodes by forces in sections, for changes of places and of quaternions."""
     eleven = jnp.einsum("egsz,egs->egz", state.by_eleven, force)
     back = tables.rate.swapaxes(1, 2)
     couple = jnp.asarray(tables.shapes).T @ eleven[..., :4] + back @ eleven[..., 4:8]

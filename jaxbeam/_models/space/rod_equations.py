@@ -91,7 +91,7 @@ class RestingRod(Equations):
         return Rest(q, status, matrices, fixed.lacking_about(at), fixed.taken_along(at))
 
     def lacking_about(self, q: Coordinates) -> Matrix:
-        """What stiffness is less than where strains, not forces, are polynomials."""
+        """The most by which stiffness is too small where strains, not forces, are polynomials."""
         rod = self.rod
         by = by_changes(rod.tables, bent(rod.tables, *rod.nodes(q)))
         more = rod.tables.assembled(by.swapaxes(1, 2) @ rod.tables.lacking @ by)
@@ -161,7 +161,7 @@ class RestingRod(Equations):
         return out + self._damped_ends(q, drag)
 
     def _damped_ends(self, q: Coordinates, drag: Drag) -> Matrix | float:
-        """What dampers of supports do."""
+        """The forces of dampers of supports."""
         p, every = self.rod.nodes(q)[1], jnp.zeros_like(self.rod.mass)
         dampers = dampers_of(drag)
         if dampers == (None, None):
@@ -270,7 +270,7 @@ class RestingRod(Equations):
         return six[:, :3], six[:, np.array([3, 5, 4])] * _SIGNS
 
     def _tails(self, q: Coordinates, xi: np.ndarray, loads: Loads, t: Number) -> Any:
-        """What loads along the span do in sections, as `tails` has it."""
+        """The section forces of loads along the span, as `tails` has it."""
         tables, sections = self.rod.tables, sections_of(self.rotor.beam)
         edges = tuple(sorted({*tables.ends, *sections.edges, *loads.kinks}))
         span = Span.between(edges, _POINTS)
@@ -311,7 +311,7 @@ class RestingRod(Equations):
         return RodSpanIntegral(self.rod, _Pace(sections), self.axes, edges, follows)
 
     def _around(self, hub: Hub, tip_force: Any, span: Any) -> Around:
-        """What it rests in, in axes of the beam."""
+        """The surroundings of the resting rod, in axes of the beam."""
         load = self.load_in_beam_axes(tip_force)
         gravity = hub.gravity - hub.velocity_rate
         velocity, spin, gravity = (

@@ -186,8 +186,8 @@ class RodEquations(RestingRod):
         return self._viscous(q, v, None)
 
     def _viscous(self, q: Coordinates, v: Vector, drag: Drag | None) -> Vector:
-        """What sections and springs do whose stress is their stiffness times the rate of strain;
-        with a `drag` times its coefficients, and what dampers do."""
+        """Viscous forces of sections and springs, whose stress is their stiffness times the rate of
+        strain; with a `drag` times its coefficients, and with those of dampers."""
         rod, (u, p), w = self.rod, self.rod.nodes(q), self.rod.of_velocities(v)
         tables, whole = rod.tables, 1.0 if drag is None else drag.stiffness_coefficient
         state = bent(tables, u, p)

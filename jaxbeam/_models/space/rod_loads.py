@@ -65,7 +65,7 @@ def twisting(p: _Sixes) -> Float[Array, "nodes 6 6"]:
 
 
 class Carried(NamedTuple):
-    """What steady rotation does: forces of inertia, and matrices of small motion."""
+    """The effect of steady rotation: forces of inertia, and matrices of small motion."""
 
     force: _Sixes  # A^T M v
     gyroscopic: _Matrix  # M A - A^T M - J
@@ -73,8 +73,8 @@ class Carried(NamedTuple):
 
 
 def carried_along(mass: _Matrix, v: _Sixes) -> Carried:
-    """What steady rotation does to nodes with these velocities, by T = v.M v / 2 with M that is
-    constant."""
+    """Forces and matrices of steady rotation on nodes with these velocities, by T = v.M v / 2 with
+    M that is constant."""
     n = len(v)
     a, p = carried(v), (mass @ v.reshape(-1)).reshape(n, 6)
 
@@ -102,7 +102,7 @@ def acting(
     tables: RodTables, still: Still, gravity: Triple, load: TipLoad | None,
     span: "RodSpanForce | None",
 ) -> NodeForces:  # fmt: skip
-    """What gravity, a load at the tip and forces along the span do, in axes of the beam."""
+    """Forces of gravity, of a load at the tip and along the span, in axes of the beam."""
     attitude, n = still.attitude, len(still.u)
     none = jnp.zeros((n, 3), still.u.dtype)
     dead = tables.weight[:, :1] * gravity[None]

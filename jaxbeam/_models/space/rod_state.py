@@ -41,7 +41,7 @@ _IN_ALL = 600  # changes, for all shares
 
 
 class Around(NamedTuple):
-    """What a rod rests in, in axes of the beam: how the hub moves, and loads."""
+    """The surroundings of a rod, in axes of the beam: the motion of the hub, and loads."""
 
     velocity: Triple
     spin: Triple
@@ -50,7 +50,7 @@ class Around(NamedTuple):
     span: RodSpanForce | None
 
     def times(self, share: Scalar | float) -> "Around":
-        """So much of all loads; those of inertia go with the square of velocities."""
+        """A share of all loads; those of inertia go with the square of velocities."""
         root = jnp.sqrt(share)
         loads = jax.tree.map(lambda a: share * a, (self.gravity, self.load, self.span))
         return Around(root * self.velocity, root * self.spin, *loads)
@@ -252,7 +252,7 @@ def _matrices_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[
 
 
 def pushed(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
-    """What a function of a tree does to rates of its numbers, of which some may be None."""
+    """The rates of a function of a tree by rates of its numbers, of which some may be None."""
     rates = jax.tree.map(
         lambda t, a: jnp.zeros_like(a) if t is None and eqx.is_inexact_array(a) else t,
         rates, given, is_leaf=lambda part: part is None,
@@ -268,5 +268,5 @@ def pushed(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
 
 
 def _hair(stiffness: Float[Array, "f f"]) -> Float[Array, " f"]:
-    """What is rounding to the diagonal of a stiffness, and keeps it regular."""
+    """The rounding of the diagonal of a stiffness, which keeps it regular."""
     return jax.lax.stop_gradient(jnp.finfo(stiffness.dtype).eps * jnp.abs(jnp.diagonal(stiffness)))

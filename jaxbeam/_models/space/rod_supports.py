@@ -52,7 +52,7 @@ class Held(eqx.Module):
 
     @property
     def ways(self) -> tuple[int, ...]:
-        """Which of the six are free, or have springs."""
+        """The ways, of six, that are free or have springs."""
         return tuple(k for k, spring in enumerate(self.springs) if spring is not None)
 
     @property
@@ -128,8 +128,8 @@ class Held(eqx.Module):
         return self.stiffness @ ways**2 / 2
 
     def acting(self, u: Float[Array, "3"], p: Float[Array, "4"]) -> tuple[_Six, _Block, _Block]:
-        """What springs do to the node, in its own axes, their symmetric tangent, and of that what
-        is of the springs alone: rates^T k rates."""
+        """Forces of springs on the node, in its own axes, their symmetric tangent, and of that the
+        part of the springs alone: rates^T k rates."""
         axes, vector = self.axes, turn_of(p)
         about = axes @ (self.stiffness[3:, None] * axes.T)
 

@@ -125,7 +125,7 @@ class RodTables(eqx.Module):
         return _within(self.ends, gauss(self.degree)[0]).ravel()
 
     def of_elements(self, nodes: Array) -> Array:
-        """What nodes (n, ...) have, by element (E, k, ...)."""
+        """Values of nodes (n, ...), by element (E, k, ...)."""
         p = self.degree
         index = np.arange(self.elements)[:, None] * p + np.arange(p + 1)
         return nodes[index]
@@ -152,7 +152,7 @@ class RodTables(eqx.Module):
         return node_rows(self.ends, self.degree, places)
 
     def of_gauss(self, values: Float[Array, "E p *k"], places: np.ndarray) -> Array:
-        """What polynomials through Gauss points of elements are at places (m, ...)."""
+        """Values at places (m, ...) of polynomials through Gauss points of elements."""
         where, within = located(self.ends, places)
         rows = lagrange(gauss(self.degree)[0], within)[0]
         return jnp.einsum("mp,mp...->m...", rows, values[where])

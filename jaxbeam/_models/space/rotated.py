@@ -35,7 +35,7 @@ class Rotated(NamedTuple):
         ]
 
     def moment_ways(self, moments: Array, on_turn: Array) -> list[Way]:
-        """What moments do, and how that goes with the turn if they stay as they are."""
+        """The way of the moments, and that of its change with the turn if they stay as they are."""
         (twist, second, third), (_, k2, k3) = moments, self.points.seen
         none = jnp.zeros_like(twist)
         later = jnp.stack([none, -third, second])

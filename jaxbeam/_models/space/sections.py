@@ -85,7 +85,8 @@ class SpatialSections(eqx.Module):
             self.each = jax.tree.map(lambda a: a[0], self.each)
 
     def by_element(self, function: Callable[..., Array], *local: Array) -> Array:
-        """What a function of a `SpatialPart` and coordinates (2, 2, 4, *lanes) makes of each."""
+        """The results of a function of a `SpatialPart` and coordinates (2, 2, 4, *lanes) for each
+        element."""
         each, rule = self.each, rules(self.parts, spatial_rule)
         if local[0].ndim == 4 and rule is None and not loops_are_dear():
             # Elements are the lanes where there are no others.
@@ -109,9 +110,9 @@ class SpatialSections(eqx.Module):
 
 
 def _stretching(s: np.ndarray, weight: np.ndarray, axial: Any) -> Float[Array, "E 3"]:
-    """What of int EA dx belongs to each point of stretch of an element: int EA N dx, where its
-    share of strain energy is as its quadratic N. Where a step of EA makes one of these negative,
-    or next to nothing, as much as is needed of int EA H dx, of hats H, which never are."""
+    """Weights of int EA dx at the points of stretch of an element: int EA N dx, where its share of
+    strain energy is as its quadratic N. Where a step of EA makes one of these negative, or next to
+    nothing, as much as is needed of int EA H dx, of hats H, which never are."""
 
     def shared(shapes: np.ndarray, value: Any) -> Any:  # (E, m, g, 3) and (E, m, g) to (E, 3)
         return jnp.sum(value[..., None] * shapes, (1, 2))
