@@ -83,7 +83,7 @@ def concrete_array(name: str, value: Any) -> np.ndarray:
 
 
 def places(xi: Any) -> np.ndarray:
-    """The argument `xi` of what is asked along the span, as places x / L: (p,) of NumPy."""
+    """The argument `xi` of questions along the span, as places x / L: (p,) of NumPy."""
     points = np.atleast_1d(concrete_array("xi", xi))
     if points.ndim > 1 or not ((points >= 0) & (points <= 1)).all():
         raise ValueError(f"xi must be x / L in [0, 1], one or several in a row, got {xi}")
@@ -131,13 +131,14 @@ def _real(name: str, value: Any) -> Any:
 
 
 def is_there(given: Any) -> bool:
-    """Whether a list of numbers, which may be traced, is not empty."""
+    """Whether a list of numbers, which may be traced, has any."""
     return len(given) > 0 if isinstance(given, list | tuple) else np.size(given) > 0
 
 
 @contextlib.contextmanager
 def traceable(name: str) -> Iterator[None]:
-    """Around a call of somebody's function: says that it must be of JAX, where it is not."""
+    """A block around a call of a user's function: it says that the function must be of JAX, where
+    it is not."""
     try:
         yield
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:

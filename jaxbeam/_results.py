@@ -50,13 +50,13 @@ class InHertz:
 
 
 def asked_with() -> Any:
-    """Field of what a result needs to answer with, such as the rotor whose modes they are. It was
-    given and not found, so it is no part of a table: see `found_alone`."""
+    """A field for what a result needs to answer with, such as the rotor whose modes they are. It
+    was given and not found, so it is no part of a table: see `found_alone`."""
     return eqx.field(default=None, metadata={"asked_with": True})
 
 
 def found_alone(tree: Any) -> Any:
-    """A pytree in which results are without what they are asked with."""
+    """A pytree in which results lack what they are asked with."""
 
     def needs(node: Any) -> list[str]:
         fields = dataclasses.fields(node) if isinstance(node, eqx.Module) else ()
@@ -140,13 +140,13 @@ def _nan_unless_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tupl
 
 
 def without_derivatives(tree: Tree) -> Tree:
-    """`jax.lax.stop_gradient` on all arrays of a pytree, leaving all else in place."""
+    """A pytree with `jax.lax.stop_gradient` on all arrays, and all else in place."""
     dynamic, static = eqx.partition(tree, eqx.is_array)
     return eqx.combine(jax.lax.stop_gradient(dynamic), static)
 
 
 def harmless(fine: Bool[Array, ""], tree: Tree) -> Tree:
-    """Real arrays of a pytree, ones in their place unless they are `fine`.
+    """A pytree with ones in the place of real arrays unless they are `fine`.
 
     A NaN in one lane of a batch would keep the others waiting, and end up in gradients of
     parameters that lanes share; and what is out of range may be worse.

@@ -313,7 +313,7 @@ def said(error: Exception) -> str | None:
 
 @contextlib.contextmanager
 def unlogged() -> Iterator[None]:
-    """Keeps what is said of cases that raise out of the log: it is collected otherwise."""
+    """A block in which cases that raise stay out of the log, and what they say is collected."""
 
     def none(_: logging.LogRecord) -> bool:
         return False
@@ -329,7 +329,7 @@ def unlogged() -> Iterator[None]:
 
 
 class CaseError(RuntimeError):
-    """Raised on the way through XLA, which keeps its name and its sentence alone."""
+    """An error on the way through XLA, which keeps its name and its sentence alone."""
 
 
 _SENTENCE = r"(?:EquinoxRuntimeError|CaseError): (.*?)(?:\n\n|$)"

@@ -35,8 +35,25 @@ ASKED = {
 }  # fmt: skip
 # Words with which a first sentence begins that hangs on the name of what it is said of.
 FRAGMENTS = {
-    "of", "those", "that", "these", "it", "as", "its", "they", "this", "such", "same",
-    "by", "from", "with", "without", "in", "at", "to", "for",
+    "of",
+    "those",
+    "that",
+    "these",
+    "it",
+    "as",
+    "its",
+    "they",
+    "this",
+    "such",
+    "same",
+    "by",
+    "from",
+    "with",
+    "without",
+    "in",
+    "at",
+    "to",
+    "for",
 }
 # Of a function or class too: it is said as a noun, or as a verb with its object.
 ASKS = {"what", "which", "so", "have"}  # fmt: skip

@@ -74,7 +74,8 @@ def keys_of(maker: Callable[..., Any]) -> Keys:
 
 
 def in_radians(name: str, keys: Collection[str]) -> str:
-    """The argument that a key stands for: of a speed in rpm that in rad/s."""
+    """The name of the argument that a key stands for: of a speed in rpm that of the one in
+    rad/s."""
     base = name.removesuffix(RPM)
     last = base.rpartition(".")[2]
     return base if last in _SPEEDS and last in keys and base != name else name
@@ -153,14 +154,14 @@ def _all_keys(makers: list[Any]) -> set[str]:
 
 
 def _kinds(parameter: inspect.Parameter) -> list[type]:
-    """Classes whose arguments a table at this one may have."""
+    """Classes whose arguments may be a table in the place of this argument."""
     stated = typing.get_args(parameter.annotation) or (parameter.annotation,)
     bases = [each for each in stated if inspect.isclass(each) and issubclass(each, eqx.Module)]
     return [kind for base in bases for kind in public(base).values()]
 
 
 def _fitting(path: str, makers: list[Any], given: Collection[str], swept: Collection[str]) -> Any:
-    """Whichever maker fits the keys best, which must be complete."""
+    """The maker that fits the keys best, which must be complete."""
 
     def lacks(maker: Any) -> list[str]:
         required = [name for name, p in keys_of(maker).items() if p.default is p.empty]
@@ -177,7 +178,7 @@ def _fitting(path: str, makers: list[Any], given: Collection[str], swept: Collec
 
 
 def _known(path: str, key: str, value: Any, parameter: inspect.Parameter) -> Any:
-    """The value of an argument that is no part of its own."""
+    """The value of an argument that is a number, a text, a truth or a list of these."""
     for kind, called in ((str, "a text in quotes"), (bool, "true or false")):
         if parameter.annotation is kind:
             if not isinstance(value, kind):

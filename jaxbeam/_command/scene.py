@@ -172,7 +172,8 @@ def _in_radians(keys: Collection[str], numbers: Numbers) -> Numbers:
 
 
 def _no_table(key: str) -> str:
-    """The complaint of a table that there is not; what belongs to another one is said so."""
+    """The complaint about a table that does not exist, with the table that a key of this name
+    belongs to."""
     owners = {"rotor": jb.Rotor, "beam": jb.Beam, "loads": jb.Loads, "damping": jb.Damping}
     where = next((table for table, kind in owners.items() if key in keys_of(kind)), None)
     return f"there is no table {key}" + (f", it is [{where}.{key}]" if where else "")
@@ -219,7 +220,7 @@ def read_blade(
 
 
 def _speed_in(beam: Any) -> dict[str, float]:
-    """The speed that the file of a beam states, if it does, for where a scene has none."""
+    """The speed that the file of a beam states, if it does, for scenes without one."""
     speed = getattr(beam, "angular_speed", None)
     _note("" if speed is None else f"angular_speed is {speed:.6g} rad/s, as the beam's file says")
     return {} if speed is None else {"angular_speed": speed}

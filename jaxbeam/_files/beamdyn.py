@@ -151,7 +151,7 @@ def _sections(path: Path, lines: Sequence[str], said: NamedValues, axis: Axis) -
 
 
 def _next(path: Path, lines: Sequence[str], at: int, width: int, what: str) -> tuple[Row, int]:
-    """The next line that is not empty, of so many numbers, and the place behind it."""
+    """The next line that is not empty, with `width` numbers, and the place behind it."""
     while at < len(lines) and not lines[at].strip():
         at += 1
     cells = entries(lines[at]) if at < len(lines) else []

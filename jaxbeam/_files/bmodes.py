@@ -173,7 +173,8 @@ def _by_line(lines: Sequence[str]) -> NamedValues | None:
 
 
 def _expected(name: str, number: int, line: str) -> Value | None:
-    """The value of a line if it may be this one: it must not be called by another name."""
+    """The value of a line if that can be the one of this name: it must not be called by another
+    name."""
     text = value_in(line)
     called = [_ALSO.get(other, other) for other in named([line], 0, None)]
     expected = {other.lower() for other in _LINES}

@@ -75,7 +75,7 @@ def read_csv(
 
 def _records(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
     """Lines that are not empty, by entries, each as long as the titles if only blanks are more; and
-    what parts entries."""
+    the separator of entries."""
     lines = [re.sub("[\u200b\ufeff\0]", "", line) for line in lines]
     lines = ["" if line.lstrip().startswith("#") else line for line in lines]
     declared = re.fullmatch(r"\s*sep=([,;\t])\s*", lines[0], re.IGNORECASE)  # as for Excel
@@ -137,7 +137,7 @@ def _with_points(
 
 
 def count_named(path: Path, lines: Sequence[str]) -> int:
-    """How many columns have names that are known, if these are the lines of a table."""
+    """The number of columns with names that are known, if these are the lines of a table."""
     try:
         ((_, titles), *_), _ = _records(path, lines)
     except ValueError:

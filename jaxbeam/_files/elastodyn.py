@@ -78,7 +78,7 @@ def head_of_stations(lines: Sequence[str]) -> int | None:
 
 
 def _free(lines: Sequence[str]) -> int:
-    """Two lines are titles of the file, in FAST 7 three, of which the last may say anything."""
+    """The number of lines of free text: two are titles of the file, in FAST 7 three."""
     return 3 if lines[1:2] and lines[1].lstrip().startswith("--") else 2
 
 

@@ -106,7 +106,7 @@ def _coefficients(name: str, row: Any) -> np.ndarray:
 
 
 def _rows(beam: Beam) -> np.ndarray:
-    """The table, by stations that increase."""
+    """Rows of the table of stations, which increase."""
     if beam.point_masses is not None:
         raise ValueError(
             "point_masses: a blade file of ElastoDyn has none; leave them out, or spread them over "
@@ -149,7 +149,7 @@ def _stations(value: Any) -> Any:
 
 
 def _values(value: Any, at: np.ndarray, side: int) -> np.ndarray:
-    """Values of a property at places, or just before (-1) or behind (1) where it jumps there."""
+    """Values of a property at places, or just before (-1) or behind (1) a jump there."""
     if isinstance(value, Spanwise):
         places, values = np.asarray(value.stations), np.asarray(value.values)
         first = np.searchsorted(places, at, side="left")

@@ -158,7 +158,7 @@ def _across(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _near(angle: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Angles by whole turns nearer to others: within half a turn."""
+    """Angles shifted by whole turns to within half a turn of others."""
     near: np.ndarray = other + np.mod(angle - other + np.pi, 2 * np.pi) - np.pi
     return near
 
@@ -223,7 +223,7 @@ def _axis(path: Path, body: _MainBody) -> Axis:
 
 
 def _warn_of_side(path: Path, table: np.ndarray) -> None:
-    """Say so where the line is off as the half chord on the other side would be.
+    """Warn where the line of half chords seems to be on the other side.
 
     Off the axis of pitch by x along a chord that is turned by the twist a half chord is off by x
     tan(twist) in y; what is smooth besides is prebend.
@@ -271,7 +271,7 @@ def _sections_beside(path: Path, body: _MainBody) -> tuple[Path, list[str]]:
 
 
 def _rows(path: Path, lines: Sequence[str], number: int, subset: int) -> list[Row]:
-    """Rows of a subset of a set."""
+    """Rows of one subset of one set of an st file."""
     lines = [line.split(";")[0] for line in lines]
     start = _line_of(lines, rf"\s*#\s*{number}(?!\d)", 0)
     if start is not None:

@@ -105,7 +105,7 @@ def _pitch(moments: np.ndarray) -> np.ndarray:
 
 
 def _check_plane(inertia: Sixes, own: Sixes, mass: np.ndarray, gravity: np.ndarray) -> None:
-    """Raise where an inertia is more than a mass, its centre, and two radii of gyration."""
+    """Raise where an inertia is not that of a mass, its centre, and two radii of gyration."""
     size = own[:, 5, 5]
     plain = shift(*gravity.T)[:, :3]
     plain = mass[:, None, None] * plain  # rows of momentum

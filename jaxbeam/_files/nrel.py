@@ -83,7 +83,7 @@ def named(lines: Sequence[str], start: int, stop: int | None) -> NamedValues:
 
 
 def require(path: Path, said: NamedValues, names: Sequence[str]) -> None:
-    """Each of these names must be there, once."""
+    """Raise unless each of these names is there, once."""
     missing = [name for name in names if name.lower() not in said]
     if missing:
         raise ValueError(f"{path}: no line has {', '.join(missing)} behind its value")
@@ -100,7 +100,7 @@ def number(path: Path, said: NamedValues, name: str, zero: bool | None = None) -
 
 
 def count_of(path: Path, line: int, name: str, text: str) -> int:
-    """How many rows there are."""
+    """The number of rows that a line states."""
     count = number_in(path, line, name, text, False)
     if count != int(count):
         raise mistake(path, line, name, f"must be a whole number, got {text}")
@@ -174,8 +174,8 @@ def blade_of(
 
 
 def ignoring_too(table: BladeTable, others: Iterable[Value]) -> BladeTable:
-    """The table with sentences on named values, but those that change nothing; one for each
-    array."""
+    """The table with sentences on further named values, one for each array, but for those that
+    change nothing."""
     left: dict[str, list[str]] = {}
     for _, name, text in others:
         array = re.sub(r"\(?\d+\)?$", "", name)

@@ -95,7 +95,8 @@ def axis_of(pieces: Sequence[Piece]) -> Axis:
 
 
 def _enough(piece: Piece, length: float) -> np.ndarray:
-    """Where points are taken: those of the piece, and halfway where splines are not good enough."""
+    """Places at which points are taken: those of the piece, and halfway where splines are not good
+    enough."""
     along, allowed = piece.points[:, 0], _EXACT
     for _ in range(_HALVINGS):
         gaps = [along[:-1] + share * np.diff(along) for share in (1 / 3, 1 / 2, 2 / 3)]
@@ -120,7 +121,7 @@ def _enough(piece: Piece, length: float) -> np.ndarray:
 
 
 def straight(length: Real) -> Axis:
-    """The axis of which nothing is known but the length."""
+    """The straight axis of a known length, without twist."""
     whole = float(length)
     points = whole * np.eye(2, 3, -1)
     return Axis(points, np.zeros(2), [0.0, 1.0], [], whole, np.array([0.0, 1.0]))

@@ -63,7 +63,7 @@ class BladeTable(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Where in a row a property is, and what makes it one in SI units, in the sense of a `Beam`."""
+    """The place of a property in a row, and the factor to SI units in the sense of a `Beam`."""
 
     title: str
     number: int

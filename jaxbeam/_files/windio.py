@@ -93,7 +93,7 @@ def _parsed(path: Path, text: str) -> Any:
 
 
 def _first(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
-    """The blade of version 1."""
+    """The blade of a file of version 1."""
     keys: KeyPath = (*top, "elastic_properties_mb", "six_x_six")
     sections = _within(path, blade, keys, 2)
     shape: KeyPath = (*top, "outer_shape_bem")
@@ -117,7 +117,7 @@ def _first(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
 
 
 def _second(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
-    """The blade of version 2."""
+    """The blade of a file of version 2."""
     names = (*top, "reference_axis"), (*top, "outer_shape", "twist")
     parts = [(_within(path, blade, keys, 2), keys) for keys in names]
     axis = _axis(path, parts, FEATHER * math.pi / 180)
@@ -159,7 +159,7 @@ def _inertia(
 
 
 def _masses(path: Path, table: Any, keys: KeyPath) -> list[tuple[float, float]]:
-    """Places and masses of what is at points, but for none at all."""
+    """Places and masses of the points on the blade, but for those of no mass."""
     if table is None:
         return []
     grid = _numbers(path, _within(path, table, (*keys, "grid"), len(keys)), (*keys, "grid"))
@@ -176,7 +176,7 @@ def _mu(path: Path, table: Any, keys: KeyPath) -> tuple[float, ...] | None:
 
 
 def _axis(path: Path, parts: Sequence[tuple[Any, KeyPath]], factor: float) -> Axis:
-    """The axis of a line and a twist, each with its keys."""
+    """The axis from a line in space and a twist, each found below its keys."""
     line, twist = parts
     tables = {
         name: _table(path, _within(path, line[0], (*line[1], name), len(line[1])), (*line[1], name))

@@ -18,7 +18,8 @@ _FAR = 9.0  # times the room left, which the data ask for beyond a bound that ho
 
 
 def units(free: dict[str, FreeParameter], z: Array) -> tuple[Array, Array]:
-    """`FreeParameter.unit` of each: the slope, and what changes are measured by."""
+    """The slope of each parameter by its variable, and the measure of its changes: see
+    `FreeParameter.unit`."""
     pairs = [each.unit(z[i]) for i, each in enumerate(free.values())]
     slope, unit = (jnp.stack(column) for column in zip(*pairs, strict=True))
     return jnp.maximum(slope, jnp.finfo(z.dtype).tiny), unit
@@ -32,8 +33,8 @@ def rooms(free: dict[str, FreeParameter], z: Array) -> Array:
 
 
 def settled(problem: Problem, z: Array) -> tuple[Array, Array, Array, Array]:
-    """Parameters that the data press against a bound are put there, and the others where they fit
-    best with that, by two steps of Gauss and Newton, unless that makes things worse.
+    """Parameters after those that the data press against a bound are put there, and the others
+    where they fit best with that, by two steps of Gauss and Newton, unless that makes things worse.
 
     Returns the variables of the search, residuals and their Jacobian there, and for each parameter
     -1 where its lower bound holds it, 1 where its upper one does, else 0. A search alone comes near
@@ -66,7 +67,8 @@ def settled(problem: Problem, z: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _pressed(residual: Array, by_value: Array, room: Array) -> Array:
-    """The side on which the data ask for values far beyond the bound, all others as they are."""
+    """The side, -1 or 1, of the bound far beyond which the data ask for a value, all other
+    parameters as they are; 0 for others."""
     stiffness = jnp.sum(by_value**2, 0)
     wanted = -(residual @ by_value) / jnp.where(stiffness > 0, stiffness, 1.0)
     side = jnp.where(wanted < 0, -1, 1)
@@ -89,8 +91,8 @@ def _stepped(
 
 
 def decomposed(by_unit: Array, held: Array) -> tuple[Array, Array, Array]:
-    """Singular vectors and values of a Jacobian in which parameters that are held are known: what
-    the data say of one of these stands alone, and all else is conditional on it."""
+    """Singular vectors and values of a Jacobian in which parameters that are `held` are known: the
+    data on one of these stand alone, and all else is conditional on it."""
     m = held.size
     few = max(m - len(by_unit), 0)  # rows of zeros, for directions that nothing was measured in
     by_unit = jnp.pad(by_unit, ((0, few), (0, 0)))
@@ -113,8 +115,8 @@ def gain(residual: Array, along: Array, certainty: Array) -> Scalar:
 
 
 def others_arrived(residual: Array, by_unit: Array, there: Array, scale: Scalar) -> Array:
-    """Whether some are at a bound, to which a search goes on in ever smaller steps, and all others
-    where a step would not take them a tenth of a standard deviation farther."""
+    """Whether some parameters are at a bound, to which a search goes on in ever smaller steps, and
+    all others where a step would not take them a tenth of a standard deviation farther."""
     along, certainty, _ = decomposed(by_unit, there)
     return jnp.any(there) & (gain(residual, along, certainty) <= (CLOSE * scale) ** 2)
 

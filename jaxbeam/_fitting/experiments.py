@@ -287,7 +287,7 @@ class ResonanceMargin(Experiment):
         return found[:, None] / lines[None] - 1
 
     def predicted(self) -> Float[Array, "m h S"]:
-        """How much of the margin is missing, zero where it is kept."""
+        """The part of the margin that is missing, zero where it is kept."""
         distance = self.distance()
         side = jnp.sign(jnp.mean(jnp.log1p(jax.lax.stop_gradient(distance)), 2, keepdims=True))
         return jnp.maximum(self.margin - side * distance, 0.0)
@@ -320,7 +320,7 @@ def _residual(rest: Experiment, arrays: Experiment) -> Array:
 
 
 def _alike(a: Experiment, b: Experiment) -> bool:
-    """Whether they differ in the values of arrays alone."""
+    """Whether two experiments differ in the values of arrays alone."""
     parts = [eqx.partition(each, eqx.is_array) for each in (a, b)]
     shapes = [[(x.shape, x.dtype) for x in jax.tree.leaves(arrays)] for arrays, _ in parts]
     structures = {jax.tree.structure(arrays) for arrays, _ in parts}

@@ -124,7 +124,7 @@ def _check_kinds(experiments: Any, free: Any, max_steps: Any, solver: Any) -> No
 
 
 def _check_problem(problem: Problem, known_noise: bool, descent: Any) -> None:
-    """Raise an error unless the experiments are some, and say enough about the parameters."""
+    """Raise an error unless there are experiments that say enough about the parameters."""
     free = problem.free
     guessed = problem.named({name: each.guess for name, each in free.items()})
     for experiment in guessed:
@@ -156,7 +156,7 @@ def _check_descent(descent: Any) -> None:
 
 
 class _FitSearch(NamedTuple):
-    """How to look for the parameters, once the arguments of `fit` are checked."""
+    """The search for the parameters, once the arguments of `fit` are checked."""
 
     problem: Problem
     solver: Any
@@ -184,7 +184,7 @@ class _FitSearch(NamedTuple):
         return _better(first, other)
 
     def refined(self, z: Array) -> Fit:
-        """Where Levenberg-Marquardt, or the solver given, ends from a point."""
+        """The point at which Levenberg-Marquardt, or the solver given, ends from a point."""
         return _refine(self.problem, z, self.solver, self.max_steps, self.known_noise)
 
 
@@ -199,7 +199,7 @@ def _is_poor(found: Fit) -> bool:
 
 
 def _better(first: Fit, other: Fit) -> Fit:
-    """The lower of two ends; of those alike, the one that is an end."""
+    """The lower of two ends; of ends that are alike, the one that has converged."""
     lower = other.reduced_chi_squared < first.reduced_chi_squared * (1 - 1e-6)
     ended = (first.status == Status.FIT_NOT_CONVERGED) & (other.status != first.status)
     level = other.reduced_chi_squared <= first.reduced_chi_squared * (1 + 1e-6)

@@ -71,9 +71,9 @@ class FreeParameter(eqx.Module):
         return self.guess + jnp.where(self.guess == 0, 1.0, jnp.abs(self.guess)) * z
 
     def unit(self, z: Scalar) -> tuple[Scalar, Scalar]:
-        """d value / dz, and what a change of the parameter is measured by: that, but no less than
-        a tenth of it at the guess, nor, between two bounds, of the distance from the lower one;
-        without bounds, so of the value and the guess."""
+        """The slope d value / dz, and the measure of changes of the parameter: the parameter
+        itself, but no less than a tenth of it at the guess, nor, between two bounds, of the
+        distance from the lower one; without bounds, so of the value and the guess."""
         slope, value = jax.grad(self.value), self.value(z)
         here = jnp.abs(value) if self.bounded == (False, False) else slope(z)
         least = slope(jnp.zeros_like(z))

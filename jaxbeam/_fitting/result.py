@@ -52,7 +52,7 @@ class Problem(eqx.Module):
         return value_and_jacobian(self.residual, z)
 
     def count(self, experiments: list[Experiment]) -> Any:
-        """How many numbers were measured, priors among them; in NumPy if they are known."""
+        """The number of measured numbers, priors among them; in NumPy if they are known."""
         present = [numpy_if_concrete(experiment.present).sum() for experiment in experiments]
         return sum(present) + sum(f.prior is not None for f in self.free.values())
 

@@ -7,7 +7,8 @@ from typing import Any, Self
 
 
 class BackgroundCompiler:
-    """Compiles what is sure to be called, or nearly, in threads: XLA lets go of Python's lock.
+    """A compiler of programs that are sure to be called, or nearly, in threads: XLA lets go of
+    Python's lock.
 
     A thread only fills JAX's cache of programs, by `lower` and `compile`, which take no time where
     that has them. The call itself is the caller's, and finds its program there; it compiles as
@@ -30,7 +31,7 @@ class BackgroundCompiler:
             self.begun[key] = self.threads.submit(compiled)
 
     def await_it(self, key: Hashable) -> None:
-        """Until it is there; what has not begun yet is the caller's to compile, at once."""
+        """Wait for a compilation that has begun; one that has not is the caller's to do at once."""
         future = self.begun.get(key)
         if future is not None and not future.cancel():
             wait([future])

@@ -142,7 +142,7 @@ def _none(
     status: Status, seen: Answer, beforehand: Indicators, tolerance: float,
     evidence: tuple[Evidence, ...],
 ) -> Choice:  # fmt: skip
-    """No choice, and why; `seen` is an answer that failed."""
+    """The result of a search without a choice, with the reason; `seen` is an answer that failed."""
     return Choice(
         rung=None,
         estimate=np.inf,
@@ -212,8 +212,8 @@ class _Asker:
 def _refined(
     ask: _Asker, elements: list[AbstractModel], tolerance: float
 ) -> tuple[AbstractModel, float]:
-    """The judge, refined until it stands still, and how far it may be off. Where a finer one fails,
-    the finest that another confirms."""
+    """The judge, refined until its answer stands still, and its possible error. Where a finer one
+    fails, the finest that another confirms."""
     share = convergence_factor(ask.question, ask.rotor, elements[0])
     judge, left, before = elements[1], np.inf, np.inf
     for coarse, fine in itertools.pairwise(elements):
@@ -235,7 +235,8 @@ def _refined(
 
 @dataclasses.dataclass
 class _Trial:
-    """Rungs before the judge: what is known of their errors, and what became of each.
+    """The trial of the rungs before the judge: what is known of their errors, and what became of
+    each.
 
     The judge may be off by `left`.
     """
@@ -283,7 +284,7 @@ class _Trial:
             self.chosen = self.chosen or rung
 
     def in_vain(self, model: AbstractModel, before: list[AbstractModel]) -> str:
-        """Why a rung need not be asked, if so; those of its kind `before` it were."""
+        """The reason why a rung need not be asked; empty where there is none."""
         if why := ruled_out(model, self.beforehand, self.tolerance) or self.misses(model):
             return why
         stuck = len(before) > 1 and (
@@ -311,7 +312,7 @@ class _Trial:
         return ""
 
     def choice(self, rungs: list[Rung]) -> Choice:
-        """The end of it, once all rungs were looked at."""
+        """The choice, once all rungs were looked at."""
         estimates, verdicts = self.estimates, self.verdicts
         evidence = tuple(
             Evidence(r, estimates.get(r.model, np.nan), verdicts.get(r.model, NOT_NEEDED))

@@ -78,7 +78,7 @@ class Pool:
         self.found: dict[AbstractModel, Answer] = {}  # batched; status -1 where not asked
 
     def cases(self, which: np.ndarray, more: Mapping[str, np.ndarray]) -> Cases:
-        """Always in whole chunks: other sizes would compile anew."""
+        """Cases in whole chunks: other sizes would compile anew."""
         chunk = self.how["chunk"]
         filled = np.resize(which, -(-len(which) // chunk) * chunk)
         columns = {name: c[filled] for name, c in {**self.columns, **more}.items()}

@@ -118,7 +118,8 @@ class Question(eqx.Module):
 
     @abc.abstractmethod
     def excited(self, omega: Float[Array, " f"]) -> Float[Array, " f"]:
-        """How much bending modes take part, of what a first one could at most: known beforehand.
+        """The shares of bending modes that are excited, of the most that a first one could be:
+        known beforehand.
 
         `omega` (f,) are their frequencies at rest, in rad/s.
         """
@@ -139,7 +140,7 @@ def straightened(rotor: Rotor) -> Rotor:
 
 
 def _strained_most(rotor: Rotor) -> np.ndarray:
-    """Places x / L: the largest strains are at the root, unless the beam is weaker elsewhere."""
+    """Places x / L at which the largest strains may be: the root, and where the beam is weaker."""
     beam = rotor.beam
     return np.zeros(1) if beam.is_uniform else np.append(0.0, beside_kinks(beam.edges)[0])
 

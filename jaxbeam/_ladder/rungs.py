@@ -56,7 +56,7 @@ def space_alone(question: Question, rotor: Rotor) -> str:
 
 
 def judge_in_space(question: Question) -> type[SpatialANCF] | type[SpatialRod]:
-    """The theory that judges out of the plane."""
+    """The theory that judges answers out of the plane."""
     return SpatialANCF if question.moving else SpatialRod
 
 
@@ -124,7 +124,7 @@ def rungs(rotor: Rotor, question: Question, models: Sequence[AbstractModel] = ()
 def rungs_of(
     question: Question, rotor: Rotor, planar: bool, own: Sequence[AbstractModel] = ()
 ) -> list[Rung]:
-    """`rungs` where it is known whether all stays in the plane."""
+    """The rungs of a question where it is known whether all stays in the plane."""
     linear, nonlinear = chains(question, rotor, planar)
     judged = nonlinear[0].is_reference  # else von Karman beams are there already
     # In a cone there is `Hybrid` without stretch alone, beside elements.
@@ -181,7 +181,7 @@ class Indicators(eqx.Module):
 
 @Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
-    """Indicators but size and slope, which a linear theory has to say: these are infinite."""
+    """Indicators without size and slope, which are infinite until a linear theory has said them."""
     # Of a beam in a cone as if it lay in the plane, where the tension is no less.
     rotor = straightened(rotor)
     rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
@@ -221,8 +221,8 @@ def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
 
 
 def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) -> str:
-    """Why it need not be tried: a tenth of what it leaves out as a rule (`studies/validity.py`; of
-    a mode, its share) is too much."""
+    """The reason why a model need not be tried: a tenth of what it leaves out as a rule
+    (`studies/validity.py`; of a mode, its share) is too much. Empty where there is none."""
     if model.is_reference:
         return ""
     ratio, size, slope, strain = (

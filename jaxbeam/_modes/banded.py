@@ -157,7 +157,7 @@ def _pulls(numbers: _Numbers, count: int, values: np.ndarray) -> Guess:
 
 
 class _Polynomials(Bands):
-    """Tables of `Hybrid`."""
+    """The bands of `Hybrid`, as tables."""
 
     has_forms = True
 
@@ -180,7 +180,8 @@ class _Polynomials(Bands):
 
     @functools.cached_property
     def few(self) -> ritz.Ritz:
-        """Made for the first batch: a single case does without."""
+        """A few functions to guess modes with, made for the first batch: a single case does
+        without."""
         return ritz.bending(max(self.most[Direction.IN_PLANE], self.most[Direction.FLAP]))
 
     def _bends(self, guess: tuple[Array, Array], count: int, polynomials: np.ndarray) -> Guess:
@@ -264,7 +265,7 @@ class _Polynomials(Bands):
 
 
 def _wide(tables: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Bands of one width."""
+    """Bands of different widths as bands of one width."""
     width = width_of(*tables)
     return [band(table, width) for table in tables]
 
@@ -273,7 +274,7 @@ _RotorAtSpeed = tuple[Rotor, Scalar]  # and its speed
 
 
 class _Elements(Bands):
-    """Coordinates node by node."""
+    """The bands of elements, whose coordinates are ordered node by node."""
 
     def __init__(
         self, model: AbstractModel, bands: NodeByNode, most: ModeCounts, count: int
@@ -365,7 +366,7 @@ def _unit(n: int) -> Float[np.ndarray, "n d"]:
 def _at(
     places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size: int
 ) -> Float[np.ndarray, "n d"]:
-    """Rows in their places among so many, which are zero else."""
+    """Rows at their places among `size`, which are zero else."""
     out = np.zeros((size, rows.shape[1]))
     out[places] = rows
     return out

@@ -72,7 +72,7 @@ def energy_share(
 
 
 class _Chosen(NamedTuple):
-    """The modes wanted."""
+    """The modes wanted, with their labels."""
 
     eigenvalue: Complex[Array, " k"]
     shape: Complex[Array, "k n"]
@@ -103,7 +103,8 @@ def _chosen(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
 
 
 class _Parts(NamedTuple):
-    """A coupling group: its coordinates `rows`, direction by direction, and its matrices."""
+    """A coupling group as parts: its coordinates `rows`, direction by direction, and its
+    matrices."""
 
     rows: np.ndarray
     directions: list[Direction]
@@ -171,7 +172,7 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
 
 
 def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
-    """The modes wanted, out of all."""
+    """The modes wanted, chosen out of all."""
     groups = [
         _group(system, transverse, axial, free)
         for transverse, axial in system.coupling

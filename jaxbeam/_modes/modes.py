@@ -98,7 +98,7 @@ def found_about(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool,
     conditions: Conditions | None,
 ) -> tuple[Modes, LinearSystem]:  # fmt: skip
-    """`find`, and the matrices of which these are the modes."""
+    """The modes of `find`, and the matrices that they belong to."""
     alone = conditions is None
     given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
     # What rounding does in single precision is judged by dense matrices.

@@ -25,7 +25,8 @@ from jaxbeam._types import Code, Scalar, Vectors
 
 
 def of_places(method: Method) -> Method:
-    """A method of `Modes` that took their rotor once: whoever still gives one is told."""
+    """A wrapper for methods of `Modes` that took their rotor once: it tells whoever still gives
+    one."""
     name = method.__name__
 
     @functools.wraps(method)
@@ -238,7 +239,7 @@ class Modes(InHertz, eqx.Module):
 
 
 class _Two(eqx.Module):
-    """Modes of two batches, case by case."""
+    """Modes of two batches, side by side case by case."""
 
     first: Modes
     second: Modes

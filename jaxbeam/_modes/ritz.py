@@ -108,7 +108,7 @@ class Axial(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def axial(count: int, terms: int = 14) -> Axial:
-    """Interpolated."""
+    """The axial modes, interpolated over the tip mass."""
     shape_integrals = Hybrid(DEGREE, 0, 0).shape_integrals
     t = chebyshev.chebpts1(terms)
     square, modes = [], []

@@ -31,7 +31,8 @@ class ShapePolynomials(NamedTuple):
 
 
 class PolynomialFit(NamedTuple):
-    """Where shapes are looked at, and what each power becomes there: its own way, and across."""
+    """The places at which shapes are looked at, and the values of each power there: in its own
+    direction, and across."""
 
     xi: np.ndarray
     weight: np.ndarray

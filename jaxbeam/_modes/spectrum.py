@@ -77,9 +77,9 @@ def coupled_modes(
     rank = ranks(guess)
 
     def one(mode: Any) -> tuple[Array, ...]:
-        """Refined, with its label: the share of one must be clear, and as many modes be below as
-        their guesses say. There are none of all bending below an axial mode that is asked for, but
-        its own, of a beam at rest, is known well."""
+        """A mode, refined, with its label: the share of one must be clear, and as many modes be
+        below as their guesses say. There are none of all bending below an axial mode that is asked
+        for, but its own, of a beam at rest, is known well."""
         pick = _picked(mode, rank, directions, numbers)
         present = (
             pairwise_sum(_number(pick)) > 0
@@ -167,7 +167,8 @@ def chosen(groups: Sequence[Entries], named: Named, count: int, size: int) -> En
 
 
 def _each(named: Named, count: int) -> Any:
-    """Mode by mode what is asked for: a place in the order of all, or a direction and a number."""
+    """The modes that are asked for, one by one: a place in the order of all, or a direction and a
+    number."""
     return np.arange(float(count)) if named is None else named
 
 
@@ -195,7 +196,7 @@ def _number(true: Array) -> Array:
 
 
 def ranks(omega: Float[Array, "p *lanes"]) -> Float[Array, "p *lanes"]:
-    """How many are lower, or as low and before."""
+    """The number of modes that are lower, or as low and before, for each mode."""
     before = append_axes(np.tri(len(omega), k=-1).astype(bool), omega.ndim - 1)
 
     def one(row: tuple[Array, Array]) -> Array:

@@ -29,13 +29,13 @@ class Wanted(eqx.Module):
 
 
 def lowest(model: AbstractModel, count: int) -> Wanted:
-    """The lowest modes; growing ones come first."""
+    """The wish for the lowest modes; growing ones come first."""
     # Axial frequencies grow with the number, those of bending with its square.
     return Wanted(count, _at_most(model, (min(count, _FEW), count, count, count)), None)
 
 
 def lowest_in_plane(model: AbstractModel, count: int) -> Wanted:
-    """The lowest modes of bending in the plane of rotation and of axial motion."""
+    """The wish for the lowest modes of bending in the plane of rotation and of axial motion."""
     return Wanted(count, _at_most(model, (min(count, _FEW), count, 0, 0)), None)
 
 

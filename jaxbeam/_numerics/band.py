@@ -47,7 +47,8 @@ def band_matvec(a: Any, x: _Vector) -> _Vector:
 
 
 def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
-    """A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without their diagonal.
+    """The factors of A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without
+    their diagonal.
 
     A pivot that is zero to the last bit, as of D(omega) where omega is that right, is replaced by
     one that is zero to rounding: inverse iteration bears the latter alone.
@@ -72,7 +73,7 @@ def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
 
 
 def solved(d: _Vector, below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
-    """A^-1 x from `factors`."""
+    """The solution A^-1 x by `factors`."""
 
     def back(after: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         y = row[0] - pairwise_sum(row[1] * after)
@@ -83,7 +84,7 @@ def solved(d: _Vector, below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
 
 
 def _forward(below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
-    """(1 + L)^-1 x."""
+    """The solution (1 + L)^-1 x."""
 
     def eliminate(ahead: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         y = row[0] - ahead[0]
@@ -112,7 +113,7 @@ class Pencil(NamedTuple):
         return d if self.c is None else d + omega * self.c
 
     def slope(self, omega: Float[Array, "..."]) -> Band:
-        """Minus its derivative, 2 omega M - C."""
+        """The matrix 2 omega M - C, minus the derivative of D(omega)."""
         d = 2 * omega * self.m
         return d if self.c is None else d - self.c
 
@@ -215,7 +216,7 @@ def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "k *lanes
 def congruent(
     k: Float[Array, "m m *lanes"], a: Float[Array, "m m *lanes"]
 ) -> Float[Array, "m m *lanes"]:
-    """F^-1 A F^-T with K = F F^T, for small matrices."""
+    """The matrix F^-1 A F^-T with K = F F^T, for small matrices."""
     d, below = factors(full(k))
     root = jnp.sqrt(d)[:, None]
 

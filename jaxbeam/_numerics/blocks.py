@@ -73,7 +73,7 @@ class BlockTridiagonal(eqx.Module):
     def outer(
         self, x: Float[Array, "s n *lanes"], y: Float[Array, "s n *lanes"]
     ) -> "BlockTridiagonal":
-        """The sum of x_i y_i^T where this matrix is not zero, as a matrix of its kind."""
+        """The sum of x_i y_i^T, within the blocks of this matrix, as a matrix of its kind."""
         lanes = x.ndim - 2
         own = jax.vmap(self.blocked)(x)
         beside = jax.vmap(lambda y: padded(self.blocked(y), 1, 1))(y)
@@ -164,7 +164,7 @@ class BlockInverse(eqx.Module):
     def _solved(
         self, b: _Vector, product: Callable[[_Vector], _Vector], *ways: Callable[..., Array]
     ) -> _Vector:
-        """The x of which a product is b, by one of two ways; the other one is of its transpose."""
+        """The solution x of a product with A, or with its transpose, that is to be b."""
         parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
 
         def solve(way: Callable[..., Array], _: Any, b: _Vector) -> _Vector:

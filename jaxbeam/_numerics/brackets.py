@@ -15,8 +15,8 @@ _MORE = 100  # looks to narrow what was found
 def halved(
     before: Callable[[Array], Bool[Array, "*n"]], lower: Array, upper: Array, times: int
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Ends of an interval after so many halvings that keep the place from which `before`, true at
-    the lower end, is false; of arrays entry by entry."""
+    """Ends of intervals after bisections that keep the place at which `before`, true at the lower
+    end, becomes false; of arrays entry by entry."""
 
     def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         lower, upper = ends
@@ -29,10 +29,10 @@ def halved(
 
 
 class Looks(NamedTuple):
-    """How a search goes: from the value `bottom` on, each `ratio` times the last, `many` looks up
-    to the `top`; what was found is narrowed until values differ by less than `close`, relatively:
-    by the Illinois rule (secants between the ends, with the function at an end that stays halved
-    each time), or, where the function is a sign alone, by halving."""
+    """The settings of a search: from the value `bottom` on, each `ratio` times the last, `many`
+    looks up to the `top`; what was found is narrowed until values differ by less than `close`,
+    relatively: by the Illinois rule (secants between the ends, with the function at an end that
+    stays halved each time), or, where the function is a sign alone, by halving."""
 
     bottom: Scalar
     ratio: Scalar | float
@@ -60,7 +60,7 @@ class Bracket(NamedTuple):
         return self.b[1] <= 0
 
     def ended(self, looks: Looks) -> Array:
-        """Whether that was not for want of looks."""
+        """Whether the search ended for another reason than want of looks."""
         return self.tries < looks.many + _MORE
 
 

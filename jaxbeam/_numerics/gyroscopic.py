@@ -60,7 +60,7 @@ def _skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
 def lowest_by_skew(
     m: Array, gyro: Array, k: Array, count: int
 ) -> tuple[Array, Array, Array, Array]:
-    """The lowest of what `gyroscopic_eigenpairs` finds, with modes as rows, the share of their
+    """The lowest eigenpairs of `gyroscopic_eigenpairs`, with modes as rows, the share of their
     energy that is kinetic, and whether K is positive definite.
 
     The square of the skew matrix is symmetric, with each 1 / omega^2 twice, so that a real

@@ -21,23 +21,24 @@ from jaxbeam._types import Vector
 
 
 class Kinematics(eqx.Module):
-    """D, B and N where a step begins. The transposes take cotangents back."""
+    """The matrices D, B and N that relate rates of coordinates and velocities where a step begins.
+    The transposes take cotangents back."""
 
     @abc.abstractmethod
     def before(self, first: Vector) -> Vector:
-        """D f, of coordinates."""
+        """The change of coordinates D f by rates f."""
 
     @abc.abstractmethod
     def rates(self, z: Vector) -> Vector:
-        """B z, of coordinates."""
+        """The rates of coordinates B z by velocities z."""
 
     @abc.abstractmethod
     def seen(self, change: Vector) -> Vector:
-        """N u, of velocities."""
+        """The velocities N u that belong to a change u of coordinates."""
 
     @abc.abstractmethod
     def eliminated(self, stiffness: Any) -> Any:
-        """K N D B, of the kind of K."""
+        """The stiffness K N D B by velocities, of the kind of K."""
 
     @abc.abstractmethod
     def inverse(self, matrix: Any) -> Any:
@@ -45,31 +46,31 @@ class Kinematics(eqx.Module):
         side."""
 
     def led(self, z: Vector) -> Vector:
-        """D B z, of coordinates."""
+        """The change of coordinates D B z by velocities z."""
         return self.before(self.rates(z))
 
     def change(self, first: Vector, z: Vector) -> Vector:
-        """D (f + B z), of coordinates."""
+        """The change of coordinates D (f + B z) by rates f and velocities z."""
         return self.before(first + self.rates(z))
 
     def before_back(self, to_change: Vector, like: Vector) -> Vector:
-        """D^T a; `like` is any vector of coordinates."""
+        """The transpose of `before`, D^T a; `like` is any vector of coordinates."""
         (out,) = jax.linear_transpose(self.before, like)(to_change)
         return out
 
     def led_back(self, to_change: Vector, like: Vector) -> Vector:
-        """B^T D^T a; `like` is any vector of velocities."""
+        """The transpose of `led`, B^T D^T a; `like` is any vector of velocities."""
         (out,) = jax.linear_transpose(self.led, like)(to_change)
         return out
 
     def seen_back(self, to_small: Vector, like: Vector) -> Vector:
-        """N^T y; `like` is any vector of coordinates."""
+        """The transpose of `seen`, N^T y; `like` is any vector of coordinates."""
         (out,) = jax.linear_transpose(self.seen, like)(to_small)
         return out
 
 
 class Straight(Kinematics):
-    """q' = v, with tangents by the coordinates themselves."""
+    """The kinematics q' = v, with tangents by the coordinates themselves."""
 
     g: Float[Array, "*lanes"]
 

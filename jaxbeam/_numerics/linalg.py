@@ -38,7 +38,7 @@ def _lapack_solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[
 
 
 def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, " n"]:
-    """x with a x = b, differentiable to any order in both modes."""
+    """The solution x of a x = b, differentiable to any order in both modes."""
     frozen = jax.lax.stop_gradient(a)
     return jax.lax.custom_linear_solve(
         lambda x: a @ x,
@@ -50,13 +50,14 @@ def solve(a: Inexact[Array, "n n"], b: Inexact[Array, " n"]) -> Inexact[Array, "
 
 @one_by_one
 def solve_columns(a: Float[Array, "n n"], b: Float[Array, "n k"]) -> Float[Array, "n k"]:
-    """x with a x = b, of which nobody asks for derivatives."""
+    """The solution x of a x = b in columns, without derivatives."""
     return jnp.linalg.solve(a, b)
 
 
 def quotient(a: Inexact[Array, ""], b: Inexact[Array, ""]) -> Inexact[Array, ""]:
-    """a / b, linear in a: where b is zero not a number, unless a is, which gives zero; in reverse
-    mode too, so that a derivative that does not exist spoils none but those that ask for it."""
+    """The quotient a / b, linear in a: where b is zero not a number, unless a is, which gives zero;
+    in reverse mode too, so that a derivative that does not exist spoils none but those that ask for
+    it."""
     fixed = jax.lax.stop_gradient(b)
 
     def divide(_: object, y: Array) -> Array:
@@ -102,16 +103,16 @@ def outer(
     x: Float[Array, "s n *lanes"],
     y: Float[Array, "s n *lanes"],
 ) -> Any:
-    """The sum of x_i y_i^T as a matrix like this one, where that is not zero; with lanes only if
-    that is no array."""
+    """The sum of x_i y_i^T as a matrix like this one, where this is not zero; with lanes only if
+    this is no array."""
     return like.outer(x, y) if isinstance(like, BlockTridiagonal | SmallMatrix) else x.T @ y
 
 
 @jax.custom_jvp
 def _dense_inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
-    """Up to n = 100 without LAPACK, about as fast: its threads, which on a busy machine can wait
-    for each other a hundred times as long as they work, stay out of the loop over time steps.
-    """
+    """The inverse of a dense matrix, up to n = 100 without LAPACK, about as fast: its threads,
+    which on a busy machine can wait for each other a hundred times as long as they work, stay out
+    of the loop over time steps."""
     return gauss_jordan(a) if a.shape[0] <= 100 else _lapack_inverse(a)
 
 
@@ -274,7 +275,7 @@ class _Planar(NamedTuple):
         return lam, x / jnp.sqrt(norm)[None]
 
     def transverse_alone(self) -> tuple[Array, Array]:
-        """Returns the same where there are no axial coordinates."""
+        """Returns the modes where there are no axial coordinates."""
         v, mu = modes_and_squares(self.m, self.k)
         root = jnp.sqrt(jnp.abs(mu))
         lam = jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root))
@@ -330,8 +331,8 @@ def _eigensolver(nt: int, free: int) -> Callable[[Array, Array, Array], tuple[Ar
 def symmetric_modes(
     mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: int = 0
 ) -> Float[Array, "n n"]:
-    """Rows: mass-normalised eigenvectors of K v = mu M v, lowest mu first; K may be indefinite, and
-    singular where hinges are `free`.
+    """Mass-normalised eigenvectors of K v = mu M v as rows, lowest mu first; K may be indefinite,
+    and singular where hinges are `free`.
 
     From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
     """

@@ -30,7 +30,7 @@ def symmetric_part(a: Any) -> Any:
 
 
 def reduced(a: Array, b: Array) -> tuple[Array, Array]:
-    """F with b = F F^T, and F^-1 a F^-T."""
+    """The factor F with b = F F^T, and F^-1 a F^-T."""
     f = cholesky(b)
     inner = lower_solve(f, lower_solve(f, a).T)
     return f, symmetric_part(inner)
@@ -39,9 +39,10 @@ def reduced(a: Array, b: Array) -> tuple[Array, Array]:
 def settled(
     found: Callable[[Array], tuple[Array, ...]], shift: Callable[[], Array], free: int
 ) -> Any:
-    """`found(0)`, of which the first are eigenvalues; and where the lowest are so far below those
-    that bend the blade, behind as many as may be `free`, that these have lost digits, or are not
-    numbers, as where K is singular, `found(shift())`. A loop, so that it is compiled once."""
+    """The results of `found(0)`, of which the first are eigenvalues; and where the lowest are so
+    far below those that bend the blade, behind as many as may be `free`, that these have lost
+    digits, or are not numbers, as where K is singular, those of `found(shift())`. A loop, so that
+    it is compiled once."""
     like = jax.eval_shape(shift)
     start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(found, like))
 
@@ -60,7 +61,8 @@ def settled(
 
 
 def shift(mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: int) -> Array:
-    """The s of K + s M: small beside squares of frequencies of bending, large beside rounding."""
+    """The shift s of K + s M: small beside squares of frequencies of bending, large beside
+    rounding."""
     _, inner = reduced(stiffness, mass)
     _, square = jax.lax.linalg.eigh(inner, symmetrize_input=False)
     largest = jnp.max(jnp.abs(square))

@@ -29,7 +29,7 @@ def find_root(
     support: Float[Array, "n n"] | None = None,
     jacobian: Callable[..., BlockTridiagonal] | None = None,
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
-    """x with residual(x) = 0, and the share of the load that was reached (1: all of it).
+    """The root x of residual(x) = 0, and the share of the load that was reached (1: all of it).
 
     Newton's method on residual(x, fraction), with the fraction raised from zero to one in adaptive
     steps where one step will not do. Unknowns should be of order one. `acceptable` bars roots that
@@ -144,6 +144,7 @@ class _RootSearch(NamedTuple):
 
 
 def _held(slope: Float[Array, "n n"], value: Float[Array, " n"]) -> Float[Array, " n"]:
-    """x with slope x = value, zero where nothing holds and nothing pushes: a free hinge at rest."""
+    """The solution x of slope x = value, zero where nothing holds and nothing pushes: a free hinge
+    at rest."""
     free = jnp.all(slope == 0, 1)
     return solve(slope + jnp.diag(jnp.where(free, 1.0, 0.0)), value)

@@ -16,9 +16,10 @@ def quadratic_eigenpairs(
     mass: Float[Array, "n n"], by_rates: Float[Array, "n n"], stiffness: Float[Array, "n n"],
     conservative: bool, free: int = 0,
 ) -> tuple[Complex[Array, " n"], Complex[Array, "n n"]]:  # fmt: skip
-    """n of all 2 n lambda with (lambda^2 M + lambda C + K) x = 0, lowest first, and x as rows: of a
-    pair of complex ones that with Im lambda > 0, of the real ones the larger half, which of
-    undamped pairs +-lambda are those that grow, and of each damped pair the slower.
+    """Half of the eigenpairs: n of all 2 n lambda with (lambda^2 M + lambda C + K) x = 0, lowest
+    first, and x as rows: of a pair of complex ones that with Im lambda > 0, of the real ones the
+    larger half, which of undamped pairs +-lambda are those that grow, and of each damped pair the
+    slower.
 
     Those that grow without swinging come before all others, which go by |lambda|, what creeps back
     without swinging by the frequency of its own shape without damping. Eigenvectors have unit modal

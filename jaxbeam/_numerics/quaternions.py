@@ -41,19 +41,19 @@ def turned_by(q: Quaternion) -> Float[Array, "*k 3 3"]:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """(w, -x): the rotation back, of a quaternion of length one."""
+    """The quaternion (w, -x) of the rotation back, of one of length one."""
     return jnp.concatenate([q[..., :1], -q[..., 1:]], -1)
 
 
 def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """p q: first the rotation q, then p."""
+    """The product p q: first the rotation q, then p."""
     w, x, v, y = p[..., :1], p[..., 1:], q[..., :1], q[..., 1:]
     scalar = w * v - jnp.sum(x * y, -1, keepdims=True)
     return jnp.concatenate([scalar, w * y + v * x + jnp.cross(x, y)], -1)
 
 
 def of_turn(vector: Turn) -> Quaternion:
-    """The quaternion of length one that turns so: (cos, sin of half the angle along the axis)."""
+    """The quaternion of length one of a turn: (cos, sin of half the angle along the axis)."""
     square = jnp.sum(vector * vector, -1, keepdims=True) / 4
     small = square < _SMALL
     half = jnp.sqrt(jnp.where(small, 1.0, square))
@@ -78,6 +78,6 @@ def turn_of(q: Quaternion) -> Turn:
 
 
 def rotated(q: Quaternion, vector: Turn) -> Quaternion:
-    """q after a turn about axes that turn with it, of length one."""
+    """The quaternion q after a turn about axes that turn with it, of length one."""
     out = quaternion_product(q, of_turn(vector))
     return out / jnp.sqrt(jnp.sum(out * out, -1, keepdims=True))

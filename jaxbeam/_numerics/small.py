@@ -99,7 +99,8 @@ def _inverses_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array,
 
 
 def small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
-    """Gauss and Jordan in place, without pivoting; so short a loop compiles to one function."""
+    """The inverse by Gauss and Jordan in place, without pivoting; so short a loop compiles to one
+    function."""
     lanes = (1,) * (a.ndim - 2)
     places = np.arange(len(a))
 
@@ -117,5 +118,5 @@ def small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
 
 
 def written_out(rounds: int) -> int:
-    """How many turns of a short loop are written out: programs grow with them."""
+    """The number of turns of a short loop that are written out: programs grow with them."""
     return min(rounds, 16) if loops_are_dear() else 1

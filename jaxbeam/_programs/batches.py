@@ -31,7 +31,7 @@ def reaches(size: int, number: int) -> bool:
 def batchable(
     one: Callable[..., Any], many: Many, apart: bool = False, unless: Otherwise | None = None
 ) -> Callable[..., Any]:
-    """`one` of a list of arrays; a batch of it is `many`.
+    """A function `one` of a list of arrays, of which a batch is computed by `many`.
 
     Batches of batches are one batch, in which cases get copies of what only some of them share. If
     these can stay `apart`, large ones that share something come one after the other on a CPU, where
@@ -96,7 +96,8 @@ def _batch(
 
 
 def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None) -> Any:
-    """`one` of arrays; a CPU takes a batch case by case, what is `quick` elsewhere all at once.
+    """A function `one` of arrays, of which a CPU takes a batch case by case, what is `quick`
+    elsewhere all at once.
 
     For calls of libraries, which take batches on a GPU and would start many kernels for each case
     there. `quick` finds the same, and whether it did; where it did not, `one` does, case by case.
@@ -142,8 +143,8 @@ def in_rows(
     one: Callable[[list[Array]], Any], size: int, width: int, own: tuple[bool, ...],
     leaves: list[Array],
 ) -> Any:  # fmt: skip
-    """A batch of so many cases of a function, of which only so many are worked on together: for
-    what has more numbers than a cache bears. `own` says which leaves are of each case."""
+    """The results of a batch of `size` cases, of which only `width` are worked on together, where a
+    cache would not bear the numbers of more. `own` says which leaves are of each case."""
     rows = -(-size // width)
     extra = rows * width - size
 
@@ -181,7 +182,7 @@ def _shared(function: Callable[..., Any], *given: Any) -> tuple[Any, Any]:
 
 
 def _flat(more: int, size: int, a: Array, own: bool, varies: bool) -> Array:
-    """A leaf of a batch of batches as one of a batch."""
+    """A leaf of a batch of batches, reshaped as one of a single batch."""
     if not own:
         return jnp.repeat(a, size, 0) if varies else a
     a = a if varies else jnp.broadcast_to(a, (more, *a.shape))

@@ -25,7 +25,7 @@ _UNUSED = 90 * 86400.0  # s: after so long nobody will ask for a program again
 
 
 class ProgramFolder(NamedTuple):
-    """Where traced programs are kept, or None where none are."""
+    """The folder of traced programs; its `traced` is None where none are kept."""
 
     path: Path
     traced: Path | None
@@ -48,7 +48,7 @@ class ProgramFolder(NamedTuple):
         return body
 
     def write(self, key: str, body: bytes) -> None:
-        """Keep this under a name: all of it or nothing, whatever happens to this process."""
+        """Write bytes under a name: all of them or nothing, whatever happens to this process."""
         if self.traced is None:
             return
         try:
@@ -62,7 +62,7 @@ _warned = False
 
 
 def folder() -> ProgramFolder | None:
-    """Where programs are kept, if they are."""
+    """The folder in which programs are kept, if they are."""
     return _folder
 
 
@@ -144,7 +144,7 @@ def _machine() -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise where others may write."""
+    """Raise where others may write to a folder."""
     status = path.stat()
     if not hasattr(os, "geteuid"):
         return  # Windows: folders of a user are that user's

@@ -80,8 +80,8 @@ def identity(function: Any) -> Any:
 
 
 def _mark(value: object) -> tuple[str, str]:
-    """Module and name of an object that is there to be told from all others, such as that which
-    `jax.vmap` takes for a name that was not given."""
+    """Module and name of an object that only marks something, such as that which `jax.vmap` takes
+    for a name that was not given."""
     for module in sorted(name for name in sys.modules if name.split(".")[0] in PACKAGES):
         for name, other in list(vars(sys.modules[module]).items()):
             if other is value:
@@ -109,7 +109,8 @@ def _is_plain(value: Any) -> bool:
 
 
 def _function(function: types.FunctionType, encode: Encoder) -> Any:
-    """A function of Python. Of those of `PACKAGES` the version says what names in them mean."""
+    """The description of a function of Python. Of those of `PACKAGES` the version says what names
+    in them mean."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     bound = function.__defaults__, function.__kwdefaults__, cells
     said = ["function", _code(function.__code__, encode), encode(bound, True)]
@@ -134,7 +135,7 @@ def _outside(function: types.FunctionType, name: str, encode: Encoder) -> Any:
 
 
 def _code(code: types.CodeType, encode: Encoder) -> Any:
-    """Instructions and constants, wherever they stand in a file."""
+    """The description of code: instructions and constants, wherever they stand in a file."""
     shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     constants = [_constant(value, encode) for value in code.co_consts]

@@ -58,7 +58,7 @@ def settings() -> tuple[Any, ...]:
 
 
 def surroundings() -> dict[str, Any]:
-    """All that a program depends on beside its arguments and its function, as text."""
+    """Everything that a program depends on beside its arguments and its function, as text."""
     names = [name for name in jax.config.values if "cache" not in name]
     return {
         "sources": sources()[0],

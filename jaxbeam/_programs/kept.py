@@ -14,7 +14,8 @@ from jaxbeam._programs.structure import NotKept
 
 
 def kept(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`jax.jit` of a function, whose program is kept in the folder of `keep`, if there is one.
+    """A function like `jax.jit` of it, whose program is kept in the folder of `keep`, if there is
+    one.
 
     `function` is of pytrees of arrays and numbers, and returns such; or what `jax.grad`, `jax.vmap`
     and their kin make of one. Without `keep` this is a `jax.jit` whose first calls are of a program
@@ -65,6 +66,6 @@ def _warn(function: Callable[..., Any], error: Exception) -> None:
 
 
 def _as_arrays(tree: Any) -> Any:
-    """The tree, with arrays in the place of numbers of Python: `jax.jit` takes and returns them."""
+    """A tree with arrays in the place of numbers of Python: `jax.jit` takes and returns them."""
     numbers = bool, int, float, complex
     return jax.tree.map(lambda x: jnp.asarray(x) if isinstance(x, numbers) else x, tree)

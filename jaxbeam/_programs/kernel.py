@@ -24,7 +24,7 @@ from jaxbeam._programs.platforms import by_platform
 
 
 class Adjoint(NamedTuple):
-    """A transpose of one's own."""
+    """A transpose that takes the place of the one that JAX would make."""
 
     # From the arguments to the result and what is kept for the way back.
     forwards: Callable[..., tuple[Any, Any]]
@@ -36,7 +36,7 @@ class Adjoint(NamedTuple):
 def kernel(
     function: Callable[..., Any], shared: bool = True, adjoint: Adjoint | None = None
 ) -> Callable[..., Any]:
-    """`function` of pytrees of floating-point arrays, differentiable to any order, made fast.
+    """A `function` of pytrees of floating-point arrays, differentiable to any order, made fast.
 
     Reverse mode may be asked for once: higher derivatives are forward over that.
     It must work on arrays with more axes, those of lanes, behind the axes that it knows, all lanes
@@ -75,7 +75,8 @@ _IN_REVERSE: ContextVar[bool] = ContextVar("in_reverse", default=False)
 
 @contextlib.contextmanager
 def reverse_mode() -> Iterator[None]:
-    """Kernels called herein bear `jax.vjp` alone, and their programs hold nothing for `jax.jvp`."""
+    """A block in which kernels bear `jax.vjp` alone, and their programs hold nothing for
+    `jax.jvp`."""
     token = _IN_REVERSE.set(True)
     try:
         yield
@@ -84,7 +85,7 @@ def reverse_mode() -> Iterator[None]:
 
 
 def in_reverse_mode() -> bool:
-    """Whether this is called within `reverse_mode`."""
+    """Whether the caller is in a block of `reverse_mode`."""
     return _IN_REVERSE.get()
 
 
@@ -200,7 +201,8 @@ def _both_ways(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
 
 
 def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[..., Any]:
-    """(still, at, rates, out) to push(still, at, rates), like out, with `pull` as its transpose.
+    """The map (still, at, rates, out) to push(still, at, rates), like out, with `pull` as its
+    transpose.
 
     As the solution of [[1, 0], [-T, 1]] (x, y) = (rates, 0): the one linear map with a transpose of
     one's own that can also be batched, and differentiated again.
@@ -231,7 +233,8 @@ def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[
 
 
 def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
-    """Lanes go last, with copies of all that they share but, if `shared`, the first argument."""
+    """The batch rule of a kernel: lanes go last, with copies of all that they share but, if
+    `shared`, the first argument."""
     one = as_one_function(function)
 
     def call(*args: Any) -> Any:
@@ -261,8 +264,8 @@ def _in_rows(
     one: Callable[..., Any], size: int, width: int, moves: tuple[bool, ...], leaves: list[Array],
     shared: int,
 ) -> Any:  # fmt: skip
-    """Row by row of so many lanes; the first leaves, so many, are not copied for what lanes
-    share."""
+    """The results of lanes in rows of `width`; the first leaves, as many as `shared` says, are not
+    copied for what lanes share."""
     rows = -(-size // width)
     extra = rows * width - size
 

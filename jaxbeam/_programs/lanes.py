@@ -151,7 +151,8 @@ def matvec(a: LaneMatrix, x: Float[Array, "b *#lanes"]) -> Array:
 
 
 def _is_written_out(lanes: int) -> bool:
-    """Whether a product with so many axes of lanes is none for a library."""
+    """Whether a product with so many axes of lanes is written out as sums, and not given to a
+    library."""
     return lanes > 0 or _IN_KERNEL.get()
 
 

@@ -63,7 +63,7 @@ _Riders = dict[int, frozenset[int]]
 def _loop(
     more: GoesOn, once: StepFunction, given: _Leaves, start: _Leaves, riders: _Riders
 ) -> _Leaves:
-    """`loop` of lists of arrays, some of which are `riders`."""
+    """The `loop` of lists of arrays, some of which are `riders`."""
     count = len(given)
 
     def plain(leaves: _Leaves) -> _Leaves:
@@ -115,7 +115,8 @@ def _aboard(
     size: int, moves: tuple[bool, ...], rides: list[bool], more: GoesOn, once: StepFunction,
     leaves: _Leaves, count: int, riders: _Riders,
 ) -> tuple[_Leaves, list[bool]]:  # fmt: skip
-    """A batch in which riders alone differ is one case with so many of each that `rides`."""
+    """The batch rule of riders: a batch in which riders alone differ is one case with so many of
+    each that `rides`."""
     axes = [0 if own else None for own in rides]
     every = jax.vmap(once, in_axes=(axes[:count], axes[count:]))
 
@@ -171,7 +172,7 @@ def _with_rates(
 
 
 class _Ensemble:
-    """Cases that go ahead together; what they begin with is of each case where it `moves`."""
+    """Cases that go ahead together; their beginnings are of each case where it `moves`."""
 
     def __init__(
         self, goes_on: GoesOn, step: StepFunction, size: int, moves: tuple[bool, ...]
@@ -204,7 +205,7 @@ class _Ensemble:
         return run
 
     def queue(self, width: int, fixed: _Leaves, start: _Leaves) -> _Leaves:
-        """Each case as soon as there is a place for it."""
+        """The final states, each case taken as soon as there is a place for it."""
         size, nobody = self.size, jnp.asarray(self.size)
 
         def exchange(now: Any) -> Any:

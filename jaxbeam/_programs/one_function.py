@@ -32,8 +32,9 @@ _FEW = 16  # terms of a sum that are written out one by one: longer ones are hal
 
 
 def as_one_function(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compiled to one function on a CPU, if all its operations are allowed. Its own derivatives are
-    not: XLA's emitter may end the process over what forward mode makes of an adjoint."""
+    """A function that is compiled to one function on a CPU, if all its operations are allowed. Its
+    own derivatives are not: XLA's emitter may end the process over what forward mode makes of an
+    adjoint."""
 
     @functools.cache
     def pushed() -> Callable[..., Any]:

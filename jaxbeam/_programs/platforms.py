@@ -21,8 +21,9 @@ def once(rows: Array) -> Array:
 
 
 def by_platform(*args: Any, cpu: Callable[..., Any], default: Callable[..., Any]) -> Any:
-    """`jax.lax.platform_dependent`; but where there are only CPUs, what is for others is not even
-    traced, which takes as long as what is used. Nor is, within one, what is for the other."""
+    """The result of `jax.lax.platform_dependent`; but where there are only CPUs, what is for others
+    is not even traced, which takes as long as what is used. Nor is, within one, what is for the
+    other."""
     if loops_are_dear():
         return default(*args)
     if is_for_cpus():
@@ -45,7 +46,7 @@ def loops_are_dear() -> bool:
 
 
 def traced_for(which: str | None, function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, which takes itself to be for "cpu" or for "others"."""
+    """A function that is traced as if for "cpu" or for "others" alone."""
 
     def traced(*args: Any) -> Any:
         with _TRACED_FOR(which):

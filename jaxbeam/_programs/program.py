@@ -33,7 +33,7 @@ _may_be_quick = True
 
 
 class Program:
-    """`equinox.filter_jit` of a function: a decorator.
+    """A decorator like `equinox.filter_jit`, with programs of two kinds.
 
     A user's first calls are of a program that is compiled quickly and runs slowly, later ones of
     one that is compiled well. Within another program or a transformation it becomes a part of what
@@ -78,7 +78,7 @@ class Program:
         return OuterProgram(self._jit(self._whole, compiler_options=how), self._traces, how)
 
     def here(self, *args: Any, **kwargs: Any) -> Any:
-        """The program that a call from here with these arguments takes, which counts as one."""
+        """The program that a call from here takes with these arguments; the call is counted."""
         if _is_within():
             return self.part
         kind = _kind((args, kwargs))
@@ -96,11 +96,12 @@ class Program:
         return self.here(*args, **kwargs)(*args, **kwargs)
 
     def enough(self, *args: Any, **kwargs: Any) -> None:
-        """No call with arguments of this kind is quick any more: they take too long."""
+        """Let no call with arguments of this kind be quick any more: they take too long."""
         self._made[_kind((args, kwargs))] = self._calls
 
     def at_length(self, *args: Any, **kwargs: Any) -> Any:
-        """A call of which the caller knows that it takes long: by what is compiled well."""
+        """The result of a call of which the caller knows that it takes long: by a program that is
+        compiled well."""
         return (self.part if _is_within() else self.well)(*args, **kwargs)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
@@ -171,7 +172,8 @@ def _kind(arguments: Any) -> Hashable | None:
 
 
 def _is_within() -> bool:
-    """Whether this is within another program or a transformation of JAX, which bear no options."""
+    """Whether the caller is within another program or a transformation of JAX, which bear no
+    options."""
     return get_opaque_trace_state() != _outside()
 
 
@@ -182,7 +184,7 @@ def _outside() -> Any:
 
 
 def _elsewhere(ask: Callable[[], Any]) -> Any:
-    """The answer in a new thread, where nothing is traced."""
+    """The answer of a function in a new thread, where nothing is traced."""
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(ask).result()
 

@@ -19,7 +19,7 @@ Path = tuple[str | int, ...]
 
 
 class NotKept(Exception):
-    """Something has no text of which it is sure that it says everything."""
+    """The error that something has no text of which it is sure that it says everything."""
 
 
 def _no_text(value: Any) -> Any:
@@ -27,7 +27,7 @@ def _no_text(value: Any) -> Any:
 
 
 class Encoder:
-    """Values as nested lists of text and whole numbers, for `json`.
+    """An encoder of values as nested lists of text and whole numbers, for `json`.
 
     `array` says what stands for an array that is traced. Others, in what is static, are there with
     all their numbers. `given` has places in the arguments of static parts, by identity, which stand
@@ -124,7 +124,7 @@ _NUMBERS: dict[type, Callable[[Any], Iterable[str]]] = {
 
 
 def name_of(thing: Any) -> tuple[str, str]:
-    """Module and name of what one of `PACKAGES` has, or else `NotKept`."""
+    """The module and the name of an object of one of `PACKAGES`; for others `NotKept` is raised."""
     named = _name_or_none(thing)
     if named is None:
         raise NotKept(f"the class {getattr(thing, '__qualname__', type(thing).__qualname__)}")

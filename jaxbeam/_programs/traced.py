@@ -45,7 +45,7 @@ class TracedProgram(NamedTuple):
 
 
 class _ArrayPlace:
-    """Stands for an array of a result."""
+    """A placeholder for an array of a result."""
 
     def __init__(self, index: int) -> None:
         self.index = index

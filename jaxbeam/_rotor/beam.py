@@ -152,17 +152,17 @@ class Beam(Parameters):
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """x / L between which all properties are smooth, from 0 to 1."""
+        """Edges x / L, from 0 to 1, between which all properties are smooth."""
         return edges_between(self._varying())
 
     @property
     def stiffness_edges(self) -> tuple[float, ...]:
-        """x / L between which all but the mass is smooth, from 0 to 1."""
+        """Edges x / L, from 0 to 1, between which all but the mass is smooth."""
         return edges_between(self._varying(mass=False))
 
     @property
     def steps(self) -> tuple[float, ...]:
-        """x / L at which a property may jump."""
+        """Places x / L at which a property may jump."""
         return tuple(sorted({step for p in self._varying() for step in p.steps}))
 
     @property
@@ -332,7 +332,8 @@ class Rotor(Parameters):
 
     @property
     def rigid_moments(self) -> Triple:
-        """int (1, X, X^2) dm of the straight beam with its tip mass, X distances from the axis."""
+        """The moments int (1, X, X^2) dm of the straight beam with its tip mass, X distances from
+        the axis."""
         beam = self.beam if isinstance(self.beam, Beam) else self.beam.beam()
         radius, length, mass = self.hub_radius, beam.length, beam.mass
         tip_mass, tip_mass_radius = self.tip_mass, self.tip_mass_radius
@@ -360,8 +361,8 @@ class Rotor(Parameters):
         )  # fmt: skip
 
     def steady_strain(self, angular_speed: Number) -> Number:
-        """P / EA, without unit, where its magnitude is largest: for a uniform beam at the root, or
-        where it crosses the axis."""
+        """The strain P / EA of steady rotation, without unit, where its magnitude is largest: for a
+        uniform beam at the root, or where it crosses the axis."""
         c0, c1, c2 = self.tension(angular_speed)
         beam = self.beam
         if beam.is_uniform:

@@ -26,7 +26,7 @@ class Clock(eqx.Module):
         self.origin, self.jumps = without_derivatives((origin, jnp.sort(jumps)))
 
     def time(self, since: Scalar) -> Scalar:
-        """The time, so long after the origin."""
+        """The time `since` after the origin."""
         t, jumps = self.origin + since, self.jumps
         if not jumps.size:
             return t
@@ -41,7 +41,7 @@ class Clock(eqx.Module):
 
 
 def place(times: Array, t: Scalar, side: str) -> Array:
-    """How many of increasing times are before t, those at t too if `side` is "right"."""
+    """The number of increasing times that are before t, those at t too if `side` is "right"."""
     if times.size <= 64:  # by comparing all, which compiles in less time
         before = times <= t if side == "right" else times < t
         return jnp.sum(before)
@@ -49,7 +49,7 @@ def place(times: Array, t: Scalar, side: str) -> Array:
 
 
 class Later(eqx.Module):
-    """A function of time, by another clock."""
+    """A function of time with its clock shifted."""
 
     function: Callable[[Scalar], Any]
     clock: Clock

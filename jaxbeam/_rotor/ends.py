@@ -114,8 +114,8 @@ class TipBody(Parameters):
 
 @jax.jit
 def is_body_inertia(inertia: Float[Array, "3 3"]) -> Bool[Array, ""]:
-    """Whether some body has it: its int r r^T dm, tr(J) / 2 - J, is positive semidefinite. Then so
-    is J, and no principal moment is more than the sum of the others."""
+    """Whether some body has this inertia: its int r r^T dm, tr(J) / 2 - J, is positive
+    semidefinite. Then so is J, and no principal moment is more than the sum of the others."""
     trace = jnp.trace(inertia)
     spread = trace / 2 * np.eye(3) - inertia
     return jnp.all(jnp.linalg.eigvalsh(spread) >= -_ROUNDED * trace)  # NaN is not

@@ -163,7 +163,8 @@ def _centres(name: str, value: Any) -> Array:
 
 
 def _alike(numbers: dict[str, Array], centres: dict[str, Array]) -> list[Any]:
-    """All for as many stations, and whether there is but one that nobody has counted."""
+    """Numbers and centres repeated for one number of stations, and whether there is but one station
+    that nobody has counted."""
     counts = {name: a.shape[0] for name, a in numbers.items() if a.ndim == 1}
     counts |= {name: a.shape[0] for name, a in centres.items() if a.ndim == 2}
     count = next(iter(counts.values()), 1)

@@ -19,7 +19,7 @@ _STRAY = 1e-9  # what is but rounding, of what is beside it
 
 
 def refuse(throw: bool, *rules: tuple[bool, Status]) -> None:
-    """Raise what belongs to the first rule that is known not to hold, if failures are raised."""
+    """Raise the error of the first rule that is known not to hold, if failures are raised."""
     for holds, status in rules:
         if throw and not holds:
             raise_unless_ok(None, status)
@@ -43,7 +43,7 @@ def rests_in_hub(loads: Loads, speeds: Iterable[Any]) -> bool:
 
 
 def acts_along(loads: Loads) -> bool:
-    """Whether nothing that is known acts across the undeformed beam."""
+    """Whether no load that is known acts across the undeformed beam."""
     vectors = [_concrete(loads.gravity), _concrete(loads.tip_force), *_along_span(loads)]
     return all(_small(v[1:], v) for v in vectors if v is not None)
 

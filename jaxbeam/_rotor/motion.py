@@ -102,7 +102,7 @@ class Motion(eqx.Module):
         return _Since(self, origin)
 
     def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
-        """Everything at time t; `gravity` is in inertial components."""
+        """The `Hub` at time t; `gravity` is in inertial components."""
         (velocity, spin), (rate, spin_rate) = self.velocities_and_rates(t)
         pull = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
         return Hub(velocity, spin, rate, spin_rate, pull)
@@ -110,7 +110,7 @@ class Motion(eqx.Module):
     def velocities_and_rates(
         self, t: Scalar
     ) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
-        """`velocities` and its rate."""
+        """The `velocities` and their rates."""
         return jax.jvp(self.velocities, (t,), (jnp.ones_like(t),))
 
 
@@ -176,7 +176,7 @@ class Spin(Motion):
 
 
 def cross(a: Triple, b: Triple) -> Triple:
-    """a x b; `jnp.cross` takes three times as many operations."""
+    """The product a x b; `jnp.cross` takes three times as many operations."""
     (x, y, z), (u, v, w) = a, b
     return jnp.stack([y * w - z * v, z * u - x * w, x * v - y * u])
 
@@ -219,8 +219,8 @@ def rotation_vector(t: Triple, angle: Number) -> Triple:
 
 
 def hub_matrices(hub: Hub) -> tuple[Float[Array, "3 3 *#lanes"], Float[Array, "3 3 *#lanes"]]:
-    """omega~ omega~ + omega'~ and 2 omega~: the acceleration of a point, seen from the hub, by its
-    position and its velocity there."""
+    """The matrices omega~ omega~ + omega'~ and 2 omega~: the acceleration of a point, seen from the
+    hub, by its position and its velocity there."""
     spin = skew(hub.angular_velocity)
     return matmul(spin, spin) + skew(hub.angular_velocity_rate), 2 * spin
 

@@ -18,8 +18,8 @@ FULL_TURN = 2 * np.pi * (1 + 1e-6)  # in rad, also where it was rounded to a sho
 
 
 def parameter(status: Status, *, zero: bool | None = False, most: float | None = None) -> Any:
-    """Field of a scalar that is positive, or `zero`; with None it may have any sign, and be no more
-    than `most` either way. `status` is what breaking that is called."""
+    """A field of a scalar that is positive, or `zero`; with None it may have any sign, and be no
+    more than `most` either way. `status` is the code where that is broken."""
     return eqx.field(metadata={"status": status, "zero": zero, "most": most})
 
 
@@ -66,8 +66,8 @@ class Parameters(eqx.Module):
     """
 
     def _take(self, given: Mapping[str, Any]) -> None:
-        """Each field from the argument of its name; those with a rule as scalars, or as what varies
-        along the span."""
+        """Set each field from the argument of its name; those with a rule as scalars, or as
+        properties along the span."""
         for field in dataclasses.fields(self):
             value, rule = given[field.name], field.metadata
             if rule and not (value is None and "optional" in rule):
@@ -123,17 +123,18 @@ class Parameters(eqx.Module):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """Names of what a model has to know, beyond what is always there."""
+        """Names of the features that a model has to know, beyond what is always there."""
         return tuple(name for name, rule in self._given() if not rule.get("of_torsion"))
 
     @property
     def is_plain(self) -> bool:
-        """Whether it has no features: of a rotor, whether its beam is uniform and clamped to the
+        """Whether there are no features: of a rotor, whether its beam is uniform and clamped to the
         hub, with no more than a point at its tip."""
         return not self.features
 
     def checked(self) -> Self:
-        """Rebuilt, so that what comes from `eqx.tree_at` or `vmap` meets the checks as well."""
+        """A rebuilt copy, so that what comes from `eqx.tree_at` or `vmap` meets the checks as
+        well."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         parts = Parameters | AbstractSpanwise
         return type(self)(

@@ -40,7 +40,7 @@ class Boxes(eqx.Module):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """x / L at which they begin and end."""
+        """Places x / L at which the boxes begin and end."""
         return tuple(itertools.chain(*self.ends))
 
     def density(self, xi: np.ndarray) -> Float[np.ndarray, "p k"]:
@@ -112,7 +112,7 @@ class PointForces(eqx.Module):
 
     @property
     def boxes(self) -> Boxes:
-        """The pieces of the span on which they act."""
+        """The pieces of the span on which the forces act."""
         return Boxes.about(self.places)
 
     def since(self, clock: Clock) -> "PointForces":
@@ -186,7 +186,7 @@ def checked_places(given: Any) -> tuple[float, ...]:
 
 
 def _kept(name: str, values: Any) -> Float[Array, " k"]:
-    """Numbers that, where they are known, stay so while a program is compiled."""
+    """Numbers as they are; where they are known they stay so while a program is compiled."""
     if not is_concrete(values):
         return jnp.atleast_1d(real_array(name, values))
     with jax.ensure_compile_time_eval():

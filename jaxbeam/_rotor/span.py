@@ -86,21 +86,21 @@ class Span(eqx.Module):
         return cls.between(edges, points, jax.lax.stop_gradient(both))
 
     def up_to(self, f: Any) -> Array:
-        """int_0^xi f at the points, from values of f there."""
+        """The integral int_0^xi f at the points, from values of f there."""
         return _by_parts(lambda f: self._integrated(f, _inside(self.points), forward=True), f)
 
     def beyond(self, f: Any) -> Array:
-        """int_xi^1 f at the points. Not the difference of the whole and of what is before: towards
-        the tip that would be rounding alone."""
+        """The integral int_xi^1 f at the points. Not the difference of the whole and of what is
+        before: towards the tip that would be rounding alone."""
         back = _inside(self.points)[::-1, ::-1]
         return _by_parts(lambda f: self._integrated(f, back, forward=False), f)
 
     def total(self, f: Any) -> Array:
-        """int_0^1 f."""
+        """The integral int_0^1 f."""
         return _by_parts(lambda f: jnp.tensordot(jnp.asarray(self.weight), f, 1), f)
 
     def at_edges(self, f: Array) -> Array:
-        """int_0^xi f at the edges, (e + 1, n), of f (p, n)."""
+        """The integral int_0^xi f at the edges, (e + 1, n), of f (p, n)."""
         parts = self._over(f, _gauss(self.points)[1][None])[:, 0]
         return _before(jnp.concatenate([parts, 0 * parts[:1]]), True)
 
@@ -133,8 +133,8 @@ class Span(eqx.Module):
 
 
 def _by_parts(function: Callable[[Array], Array], f: Any) -> Array:
-    """A linear function with real coefficients, which of complex numbers takes several times as
-    long as of their parts."""
+    """The result of a linear function with real coefficients, by real and imaginary parts: of
+    complex numbers it takes several times as long."""
     if not jnp.iscomplexobj(f):
         return function(f)
     both = function(jnp.concatenate([f.real, f.imag], -1))
@@ -234,7 +234,7 @@ def _steepness(stiffness: Property, edges: tuple[float, ...]) -> Array:
 
 
 def _crowded(r: Array, t: np.ndarray) -> tuple[Array, Array]:
-    """s(t) and ds/dt."""
+    """The map s(t) that crowds points, and ds/dt."""
     flat = r[0] + r[1] < _FLAT
     first, last = jnp.where(flat, 1.0, r[0]), jnp.where(flat, 0.0, r[1])
     soft, end = jnp.expm1(first), -jnp.expm1(-last)

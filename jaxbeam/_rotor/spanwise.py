@@ -55,7 +55,7 @@ class AbstractSpanwise(eqx.Module):
         """Values by which to tell whether the property is in range."""
 
     def checked(self) -> Self:
-        """Rebuilt, so that what comes from `eqx.tree_at` meets the checks as well."""
+        """A rebuilt copy, so that what comes from `eqx.tree_at` meets the checks as well."""
         return self
 
 
@@ -232,7 +232,7 @@ def beside_kinks(edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def edges_between(properties: Sequence[AbstractSpanwise]) -> tuple[float, ...]:
-    """x / L between which all of these are smooth, from 0 to 1."""
+    """Edges x / L, from 0 to 1, between which all of these properties are smooth."""
     return 0.0, *sorted({kink for p in properties for kink in p.kinks}), 1.0
 
 

@@ -79,7 +79,7 @@ class _SpinUp(Spin):
         derivative less is a third of the operations to compile."""
 
     def change_times(self) -> Times:
-        """When the speed begins and ends to rise."""
+        """The times at which the speed begins and ends to rise."""
         return jnp.stack([jnp.zeros_like(self.duration), self.duration])
 
     def angle(self, t: Scalar) -> Scalar:

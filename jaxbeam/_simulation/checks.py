@@ -78,8 +78,8 @@ def check_scene(
     motion: Any, loads: Any, damping: Any, t: Array,
     case: tuple[AbstractModel, AnyRotor] | None = None, throw: bool = False,
 ) -> None:  # fmt: skip
-    """Raise for what is no scene. Of a `case`, a model and a rotor, what is plain from numbers is
-    told at once, with `throw` also what has a status: see `first_look.py`."""
+    """Raise for arguments that make no scene. Of a `case`, a model and a rotor, what is plain from
+    numbers is told at once, with `throw` also what has a status: see `first_look.py`."""
     for name, value, kind in (
         ("motion", motion, Motion), ("loads", loads, Loads), ("damping", damping, Damping)
     ):  # fmt: skip
@@ -110,7 +110,7 @@ def checked_times(times: Any) -> Array:
 
 
 def checked_start(model: AbstractModel, start: Any) -> State:
-    """The state, if it is one of this model, without work done."""
+    """The start, without work done, if it is a state of this model."""
     check_kind("start", start, State)
     parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
     for name, part, n in zip(("q", "v"), parts, model.sizes, strict=True):
@@ -141,7 +141,8 @@ _KINDS = {
 
 
 def check_kinds(**given: Any) -> None:
-    """Raise unless what is given to integrate with is of the class of diffrax that it must be."""
+    """Raise unless the arguments for integration are of the classes of diffrax that they must
+    be."""
     for name, value in given.items():
         kind = _KINDS[name]
         if value is not None and not isinstance(value, kind):

@@ -16,8 +16,9 @@ STEPS = 4000
 
 
 def first_short(program: Program, max_steps: int | None, *given: Any) -> Simulation:
-    """A run by a program that takes what is `given` and a number of steps: at first by one that is
-    compiled quickly, unless it is longer than that is worth, or would be seen to run twice."""
+    """A run by a program that takes the arguments `given` and a number of steps: at first by one
+    that is compiled quickly, unless it is longer than that is worth, or would be seen to run
+    twice."""
     solver, _, _, saveat, _, event, meter = given[7:14]
     ours = isinstance(solver, SecondOrderSolver)
     few = STEPS if max_steps is None else min(STEPS, max_steps)

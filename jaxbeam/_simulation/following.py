@@ -174,7 +174,7 @@ def _measured(by: Matrix, y: State) -> State:
 def following(
     controller: diffrax.AbstractStepSizeController, step_limits: StepLimits
 ) -> _Following:
-    """`controller`, with steps that see what motion and loads do."""
+    """The `controller`, with steps that see what motion and loads do."""
     if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController):
         return _AdaptiveFollowing(controller, step_limits)
     return _Following(controller, step_limits)
@@ -183,7 +183,7 @@ def following(
 def _displacements(
     scene: Scene, apart: Scalar, y0: State, y1: State, error: State
 ) -> tuple[State, State, State]:
-    """Two states and an error as displacements, in m: each coordinate is the mean along the beam,
+    """Two states and an error as displacements, in m. Each coordinate is the mean along the beam,
     root of mean square by the mass; each rate is too, but that of the error is what it makes of a
     mode that goes round once between two corners, so far `apart`, in s.
 

@@ -38,7 +38,7 @@ class Calendar(NamedTuple):
 
     @property
     def since(self) -> Array:
-        """The times, since the origin."""
+        """The output times since the origin."""
         return self.times - self.origin
 
     def event(self, event: diffrax.Event | None) -> diffrax.Event | None:
@@ -165,14 +165,15 @@ def integrate(
 
 
 def _prepared(scene: Scene, solver: diffrax.AbstractSolver) -> Scene:
-    """Rosenbrock methods alone ask for no accelerations, others at every stage."""
+    """The scene as a solver wants it: Rosenbrock methods alone ask for no accelerations, others at
+    every stage."""
     return scene if isinstance(solver, Rosenbrock) else scene.with_inverse()
 
 
 def _end(
     settings: Settings, inputs: RunInputs, event: diffrax.Event, came: Run
 ) -> tuple[Scalar, Array]:
-    """When a run with an event ended, and the state there."""
+    """The time at which a run with an event ended, and the state there."""
     if event.root_finder is None:
         return jax.lax.stop_gradient(came.t), came.y
     assert came.last is not None
@@ -268,12 +269,12 @@ class _Dense(diffrax.AbstractPath):
 
 
 def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
-    """Nothing is to be had beyond: do not let a batch wait for it."""
+    """The condition that ends a run where the tip is too far away: no batch waits for it."""
     return is_far(*without_derivatives((args, y)))
 
 
 def held_within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, Array]:
-    """`saveat` with its times held within the run, and whether they were."""
+    """The `saveat` with its times held within the run, and whether they were."""
     within = jnp.asarray(True)
 
     def held(sub: diffrax.SubSaveAt) -> diffrax.SubSaveAt:

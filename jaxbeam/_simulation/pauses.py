@@ -15,7 +15,7 @@ _CLOSE = 1e-11  # times, relative to the run, that are one: less than controller
 
 
 class Pauses(eqx.Module):
-    """Steps end at a declared time, and go on from there: no time is lost.
+    """Declared times at which steps end, and from which they go on: no time is lost.
 
     Declared times that are closer than a step can be are one, and steps end at the first of them.
     What jumps is asked for on either side, a few units of rounding before the first and after the
@@ -86,10 +86,10 @@ class Pauses(eqx.Module):
         return self.jumps[i] & (self.first[i] == t)
 
     def apart(self, t: Scalar) -> Scalar:
-        """How far the declared times are apart between which a step from t lies, or those beside
-        them, whatever is most: a pulse is short, and what follows it is not. So is what lies before
-        the first of them in a run, which begins at zero by its own clock, and after the last.
-        Infinite where they are too few for a table."""
+        """The distance of the declared times between which a step from t lies, or of those beside
+        them, whichever is most: a pulse is short, and what follows it is not. So is that of what
+        lies before the first of them in a run, which begins at zero by its own clock, and after the
+        last. Infinite where they are too few for a table."""
         most = self.first.size - 1
         if most < _FEW:
             return jnp.full_like(t, jnp.inf)

@@ -68,7 +68,7 @@ class Simulation(AlongSpan):
 
     @property
     def partial(self) -> "Simulation":
-        """The run, which answers with all that there is, whatever its status.
+        """The run so far, which answers whatever its status.
 
         That is the history up to where it got, and the peak of that; NaN where parameters are out
         of range, since then nothing was simulated.
@@ -174,7 +174,8 @@ def _peak(run: Simulation, direction: int, xi: float) -> tuple[Scalar, Scalar]:
 
 
 def _extremes(u0: Scalar, v0: Scalar, u1: Scalar, v1: Scalar) -> tuple[Vector, Vector]:
-    """Where in [0, 1] the cubic of these values and slopes can be extreme, and its values there."""
+    """The places in [0, 1] at which a cubic of these values and slopes can be extreme, and its
+    values there."""
     rise = u1 - u0
     a, b = v0 + v1 - 2 * rise, 3 * rise - 2 * v0 - v1
     # Roots of v0 + 2 b s + 3 a s^2, in the form that does not cancel. They carry no derivative:

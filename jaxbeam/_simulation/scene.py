@@ -115,7 +115,7 @@ class Scene(SecondOrderSystem):
 
     @property
     def work_unit(self) -> Number:
-        """J per unit of `State.work`."""
+        """The unit of `State.work`, in J."""
         return self.equations.energy_scale / self.equations.length
 
     @property
@@ -155,7 +155,8 @@ class Scene(SecondOrderSystem):
         return scene
 
     def _within(self, t: Scalar) -> Scalar:
-        """t, or a moment earlier or later where a step ends or begins at something that jumps."""
+        """The time t, or a moment earlier or later where a step ends or begins at something that
+        jumps."""
         if self.between is None:
             return t
         own = jax.lax.stop_gradient(t)
@@ -168,8 +169,8 @@ class Scene(SecondOrderSystem):
         return any(times.size for times in self.jumps)
 
     def after(self, t: Scalar) -> Scalar:
-        """t, or a moment later where something jumps at t; at the end of the run, which no jump
-        is part of, a moment earlier."""
+        """The time t, or a moment later where something jumps at t; at the end of the run, which no
+        jump is part of, a moment earlier."""
         if self.between is None:
             return t
         own = jax.lax.stop_gradient(t)
@@ -186,7 +187,7 @@ class Scene(SecondOrderSystem):
         )
 
     def after_impulse(self, t: Scalar, y: State) -> State:
-        """y after what jumps at the declared time t.
+        """The state y after what jumps at the declared time t.
 
         A jump of the hub's velocities is a rate without end: the generalised momentum that it
         leaves behind is that of the inertia forces, M dq' = -(inertia forces of the jump), q stays,
@@ -218,7 +219,7 @@ class Scene(SecondOrderSystem):
         return self._moved(y, (new, *new_loads), -late)
 
     def _moved(self, y: State, x: Inputs, h: Scalar) -> State:
-        """y a moment h later under these inputs, to first order."""
+        """The state y a moment h later under these inputs, to first order."""
         rate = self.kinematics(y.q, y.v), self._over_mass(self.force(x, y.q, y.v))
         return State(y.q + h * rate[0], y.v + h * rate[1], y.work)
 
@@ -290,7 +291,8 @@ class Scene(SecondOrderSystem):
         return out
 
     def energies(self, t: Scalar, y: State) -> tuple[Scalar, Scalar, Scalar]:
-        """T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is their sum."""
+        """The energies T_2 (seen from the hub), -T_0 (centrifugal potential) and U, in J; h is
+        their sum."""
         return self.energies_in(self.hub(t), y)
 
     def energies_in(self, hub: Hub, y: State) -> tuple[Number, Number, Number]:
@@ -365,9 +367,9 @@ class Scene(SecondOrderSystem):
 
 
 def _late(jumps: Times, before: Scalar, after: Scalar) -> Scalar:
-    """Zero, with the derivative of the time between these at which something jumps, if it does: of
-    several, which only what happens between them could tell apart, the mean of first and last.
-    `jumps` are in order."""
+    """The number zero, with the derivative of the time between these at which something jumps, if
+    it does: of several, which only what happens between them could tell apart, the mean of first
+    and last. `jumps` are in order."""
     if not jumps.size:
         return jnp.zeros_like(before)
     own = jax.lax.stop_gradient(jumps)

@@ -201,7 +201,7 @@ class _History(NamedTuple):
 
 
 def adaptive(rtol: Any, atol: Any, times: Array) -> diffrax.PIDController:
-    """Steps for a run over `times` to these tolerances, relative and absolute."""
+    """A step-size controller for a run over `times` to these tolerances, relative and absolute."""
     return diffrax.PIDController(
         rtol=rtol,
         atol=atol,
@@ -247,8 +247,8 @@ def _integrated(
 
 
 def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) -> Simulation:
-    """The result: its status is that of what was `given`, else of the solver, else of the numbers
-    that it found."""
+    """The result of a run: its status is that of what was `given`, else of the solver, else of the
+    numbers that it found."""
     reached, at, state, t0 = run.reached, run.times, run.state, run.calendar.times[0]
     saved = at - run.calendar.origin, state
     imbalance, near, fits, followed = _account(
@@ -283,7 +283,7 @@ _CHOOSING = diffrax.PIDController | diffrax.ClipStepSizeController
 
 
 def _beside(mask: Array, values: Array) -> Array:
-    """`mask` with axes of length one, to stand beside `values`."""
+    """A `mask` with axes of length one behind, so that it broadcasts over `values`."""
     return mask.reshape(-1, *(1,) * (values.ndim - 1))
 
 

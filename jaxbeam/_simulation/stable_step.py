@@ -42,8 +42,8 @@ class _Oscillator(SecondOrderSystem):
 
 
 class Amplification(eqx.Module):
-    """`factor` by which one step multiplies the amplitude of a vibration, and a `status`, unless
-    which is OK it is NaN (derivatives: as in `modes`)."""
+    """The `factor` by which one step multiplies the amplitude of a vibration, and a `status`,
+    unless which is OK it is NaN (derivatives: as in `modes`)."""
 
     factor: Scalar
     status: Code
@@ -120,7 +120,7 @@ def _factor(
 
 
 class StableStep(InHertz, eqx.Module):
-    """`step`: the largest stable step, in s; infinite where any step is stable.
+    """The largest stable `step`, in s; infinite where any step is stable.
 
     `frequency` is the highest of the model, in rad/s, the one that limits. Unless `status` is OK
     both are NaN (derivatives: as in `modes`).

@@ -41,13 +41,14 @@ _ASLANT = np.array([0.48, 0.6, 0.64])
 
 
 def during(times: Array, parts: int = 64) -> Array:
-    """Times all along a run, whatever its output times are: what is looked at on the way."""
+    """Times all along a run, whatever its output times are, at which motion and loads are looked
+    at."""
     share = np.linspace(0.0, 1.0, parts + 1)
     return times[0] * (1 - share) + times[-1] * share  # exact at both ends
 
 
 class StepLimits(eqx.Module):
-    """How far steps may reach, and how fast the hub moves at most; without derivatives."""
+    """Limits of steps, and the largest speeds of the hub; without derivatives."""
 
     rounding: Scalar  # of times by the clock of motion and loads, s
     spacing: Scalar  # of the samples, s
@@ -95,19 +96,19 @@ class StepLimits(eqx.Module):
 
     @property
     def duration(self) -> Scalar:
-        """How long the run lasts, in s."""
+        """The duration of the run, in s."""
         return SAMPLES * self.spacing
 
     def resting(self, scene: Scene, y: State, t: Any, end: Any) -> Array:
-        """Where a step from t and the state y may end, as far as derivatives go, when `end` is
-        wanted."""
+        """The time at which a step from t and the state y may end, as far as derivatives go, when
+        `end` is wanted."""
         length, q, t, end = without_derivatives((scene.equations.length, y.q, t, end))
         still = jnp.max(jnp.abs(q)) <= _STILL * length
         return jnp.where(still, jnp.minimum(end, t + self.at_rest), end)
 
     def limit(self, t: Scalar, end: Scalar, adaptive: bool) -> Scalar:
-        """Where a step from t may end, when `end` is wanted, by a controller that is `adaptive` and
-        knows steps of any length."""
+        """The time at which a step from t may end, when `end` is wanted, by a controller that is
+        `adaptive` and knows steps of any length."""
         cell = (t / (16 * self.spacing)).astype(int)
         within, cell_end, beyond = self.longest_step[cell]
         end = jnp.minimum(end, jnp.minimum(t + within, cell_end + beyond))

@@ -55,7 +55,7 @@ def _forwards(
 
 
 class _Back(NamedTuple):
-    """Where the sweep is: in each span between two rows of the tape it goes up, computing the
+    """The state of the sweep: in each span between two rows of the tape it goes up, computing the
     states in between anew, and then down."""
 
     k: Array  # the step to be looked at

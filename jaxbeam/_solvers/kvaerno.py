@@ -68,8 +68,8 @@ class ChordKvaerno5(SecondOrderSolver):
         return 5
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> Vector:
-        """The acceleration: from there on, that of the last stage. Computed from the state anew, it
-        would amplify what the iterations left in stiff components."""
+        """The acceleration at the start: from there on it is that of the last stage. Computed from
+        the state anew, it would amplify what the iterations left in stiff components."""
         return args.acceleration(t0, y0.q, y0.v)
 
     def step(
@@ -92,7 +92,7 @@ class ChordKvaerno5(SecondOrderSolver):
         self, system: SecondOrderSystem, h: Number, y0: State, a: Vector, x0: Any, inputs: Any,
         between: Any,
     ) -> tuple[Array, Array, Array, Array, Vector]:  # fmt: skip
-        """End, error and polynomial of q and v side by side, the work, and the last q''."""
+        """The end, error and polynomial of q and v side by side, the work, and the last q''."""
         q, v = y0.q, y0.v
         n, g = len(q), _GAMMA * h
         k, c = system.tangents(x0, q, v)

@@ -25,8 +25,8 @@ _SIMPSON = np.array([[1.0, 0.0, 0.0], [-1.5, 2.0, -0.5], [2 / 3, -4 / 3, 2 / 3]]
 
 
 class _Moment(NamedTuple):
-    """The system at one time: q'' = stiffness q + damping q' + load, the moving place p, its rates,
-    and what is left to do, stiffness p + load + damping p' - p''."""
+    """The linear system at one time: q'' = stiffness q + damping q' + load, the moving place p, its
+    rates, and what is left to do, stiffness p + load + damping p' - p''."""
 
     stiffness: Matrix
     damping: Matrix
@@ -105,7 +105,7 @@ class Magnus(SecondOrderSolver):
         return 4
 
     def error_order(self, terms: Any) -> int:
-        """Local error of the embedded method, of order 2."""
+        """The order of the local error of the embedded method, 2."""
         return 3
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: SecondOrderSystem) -> None:

@@ -26,7 +26,7 @@ _OK = diffrax.RESULTS.successful
 
 
 class Settings(eqx.Module):
-    """How to run; no derivatives are taken by what is in here."""
+    """Settings of a run, by which no derivatives are taken."""
 
     term: diffrax.AbstractTerm
     solver: diffrax.AbstractSolver
@@ -122,7 +122,7 @@ class Tape(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """Where a run is: before the step from t0 to t1, which may have to be made anew."""
+    """The state of the loop before the step from t0 to t1, which may have to be made anew."""
 
     t0: Scalar
     t1: Scalar
@@ -272,7 +272,7 @@ class _Stepping(NamedTuple):
     def verdict_on(
         self, now: LoopState, active: Array, y: State, error: Any, solver_result: Any
     ) -> _Verdict:
-        """Asks the controller about the step that led to y; in a lane that is not `active` nothing
+        """Ask the controller about the step that led to y; in a lane that is not `active` nothing
         is kept."""
         error = jax.tree.map(lambda e: jnp.where(jnp.isnan(e), jnp.inf, e), error)
         keep, t0, t1, jumped, controller_state, controller_result = (
@@ -364,7 +364,7 @@ def as_row(y: State, solver_state: Any) -> Float[Array, " r"]:
 
 
 def as_arrays(tree: Any) -> Any:
-    """Numbers and truths as arrays, which loops carry."""
+    """A tree with arrays in the place of numbers and truths, which loops carry."""
     return jax.tree.map(lambda a: jnp.asarray(a) if eqx.is_array_like(a) else a, tree)
 
 
@@ -374,7 +374,7 @@ def _power(n: int) -> int:
 
 
 def checkpoint_level(k: Any, rows: int) -> Array:
-    """m, where of the steps up to the k-th every 2^m-th is kept in so many rows."""
+    """The level m at which every 2^m-th of the steps up to the k-th is kept in `rows` rows."""
     return 32 - jax.lax.clz(jnp.asarray(k // rows, jnp.int32))
 
 

@@ -116,7 +116,7 @@ def stages(
 def _beginning(
     system: SecondOrderSystem, x0: Any, input_rate: Any, q: Vector, v: Vector
 ) -> tuple[Any, Any, Vector]:
-    """K, C and F' where a step begins."""
+    """The tangents K and C and the rate F' where a step begins."""
     k, c = system.tangents(x0, q, v)
     with transposed(on=False):
         _, force_rate = jax.jvp(lambda x: system.force(x, q, v), (x0,), (input_rate,))

@@ -44,8 +44,8 @@ class Interpolation(diffrax.AbstractLocalInterpolation):
 
 
 class StepPolynomial(Interpolation):
-    """y0 + bends_1 s + bends_2 s^2 + ... Unlike Hermite's cubic through the ends of a step, what
-    solvers put in here does not amplify what is stiff."""
+    """The polynomial y0 + bends_1 s + bends_2 s^2 + ... along a step. Unlike Hermite's cubic
+    through the ends, what solvers put in here does not amplify what is stiff."""
 
     coefficients: State  # with a leading axis
 
@@ -72,9 +72,9 @@ class SecondOrderSolver(diffrax.AbstractAdaptiveSolver):
 
 
 def length(t0: Any, t1: Any) -> Array:
-    """Length of a step. In a batch, lanes that are done go on with steps of zero, whose results are
-    thrown away; dividing by zero, or overflow in a long step, would still leave NaN in gradients.
-    """
+    """The length of a step. In a batch, lanes that are done go on with steps of zero, whose results
+    are thrown away; dividing by zero, or overflow in a long step, would still leave NaN in
+    gradients."""
     return jnp.where(t1 == t0, 1e-9, t1 - t0)
 
 
@@ -85,8 +85,8 @@ def run_core(
     core: Core, solver: SecondOrderSolver | None, system: SecondOrderSystem, *arrays: Any,
     adjoint: Adjoint | None = None,
 ) -> Any:  # fmt: skip
-    """core(solver, system, *arrays), a `kernel` where the system allows it; then the core must not
-    ask the system for its inputs.
+    """The result of core(solver, system, *arrays), by a `kernel` where the system allows it; then
+    the core must not ask the system for its inputs.
 
     The functions of an `adjoint`, if there is one, take the solver before what `Adjoint` says; the
     arguments are (system, *arrays).

@@ -39,8 +39,8 @@ class State(eqx.Module):
 
 
 class SecondOrderSystem(eqx.Module):
-    """M v' = force(x, q, v), q' = kinematics(q, v), work' = power(x, q, v), x = inputs(t), with
-    constant M; by default q' = v.
+    """The system M v' = force(x, q, v), q' = kinematics(q, v), work' = power(x, q, v), x =
+    inputs(t), with constant M; by default q' = v.
 
     `State.work` carries no derivatives by parameters: it is there to judge a result.
 
@@ -58,8 +58,8 @@ class SecondOrderSystem(eqx.Module):
 
     @property
     def kernel(self) -> "SecondOrderSystem | None":
-        """All of this system but `inputs`, if force, tangents and power suit `kernel`; its arrays
-        must be its leaves. By default None."""
+        """The part of this system without `inputs`, if force, tangents and power suit `kernel`; its
+        arrays must be its leaves. By default None."""
         return None
 
     def inputs(self, t: Scalar) -> Any:
@@ -74,7 +74,7 @@ class SecondOrderSystem(eqx.Module):
         """Right-hand side, under the inputs x."""
 
     def kinematics(self, q: Vector, v: Vector) -> Vector:
-        """q', linear in v."""
+        """The rates q' of coordinates, linear in v."""
         return v
 
     def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
@@ -86,17 +86,17 @@ class SecondOrderSystem(eqx.Module):
         return jnp.zeros((), q.dtype)
 
     def tangents(self, x: Any, q: Vector, v: Vector) -> tuple[Any, Any]:
-        """K = -d force / dq and C = -d force / dv, of the kind of `mass`; K by the small changes of
-        which velocities are the rates."""
+        """The tangents K = -d force / dq and C = -d force / dv, of the kind of `mass`; K by the
+        small changes of which velocities are the rates."""
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(x, q, v)
         return -k, -c
 
     def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
-        """v'. Subclasses that keep the inverse of M save its computation."""
+        """The accelerations v'. Subclasses that keep the inverse of M save its computation."""
         return inverse(self.mass) @ self.force(self.inputs(t), q, v)
 
     def rate(self, t: Scalar, y: State) -> State:
-        """The first-order system."""
+        """The rate of the whole state: the system as one of first order."""
         q, v = y.q, y.v
         return State(self.kinematics(q, v), self.acceleration(t, q, v), work_rate(self, t, q, v))
 

@@ -61,7 +61,7 @@ _NEAR = 1e-6  # of what halving finds to what is exact, relative
 
 
 class CriticalLoad(InHertz, eqx.Module):
-    """Where a beam at rest in the hub buckles.
+    """The load under which a beam at rest in the hub buckles.
 
     | field     | shape | unit  |                                                                  |
     |-----------|-------|-------|------------------------------------------------------------------|
@@ -193,8 +193,8 @@ def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix
 
 
 class _Unloaded(NamedTuple):
-    """The beam without its loads, and which loads are to be looked at: from the `first` on so many
-    `looks`, up to the `last`."""
+    """The beam without its loads, and the range of loads to be looked at: from the `first` on so
+    many `looks`, up to the `last`."""
 
     k: Matrix
     first: Scalar
@@ -206,7 +206,7 @@ class _Unloaded(NamedTuple):
         speed = given[1]
 
         def look(_: Any, state: tuple[Matrix, Matrix, Scalar, Scalar]) -> Any:
-            """K without loads, and then as it begins to change."""
+            """The stiffness K without loads, and then as it begins to change."""
             k0, _, unit, _ = state
             k = symmetric_part(_loaded(model, given, _LEAST * unit)[1])
             k0 = jnp.where(unit == 0, k, k0)
@@ -323,7 +323,7 @@ def _affine(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstract
 
 
 def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
-    """The search where loads have no potential."""
+    """The critical load, direction, place and status where loads have no potential."""
     bare = _Unloaded.of(model, given)
     end = first_lost(
         lambda factor: _loaded(model, given, factor), len(bare.k), bare.first, _RATIO, bare.looks,

@@ -60,7 +60,7 @@ _SCANNED = 64  # speeds at which a model that is not affine is looked at
 
 
 class CriticalSpeed(eqx.Module):
-    """Where steady rotation loses its stability.
+    """The speed at which steady rotation loses its stability.
 
     | field         | shape | unit  |                                                              |
     |---------------|-------|-------|--------------------------------------------------------------|
@@ -165,7 +165,7 @@ def _resolved(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Bool[Arra
 
 
 class _CriticalSpeedPlace(AbstractPlace):
-    """A critical speed."""
+    """The singular stiffness at a critical speed."""
 
     x: Vector
     exists: Array
@@ -243,7 +243,7 @@ def _search(
 def _search_under(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions
 ) -> tuple[Scalar, Code, Vector, Code]:
-    """The search under loads."""
+    """The critical speed under loads, the direction and the shape that give way, and a status."""
     groups = groups_of(model, rotor)
     rest, speed, _ = _alone(model, _held(rotor, _hair(rotor, True)), zero, groups)
     every = Groups((naming(model.directions),), (np.arange(len(rest)),))
@@ -293,13 +293,15 @@ def _bottom(rotor: AnyRotor, speed: Float[Array, " f"]) -> Scalar:
 
 
 def _sound(speed: Float[Array, "*f"]) -> Code:
-    """Whether speeds are numbers: infinity is none that is missing, NaN one that overflowed."""
+    """The status of speeds: OK for numbers and for infinity, which means that there is none; not
+    for NaN, which overflowed."""
     return first_broken((jnp.all(~jnp.isnan(speed)), Status.NOT_FINITE))
 
 
 def _hair(rotor: AnyRotor, is_affine: bool) -> Number | float:
-    """The spring, over EI / L, beside which a hinge is free. It holds more than rounding drives
-    out: with tension the stiffness of elements is a difference of larger numbers."""
+    """The stiffness of a spring, over EI / L, beside which a hinge is free. It holds more than
+    rounding drives out: with tension the stiffness of elements is a difference of larger
+    numbers."""
     if is_affine or not isinstance(rotor, Rotor):
         return _HAIR
     beam = rotor.beam.mean
@@ -308,7 +310,7 @@ def _hair(rotor: AnyRotor, is_affine: bool) -> Number | float:
 
 
 def _held(rotor: AnyRotor, hair: Number | float) -> AnyRotor:
-    """The rotor with hairs of springs where hinges are free, so that K at rest is definite."""
+    """The rotor with weak springs where hinges are free, so that K at rest is definite."""
     if not isinstance(rotor, Rotor) or rotor.root_springs is None:
         return rotor
     beam = rotor.beam.mean
@@ -321,8 +323,9 @@ def _freed(
     speed: Float[Array, " f"], shape: Float[Array, "f n"], k0: Matrix, free: Matrix,
     rotor: AnyRotor, hair: Number | float,
 ) -> Float[Array, " f"]:  # fmt: skip
-    """The speeds without hairs: what swings on nothing else gives way at once, or, where that takes
-    far more than a hair would bear, is neither held nor driven out at any speed."""
+    """The speeds without the weak springs: what swings on nothing else gives way at once, or, where
+    that takes far more than such a spring would bear, is neither held nor driven out at any
+    speed."""
 
     def energy(k: Matrix) -> Float[Array, " f"]:
         return jnp.sum(shape * (shape @ k), 1)
@@ -343,7 +346,7 @@ def _alone(
 
 
 def _with_speed(model: AbstractModel, rotor: AnyRotor, zero: Scalar) -> tuple[Matrix, Matrix]:
-    """K of the beam kept as it is at rest, K_0 + Omega^2 K_1."""
+    """The matrices K_0 and K_1 of K = K_0 + Omega^2 K_1, the beam kept as it is at rest."""
     one = jnp.ones_like(zero)
 
     def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:

@@ -206,12 +206,13 @@ def _estimated(
 
 
 def half(steps: int) -> int:
-    """Half as many steps, rounded up."""
+    """Half of a number of steps, rounded up."""
     return -(-steps // 2)
 
 
 def left_by(steps: int) -> float:
-    """The error with so many steps, as a share of the difference from half as many (order 6)."""
+    """The error of this number of steps, as a share of the difference from half as many (order
+    6)."""
     return 1 / ((steps / half(steps)) ** 6 - 1)
 
 

@@ -35,14 +35,14 @@ class AbstractPlace(eqx.Module):
 
     @abc.abstractmethod
     def rest(self, given: Any) -> Matrix:
-        """K where the parameter is zero."""
+        """The stiffness K where the parameter is zero."""
 
     @abc.abstractmethod
     def stiffness(self, given: Any, value: Scalar) -> Matrix:
-        """K at a value of the parameter."""
+        """The stiffness K at a value of the parameter."""
 
     def bordered(self, given: Any, value: Scalar) -> Scalar:
-        """The function f."""
+        """The function f of the bordered system."""
         x = self.x
         # Coordinates in which K has ones on its diagonal at first, so that the border fits.
         own = jnp.diag(jax.lax.stop_gradient(self.rest(given)))
@@ -58,8 +58,8 @@ class AbstractPlace(eqx.Module):
 
 @eqx.filter_custom_jvp
 def root(place: AbstractPlace, given: Any, value: Scalar) -> Scalar:
-    """The value, with its derivatives as the root of f by all that is `given`: only where they are
-    asked for is f looked at."""
+    """The value of the parameter, with its derivatives as the root of f by all that is `given`:
+    only where they are asked for is f looked at."""
     return value
 
 

@@ -66,7 +66,7 @@ def tongue(
     steps: int = 64,
     throw: bool = True,
 ) -> Tongue:
-    """Where `ModulatedSpeed(mean, depth, frequency)` makes the modes of `pair` grow.
+    """The boundaries of `ModulatedSpeed(mean, depth, frequency)` at which the modes of `pair` grow.
 
     That is the region of parametric resonance that begins at the frequency (omega_i + omega_j) /
     order, those of the modes at the speed `mean` (rad/s, > 0): principal where both labels are the
@@ -188,14 +188,14 @@ class _Margin(NamedTuple):
     steps: int
 
     def at(self, case: _Modulation) -> tuple[Scalar, Scalar]:
-        """Positive where unstable; and how well the pair is recognised, one at best, or NaN where
-        the steps are too long."""
+        """The margin, positive where unstable; and how well the pair is recognised, one at best, or
+        NaN where the steps are too long."""
         found = case.group(self.model, self.directions).monodromy(self.steps)
         value, ahead = self.of(found.matrix, found.sound)
         return value, jnp.where(found.sound, ahead, jnp.nan)
 
     def estimated(self, case: _Modulation) -> tuple[Scalar, Scalar]:
-        """The first of `at`, and what the steps do to it."""
+        """The margin of `at`, and what the steps do to it."""
         found = case.group(self.model, self.directions).monodromy(self.steps, half(self.steps))
         assert found.by_fewer is not None
         value, _ = self.of(found.matrix, found.sound)
@@ -368,7 +368,8 @@ def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:
 def _basis(
     group: Reduced, speed: Scalar, eigenvalue: Complex[Array, " 2"], shape: Complex[Array, "2 n"]
 ) -> Complex[Array, "m 2"]:
-    """Orthonormal, of two modes in (x, y), the second one turning backwards: these two meet."""
+    """Orthonormal vectors that span two modes in (x, y), the second one turning backwards: these
+    two meet."""
     phi, root = group.coordinates
     m, g, *_ = group.matrices(speed)
 

@@ -104,7 +104,8 @@ def on_executor(
 
 
 class _Watch:
-    """Waits for answers of an executor as long as it has workers, or may yet have some."""
+    """A watch over an executor: it waits for answers as long as there are workers, or may yet be
+    some."""
 
     def __init__(self) -> None:
         self.start = time.monotonic()
@@ -141,7 +142,7 @@ class _Watch:
 
 
 def _workers(pool: Executor) -> int | None:
-    """How many workers there are, if the executor is one of Dask, which knows."""
+    """The number of workers, if the executor is one of Dask, which knows."""
     client = getattr(pool, "_client", None)
     if client is None:
         return None

@@ -54,7 +54,7 @@ class ChunkResults(NamedTuple):
 
 
 class _Chunks:
-    """How cases are divided: `chunk` of them at a time, the last chunk holds the rest."""
+    """The division of cases: `chunk` of them at a time, the last chunk holds the rest."""
 
     def __init__(self, n: int, chunk: int) -> None:
         self.n, self.chunk = n, chunk
@@ -166,7 +166,7 @@ class ResultFolder(_Chunks):
         return finished
 
     def _finish(self, number: int, checks: dict[str, int], errors: dict[int, str]) -> None:
-        """The line in the index of a chunk that is written."""
+        """Write the line in the index for a chunk that is there."""
         entry = {"sweep": self.mark, "chunk": number, "checks": checks, "errors": errors}
         text = json.dumps(entry).encode()
         with open(self.folder / "index.txt", "ab+") as file:
@@ -194,7 +194,7 @@ class ResultFolder(_Chunks):
         return file.getvalue()
 
     def _place(self, name: str, number: int) -> tuple[int, int]:
-        """Where the part of a chunk begins in the file, and how long it is, in bytes."""
+        """The place of a chunk's part in the file, and its length, in bytes."""
         start = number * self.chunk
         spec = self.specs[name]
         row = spec.dtype.itemsize * int(np.prod(spec.shape, dtype=int))
@@ -342,7 +342,7 @@ def _whole(cases: Cases | None, identity: dict[str, Any]) -> bool:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Write a file at once or not at all."""
+    """Write a file whole or not at all."""
     new = path.with_name(f"{_NEW}{path.name}.{os.urandom(8).hex()}")  # others may write it, too
     with open(new, "wb") as file:
         file.write(data)

@@ -125,7 +125,8 @@ def _checked(
 
 
 class _Job(NamedTuple):
-    """A sweep that is to be done: what, over which cases, by whom, and where results are kept."""
+    """A sweep to be done: its function, its cases, who computes them, and where results are
+    kept."""
 
     function: Callable[..., Any]
     cases: Cases
@@ -174,7 +175,8 @@ class _Job(NamedTuple):
 
 
 def _lowered_for(device: jax.Device | None) -> contextlib.AbstractContextManager[Any]:
-    """Makes programs that of another platform than the default one; they do not name a device."""
+    """A block in which programs are lowered for another platform than the default one; they do not
+    name a device."""
     if device is None or device.platform == jax.default_backend():
         return contextlib.nullcontext()
     return jax.default_device(device)

@@ -222,12 +222,13 @@ class Table:
 
 
 def _along(axis: np.ndarray, place: int, shape: tuple[int, ...], lines: slice) -> np.ndarray:
-    """Coordinates of these cases along the dimension at this place."""
+    """Coordinates of cases along the dimension at this place."""
     return axis[np.unravel_index(np.arange(lines.start, lines.stop), shape)[place]]
 
 
 def _slack(column: np.ndarray) -> float:
-    """How far a number may be from a coordinate: 1e-9 of the smallest distance between two."""
+    """The distance by which a number may miss a coordinate: 1e-9 of the smallest distance between
+    two."""
     gaps = np.diff(np.unique(column[np.isfinite(column)]))
     scale = float(gaps.min()) if gaps.size else float(np.abs(column[:1]).max(initial=0.0))
     return 1e-9 * scale
@@ -255,7 +256,7 @@ def _find(name: str, column: np.ndarray, wanted: Any) -> np.ndarray:
 
 
 def _real(value: Any) -> bool:
-    """Whether it is a real number, as Python, NumPy or JAX have them."""
+    """Whether a value is a real number, as Python, NumPy or JAX have them."""
     kind = getattr(value, "dtype", np.dtype(type(value) if type(value) in (int, float) else object))
     return np.ndim(value) == 0 and np.dtype(kind).kind in "iuf"
 

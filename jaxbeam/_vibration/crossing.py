@@ -29,8 +29,8 @@ _JUMP = 1e-6
 
 
 class Crossing(InHertz, eqx.Module):
-    """`angular_speed` (rad/s) at which the frequency of the mode `label` is `harmonic` times it,
-    and a `status`."""
+    """The `angular_speed` (rad/s) at which the frequency of the mode `label` is `harmonic` times
+    it, and a `status`."""
 
     label: Label = eqx.field(static=True)
     harmonic: Scalar
@@ -39,8 +39,8 @@ class Crossing(InHertz, eqx.Module):
 
     @property
     def frequency(self) -> Any:
-        """`harmonic` times the speed, whose sign does not count, in rad/s; of a batch with its
-        axes."""
+        """The frequency, `harmonic` times the speed, whose sign does not count, in rad/s; of a
+        batch with its axes."""
         return self.harmonic * abs(self.angular_speed)
 
 
@@ -109,7 +109,7 @@ def _crossing(
         return gap_and_status(speed)[0]
 
     def regular(speed: Scalar) -> Scalar:
-        """`gap`; in a case that failed, a function that has a slope."""
+        """The function `gap`; in a case that failed, a function that has a slope."""
         value, status = gap_and_status(speed)
         return jnp.where(status == Status.OK, value, speed)
 

@@ -85,7 +85,7 @@ def reduction(
 
 @Program
 def _of_blades(model: SpatialRod, rotor: Rotor, count: int) -> Float[Array, "v k"]:
-    """Frequencies of the blade, and of those that lack something."""
+    """Frequencies of the blade, and of those from which something is left out."""
     _, rotor, _ = guarded(rotor, jnp.zeros(()))
     blade: Any = rotor.beam
     every = [blade, *(without(blade) for without in WITHOUT.values())]

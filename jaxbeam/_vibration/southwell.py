@@ -29,7 +29,7 @@ _CLOSE = 3e-6  # to rest, over the frequency scale: rounding of axial motion gro
 
 
 class Southwell(eqx.Module):
-    """`coefficient`: phi = d(omega^2) / d(Omega^2), shape (k,), without unit; and a `status`."""
+    """The `coefficient` phi = d(omega^2) / d(Omega^2), shape (k,), without unit; and a `status`."""
 
     coefficient: Float[Array, " k"]
     status: Code
@@ -98,8 +98,9 @@ def _swinging(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, found: Modes,
     conditions: Conditions | None,
 ) -> Float[Array, " k"]:  # fmt: skip
-    """d(omega^2) / d Omega of modes whose frequency is zero to within rounding: free hinges at
-    rest, where there are no Coriolis forces, and for lag in the axis, which do not stiffen."""
+    """The derivative d(omega^2) / d Omega of modes whose frequency is zero to within rounding: free
+    hinges at rest, where there are no Coriolis forces, and for lag in the axis, which do not
+    stiffen."""
 
     def stiffness(omega: Scalar) -> Matrix:
         return system_of(model, rotor, omega, conditions).stiffness

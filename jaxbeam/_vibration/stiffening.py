@@ -25,13 +25,13 @@ _SHEAR = 3.1  # E / (kappa G)
 
 
 def _bending(rotor: Rotor) -> Hybrid:
-    """Bending in the plane alone."""
+    """The model of bending in the plane alone."""
     return Hybrid(0, 14, 0).suited(rotor)
 
 
 class StiffeningRatio(eqx.Module):
-    """`ratio`: motion-induced over elastic stiffness, without unit; and a `status`, unless which is
-    OK it is NaN (derivatives: as in `modes`)."""
+    """The `ratio` of motion-induced over elastic stiffness, without unit; and a `status`, unless
+    which is OK it is NaN (derivatives: as in `modes`)."""
 
     ratio: Scalar
     status: Code

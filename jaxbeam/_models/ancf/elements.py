@@ -103,7 +103,7 @@ class ElementEquations(Equations):
 
     @property
     def element(self) -> Element:
-        """The law of the elements, or of one for all."""
+        """The law of each element, or one law for all."""
         return self.sections.law
 
     @property
@@ -199,7 +199,8 @@ class ElementEquations(Equations):
         return by_q, by_v
 
     def _by_local(self, tangent: Float[Array, "2 3 2 3 *lanes"]) -> Array:
-        """The tangent of a law made one by the coordinates of an element (2, 4, 2, 4)."""
+        """The tangent by an element's coordinates (2, 4, 2, 4) from the tangent of its law by
+        gradients."""
         n = self.element.n_elements
         tangent = self.axial_stiffness / self.length * tangent
         rows = on_ends(n, tangent).reshape(8, *tangent.shape[2:])
@@ -319,7 +320,8 @@ class ElementEquations(Equations):
         return self._reordered(nodes)
 
     def _at_ends(self, function: Callable[..., Any], *q: Vector) -> Any:
-        """A function of the displacement gradients at root and tip; None where nothing is there."""
+        """The result of a function of the displacement gradients at root and tip; None where
+        nothing is there."""
         if self.ends.are_plain:
             return None
         nodes = map(self._nodes, q)
@@ -350,7 +352,7 @@ class ElementEquations(Equations):
         return BlockTridiagonal(rows, absent=self._absent)
 
     def _at_node(self, i: int, block: Float[Array, "2 2 2 2 *lanes"]) -> Array:
-        """Rows (k, 4, 12, *lanes) in which this is at the first (0) or the last (-1) node."""
+        """Rows (k, 4, 12, *lanes) that have a block at the first (0) or the last (-1) node."""
         lanes, more = block.shape[4:], len(self.straight) - 1
         sides = ((0, 0), (4, 4), *((0, 0),) * len(lanes))
         row = jnp.pad(block.reshape(4, 4, *lanes), sides)[None]

@@ -49,13 +49,14 @@ QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # a1 becomes a2, a2 becomes 
 def map_rows(
     table: Float[np.ndarray, "a b"] | Float[Array, "a b"], x: Float[Array, "c b *lanes"]
 ) -> Array:
-    """The product sum_b table_ab x_cb, with axes of lanes behind."""
+    """The product sum_b table_ab x_cb of a table and each row of x, with axes of lanes behind."""
     lanes = x.ndim - 2
     return sum_of_products(append_axes(table[None], lanes), x[:, None], 2, lanes)
 
 
 def along_element(s: np.ndarray, derivative: int = 0) -> Float[np.ndarray, "p 3"]:
-    """The gradient by its three values at points s, or its derivative by s."""
+    """The matrix that makes the gradient at points s, or its derivative by s, of its three
+    values."""
     if derivative:
         return np.stack([6 * s - 4, 6 - 12 * s, 6 * s - 2], 1)
     return np.stack([1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], 1)
@@ -77,7 +78,7 @@ def elongation(d: Float[Array, "2 *lanes"]) -> Number:
 
 
 class Rule(NamedTuple):
-    """How an element, or a part of it, is integrated over x / L."""
+    """A quadrature over x / L on an element, or a part of it."""
 
     weights: Any  # of the Gauss points (g,)
     slopes: Any  # from the local coordinates to the gradient there (g, 3)
@@ -129,11 +130,11 @@ class Element(Strained):
         return gradient_of(self.energy)(e)
 
     def tangent(self, e: LocalGradients) -> Float[Array, "2 3 2 3 *lanes"]:
-        """d force / de."""
+        """The tangent d force / de of one element."""
         return self.by(self.force, e)
 
     def strain(self, d: Float[Array, "2 p *lanes"]) -> Float[Array, "p *lanes"]:
-        """Axial strain where the displacement gradient is this."""
+        """The axial strain at points with these displacement gradients."""
         return elongation(d)
 
     @property
@@ -205,7 +206,7 @@ class Continuum(Element):
 
     @property
     def _bend(self) -> np.ndarray:
-        """int S''^T S'' dx."""
+        """The integral int S''^T S'' dx over an element."""
         return np.einsum("g,gi,gj->ij", self.weights, self.curvatures, self.curvatures)
 
     def tangent(self, e: LocalGradients) -> Float[Array, "2 3 2 3 *lanes"]:
@@ -230,7 +231,7 @@ class Continuum(Element):
 def _rows(
     table: Float[np.ndarray, "p 3"] | Float[Array, "p 3"], vector: Float[Array, "2 p *lanes"]
 ) -> Float[Array, "6 p *lanes"]:
-    """Table^T times a vector at every point."""
+    """The product of a table, transposed, and a vector at every point."""
     out = vector[:, None] * append_axes(table.T[None], vector.ndim - 2)
     return out.reshape(6, *vector.shape[1:])
 
@@ -244,7 +245,7 @@ def _weighted(
 
 
 def _both(a: Float[Array, "3 3 *lanes"]) -> Float[Array, "2 3 2 3 *lanes"]:
-    """A matrix of one component as one of both, which it does not couple."""
+    """A matrix of one component repeated for both, which it does not couple."""
     return append_axes(np.eye(2)[:, None, :, None], a.ndim - 2) * a[None, :, None]
 
 

@@ -136,23 +136,23 @@ class Engineering(Element):
 
     @property
     def _tables(self) -> Any:
-        """`slopes` and `curvatures`."""
+        """The tables `slopes` and `curvatures`."""
         tables = self.slopes, self.curvatures
         constant = isinstance(tables[0], np.ndarray)
         return np.concatenate(tables) if constant else jnp.concatenate(tables)
 
     def _gradients(self, e: LocalGradients) -> tuple[Array, Array]:
-        """d and r'' at the Gauss points, (2, g, *lanes)."""
+        """The gradients d and r'' at the Gauss points, (2, g, *lanes)."""
         both, g = map_rows_once(self._tables, e), len(self.weights)
         return both[:, :g], both[:, g:]
 
     def _projected(self, by_slope: Array, by_bend: Array) -> LocalGradients:
-        """The transpose of `_gradients`."""
+        """Forces on local coordinates: the transpose of `_gradients`."""
         return map_rows_once(self._tables.T, jnp.concatenate([by_slope, by_bend], 1))
 
 
 class _Bent(NamedTuple):
-    """eps, |r'|, s, r', t, J r'' and phi' of `Engineering`."""
+    """Strain and tangent vectors of `Engineering`: eps, |r'|, s, r', t, J r'' and phi'."""
 
     strain: Float[Array, "g *lanes"]
     size: Float[Array, "g *lanes"]

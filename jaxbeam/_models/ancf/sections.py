@@ -35,8 +35,8 @@ ARule = TypeVar("ARule", bound=tuple[Any, ...])  # of quadrature, with arrays fo
 
 @functools.lru_cache(maxsize=64)
 def cuts(edges: tuple[float, ...], n_elements: int) -> Cuts:
-    """Where elements are cut at the kinks of a beam. All have as many parts: where there are fewer
-    kinks the longest part is halved."""
+    """Edges of the parts into which the kinks of a beam cut elements. All have as many parts: where
+    there are fewer kinks the longest part is halved."""
     inside: list[list[float]] = [[0.0, 1.0] for _ in range(n_elements)]
     for kink in edges[1:-1]:
         node = round(kink * n_elements)

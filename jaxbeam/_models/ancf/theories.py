@@ -124,7 +124,7 @@ class _Nodal(_ANCF):
         return raise_unless_ok(*_jitted_steady(model, rotor, speed))[model._axial]
 
     def steady(self, rotor: Rotor, speed: Scalar) -> tuple[Vector, Code]:
-        """The straight beam, which these linear equations keep at any speed."""
+        """The steady state, in which the beam is straight, and the status of the search."""
         # In the axial coordinates alone, and over EA, unknowns are of order one.
         equations, hub = self.equations(rotor), spinning(speed)
         length, axial = rotor.beam.length, self._axial

@@ -143,7 +143,7 @@ class Polynomials(Basis):
         return segments(edges, self.points(n, edges), self.grading)
 
     def points(self, n: int, edges: tuple[float, ...], more: int = _MORE) -> int:
-        """How many points of each segment products of n functions need, and some more."""
+        """The number of points in each segment that products of n functions need, and some more."""
         # Polynomials of degree k have k zeros that are even in arccos(1 - 2 t).
         angles = np.arccos(1 - 2 * np.asarray(edges) ** (1 / self.grading))
         waves = self.grading * (n + 2) * np.max(np.diff(angles)) / np.pi
@@ -166,7 +166,7 @@ class Polynomials(Basis):
         return out[:n]
 
     def _integrated(self, n: int, xi: _Array, times: int) -> list[_Array]:
-        """[highest derivative, its integral over xi, ...], each (p, n)."""
+        """The highest derivative and its integrals over xi, one after the other, each (p, n)."""
         m = self.grading
         t = np.asarray(xi) ** (1 / m)
         jacobian = m * Chebyshev.identity(domain=[0, 1]) ** (m - 1)

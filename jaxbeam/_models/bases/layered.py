@@ -74,7 +74,7 @@ class Finer(Layered):
 
 
 def has_layers(basis: Basis | None) -> bool:
-    """Whether a basis is this one, be it at a root that yields."""
+    """Whether a basis is `Layered`, be it at a root that yields."""
     return isinstance(basis.basis if isinstance(basis, Yielding) else basis, Layered)
 
 
@@ -112,7 +112,7 @@ def are_followed(counts: tuple[int, ...], rotor: Rotor, speed: Any) -> Any:
 
 
 def without_layers(basis: Basis) -> bool:
-    """Whether a basis is polynomials as they are, be it at a root that yields."""
+    """Whether a basis is plain polynomials, be it at a root that yields."""
     return (basis.basis if isinstance(basis, Yielding) else basis) == Polynomials()
 
 
@@ -134,7 +134,7 @@ def held_by(rotor: Rotor, speed: Any) -> Any:
 
 
 def more_functions() -> int:
-    """How many functions of bending `Finer` has beyond those of `Layered`."""
+    """The number of bending functions that `Finer` has beyond those of `Layered`."""
     return _MORE + LAYERS - 2
 
 

@@ -58,13 +58,14 @@ class Kind:
     arc_length: bool  # stretch has N / EA for strain; else polynomials, which follow bending, too
 
     def bent(self, rotor: Rotor) -> list[int]:
-        """How many functions bend, in plane and in flap: where the root yields, one turns there."""
+        """The numbers of functions that bend in plane and in flap, without those that turn a root
+        that yields."""
         counts = zip(self.counts[1:], rotor.springs, strict=True)
         return [max(n - (spring is not None), 0) for n, spring in counts]
 
 
 def span_of(kind: Kind, rotor: Rotor, beside: int = 0) -> Span:
-    """Points of integration, and so many more of each segment."""
+    """Points of integration, with `beside` more of them in each segment."""
     beam = rotor.beam
     cut = shortened(beam.edges, kind.grading > 1)
     more = _MORE + 3 * (kind.grading > 1) + beside  # towards the root powers are not whole
@@ -246,7 +247,7 @@ class LoadFunctions(eqx.Module):
 
 
 def _ordered(by_mass: Array, by_tip: Array, body: bool) -> Array:
-    """Loads in the order in which they count: the first polynomial, the tip, all others."""
+    """Loads in the order of their weight: the first polynomial, the tip, all others."""
     tip = [by_tip[:, None]] + [jnp.ones_like(by_tip[:, None])] * body
     return jnp.concatenate([by_mass[:, :1], *tip, by_mass[:, 1:]], 1)
 
@@ -263,7 +264,7 @@ def mixed(loads: LoadFunctions, raw: tuple[Array, Array, Array]) -> Mixes:
 
 
 def _mix(columns: Array, n: int, pulled: int) -> Array:
-    """Combinations of columns (loads, by tension, across), so many, for which they do most.
+    """The n combinations of columns (loads, by tension, across) that do most.
 
     A load counts the less the higher its polynomial, and what tension does, or a moment across, as
     its polynomial would. Of what loads do already (of a uniform beam all that tension does is that)

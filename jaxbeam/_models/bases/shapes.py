@@ -119,7 +119,7 @@ def shapes_on(kind: Kind, rotor: Rotor) -> Shapes:
 
 
 def _at_root(loads: LoadFunctions, coordinates: Sequence[Array]) -> list[Array]:
-    """Coordinates that turn the root, (0 or 1, k) of each direction."""
+    """Coordinates of the functions that turn the root, (0 or 1, k) of each direction."""
     yields = (False, *loads.yields)
     return [q[: int(turns)] for q, turns in zip(coordinates, yields, strict=True)]
 
@@ -194,5 +194,5 @@ def of_basis(basis: Basis, counts: FunctionCounts, span: Span, parts: Sequence[A
 
 
 def follows(basis: Basis, rotor: Rotor) -> bool:
-    """Whether functions are those that suit the beam: polynomials, where it varies."""
+    """Whether a basis follows the loads of a beam: polynomials, where the beam varies."""
     return type(basis) is Polynomials and rotor.varies

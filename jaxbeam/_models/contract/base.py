@@ -77,7 +77,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         return len(self.directions), len(self.directions)
 
     def in_motion(self, rotor: TheRotor) -> tuple[Self, TheRotor]:
-        """Model and rotor as a motion in time wants them."""
+        """The model and the rotor in the form that a motion in time takes."""
         return self, rotor
 
     @abc.abstractmethod
@@ -143,7 +143,8 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         return self
 
     def judged(self, rotor: TheRotor) -> bool:
-        """Whether too few functions are a failure: how many are enough is not its user's to say."""
+        """Whether too few functions are a failure, as where the user has not chosen their
+        number."""
         return isinstance(rotor, Rotor) and rotor.varies
 
     def most_error(self, rotor: TheRotor, speed: Scalar) -> Any:
@@ -175,7 +176,8 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         raise NotImplementedError
 
     def bands(self) -> BandTables | NodeByNode | None:
-        """How matrices of small motion are bands, which makes `modes` fast; None: they are not.
+        """The bands that matrices of small motion are, which make `modes` fast; None where they are
+        not.
 
         Whoever derives from a model need not think of this: tables are for a class itself alone.
         """

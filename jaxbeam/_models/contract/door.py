@@ -10,7 +10,7 @@ from jaxbeam._types import Scalar, is_concrete
 
 
 def checked_model(model: Any) -> AbstractModel:
-    """The argument, if it is a model; else an error that says what is."""
+    """The argument, if it is a model; else an error that says what is one."""
     if not isinstance(model, AbstractModel):
         raise TypeError(f"model must be a model, such as jaxbeam.Hybrid(), got {kind_of(model)}")
     return model

@@ -30,7 +30,7 @@ class Elasticity(eqx.Module):
 
     @abc.abstractmethod
     def tangent(self, q: Vector) -> Matrix:
-        """d force / dq."""
+        """The tangent d force / dq."""
 
     @abc.abstractmethod
     def viscous(self, q: Vector, v: Vector) -> Vector:
@@ -39,7 +39,7 @@ class Elasticity(eqx.Module):
 
     @abc.abstractmethod
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
-        """Derivatives of this by q and by v."""
+        """Derivatives of the viscous force by q and by v."""
 
     @abc.abstractmethod
     def strain(self, gradient: Float[Array, "p 3"]) -> Float[Array, " p"]:
@@ -47,7 +47,7 @@ class Elasticity(eqx.Module):
 
 
 class LinearElasticity(Elasticity):
-    """U = q.K q / 2, axial strain u1' (or s')."""
+    """Linear elasticity: U = q.K q / 2, axial strain u1' (or s')."""
 
     takes_lanes: ClassVar[bool] = True
 

@@ -78,7 +78,7 @@ class Equations(eqx.Module):
 
     @property
     def functions(self) -> Shapes | None:
-        """Functions on a beam that varies, where they are its own."""
+        """Functions along a beam that varies, where they are the model's own."""
         return None
 
     @property
@@ -98,7 +98,7 @@ class Equations(eqx.Module):
         return generalised
 
     def kinematics(self, q: Vector, v: Vector) -> Vector:
-        """q', linear in v."""
+        """The rates q' of coordinates, linear in velocities v."""
         return v
 
     def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
@@ -106,12 +106,12 @@ class Equations(eqx.Module):
         return Straight(g)
 
     def as_velocities(self, q: Vector, change: Vector) -> Vector:
-        """A small change of coordinates as one of which velocities are the rates."""
+        """A small change of coordinates, expressed as changes that velocities are the rates of."""
         return change
 
     def velocity_measure(self) -> Matrix | None:
-        """W of v^T W v, the square of one velocity by which the control of errors is to measure
-        all; None: each by itself."""
+        """The matrix W of v^T W v, the square of one velocity by which the control of errors is to
+        measure all velocities; None where each is measured by itself."""
         return None
 
     @property
@@ -127,7 +127,7 @@ class Equations(eqx.Module):
     def matrices_about(
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
     ) -> tuple[Matrix, Matrix, Matrix]:
-        """Mass, what goes with rates, and stiffness of small motion about a state of rest."""
+        """Matrices of mass, of rates and of stiffness for small motion about a state of rest."""
         k, c = self.tangents(hub, q, jnp.zeros_like(q), tip_force)
         by_span = None if span is None else span.tangent(self, q)
         if by_span is not None:
@@ -140,7 +140,7 @@ class Equations(eqx.Module):
         return self.generalised(q, self.damping_about(q, drag))
 
     def generalised(self, q: Vector, a: Any) -> Matrix:
-        """A matrix of forces as those of generalised ones, where `force` scales them; at rest the
+        """A matrix of forces made one of generalised forces, where `force` scales them; at rest the
         slope of the scale does not count."""
         return dense(a) / self.as_force(q, jnp.ones_like(q))[:, None]
 
@@ -172,7 +172,7 @@ class Equations(eqx.Module):
         raise NotImplementedError
 
     def like_mass(self, matrix: Matrix) -> Any:
-        """A matrix as one of the kind of `mass`; of models whose `Drag` has one."""
+        """A matrix converted to the kind of `mass`; of models whose `Drag` has one."""
         return matrix
 
     def nonconservative_force(self, q: Vector) -> Vector:
@@ -211,7 +211,7 @@ class Equations(eqx.Module):
 
     @property
     def pieces(self) -> tuple[float, ...]:
-        """Edges x / L from 0 to 1 between which displacements are smooth; of beams."""
+        """Edges x / L, from 0 to 1, between which displacements of a beam are smooth."""
         raise NotImplementedError
 
     def undeformed_at(self, xi: np.ndarray) -> Float[Array, "p 3"]:
@@ -221,8 +221,8 @@ class Equations(eqx.Module):
         return root[None] + jnp.asarray(xi)[:, None] * (tip - root)[None]
 
     def rates(self, q: Vector, change: Vector) -> Vector:
-        """How coordinates begin to change with a small motion about q, of which `matrices_about`
-        are: as that, where motion is by coordinates."""
+        """The rates of coordinates in a small motion about q, in the sense of `matrices_about`: the
+        small motion itself, where motion is by coordinates."""
         return change
 
     def own_section_loads(
@@ -254,7 +254,7 @@ class Equations(eqx.Module):
         return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
-        """Where the points of a span are, in hub axes from the centre of the hub, in m."""
+        """Places of the points of a span, in hub axes from the centre of the hub, in m."""
         return self.undeformed_at(span.xi) + self.displacement(q, np.asarray(span.xi))
 
     def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
@@ -299,7 +299,7 @@ class Equations(eqx.Module):
         return energy
 
     def end(self, q: Vector) -> Triple:
-        """r' at the tip as a body there has it."""
+        """The vector r' at the tip, in the direction that a body there has."""
         return self.direction(q, np.ones(1))[0]
 
     def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:

@@ -15,9 +15,9 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 
 class Rest(NamedTuple):
-    """Coordinates of a state of rest, the status of the search for it, and where that knows them
-    mass, what goes with rates, and stiffness of small motion about it, what that lacks, and what
-    the root takes along (see `LinearSystem`)."""
+    """A state of rest: its coordinates, the status of the search for it, and where the search knows
+    them the matrices of mass, of rates and of stiffness for small motion about it, what the
+    stiffness lacks, and what the root takes along (see `LinearSystem`)."""
 
     q: Vector
     status: Code

@@ -48,10 +48,10 @@ class LinearSystem(eqx.Module):
 
     @property
     def by_rates(self) -> Matrix:
-        """All that goes with q'."""
+        """The matrix that goes with q': gyroscopic coupling and damping."""
         return self.gyroscopic if self.damping is None else self.gyroscopic + self.damping
 
     def where(self, *directions: Direction) -> np.ndarray:
-        """Indices of the coordinates of these directions, in this order."""
+        """Indices of the coordinates of some directions, in the order of these."""
         found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
         return np.concatenate(found) if found else np.zeros(0, int)

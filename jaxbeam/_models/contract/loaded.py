@@ -32,13 +32,14 @@ Held = TypeVar("Held", bound="Conditions | None")
 
 
 class Conditions(eqx.Module):
-    """Loads that are constant in the hub, and damping: under what a beam turns steadily."""
+    """Conditions of steady rotation: loads that are constant in the hub, and damping."""
 
     loads: Loads
     damping: Damping
 
     def status(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Code:
-        """Whether these are in range, and nothing turns in the hub."""
+        """The status of loads and damping: whether they are in range, and nothing turns in the
+        hub."""
         loads, none = self.loads, jnp.zeros(3, speed.dtype)
         gravity = none if loads.gravity is None else loads.gravity
         tip, span = loads.at_tip(none[0]), loads.span_moments(none[0], rotor.length)
@@ -152,7 +153,7 @@ def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, Abstra
 
 
 def checked_damping(damping: Any, case: tuple[AbstractModel, AnyRotor] | None = None) -> Damping:
-    """The argument, if it is a damping, and one that a `case`, a model and a rotor, bears."""
+    """The argument, if it is a damping that a `case`, a model and a rotor, bears."""
     if not isinstance(damping, Damping):
         raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
     if case is not None:

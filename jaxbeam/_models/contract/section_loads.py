@@ -129,7 +129,7 @@ def _along(
 def _at_tip(
     rotor: Rotor, equations: Equations, outside: Environment, moved: Moved
 ) -> tuple[Triple, Triple]:
-    """Force at the tip, and moment about it, of what is there."""
+    """Force at the tip, and moment about it, of the mass, body and load there."""
     (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved
     body = rotor.tip_body
 

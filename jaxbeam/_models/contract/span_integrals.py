@@ -23,11 +23,12 @@ class AbstractSpanForce(eqx.Module):
 
     @abc.abstractmethod
     def on(self, equations: Any, q: Vector) -> Vector:
-        """The generalised force where the coordinates are q."""
+        """The generalised force at coordinates q."""
 
     @abc.abstractmethod
     def tangent(self, equations: Any, q: Vector) -> Any:
-        """Minus its derivative by q, of the kind of `Equations.mass`; None where that is zero."""
+        """Minus the derivative of the force by q, of the kind of `Equations.mass`; None where that
+        is zero."""
 
     def power(self, equations: Any, q: Vector, v: Vector) -> Number:
         """The power of the force along the span, in W."""
@@ -48,7 +49,7 @@ class SpanForce(AbstractSpanForce):
 
 
 class AbstractSpanIntegral(eqx.Module):
-    """The work of a force along the span, by a rule of integration: where it is looked at."""
+    """The work of a force along the span, by a rule of integration."""
 
     @property
     @abc.abstractmethod
@@ -56,8 +57,7 @@ class AbstractSpanIntegral(eqx.Module):
         """Places x / L and weights."""
 
     def pace(self, length: Number) -> Any:
-        """How the length goes on with x / L at these places, () or (p, 1), in m, of a beam that is
-        so long."""
+        """Arc length by x / L at these places, () or (p, 1), in m, of a beam of this length."""
         return length
 
     @abc.abstractmethod
@@ -65,12 +65,13 @@ class AbstractSpanIntegral(eqx.Module):
         """The generalised force of a force per length at these places, in N/m."""
 
     def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
-        """Force per length in axes of the hub, from one as it is given."""
+        """Force per length in axes of the hub, from a density in the axes in which it is given."""
         return density
 
 
 class ElementSpanIntegral(AbstractSpanIntegral):
-    """Elements, whose displacements are linear in the coordinates."""
+    """The work of a force along the span on elements, whose displacements are linear in the
+    coordinates."""
 
     equations: Any
     edges: tuple[float, ...] = eqx.field(static=True)  # nodes and kinks
@@ -96,8 +97,8 @@ class ElementSpanIntegral(AbstractSpanIntegral):
 
 
 class FunctionSpanIntegral(AbstractSpanIntegral):
-    """Functions f_a that move in directions; what shortens the beam, in theories that know of it,
-    is moved by the force along it: -int_0^x u'^2 / 2."""
+    """The work of a force along the span on functions f_a that move in directions; where the theory
+    knows that deflection shortens the beam, -int_0^x u'^2 / 2 is moved by the force along it."""
 
     value: Any  # (p, n)
     slope: Any  # (p, n) by x / L

@@ -37,11 +37,11 @@ class Strained(eqx.Module):
 
     @abc.abstractmethod
     def strains(self, e: Array) -> Any:
-        """Strains s, a pytree."""
+        """Strains s of the coordinates, a pytree."""
 
     @abc.abstractmethod
     def stresses(self, strains: Any) -> Any:
-        """D s, of the same kind."""
+        """Stresses D s, a pytree like the strains."""
 
     @abc.abstractmethod
     def force(self, e: Array) -> Array:
@@ -78,7 +78,8 @@ class Strained(eqx.Module):
 
     @transposed(on=False)
     def by(self, function: Callable[[Array], Array], e: Array) -> Array:
-        """The derivative of a force by the coordinates: axes of the force, of these, of lanes."""
+        """The derivative of a force by the coordinates, with axes of the force, of the coordinates,
+        of lanes."""
         push = jax.linearize(function, e)[1]
         own = e.shape[: self.axes]
         return jax.vmap(push, out_axes=self.axes)(self._units(e)).reshape(*own, *e.shape)
@@ -126,7 +127,7 @@ class Parts(eqx.Module):
 def viscous(
     strains: Callable[[Array], Any], stresses: Callable[[Any], Any], q: Array, rate: Array
 ) -> Array:
-    """B^T D B q', of strains s(q) with stresses D s."""
+    """The viscous force B^T D B q' of strains s(q) with stresses D s."""
     push = jax.linearize(strains, q)[1]
     force: Array = jax.linear_transpose(push, q)(stresses(push(rate)))[0]
     return force
@@ -148,8 +149,8 @@ def holding(rotor: Rotor, axial_stiffness: Number, n_elements: int) -> Number | 
 
 
 def force_of(law: Any, e: Array, symmetric: bool) -> Array:
-    """law.force(e). If its derivative by e is `symmetric`, so much as it pulls back it pushes
-    forward, in a shorter program."""
+    """The elastic force law.force(e) of a law. If its derivative by e is `symmetric`, it pulls back
+    as it pushes forward, in a shorter program."""
     return _symmetric((law, e)) if symmetric and is_transposed() else law.force(e)
 
 
@@ -185,21 +186,21 @@ class EndSprings(Strained):
 
     @abc.abstractmethod
     def strains(self, e: Float[Array, "2 c *lanes"]) -> list[Number]:
-        """Strains of those that there are."""
+        """Strains of the springs that are there."""
 
     @property
     @abc.abstractmethod
     def stiffness(self) -> list[Number]:
-        """Stiffness of each of them."""
+        """Stiffness of each of the springs that are there."""
 
     @abc.abstractmethod
     def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
-        """Dampers in the place of the springs, and nothing at the tip: what they do is `viscous`
-        of this."""
+        """The ends with dampers in the place of springs, and nothing at the tip; their force is
+        `viscous` of these ends."""
 
     @property
     def are_plain(self) -> bool:
-        """Whether there are none."""
+        """Whether there are no springs."""
         return not self.stiffness
 
     def stresses(self, strains: list[Number]) -> list[Number]:
@@ -215,7 +216,7 @@ class EndSprings(Strained):
         return gradient_of(self.energy)(d)
 
     def tangent(self, d: Float[Array, "2 c *lanes"]) -> Float[Array, "2 c c *lanes"]:
-        """d force / dd of each end."""
+        """The tangent d force / dd of each end."""
         return self.by(self.force, d)
 
     def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:

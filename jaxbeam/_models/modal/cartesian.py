@@ -326,7 +326,7 @@ class CartesianEquations(Equations):
         return matvec(append_axes(self.model.one_hot.T, each.ndim - 1), each)
 
     def _shortened(self, vector: Triple, matrix: Matrix, q: Vector) -> Triple:
-        """The vector, less q.matrix q / 2 along the beam."""
+        """A vector, shortened by q.matrix q / 2 along the beam."""
         less = pairwise_sum(q * matvec_once(matrix, q)) / 2
         return vector - append_axes(np.eye(3)[0], less.ndim) * less[None]
 

@@ -223,7 +223,8 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, 
         return jax.lax.cond(needed(weights, matters), enlarged, lambda: ones)
 
     def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Array:
-        """Cases of a batch are not even looked at one by one where none needs it."""
+        """The factors of a batch, whose cases are not even looked at one by one where none needs
+        it."""
         weights, residuals, matters = leaves
         ones = jnp.ones((size, len(counts), residuals.shape[-2] // 2), residuals.dtype)
 

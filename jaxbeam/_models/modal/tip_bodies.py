@@ -79,7 +79,7 @@ class TipRotation(eqx.Module):
 
     @property
     def _bent(self) -> tuple[Vector, Vector]:
-        """g and h."""
+        """The vectors g and h of the docstring of the module."""
         (_, c, s), (lag, flap) = self.first, self.slopes
         return c * flap - s * lag, c * lag + s * flap
 

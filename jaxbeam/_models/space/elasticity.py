@@ -130,7 +130,8 @@ class SpatialElasticity(Equations):
         return padded(q, self.absent, 0).reshape(-1, 2, 4, *q.shape[1:])
 
     def _at_ends(self, function: Callable[..., Any], *q: Vector) -> Any:
-        """A function of the displacement gradients at root and tip; None where nothing is there."""
+        """The result of a function of the displacement gradients at root and tip; None where
+        nothing is there."""
         if self.ends.are_plain:
             return None
         slopes = [(nodes[0, 1], nodes[-1, 1]) for nodes in map(self._nodes, q)]
@@ -140,7 +141,7 @@ class SpatialElasticity(Equations):
         return BlockTridiagonal(rows, absent=self.absent)
 
     def _at_node(self, i: int, block: Float[Array, "3 3 *#lanes"]) -> Array:
-        """Rows in which this is on the slopes of the first (0) or the last (-1) node."""
+        """Rows that have a block on the slopes of the first (0) or the last (-1) node."""
         lanes, more = block.shape[2:], self.sections.n_elements
         row = jnp.pad(self._four(block), ((4, 0), (12, 8), *((0, 0),) * len(lanes)))[None]
         return padded(row, -i * more, (1 + i) * more)
@@ -157,11 +158,12 @@ class SpatialElasticity(Equations):
         return by_q, by_v
 
     def _by_local(self, tangent: Float[Array, "13 13 *#lanes"]) -> Array:
-        """The tangent of a law made one by the coordinates of an element (16, 16)."""
+        """The tangent by an element's coordinates (16, 16) from that by its local ones."""
         return self._by_nodes(self.sections.axial_stiffness / self.length * tangent)
 
     def _by_nodes(self, matrix: Float[Array, "13 13 *#lanes"]) -> Array:
-        """A matrix by local coordinates times the length as one by those of an element (16, 16)."""
+        """The matrix by an element's coordinates (16, 16) from that by local ones times the
+        length."""
         for _ in range(2):
             rows = self._on_nodes(matrix)
             matrix = compute_once(rows.reshape(16, *rows.shape[3:])).swapaxes(0, 1)

@@ -236,7 +236,7 @@ class SpatialEquations(SpatialElasticity):
         return jnp.stack([value, self._ordered(own[3:6] / size, 0 * own[6])])
 
     def _pushed_tangent(self, load: TipLoad, q: Vector) -> Float[Array, "k 8 24 *#lanes"]:
-        """Rows of blocks of its derivative by the coordinates."""
+        """Rows of blocks of the derivative of a load's force by the coordinates."""
         own, size = push_tangent(self._inside(load), *self._tip_state(q)), self.length
         value = jnp.stack([*(own[c] for c in self.ways[:3]), own[6] / size]) / size
         slope = jnp.stack([*(own[3 + c] for c in self.ways[:3]), 0 * own[6]]) / size**2
@@ -247,7 +247,7 @@ class SpatialEquations(SpatialElasticity):
         return padded(row[None], len(self.straight) - 1, 0)
 
     def _inside(self, load: TipLoad) -> TipLoad:
-        """A load in axes of the beam, if it is in axes of the hub."""
+        """A load in axes of the beam, from one that may be in axes of the hub."""
         if load.follows:
             return load
         return TipLoad(self._inward(load.force), self._inward(load.moment), load.follows)
@@ -318,7 +318,7 @@ class SpatialEquations(SpatialElasticity):
         return section_angles(local, s, n)
 
     def _place(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The elements where points are, and where in them."""
+        """The elements that points are in, and their places there."""
         xi, n = np.asarray(xi, float), self.sections.n_elements
         index = np.clip((xi * n).astype(int), 0, n - 1)
         return index, xi * n - index
@@ -349,7 +349,8 @@ class SpatialEquations(SpatialElasticity):
         return jnp.stack([self._ordered(0 * spin, twist), held_back])
 
     def _spun_rows(self, hub: Hub) -> tuple[Array, Array]:
-        """Rows of blocks of its derivatives by coordinates and rates."""
+        """Rows of blocks of the derivatives of the spinning body's force by coordinates and
+        rates."""
         spin, push = hub.angular_velocity, hub.angular_velocity_rate
         none = jnp.zeros_like(spin[0])
         slope, rate = (

@@ -19,9 +19,9 @@ from jaxbeam._types import Number, Triple
 
 
 class SpatialEnds(EndSprings):
-    """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there; see
-    the one of elements in the plane. A spring at the root has k phi^2 / 2, phi the component about
-    its axis of the least rotation from a1 to the tangent."""
+    """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there, as
+    `PlanarEnds`. A spring at the root has k phi^2 / 2, phi the component about its axis of the
+    least rotation from a1 to the tangent."""
 
     springs: tuple[Number | None, Number | None]  # in plane and in flap, N m / rad
     hold: Number | None  # J

@@ -72,7 +72,7 @@ SIMPSON = np.array([0.0, 0.5, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
 
 
 class SpatialRule(NamedTuple):
-    """How an element, or a part of it, is integrated over x / L."""
+    """A quadrature over x / L on an element, or a part of it."""
 
     weights: Any  # of the Gauss points (g,)
     slopes: Any  # from the values of the gradient to the gradient there (g, 3)
@@ -103,7 +103,8 @@ def spatial_rule(n_elements: int, start: float = 0.0, end: float = 1.0) -> Spati
 
 
 def turns(s: np.ndarray, h: float) -> Float[np.ndarray, "p 3"]:
-    """The turn at points s by its rates at both ends, and by what it is between these."""
+    """The matrix that makes the turn at points s of its rates at both ends and of its whole between
+    them."""
     return np.stack([h * (s - 2 * s**2 + s**3), 3 * s**2 - 2 * s**3, h * (s**3 - s**2)], 1)
 
 
@@ -174,7 +175,7 @@ class SpatialElement(Strained):
         return angle + _padded(pull.reshape(9, *e.shape[1:]))
 
     def tangent(self, e: LocalCoordinates) -> Float[Array, "13 13 *lanes"]:
-        """d force / de."""
+        """The tangent d force / de of one element."""
         n = self.n_elements
         force, second = self._second(deformation(e, n))
         return pulled_back_tangent(frames(e, n), force, second, n) + self._stretching(e)
@@ -256,7 +257,8 @@ class SpatialElement(Strained):
 
     @transposed(on=False)
     def viscous_tangents(self, e: LocalCoordinates, rate: LocalCoordinates) -> tuple[Array, Array]:
-        """Derivatives as in `Strained`, in a smaller program, by the strains' own ones."""
+        """Derivatives of the viscous force as in `Strained`, in a smaller program, by the strains'
+        own derivatives."""
         lanes = e.ndim - 1
         b, change = jax.jvp(self._strain_rows, (e,), (rate,))
         rates = compute_once(sum_of_products(b, rate[:, None], 0, max(lanes, 1)))
@@ -265,7 +267,7 @@ class SpatialElement(Strained):
         return by_e + self._geometric(e, rates), by_rate
 
     def viscous(self, e: LocalCoordinates, rate: LocalCoordinates) -> LocalCoordinates:
-        """Force as in `Strained`, in a smaller program."""
+        """The viscous force as in `Strained`, in a smaller program."""
         b, lanes = self._strain_rows(e), e.ndim - 1
         rates = compute_once(sum_of_products(b, rate[:, None], 0, max(lanes, 1)))
         return sum_of_products(b, self._stressed(rates)[None], 1, lanes)
@@ -287,7 +289,8 @@ class SpatialElement(Strained):
         return compute_once(jnp.concatenate([_padded(rows), bends], 1))
 
     def _rows_of(self, along: Float[Array, "3 p *lanes"]) -> Float[Array, "9 p *lanes"]:
-        """Derivatives by the gradient's values of what goes along vectors at points of stretch."""
+        """Derivatives by the values of the gradient, of components along vectors at points of
+        stretch."""
         table = append_axes(self.rule.strained.T[None], along.ndim - 2)
         return (along[:, None] * table).reshape(9, *along.shape[1:])
 
@@ -309,8 +312,8 @@ class SpatialElement(Strained):
         return bent + self._by_pulls(stretched(d) / size[None], -pull, pull)
 
     def _fixed(self, at: Rotated, moments: Array, on_turn: Array) -> Array:
-        """The part of second derivatives that belongs to moments that stay as they are: what they
-        do goes by this with the turn (10, g)."""
+        """The part of second derivatives that belongs to moments that stay as they are: the change
+        of their forces with the turn (10, g)."""
         rule = self.rule
         own, mixed = at.points.second(moments)
         values = compute_once(jnp.stack([own, mixed, mixed.swapaxes(0, 1)], 2))

@@ -72,7 +72,7 @@ def deformation(e: LocalCoordinates, n_elements: int) -> Natural:
 
 
 class _Acting(NamedTuple):
-    """Forces (c, k, *lanes), k of them, on what is seen and on the turning of the frame, and on the
+    """Forces (c, k, *lanes), k of them, on vectors seen from a frame, on its turning, and on the
     last three numbers of `deformation`."""
 
     size: Array
@@ -209,7 +209,7 @@ def rolls(e: LocalCoordinates, n_elements: int) -> Float[Array, "4 13 *lanes"]:
 
 
 def _sizes(r: Triple) -> tuple[Number, Number]:
-    """|r'| and 1 / (|r'| + r_1), without cancellation."""
+    """The lengths |r'| and 1 / (|r'| + r_1), without cancellation."""
     size, ahead = jnp.sqrt(pairwise_sum(r * r)), r[0] > 0
     across = r[1] * r[1] + r[2] * r[2]
     top = jnp.where(ahead, 1.0, size - r[0])

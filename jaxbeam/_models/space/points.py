@@ -27,8 +27,8 @@ from jaxbeam._types import Number
 
 
 class Points(NamedTuple):
-    """Points (*g), axes of lanes included. The order of what is by p and q is that of both vectors,
-    or of (eps, phi_2, phi_3) and (theta_1, theta_2, theta_3)."""
+    """Points with vectors p and q, (*g) of them, axes of lanes included. The order of derivatives
+    is that of both vectors, or of (eps, phi_2, phi_3) and (theta_1, theta_2, theta_3)."""
 
     rows: Float[Array, "3 3 *g"]  # t, n_2 and n_3 over |p|
     u2: Number
@@ -51,7 +51,7 @@ class Points(NamedTuple):
 
     @property
     def rise(self) -> Number:
-        """k_1."""
+        """The curvature component k_1 at the points."""
         return self.u3 * self.seen[1] - self.u2 * self.seen[2]
 
     def forces(self, moments: Float[Array, "3 *#g"]) -> tuple[Number, ...]:
@@ -64,7 +64,8 @@ class Points(NamedTuple):
         return -a * k2 - b * k3, *by_phi, jnp.zeros_like(a), a, b
 
     def second(self, moments: Float[Array, "3 *g"]) -> Float[Array, "2 3 3 *g"]:
-        """How what moments do on p goes with p and with q, if they stay as they are."""
+        """The change of the force of moments on p with p and with q, if the moments stay as they
+        are."""
         m1, m2, m3 = moments
         (e, k2, k3), u2, u3 = self.seen, self.u2, self.u3
         a, b, twist = compute_once((m2 + m1 * u3, m3 - m1 * u2, m1 * self.c))

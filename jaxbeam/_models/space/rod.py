@@ -152,7 +152,8 @@ class SpatialRod(AbstractModel[Rotor]):
         return small_motion(self, rotor, speed, equations, state)
 
     def judged(self, rotor: Rotor) -> bool:
-        """Whatever the beam: how soft some part of it is depends on all that couples."""
+        """Whether too few functions are a failure, which is so for any beam: how soft some part of
+        it is depends on all that couples."""
         return True
 
     def most_error(self, rotor: Rotor, speed: Scalar) -> Any:
@@ -161,7 +162,7 @@ class SpatialRod(AbstractModel[Rotor]):
     def frequency_error(
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """Returns by how much frequencies would rise if strains, not forces, were polynomials."""
+        """The relative rise of frequencies if strains, not forces, were polynomials."""
         if system.lacking is None:
             return None
         more = jnp.sum((shape.conj() * (shape @ system.lacking)).real, 1)

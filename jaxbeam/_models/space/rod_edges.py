@@ -33,7 +33,7 @@ def soft_breaks(beam: Any) -> tuple[float, ...] | None:
 
 
 class _Same:
-    """Numbers that are the same if their bytes are."""
+    """Numbers that compare equal if their bytes are."""
 
     def __init__(self, numbers: np.ndarray) -> None:
         self.numbers = numbers

@@ -42,7 +42,7 @@ _Three = Float[Array, "E p 3"]
 
 
 class Bent(NamedTuple):
-    """Elements in a state: what force and tangent are made of, at p Gauss points and k nodes."""
+    """Elements in a state: the data of force and tangent, at p Gauss points and k nodes."""
 
     strain: Float[Array, "E p 6"]
     stretch: _Three  # v
@@ -56,7 +56,7 @@ class Bent(NamedTuple):
 
 
 def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Bent:
-    """Elements whose nodes have moved by u and by_turns by the quaternions p."""
+    """Elements whose nodes have moved by u and turned by the quaternions p."""
     w, x = p[:, :1, None], p[:, 1:]
     leads = jnp.concatenate([-x[:, None], w * np.eye(3)[None] + crossing(x)], 1) / 2
     leads, turns = tables.of_elements(leads), tables.of_elements(rotation(p))
@@ -75,7 +75,7 @@ def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4
 
 
 def by_changes(tables: RodTables, state: Bent) -> Float[Array, "E m l"]:
-    """Strains by changes of nodes."""
+    """The matrix of strains by changes of nodes."""
     count, k, by = len(tables.rate), state.leads.shape[1], state.by_eleven
 
     def of_nodes(part: Array, rows: Array) -> Float[Array, "E p 6 k 3"]:
@@ -94,7 +94,7 @@ def _lengthened(
     tangent: _Three, fibres: tuple[Float[Array, "E p"], Float[Array, "E p"]],
     strain: Float[Array, "E p 6"], by: Float[Array, "E p 6 11"],
 ) -> tuple[Float[Array, "E p 6"], Float[Array, "E p 6 11"]]:  # fmt: skip
-    """Strains with what fibres lengthen by, which is along the undeformed tangent."""
+    """Strains with the lengthening of fibres added, which is along the undeformed tangent."""
     square, built = fibres
     about = jnp.sum(tangent * strain[..., 3:], -1)
     longer = (square * about / 2 + built) * about
@@ -104,7 +104,7 @@ def _lengthened(
 
 
 def _twisting(tangent: _Three, by_eleven: Float[Array, "E p 6 11"]) -> Float[Array, "E p 11"]:
-    """The rate of twist by the eleven."""
+    """The rate of twist by the eleven numbers of `_by_seen`."""
     return jnp.einsum("egs,egsz->egz", tangent, by_eleven[..., 3:, :])
 
 
@@ -130,7 +130,7 @@ def _seen_from(q: Float[Array, "*k 4"]) -> Float[Array, "*k 4 4"]:
 def _by_seen(
     stretch: _Three, curved: _Three, spin: Float[Array, "E p"]
 ) -> Float[Array, "E p 6 11"]:
-    """Strains by (a, b, d)."""
+    """Derivatives of strains by (a, b, d)."""
     eye, none = jnp.broadcast_to(np.eye(3), (*spin.shape, 3, 3)), jnp.zeros((*spin.shape, 3, 1))
     by_a = crossing(curved) - 2 * spin[..., None, None] * eye
     top = [none, 2 * crossing(stretch), none, 0 * eye, eye]

@@ -98,7 +98,7 @@ class RestingRod(Equations):
         return self._by_places(q, rod.led(q, more))
 
     def taken_along(self, q: Coordinates) -> Matrix | None:
-        """How nodes move as a rigid body with a root that yields."""
+        """The motion of nodes as a rigid body with a root that yields."""
         return None if self.rod.root is None else self.rod.taken_along(q)
 
     def is_unfolded(self, q: Coordinates) -> Array:
@@ -115,7 +115,7 @@ class RestingRod(Equations):
     def _small_motion(
         self, q: Coordinates, gyroscopic: Float[Array, "N N"], stiffness: Float[Array, "N N"]
     ) -> tuple[Matrix, Matrix, Matrix]:
-        """Mass, what goes with rates, and stiffness by places, from the two by changes of nodes."""
+        """Matrices of mass, rates and stiffness by places, from the latter two by nodes."""
         mass = self.rod.led(q, self.rod.mass)
         m, c, k = (self._by_places(q, a) for a in (mass, gyroscopic, stiffness))
         return m, c, k
@@ -386,7 +386,7 @@ class RestingRod(Equations):
 
 
 class _Pace(eqx.Module):
-    """Arc length by the share of it, at places."""
+    """The arc length by its share, at places."""
 
     sections: Any
 

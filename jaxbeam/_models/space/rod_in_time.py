@@ -56,10 +56,10 @@ class RodEquations(RestingRod):
         return self.stage_kinematics(q, none, jnp.ones_like(self.length)).seen(change)
 
     def velocity_measure(self) -> Matrix:
-        """M (K + w^2 M)^-1 M over the mass: the square of how far velocities go in modes, by their
-        frequencies, w being the least that counts, some first one, in m^2. As they are, turns of
-        sections across the beam, of hardly any inertia, and all that a blow rings would have steps
-        of their own, up to fifty times as many."""
+        """The matrix M (K + w^2 M)^-1 M over the mass: the square of how far velocities go in
+        modes, by their frequencies, w being the least that counts, some first one, in m^2. As they
+        are, turns of sections across the beam, of hardly any inertia, and all that a blow rings
+        would have steps of their own, up to fifty times as many."""
         rod, mass = self.rod, self.rigid_moments[0]
         tables, (u, p) = rod.tables, rod.nodes(self.rest)
         by = by_changes(tables, bent(tables, u, p))
@@ -126,7 +126,7 @@ class RodEquations(RestingRod):
         return self.rod.on_velocities(self._acting(q, None, span).force)
 
     def span_tangent(self, q: Coordinates, span: RodSpanForce) -> Matrix:
-        """Minus its derivative."""
+        """Minus the derivative of `on_span`."""
         loads = self._acting(q, None, span)
         return self.rod.by_velocities(
             loads.stiffness - on_diagonal(twisting(loads.conservative)) / 2

@@ -37,8 +37,8 @@ def velocities(tables: RodTables, still: Still) -> _Sixes:
 
 
 def along_hub(place: Float[Array, "nodes 3"], velocity: Triple, spin: Triple) -> _Sixes:
-    """Velocities and angular velocities, in axes of the beam, of what rests at these places in a
-    hub that moves so."""
+    """Velocities and angular velocities, in axes of the beam, of places that rest in a moving
+    hub."""
     spun = jnp.broadcast_to(spin, place.shape)
     return jnp.concatenate([velocity[None] + jnp.cross(spun, place), spun], 1)
 
@@ -50,15 +50,16 @@ def _inward(
 
 
 def carried(v: _Sixes) -> Float[Array, "nodes 6 6"]:
-    """[[w~, v~], [0, w~]] of velocities (v, w): what they do to small changes."""
+    """The matrices [[w~, v~], [0, w~]] of velocities (v, w), by which these carry small changes
+    along."""
     moving, spun = crossing(v[:, :3]), crossing(v[:, 3:])
     upper = jnp.concatenate([spun, moving], 2)
     return jnp.concatenate([upper, jnp.concatenate([0 * spun, spun], 2)], 1)
 
 
 def twisting(p: _Sixes) -> Float[Array, "nodes 6 6"]:
-    """[[0, p~], [p~, h~]] of momenta or forces (p, h), skew: that on velocities is what `carried`
-    transposed does to these."""
+    """The skew matrices [[0, p~], [p~, h~]] of momenta or forces (p, h): the product with
+    velocities is that of `carried` transposed with (p, h)."""
     first, second = crossing(p[:, :3]), crossing(p[:, 3:])
     upper = jnp.concatenate([0 * first, first], 2)
     return jnp.concatenate([upper, jnp.concatenate([first, second], 2)], 1)

@@ -36,7 +36,7 @@ def inertia_of(
     rod: Rod, still: Still, rates: tuple[Triple, Triple], w: _Sixes
 ) -> tuple[_Sixes, tuple[_Sixes, ...]]:
     """The force of inertia on nodes with these velocities, seen from a hub whose own have these
-    rates; and what its tangents are made of."""
+    rates; and the data of its tangents."""
     n = len(w)
     r = velocities(rod.tables, still)
     s = velocities(rod.tables, still._replace(velocity=rates[0], spin=rates[1]))

@@ -36,12 +36,12 @@ class Rod(eqx.Module):
 
     @property
     def ends(self) -> list[tuple[int, Held]]:
-        """Nodes that are on supports, and these."""
+        """The indices of nodes that are on supports, and these."""
         return [(node, end) for node, end in ((0, self.root), (-1, self.tip)) if end is not None]
 
     @property
     def led_ends(self) -> list[tuple[int, Held]]:
-        """Nodes on supports whose changes are led by what is free."""
+        """The nodes on supports whose changes follow from those that are free."""
         return [(node, end) for node, end in self.ends if end.leads]
 
     @property
@@ -83,18 +83,18 @@ class Rod(eqx.Module):
         return jnp.concatenate([u, 2 * self.length * p], 1).reshape(-1)
 
     def changed(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
-        """q after a change of what is free."""
+        """The coordinates q after a change of those that are free."""
         u, p = self.nodes(q)
         every = self.spread(q, change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
         return self.placed(moved, rotated(p, every[:, 3:]))
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
-        """How q begins to change."""
+        """The rates of coordinates q by small changes."""
         return self.rates_of(self.nodes(q)[1], self.spread(q, change))
 
     def rates_of(self, p: Float[Array, "nodes 4"], rates: Float[Array, "nodes 6"]) -> Coordinates:
-        """How coordinates change where nodes with these quaternions do so, in their axes."""
+        """The rates of coordinates by rates of nodes with these quaternions, in their axes."""
         moving = jnp.einsum("nij,nj->ni", rotation(p), rates[:, :3])
         by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
         return self.coordinates(moving, quaternion_product(p, by_half))
@@ -108,11 +108,11 @@ class Rod(eqx.Module):
         return every
 
     def _bases(self, q: Coordinates) -> list[tuple[int, Float[Array, "6 6"]]]:
-        """B of the ends that are led."""
+        """The matrices B of the ends whose changes follow from free ones."""
         return [(node, end.basis(self.nodes(q)[1][node])) for node, end in self.led_ends]
 
     def led(self, q: Coordinates, matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
-        """A matrix by changes of which, at ends, those that are free lead the others."""
+        """A matrix by changes in which the free ones of each end lead the others."""
         for node, basis in self._bases(q):
             own = slot(node)
             matrix = matrix.at[own].set(basis.T @ matrix[own])
@@ -120,7 +120,7 @@ class Rod(eqx.Module):
         return matrix
 
     def taken_along(self, q: Coordinates) -> Float[Array, "f f"]:
-        """How all but the root move as a rigid body with that: by its ways, as displacements and as
+        """The rigid motion of all but the root with the root: by its ways, as displacements and as
         turns times the length."""
         u, p = self.nodes(q)
         place, root, n = self.tables.place + u, self.root, len(u)
@@ -152,11 +152,11 @@ class Rod(eqx.Module):
         return self.spread(self._rest, self._units * v)
 
     def on_velocities(self, force: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
-        """Forces on nodes in their axes as those on velocities."""
+        """The forces that do on velocities the work of forces on nodes in their axes."""
         return self._units * self._led_back(force)
 
     def to_velocities(self, change: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
-        """Changes of nodes in their axes as those of which velocities are the rates."""
+        """The changes that velocities are the rates of, from changes of nodes in their axes."""
         return self._led_back(change) / self._units
 
     def _led_back(self, sixes: Float[Array, "nodes 6"]) -> Float[Array, " f"]:
@@ -172,7 +172,7 @@ class Rod(eqx.Module):
     def after_nodes(
         self, matrix: Float[Array, "f f"], blocks: Float[Array, "nodes 6 6"]
     ) -> Float[Array, "f f"]:
-        """A matrix by velocities, after what these blocks make of changes of nodes."""
+        """A matrix by velocities, composed with blocks that map changes of nodes."""
         n, free = len(self.tables.place), self.free
         for node, basis in self._bases(self._rest):
             blocks = blocks.at[node].set(basis.T @ blocks[node] @ basis)

@@ -57,8 +57,8 @@ class Around(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """A state looked at: what is out of balance, and the matrices of small motion about it, of all
-    nodes, of which those that are free lead the root."""
+    """A state and its balance: the residual, and the matrices of small motion about the state, of
+    all nodes, of which those that are free lead the root."""
 
     residual: Float[Array, "nodes 6"]
     stiffness: Float[Array, "N N"]
@@ -72,8 +72,8 @@ def balance(
     rod: Rod, q: Coordinates, around: Around, force: Float[Array, "E m"] | None = None,
     rests: Bool[Array, ""] | bool = False,
 ) -> Balance:  # fmt: skip
-    """The state q; with `force` the tangent has that in sections, the residual its own, unless the
-    rod `rests`."""
+    """The balance of the state q; with `force` the tangent has that in sections, the residual its
+    own, unless the rod `rests`."""
     tables = rod.tables
     u, p = rod.nodes(q)
     state = bent(tables, u, p)
@@ -123,7 +123,7 @@ class _NewtonState(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """Where a rod rests, without derivatives, the share of loads that was reached (1: all), and the
+    """A state of rest, without derivatives, the share of loads that was reached (1: all), and the
     matrices of small motion about it."""
 
     q: Coordinates
@@ -133,7 +133,8 @@ class Settled(NamedTuple):
 
 
 def settled(rod: Rod, around: Around) -> Settled:
-    """Where the rod rests; on a CPU each case of a batch by itself, by its own number of steps."""
+    """The state of rest of a rod; on a CPU each case of a batch by itself, by its own number of
+    steps."""
     arrays, rest = eqx.partition((rod, around), eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
 

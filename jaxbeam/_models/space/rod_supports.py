@@ -57,7 +57,7 @@ class Held(eqx.Module):
 
     @property
     def leads(self) -> bool:
-        """Whether changes of the node are others than those of the ways that are free."""
+        """Whether changes of the node are not simply those of the free ways."""
         about = sum(way > 2 for way in self.ways)
         plain = about != 2 and len(self.ways) == about and self.attitude is None
         return len(self.ways) < 6 and not plain
@@ -94,7 +94,8 @@ class Held(eqx.Module):
         return along * u, jnp.concatenate([p[:1], about * p[1:]])
 
     def basis(self, p: Float[Array, "4"]) -> _Block:
-        """B: changes of the node by those of the ways, zero for those that are held rigidly."""
+        """The matrix B that makes changes of the node of those of the ways, zero for those that are
+        held rigidly."""
         along, about = self.axes * self.free(0), self.axes * self.free(1)
         inward, held = rotation(p).T, np.flatnonzero(self.free(1) == 0)
         if held.size == 0:
@@ -106,7 +107,7 @@ class Held(eqx.Module):
         return _diagonal(inward @ along, about)
 
     def by_reaction(self, p: Float[Array, "4"], force: _Six) -> _Block:
-        """(dB)^T r: how B^T r changes with the ways where r, at the node, does not."""
+        """The matrix (dB)^T r: the change of B^T r with the ways where r, at the node, stays."""
         basis, held = self.basis(p)[3:, 3:], np.flatnonzero(self.free(1) == 0)
         none = jnp.zeros((3, 3), p.dtype)
         outward = -(self.axes.T @ rotation(p)) @ crossing(force.reshape(2, 3))
@@ -119,7 +120,7 @@ class Held(eqx.Module):
         return jnp.block([[none, shifts], [none, about]])
 
     def rates(self, p: Float[Array, "4"]) -> _Block:
-        """The six ways by changes of the node."""
+        """The matrix of the six ways by changes of the node."""
         return _diagonal(self.axes.T @ rotation(p), self.axes.T @ _by_turn(turn_of(p)))
 
     def energy(self, u: Float[Array, "3"], p: Float[Array, "4"]) -> Scalar:
@@ -151,8 +152,8 @@ class Held(eqx.Module):
 
 
 def _by_turn(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """J = 1 + phi~ / 2 + c phi~ phi~: the rotation vector phi by small turns in axes of the node,
-    c = (1 - phi / 2 cot(phi / 2)) / phi^2."""
+    """The matrix J = 1 + phi~ / 2 + c phi~ phi~ of the rotation vector phi by small turns in axes
+    of the node, c = (1 - phi / 2 cot(phi / 2)) / phi^2."""
     square = vector @ vector
     small = square < _SMALL
     half = jnp.sqrt(jnp.where(small, 1.0, square)) / 2

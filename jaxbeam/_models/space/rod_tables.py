@@ -110,7 +110,7 @@ class RodTables(eqx.Module):
 
     @property
     def elements(self) -> int:
-        """How many."""
+        """The number of elements."""
         return len(self.ends) - 1
 
     @property
@@ -148,7 +148,7 @@ class RodTables(eqx.Module):
         return out
 
     def interpolating(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows as of `node_rows`."""
+        """Rows that interpolate between nodes, as `node_rows` has them."""
         return node_rows(self.ends, self.degree, places)
 
     def of_gauss(self, values: Float[Array, "E p *k"], places: np.ndarray) -> Array:
@@ -227,7 +227,7 @@ def rod_tables(rotor: Rotor, degree: int, ends: tuple[float, ...]) -> RodTables:
 
 
 def _within(ends: tuple[float, ...], at: np.ndarray) -> np.ndarray:
-    """Places (E, m) of what is at these from -1 to 1 in elements."""
+    """Places (E, m) along the blade of points from -1 to 1 in elements."""
     bounds = np.asarray(ends)
     return bounds[:-1, None] + np.diff(bounds)[:, None] * (1 + at) / 2
 
@@ -258,7 +258,8 @@ def _fibres(
     sections: AbstractSections, places: np.ndarray, forces: np.ndarray, length: Array,
     weight: Array,
 ) -> tuple[Float[Array, "E p"], Float[Array, "E p"]] | None:  # fmt: skip
-    """Means of i^2 and i^2 k_0 as forces in sections, which are polynomials, see them."""
+    """Means of i^2 and i^2 k_0, as forces in sections, which are polynomials, are affected by
+    them."""
     found = sections.fibres_at(places.ravel())
     if found is None:
         return None
@@ -331,7 +332,7 @@ def _with_bodies(
 
 
 def _body(rotor: Rotor) -> Float[Array, "6 6"]:
-    """Inertia of what is at the tip, about it, in axes of the last section."""
+    """The inertia of the mass or body at the tip, about the tip, in axes of the last section."""
     body = rotor.tip_body
     if isinstance(body, PointMass):
         return body.mass * jnp.diag(np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
