@@ -2,6 +2,7 @@
 import of one another: helpers alone, and the references nothing of the package."""
 
 import ast
+import collections
 import contextlib
 import graphlib
 from pathlib import Path
@@ -102,6 +103,12 @@ def test_files_and_functions_stay_small(name):
             said = node.body[0] if ast.get_docstring(node) else None
             told = said.end_lineno - said.lineno + 1 if said else 0
             assert node.end_lineno - node.lineno + 1 - told <= 60, node.name
+
+
+def test_a_class_name_is_that_of_one_class():
+    nodes = [node for path in MODULES.values() for node in ast.walk(ast.parse(path.read_text()))]
+    names = collections.Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_references_know_nothing_of_the_package():

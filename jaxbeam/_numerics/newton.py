@@ -48,7 +48,7 @@ def find_root(
 
     def solved(linear: Callable[[Array], Array], y: Array) -> Array:
         by_all = jax.jacfwd(linear)(jnp.zeros_like(y)) if like is None else like.matrix_of(linear)
-        return _held(by_all, y)
+        return _solved_where_held(by_all, y)
 
     return jax.lax.custom_root(
         residual, start, lambda _, start: search.run(start), solved, has_aux=True
@@ -118,7 +118,7 @@ class _RootSearch(NamedTuple):
         def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
             x, _, _, k = state
             value, slope = self._value_and_slope(residual, x, fraction, held)
-            dx = _held(slope, value)
+            dx = _solved_where_held(slope, value)
             return x - dx, slope, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
 
         def go_on(state: tuple[Any, ...]) -> Array:
@@ -143,7 +143,7 @@ class _RootSearch(NamedTuple):
         return residual(x), slope
 
 
-def _held(slope: Float[Array, "n n"], value: Float[Array, " n"]) -> Float[Array, " n"]:
+def _solved_where_held(slope: Float[Array, "n n"], value: Float[Array, " n"]) -> Float[Array, " n"]:
     """The solution x of slope x = value, zero where nothing holds and nothing pushes: a free hinge
     at rest."""
     free = jnp.all(slope == 0, 1)

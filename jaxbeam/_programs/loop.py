@@ -93,7 +93,10 @@ def _loop(
         if not reaches(size, CPU_LANES + 1):
             return ensemble.together(moving, leaves[count:])
         return by_platform(
-            moving, leaves[count:], cpu=ensemble.by(CPU_LANES), default=ensemble.by(_MANY)
+            moving,
+            leaves[count:],
+            cpu=ensemble.in_batches_of(CPU_LANES),
+            default=ensemble.in_batches_of(_MANY),
         )
 
     @jax.custom_jvp
@@ -195,7 +198,7 @@ class _Ensemble:
             self.starts(self.size, start),
         )
 
-    def by(self, width: int) -> StepFunction:
+    def in_batches_of(self, width: int) -> StepFunction:
         """A function that runs all cases, `width` of them at a time."""
 
         def run(fixed: _Leaves, start: _Leaves) -> _Leaves:

@@ -52,7 +52,7 @@ from jaxbeam._stability.singular import (
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Number, Scalar, Vector
 
-_HAIR = 1e-10  # EI / L, of a spring beside which a hinge is free
+_WEAK_SPRING = 1e-10  # EI / L, of a spring beside which a hinge is free
 _ROUGH = 1e-11  # EA L, more than rounding does near tearing to the stiffness of a hinge
 _HARD = 0.1  # of its stiffness at rest, that of a rod which does not tear
 _FINER = 4.0  # times the speed of which functions have to follow layers, where bending gives way
@@ -199,13 +199,16 @@ def _search(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar
 ) -> tuple[Scalar, Code, Vector, Code]:
     """Critical speed, the direction and the shape that give way, and a status."""
-    groups, free, hair = groups_of(model, rotor), rotor, _hair(rotor, is_affine(model, rotor))
-    rotor = _held(rotor, hair)
+    groups, free = groups_of(model, rotor), rotor
+    weak = _weak_spring(rotor, is_affine(model, rotor))
+    rotor = _with_weak_springs(rotor, weak)
     k0, speed, shape = _alone(model, rotor, zero, groups)
     sound = _sound(speed)
     if is_affine(model, rotor):
         if rotor is not free:
-            speed = _freed(speed, shape, k0, _undeformed(model, free, zero), rotor, hair)
+            speed = _without_weak_springs(
+                speed, shape, k0, _undeformed(model, free, zero), rotor, weak
+            )
         first = jnp.argmin(speed)
         return speed[first], groups.codes[first], shape[first], sound
 
@@ -231,7 +234,7 @@ def _search(
     speed = jnp.where(end.found, end.value, torn)
     if rotor is not free:
         rest = _undeformed(model, free, zero)
-        speed = _freed(speed[None], end.kept.x[None], k0, rest, rotor, hair)[0]
+        speed = _without_weak_springs(speed[None], end.kept.x[None], k0, rest, rotor, weak)[0]
     return (
         speed,
         jnp.where(end.found, end.kept.direction, groups.codes[tears]),
@@ -245,7 +248,9 @@ def _search_under(
 ) -> tuple[Scalar, Code, Vector, Code]:
     """The critical speed under loads, the direction and the shape that give way, and a status."""
     groups = groups_of(model, rotor)
-    rest, speed, _ = _alone(model, _held(rotor, _hair(rotor, True)), zero, groups)
+    rest, speed, _ = _alone(
+        model, _with_weak_springs(rotor, _weak_spring(rotor, True)), zero, groups
+    )
     every = Groups((naming(model.directions),), (np.arange(len(rest)),))
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
@@ -298,30 +303,30 @@ def _sound(speed: Float[Array, "*f"]) -> Code:
     return first_broken((jnp.all(~jnp.isnan(speed)), Status.NOT_FINITE))
 
 
-def _hair(rotor: AnyRotor, is_affine: bool) -> Number | float:
+def _weak_spring(rotor: AnyRotor, is_affine: bool) -> Number | float:
     """The stiffness of a spring, over EI / L, beside which a hinge is free. It holds more than
     rounding drives out: with tension the stiffness of elements is a difference of larger
     numbers."""
     if is_affine or not isinstance(rotor, Rotor):
-        return _HAIR
+        return _WEAK_SPRING
     beam = rotor.beam.mean
     ratio = beam.axial_stiffness / beam.in_plane_bending_stiffness
-    return jnp.maximum(_ROUGH * ratio * beam.length**2, _HAIR)
+    return jnp.maximum(_ROUGH * ratio * beam.length**2, _WEAK_SPRING)
 
 
-def _held(rotor: AnyRotor, hair: Number | float) -> AnyRotor:
+def _with_weak_springs(rotor: AnyRotor, weak: Number | float) -> AnyRotor:
     """The rotor with weak springs where hinges are free, so that K at rest is definite."""
     if not isinstance(rotor, Rotor) or rotor.root_springs is None:
         return rotor
     beam = rotor.beam.mean
-    hair = hair * beam.in_plane_bending_stiffness / beam.length
-    held = jax.tree.map(lambda k: jnp.where(k < hair / 10, hair, k), rotor.root_springs)
+    weak = weak * beam.in_plane_bending_stiffness / beam.length
+    held = jax.tree.map(lambda k: jnp.where(k < weak / 10, weak, k), rotor.root_springs)
     return eqx.tree_at(lambda r: r.root_springs, rotor, held)
 
 
-def _freed(
+def _without_weak_springs(
     speed: Float[Array, " f"], shape: Float[Array, "f n"], k0: Matrix, free: Matrix,
-    rotor: AnyRotor, hair: Number | float,
+    rotor: AnyRotor, weak: Number | float,
 ) -> Float[Array, " f"]:  # fmt: skip
     """The speeds without the weak springs: what swings on nothing else gives way at once, or, where
     that takes far more than such a spring would bear, is neither held nor driven out at any
@@ -331,7 +336,7 @@ def _freed(
         return jnp.sum(shape * (shape @ k), 1)
 
     swings = energy(free) < energy(k0) / 2
-    at_once = speed**2 < 1e4 * hair * rotor.frequency_scale**2
+    at_once = speed**2 < 1e4 * weak * rotor.frequency_scale**2
     return jnp.where(swings, jnp.where(at_once, 0.0, jnp.inf), speed)
 
 

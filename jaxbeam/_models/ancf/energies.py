@@ -131,7 +131,7 @@ class Element(Strained):
 
     def tangent(self, e: LocalGradients) -> Float[Array, "2 3 2 3 *lanes"]:
         """The tangent d force / de of one element."""
-        return self.by(self.force, e)
+        return self.derivative(self.force, e)
 
     def strain(self, d: Float[Array, "2 p *lanes"]) -> Float[Array, "p *lanes"]:
         """The axial strain at points with these displacement gradients."""

@@ -65,7 +65,7 @@ class Engineering(Element):
         by_slope = pull[None] * at.along + couple[None] * at.curved_normal
         return self._projected(by_slope, couple[None] * at.back)
 
-    def pushed(self, e: LocalGradients, rate: LocalGradients) -> LocalGradients:
+    def force_rate(self, e: LocalGradients, rate: LocalGradients) -> LocalGradients:
         """Rates of the force. With a = r'.d r' / s, that of stretch, and
         c = (t.d r'' + J r''.d r') / s, that of phi' is c - 2 phi' a, and those of what the force
         has before r' and J r'' are as below."""

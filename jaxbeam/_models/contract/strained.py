@@ -48,7 +48,7 @@ class Strained(eqx.Module):
         """The elastic force."""
 
     @transposed(on=False)
-    def pushed(self, e: Array, rate: Array) -> Array:
+    def force_rate(self, e: Array, rate: Array) -> Array:
         """The rate of the force, (d force / de) e'."""
         return jax.jvp(self.force, (e,), (rate,))[1]
 
@@ -68,7 +68,7 @@ class Strained(eqx.Module):
         (_, change), push = jax.linearize(rates, e)
         stress, pull = self.stresses(change), self._rows
         b, b_rate = jax.vmap(push)(self._units(e))
-        held = self.by(lambda e: jax.vjp(self.strains, e)[1](stress)[0], e)
+        held = self.derivative(lambda e: jax.vjp(self.strains, e)[1](stress)[0], e)
         by = [jax.vmap(self.stresses)(a) for a in (b_rate, b)]
         lanes, b = e.ndim - self.axes, pull(b, e)[:, None]
         by_e, by_rate = (
@@ -77,7 +77,7 @@ class Strained(eqx.Module):
         return held + by_e, by_rate
 
     @transposed(on=False)
-    def by(self, function: Callable[[Array], Array], e: Array) -> Array:
+    def derivative(self, function: Callable[[Array], Array], e: Array) -> Array:
         """The derivative of a force by the coordinates, with axes of the force, of the coordinates,
         of lanes."""
         push = jax.linearize(function, e)[1]
@@ -112,8 +112,8 @@ class Parts(eqx.Module):
     def tangent(self, e: Array) -> Array:
         return pairwise_sum(jax.vmap(lambda part: part.tangent(e))(self.each))
 
-    def pushed(self, e: Array, rate: Array) -> Array:
-        return pairwise_sum(jax.vmap(lambda part: part.pushed(e, rate))(self.each))
+    def force_rate(self, e: Array, rate: Array) -> Array:
+        return pairwise_sum(jax.vmap(lambda part: part.force_rate(e, rate))(self.each))
 
     def viscous(self, e: Array, rate: Array) -> Array:
         return pairwise_sum(jax.vmap(lambda part: part.viscous(e, rate))(self.each))
@@ -175,7 +175,7 @@ def _backwards(
     law, e = both
     own, still = eqx.partition(law, perturbed[0])
     _, pull = jax.vjp(lambda own: eqx.combine(own, still).force(e), own)
-    return pull(out)[0], law.pushed(e, out)
+    return pull(out)[0], law.force_rate(e, out)
 
 
 class EndSprings(Strained):
@@ -217,16 +217,18 @@ class EndSprings(Strained):
 
     def tangent(self, d: Float[Array, "2 c *lanes"]) -> Float[Array, "2 c c *lanes"]:
         """The tangent d force / dd of each end."""
-        return self.by(self.force, d)
+        return self.derivative(self.force, d)
 
     def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
         return (
-            self.by(lambda e: self.viscous(e, rate), e),
-            self.by(lambda rate: self.viscous(e, rate), rate),
+            self.derivative(lambda e: self.viscous(e, rate), e),
+            self.derivative(lambda rate: self.viscous(e, rate), rate),
         )
 
     @transposed(on=False)
-    def by(self, function: Callable[[Array], Array], e: Array) -> Float[Array, "2 c c *lanes"]:
+    def derivative(
+        self, function: Callable[[Array], Array], e: Array
+    ) -> Float[Array, "2 c c *lanes"]:
         """The derivative of each force by its own gradient; there is none by the other."""
         push, units = jax.linearize(function, e)[1], jnp.eye(e.shape[1], dtype=e.dtype)[:, None]
         along = jnp.broadcast_to(append_axes(units, e.ndim - 2), (e.shape[1], *e.shape))

@@ -223,10 +223,10 @@ def _differentiable_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> 
     def residual(given: tuple[Rod, Around]) -> Float[Array, " f"]:
         return balance(given[0], q, given[1]).residual.reshape(-1)[rod.free]
 
-    out = pushed(residual, given, tangents[2])
+    out = rates_of(residual, given, tangents[2])
     stiffness = matrices_with_derivatives(pair, (q, *given))[1][np.ix_(rod.free, rod.free)]
     if rod.root is not None:  # what nothing holds at rest, where nothing acts, stays as it is
-        stiffness = stiffness + jnp.diag(_hair(stiffness))
+        stiffness = stiffness + jnp.diag(_rounding(stiffness))
     change = -solve(stiffness, out)
     return q, rod.rates(q, change)
 
@@ -249,10 +249,10 @@ def _matrices_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[
         return here.gyroscopic, here.stiffness
 
     out = matrices_with_derivatives(*primals)
-    return out, pushed(matrices, primals[1], tangents[1])
+    return out, rates_of(matrices, primals[1], tangents[1])
 
 
-def pushed(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
+def rates_of(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
     """The rates of a function of a tree by rates of its numbers, of which some may be None."""
     rates = jax.tree.map(
         lambda t, a: jnp.zeros_like(a) if t is None and eqx.is_inexact_array(a) else t,
@@ -268,6 +268,6 @@ def pushed(function: Callable[[Any], Any], given: Any, rates: Any) -> Any:
     return jax.tree.unflatten(jax.tree.structure(out), jax.jvp(needed, at, by)[1])
 
 
-def _hair(stiffness: Float[Array, "f f"]) -> Float[Array, " f"]:
+def _rounding(stiffness: Float[Array, "f f"]) -> Float[Array, " f"]:
     """The rounding of the diagonal of a stiffness, which keeps it regular."""
     return jax.lax.stop_gradient(jnp.finfo(stiffness.dtype).eps * jnp.abs(jnp.diagonal(stiffness)))
