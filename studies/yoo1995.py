@@ -250,7 +250,7 @@ def angle_sweep(out: Path, example: Example, models: Models, angles: list[float]
 
 def figures_12_to_14(out: Path, peaks: list[Row]) -> None:
     """The particle on two springs: five sets of equations at two speeds."""
-    sets: Models = {n: getattr(jb.models, f"Discrete{n}")() for n in ("NC", "LC", "NP", "LP", "NS")}
+    sets: Models = {n: getattr(jb.papers, f"Discrete{n}")() for n in ("NC", "LC", "NP", "LP", "NS")}
     springs = jb.papers.SpringRotor(*SPRINGS)
     examples = [
         Example(

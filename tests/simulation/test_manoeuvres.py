@@ -23,7 +23,7 @@ def test_discrete_models():
     tight = diffrax.PIDController(rtol=1e-11, atol=1e-13)
     y, status = {}, {}
     for name in ("NC", "NP", "LC", "LP", "NS"):
-        model = getattr(jb.models, f"Discrete{name}")()
+        model = getattr(jb.papers, f"Discrete{name}")()
         for speed in (10, 20):
             for law in (jb.SmoothSpinUp, jb.motions.QuinticSpinUp):
                 run = jb.simulate(
