@@ -108,6 +108,10 @@ class Equations(eqx.Module):
         """A small change of coordinates as one of which velocities are the rates."""
         return change
 
+    def displaced(self, q: Vector) -> Vector:
+        """How far coordinates are from those of the undeformed beam, measured as small changes."""
+        return q
+
     def velocity_measure(self) -> Matrix | None:
         """W of v^T W v, the square of one velocity by which the control of errors is to measure
         all; None: each by itself."""
