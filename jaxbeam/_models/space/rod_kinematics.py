@@ -46,10 +46,11 @@ class Moving(Kinematics):
     def of(cls, rod: Rod, q: Coordinates, w: _Sixes, g: Number) -> Self:
         """Kinematics about the state q."""
         tables = rod.tables
-        state = bent(tables, *rod.nodes(q))
+        state = bent(tables, *rod.loose_nodes(q))
         moving, spun = tables.of_elements(w[:, :3]), tables.of_elements(w[:, 3:])
-        shapes = jnp.asarray(tables.shapes)
-        by = shapes[:, None, :, None] * jnp.einsum("egqa,ekat->egqkt", state.seen, state.leads)
+        shapes, eye = jnp.asarray(tables.shapes), jnp.eye(3)[None, None]
+        share = shapes[None, :, None, :, None]
+        by = share * jnp.einsum("egqa,ekat->egqkt", state.seen, state.leads)
         turned = 2 * by[:, :, 1:]
         rise = jnp.einsum("ekab,ekb->eka", state.turns, moving)
         rise = jnp.einsum("egab,egb->ega", state.inward, tables.rate @ rise)
@@ -60,10 +61,8 @@ class Moving(Kinematics):
         half = jnp.concatenate([jnp.zeros_like(spun[..., :1]), spun / 2], -1)
         later = product(state.leads.swapaxes(-1, -2), half[:, :, None]).swapaxes(-1, -2)
         later = jnp.einsum("egqa,ekat->egqkt", state.seen[:, :, 1:], later)
-        later = 2 * shapes[:, None, :, None] * later
-        eye = jnp.eye(3)
         own = crossing(omega) / 2 - turning[..., :1, None] * eye
-        about = jnp.einsum("egab,egbkt->egakt", own, turned) + later
+        about = jnp.einsum("egab,egbkt->egakt", own, turned) + 2 * share * later
         about = about - omega[..., None, None] * by[:, :, :1]
         carried = jnp.einsum("ekab,ekbt->ekat", state.turns, crossing(moving))
         carried = jnp.einsum("egk,egab,ekbt->egakt", tables.rate, state.inward, carried)

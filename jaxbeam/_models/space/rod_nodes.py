@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_elements import bent, on_diagonal
-from jaxbeam._models.space.rod_places import normalised, placed, strained, stretching
+from jaxbeam._models.space.rod_places import kept, normalised, placed, strained, stretching
 from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.quaternions import crossing, product, rotated, rotation
@@ -58,9 +58,16 @@ class Rod(eqx.Module):
 
     def nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
         """Displacements and quaternions of nodes, these of length one."""
+        u, p = self.loose_nodes(q)
+        return kept(self.tables, u, self.held_tip), p
+
+    def loose_nodes(
+        self, q: Coordinates
+    ) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
+        """Displacements and quaternions of nodes where strains alone say where the tip is."""
         root, p, strain = self.parts(q)
         p = normalised(p + UPRIGHT[None])
-        return placed(self.tables, root, p, strain, self.held_tip), p
+        return placed(self.tables, root, p, strain), p
 
     def quaternions(self, q: Coordinates) -> Float[Array, "nodes 4"]:
         """Quaternions of nodes, of whatever length they have."""
@@ -114,7 +121,7 @@ class Rod(eqx.Module):
 
     def rates_of(self, q: Coordinates, rates: Float[Array, "nodes 6"]) -> Coordinates:
         """How coordinates change where nodes do so, in axes that turn with them."""
-        u, p = self.nodes(q)
+        u, p = self.loose_nodes(q)
         raw = self.quaternions(q)
         by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
         strain = stretching(self.tables, bent(self.tables, u, p), rates)

@@ -50,16 +50,12 @@ def summed(tables: RodTables, first: Triple, slopes: _Points) -> _Nodes:
     return first[None] + jnp.concatenate([jnp.zeros_like(inner[:1]), inner])
 
 
-def placed(
-    tables: RodTables, root: Triple, p: Float[Array, "nodes 4"], strain: _Points,
-    held: Float[Array, "3 3"] | None,
-) -> _Nodes:  # fmt: skip
-    """Displacements of nodes, by that of the root, unit quaternions and strains; what is held of
-    the tip stays where it is."""
+def placed(tables: RodTables, root: Triple, p: Float[Array, "nodes 4"], strain: _Points) -> _Nodes:
+    """Displacements of nodes, by that of the root, unit quaternions and strains."""
     q = jnp.asarray(tables.shapes) @ tables.of_elements(p)
     slopes = jnp.einsum("egij,egj->egi", turned_by(q), tables.tangent)
     slopes = slopes + jnp.einsum("egij,egj->egi", rotation(q), strain)
-    return kept(tables, summed(tables, root, slopes), held)
+    return summed(tables, root, slopes)
 
 
 def kept(
