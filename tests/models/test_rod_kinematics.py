@@ -34,8 +34,8 @@ def equations_of(model, root, tip):
 
 @pytest.mark.parametrize("name", CASES)
 def test_kinematics_of_a_stage(name):
-    """u / g - A u - B z = f, of which `before` is the part of f and `rates` that of z; forces change
-    by minus K N u."""
+    """u / g - A u - B z = f, of which `before` is the part of f and `rates` that of z; forces
+    change by minus K N u."""
     equations = equations_of(*CASES[name])
     rod, rng = equations.rod, np.random.default_rng(3)
     size = equations.mass.shape[0]

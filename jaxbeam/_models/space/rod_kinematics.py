@@ -5,7 +5,8 @@ P (0, W) / 2, the root by u' = R V, and strains eps of Gauss points (`rod_places
 
     eps' = d + s x w,   d = R^T sum N_i' R_i V_i,   w / 2 = vec(a),   a = Q^-1 sum N_i L_i W_i,
 
-with s = x' + eps and L_i as in `rod_elements.py`. Where nodes turn by t_i the section turns by h = 2 vec(b), b = Q^-1 sum N_i L_i t_i, and
+with s = x' + eps and L_i as in `rod_elements.py`. Where nodes turn by t_i the section turns by
+h = 2 vec(b), b = Q^-1 sum N_i L_i t_i, and
 
     d eps' = d x h + R^T sum N_i' R_i (t_i x V_i)
              + 2 s x vec(Q^-1 sum N_i L_i t_i (0, W_i) / 2 - b a) + d eps x w = A t + d eps x w,
