@@ -200,11 +200,9 @@ def _displacements(
     def of(y: State, q: Scalar, v: Scalar) -> State:
         return State(jnp.full_like(y.q, q), jnp.full_like(y.v, v), y.work)
 
-    def moved(y: State, change: Array) -> Scalar:
-        return mean(equations.as_velocities(y.q, change))
-
-    first, last = moved(y0, y0.q), moved(y1, y1.q)
-    off = of(error, moved(y1, error.q), per_rate * mean(error.v))
+    first, last = (mean(equations.displaced(y.q)) for y in (y0, y1))
+    changed = mean(equations.as_velocities(y1.q, error.q))
+    off = of(error, changed, per_rate * mean(error.v))
     return of(y0, first, first), of(y1, last, last), off
 
 

@@ -109,6 +109,10 @@ class Equations(eqx.Module):
         """A small change of coordinates, expressed as changes that velocities are the rates of."""
         return change
 
+    def displaced(self, q: Vector) -> Vector:
+        """How far coordinates are from those of the undeformed beam, measured as small changes."""
+        return q
+
     def velocity_measure(self) -> Matrix | None:
         """The matrix W of v^T W v, the square of one velocity by which the control of errors is to
         measure all velocities; None where each is measured by itself."""

@@ -18,8 +18,9 @@ from jaxbeam._models.space.rod_elements import (
     on_diagonal,
 )
 from jaxbeam._models.space.rod_equations import RestingRod
+from jaxbeam._models.space.rod_kinematics import Moving
 from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, along_hub, twisting
-from jaxbeam._models.space.rod_motion import Turning, inertia_of, inertia_tangents
+from jaxbeam._models.space.rod_motion import inertia_of, inertia_tangents
 from jaxbeam._models.space.rod_nodes import Coordinates, slot
 from jaxbeam._models.space.rod_supports import dampers_of
 from jaxbeam._numerics.linalg import positive_inverse
@@ -45,15 +46,19 @@ class RodEquations(RestingRod):
         super().__init__(rotor, degree, ends)
 
     def kinematics(self, q: Coordinates, v: Vector) -> Coordinates:
-        return self.rod.rates_of(self.rod.raw_nodes(q)[1], self.rod.of_velocities(v))
+        return self.rod.rates_of(q, self.rod.of_velocities(v))
 
-    def stage_kinematics(self, q: Coordinates, v: Vector, g: Number) -> Turning:
-        rod = self.rod
-        return Turning(rod, rod.raw_nodes(q)[1], rod.of_velocities(v), g)
+    def stage_kinematics(self, q: Coordinates, v: Vector, g: Number) -> Moving:
+        return Moving.of(self.rod, q, self.rod.of_velocities(v), g)
 
     def as_velocities(self, q: Coordinates, change: Coordinates) -> Vector:
         none = jnp.zeros_like(self.mass[0])
         return self.stage_kinematics(q, none, jnp.ones_like(self.length)).seen(change)
+
+    def displaced(self, q: Coordinates) -> Vector:
+        u, p = self.rod.nodes(q)
+        inward = jnp.einsum("nba,nb->na", rotation(p), u)
+        return self.rod.to_velocities(jnp.concatenate([inward, 2 * p[:, 1:]], 1))
 
     def velocity_measure(self) -> Matrix:
         """The matrix M (K + w^2 M)^-1 M over the mass: the square of how far velocities go in

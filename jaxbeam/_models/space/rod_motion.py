@@ -1,8 +1,8 @@
-"""Motion in time of a rod: inertia, kinematics, and tangents of both.
+"""Inertia of a rod that moves in time, and its tangents.
 
-Nodes have velocities w = (V, W) seen from the hub, in axes that turn with them, and u' = R V,
-P' = P (0, W) / 2. With r = (R^T (v + omega x X), R^T omega) what the hub gives them, and s the same
-of the rates of v and omega,
+Nodes have velocities w = (V, W) seen from the hub, in axes that turn with them: u' = R V and P' =
+P (0, W) / 2 (`rod_kinematics.py`). With r = (R^T (v + omega x X), R^T omega) what the hub gives
+them, and s the same of the rates of v and omega,
 
     nu = w + r,   nu' = w' + s + A(r) w,   M nu' = A(nu)^T M nu + forces
 
@@ -23,10 +23,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_loads import Still, carried, twisting, velocities
 from jaxbeam._models.space.rod_nodes import Rod
-from jaxbeam._numerics.kinematics import Kinematics
-from jaxbeam._numerics.linalg import Factors
-from jaxbeam._numerics.quaternions import conjugate, quaternion_product, rotation
-from jaxbeam._types import Matrix, Number, Triple, Vector
+from jaxbeam._types import Triple
 
 _Sixes = Float[Array, "nodes 6"]
 _Every = Float[Array, "N N"]
@@ -62,47 +59,3 @@ def inertia_tangents(mass: _Every, made_of: tuple[_Sixes, ...]) -> tuple[_Every,
     both = on_diagonal(twisting(p)) + before(carried(nu).swapaxes(1, 2), mass)
     by_changes = after(mass, carried(s) - carried(w) @ a) - after(both, a)
     return by_changes, after(mass, a) - both
-
-
-class Turning(Kinematics):
-    """Kinematics of nodes where a step begins: dP = D dP', with D by (0, W) / 2 from the right."""
-
-    rod: Rod
-    p: Float[Array, "nodes 4"]  # of whatever length
-    w: _Sixes
-    g: Number
-
-    def before(self, first: Vector) -> Vector:
-        moving, turns = self.rod.by_nodes(first)
-        own = self.g**2 / (1 + (self.g**2) * jnp.sum(self.w[:, 3:] ** 2, 1, keepdims=True) / 4)
-        half = jnp.concatenate([jnp.zeros_like(own), self.w[:, 3:] / 2], 1)
-        spun = own * (turns / self.g + quaternion_product(turns, half))
-        by_turn = jnp.cross(self._turns(spun), self.w[:, :3])
-        moved = self.g * (moving + jnp.einsum("nij,nj->ni", rotation(self.p), by_turn))
-        return self.rod.coordinates(moved, spun)
-
-    def rates(self, z: Vector) -> Vector:
-        return self.rod.rates_of(self.p, self.rod.of_velocities(z))
-
-    def seen(self, change: Vector) -> Vector:
-        moved, spun = self.rod.by_nodes(change)
-        inward = jnp.einsum("nji,nj->ni", rotation(self.p), moved)
-        return self.rod.to_velocities(jnp.concatenate([inward, self._turns(spun)], 1))
-
-    def eliminated(self, stiffness: Matrix) -> Matrix:
-        g, w = self.g, self.w
-        own = g**2 / (1 + g**2 * jnp.sum(w[:, 3:] ** 2, 1) / 4)
-        eye = jnp.broadcast_to(jnp.eye(3), (len(w), 3, 3))
-        spun = own[:, None, None] * (eye / g - carried(w)[:, 3:, 3:] / 2)
-        moved = -g * carried(w)[:, :3, 3:] @ spun
-        upper = jnp.concatenate([g * eye, moved], 2)
-        blocks = jnp.concatenate([upper, jnp.concatenate([0 * eye, spun], 2)], 1)
-        return self.rod.after_nodes(stiffness, blocks)
-
-    def inverse(self, matrix: Matrix) -> Factors:
-        return Factors.of(matrix)
-
-    def _turns(self, spun: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3"]:
-        """Small turns of nodes, in their axes, from changes of their quaternions."""
-        size = jnp.sum(self.p * self.p, 1, keepdims=True)
-        return 2 * quaternion_product(conjugate(self.p), spun)[:, 1:] / size

@@ -1,10 +1,15 @@
 """Coordinates of the nodes of a rod, and what changes and velocities of them are.
 
-Coordinates q (7 n,) are displacements u, and 2 L (p - (1, 0, 0, 0)) of quaternions p, of all nodes
-in axes of the beam, those of ends on supports in axes of these, so that zero is the undeformed one;
-quaternions count as of length one. They change by (h, t) of free nodes in axes that turn with them,
-which is what forces and matrices are by; of ends on supports by what these leave free
-(`rod_supports.py`).
+Coordinates q (7 n,) are the displacement u of the root, 2 L (p - (1, 0, 0, 0)) of quaternions p of
+all nodes, which count as of length one, and L eps of the strains eps = R^T r' - x' at Gauss points
+in the place of the displacements of the other nodes, which follow from these (`rod_places.py`): so
+zero is the undeformed rod. They are in axes of the beam, those of ends on supports in axes of
+these. With displacements for coordinates torsion and bending of one step would make shear, by their
+product, which is stiff, while torsion has hardly any inertia: steps of linearly implicit methods
+had to be three to ten times as short.
+
+Coordinates change by (h, t) of free nodes in axes that turn with them, which is what forces and
+matrices are by; of ends on supports by what these leave free (`rod_supports.py`).
 
 Velocities of motion in time are rates of such changes too, at ends those of the undeformed rod, and
 with turns times the length: so their mass is constant.
@@ -15,11 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.space.rod_elements import on_diagonal
+from jaxbeam._models.space.rod_elements import bent, on_diagonal
+from jaxbeam._models.space.rod_places import kept, normalised, placed, strained, stretching
 from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.quaternions import crossing, quaternion_product, rotated, rotation
-from jaxbeam._types import Scalar
+from jaxbeam._types import Scalar, Triple
 
 Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
 UPRIGHT = np.eye(4)[0]
@@ -52,35 +58,55 @@ class Rod(eqx.Module):
 
     def nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
         """Displacements and quaternions of nodes, these of length one."""
-        u, p = self.raw_nodes(q)
-        return u, p / jnp.sqrt(jnp.sum(p * p, 1, keepdims=True))
+        u, p = self.loose_nodes(q)
+        return kept(self.tables, u, self.held_tip), p
 
-    def raw_nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
-        """Displacements and quaternions of nodes, these as they are."""
-        u, p = self.by_nodes(q)
-        return u, p + UPRIGHT[None]
+    def loose_nodes(
+        self, q: Coordinates
+    ) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
+        """Displacements and quaternions of nodes where strains alone say where the tip is."""
+        root, p, strain = self.parts(q)
+        p = normalised(p + UPRIGHT[None])
+        return placed(self.tables, root, p, strain), p
 
-    def by_nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
-        """Displacements of nodes and changes of quaternions, or changes of these, by those of
-        coordinates."""
-        both = q.reshape(-1, 7)
-        u, p = both[:, :3], both[:, 3:] / (2 * self.length)
+    def quaternions(self, q: Coordinates) -> Float[Array, "nodes 4"]:
+        """Quaternions of nodes, of whatever length they have."""
+        return self.parts(q)[1] + UPRIGHT[None]
+
+    def parts(
+        self, q: Coordinates
+    ) -> tuple[Triple, Float[Array, "nodes 4"], Float[Array, "E p 3"]]:
+        """The displacement of the root, changes of quaternions and strains, or changes of them, in
+        axes of the beam, by those of coordinates."""
+        both, tables = q.reshape(-1, 7), self.tables
+        root, p = both[0, :3], both[:, 3:] / (2 * self.length)
+        strain = both[1:, :3].reshape(tables.elements, -1, 3) / self.length
         for node, end in self.ends:
             if end.attitude is not None:
-                placed, attitude = end.outward(u[node], p[node])
-                u, p = u.at[node].set(placed), p.at[node].set(attitude)
-        return u, p
+                outward = end.outward(root, p[node])
+                root, p = outward[0] if node == 0 else root, p.at[node].set(outward[1])
+        return root, p, strain
+
+    def joined(
+        self, root: Triple, p: Float[Array, "nodes 4"], strain: Float[Array, "E p 3"]
+    ) -> Coordinates:
+        """Coordinates, or changes of them, of such parts."""
+        for node, end in self.ends:
+            own = end.own(root, p[node])
+            root, p = own[0] if node == 0 else root, p.at[node].set(own[1])
+        first = jnp.concatenate([root[None], self.length * strain.reshape(-1, 3)])
+        return jnp.concatenate([first, 2 * self.length * p], 1).reshape(-1)
 
     def placed(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
         """Coordinates of displacements and quaternions."""
-        return self.coordinates(u, p - UPRIGHT[None])
+        return self.joined(u[0], p - UPRIGHT[None], strained(self.tables, u, p))
 
-    def coordinates(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
-        """Coordinates of displacements and changes of quaternions, or changes of them."""
-        for node, end in self.ends:
-            placed, attitude = end.own(u[node], p[node])
-            u, p = u.at[node].set(placed), p.at[node].set(attitude)
-        return jnp.concatenate([u, 2 * self.length * p], 1).reshape(-1)
+    @property
+    def held_tip(self) -> Float[Array, "3 3"] | None:
+        """What makes of a displacement of the tip that of the ways in which it is held, if any."""
+        if self.tip is None or not (held := 1 - self.tip.free(0)).any():
+            return None
+        return (self.tip.axes * held) @ self.tip.axes.T
 
     def changed(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """The coordinates q after a change of those that are free."""
@@ -91,13 +117,15 @@ class Rod(eqx.Module):
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """The rates of coordinates q by small changes."""
-        return self.rates_of(self.nodes(q)[1], self.spread(q, change))
+        return self.rates_of(q, self.spread(q, change))
 
-    def rates_of(self, p: Float[Array, "nodes 4"], rates: Float[Array, "nodes 6"]) -> Coordinates:
+    def rates_of(self, q: Coordinates, rates: Float[Array, "nodes 6"]) -> Coordinates:
         """The rates of coordinates by rates of nodes with these quaternions, in their axes."""
-        moving = jnp.einsum("nij,nj->ni", rotation(p), rates[:, :3])
+        u, p = self.loose_nodes(q)
+        raw = self.quaternions(q)
         by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
-        return self.coordinates(moving, quaternion_product(p, by_half))
+        strain = stretching(self.tables, bent(self.tables, u, p), rates)
+        return self.joined(rotation(p[0]) @ rates[0, :3], quaternion_product(raw, by_half), strain)
 
     def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
         """Changes of all nodes from those that are free."""
@@ -169,17 +197,12 @@ class Rod(eqx.Module):
         own = self.led(self._rest, matrix)[np.ix_(self.free, self.free)]
         return self._units[:, None] * own * self._units[None]
 
-    def after_nodes(
-        self, matrix: Float[Array, "f f"], blocks: Float[Array, "nodes 6 6"]
+    def after_changes(
+        self, matrix: Float[Array, "f f"], changes: Float[Array, "N N"]
     ) -> Float[Array, "f f"]:
-        """A matrix by velocities, composed with blocks that map changes of nodes."""
-        n, free = len(self.tables.place), self.free
-        for node, basis in self._bases(self._rest):
-            blocks = blocks.at[node].set(basis.T @ blocks[node] @ basis)
-        every = jnp.zeros((len(free), 6 * n), matrix.dtype)
-        every = every.at[:, free].set(matrix / self._units[None], unique_indices=True)
-        out = jnp.einsum("mna,nab->mnb", every.reshape(-1, n, 6), blocks)
-        return out.reshape(-1, 6 * n)[:, free] * self._units[None]
+        """A matrix by velocities, after what makes changes of nodes of such changes."""
+        own = self.led(self._rest, changes)[np.ix_(self.free, self.free)]
+        return (matrix / self._units[None]) @ own * self._units[None]
 
     def between_ends(self, by_node: Float[Array, "nodes 3 3"]) -> Float[Array, "nodes 3 3"]:
         """Rotations of nodes from axes that turn with them; of ends that are led none, since ways
