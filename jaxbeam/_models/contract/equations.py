@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._models.bases.rotary import SecondMoments
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.damping_data import Dampers, Drag
 from jaxbeam._models.contract.equilibrium import Rest, equilibrium
@@ -281,27 +282,35 @@ class Equations(eqx.Module):
 
     def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """Kinetic energy of what is at the tip, in J: of its mass M where it is, r + c r', and of a
-        body J |dr'/dt|^2 / 2 and `spin_energy`."""
+        body `turning_energy`."""
 
-        def centre(q: Vector) -> tuple[Triple, Triple]:
-            end, along = self.undeformed.tip + self.tip(q), self.end(q)
-            return body.centre(end, along), along
+        def centre(q: Vector) -> Triple:
+            place: Triple = body.centre(self.undeformed.tip + self.tip(q), self.end(q))
+            return place
 
-        (place, along), (moving, rate) = jax.jvp(centre, (q,), (v,))
+        place, moving = jax.jvp(centre, (q,), (v,))
         moving = moving + velocity + cross(spin, place)
         energy = body.mass * total(moving * moving) / 2
         if isinstance(body, TipBody):
-            rate = rate + cross(spin, along)
-            energy = energy + body.inertia * total(rate * rate) / 2 + self.spin_energy(q, v, spin)
+            energy = energy + self.turning_energy(body, q, v, spin)
         return energy
 
     def end(self, q: Vector) -> Triple:
         """r' at the tip as a body there has it."""
         return self.direction(q, np.ones(1))[0]
 
-    def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
-        """What a body at the tip has beside M |dr/dt|^2 / 2 and J |dr'/dt|^2 / 2, in J."""
-        return jnp.zeros_like(self.length)
+    def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
+        """What a body at the tip has because it turns, in J: here without its axial inertia."""
+        along, rate = jax.jvp(self.end, (q,), (v,))
+        rate = rate + cross(spin, along)
+        return body.inertia * total(rate * rate) / 2
+
+    def section_momentum(
+        self, q: Vector, v: Vector, spin: Triple, span: Span, moments: SecondMoments
+    ) -> Float[Array, "p 3"] | None:
+        """Angular momentum of sections about their centres at the points of a span, from their
+        second moments there; None where the model leaves their rotary inertia out."""
+        return None
 
     def is_in_range(self, q: Vector) -> Array:
         """Whether the beam is deformed by no more than what the model is made for."""

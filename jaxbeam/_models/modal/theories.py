@@ -130,7 +130,7 @@ class _Modal(CartesianModel):
     ) -> Float[Array, " k"] | None:
         """The estimate for beams that vary along the span, by the differential equation:
         `truncation.py`."""
-        if not rotor.varies or rotor.precone is not None:
+        if rotor.precone is not None or not (rotor.varies or type(self) in (Hybrid, Classical)):
             return None
         # Without axial motion all shapes are real.
         shape = shape if self.n_stretch else shape.real
@@ -185,7 +185,7 @@ class _Linear(_Modal):
         `higher_functions.py`, `finer.py`; for others as in `_Modal`."""
         if layered.has_layers(self.basis) and rotor.precone is None:
             return finer.frequency_error(self, rotor, speed, eigenvalue, shape)
-        if rotor.varies or rotor.precone is not None:
+        if rotor.varies or rotor.precone is not None or rotor.beam.polar_inertia is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
         # What derives from these may have terms that are not known there.
         if type(self) not in (Hybrid, Classical):
@@ -391,6 +391,7 @@ class VonKarman(_Modal):
             weight=along_it,
             one_hot=jnp.asarray(self.one_hot),
         )
-        # The centre of a body at the tip comes nearer when the end of the beam turns.
-        short = (lambda t: jnp.zeros_like(t.tension)) if rotor.tip_body.is_body else None
+        # The centre of a body at the tip comes nearer when the end of the beam turns, and so does
+        # what turning sections have off the axis.
+        short = (lambda t: jnp.zeros_like(t.tension)) if rotor.turns_mass else None
         return CartesianEquations.build(self, rotor, elastic, shapes, short)
