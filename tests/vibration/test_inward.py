@@ -17,7 +17,7 @@ WAYS = "in plane", "flap"
 
 
 def inward(hub, tip=0.0, slenderness=SLENDER, **more):
-    beam = jb.Beam(1.0, 1.0, slenderness**2, 1.0, 1.0, torsional_stiffness=0.5, polar_inertia=1e-3)
+    beam = jb.Beam(1.0, 1.0, slenderness**2, 1.0, 1.0, torsional_stiffness=0.5)
     return jb.Rotor(beam, hub, tip, **more)
 
 

@@ -130,7 +130,7 @@ class _Modal(CartesianModel):
     ) -> Float[Array, " k"] | None:
         """The estimate for beams that vary along the span, by the differential equation:
         `truncation.py`."""
-        if rotor.precone is not None or not (rotor.varies or type(self) in (Hybrid, Classical)):
+        if not rotor.varies or rotor.precone is not None:
             return None
         # Without axial motion all shapes are real.
         shape = shape if self.n_stretch else shape.real
@@ -181,15 +181,16 @@ class _Linear(_Modal):
     def frequency_error(
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """The estimate for uniform beams, by what the next functions would add:
-        `higher_functions.py`, `finer.py`; for others as in `_Modal`."""
-        if layered.has_layers(self.basis) and rotor.precone is None:
-            return finer.frequency_error(self, rotor, speed, eigenvalue, shape)
-        if rotor.varies or rotor.precone is not None or rotor.beam.polar_inertia is not None:
+        """The estimate for uniform beams, by what more functions would add: `finer.py`, or, where
+        all is known of them, `higher_functions.py`; for others as in `_Modal`."""
+        if rotor.varies or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
-        # What derives from these may have terms that are not known there.
+        # What derives from these may have other functions.
         if type(self) not in (Hybrid, Classical):
             return None
+        skew = rotor.pitch is not None and rotor.beam.polar_inertia is not None
+        if skew or layered.has_layers(self.basis):
+            return finer.frequency_error(self, rotor, speed, eigenvalue, shape)
         return higher_functions.frequency_error(
             self, rotor, speed, eigenvalue, shape, tensioned=self.foreshortens
         )
