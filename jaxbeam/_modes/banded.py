@@ -91,7 +91,7 @@ class _Numbers(NamedTuple):
     tip: Number  # m_t / (rho L)
     softness: Number  # EI_zz / (EA L^2)
     flap: Number  # EI_yy / EI_zz
-    rotary: tuple[Number, Number] | None  # E_22 and E_33 of sections, over rho L^2
+    rotary: tuple[Number, ...] | None  # E_22 and E_33 of sections, over rho L^2
 
     def tense(self, bending: Any) -> list[Any]:
         """Weights of the tables of stiffness of what bends under tension."""
@@ -100,9 +100,9 @@ class _Numbers(NamedTuple):
 
 def _numbers(rotor: Rotor, speed: Number) -> _Numbers:
     beam = rotor.beam
-    rotary = section_inertia(beam, lambda value: value)
+    rotary: Any = section_inertia(beam, lambda value: value)
     if rotary is not None:
-        rotary = rotary[0] / (beam.mass * beam.length), rotary[1] / (beam.mass * beam.length)
+        rotary = tuple(each / (beam.mass * beam.length) for each in rotary)
     return _Numbers(
         speed / beam.frequency_scale, rotor.hub_radius / beam.length, rotor.tip_mass / beam.mass,
         beam.slenderness**-2, beam.flap_bending_stiffness / beam.in_plane_bending_stiffness, rotary,
@@ -110,7 +110,7 @@ def _numbers(rotor: Rotor, speed: Number) -> _Numbers:
 
 
 class _Terms(NamedTuple):
-    """What matrices are made of: numbers of tables, and their weights."""
+    """Numbers of the tables that matrices are made of, and their weights."""
 
     stiffness: dict[int, Any]
     mass: dict[int, Any]
@@ -118,7 +118,7 @@ class _Terms(NamedTuple):
 
 
 def _in_plane(numbers: _Numbers) -> _Terms:
-    """By the nine tables of `BandTables` in the plane."""
+    """Weights of the nine tables of `BandTables` in the plane."""
     g, tip = numbers.speed, numbers.tip
     bending, *pulls = numbers.tense(1.0)
     stiffness = {0: bending, 1: 1 / numbers.softness, **dict(enumerate(pulls, 2))}
@@ -131,7 +131,7 @@ def _in_plane(numbers: _Numbers) -> _Terms:
 
 
 def _out_of_plane(numbers: _Numbers) -> _Terms:
-    """By the six other tables."""
+    """Weights of the six other tables."""
     stiffness = dict(enumerate(numbers.tense(numbers.flap)))
     mass = {4: 1.0, 5: numbers.tip}
     if numbers.rotary is not None:
@@ -142,9 +142,8 @@ def _out_of_plane(numbers: _Numbers) -> _Terms:
 
 def _summed(tables: Sequence[Any], weights: dict[int, Any], like: Array) -> Array:
     """Weighted sum of some tables, with axes of lanes behind their own."""
-    one = jnp.ones_like(like)
     beside_lanes = [beside(tables[table], like.ndim) for table in weights]
-    weighted = [a * one for a in weights.values()]
+    weighted = [a * jnp.ones_like(like) for a in weights.values()]
     return combined(jnp.stack(beside_lanes, -1 - like.ndim), weighted)
 
 
@@ -272,7 +271,6 @@ class _Polynomials(Bands):
         numbers, scale = _numbers(rotor, speed), rotor.beam.frequency_scale
 
         def summed(*weights: dict[int, Any]) -> Array:
-            """In the plane, and out of it."""
             each = (
                 (shares[9 * i + t], w) for i, some in enumerate(weights) for t, w in some.items()
             )

@@ -78,8 +78,8 @@ def of_body(rotor: Rotor) -> SecondMoments | None:
 
 
 def first_order(b: _Square) -> tuple[Array, ...]:
-    """Of each E_kl what it has in sum E_kl d_k.B d_l, by products of slopes (2, 2), with B for what
-    acts on directors: the mass has 1, Coriolis forces 2 omega~, others omega~ omega~ + omega'~."""
+    """Share of each E_kl in sum E_kl d_k.B d_l, by products of slopes (2, 2), with B for what acts
+    on directors: the mass has 1, Coriolis forces 2 omega~, others omega~ omega~ + omega'~."""
     one, none = b[0, 0], jnp.zeros_like(b[0, 0])
     return (
         b[1:, 1:],
@@ -90,7 +90,7 @@ def first_order(b: _Square) -> tuple[Array, ...]:
 
 
 def second_order(b: _Square) -> tuple[Array, ...]:
-    """The same of the directors' second order in sum E_kl d_k.B a_l, twice."""
+    """Share of each E_kl in sum E_kl d_k.B a_l by what of d_k is of second order, twice."""
     none, mixed = jnp.zeros_like(b[0, 0]), -(b[1, 1] + b[2, 2]) / 2
     return (
         _square(-b[0, 0], none, none, -b[0, 0]),
@@ -101,12 +101,12 @@ def second_order(b: _Square) -> tuple[Array, ...]:
 
 
 def by_winding(b: _Square) -> Float[Array, "3 *#lanes"]:
-    """What E_22, E_33 and E_23 have there by phi."""
+    """Shares of E_22, E_33 and E_23 in that by phi."""
     return jnp.stack([b[2, 1], -b[1, 2], b[2, 2] - b[1, 1]])
 
 
 def constant(b: _Square) -> Float[Array, "4 2 *#lanes"]:
-    """Of each E_kl what it has in sum E_kl d_k.B a_l, by slopes."""
+    """Share of each E_kl in sum E_kl d_k.B a_l, by slopes."""
     none = jnp.zeros_like(b[0, 0])
     rows = [[b[1, 0], b[2, 0]], [-b[0, 1], none], [none, -b[0, 2]], [-b[0, 2], -b[0, 1]]]
     return jnp.stack([jnp.stack(row) for row in rows])
@@ -131,7 +131,7 @@ def directors(e2: Array, e3: Array, phi: Array | None) -> Float[Array, "3 3 p"]:
 def angular_momentum(
     moments: SecondMoments, d: Array, rate: Array, spin: Array
 ) -> Float[Array, "p 3"]:
-    """sum E_kl d_k x (d_l' + omega x d_l) of what is at each of some points."""
+    """Sum of E_kl d_k x (d_l' + omega x d_l) of what is at each of some points."""
     moving = rate + jnp.cross(spin[None, :, None], d, axis=1)
     of = [(0, 0, moments.along), (1, 1, moments.lag), (2, 2, moments.flap)]
     of += [(1, 2, moments.crossed), (2, 1, moments.crossed)]

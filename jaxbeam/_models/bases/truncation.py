@@ -79,7 +79,7 @@ class _Rotary(NamedTuple):
 
     @classmethod
     def of(cls, case: _Case, moments: SecondMoments | None, scale: Any) -> "_Rotary | None":
-        """By second moments E_kl of mass, times a scale."""
+        """Rotary inertia of second moments E_kl of mass, times a scale."""
         if moments is None:
             return None
         square = scale / case.rotor.beam.length**2

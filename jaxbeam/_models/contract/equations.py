@@ -284,9 +284,8 @@ class Equations(eqx.Module):
         """Kinetic energy of what is at the tip, in J: of its mass M where it is, r + c r', and of a
         body `turning_energy`."""
 
-        def centre(q: Vector) -> Triple:
-            place: Triple = body.centre(self.undeformed.tip + self.tip(q), self.end(q))
-            return place
+        def centre(q: Vector) -> Any:
+            return body.centre(self.undeformed.tip + self.tip(q), self.end(q))
 
         place, moving = jax.jvp(centre, (q,), (v,))
         moving = moving + velocity + cross(spin, place)
@@ -300,7 +299,7 @@ class Equations(eqx.Module):
         return self.direction(q, np.ones(1))[0]
 
     def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
-        """What a body at the tip has because it turns, in J: here without its axial inertia."""
+        """Energy of a body at the tip because it turns, in J: here without axial inertia."""
         along, rate = jax.jvp(self.end, (q,), (v,))
         rate = rate + cross(spin, along)
         return body.inertia * total(rate * rate) / 2

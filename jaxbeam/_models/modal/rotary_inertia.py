@@ -73,7 +73,7 @@ class RotaryInertia(eqx.Module):
 
     @classmethod
     def of_sections(cls, rotor: Rotor, shapes: Shapes, to_second_order: bool) -> Self | None:
-        """What sections have, by the functions along a rotor's beam; None for nothing."""
+        """Rotary inertia of sections, by the functions along a rotor's beam; None for nothing."""
         beam, span = rotor.beam, shapes.span
         if beam.is_uniform:
             each = of_sections(rotor, lambda value: value)
@@ -100,7 +100,7 @@ class RotaryInertia(eqx.Module):
 
     @classmethod
     def of_body(cls, rotor: Rotor, shapes: Shapes, to_second_order: bool) -> Self | None:
-        """What a body at the tip has, by the functions along a rotor's beam; None for nothing."""
+        """Rotary inertia of a body at the tip, by the functions along a beam; None for nothing."""
         moments = of_body(rotor)
         if moments is None:
             return None
@@ -127,7 +127,7 @@ class RotaryInertia(eqx.Module):
 
     @property
     def mass(self) -> Matrix:
-        """What it adds to the mass matrix."""
+        """Part of the mass matrix."""
         return self._of_products(first_order(self._unit))
 
     @property
@@ -216,7 +216,7 @@ class RotaryInertia(eqx.Module):
 def of_rotor(
     rotor: Rotor, shapes: Shapes, to_second_order: bool
 ) -> tuple[RotaryInertia | None, RotaryInertia | None]:
-    """Of sections and a body together, and of the body."""
+    """Rotary inertia of sections and a body together, and of the body."""
     sections = RotaryInertia.of_sections(rotor, shapes, to_second_order)
     body = RotaryInertia.of_body(rotor, shapes, to_second_order)
     if sections is None or body is None:
