@@ -43,8 +43,8 @@ that suffices, with an estimate each. Cases that outgrow their rung go on to the
 **In space.** Out of the plane `SpatialANCF` judges runs, and `SpatialRod` frequencies, if the
 beam has its `torsional_stiffness`. What no other theory bears (a moment at the tip, loads that
 follow it, motion in a cone, modes of torsion, frequencies of a `blades.Blade` or between
-`blades.Support`s) they answer alone. The rod has the rotary inertia of the `polar_inertia`, by which
-frequencies of bending are lower than those of other theories by some EI k^2 / (2 EA).
+`blades.Support`s) they answer alone. Rods have rotary inertia of sections, modal theories where the beam has a
+`polar_inertia`, and elements none, by which frequencies of bending are lower by some EI k^2 / (2 EA).
 
 **How reliable it is.** Of 220 random scenes in the plane (peaks, histories, strains, frequencies;
 `studies/ladder.py`) at 1e-2, 1e-3 and 1e-4 each, and of 300 in space (`studies/ladder_space.py`) at

@@ -60,6 +60,11 @@ AS_BUILT = jb.Rotor(
 AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip_body=jb.TipBody(0.3, 0.1, 0.02, 0.005))
 
 
+def without_rotary_inertia(rotor: jb.Rotor) -> jb.Rotor:
+    """A rotor as elements have it where sections turn, which modal theories are held against."""
+    return dataclasses.replace(rotor, beam=dataclasses.replace(rotor.beam, polar_inertia=None))
+
+
 def soft_tipped() -> jb.blades.Blade:
     """A blade whose tip is a million times as soft as its root, as real ones are."""
     stations, share = [0.0, 0.5, 0.9, 0.98, 1.0], np.array([1.0, 0.1, 3e-3, 3e-4, 1e-6])

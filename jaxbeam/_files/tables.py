@@ -98,7 +98,7 @@ UNITS: dict[str, Mapping[str, float]] = {  # by property, the one of the formats
 _TOGETHER = {
     (TORSION,): "a Beam takes it if it is > 0 at all stations",
     (POLAR,): "a Beam takes it if it is > 0 at all stations",
-    POLARS: "sections have no rotary inertia in bending, and about the beam where both are > 0",
+    POLARS: "a Beam takes their sum if both are > 0 at all stations",
 }
 
 

@@ -88,8 +88,8 @@ class Choice:
             stout := np.max(beforehand.timoshenko_reduction[:, takes_part], initial=0.0)
         ) > self.tolerance:
             lines.append(
-                f"shear and rotary inertia might take off {stout:.1g}: rods alone have them, of a "
-                "Beam the latter"
+                f"shear and rotary inertia might take off {stout:.1g}: of a Beam rods have the "
+                "latter, and modal theories where there is a polar_inertia"
             )
         lines.append(f"{'rung':34} {'cost':>8} {'estimate':>10}  verdict")
         for rung, estimate, verdict in self.evidence:

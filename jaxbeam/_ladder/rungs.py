@@ -160,8 +160,8 @@ class Indicators(eqx.Module):
     | rest_frequency       | (6,)  | of the first bending modes in plane, rad/s                   |
     | excited              | (6,)  | how much each takes part in what the hub's rotation excites  |
     | timoshenko_reduction | (2,6) | share of each frequency, in plane and in flap (if that takes |
-    |                      |       | part), that shear and rotary inertia, which rods alone have, |
-    |                      |       | would take off: an estimate for solid metal. Of turned       |
+    |                      |       | part), that shear and rotary inertia, which elements have    |
+    |                      |       | not, would take off: an estimate for solid metal. Of turned  |
     |                      |       | sections off the lowest frequencies                          |
     """
 

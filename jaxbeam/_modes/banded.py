@@ -26,7 +26,7 @@ from jaxbeam._results import harmless
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import spinning
-from jaxbeam._rotor.span import tension
+from jaxbeam._rotor.span import section_inertia, tension
 from jaxbeam._types import Number, Scalar, Vector
 
 MOST = 6  # modes of a direction that are found this way; of axial ones half as many
@@ -93,6 +93,7 @@ class _Numbers(NamedTuple):
     tip: Number  # m_t / (rho L)
     softness: Number  # EI_zz / (EA L^2)
     flap: Number  # EI_yy / EI_zz
+    rotary: tuple[Number, ...] | None  # E_22 and E_33 of sections, over rho L^2
 
     def tense(self, bending: Any) -> list[Any]:
         """Weights of the tables of stiffness of what bends under tension."""
@@ -101,31 +102,51 @@ class _Numbers(NamedTuple):
 
 def _numbers(rotor: Rotor, speed: Number) -> _Numbers:
     beam = rotor.beam
+    rotary: Any = section_inertia(beam, lambda value: value)
+    if rotary is not None:
+        rotary = tuple(each / (beam.mass * beam.length) for each in rotary)
     return _Numbers(
         speed / beam.frequency_scale, rotor.hub_radius / beam.length, rotor.tip_mass / beam.mass,
-        beam.slenderness**-2, beam.flap_bending_stiffness / beam.in_plane_bending_stiffness,
+        beam.slenderness**-2, beam.flap_bending_stiffness / beam.in_plane_bending_stiffness, rotary,
     )  # fmt: skip
 
 
-def _in_plane(numbers: _Numbers) -> tuple[list[Any], list[Any], list[Any]]:
-    """Weights of the nine tables of `BandTables` in K, M and C; the last ones of K are those of
-    M."""
-    g, _, tip, softness, _ = numbers
-    stiffness = [*numbers.tense(1.0), -(g**2), -(g**2) * tip]
-    stiffness.insert(1, 1 / softness)
-    return stiffness, [1.0, tip], [2 * g, 2 * g * tip]
+class _Terms(NamedTuple):
+    """Numbers of the tables that matrices are made of, and their weights."""
+
+    stiffness: dict[int, Any]
+    mass: dict[int, Any]
+    coriolis: dict[int, Any]
 
 
-def _out_of_plane(numbers: _Numbers) -> tuple[list[Any], list[Any]]:
-    """Weights of the six other tables in K and M."""
-    return numbers.tense(numbers.flap), [1.0, numbers.tip]
+def _in_plane(numbers: _Numbers) -> _Terms:
+    """Weights of the nine tables of `BandTables` in the plane."""
+    g, tip = numbers.speed, numbers.tip
+    bending, *pulls = numbers.tense(1.0)
+    stiffness = {0: bending, 1: 1 / numbers.softness, **dict(enumerate(pulls, 2))}
+    mass: dict[int, Any] = {5: 1.0, 6: tip}
+    coriolis = {7: 2 * g, 8: 2 * g * tip}
+    stiffness |= {table: -(g**2) * weight for table, weight in mass.items()}
+    if numbers.rotary is not None:  # which the speed does not change in the plane
+        mass |= {2: numbers.rotary[0]}
+    return _Terms(stiffness, mass, coriolis)
 
 
-def _summed(tables: Sequence[Any], weights: list[Any], like: Array) -> Array:
-    """Weighted sum of tables, with axes of lanes behind their own."""
-    one = jnp.ones_like(like)
-    beside_lanes = [append_axes(table, like.ndim) for table in tables]
-    return combined(jnp.stack(beside_lanes, -1 - like.ndim), [a * one for a in weights])
+def _out_of_plane(numbers: _Numbers) -> _Terms:
+    """Weights of the six other tables."""
+    stiffness = dict(enumerate(numbers.tense(numbers.flap)))
+    mass = {4: 1.0, 5: numbers.tip}
+    if numbers.rotary is not None:
+        stiffness[1] = stiffness[1] - numbers.speed**2 * numbers.rotary[1]
+        mass |= {1: numbers.rotary[1]}
+    return _Terms(stiffness, mass, {})
+
+
+def _summed(tables: Sequence[Any], weights: dict[int, Any], like: Array) -> Array:
+    """Weighted sum of some tables, with axes of lanes behind their own."""
+    beside_lanes = [append_axes(tables[table], like.ndim) for table in weights]
+    weighted = [a * jnp.ones_like(like) for a in weights.values()]
+    return combined(jnp.stack(beside_lanes, -1 - like.ndim), weighted)
 
 
 def _guessed(few: Float[Array, "m k *lanes"], functions: np.ndarray) -> Float[Array, "k n *lanes"]:
@@ -137,9 +158,7 @@ def _guessed(few: Float[Array, "m k *lanes"], functions: np.ndarray) -> Float[Ar
     )
 
 
-def _numbers_of_bending(
-    numbers: _Numbers, ratio: Any, spin2: Any, softness: Any
-) -> tuple[Any, ...]:
+def _bending(numbers: _Numbers, ratio: Any, spin2: Any, softness: Any) -> tuple[Any, ...]:
     """Arguments of `Ritz.guess`: `ratio` is that of the bending stiffness to the one in plane, and
     `softness` that of the axial motion which follows the Coriolis force."""
     one = jnp.ones_like(numbers.speed)
@@ -214,9 +233,8 @@ class _Polynomials(Bands):
     def _search(self, numbers: _Numbers, named: Named) -> Entries:
         g, (n_pulls, n_bends, n_flaps, _) = numbers.speed, self.most
         inside_guess, flap_guess = self._guess(numbers)
-        k, m, c = _in_plane(numbers)
-        parts = ((k, 0, 7), (m, 5, 7), (c, 7, 9))[: 3 if self.stretch else 2]
-        inside = Pencil(*(_summed(self.whole[i:j], a, g) for a, i, j in parts))
+        terms = _in_plane(numbers)[: 3 if self.stretch else 2]
+        inside = Pencil(*(_summed(self.whole, weights, g) for weights in terms))
         bends = self._bends(inside_guess, n_bends, self.across)
         if self.stretch:
             pulls = _pulls(numbers, n_pulls, self.along)
@@ -225,8 +243,8 @@ class _Polynomials(Bands):
         else:
             groups = [transverse(inside, Direction.IN_PLANE, bends)]
         if n_flaps:
-            k, m = _out_of_plane(numbers)
-            flap = Pencil(_summed(self.flap[:4], k, g), _summed(self.flap[4:], m, g))
+            terms = _out_of_plane(numbers)[:2]
+            flap = Pencil(*(_summed(self.flap, weights, g) for weights in terms))
             guess = self._bends(flap_guess, n_flaps, _unit(self.n_flap))
             groups.append(transverse(flap, Direction.FLAP, guess))
         return chosen(groups, named, self.count, len(self.to_model))
@@ -234,10 +252,10 @@ class _Polynomials(Bands):
     def _guess(self, numbers: _Numbers) -> Any:
         """Guesses of bending in plane and, side by side with it, of flap."""
         softness = numbers.softness if self.stretch else 0.0
-        inside = _numbers_of_bending(numbers, 1.0, numbers.speed**2, softness)
+        inside = _bending(numbers, 1.0, numbers.speed**2, softness)
         if not self.most[Direction.FLAP]:
             return self.few.guess(*inside), None
-        flap = _numbers_of_bending(numbers, numbers.flap, 0.0, 0.0)
+        flap = _bending(numbers, numbers.flap, 0.0, 0.0)
         both = jax.tree.map(lambda *each: jnp.stack(each), inside, flap)
         omega, few = self.few.guess(*both)
         return (omega[:, 0], few[:, :, 0]), (omega[:, 1], few[:, :, 1])
@@ -251,17 +269,18 @@ class _Polynomials(Bands):
         every = jnp.concatenate(pairs, 1)
         shares = jax.lax.complex(every.real @ self.shares, every.imag @ self.shares).T
 
-        def summed(weights: list[Any], some: Array) -> Array:
-            return functools.reduce(jnp.add, (a * b for a, b in zip(weights, some, strict=True)))
-
         numbers, scale = _numbers(rotor, speed), rotor.beam.frequency_scale
-        k, m, c = _in_plane(numbers)
-        stiffness, mass = summed(k, shares[:7]), summed(m, shares[5:7])
-        if self.n_flap:
-            k, m = _out_of_plane(numbers)
-            stiffness, mass = stiffness + summed(k, shares[9:13]), mass + summed(m, shares[13:])
+
+        def summed(*weights: dict[int, Any]) -> Array:
+            each = (
+                (shares[9 * i + t], w) for i, some in enumerate(weights) for t, w in some.items()
+            )
+            return functools.reduce(jnp.add, (share * weight for share, weight in each))
+
+        groups = [_in_plane(numbers), *([_out_of_plane(numbers)] if self.n_flap else [])]
+        stiffness, mass, coriolis = (summed(*same) for same in zip(*groups, strict=True))
         unit = rotor.beam.mass
-        return unit * mass, unit * scale * summed(c, shares[7:9]), unit * scale**2 * stiffness
+        return unit * mass, unit * scale * coriolis, unit * scale**2 * stiffness
 
 
 def _wide(tables: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -311,9 +330,7 @@ class _Elements(Bands):
         element: Any = equations.element  # type: ignore[attr-defined]
         q, (k, c), steady = _steady(equations, speed)
         few, scale = ritz.bending(self.most[Direction.IN_PLANE]), rotor.beam.frequency_scale
-        omega, modes = few.guess(
-            *_numbers_of_bending(numbers, 1.0, numbers.speed**2, numbers.softness)
-        )
+        omega, modes = few.guess(*_bending(numbers, 1.0, numbers.speed**2, numbers.softness))
         bends = Guess(scale * omega, _guessed(modes, self.across @ few.functions))
         pulls = _pulls(numbers, self.most[Direction.AXIAL], self.along)
         pulls = pulls._replace(omega=scale * pulls.omega)
@@ -338,8 +355,7 @@ def _steady(equations: Equations, speed: Number) -> tuple[Vector, Any, Number]:
         return (state[0] < 21) & jnp.any(state[3] < 1)
 
     def improve(state: tuple[Any, ...]) -> tuple[Any, ...]:
-        # In its last turn nothing moves, and the tangents are those of where it ended: so they are
-        # in the program once.
+        # In its last turn nothing moves: so tangents are those of where it ended.
         i, q, near, _, _ = state
         rest = jnp.zeros_like(q)
         k, c = equations.tangents(hub, q, rest, None)
@@ -363,9 +379,7 @@ def _unit(n: int) -> Float[np.ndarray, "n d"]:
     return np.eye(n, ritz.DEGREE)
 
 
-def _at(
-    places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size: int
-) -> Float[np.ndarray, "n d"]:
+def _at(places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size: int) -> np.ndarray:
     """Rows at their places among `size`, which are zero else."""
     out = np.zeros((size, rows.shape[1]))
     out[places] = rows

@@ -41,7 +41,7 @@ CONED_AND_MORE = "precone beside pitch, twist or a body at the tip"  # a feature
 
 
 class Beam(Parameters):
-    """Initially straight, slender beam: no shear, no rotary inertia.
+    """Initially straight, slender beam without shear.
 
     | field                       | symbol | unit  | allowed |
     |-----------------------------|--------|-------|---------|
@@ -58,10 +58,11 @@ class Beam(Parameters):
     third of the hub; the same for all sections it is a pitch. Every number is a leaf, so any of
     them can be swept, fitted or differentiated.
 
-    Models in space want to know how it twists: `torsional_stiffness` GJ in N m^2, > 0, and
-    `polar_inertia`, the moment of inertia about the beam per length, in kg m, > 0; without the
-    latter that of a solid section, rho (EI_zz + EI_yy) / EA. No other model looks at them.
-    `point_masses` are `PointMasses` that the beam carries between its ends, or None.
+    Models in space ask how it twists: `torsional_stiffness` GJ in N m^2, > 0, and `polar_inertia`,
+    that about the beam per length, in kg m, > 0; without it that of a solid section, rho (EI_zz +
+    EI_yy) / EA. Where it is given modal theories have rotary inertia (but in cones), shared by both
+    ways of bending as stiffness is, as rods always have; elements leave it out. `point_masses` are
+    `PointMasses` between the ends.
 
     Raises `TypeError` for what is no real number, nor varies along the span as it may, and
     `ValueError` for what is not allowed; numbers that are traced are told of by a `Status` instead.
@@ -312,8 +313,12 @@ class Rotor(Parameters):
         return self.pitch is not None or self.beam.twist is not None
 
     @property
+    def turns_mass(self) -> bool:
+        """Whether sections or a body at the tip have inertia because they turn."""
+        return self.beam.polar_inertia is not None or self.tip_body.is_body
+
+    @property
     def frequency_scale(self) -> Number:
-        """The frequency scale of the beam, in rad/s."""
         return self.beam.frequency_scale
 
     @property
@@ -389,8 +394,7 @@ class Rotor(Parameters):
         if not beam.is_uniform or self.tip_body.is_body:
             raise ValueError("tears knows uniform beams with a point at their tip alone")
         beta = jnp.abs(angular_speed) * jnp.sqrt(beam.mass * beam.length / beam.axial_stiffness)
-        holds = (beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass)
-        return ~holds
+        return ~((beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass))
 
 
 AnyRotor = Rotor | SpringRotor  # whichever a model takes, its `rotor_type`

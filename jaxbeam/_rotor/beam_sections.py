@@ -8,8 +8,8 @@ from jaxtyping import Array, Float
 
 from jaxbeam._rotor.beam import Beam
 from jaxbeam._rotor.sections import AbstractSections, Places
-from jaxbeam._rotor.span import polar_inertia
-from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, along
+from jaxbeam._rotor.span import polar_inertia, shared
+from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, Spanwise, along
 
 # Compliance of shear, over L^2 / EI: a beam has none, and elements divide by it. Frequencies fall
 # by some ten times that, in the third mode by a hundred times.
@@ -66,11 +66,14 @@ class BeamSections(AbstractSections):
         return _diagonal(*self._stiffnesses(places))
 
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
-        beam, (lag, flap) = self.beam, self._bending(places)
-        mass = along(beam.mass_per_length, places)
-        polar = polar_inertia(beam, lambda value: along(value, places))
-        share = polar / (lag + flap)
-        return _diagonal(mass, mass, mass, polar, share * flap, share * lag)
+        beam = self.beam
+
+        def at(value: Property) -> Array:
+            return along(value, places)
+
+        mass, polar = at(beam.mass_per_length), polar_inertia(beam, at)
+        lag, flap = shared(polar, beam, at)
+        return _diagonal(mass, mass, mass, polar, flap, lag)
 
     def _stiffnesses(self, places: Places) -> tuple[Array, ...]:
         beam = self.beam

@@ -180,6 +180,22 @@ def polar_inertia(beam: Any, at: Callable[[Property], Array]) -> Array:
     return at(beam.mass_per_length) * (lag + flap) / at(beam.axial_stiffness)
 
 
+def section_inertia(beam: Any, at: Callable[[Property], Any]) -> tuple[Any, Any] | None:
+    """Second moments per length (kg m) of the mass of sections, across the beam in plane and in
+    flap, where `at` looks at its properties; None without a `polar_inertia`, which they share as
+    the stiffnesses of bending do: what the sections of a `Beam` are."""
+    if beam.polar_inertia is None:
+        return None
+    return shared(at(beam.polar_inertia), beam, at)
+
+
+def shared(polar: Any, beam: Any, at: Callable[[Property], Any]) -> tuple[Any, Any]:
+    """A polar inertia as the stiffnesses of bending in plane and in flap share it."""
+    lag, flap = at(beam.in_plane_bending_stiffness), at(beam.flap_bending_stiffness)
+    share = polar / (lag + flap)
+    return share * lag, share * flap
+
+
 def outboard(mass: Property, span: Span) -> tuple[Array, Array, Array]:
     """Share of a mass per length at points, int_x^L dm over the mass, and int_x^L x dm over the
     mass and the length: what 1, 1 - xi and (1 - xi^2) / 2 are for a uniform beam."""

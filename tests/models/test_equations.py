@@ -15,6 +15,7 @@ from tests.models.states import lagrange, random_state
 from tests.tiers import exhaustive, slow
 
 BLADE = short(4e3, **TORSION)
+SLENDER = short(4e3)  # without rotary inertia
 ROTOR = jb.Rotor(BLADE, hub_radius=0.4, tip_mass=0.9)
 BEAM_MODELS = [
     jb.Hybrid(3, 4, 3),
@@ -80,18 +81,21 @@ def test_tangents_are_derivatives_of_the_force(model, rotor):
 @pytest.mark.parametrize("seed", [0, exhaustive(1)])
 @pytest.mark.parametrize("model", [slow(jb.Hybrid(3, 4, 3)), jb.Classical(3, 4, 3)], ids=name)
 def test_yoo_equations_linearise_exact_kinematics(model, seed):
-    """Y eqs. 18-20: dm = rho dx + m_t delta, u1 = s - int (u2'^2 + u3'^2) / 2, any 3-D motion."""
+    """Y eqs. 18-20: dm = rho dx + m_t delta, u1 = s - int (u2'^2 + u3'^2) / 2, any 3-D motion;
+    sections without rotary inertia."""
+    rotor = jb.Rotor(SLENDER, hub_radius=0.4, tip_mass=0.9)
     x, w = np.polynomial.legendre.leggauss(40)
     xi, w = (1 + x) / 2, w / 2
-    rho, length, radius, tip = BLADE.mass_per_length, BLADE.length, ROTOR.hub_radius, ROTOR.tip_mass
+    rho, length = SLENDER.mass_per_length, SLENDER.length
+    radius, tip = rotor.hub_radius, rotor.tip_mass
     dm = jnp.append(rho * length * w, tip)
     at = np.append(xi, 1.0)
     # int_0^xi of u'^2 by a rule of its own on each interval [0, xi]
     inner = np.outer(at, xi)
-    shapes = model.displacement(at, ROTOR)
+    shapes = model.displacement(at, rotor)
     # Slopes by differentiating the interpolant, exact for polynomials of this degree.
     knots = np.cos(np.pi * (np.arange(12) + 0.5) / 12)
-    values = np.moveaxis(np.asarray(model.displacement((1 + knots) / 2, ROTOR)), 1, 0).reshape(
+    values = np.moveaxis(np.asarray(model.displacement((1 + knots) / 2, rotor)), 1, 0).reshape(
         12, -1
     )
     coefficients = chebyshev.chebder(chebyshev.chebfit(knots, values, 11)) * 2 / float(length)
@@ -124,11 +128,11 @@ def test_yoo_equations_linearise_exact_kinematics(model, seed):
         return -jnp.einsum("pcn,pc,p->n", jac, acceleration, dm)
 
     zero = jnp.zeros(len(model.directions))
-    equations = model.equations(ROTOR)
+    equations = model.equations(rotor)
     load = virtual_work(zero, zero, zero)
     k, c, m = (-a for a in jax.jacfwd(virtual_work, (0, 1, 2))(zero, zero, zero))
     given_k, given_c = equations.tangents(hub, zero, zero, None)
-    given_k = given_k - model.linear_stiffness(ROTOR, None)
+    given_k = given_k - model.linear_stiffness(rotor, None)
     for given, exact in (
         (equations.force(hub, zero, zero, None), load),
         (given_k, k),

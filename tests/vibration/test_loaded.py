@@ -89,7 +89,7 @@ def test_a_double_pendulum_under_a_force_that_follows():
 def test_a_column_under_its_own_weight():
     """Standing, it buckles at Greenhill's weight, about which its first mode stands still and
     beyond which it grows; hanging, it stiffens. Weight is a force along the span or gravity."""
-    model, rotor = jb.Hybrid(0, 10, 0), jb.Rotor(UNIT)
+    model, rotor = jb.Hybrid(0, 10, 0), jb.Rotor(jb.Beam(1.0, 1.0, 1e8, 1.0, 2.0))
 
     @jax.jit
     @jax.vmap

@@ -185,12 +185,13 @@ def shape_of(
 
 def of_basis(basis: Basis, counts: FunctionCounts, span: Span, parts: Sequence[Array]) -> Shape:
     """Values on a span of coordinates of the functions of a basis, by direction."""
-    q = jax.scipy.linalg.block_diag(*parts)
+    moving = parts if counts[0] else parts[1:]
+    q = jax.scipy.linalg.block_diag(*moving)
     at, ends = all_functions(basis, counts, span.xi), ends_of(basis, counts)
     # Axial functions may have no curvature at the clamp: nobody asks for it.
     bends = np.repeat(np.arange(3), counts) > 0
     at = at._replace(curvature=np.where(bends, at.curvature, 0.0))
-    return Shape.of(Functions(*(a @ q for a in at)), EndValues(*(a @ q for a in ends)), 3)
+    return Shape.of(Functions(*(a @ q for a in at)), EndValues(*(a @ q for a in ends)), len(moving))
 
 
 def follows(basis: Basis, rotor: Rotor) -> bool:

@@ -14,6 +14,7 @@ W. Prager, J. L. Synge, Quarterly of Applied Mathematics 5, 1947.) All of it is 
 of integration. Where x^H Q(l) x is not zero there, quadrature has missed something.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -21,14 +22,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.bases.loads import FunctionCounts, Profile, section_angle
+from jaxbeam._models.bases.loads import FunctionCounts, Profile
+from jaxbeam._models.bases.rotary import (
+    SecondMoments,
+    by_winding,
+    first_order,
+    of_body,
+    of_sections,
+    second_order,
+)
 from jaxbeam._models.bases.shapes import Shape
-from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.ends import TipBody
-from jaxbeam._rotor.span import Span, outboard
-from jaxbeam._rotor.spanwise import along
-from jaxbeam._types import Number, Scalar
+from jaxbeam._rotor.span import Span, on, outboard
+from jaxbeam._types import Scalar
 
 MORE_POINTS = 4  # of each segment, at which all of this is found
 # What quadrature misses at most, over what these see of that: of waves, and in 19 cases of 20 of
@@ -63,36 +69,60 @@ class _Case(NamedTuple):
         return at
 
 
-class _Body(NamedTuple):
-    """Inertia and stiffness of the body at the tip by its slopes by x / L, in plane and in flap (2,
-    2), over L^2, and its stiffness by `_winding`, None for zero: see `TipRotation`."""
+class _Rotary(NamedTuple):
+    """Rotary inertia at places along the beam: mass and stiffness by slopes by x / L, in plane and
+    in flap, (..., 2, 2), and what stiffness has by the winding phi, None for zero."""
 
     inertia: Array
     stiffness: Array
-    wound: Number | None
+    wound: Array | None
 
     @classmethod
-    def of(cls, case: _Case) -> "_Body | None":
-        rotor, tip = case.rotor, case.rotor.tip_body
-        if not isinstance(tip, TipBody):
+    def of(cls, case: _Case, moments: SecondMoments | None, scale: Any) -> "_Rotary | None":
+        """Rotary inertia of second moments E_kl of mass, times a scale."""
+        if moments is None:
             return None
-        square, spin2 = rotor.beam.length**2, case.speed**2
-        held = jnp.eye(2) * rotor.tip_mass * tip.offset * rotor.tip_mass_radius * case.tensioned
-        held = held.at[0, 0].add(tip.inertia * (case.tensioned - 1))
-        held = held.at[1, 1].add(tip.inertia * case.tensioned - tip.axial_inertia)
-        inertia, wound = jnp.eye(2) * tip.inertia, None
-        if tip.flap_inertia is not None:
-            excess = tip.flap_inertia - tip.inertia
-            angle = section_angle(rotor, lambda angle: along(angle, np.ones(1)))
-            angle = jnp.zeros(()) if angle is None else angle[0]
-            c, s = jnp.cos(angle), jnp.sin(angle)
-            g, h = jnp.stack([-s, c]), jnp.stack([c, s])
-            inertia = inertia + excess * g[:, None] * g[None]
-            if case.tensioned:
-                crossed = c * s * g[:, None] * h[None]
-                held = held + excess * (symmetric_part(crossed) + s**2 * h[:, None] * h[None])
-                wound = -excess * spin2 * c * s / square
-        return cls(inertia / square, spin2 * held / square, wound)
+        square = scale / case.rotor.beam.length**2
+        steady = -(case.speed**2) * np.diag([1.0, 1.0, 0.0])
+        held = first_order(steady)
+        if case.tensioned:
+            held = tuple(a + b for a, b in zip(held, second_order(steady), strict=True))
+        one = first_order(jnp.eye(3, dtype=steady.dtype))
+        inertia, stiffness = (
+            square * sum(_outer(e, a) for e, a in zip(moments, of, strict=True) if e is not None)
+            for of in (one, held)
+        )
+        wound = None
+        if moments.crossed is not None and case.tensioned:
+            wound = square * by_winding(steady)[2] * moments.crossed
+        return cls(inertia, stiffness, wound)
+
+
+class _Turning(NamedTuple):
+    """Rotary inertia of sections, by x / L at the points, and of the body at the tip."""
+
+    sections: _Rotary | None
+    body: _Rotary | None
+    wound: Array | None  # (p,): by v' w'' - w' v'' along the beam
+
+    @classmethod
+    def of(cls, case: _Case) -> "_Turning":
+        rotor, span = case.rotor, case.span
+        at = functools.partial(on, span=span)
+        sections = _Rotary.of(case, of_sections(rotor, at), rotor.beam.length)
+        body = _Rotary.of(case, of_body(rotor), 1.0)
+        if body is not None and case.tensioned:
+            # Its centre comes nearer to the axis when it turns.
+            pull = rotor.tip_mass * rotor.tip_mass_radius * case.speed**2
+            nearer = pull * rotor.tip_body.centre(0.0, 1.0) / rotor.beam.length**2
+            body = body._replace(stiffness=body.stiffness + nearer * np.eye(2))
+        wound = None
+        if body is not None and body.wound is not None:
+            wound = body.wound + jnp.zeros(span.xi.shape)
+        if sections is not None and sections.wound is not None:
+            beyond = span.beyond(sections.wound[:, None])[:, 0]
+            wound = beyond if wound is None else wound + beyond
+        return cls(sections, body, wound)
 
 
 def frequency_error(
@@ -105,11 +135,11 @@ def frequency_error(
     none = jnp.zeros_like(profile.mass)
     has_strain = pull is not None
     case = _Case(profile, rotor, speed, counts, none if pull is None else pull, has_strain)
-    body = _Body.of(case)
+    turning = _Turning.of(case)
     square = eigenvalue**2 if jnp.iscomplexobj(x.value) else (eigenvalue**2).real
-    d = _left_out(case, body, x, square, eigenvalue)
+    d = _left_out(case, turning, x, square, eigenvalue)
     (value, slope, _), (other, _, energy) = (
-        _quotient(_forms(case, body, shape), square, eigenvalue) for shape in (x, d)
+        _quotient(_forms(case, turning, shape), square, eigenvalue) for shape in (x, d)
     )
     other = other.real
     safe = jnp.where(energy > 0, jnp.maximum(other, energy / 4), 1.0)
@@ -130,7 +160,7 @@ def forms(
 ) -> tuple[Array, Array, Array]:
     """x^H M x, x^H G x and x^H K x of shapes, with the tension `pull`."""
     case = _Case(profile, rotor, speed, counts, pull, True)
-    m, g, k, _ = _forms(case, _Body.of(case), x)
+    m, g, k, _ = _forms(case, _Turning.of(case), x)
     return m, jnp.zeros_like(m) if g is None else g, k
 
 
@@ -158,14 +188,17 @@ def _square(x: Array) -> Array:
     return x.real**2 + x.imag**2 if jnp.iscomplexobj(x) else x**2
 
 
-def _winding(case: _Case, x: Shape) -> Array:
-    """int (v' w'' - w' v'') by x / L, of k shapes."""
-    v, w = x.slope[:, -2].conj(), x.slope[:, -1].conj()
-    wound: Array = case.span.total(v * x.curvature[:, -1] - w * x.curvature[:, -2]).real
-    return wound
+def _outer(e: Any, table: Array) -> Array:
+    """Products of numbers (...) and entries of a table (2, 2)."""
+    return e[..., None, None] * table.reshape(*(1,) * jnp.ndim(e), 2, 2)
 
 
-def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array | None, Array, Array]:
+def _by_slopes(table: Array, x: Array) -> Array:
+    """x^H table x by slopes (..., 2, k)."""
+    return jnp.einsum("...ik,...ij,...jk->...k", x.conj(), table, x)
+
+
+def _forms(case: _Case, turning: _Turning, x: Shape) -> tuple[Array, Array | None, Array, Array]:
     """x^H M x, x^H G x (None for zero) and x^H K x of k shapes, and of this the strain energy
     without springs."""
     profile, length, mass, at_tip = (
@@ -183,19 +216,23 @@ def _forms(case: _Case, body: _Body | None, x: Shape) -> tuple[Array, Array | No
         gyroscopic = 2 * case.speed * (swept - swept.conj())
     geometric = case.total(case.pull / length, x.slope[:, -2:]).sum(0)
     m, k = carried.sum(0), energy - case.speed**2 * carried[:-1].sum(0) + geometric
-    if body is not None:
-        slope_there = x.tip_slope[-2:]
-        m = m + jnp.einsum("ik,ij,jk->k", slope_there.conj(), body.inertia, slope_there)
-        k = k + jnp.einsum("ik,ij,jk->k", slope_there.conj(), body.stiffness, slope_there)
-        if body.wound is not None:
-            k = k + body.wound * _winding(case, x)
+    bends, bent = x.slope[:, -2:], x.curvature[:, -2:]
+    if (body := turning.body) is not None:
+        m = m + _by_slopes(body.inertia, x.tip_slope[-2:])
+        k = k + _by_slopes(body.stiffness, x.tip_slope[-2:])
+    if (sections := turning.sections) is not None:
+        m = m + case.span.total(_by_slopes(sections.inertia, bends))
+        k = k + case.span.total(_by_slopes(sections.stiffness, bends))
+    if turning.wound is not None:
+        phi = (bends[:, 0].conj() * bent[:, 1] - bends[:, 1].conj() * bent[:, 0]).real
+        k = k + case.span.total(turning.wound[:, None] * phi)
     for root, spring in zip(x.root[-2:], case.rotor.springs, strict=True):
         if spring is not None:
             k = k + spring / length**2 * _square(root)
     return m, gyroscopic, k, energy
 
 
-def _left_out(case: _Case, body: _Body | None, x: Shape, square: Array, eigenvalue: Array) -> Shape:
+def _left_out(case: _Case, turning: _Turning, x: Shape, square: Array, eigenvalue: Array) -> Shape:
     """d of the module's docstring."""
     profile, span, length = case.profile, case.span, case.rotor.beam.length
     swings, drags = square - case.speed**2, 2 * case.speed * eigenvalue
@@ -220,13 +257,7 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, square: Array, eigenval
         length * jnp.stack(carried[-2:], 1) - _times(case.pull[:, None, None], bends)
     )
     moment = moment + length * jnp.stack(at_tip[-2:])[None] * arm[:, None, None]
-    if body is not None:
-        slope_there = x.tip_slope[-2:]
-        held = body.inertia @ (square[None] * slope_there) + body.stiffness @ slope_there
-        moment = moment - length * held[None]
-        if body.wound is not None:
-            winding = (bends - slope_there[None] / 2)[:, ::-1] * np.array([[[1.0], [-1.0]]])
-            moment = moment + length * body.wound * winding
+    moment = moment - length * _turned(case, turning, x, square)
     bent = length**2 * _curvatures(case, moment) - x.curvature[:, -2:]
     bent = bent * np.sign(case.counts[1:])[None, :, None]
     in_section_axes = span.up_to(bent)
@@ -244,6 +275,24 @@ def _left_out(case: _Case, body: _Body | None, x: Shape, square: Array, eigenval
             for both in ((strain, slope), (0 * strain, curvature), (moved, value))
         )
     return Shape(value, slope, curvature, span.total(slope), slope_there, none)
+
+
+def _turned(case: _Case, turning: _Turning, x: Shape, square: Array) -> Any:
+    """Moments (p, 2, k) by rotary inertia, over the length."""
+    span, bends, bent = case.span, x.slope[:, -2:], x.curvature[:, -2:]
+    out = jnp.zeros_like(bends)
+    if (sections := turning.sections) is not None:
+        held = sections.inertia @ (square[None, None] * bends) + sections.stiffness @ bends
+        out = out + span.beyond(held)
+    if (body := turning.body) is not None:
+        slope_there = x.tip_slope[-2:]
+        held = body.inertia @ (square[None] * slope_there) + body.stiffness @ slope_there
+        out = out + held[None]
+    if turning.wound is not None:
+        wound = turning.wound[:, None, None]
+        both = (wound * bends - span.beyond(wound * bent)) / 2
+        out = out - both[:, ::-1] * np.array([[[1.0], [-1.0]]])
+    return out
 
 
 def _curvatures(case: _Case, moment: Array) -> Array:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._models.bases.rotary import SecondMoments
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._models.contract.damping_data import Dampers, Drag
 from jaxbeam._models.contract.equilibrium import Rest, equilibrium
@@ -225,27 +226,24 @@ class Equations(eqx.Module):
         return root[None] + jnp.asarray(xi)[:, None] * (tip - root)[None]
 
     def rates(self, q: Vector, change: Vector) -> Vector:
-        """The rates of coordinates in a small motion about q, in the sense of `matrices_about`: the
-        small motion itself, where motion is by coordinates."""
+        """The rates of coordinates in a small motion about q as of `matrices_about`."""
         return change
 
     def own_section_loads(
         self, q: Vector, v: Vector, xi: np.ndarray, outside: Any
     ) -> tuple[Array, Array] | None:
-        """Force and moment in sections of a beam under loads, `Outside`, as `section_loads` has
-        them, where the model has them itself."""
+        """Force and moment in sections, as of `section_loads`, where the model has its own."""
         return None
 
     def own_reaction(
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
     ) -> tuple[Triple, Triple] | None:
-        """Force, and moment about the centre of the hub, by which the hub holds a beam that rests
-        in it, where the model has them itself."""
+        """Force, and moment about its centre, by which the hub holds a beam that rests in it, where
+        the model has its own."""
         return None
 
     def is_held(self, state: Rest) -> Array | None:
-        """Whether something holds a beam in its state of rest, where its supports need not; None
-        where they do, or that is looked at otherwise."""
+        """Whether something holds a beam in its state of rest; None where its supports do."""
         return None
 
     def lacking_about(self, q: Vector) -> Matrix | None:
@@ -253,8 +251,7 @@ class Equations(eqx.Module):
         return None
 
     def high_share(self, q: Vector) -> tuple[Number, Number] | None:
-        """Energy of what of the forces in sections is in the highest functions, and of all, where
-        that is looked at: `forces_are_resolved` says whether it is little."""
+        """Energy of forces in the highest functions, and of all forces in sections, if known."""
         return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
@@ -266,8 +263,7 @@ class Equations(eqx.Module):
         raise NotImplementedError
 
     def section_axes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3 3"]:
-        """Rows: the tangent and the axes in which `curvature` is, in hub axes, of sections at
-        x = xi L."""
+        """Rows: the tangent and the axes of `curvature`, in hub axes, of sections at x = xi L."""
         r = self.direction(q, xi).T
         return jnp.moveaxis(axes(r / jnp.linalg.norm(r, axis=0)[None], self.torsion(q, xi)), 2, 0)
 
@@ -286,29 +282,34 @@ class Equations(eqx.Module):
 
     def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """Kinetic energy of what is at the tip, in J: of its mass M where it is, r + c r', and of a
-        body J |dr'/dt|^2 / 2 and `spin_energy`."""
+        body `turning_energy`."""
 
-        def centre(q: Vector) -> tuple[Triple, Triple]:
-            end, along = self.undeformed.tip + self.tip(q), self.end(q)
-            return body.centre(end, along), along
+        def centre(q: Vector) -> Any:
+            return body.centre(self.undeformed.tip + self.tip(q), self.end(q))
 
-        (place, along), (moving, rate) = jax.jvp(centre, (q,), (v,))
+        place, moving = jax.jvp(centre, (q,), (v,))
         moving = moving + velocity + cross(spin, place)
         energy = body.mass * pairwise_sum(moving * moving) / 2
         if isinstance(body, TipBody):
-            rate = rate + cross(spin, along)
-            energy = (
-                energy + body.inertia * pairwise_sum(rate * rate) / 2 + self.spin_energy(q, v, spin)
-            )
+            energy = energy + self.turning_energy(body, q, v, spin)
         return energy
 
     def end(self, q: Vector) -> Triple:
         """The vector r' at the tip, in the direction that a body there has."""
         return self.direction(q, np.ones(1))[0]
 
-    def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
-        """The energy of a body at the tip beyond M |dr/dt|^2 / 2 and J |dr'/dt|^2 / 2, in J."""
-        return jnp.zeros_like(self.length)
+    def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
+        """Energy of a body at the tip because it turns, in J: here without axial inertia."""
+        along, rate = jax.jvp(self.end, (q,), (v,))
+        rate = rate + cross(spin, along)
+        return body.inertia * pairwise_sum(rate * rate) / 2
+
+    def section_momentum(
+        self, q: Vector, v: Vector, spin: Triple, span: Span, moments: SecondMoments
+    ) -> Float[Array, "p 3"] | None:
+        """Angular momentum of sections about their centres at the points of a span, from their
+        second moments there; None where the model leaves their rotary inertia out."""
+        return None
 
     def is_in_range(self, q: Vector) -> Array:
         """Whether the beam is deformed by no more than what the model is made for."""

@@ -23,17 +23,15 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.basis import Functions
 from jaxbeam._models.bases.layered import massless
+from jaxbeam._models.bases.rotary import SecondMoments
 from jaxbeam._models.bases.shapes import Shapes, shortening
 from jaxbeam._models.contract.elasticity import Elasticity, LinearElasticity
 from jaxbeam._models.contract.equations import Equations, Undeformed
 from jaxbeam._models.contract.span_integrals import FunctionSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._models.modal.cartesian_model import CartesianModel
-from jaxbeam._models.modal.shape_integrals import (
-    ShapeIntegrals,
-    weighted,
-)
-from jaxbeam._models.modal.tip_bodies import TipRotation
+from jaxbeam._models.modal.rotary_inertia import RotaryInertia, of_rotor
+from jaxbeam._models.modal.shape_integrals import ShapeIntegrals, weighted
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import (
     LARGE,
@@ -60,14 +58,9 @@ class CartesianEquations(Equations):
     where a theory has no such term. It is what remains of the foreshortening
     -1/2 int_0^x u'^2 after linearisation, and enters the kinetic energy as such.
 
-    A rigid body at the tip turns with the unit vector e along the beam's end, a1 + f'(L) q / L to
-    first order and shorter along a1 by half the square of the slope. Its kinetic energy is
-
-        M |r' + omega x r|^2 / 2 + J |e' + omega x e|^2 / 2
-
-    with its centre at r = r_L + c e, the second term that of a particle at e which only the
-    rotation of the hub carries along, and what `tip_rotation` adds by its axial inertia J_x and by
-    another inertia in flap.
+    A rigid body at the tip has its centre at r_L + c e, with the unit vector e along the beam's
+    end, a1 + f'(L) q / L to first order and shorter along a1 by half the square of the slope.
+    What it and sections have because they turn is `rotary`, that of the body alone `tip_rotary`.
     """
 
     mass: Matrix | SmallMatrix
@@ -83,7 +76,8 @@ class CartesianEquations(Equations):
     hub_radius: Number
     tip_mass_radius: Number
     tip_body: Tip
-    tip_rotation: TipRotation | None
+    rotary: RotaryInertia | None
+    tip_rotary: RotaryInertia | None
     elasticity: Elasticity
     stiffening: Float[Array, "k n n"] | None
     shapes: Shapes | None
@@ -110,21 +104,18 @@ class CartesianEquations(Equations):
         stiffening = None if stiffened is None else stiffened(t)
         gram = mass * t.gram + tip_mass * _outer(tip)
         first = mass * (radius * t.mean + length * t.first) + tip_mass * rotor.tip_mass_radius * tip
-        tip_rotation = None
-        if isinstance(body, TipBody):
-            slope_there = t.tip_slope / length
-            gram = gram + body.inertia * _outer(slope_there)
-            first = first + body.inertia * slope_there
-            if stiffening is not None:
-                alike = _outer(t.tip_slope) * (t.one_hot @ t.one_hot.T)
-                stiffening = jnp.concatenate([stiffening, alike[None]])
+        rotary = tip_rotary = None
+        if body.is_body and stiffening is not None:
+            alike = _outer(t.tip_slope) * (t.one_hot @ t.one_hot.T)
+            stiffening = jnp.concatenate([stiffening, alike[None]])
+        if rotor.turns_mass:
             sampled = model.sampled(rotor, shapes)
-            tip_rotation = TipRotation.of(rotor, body, sampled, stiffening is not None)
+            rotary, tip_rotary = of_rotor(rotor, sampled, stiffening is not None)
         inertia = gram * (t.one_hot @ t.one_hot.T)
         if least := massless(model.functions_from, gram.dtype):
             inertia = inertia + least * (mass + tip_mass) * np.eye(len(t.one_hot))
         return cls(
-            mass=inertia if tip_rotation is None else inertia + tip_rotation.mass,
+            mass=inertia if rotary is None else inertia + rotary.mass,
             gram=gram,
             first_moments=mass * t.mean + tip_mass * tip,
             first=first,
@@ -137,7 +128,8 @@ class CartesianEquations(Equations):
             hub_radius=radius,
             tip_mass_radius=rotor.tip_mass_radius,
             tip_body=body,
-            tip_rotation=tip_rotation,
+            rotary=rotary,
+            tip_rotary=tip_rotary,
             elasticity=elasticity,
             stiffening=None if stiffening is None else jnp.asarray(stiffening),
             shapes=shapes,
@@ -151,10 +143,10 @@ class CartesianEquations(Equations):
         suits = type(self) is CartesianEquations and vars(type(self.elasticity)).get("takes_lanes")
         if not suits or len(self.gram) > LARGE or isinstance(self.mass, SmallMatrix):
             return None
-        kept = SmallMatrix(self.mass), None, None
         small: Self = eqx.tree_at(
-            lambda s: (s.mass, s.shapes, s.own), self, kept, is_leaf=lambda leaf: leaf is None
-        )
+            lambda s: (s.mass, s.shapes, s.own, s.tip_rotary), self,
+            (SmallMatrix(self.mass), None, None, None), is_leaf=lambda leaf: leaf is None,
+        )  # fmt: skip
         return small
 
     @property
@@ -168,11 +160,14 @@ class CartesianEquations(Equations):
 
     @property
     def undeformed(self) -> Undeformed:
-        """The undeformed beam, with what a body has beside inertia in plane."""
+        """The undeformed beam, with rotary inertia."""
         out = super().undeformed
-        if self.tip_rotation is None:
+        if self.rotary is None:
             return out
-        return out._replace(inertia=out.inertia + self.tip_rotation.inertia)
+        # Which of a body is in `rigid_moments` by what it has in plane.
+        body, both = self.tip_body, append_axes(np.diag([0.0, 1.0, 1.0]), self.length.ndim)
+        less = body.inertia * both if isinstance(body, TipBody) else 0.0
+        return out._replace(inertia=out.inertia + self.rotary.rigid - less)
 
     def motion_stiffness(self, axial: Number, spin2: Number, tip_force: Triple | None) -> Matrix:
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
@@ -184,10 +179,8 @@ class CartesianEquations(Equations):
                 self.tip_mass_radius,
             )
         ]  # fmt: skip
-        if isinstance(body, TipBody):
-            # What its centre and its own particle do when the end of the beam turns.
-            own = body.offset * coefficients[0] + body.inertia * spin2
-            coefficients.append(own / self.length)
+        if isinstance(body, TipBody):  # what its centre does when the end of the beam turns
+            coefficients.append(body.offset * coefficients[0] / self.length)
         if tip_force is not None:
             coefficients[0] = coefficients[0] + tip_force[0]
         terms = jnp.stack(jnp.broadcast_arrays(*coefficients)) / self.length
@@ -207,8 +200,8 @@ class CartesianEquations(Equations):
             out = out + self._along(tip_force) * self.at_tip
         if self.stiffening is not None:
             out = out - matvec_once(self._tension(hub, w, tip_force), q)
-        if self.tip_rotation is not None:
-            out = out + self.tip_rotation.force(hub, q, v)
+        if self.rotary is not None:
+            out = out + self.rotary.force(hub, q, v)
         return out
 
     def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
@@ -217,9 +210,9 @@ class CartesianEquations(Equations):
         if self.stiffening is not None:
             k = k + self._tension(hub, w, tip_force)
         c = self.inertial(coriolis)
-        if self.tip_rotation is not None:
-            more = self.tip_rotation.tangents(hub)
-            k, c = k + more[0], c + more[1]
+        if self.rotary is not None:
+            more = self.rotary.tangents(hub)
+            k, c = k + more[0], c if more[1] is None else c + more[1]
         return self.like_mass(k), self.like_mass(c)
 
     def like_mass(self, matrix: Matrix) -> Matrix | SmallMatrix:
@@ -302,7 +295,7 @@ class CartesianEquations(Equations):
             at = matvec_once(self.motion_stiffness(-shift[0] / 2, away[0, 0] / 2, None), q)
             rate = matvec_once(self.motion_stiffness(-velocity[0], 0 * velocity[0], None), v)
             out = out - pairwise_sum(q * (at + rate))
-        return out if self.tip_rotation is None else out + self.tip_rotation.energy(q, v, spin)
+        return out if self.rotary is None else out + self.rotary.energy(q, v, spin)
 
     def first_moment(self, q: Vector) -> Triple:
         out = self._sum(self.first_moments * q)
@@ -368,10 +361,17 @@ class CartesianEquations(Equations):
         short = 0.0 if self.stiffening is None else pairwise_sum(across * across) / 2
         return across + (1 - short) * np.eye(3)[0]
 
-    def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
-        if self.tip_rotation is None:
-            return jnp.zeros_like(self.length)
-        return self.tip_rotation.energy(q, v, spin) + spin @ self.tip_rotation.inertia @ spin / 2
+    def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
+        own = self.tip_rotary
+        assert own is not None
+        return own.energy(q, v, spin) + spin @ own.rigid @ spin / 2
+
+    def section_momentum(
+        self, q: Vector, v: Vector, spin: Triple, span: Span, moments: SecondMoments
+    ) -> Float[Array, "p 3"]:
+        assert self.rotary is not None
+        at = self._at(np.asarray(span.xi))
+        return self.rotary.momentum(at, self.length, span, moments, q, v, spin)
 
     @property
     def pieces(self) -> tuple[float, ...]:

@@ -33,6 +33,7 @@ from jaxbeam._numerics.loose import cholesky, lower_solve
 from jaxbeam._programs.batches import batchable
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.directions import Direction
+from jaxbeam._rotor.span import section_inertia
 from jaxbeam._types import Scalar
 
 
@@ -130,7 +131,8 @@ def frequency_error(
     tables, own = higher.met, higher.own
     mass, eigenvalues = rotor.beam.mass, eigenvalue[:, None]
     elastic, across = _stiffness(rotor)
-    elastic = (np.eye(3)[higher.direction] @ elastic)[None]
+    ways = np.eye(3)[higher.direction]
+    elastic = (ways @ elastic)[None]
     carried = speed**2 * np.where(higher.direction == Direction.FLAP, 0.0, 1.0)
     swing = mass * (eigenvalues**2 - carried[None])
     pull = jnp.stack(rotor.tension(speed)) / rotor.beam.length
@@ -140,6 +142,13 @@ def frequency_error(
     met = jax.lax.complex(*jnp.tensordot(parts, tables, (2, 2)))
     left = swing * met[:, 0] + 2 * mass * speed * eigenvalues * met[:, 4]
     held = elastic + swing.real * own[:1]
+    rotary = section_inertia(rotor.beam, lambda value: value)
+    if rotary is not None:
+        # Of mass off the axis, which the tension does not let turn outwards in plane.
+        across_beam = ways[:, 1:] @ jnp.stack(rotary) / rotor.beam.length
+        carried = speed**2 * (ways[:, 2] if tensioned else ways[:, 1:].sum(1))
+        turn = across_beam[None] * (eigenvalues**2 - carried[None])
+        left, held = left + turn * met[:, 1], held + turn.real * own[1:2]
     if tensioned:
         left = left + jnp.sum(met[:, 1:4] * pull[None, :, None], 1)
         held = held + (pull @ own[1:])[None]

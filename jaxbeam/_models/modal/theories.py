@@ -181,15 +181,16 @@ class _Linear(_Modal):
     def frequency_error(
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """The estimate for uniform beams, by what the next functions would add:
-        `higher_functions.py`, `finer.py`; for others as in `_Modal`."""
-        if layered.has_layers(self.basis) and rotor.precone is None:
-            return finer.frequency_error(self, rotor, speed, eigenvalue, shape)
+        """The estimate for uniform beams, by what more functions would add: `finer.py`, or, where
+        all is known of them, `higher_functions.py`; for others as in `_Modal`."""
         if rotor.varies or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
-        # What derives from these may have terms that are not known there.
+        # What derives from these may have other functions.
         if type(self) not in (Hybrid, Classical):
             return None
+        skew = rotor.pitch is not None and rotor.beam.polar_inertia is not None
+        if skew or layered.has_layers(self.basis):
+            return finer.frequency_error(self, rotor, speed, eigenvalue, shape)
         return higher_functions.frequency_error(
             self, rotor, speed, eigenvalue, shape, tensioned=self.foreshortens
         )
@@ -391,6 +392,7 @@ class VonKarman(_Modal):
             weight=along_it,
             one_hot=jnp.asarray(self.one_hot),
         )
-        # The centre of a body at the tip comes nearer when the end of the beam turns.
-        short = (lambda t: jnp.zeros_like(t.tension)) if rotor.tip_body.is_body else None
+        # The centre of a body at the tip comes nearer when the end of the beam turns, and so does
+        # what turning sections have off the axis.
+        short = (lambda t: jnp.zeros_like(t.tension)) if rotor.turns_mass else None
         return CartesianEquations.build(self, rotor, elastic, shapes, short)

@@ -300,12 +300,13 @@ class SpatialEquations(SpatialElasticity):
         (_, d), (rate, moving) = jax.jvp(bent, (q,), (v,))
         return rate + pairwise_sum(carried(d + A1[:, None]) * moving)
 
-    def spin_energy(self, q: Vector, v: Vector, spin: Triple) -> Number:
+    def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
         about = pairwise_sum(
             self._inward(spin) * (self._seen(self._nodes(q)[-1, 1]) / self.length + A1)
         )
         rate = self._nodes(v)[-1, 0, 3] / self.length
-        return self.tip_polar * self.length**2 * (rate + about) ** 2 / 2
+        own = self.tip_polar * self.length**2 * (rate + about) ** 2 / 2
+        return super().turning_energy(body, q, v, spin) + own
 
     @property
     def pieces(self) -> tuple[float, ...]:

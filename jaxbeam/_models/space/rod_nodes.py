@@ -103,7 +103,7 @@ class Rod(eqx.Module):
 
     @property
     def held_tip(self) -> Float[Array, "3 3"] | None:
-        """What makes of a displacement of the tip that of the ways in which it is held, if any."""
+        """The projection of displacements of the tip on the ways in which it is held, if any."""
         if self.tip is None or not (held := 1 - self.tip.free(0)).any():
             return None
         return (self.tip.axes * held) @ self.tip.axes.T

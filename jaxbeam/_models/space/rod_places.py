@@ -37,13 +37,13 @@ def _integrals(degree: int) -> np.ndarray:
 
 
 def risen(tables: RodTables, slopes: Float[Array, "E p *k"]) -> Float[Array, "E p *k"]:
-    """What has these slopes by arc length at Gauss points, at nodes but the first of each element,
-    less what it is at that."""
+    """Rise of a function with these slopes by arc length at Gauss points, from the first node of
+    each element to its others."""
     return jnp.einsum("ng,eg,eg...->en...", _integrals(tables.degree), tables.pace, slopes)
 
 
 def summed(tables: RodTables, first: Triple, slopes: _Points) -> _Nodes:
-    """What has these slopes by arc length at Gauss points, at nodes, by what it is at the first."""
+    """Values at nodes of a function that begins so and has these slopes at Gauss points."""
     each = risen(tables, slopes)
     begin = jnp.concatenate([jnp.zeros_like(each[:1, -1]), jnp.cumsum(each[:-1, -1], 0)])
     inner = (begin[:, None] + each).reshape(-1, 3)
