@@ -10,7 +10,6 @@ from jaxbeam._models.space.rod_nodes import UPRIGHT
 from jaxbeam._numerics.quaternions import rotation
 from jaxbeam._rotor.motion import Hub
 from jaxbeam.blades import Support
-from jaxbeam.models import SpatialRod
 from tests.simulation.rods import coupled
 
 G = 0.37
@@ -18,10 +17,10 @@ HINGED = Support(about_1=2.0, about_2=3.0, about_3=1.0, attitude=(0.2, -0.3, 0.5
 GUIDED = Support(along_1=0.0, attitude=(0.1, 0.2, -0.3))
 LOOSE = Support(*(1.0,) * 6, attitude=(0.3, 0.1, 0.2))
 CASES = {
-    "clamped": (SpatialRod(4), None, None),
-    "three elements, hinged": (SpatialRod(3, 3), HINGED, None),
-    "guided at the tip": (SpatialRod(3, 2), None, GUIDED),
-    "loose at the root, a joint at the tip": (SpatialRod(3), LOOSE, HINGED),
+    "clamped": (jb.SpatialRod(4), None, None),
+    "three elements, hinged": (jb.SpatialRod(3, 3), HINGED, None),
+    "guided at the tip": (jb.SpatialRod(3, 2), None, GUIDED),
+    "loose at the root, a joint at the tip": (jb.SpatialRod(3), LOOSE, HINGED),
 }
 
 
