@@ -79,5 +79,9 @@ def turn_of(q: Quaternion) -> Turn:
 
 def rotated(q: Quaternion, vector: Turn) -> Quaternion:
     """The quaternion q after a turn about axes that turn with it, of length one."""
-    out = quaternion_product(q, of_turn(vector))
-    return out / jnp.sqrt(jnp.sum(out * out, -1, keepdims=True))
+    return normalised(quaternion_product(q, of_turn(vector)))
+
+
+def normalised(q: Quaternion) -> Quaternion:
+    """The quaternion q at length one."""
+    return q / jnp.sqrt(jnp.sum(q * q, -1, keepdims=True))

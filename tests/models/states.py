@@ -35,3 +35,17 @@ def lagrange(equations, hub, q, v, tip_force):
     work = work + jax.jacfwd(equations.tip)(q).T @ tip_force
     elastic = jax.grad(equations.strain_energy)(q) + equations.nonconservative_force(q)
     return jnp.linalg.solve(mass, jax.grad(kinetic)(q, v, t) - drift - elastic + work)
+
+
+def _orders(energy, q, v):
+    """Parts of an energy of first and of second order, but for what is of third and fourth."""
+    there, back, still = energy(q, v), energy(-q, -v), energy(0 * q, 0 * v)
+    return jnp.stack([(there - back) / 2, (there + back) / 2 - still])
+
+
+def assert_alike_to_second_order(ours, exact, q, v, rtol):
+    """Two energies of small coordinates and rates, and of either alone."""
+    both = jax.jit(lambda q, v: [_orders(energy, q, v) for energy in (ours, exact)])
+    q, v = 1e-3 * q, 1e-3 * v
+    for at in ((q, v), (0 * q, v), (q, 0 * v)):
+        np.testing.assert_allclose(*both(*at), rtol=rtol)

@@ -13,7 +13,7 @@ from jaxbeam.blades import SpanwiseFunction
 from jaxbeam.models import Polynomials
 from tests.beams import short
 from tests.helpers import name
-from tests.models.states import random_state
+from tests.models.states import assert_alike_to_second_order, random_state
 from tests.references import blade as reference
 from tests.tiers import exhaustive, slow
 
@@ -257,15 +257,7 @@ def test_a_body_at_the_tip_moves_as_one(pitch):
     def ours(q, v):
         return equations.kinetic_energy(q, v, hub.velocity, hub.angular_velocity)
 
-    def orders(energy, q, v):
-        """Parts of first and of second order, but for what is of third and fourth."""
-        there, back, still = energy(q, v), energy(-q, -v), energy(0 * q, 0 * v)
-        return jnp.stack([(there - back) / 2, (there + back) / 2 - still])
-
-    both = jax.jit(lambda q, v: [orders(energy, q, v) for energy in (ours, exact)])
-    q, v = 1e-3 * q, 1e-3 * v
-    for at in ((q, v), (0 * q, v), (q, 0 * v)):
-        np.testing.assert_allclose(*both(*at), rtol=1e-4)
+    assert_alike_to_second_order(ours, exact, q, v, rtol=1e-4)
     spread = np.einsum("k,ka,kb->ab", [along, across, up], section, section)
     own = np.trace(spread) * np.eye(3) - spread
     centre = mass * 2.7**2 * np.diag([0.0, 1.0, 1.0])

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 import jaxbeam as jb
 from tests.beams import short
-from tests.models.states import random_state
+from tests.models.states import assert_alike_to_second_order, random_state
 from tests.tiers import exhaustive
 
 POLAR = 0.03
@@ -106,14 +106,7 @@ def test_particles_off_the_axis():
     def ours(q, v):
         return equations.rotary.energy(q, v, hub.angular_velocity)
 
-    def orders(energy, q, v):
-        there, back, still = energy(q, v), energy(-q, -v), energy(0 * q, 0 * v)
-        return jnp.stack([(there - back) / 2, (there + back) / 2 - still])
-
-    both = jax.jit(lambda q, v: [orders(energy, q, v) for energy in (ours, exact)])
-    q, v = 1e-3 * q, 1e-3 * v
-    for at in ((q, v), (0 * q, v), (q, 0 * v)):
-        np.testing.assert_allclose(*both(*at), rtol=1e-3)
+    assert_alike_to_second_order(ours, exact, q, v, rtol=1e-3)
     still = equations.undeformed.inertia - jb.Rotor(
         jb.Beam(2.0, 1e-9, 4e3, 11.0, 7.0), 0.4
     ).rigid_moments[2] * np.diag([0.0, 1.0, 1.0])

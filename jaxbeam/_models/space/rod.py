@@ -85,7 +85,7 @@ class SpatialRod(AbstractModel[Rotor]):
     called = ""
     couples_all = True
     is_reference = True
-    # A third more steps than by ten times as much, since velocities count by how far they go alone.
+    # Half as many steps more as by ten times as much: velocities count by how far they go alone.
     step_tolerance = 1e-7
     degree: int = eqx.field(static=True, default=8)
     elements: int = eqx.field(static=True, default=1)

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_elements import Bent, bent, on_diagonal
 from jaxbeam._models.space.rod_nodes import Coordinates, Rod
-from jaxbeam._models.space.rod_places import kept, risen, stretching, summed
+from jaxbeam._models.space.rod_places import kept, risen, summed
 from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._numerics.linalg import Factors
 from jaxbeam._numerics.quaternions import conjugate, crossing, quaternion_product, rotation
@@ -85,12 +85,7 @@ class Moving(Kinematics):
         return self.rod.joined(self.g * root, spun, strain)
 
     def rates(self, z: Vector) -> Vector:
-        w, tables = self.rod.of_velocities(z), self.rod.tables
-        half = jnp.concatenate([jnp.zeros_like(w[:, :1]), w[:, 3:] / 2], 1)
-        root = self.state.turns[0, 0] @ w[0, :3]
-        return self.rod.joined(
-            root, quaternion_product(self.p, half), stretching(tables, self.state, w)
-        )
+        return self.rod.rates_in(self.state, self.p, self.rod.of_velocities(z))
 
     def seen(self, change: Vector) -> Vector:
         (root, spun, strain), tables, state = self.rod.parts(change), self.rod.tables, self.state

@@ -6,7 +6,7 @@ in the place of the displacements of the other nodes, which follow from these (`
 zero is the undeformed rod. They are in axes of the beam, those of ends on supports in axes of
 these. With displacements for coordinates torsion and bending of one step would make shear, by their
 product, which is stiff, while torsion has hardly any inertia: steps of linearly implicit methods
-had to be three to ten times as short.
+had to be a third as long, or less.
 
 Coordinates change by (h, t) of free nodes in axes that turn with them, which is what forces and
 matrices are by; of ends on supports by what these leave free (`rod_supports.py`).
@@ -20,14 +20,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.space.rod_elements import bent, on_diagonal
-from jaxbeam._models.space.rod_places import kept, normalised, placed, strained, stretching
+from jaxbeam._models.space.rod_elements import Bent, bent, on_diagonal
+from jaxbeam._models.space.rod_places import kept, placed, strained, stretching
 from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
-from jaxbeam._numerics.quaternions import crossing, quaternion_product, rotated, rotation
+from jaxbeam._numerics.quaternions import (
+    crossing,
+    normalised,
+    quaternion_product,
+    rotated,
+    rotation,
+)
 from jaxbeam._types import Scalar, Triple
 
-Coordinates = Float[Array, " q"]  # displacements and quaternions of nodes
+Coordinates = Float[Array, " q"]  # quaternions of nodes, and strains
 UPRIGHT = np.eye(4)[0]
 
 
@@ -120,12 +126,17 @@ class Rod(eqx.Module):
         return self.rates_of(q, self.spread(q, change))
 
     def rates_of(self, q: Coordinates, rates: Float[Array, "nodes 6"]) -> Coordinates:
-        """The rates of coordinates by rates of nodes with these quaternions, in their axes."""
-        u, p = self.loose_nodes(q)
-        raw = self.quaternions(q)
-        by_half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
-        strain = stretching(self.tables, bent(self.tables, u, p), rates)
-        return self.joined(rotation(p[0]) @ rates[0, :3], quaternion_product(raw, by_half), strain)
+        """The rates of coordinates q by rates of nodes, in axes that turn with these."""
+        state = bent(self.tables, *self.loose_nodes(q))
+        return self.rates_in(state, self.quaternions(q), rates)
+
+    def rates_in(
+        self, state: Bent, p: Float[Array, "nodes 4"], rates: Float[Array, "nodes 6"]
+    ) -> Coordinates:
+        """The rates of coordinates of a state whose quaternions p are of whatever length."""
+        half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
+        root, strain = state.turns[0, 0] @ rates[0, :3], stretching(self.tables, state, rates)
+        return self.joined(root, quaternion_product(p, half), strain)
 
     def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
         """Changes of all nodes from those that are free."""

@@ -24,11 +24,6 @@ _Nodes = Float[Array, "nodes 3"]
 _Points = Float[Array, "E p 3"]
 
 
-def normalised(p: Float[Array, "nodes 4"]) -> Float[Array, "nodes 4"]:
-    """Quaternions of length one."""
-    return p / jnp.sqrt(jnp.sum(p * p, 1, keepdims=True))
-
-
 @functools.lru_cache(maxsize=64)
 def _integrals(degree: int) -> np.ndarray:
     """Values at nodes but the first, of polynomials that are zero there, by slopes at Gauss points,
