@@ -30,9 +30,9 @@ hybrid, 4 functions                    1.31     0.0048  meets it too
 hybrid, 1 mode: error 0.0075, asked 0.01
 ```
 
-**How a model is chosen.** A linear theory looks first. Then elements are refined until they stand
-still, and cheaper rungs are held against them. What the elements converge to is a named material,
-that of the engineering strain (`PlanarRod`). What another law that agrees at small strains
+**How a model is chosen.** A linear theory looks first. Then exact rods are refined until they stand
+still, and cheaper rungs are held against them. What these converge to is a named material, that of
+the engineering strain (`PlanarRod`, `SpatialRod`). What another law that agrees at small strains
 may change is part of the estimate of every rung that has one, and the text says so where it is more
 than the tolerance: it is some 1e-5 of the peak on Kane's spin-up, and thousandths where beams
 strain by one per cent. Theories of your own stand beside these: `choose_model(..., models=[...])`.

@@ -103,7 +103,7 @@ class Choice:
             if not any(each.rung.model.is_reference for each in self.evidence):
                 lines.append(
                     "von Karman beams judge, to second order in deflection: the beam's "
-                    "torsional_stiffness would give elements in space to judge by"
+                    "torsional_stiffness would give rods in space to judge by"
                 )
             lines.append(
                 f"no rung was found to meet {self.tolerance:.2g}; the best, {self.rung.name}, has "

@@ -71,22 +71,23 @@ def choose_model(
 
     `DeflectionHistory`, `PeakDeflection`, `RootStrain` and `ModalFrequencies` are questions. First
     a linear theory in bending says how large deflections are, and `Indicators` rule out what cannot
-    do. Then elements are refined, from four on (of rods in degree), until the last two differ by
-    less than the tolerance: they are the judge. In space that takes the `torsional_stiffness` of
-    the beam; where it is not given von Karman beams judge there, and estimates have their own error
-    on top, twice the square of the deflection over length plus the strain. What elements in space
-    alone bear (a moment at the tip or a load that follows it, motion in a cone) is answered by
-    these alone, and the coarsest of them looks first. Cheaper rungs are tried in order of cost
-    until one agrees, but for those that a better one of their kind, far off itself, rules out. The
-    estimate of a rung is its distance from the judge, plus what the judge may be off, a twentieth
-    of the tolerance at least, plus what ten times tighter integration changes.
+    do. Then exact rods are refined until the last two differ by less than the tolerance, those in
+    the plane from four elements on, those in space in degree from four: they are the judge. In
+    space that takes the `torsional_stiffness` of the beam; where it is not given von Karman beams
+    judge there, and estimates have their own error on top, twice the square of the deflection over
+    length plus the strain. What rods in space alone bear (a moment at the tip or a load that
+    follows it, motion in a cone, full sections, supports) is answered by these alone, and the
+    coarsest of them looks first. Cheaper rungs are tried in order of cost until one agrees, but for
+    those that a better one of their kind, far off itself, rules out. The estimate of a rung is its
+    distance from the judge, plus what the judge may be off, a twentieth of the tolerance at least,
+    plus what ten times tighter integration changes.
 
-    The judge's material has the engineering strain (`PlanarRod`, `SpatialANCF`, of frequencies
-    in space `SpatialRod`). To estimates of rungs of any other axial law is added what laws that
-    agree at small strains may differ by, from the strains that the judge meets: see
-    `Answer.constitutive_uncertainty`, which `Choice.constitutive_uncertainty` repeats.
+    The judge's material has the engineering strain (`PlanarRod`, `SpatialRod`). To estimates of
+    rungs of any other axial law is added what laws that agree at small strains may differ by, from
+    the strains that the judge meets: see `Answer.constitutive_uncertainty`, which
+    `Choice.constitutive_uncertainty` repeats.
 
-    It takes the time of the judge and half of it again, seldom that of the finest elements; each
+    It takes the time of the judge and half of it again, seldom that of the finest rods; each
     model is compiled once for all questions of a kind, side by side on the cores there are. For
     many cases use `ladder_sweep`.
 
@@ -94,7 +95,7 @@ def choose_model(
     meet the tolerance (`TOLERANCE_NOT_MET`; the best answer is in `Choice.partial`), or that none
     has an answer, and why.
 
-    Raises `ValueError` or `TypeError` for a malformed argument, or where elements in space alone
+    Raises `ValueError` or `TypeError` for a malformed argument, or where rods in space alone
     could answer and the beam has no `torsional_stiffness`; and, with `throw`, `ValueError` for
     parameters out of range and `RuntimeError` else, with what was found as a note.
     """

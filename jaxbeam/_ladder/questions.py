@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import check_kind, checked_speed, count_functions
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import checked_conditions
+from jaxbeam._models.contract.supports import borne
 from jaxbeam._models.modal.theories import Hybrid
 from jaxbeam._models.space.rod import SpatialRod
 from jaxbeam._modes.modes import found_about
@@ -101,7 +102,7 @@ class Question(eqx.Module):
 
     @property
     def space_alone(self) -> str:
-        """Parts of the question that elements in space alone bear, in words; empty where other
+        """Parts of the question that rods in space alone bear, in words; empty where other
         theories do too."""
         return ""
 
@@ -177,7 +178,7 @@ class _InTime(Question):
         check_scene(self.motion, self.loads, self.damping, self.times[0])
         if damping.ratios:
             raise ValueError(
-                f"{damping.features[0]}: elements, which judge, have no ratios of modes: give a "
+                f"{damping.features[0]}: exact rods, which judge, have no ratios of modes: give a "
                 "stiffness_coefficient"
             )
 
@@ -194,7 +195,8 @@ class _InTime(Question):
         """The numbers that are asked for, read from a run."""
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
-        atol = accuracy * self.resolved(rotor, size) * rotor.beam.length
+        straight = straightened(rotor)
+        atol = accuracy * self.resolved(straight, size) * straight.beam.length
         controller = adaptive(accuracy, atol, self.times)
         run = simulate(
             model, rotor, self.motion, self.times, loads=self.loads, damping=self.damping,
@@ -202,9 +204,9 @@ class _InTime(Question):
             balance_tolerance=jnp.maximum(1e-3, 10 * accuracy),  # type: ignore[arg-type]
         )  # fmt: skip
         value = self.read(model, rotor, run)
-        places = _strained_most(rotor)
+        places = _strained_most(straight)
         size, slope, law = _deformed(
-            rotor, run.displacement(_END), run.strain(places), run.curvature(places)
+            straight, run.displacement(_END), run.strain(places), run.curvature(places)
         )
         scale = jnp.max(jnp.abs(value)) + jnp.zeros_like(value)
         numbers = (value, scale, size, slope, law)
@@ -219,13 +221,14 @@ class _InTime(Question):
 
     def planar(self, rotor: Rotor) -> Array:
         given, _ = scene_status(
-            _LEAST, rotor, self.motion, self.loads, self.damping, self.times, during(self.times)
+            _LEAST, straightened(rotor), self.motion, self.loads, self.damping, self.times, during(self.times)
         )
         return given != Status.OUT_OF_PLANE
 
     @property
     def space_alone(self) -> str:
-        return "" if self.loads.has_potential else self.loads.features[0]
+        parts = [] if self.loads.has_potential else self.loads.features[:1]
+        return next(iter([*parts, *(f for f in self.damping.features if f not in _DAMPED)]), "")
 
     @property
     def functions(self) -> tuple[int, ...]:
@@ -252,6 +255,7 @@ class _InTime(Question):
 
 
 _LEAST = Hybrid(0, 1, 0)
+_DAMPED = borne(Hybrid)
 
 
 class _AtPoint(_InTime):
@@ -313,7 +317,7 @@ class RootStrain(_InTime):
         if rotor.precone is not None:
             cos, sin = jnp.cos(rotor.precone), jnp.sin(rotor.precone)
             force = cos * force + sin * run.hub_force[:, 2]
-        return -force / at_root(rotor.beam.axial_stiffness)
+        return -force / at_root(straightened(rotor).beam.axial_stiffness)
 
 
 class ModalFrequencies(Question):
@@ -321,7 +325,7 @@ class ModalFrequencies(Question):
 
     `angular_speed` is in rad/s, either sign; `which` are labels (`labels`) of bending or torsion,
     of numbers up to 8. Errors are over each of the frequencies. About a state that `loads` deform
-    (see `modes`) only elements in space are asked.
+    (see `modes`) only rods in space are asked.
 
     Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` for loads that
     change in time.

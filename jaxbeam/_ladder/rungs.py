@@ -2,10 +2,10 @@
 
 Two chains make up the ladder. *Linear* theories with 1, 2, 4, ... bending functions; they converge
 at once, but to an answer that is wrong by what their theory leaves out. *Non-linear* ones, of which
-elements converge to the right answer for a material of the engineering strain: `PlanarRod`
-in the plane, in space `SpatialANCF` in motion and `SpatialRod` of frequencies. These need to know
-how the beam twists; where its `torsional_stiffness` is not given, von Karman beams take their
-place, which are right to second order of deflection over length.
+exact rods converge to the right answer for a material of the engineering strain: `PlanarRod` in the
+plane, `SpatialRod` in space. The latter needs to know how the beam twists; where its
+`torsional_stiffness` is not given, von Karman beams take its place, which are right to second order
+of deflection over length.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,6 @@ from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.supports import check_supported, missing, unsupported
 from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
 from jaxbeam._models.space.rod import SpatialRod
-from jaxbeam._models.space.theory import SpatialANCF
 from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
@@ -51,24 +50,18 @@ class Rung(NamedTuple):
 
 
 def space_alone(question: Question, rotor: Rotor) -> str:
-    """Parts of a question or a rotor that elements in space alone bear, in words, or nothing."""
+    """Parts of a question or a rotor that rods in space alone bear, in words, or nothing."""
     return question.space_alone or next(iter(missing(Hybrid, rotor, moving=question.moving)), "")
 
 
-def judge_in_space(question: Question) -> type[SpatialANCF] | type[SpatialRod]:
-    """The theory that judges answers out of the plane."""
-    return SpatialANCF if question.moving else SpatialRod
-
-
 def check_answerable(question: Question, rotor: Rotor) -> None:
-    """Raise `ValueError` where elements in space are needed, and do not bear the rotor.
+    """Raise `ValueError` where rods in space are needed, and do not bear the rotor.
 
     That does not depend on numbers.
     """
     needed = question.space_alone or next(iter(missing(VonKarman, rotor)), "")
-    theory = judge_in_space(question)
-    if needed and (why := unsupported(theory, rotor)):
-        raise ValueError(f"{needed}: of this {theory.__name__} alone is the judge. {why}")
+    if needed and (why := unsupported(SpatialRod, rotor)):
+        raise ValueError(f"{needed}: of this SpatialRod alone is the judge. {why}")
 
 
 def chains(
@@ -79,12 +72,11 @@ def chains(
     """
     counts = () if space_alone(question, rotor) else question.functions
     linear: list[AbstractModel] = [Hybrid.of_size(n, rotor, planar) for n in counts]
-    theory = PlanarRod if planar else judge_in_space(question)
-    if planar or not unsupported(theory, rotor):
-        least = question.functions[0]
-        if theory is SpatialRod:
-            return linear, [SpatialRod(p).suited(rotor) for p in DEGREES if p >= least]
-        return linear, [theory(n).suited(rotor) for n in sizes_for(rotor) if 2 * n >= least]
+    least = question.functions[0]
+    if planar:
+        return linear, [PlanarRod(n).suited(rotor) for n in sizes_for(rotor) if 2 * n >= least]
+    if not unsupported(SpatialRod, rotor):
+        return linear, [SpatialRod(p).suited(rotor) for p in DEGREES if p >= least]
     return linear, [VonKarman.of_size(n, rotor, planar) for n in counts if n > 1]
 
 
@@ -107,7 +99,7 @@ def rungs(rotor: Rotor, question: Question, models: Sequence[AbstractModel] = ()
     """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
 
     In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
-    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; elements, those
+    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; exact rods, those
     in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion and
     loads stay in it; and only models that bear what there is. `rotor` is a `Rotor`, `question` a
     `Question`, `models` are some of your own, which stand beside these; returns a list of `Rung`.
@@ -127,7 +119,7 @@ def rungs_of(
     """The rungs of a question where it is known whether all stays in the plane."""
     linear, nonlinear = chains(question, rotor, planar)
     judged = nonlinear[0].is_reference  # else von Karman beams are there already
-    # In a cone there is `Hybrid` without stretch alone, beside elements.
+    # In a cone there is `Hybrid` without stretch alone, beside rods.
     counts = question.functions if linear and rotor.precone is None else ()
     models: list[AbstractModel] = [Classical.of_size(n, rotor, planar) for n in counts if n < 8]
     models += [*linear, *nonlinear]
@@ -155,7 +147,7 @@ class Indicators(eqx.Module):
     | stiffening_ratio     | ()    | motion-induced over elastic stiffness at the largest speed   |
     | steady_strain        | ()    | P / EA at the largest speed, its largest magnitude           |
     | size                 | ()    | largest deflection of the tip over the length, linear theory |
-    |                      |       | (where none bears what is asked, the coarsest elements)      |
+    |                      |       | (where none bears what is asked, the coarsest rod)           |
     | slope                | ()    | largest slope there, of the same                             |
     | rest_frequency       | (6,)  | of the first bending modes in plane, rad/s                   |
     | excited              | (6,)  | how much each takes part in what the hub's rotation excites  |
@@ -215,7 +207,7 @@ def scout_of(linear: list[AbstractModel], elements: list[AbstractModel]) -> Abst
 def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     """Rungs that may judge: coarser ones seldom do, and each would have to be compiled."""
     coarse = 2
-    if rotor.varies and nonlinear[0].is_reference and not isinstance(nonlinear[0], SpatialRod):
+    if rotor.varies and isinstance(nonlinear[0], PlanarRod):
         coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 

@@ -77,13 +77,13 @@ def ladder_sweep(
     of one kind, and of equally many times. `tolerance` is relative, from 1e-8 to below 1.
 
     A linear theory in bending looks at every case (or, where none bears what is asked, the coarsest
-    elements in space do). Of those in the plane, and of those in space, `representatives` that
+    rods in space do). Of those in the plane, and of those in space, `representatives` that
     differ most are followed up both chains of the ladder (see `choose_model`) until the last two
     rungs differ by less than the tolerance. They tell what linear theory leaves out, over the
     square of deflection over length plus the steady strain; on each rung, the error of
     discretisation over the distance from the rung below; what integration adds; and where to start.
     Then each case gets the answers of two neighbouring rungs. The estimate of its error is 1.5
-    times the sum of what these, its deflection and integration say, plus, but for elements, what
+    times the sum of what these, its deflection and integration say, plus, but for exact rods, what
     another axial law might change (`Answer.constitutive_uncertainty`); where that is more than the
     tolerance the case goes on to a richer rung, of the same chain or the non-linear one.
 

@@ -1,4 +1,4 @@
-"""The ladder in space: elements judge where the beam says how it twists, and answer alone where no
+"""The ladder in space: rods judge where the beam says how it twists, and answer alone where no
 other theory bears what is asked."""
 
 import equinox as eqx
@@ -52,12 +52,12 @@ TORSION = jb.ladder.ModalFrequencies(2.0, jb.labels(in_plane=1, torsion=1))
 BENDING = jb.ladder.ModalFrequencies(2.0, jb.labels(in_plane=1, flap=1))
 
 
-def test_elements_in_space_are_rungs_where_the_beam_says_how_it_twists():
-    with_elements, without = names(rotor(), inclined(1.0)), names(rotor(None), inclined(1.0))
-    assert with_elements[-1] == "128 elements in space"
-    assert "1 element in space" in with_elements
-    assert not any("element" in name for name in without)
-    theirs = {name for name in with_elements if "element" not in name}
+def test_rods_in_space_are_rungs_where_the_beam_says_how_it_twists():
+    with_rods, without = names(rotor(), inclined(1.0)), names(rotor(None), inclined(1.0))
+    assert with_rods[-1] == "rod of 1 element of degree 24 in space"
+    assert "rod of 1 element of degree 2 in space" in with_rods
+    assert not any("rod" in name for name in without)
+    theirs = {name for name in with_rods if "rod" not in name}
     assert theirs == {name for name in without if not name.startswith("von Karman, 8")}
 
 
@@ -84,11 +84,9 @@ ALONE = [
 
 
 @pytest.mark.parametrize(("question", "more", "needed"), ALONE, ids=[a[2] for a in ALONE])
-def test_what_elements_in_space_alone_bear(question, more, needed):
-    """They are all the rungs there are, of frequencies rods, and without them there is an error
-    that names the cause."""
-    theory = jb.SpatialANCF if question.moving else jb.SpatialRod
-    assert all(isinstance(r.model, theory) for r in jb.ladder.rungs(rotor(**more), question))
+def test_what_rods_in_space_alone_bear(question, more, needed):
+    """They are all the rungs there are, and without them there is an error that names the cause."""
+    assert all(isinstance(r.model, jb.SpatialRod) for r in jb.ladder.rungs(rotor(**more), question))
     refused = rotor(None, **more)
     for ask in (
         lambda: jb.ladder.rungs(refused, question),
@@ -124,43 +122,42 @@ def blade(stations=2):
 
 
 def test_rods_alone_bear_blades_and_supports():
-    """Of their frequencies; their motion nothing does."""
+    """Of their frequencies and of their motion."""
     held = {"tip_support": jb.blades.Support(0.0, None, None, 0.0, 0.0, 0.0)}
     for asked in (jb.Rotor(blade(), 0.5), rotor(**held)):
-        for question in (BENDING, jb.ladder.ModalFrequencies(1.0, jb.labels(in_plane=1))):
+        in_plane = jb.ladder.ModalFrequencies(1.0, jb.labels(in_plane=1))
+        for question in (BENDING, in_plane, inclined(1.0), jb.ladder.RootStrain(UP, TIMES)):
             models = [rung.model for rung in jb.ladder.rungs(asked, question)]
             assert {type(model) for model in models} == {jb.SpatialRod}
-        with pytest.raises(ValueError, match=r"blade|tip_support"):
-            jb.ladder.rungs(asked, inclined(1.0))
 
 
 def test_places_in_a_cone():
     """The axes of the hub are not those of the beam, for many points as for one."""
-    model = jb.SpatialANCF(2)
+    model = jb.SpatialRod(2)
     equations = model.equations(rotor(precone=0.3))
     q = jnp.linspace(-0.1, 0.1, len(model.directions))
-    tip = equations.tip(q)
+    tip = equations.displacement(q, np.array([1.0]))[0]
     np.testing.assert_allclose(equations.displacement(q, np.array([0.5, 1.0]))[1], tip, atol=1e-15)
     np.testing.assert_allclose(equations.displacement(q, np.ones(1))[0], tip, atol=1e-15)
 
 
-def truth(asked, question, size, elements):
-    richest = jb.SpatialANCF(elements) if question.moving else jb.SpatialRod(elements)
+def truth(asked, question, size, degree):
+    richest = jb.SpatialRod(degree).suited(asked)
     found = jb.ladder.evaluate(richest, asked, question, 1e-6, size)
     assert int(found.status) == 0
     return found
 
 
-def honest(choice, asked, question, elements=16):
+def honest(choice, asked, question, degree=16):
     """Met, and truly: the error is no larger than its estimate."""
     assert choice.met
-    best = truth(asked, question, float(np.clip(choice.indicators.size, 1e-9, 1.0)), elements)
+    best = truth(asked, question, float(np.clip(choice.indicators.size, 1e-9, 1.0)), degree)
     off = np.max(np.abs(choice.answer - np.asarray(best.value)) / np.asarray(best.scale))
     assert off <= choice.estimate <= choice.tolerance
 
 
 @pytest.mark.exhaustive
-def test_small_deflections_need_no_elements():
+def test_small_deflections_need_no_rods():
     asked, question = rotor(), inclined(0.02, tip_force=raised([0.0, 0.0, 1e-3]))
     choice = jb.choose_model(asked, question, 1e-2)
     assert isinstance(choice.model, jb.Classical | jb.Hybrid)
@@ -169,11 +166,11 @@ def test_small_deflections_need_no_elements():
 
 
 @pytest.mark.exhaustive
-def test_large_deflections_are_for_elements():
+def test_large_deflections_are_for_rods():
     """About an inclined axis, under a load that follows."""
     asked, question = rotor(), inclined(0.7, tip_force=raised([0.0, 0.1, 0.3]), follows=True)
     choice = jb.choose_model(asked, question, 1e-3)
-    assert isinstance(choice.model, jb.SpatialANCF)
+    assert isinstance(choice.model, jb.SpatialRod)
     assert choice.indicators.size > 0.1
     honest(choice, asked, question)
 
@@ -182,7 +179,7 @@ def test_large_deflections_are_for_elements():
 def test_without_torsional_stiffness_the_choice_says_what_it_would_take():
     choice = jb.choose_model(rotor(None), inclined(1.0), 1e-3, throw=False)
     assert not choice.met
-    assert "torsional_stiffness would give elements in space" in str(choice).splitlines()[-2]
+    assert "torsional_stiffness would give rods in space" in str(choice).splitlines()[-2]
 
 
 @pytest.mark.exhaustive
@@ -279,7 +276,7 @@ def pushed(speed, load, angle):
 
 @pytest.mark.exhaustive
 def test_sweep_in_space():
-    """Small ones on linear rungs, large ones on elements, all as honest as they say."""
+    """Small ones on linear rungs, large ones on rods, all as honest as they say."""
     rng = np.random.default_rng(3)
     n, tolerance = 8, 2e-3
     columns = {
@@ -292,7 +289,7 @@ def test_sweep_in_space():
 
     def best(speed, load, angle):
         asked, question = pushed(speed, load, angle)
-        found = question.answer(jb.SpatialANCF(8), asked, jnp.asarray(1e-6), jnp.asarray(1e-2))
+        found = question.answer(jb.SpatialRod(12), asked, jnp.asarray(1e-6), jnp.asarray(1e-2))
         return {"value": found.value[0], "status": found.status}
 
     exact = jb.sweep(best, jb.points(**columns), chunk=4, progress=False)
@@ -301,5 +298,5 @@ def test_sweep_in_space():
     assert (error <= table["estimate"]).all()
     assert (table["status"] == 0).mean() > 0.9
     assert (error[table["status"] == 0] <= tolerance).all()
-    assert table["rung"][-1].endswith("elements in space")
+    assert table["rung"][-1].startswith("rod")
     assert table["rung"][0].startswith("hybrid")

@@ -112,6 +112,11 @@ class SpatialRod(AbstractModel[Rotor]):
         return element_edges((), self.elements) if self._ends is None else self._ends
 
     @property
+    def step_cost(self) -> float:
+        nodes = (len(self._edges) - 1) * self.degree
+        return 15 + 6 * nodes + 0.9 * nodes**2  # dense matrices, but half as many steps or fewer
+
+    @property
     def directions(self) -> tuple[Direction, ...]:
         return tuple(_OF_NODE[way % 6] for way in self._free)
 
