@@ -7,8 +7,8 @@ What rotates        Beam, Rotor; Loads and Damping act on it
 As built            Spanwise: a property along the span; RootSprings, TipBody,
                     PointMasses, PointForces: what is at its ends and between; jb.blades
 Theories            Hybrid, Classical, VonKarman in functions along the beam;
-                    PlanarRod in finite elements in the plane; SpatialANCF in space:
-                    it bends both ways and twists; SpatialRod there, of every beam and blade
+                    PlanarRod, the exact rod in the plane; SpatialRod in space: it bends
+                    both ways, twists and shears, of every beam and blade
 At a steady speed   steady: the state that loads and rotation deform, with internal forces
                     modes; labels name the modes that are asked for; rpm makes rad/s of turns
                     southwell, stiffening_ratio: how fast they stiffen
@@ -43,6 +43,7 @@ from typing import TYPE_CHECKING, Any
 # What became of names of this version that are others now; those that moved alone are found.
 _RENAMED = {
     "ExactRodANCF": "jaxbeam.PlanarRod",
+    "SpatialANCF": "jaxbeam.SpatialRod",
     "second_order_term": "jaxbeam.solvers.SecondOrderSystem.term",
     "read_csv": "jaxbeam.blades.read_blade(path, format=BladeFormat.CSV)",
     "read_elastodyn": "jaxbeam.blades.read_blade(path, format=BladeFormat.ELASTODYN)",
@@ -70,7 +71,6 @@ if TYPE_CHECKING:
     from jaxbeam._models.modal.theories import Hybrid as Hybrid
     from jaxbeam._models.modal.theories import VonKarman as VonKarman
     from jaxbeam._models.space.rod import SpatialRod as SpatialRod
-    from jaxbeam._models.space.theory import SpatialANCF as SpatialANCF
     from jaxbeam._modes.modes import modes as modes
     from jaxbeam._programs.folder import keep as keep
     from jaxbeam._rotor.beam import Beam as Beam

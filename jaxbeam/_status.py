@@ -177,8 +177,8 @@ class Status(enum.IntEnum):
     INVALID_POLAR_INERTIA = 40, "polar_inertia must be finite and > 0", INPUT
     OUT_OF_RANGE = (
         41,
-        "an element in space turns or twists by more than a right angle, or is stretched by more "
-        "than a half: take more elements, or look whether the loads are meant",
+        "sections of an element in space turn against each other by more than its polynomials "
+        "follow: take a higher degree or more elements, or look whether the loads are meant",
     )
     TOO_FEW_FUNCTIONS = (
         42,
@@ -218,9 +218,9 @@ class Status(enum.IntEnum):
     LOADS_ACROSS = (
         48,
         "loads across the beam do not change the stiffness of a model that is linear, so that "
-        "nothing gives way under them there: take SpatialANCF, which buckles sideways (it needs "
-        "torsional_stiffness and polar_inertia), or PlanarRod in the plane; or keep of the "
-        "loads what is along the beam",
+        "nothing gives way under them there: take SpatialRod, which buckles sideways (it needs "
+        "torsional_stiffness), or PlanarRod in the plane; or keep of the loads what is along the "
+        "beam",
         INPUT,
     )
     SEARCH_ENDED = (

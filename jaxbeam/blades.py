@@ -91,16 +91,16 @@ span: the first three frequencies to 1e-9). With a mass of one beam 8 elements a
 a free hinge) and, where what is at its tip is no point, a `tip_body` in the place of a `tip_mass`.
 All theories know them, in frequencies, motions, stability, fits and the ladder. What a model cannot
 do it refuses by name:
-planar elements have no twist, no pitch and no spring in flap; `SpatialANCF` has all of them. In
-elements a body at the tip is held by a stiff spring, which costs bending frequencies 1e-4 and axial
-frequencies some tenths of a per cent. A `RigidBody` has a full inertia and its centre anywhere;
-`SpatialRod` alone knows it.
+planar elements have no twist, no pitch and no spring in flap; `SpatialRod` has all of them. In
+planar elements a body at the tip is held by a stiff spring, which costs bending frequencies 1e-4
+and axial frequencies some tenths of a per cent. A `RigidBody` has a full inertia and its centre
+anywhere; `SpatialRod` alone knows it.
 
 **Cones.** Of a beam with `precone` there are frequencies in `Hybrid(n_stretch=0)`. They are about
 the deflected steady state of the beam, which is that of the exact rod: at 5 degrees, γ = 8 and EI
 ratio 16 the first two are 9.2527 and 14.4935, right to all digits. About the undeformed axis of the
 cone 9.1311 and 14.5783 would come out, which is further off than 9.2568 and 14.4872 without a cone;
-so no theory here does that. `SpatialANCF` has frequencies of coned blades that are twisted as well,
+so no theory here does that. `SpatialRod` has frequencies of coned blades that are twisted as well,
 and their motions.
 
 **Full sections.** Of files with matrices of six for each section `read_blade(path).beam` is a

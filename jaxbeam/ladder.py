@@ -40,11 +40,11 @@ strain by one per cent. Theories of your own stand beside these: `choose_model(.
 **Many cases.** `ladder_sweep` does this for a few cases of many, and answers the others on the rung
 that suffices, with an estimate each. Cases that outgrow their rung go on to the next.
 
-**In space.** Out of the plane `SpatialANCF` judges runs, and `SpatialRod` frequencies, if the
-beam has its `torsional_stiffness`. What no other theory bears (a moment at the tip, loads that
-follow it, motion in a cone, modes of torsion, frequencies of a `blades.Blade` or between
-`blades.Support`s) they answer alone. Rods have rotary inertia of sections, modal theories where the beam has a
-`polar_inertia`, and elements none, by which frequencies of bending are lower by some EI k^2 / (2 EA).
+**In space.** Out of the plane `SpatialRod` judges, if the beam has its `torsional_stiffness`. What no
+other theory bears (a moment at the tip, loads that follow it, motion in a cone, modes of torsion, a
+`blades.Blade`, what is between `blades.Support`s) it answers alone. It has rotary inertia of
+sections, modal theories where the beam has a `polar_inertia`, and elements in the plane none, by
+which frequencies of bending are lower by some EI k^2 / (2 EA).
 
 **How reliable it is.** Of 220 random scenes in the plane (peaks, histories, strains, frequencies;
 `studies/ladder.py`) at 1e-2, 1e-3 and 1e-4 each, and of 300 in space (`studies/ladder_space.py`) at

@@ -2,7 +2,7 @@
 
 A model is passed as an object, `jaxbeam.modes(Hybrid(), ...)`. The everyday ones are in `jaxbeam`
 itself: `Hybrid`, `Classical` and `VonKarman` in functions along the beam, `PlanarRod` in finite
-elements in the plane, `SpatialANCF` and `SpatialRod` in space. What only the papers need, to
+elements in the plane, `SpatialRod` in space. What only the papers need, to
 compare with, is in `jaxbeam.papers`. Here are
 
 - `Polynomials`, `CantileverModes` and, for beams that are all but strings, `Layered`: bases for the

@@ -120,7 +120,7 @@ def drawn(count: int, seed: int) -> tuple[list[Scene], np.ndarray]:
 
 def asked(kind: str, scene: Scene, size: float) -> ladder.Asked:
     rotor, question = situation(Scene(*map(jnp.asarray, scene)), kind)
-    richest = jb.SpatialANCF(TRUTH) if question.moving else jb.SpatialRod(TRUTH // 2)
+    richest = jb.SpatialRod(TRUTH) if question.moving else jb.SpatialRod(TRUTH // 2)
     return ladder.answered(kind, scene, question, rotor, richest, 1e-6, size)
 
 

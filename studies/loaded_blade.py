@@ -65,13 +65,13 @@ def pushed(thrust: Any) -> jb.Loads:
     return jb.Loads(force_per_length=(0.0, 0.0, jb.Spanwise([0, 1], jnp.stack([0 * most, most]))))
 
 
-def about(model: jb.SpatialANCF, thrust: Any, rpm: Any, **factors: Any) -> jb.results.Modes:
+def about(model: jb.SpatialRod, thrust: Any, rpm: Any, **factors: Any) -> jb.results.Modes:
     """Modes about the state under a thrust."""
     rotor = blade(**factors)
     return jb.modes(model, rotor, rpm * RPM, LABELS, loads=pushed(thrust), throw=False)
 
 
-def state(model: jb.SpatialANCF, thrust: Any, rpm: Any) -> jax.Array:
+def state(model: jb.SpatialRod, thrust: Any, rpm: Any) -> jax.Array:
     """Displacement of the tip, in m, and its twist, in degrees."""
     rotor = blade()
     start = jb.steady_start(
@@ -82,7 +82,7 @@ def state(model: jb.SpatialANCF, thrust: Any, rpm: Any) -> jax.Array:
     return jnp.concatenate([equations.displacement(start.q, tip)[0], twist])
 
 
-def sensitivities(model: jb.SpatialANCF) -> np.ndarray:
+def sensitivities(model: jb.SpatialRod) -> np.ndarray:
     """d ln f / d ln p of each mode (row) by each of `FACTORS`, at the rated thrust and speed."""
 
     def logarithm(p: jax.Array) -> jax.Array:
@@ -137,7 +137,7 @@ def draw(path: Path, thrusts: Any, states: Any, moved: Any, diagram: Any, slopes
 
 def main(quick: bool, out: Path | None) -> Path:
     began, out = time.perf_counter(), common.folder(out, "loaded_blade")
-    model = jb.SpatialANCF(6 if quick else 16)
+    model = jb.SpatialRod(6 if quick else 16)
     thrusts = np.linspace(0.0, 400e3, 3 if quick else 9)
     rpm = np.linspace(0.0, 14.0, 3 if quick else 8)
     print(f"{model}: states and frequencies under {len(thrusts)} thrusts", flush=True)

@@ -307,7 +307,7 @@ def in_space(quick: bool) -> list[Line]:
 
     lines = []
     best = np.asarray(ours(jb.SpatialRod(8 if quick else 10))(4.0, 1e-8)[0])
-    some = [("Rodas5P", jb.SpatialANCF(n), f"{n}") for n in ((4,) if quick else (4, 6, 8))]
+    some = [("Rodas5P", jb.SpatialRod(n), f"{n}") for n in ((4,) if quick else (4, 6, 8))]
     degrees = (5,) if quick else (4, 5, 6, 8)
     rods = [("rod", jb.SpatialRod(p), f"degree {p}") for p in degrees]
     for name, model, size in (*some, *rods):

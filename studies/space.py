@@ -72,7 +72,7 @@ def across(angle: Any, size: Any) -> Any:
 
 def princeton(out: Path, quick: bool) -> None:
     """Tip displacement and twist over the angle of the load, and where each program differs."""
-    model, rows = jb.SpatialANCF(4 if quick else 16), numbers("princeton_beam.csv")
+    model, rows = jb.SpatialRod(4 if quick else 16), numbers("princeton_beam.csv")
     figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
     header = ("source", "load_N", "angle_deg", "flap_m", "chord_m", "flap_ours_m", "chord_ours_m")
     table: list[tuple[Any, ...]] = []
@@ -124,7 +124,7 @@ def wing(quick: bool) -> None:
 
     rows = [row for row in numbers("tang_dowell_2001_wing.csv") if row["flap_m"]]
     angles = [float(row["root_angle_deg"]) for row in rows]
-    tip, twist = at_angles(jb.SpatialANCF(4 if quick else 8), WING, weight, angles)
+    tip, twist = at_angles(jb.SpatialRod(4 if quick else 8), WING, weight, angles)
     print("  wing under its own weight, measured / ours: root angle, flap, chord (mm), twist (deg)")
     for row, at, turn in zip(rows, tip, twist, strict=True):
         flap, chord, measured = (float(row[k]) for k in ("flap_m", "chord_m", "twist_deg"))
@@ -174,7 +174,7 @@ def still(t: Any) -> Any:
 
 def buckling(out: Path, quick: bool) -> None:
     """Critical loads; then one run: a load that rises slowly beyond, and then a slow spin-up."""
-    model = jb.SpatialANCF(2 if quick else 8)
+    model = jb.SpatialRod(2 if quick else 8)
     ratios = np.array([1e-3, 0.025, 0.05, 0.1, 0.15, 0.2])
     rotor, speeds = narrow(jnp.asarray(RATIO)), np.linspace(0.0, TOP, 9)
 
@@ -245,7 +245,7 @@ COLOURS = {"classical": ORANGE, "hybrid": BLUE, "von Karman": GREEN}
 
 def inclined(out: Path, quick: bool) -> jb.results.Simulation:
     """How wrong simpler theories are; returns the run of the largest deflection."""
-    judge = jb.SpatialANCF(4 if quick else 16)
+    judge = jb.SpatialRod(4 if quick else 16)
     speeds = jnp.asarray(np.geomspace(0.1, 2.6, 4 if quick else 12))
     times = np.linspace(0.0, END, 121)
 

@@ -294,7 +294,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     print("  Fig.  case      model             peak deflection               status    imbalance")
     figure_4(out, models, np.linspace(0.04, 0.31, 4 if quick else 7), peaks)
     figure_6(out, models, peaks)
-    spatial = {**models, EXACT: jb.SpatialANCF(4 if quick else 8)}
+    spatial = {**models, EXACT: jb.SpatialRod(4 if quick else 8)}
     figures_8_and_9(out, spatial, angles, peaks)
     figures_12_to_14(out, peaks)
     header = ("figure", "case", "model", "component", "peak_m", "time_s", "status", "imbalance")

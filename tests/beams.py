@@ -56,8 +56,6 @@ AS_BUILT = jb.Rotor(
     root_springs=jb.RootSprings(in_plane=40.0, flap=25.0),
     tip_body=jb.TipBody(0.3, offset=0.1, inertia=0.02, axial_inertia=0.005, flap_inertia=0.03),
 )
-# The same as elements in space have it, whose bodies have one inertia across the beam.
-AS_BUILT_IN_SPACE = dataclasses.replace(AS_BUILT, tip_body=jb.TipBody(0.3, 0.1, 0.02, 0.005))
 
 
 def without_rotary_inertia(rotor: jb.Rotor) -> jb.Rotor:

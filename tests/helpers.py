@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 
 import jaxbeam as jb
 from jaxbeam._rotor.ends import PointMass
-from tests.beams import AS_BUILT, AS_BUILT_IN_SPACE
+from tests.beams import AS_BUILT
 from tests.compilation import xla_flags
 
 
@@ -57,14 +57,13 @@ YIELDING = [
     jb.Hybrid(3, 4, 3),
     jb.Classical(3, 4, 3),
     jb.VonKarman(5, 3, 2),
-    jb.SpatialANCF(2).suited(AS_BUILT_IN_SPACE),
 ]
-BUILT = [(m, AS_BUILT_IN_SPACE if isinstance(m, jb.SpatialANCF) else AS_BUILT) for m in YIELDING]
+BUILT = [(model, AS_BUILT) for model in YIELDING]
 
 
 def name(value: object) -> str:
     """What a parametrised test calls a model; with and without stretch it is another one."""
-    if value is AS_BUILT or value is AS_BUILT_IN_SPACE:
+    if value is AS_BUILT:
         return "as built"
     if isinstance(value, jb.models.AbstractModel):
         return f"{type(value).__name__}{getattr(value, 'n_stretch', '')}"

@@ -15,8 +15,8 @@ from jaxbeam._types import Real
 
 SCENE = """
 [model]
-name = "SpatialANCF"
-n_elements = 2
+name = "SpatialRod"
+degree = 2
 [beam]
 length = 7.6
 mass_per_length = 9.0
@@ -80,7 +80,7 @@ def test_all_parts_of_a_scene_are_those_of_the_package(asked):
         [0, 0, -9.81], [1.0, 2.0, 3.0], follows=True,
         force_per_length=(0.0, jb.Spanwise([0, 1], [0.0, 5.0]), 1.0),
     )  # fmt: skip
-    assert model == jb.SpatialANCF(2)
+    assert model == jb.SpatialRod(2)
     assert eqx.tree_equal(rotor, wanted)
     assert eqx.tree_equal(more["loads"], loads)
     assert eqx.tree_equal(more["damping"], jb.Damping(stiffness_coefficient=1e-3))
@@ -106,8 +106,8 @@ def test_numbers_within_are_swept_by_name_and_by_path(asked):
 
 def test_ratios_are_numbers_or_lists_and_are_swept(asked):
     given = "in_plane_ratio = [0.005]\nflap_ratio = [0.01, 0.02]\nratio_speed_rpm = 30.0\n"
-    text = SCENE.replace("[frequencies]\n", SPEED).replace("SpatialANCF", "Hybrid")
-    text = text.replace("n_elements = 2", "n_flap = 2")
+    text = SCENE.replace("[frequencies]\n", SPEED).replace("SpatialRod", "Hybrid")
+    text = text.replace("degree = 2", "n_flap = 2")
     text = text.replace("stiffness_coefficient = 1e-3\n", given + "flap_damper = 3.0\n")
     wanted = jb.Damping(
         in_plane_ratio=[0.005], flap_ratio=[0.01, 0.02], ratio_speed=jb.rpm(30.0), flap_damper=3.0
@@ -197,7 +197,7 @@ def _required(kind):
          "[sweep] angular_speed is angular_speed_rpm again"),
         ("[frequencies]", "[sweep]\nhub_radius = [1.0]\nrotor.hub_radius = [2.0]\n[frequencies]\n"
          "angular_speed = 1.0", "[sweep] rotor.hub_radius is hub_radius again"),
-        ('name = "SpatialANCF"\nn_elements = 2', 'name = "Hybrid"\nbasis = "Layered"',
+        ('name = "SpatialRod"\ndegree = 2', 'name = "Hybrid"\nbasis = "Layered"',
          "[model] basis is made in scripts alone: leave it out"),
     ],
 )  # fmt: skip
@@ -247,7 +247,7 @@ def test_torsion_of_a_coned_blade_under_gravity(tmp_path):
     table = jb.Table.load(tmp_path / "out/frequencies.npz")
     beam = jb.Beam(7.6, 9.0, 5e8, 4e5, 3e5, torsional_stiffness=1e5)
     alone = jb.modes(
-        jb.SpatialANCF(2), jb.Rotor(beam, 0.4, precone=0.03), jb.rpm(250.0),
+        jb.SpatialRod(2), jb.Rotor(beam, 0.4, precone=0.03), jb.rpm(250.0),
         jb.labels(flap=1, torsion=1), loads=jb.Loads([0.0, 0.0, -9.81]), damping=jb.Damping(0.2),
     )  # fmt: skip
     at = table.sel(angular_speed_rpm=250.0)

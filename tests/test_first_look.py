@@ -11,7 +11,7 @@ from jaxbeam._programs.program import Program
 
 BEAM = jb.Beam(10.0, 20.0, 1e8, 1e6, 4e5, torsional_stiffness=3e5, polar_inertia=1.0)
 ROTOR, TIMES = jb.Rotor(BEAM, 0.5), np.linspace(0.0, 1.0, 3)
-LINEAR, PLANAR, SPACE = jb.Hybrid(0, 4, 4), jb.PlanarRod(2), jb.SpatialANCF(2)
+LINEAR, PLANAR, SPACE = jb.Hybrid(0, 4, 4), jb.PlanarRod(2), jb.SpatialRod(2)
 LABEL, TURNING = jb.labels(in_plane=1)[0], jb.ConstantSpeed(1.0)
 ACROSS, DOWN = jb.Loads(gravity=[0.0, -9.8, 0.0]), jb.Loads(gravity=[0.0, 0.0, -9.8])
 ASIDE, OUT = jb.Loads(tip_force=[0.0, 1.0, 0.0]), jb.Loads(tip_force=[0.0, 0.0, 1.0])

@@ -61,7 +61,7 @@ def polynomials(rotor):
         exhaustive(polynomials),
         exhaustive(rest(jb.PlanarRod(3))),
         exhaustive(modes(jb.VonKarman(3, 6, 6))),
-        exhaustive(modes(jb.SpatialANCF(2))),
+        exhaustive(modes(jb.SpatialRod(2))),
         exhaustive(rest(jb.Hybrid(4, 6, 6))),
         exhaustive(rest(jb.papers.ANCF(3))),
     ],

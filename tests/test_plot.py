@@ -36,7 +36,7 @@ def drawn(found, mode):
 @pytest.mark.parametrize("phase", [1, 1j, -1j, 0.6 - 0.8j])
 def test_a_mode_is_drawn_in_its_direction_whatever_its_phase(phase):
     """Of coned beams that of flap is imaginary, of others the axial one."""
-    model = jb.SpatialANCF(1)
+    model = jb.SpatialRod(2)
     table = np.concatenate([model.displacement(XI, ROTOR), model.torsion(XI, ROTOR)[None]])
     rows = {"axial": 0, "in_plane": 1, "flap": 2, "torsion": 3}
     labels = [jb.labels(**{direction: 1})[0] for direction in rows]

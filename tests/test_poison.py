@@ -46,14 +46,14 @@ def elements(speed, tip_mass):
 
 def modes_in_space(speed, tip_mass):
     rotor = jb.Rotor(TWISTING, 0.0, tip_mass)
-    return jb.modes(jb.SpatialANCF(1), rotor, speed, jb.labels(flap=1, torsion=1), throw=False)
+    return jb.modes(jb.SpatialRod(2), rotor, speed, jb.labels(flap=1, torsion=1), throw=False)
 
 
 def in_space(speed, tip_mass):
     motion = jb.SmoothSpinUp(speed, 1.0, jb.motions.inclined_axis(0.5))
     rotor = jb.Rotor(TWISTING, 0.0, tip_mass)
     times = jnp.linspace(0.0, 0.5, 3)
-    run = jb.simulate(jb.SpatialANCF(1), rotor, motion, times, max_steps=1000, throw=False)
+    run = jb.simulate(jb.SpatialRod(2), rotor, motion, times, max_steps=1000, throw=False)
     return {"tip": run.tip, "torsion": run.torsion(1.0), "status": run.status}
 
 

@@ -221,7 +221,13 @@ class _InTime(Question):
 
     def planar(self, rotor: Rotor) -> Array:
         given, _ = scene_status(
-            _LEAST, straightened(rotor), self.motion, self.loads, self.damping, self.times, during(self.times)
+            _LEAST,
+            straightened(rotor),
+            self.motion,
+            self.loads,
+            self.damping,
+            self.times,
+            during(self.times),
         )
         return given != Status.OUT_OF_PLANE
 

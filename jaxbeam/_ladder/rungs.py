@@ -99,10 +99,10 @@ def rungs(rotor: Rotor, question: Question, models: Sequence[AbstractModel] = ()
     """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
 
     In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
-    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; exact rods, those
-    in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion and
-    loads stay in it; and only models that bear what there is. `rotor` is a `Rotor`, `question` a
-    `Question`, `models` are some of your own, which stand beside these; returns a list of `Rung`.
+    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; exact rods,
+    those in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion
+    and loads stay in it; and only models that bear what there is. `rotor` is a `Rotor`, `question`
+    a `Question`, `models` are some of your own, which stand beside these; returns a list of `Rung`.
 
     Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` where no model
     bears what there is.

@@ -104,7 +104,8 @@ def simulate(
       kept. With an `event` of your own, or `BacksolveAdjoint`, it goes on;
     - the hub's velocity jumps, by more than 1e-5 of its largest, where no jump is declared
       (`UNRESOLVED`): the run ends there, and what came before is kept;
-    - an element in space is bent, twisted or stretched beyond its range (`OUT_OF_RANGE`);
+    - sections of an element in space turn against each other by more than its polynomials follow
+      (`OUT_OF_RANGE`);
     - of a `SpatialRod`: forces in sections are on average to a tenth or more in the highest third
       of its polynomials (`TOO_FEW_FUNCTIONS`);
     - the energy is out of balance with the work done by more than `balance_tolerance` times the

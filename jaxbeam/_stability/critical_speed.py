@@ -218,11 +218,7 @@ def _search(
 
     def at(speed: Scalar) -> tuple[Matrix, Code]:
         system = model.matrices(rotor, speed)
-        status = system.status
-        if not isinstance(rotor, Rotor) or rotor.precone is None:
-            # Straight as it is, a rod about to tear is stretched out of the range of its bending.
-            status = jnp.where(status == Status.OUT_OF_RANGE, Status.OK, status)
-        return system.stiffness, status
+        return system.stiffness, system.status
 
     looks = Looks(bottom, ratio, top, _SCANNED)
     scan = Scan(at, groups, lambda _: k0, looks, rotor is not free)

@@ -99,7 +99,7 @@ def rotors(draw, model):
         "hub_radius": length * draw(sizes(-2, 1)),
         "tip_mass": density * length * draw(sizes(-2, 1)),
     }
-    if isinstance(model, jb.SpatialANCF):
+    if isinstance(model, jb.SpatialRod):
         rotor["torsional_stiffness"] = bending * draw(decades(-1, 1))
         rotor["polar_inertia"] = density * (length / slenderness) ** 2 * draw(decades(-1, 2))
     return rotor, unit, bending / length**2

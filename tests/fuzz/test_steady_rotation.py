@@ -82,7 +82,7 @@ def check_modes(model, p):
 VIBRATING = [
     slow(jb.Hybrid(2, 4, 2)), jb.Classical(2, 3, 2), jb.VonKarman(3, 2, 2),
     slow(jb.papers.GreenANCF(2)), jb.papers.ChordANCF(2), jb.papers.SmallStrainANCF(2),
-    jb.papers.DiscreteNC(), jb.SpatialANCF(2),
+    jb.papers.DiscreteNC(), jb.SpatialRod(2),
 ]  # fmt: skip
 
 

@@ -332,7 +332,7 @@ def test_steep_cones_by_elements_in_space(cone, speed, hub, springs):
     rotor = jb.Rotor(beam, hub, 0.1, precone=np.deg2rad(cone), root_springs=root)
     first, second, found = (
         np.asarray(jb.modes(model, rotor, speed, 3).eigenvalue)
-        for model in (jb.SpatialANCF(4), jb.SpatialANCF(8), jb.Hybrid(0, 10, 10))
+        for model in (jb.SpatialRod(4), jb.SpatialRod(6), jb.Hybrid(0, 10, 10))
     )
     np.testing.assert_allclose(found, (16 * second - first) / 15, rtol=3e-4, atol=1e-6)
 
@@ -559,11 +559,11 @@ def test_a_function_is_as_its_table():
         (lambda: jb.TipBody(1.0, flap_inertia=-1.0), "tip body"),
         (
             lambda: jb.modes(
-                jb.SpatialANCF(2),
+                jb.PlanarRod(2),
                 jb.Rotor(jb.Beam(*5 * [1.0], None, 1.0), tip_body=jb.TipBody(1, 0, 0, 0, 1)),
                 0.0,
             ),
-            "tip_body.flap_inertia: SpatialANCF has no body at the tip of two inertias",
+            "tip_body.flap_inertia: PlanarRod has no body at the tip of two inertias",
         ),
         (lambda: jb.Rotor(BEAM, root_springs=3.0), "root_springs must be a RootSprings"),
     ],

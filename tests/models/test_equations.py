@@ -23,17 +23,13 @@ BEAM_MODELS = [
     jb.Classical(3, 4, 3),
     jb.VonKarman(5, 3, 2),
     *ELEMENTS,
-    jb.SpatialANCF(2),
 ]
 EVERY = [(m, ROTOR) for m in BEAM_MODELS] + [(m, SOFT_SPRINGS) for m in DISCRETE]
 EVERY += BUILT
 
 
 def tiered(model, rotor):
-    """One of each kind is quick; what is in space takes longest, and has a slow test of its own in
-    test_space_states.py."""
-    if isinstance(model, jb.SpatialANCF):
-        return exhaustive(model, rotor)
+    """One of each kind is quick; rods in space have tests of their own."""
     is_quick = isinstance(model, jb.Hybrid if rotor is AS_BUILT else KINDS)
     return (model, rotor) if is_quick else slow(model, rotor)
 

@@ -362,7 +362,7 @@ def test_what_supports_may_be():
     with pytest.raises(ValueError, match="there are root_springs as well"):
         jb.Rotor(beam, root_springs=jb.RootSprings(), root_support=hinge)
     rotor = jb.Rotor(beam, root_support=hinge, tip_support=Support())
-    for model in (jb.Hybrid, jb.PlanarRod, jb.SpatialANCF, jb.Classical, jb.papers.DiscreteNP):
+    for model in (jb.Hybrid, jb.PlanarRod, jb.Classical, jb.papers.DiscreteNP):
         why = unsupported(model, rotor)
         assert why.startswith(f"root_support: {model.__name__} has no support"), why
     assert unsupported(SpatialRod, rotor) == ""

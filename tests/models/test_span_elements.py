@@ -328,7 +328,7 @@ def test_a_varying_rod_tears_where_its_axial_stiffness_is_lost(tip):
         (
             {"pitch": 0.1},
             jb.papers.ANCF(2),
-            "pitch: ANCF has no turned sections: take Hybrid or SpatialANCF",
+            "pitch: ANCF has no turned sections: take Hybrid or SpatialRod",
         ),
         (
             {"root_springs": jb.RootSprings(flap=3.0)},

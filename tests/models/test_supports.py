@@ -60,7 +60,7 @@ HAVING |= {
 HAVING["damping.section_coefficients"] = (
     jb.Rotor(TWISTING), {}, jb.Damping(section_coefficients=[0.1] * 6)
 )  # fmt: skip
-MODELS = [jb.Hybrid, jb.Classical, jb.VonKarman, *{type(m): 0 for m in ELEMENTS}, jb.SpatialANCF,
+MODELS = [jb.Hybrid, jb.Classical, jb.VonKarman, *{type(m): 0 for m in ELEMENTS}, jb.SpatialRod,
           jb.papers.SmallStrainANCF, SpatialRod]  # fmt: skip
 
 
@@ -90,8 +90,8 @@ def test_the_door_is_shut():
             ask()
     with pytest.raises(ValueError, match=r"^precone: Hybrid has no motion of a coned beam: take"):
         jb.Hybrid(0, 2, 2).equations(coned)
-    with pytest.raises(ValueError, match=r"^beam\.torsional_stiffness: SpatialANCF needs it"):
-        jb.simulate(jb.SpatialANCF(2), jb.Rotor(BEAM), jb.ConstantSpeed(1.0), [0.0, 1.0])
+    with pytest.raises(ValueError, match=r"^beam\.torsional_stiffness: SpatialRod needs it"):
+        jb.simulate(jb.SpatialRod(2), jb.Rotor(BEAM), jb.ConstantSpeed(1.0), [0.0, 1.0])
 
 
 class _Plain(jb.Hybrid):

@@ -120,7 +120,7 @@ def test_points_that_are_no_points(build, message):
         build()
 
 
-MODELS = [jb.VonKarman(5, 3, 2), jb.PlanarRod(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
+MODELS = [jb.VonKarman(5, 3, 2), jb.PlanarRod(2), jb.SpatialRod(2), jb.Hybrid(2, 3, 3)]
 
 
 @pytest.mark.parametrize("model", [MODELS[-1], *map(exhaustive, MODELS[:-1])])

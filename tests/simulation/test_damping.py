@@ -83,7 +83,7 @@ def expected():
             (jb.papers.ANCF(16), 5e-3),
             (jb.papers.SmallStrainANCF(16), 5e-3),
             (jb.papers.ChordANCF(8), 8e-2),
-            (jb.SpatialANCF(16), 5e-3),
+            (jb.SpatialRod(8), 5e-3),
         ),
     ],
     ids=name,
@@ -119,7 +119,7 @@ def test_rigid_motions_in_space_are_not_damped():
     """Of a rod bent both ways and twisted, on springs of no strength: it can turn two ways about
     its root, which does not twist, and the third is the sum of turns of its sections."""
     rotor = jb.Rotor(SHORT.beam, 0.4, root_springs=jb.RootSprings(in_plane=1e-9, flap=1e-9))
-    model = jb.SpatialANCF(2).suited(rotor)
+    model = jb.SpatialRod(2).suited(rotor)
     _, q, v = random_state(model, 3, False)
 
     @jax.jit
@@ -159,7 +159,7 @@ def test_power_is_twice_the_energy_of_the_rates_of_strain(model, points):
     np.testing.assert_allclose(given, found, rtol=1e-9)
 
 
-EVERY = [(model, SHORT) for model in [*ELEMENTS[1:], jb.SpatialANCF(2)]]
+EVERY = [(model, SHORT) for model in [*ELEMENTS[1:], jb.SpatialRod(2)]]
 EVERY += [(kind(2).suited(STEPPED), STEPPED) for kind in THEORIES] + [
     (m, SOFT_SPRINGS) for m in DISCRETE
 ]

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import jaxbeam as jb
 from jaxbeam._numerics.linalg import dense
@@ -32,7 +31,7 @@ def weight(t):
     )
 
 
-MODELS = [jb.VonKarman(5, 3, 2), jb.PlanarRod(2), jb.SpatialANCF(2), jb.Hybrid(2, 3, 3)]
+MODELS = [jb.VonKarman(5, 3, 2), jb.PlanarRod(2), jb.SpatialRod(2), jb.Hybrid(2, 3, 3)]
 
 
 def both(model):
@@ -94,47 +93,11 @@ TABLE = jb.Spanwise([0, 0.3, 0.3, 1], [1.0, 2.0, -1.0, 0.5])
 FOLLOWING = jb.Loads(force_per_length=(1.0, TABLE, 0.7), follows=True)
 
 
-@pytest.mark.slow
-def test_a_force_that_turns_with_the_sections():
-    """Its components are constant along the axes of sections: the tangent, and where the angle of
-    torsion brings a2 from the least rotation; its work and its tangent are those of that force."""
-    model = jb.SpatialANCF(1)
-    q, v = 0.1 * np.random.default_rng(3).normal(size=(2, len(model.directions)))
-
-    @jax.jit
-    def seen(q, v, cone):
-        rotor = jb.Rotor(BEAM, hub_radius=0.4, precone=cone, pitch=0.2)
-        scene, t = Scene(model, rotor, MOTION, FOLLOWING, jb.Damping()), jnp.asarray(0.7)
-        equations, integral, span = scene.equations, scene.span.integral, scene.inputs(t)[2]
-        (xi, weight), density = integral.points, scene.span.density(t)
-        given, change = jax.jvp(lambda q: span.on(equations, q), (q,), (v,))
-        moved = jax.jvp(lambda q: equations.displacement(q, xi), (q,), (v,))[1]
-        acting = integral.acting(q, density)
-        there = equations.gradient(q, xi), equations.torsion(q, xi), density
-        power = 2.0 * jnp.sum(weight[:, None] * acting * moved)
-        return (given @ v, power), (dense(span.tangent(equations, q)), change), acting, there
-
-    found = jax.tree.map(np.array, seen(q, v, 0.3))
-    power, (tangent, change), acting, (gradient, angle, density) = found
-    np.testing.assert_allclose(*power, rtol=1e-12)
-    np.testing.assert_allclose(tangent @ v, -change, rtol=0, atol=1e-12 * np.abs(change).max())
-    assert np.abs(tangent - tangent.T).max() > 0.1 * np.abs(tangent).max()
-    t = gradient.T + np.eye(3)[0]
-    t = t / np.linalg.norm(t, axis=1)[:, None]
-    turned = np.stack([0 * t[:, 0], -t[:, 2], t[:, 1]], 1)  # a1 x t
-    expected = []
-    for tangent, axis, by, force in zip(t, turned, angle, density, strict=True):
-        least = Rotation.from_rotvec(axis * np.arccos(tangent[0]) / np.linalg.norm(axis))
-        expected.append((Rotation.from_rotvec(by * tangent) * least).apply(force))
-    expected = np.array(expected) @ Rotation.from_rotvec([0, -0.3, 0]).as_matrix().T
-    np.testing.assert_allclose(acting, expected, rtol=0, atol=1e-13)
-
-
 @pytest.mark.exhaustive
 def test_runs_under_a_force_that_turns_with_the_sections():
     """Its work is balanced, and what the hub feels is the change of momentum less all forces: at
     rest after a slow rise, to the sum of the forces and of their moments."""
-    model = jb.SpatialANCF(2)
+    model = jb.SpatialRod(2)
 
     def rising(t):
         share = jnp.minimum(t, 1.0)
@@ -221,5 +184,5 @@ def test_what_turns_with_the_sections_is_refused_in_a_plane_and_where_it_would_n
     with pytest.raises(ValueError, match=r"loads\.follows: PlanarRod has no load that turns"):
         jb.modes(jb.PlanarRod(2), ROTOR, 0.0, loads=FOLLOWING)
     with pytest.raises(ValueError, match=r"loads\.follows: a moment, or a force that turns"):
-        jb.critical_speed(jb.SpatialANCF(2), ROTOR, loads=FOLLOWING)
+        jb.critical_speed(jb.SpatialRod(2), ROTOR, loads=FOLLOWING)
     assert jb.Loads(gravity=[0, 0, -9.8], follows=True).has_potential

@@ -36,7 +36,7 @@ def random(count, n, seed):
 def test_it_is_what_the_formula_says():
     """Between different models, of complex shapes, with a mass at the tip and torsion."""
     first = shaped(jb.Hybrid(1, 2, 2), random(3, 5, 1))
-    space = jb.SpatialANCF(1)
+    space = jb.SpatialRod(2)
     second = shaped(space, random(2, len(space.directions), 2))
     found = jax.jit(lambda a, b: a.mac(b))(first, second)
 
@@ -60,7 +60,7 @@ def test_it_is_what_the_formula_says():
 def test_angles_of_beams_of_other_lengths_are_angles():
     """The same displacements and angles at the same x / L, of a beam three times as long: what it
     does in flap and in torsion goes together as in the first one."""
-    model = jb.SpatialANCF(1)
+    model = jb.SpatialRod(2)
     both = random(1, len(model.directions), 6)
     torsion = np.array([way == 3 for way in model.directions])
     longer = jb.Rotor(dataclasses.replace(BEAM, length=6.0), 0.1, 0.7)
@@ -75,7 +75,7 @@ def test_modes_at_rest_are_unlike_one_another_and_like_those_of_other_models():
     @jax.jit
     def both(rotor):
         which = jb.labels(flap=2, in_plane=1, torsion=1)
-        space = jb.modes(jb.SpatialANCF(4), rotor, 0.0, which)
+        space = jb.modes(jb.SpatialRod(4), rotor, 0.0, which)
         return space.mac(space), jb.modes(jb.Hybrid(0, 4, 6), rotor, 0.0, which[:3]).mac(space)
 
     same, other = both(ROTOR)

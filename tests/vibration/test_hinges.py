@@ -79,7 +79,7 @@ def test_a_frequency_that_is_lost_in_rounding_is_told():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.PlanarRod(4), jb.papers.ANCF(4), jb.SpatialANCF(2)], ids=repr)
+@pytest.mark.parametrize("model", [jb.PlanarRod(4), jb.papers.ANCF(4), jb.SpatialRod(2)], ids=repr)
 @pytest.mark.parametrize("count", [1, 3])
 def test_elements_tell_what_rounding_leaves(model, count):
     """Right to 2e-3, or INACCURATE, from a spring that holds well to none at all."""
@@ -141,7 +141,7 @@ def test_derivatives_of_a_frequency_of_zero_are_none_and_spoil_no_others():
     [
         slow(jb.PlanarRod(3), id="elements"),
         exhaustive(jb.VonKarman(6, 4, 4), id="von_karman"),
-        exhaustive(jb.SpatialANCF(2), id="space"),
+        exhaustive(jb.SpatialRod(2), id="space"),
         exhaustive(jb.papers.GreenANCF(3), id="green"),
         exhaustive(jb.papers.ANCF(3), id="ancf"),
         exhaustive(jb.Hybrid(3, 5, 5), id="hybrid"),
@@ -370,7 +370,7 @@ def test_a_coned_blade_on_a_free_hinge_lies_in_the_plane_of_rotation(cone):
     """Not folded inward, which is an equilibrium, too: flap at W (1 + 3 R / 2 L)^1/2."""
     beam = jb.Beam(1.0, 1.0, 1e5, 1e2, 1e2, torsional_stiffness=1e2, polar_inertia=1e-3)
     rotor = jb.Rotor(beam, 0.3, root_springs=jb.RootSprings(flap=0.0), precone=cone)
-    model = jb.SpatialANCF(2).suited(rotor)
+    model = jb.SpatialRod(2).suited(rotor)
     q, _ = model.steady(rotor, jnp.asarray(2.0))
     np.testing.assert_allclose(model.equations(rotor).tip(q)[2], -np.sin(cone), rtol=1e-3)
     found = jb.modes(model, rotor, 2.0, 1).frequency

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +21,7 @@ from tests.beams import TORSION, short
 
 BEAM = short(4e5, **TORSION)
 ROTOR = jb.Rotor(BEAM, hub_radius=0.4, tip_mass=0.3)
-UNIT = jb.Beam(1.0, 1.0, 1e8, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-4)
+UNIT = jb.Beam(1.0, 1.0, 1e8, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-9)
 GREENHILL = 7.837347439  # weight per length of a column that buckles under it, over EI / L^3
 BECK = 20.0509536, 11.0155745  # force and frequency of flutter: EI / L^2, (EI / m)^1/2 / L^2
 
@@ -163,7 +162,7 @@ def test_what_loads_may_be():
     ):
         found = jb.modes(plane, rotor, 2.0, 1, loads=jb.Loads(tip_force=force), throw=False)
         assert found.status == status
-    following, turning = jb.Loads(tip_force=[1.0, 0, 0], follows=True), jb.SpatialANCF(1)
+    following, turning = jb.Loads(tip_force=[1.0, 0, 0], follows=True), jb.SpatialRod(2)
     twisting = jb.Rotor(dataclasses.replace(BEAM, torsional_stiffness=1.0))
     for function in (jb.southwell, jb.critical_speed):
         with pytest.raises(ValueError, match="no potential"):
@@ -185,28 +184,24 @@ def test_what_loads_may_be():
 
 @pytest.mark.exhaustive
 def test_a_column_under_a_force_that_follows_its_tip():
-    """Beck's: it flutters, with no divergence before, at 20.0509536 EI / L^2, found with the
-    fourth power of an element's length; its frequencies by `modes` meet there."""
+    """Beck's: it flutters, with no divergence before, at 20.0509536 EI / L^2; its frequencies by
+    `modes` meet there."""
     rotor, loads = jb.Rotor(UNIT), jb.Loads(tip_force=[-1.0, 0.0, 0.0], follows=True)
-    found = [jb.critical_load(jb.SpatialANCF(n), rotor, loads) for n in (4, 8, 16)]
-    load, frequency = (
-        np.array([getattr(each, name) for each in found]) for name in ("factor", "frequency")
-    )
-    order = np.log2(np.diff(load)[0] / np.diff(load)[1])
-    assert 3.7 < order < 4.5
-    extrapolated = load[2] + (load[2] - load[1]) / 15
-    np.testing.assert_allclose(extrapolated, BECK[0], rtol=1e-6)
-    np.testing.assert_allclose(frequency[2], BECK[1], rtol=1e-4)
+    found = jb.critical_load(jb.SpatialRod(8), rotor, loads)
+    load, frequency = found.factor, found.frequency
+    print(load, frequency)
+    np.testing.assert_allclose(load, BECK[0], rtol=1e-6)
+    np.testing.assert_allclose(frequency, BECK[1], rtol=1e-4)
 
     def eigenvalues(factor):
         loads = jb.Loads(tip_force=jnp.stack([-factor, 0 * factor, 0 * factor]), follows=True)
-        return jb.modes(jb.SpatialANCF(8), rotor, 0.0, 3, loads=loads).eigenvalue
+        return jb.modes(jb.SpatialRod(8), rotor, 0.0, 3, loads=loads).eigenvalue
 
-    below, above = (np.asarray(eigenvalues(load[1] * share)) for share in (1 - 1e-4, 1 + 1e-4))
+    below, above = (np.asarray(eigenvalues(load * share)) for share in (1 - 1e-4, 1 + 1e-4))
     assert np.abs(below.real).max() < 1e-9
     assert (above.real > 0.05).sum() == 1
-    assert np.abs(above[above.real > 0.05].imag - frequency[1]) < 0.1
-    damped = jb.modes(jb.SpatialANCF(8), rotor, 0.0, 3, loads=loads, damping=jb.Damping(0.1))
+    assert np.abs(above[above.real > 0.05].imag - frequency) < 0.1
+    damped = jb.modes(jb.SpatialRod(8), rotor, 0.0, 3, loads=loads, damping=jb.Damping(0.1))
     np.testing.assert_allclose(damped.eigenvalue.real, -0.05, rtol=1e-9)
 
 
@@ -216,10 +211,10 @@ LEIPHOLZ = 40.0537  # force per length of flutter, over EI / L^3
 @pytest.mark.exhaustive
 def test_a_column_under_a_force_along_the_span_that_turns_with_it():
     """40.05 EI / L^3 (H. Leipholz, Ingenieur-Archiv 32, 1963), in place of the 7.837 of a heavy
-    column; with 8 elements 3e-4 of it are left."""
+    column."""
     loads = jb.Loads(force_per_length=(-1.0, 0.0, 0.0), follows=True)
-    found = jb.critical_load(jb.SpatialANCF(8), jb.Rotor(UNIT), loads)
-    np.testing.assert_allclose(found.factor, LEIPHOLZ, rtol=1e-3)
+    found = jb.critical_load(jb.SpatialRod(6), jb.Rotor(UNIT), loads)
+    np.testing.assert_allclose(found.factor, LEIPHOLZ, rtol=2e-5)
     assert found.frequency > 10
 
 
@@ -253,7 +248,7 @@ def test_a_column_on_a_soft_root_flutters(spring):
 
     rotor = jb.Rotor(UNIT, root_springs=jb.RootSprings(in_plane=spring))
     loads = jb.Loads(tip_force=[-1.0, 0.0, 0.0], follows=True)
-    found = jb.critical_load(jb.SpatialANCF(16), rotor, loads)
+    found = jb.critical_load(jb.SpatialRod(8), rotor, loads)
     start = np.array([float(found.factor), float(found.frequency) ** 2])
     exact = scipy.optimize.root(meets, 1.01 * start, tol=1e-12)
     assert exact.success
@@ -269,9 +264,9 @@ def test_a_beam_that_swings_far_on_a_soft_root_is_stable():
     soft = jb.Beam(1.0, 1.0, 1e8, 1.0, 50.0, torsional_stiffness=5.0, polar_inertia=1e-4)
     rotor = jb.Rotor(soft, root_springs=jb.RootSprings(in_plane=0.01))
     aside = jb.Loads(tip_force=[0.0, 1.0, 0.0])
-    found = jb.critical_load(jb.SpatialANCF(4), rotor, aside, throw=False)
+    found = jb.critical_load(jb.SpatialRod(4), rotor, aside, throw=False)
     assert found.status == jb.Status.SEARCH_ENDED
-    model = jb.SpatialANCF(4).suited(rotor)
+    model = jb.SpatialRod(4).suited(rotor)
 
     def lowest(force):
         loads = jb.Loads(tip_force=jnp.stack([0 * force, force, 0 * force]))
@@ -285,7 +280,7 @@ def test_a_beam_that_swings_far_on_a_soft_root_is_stable():
 def test_a_strip_loses_its_stiffness_sideways_at_prandtls_load():
     """With a dead load in its stiff plane, 4.0126 (EI GJ)^1/2 / L^2 in the narrow limit."""
     strip = jb.Rotor(jb.Beam(1.0, 1.0, 1e9, 1e4, 1.0, torsional_stiffness=1.0, polar_inertia=1e-3))
-    model = jb.SpatialANCF(8)
+    model = jb.SpatialRod(6)
 
     def lowest(force):
         loads = jb.Loads(tip_force=jnp.stack([0 * force, force, 0 * force]))
@@ -307,7 +302,7 @@ def loaded(model, parameters, count=4, throw=True):
         1.0, 1.0, 1e4, p[8], jb.Spanwise([0, 1], [1.5, 1.0]), torsional_stiffness=0.7,
         polar_inertia=1e-3,
     )  # fmt: skip
-    in_space = isinstance(model, jb.SpatialANCF)
+    in_space = isinstance(model, jb.SpatialRod)
     rotor = jb.Rotor(beam, 0.2, 0.1, precone=p[9] if in_space else None)
     flap = p[3] if in_space else 0 * p[3]
     loads = jb.Loads(
@@ -326,7 +321,7 @@ PARAMETERS = jnp.array([0.3, 0.2, 0.3, -0.2, 0.1, 0.2, 0.3, 0.05, 2.0, 0.1, 3.0]
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.PlanarRod(3), jb.SpatialANCF(2)])
+@pytest.mark.parametrize("model", [jb.PlanarRod(3), jb.SpatialRod(2)])
 def test_gradients_through_the_state(model):
     """By loads, damping, speed, stiffness and cone, both ways, against differences; and batches
     are as single cases, of which one that fails leaves the others alone."""
@@ -352,13 +347,10 @@ def test_gradients_through_the_state(model):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.Hybrid(3, 5, 3), jb.SpatialANCF(3)])
-def test_they_are_those_of_small_free_motion(model):
+def test_they_are_those_of_small_free_motion():
     """By `simulate`, from the steady state with a little of a mode added, in the mode's own way:
-    after a time the amplitude has the factor e^(lambda t); with damping, and without. Of what turns
-    about the tangent runs know the rate of the angle of twist alone, hence so little inertia."""
-    beam = short(4e5, **{**TORSION, "polar_inertia": 1e-9})
-    rotor = jb.Rotor(beam, hub_radius=0.4, tip_mass=0.3)
+    after a time the amplitude has the factor e^(lambda t); with damping, and without."""
+    model, rotor = jb.Hybrid(3, 5, 3), jb.Rotor(short(4e5), hub_radius=0.4, tip_mass=0.3)
     loads = jb.Loads(
         tip_force=[0.5, 0.8, 0.4], force_per_length=(0.2, 0.3, jb.Spanwise([0, 1], [0.5, 0.1]))
     )
@@ -377,29 +369,6 @@ def test_they_are_those_of_small_free_motion(model):
             moved = np.asarray(run.state.q[-1] - state.q)
             right = np.asarray((x * jnp.exp(lam * end)).real)
             assert np.abs(moved - right).max() < 1e-4 * np.abs(right).max()
-
-
-BENT_ASIDE = [((0.0, 0.0, 0.3), 0.24, 1.4e-5, 4.6e-4), ((0.0, 2.0, 0.0), 0.49, 1.4e-3, 2.5e-3)]
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(("force", "aside", "three", "eight"), BENT_ASIDE)
-def test_what_runs_leave_out_of_the_inertia_of_twist(force, aside, three, eight):
-    """Of a solid section with a slenderness of 100, as docs/limitations.md says: relative errors of
-    the lowest three and eight frequencies by the mass matrix that runs have."""
-    model = jb.SpatialANCF(16)
-    rotor = jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 1.0, 0.4, torsional_stiffness=0.3))
-    conditions = Conditions(jb.Loads(tip_force=jnp.array(force)), jb.Damping())
-    speed, equations = jnp.zeros(()), model.equations(rotor)
-    q, _ = conditions.state(model, rotor, speed)
-    assert np.linalg.norm(equations.tip(q)[1:]) == pytest.approx(aside, abs=0.01)
-    stiffness = conditions.system(model, rotor, speed).stiffness
-    square, without = (
-        scipy.linalg.eigh(stiffness, dense(mass), eigvals_only=True)[:8]
-        for mass in (equations.mass_about(q), equations.mass)
-    )
-    off = np.abs(np.sqrt(without / square) - 1)
-    np.testing.assert_allclose([off[:3].max(), off.max()], [three, eight], rtol=0.1)
 
 
 @pytest.mark.exhaustive
@@ -473,18 +442,17 @@ def test_a_push_along_the_tube_makes_a_particle_diverge_as_it_turns():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("model", [jb.PlanarRod(4), jb.SpatialANCF(3)])
-def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in(model):
+def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in():
     """200 random ones, from small to far beyond buckling: loads and squares of the speed rise in a
     hundred steps from nothing, with Newton's method of the test's own in each of them."""
     beam = jb.Beam(1.0, 1.0, 1e4, 1.0, 2.0, torsional_stiffness=0.7, polar_inertia=1e-3)
-    rotor, flat = jb.Rotor(beam, 0.1, 0.1), isinstance(model, jb.PlanarRod)
+    model, rotor = jb.PlanarRod(4), jb.Rotor(beam, 0.1, 0.1)
     equations = model.equations(rotor)
 
     @jax.jit
     def both(p):
-        force = p[:3] * jnp.array([1.0, 1.0, 0.0 if flat else 1.0])
-        loads = jb.Loads(tip_force=force, force_per_length=(p[3], p[4], 0.0 if flat else p[5]))
+        force = p[:3] * jnp.array([1.0, 1.0, 0.0])
+        loads = jb.Loads(tip_force=force, force_per_length=(p[3], p[4], 0.0))
         conditions = Conditions(loads, jb.Damping())
         found, status = conditions.state(model, rotor, p[6])
         tip, span = loads_at(equations, loads, p[6])
@@ -507,26 +475,24 @@ def test_states_are_those_that_a_slow_rise_of_the_loads_ends_in(model):
         p = rng.normal(size=7) * np.array([4, 4, 4, 4, 4, 4, 3.0]) * size
         found, status, end = both(jnp.asarray(p))
         fine += status == Status.OK
-        assert status in (Status.OK, Status.OUT_OF_RANGE)  # an element turns by a right angle
+        assert status == Status.OK
         np.testing.assert_allclose(found, end, atol=1e-8)
     assert fine > 180
 
 
 @pytest.mark.exhaustive
 def test_the_ladder_answers_about_loaded_states():
-    """Rods do, of small rotary inertia, which elements have not."""
-    polar = 1e-3 * ROTOR.beam.polar_inertia
-    rotor = eqx.tree_at(lambda r: r.beam.polar_inertia, ROTOR, polar)
+    """Rods do, and what is known beforehand is of the deformed state, by the coarsest of them."""
+    rotor = ROTOR
     loads = jb.Loads(tip_force=[0.0, 1.0, 2.0])
     question = jb.ladder.ModalFrequencies(3.0, jb.labels(in_plane=1, flap=1), loads=loads)
     choice = jb.choose_model(rotor, question, 1e-3)
     assert choice.met
     assert isinstance(choice.model, jb.SpatialRod)
-    fine = jb.modes(jb.SpatialANCF(20), rotor, 3.0, question.which, loads=loads).frequency
+    fine = jb.modes(jb.SpatialRod(10), rotor, 3.0, question.which, loads=loads).frequency
     assert np.abs(choice.answer / np.asarray(fine) - 1).max() < 1e-3
-    # What is known beforehand is of the deformed state, by the coarsest elements that answer.
-    start = jb.steady_start(jb.SpatialANCF(20), rotor, jb.ConstantSpeed(3.0), loads=loads)
-    equations = jb.SpatialANCF(20).equations(rotor)
+    start = jb.steady_start(jb.SpatialRod(10), rotor, jb.ConstantSpeed(3.0), loads=loads)
+    equations = jb.SpatialRod(10).equations(rotor)
     tip = equations.displacement(start.q, np.ones(1))[0]
     size = jnp.linalg.norm(tip[1:]) / rotor.beam.length
     np.testing.assert_allclose(choice.indicators.size, size, rtol=5e-2)

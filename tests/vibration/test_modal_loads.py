@@ -56,7 +56,7 @@ def test_moments_about_a_loaded_state():
     """At rest and turning very slowly they are the same; and those of a planar rod are those of one
     in space."""
     beam = jb.Beam(2.0, 1.3, 4e4, 11.0, 7.0, **TORSION)
-    rotor, model = jb.Rotor(beam, 0.4, 0.3), jb.SpatialANCF(4)
+    rotor, model = jb.Rotor(beam, 0.4, 0.3), jb.SpatialRod(4)
     loads = jb.Loads(tip_force=[0.0, 2.0, 1.5])
 
     @jax.jit

@@ -1,7 +1,6 @@
 """Equations of motion, which every model has of its own."""
 
 import abc
-import dataclasses
 from typing import Any, NamedTuple, Self
 
 import equinox as eqx
@@ -137,12 +136,12 @@ class Equations(eqx.Module):
         by_span = None if span is None else span.tangent(self, q)
         if by_span is not None:
             k = k + by_span
-        m, c, k = (self.generalised(q, a) for a in (self.mass_about(q), c, k))
+        m, c, k = (self.generalised(q, a) for a in (self.mass, c, k))
         return m, c, k
 
     def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
         """The matrix of damping in small motion about a state of rest."""
-        return self.generalised(q, self.damping_about(q, drag))
+        return self.generalised(q, self.damping_tangents(q, jnp.zeros_like(q), drag)[1])
 
     def generalised(self, q: Vector, a: Any) -> Matrix:
         """A matrix of forces made one of generalised forces, where `force` scales them; at rest the
@@ -275,11 +274,6 @@ class Equations(eqx.Module):
         about, lowering, lag = rotation_vector(along, self.torsion(q, xi))
         return jnp.stack([about, lag, -lowering], 1)
 
-    def roll(self, q: Vector, v: Vector, xi: np.ndarray) -> Float[Array, " p"] | None:
-        """The rate, seen from the hub, at which sections turn about the tangent, in rad/s; None
-        where that has no inertia."""
-        return None
-
     def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """Kinetic energy of what is at the tip, in J: of its mass M where it is, r + c r', and of a
         body `turning_energy`."""
@@ -340,11 +334,6 @@ class Equations(eqx.Module):
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
         return -k, -c
 
-    def mass_about(self, q: Vector) -> Any:
-        """The mass matrix of small motion about a state, of the kind of `mass`: it is
-        `mass` itself, unless the true one depends on coordinates."""
-        return self.mass
-
     def elastic_tangent(self, q: Vector) -> Any:
         """d elastic_force / dq, of the kind of `mass`."""
         return jax.jacfwd(self.elastic_force)(q)
@@ -390,11 +379,3 @@ class Equations(eqx.Module):
         if drag.matrix is not None:
             c = c + self.like_mass(drag.matrix)
         return k, c
-
-    def damping_about(self, q: Vector, drag: Drag) -> Any:
-        """The matrix of damping in small motion about a state, as it enters `force`, of the kind of
-        `mass`: its inertia is that of this motion, `mass_about`."""
-        rest = dataclasses.replace(drag, mass_coefficient=None)
-        _, c = self.damping_tangents(q, jnp.zeros_like(q), rest)
-        own = drag.mass_coefficient
-        return c if own is None else c + own * self.mass_about(q)

@@ -8,7 +8,7 @@ and 1.8 % low at the root of a blade that loads bend, where equilibrium is 1e-6 
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ from jaxbeam._models.contract.equations import Equations
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, cross
-from jaxbeam._rotor.span import Span, on, polar_inertia
+from jaxbeam._rotor.span import Span, on
 from jaxbeam._types import Number, Scalar, Triple, Vector
 
 _POINTS = 16  # of each piece: products of three cubics and a line are exact
@@ -109,23 +109,8 @@ def _along(
         force = force - drag * mass * speed(q, v)
     density = loads.along_span(t, xi, beam.length)
     if density is not None:
-        if loads.follows:
-            density = jnp.einsum("pkc,pk->pc", equations.section_axes(q, xi), density)
         force = force + beam.length * density
-    rolls = equations.roll(q, v, xi)
-    if rolls is None:
-        return force, _turned(rotor, equations, outside, moved, span)
-    polar = beam.length * polar_inertia(beam, lambda value: on(value, span))
-    tangent = equations.section_axes(q, xi)[:, 0]
-
-    def spun(q: Vector, v: Vector, spin: Triple) -> Any:
-        about: Any = equations.roll(q, v, xi)
-        return about + equations.section_axes(q, xi)[:, 0] @ spin
-
-    inert = jax.jvp(spun, (q, v, hub.angular_velocity), (v, a, hub.angular_velocity_rate))[1]
-    if drag is not None:
-        inert = inert + drag * rolls
-    return force, -(polar * inert)[:, None] * tangent
+    return force, _turned(rotor, equations, outside, moved, span)
 
 
 def _turned(

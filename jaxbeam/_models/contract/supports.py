@@ -23,17 +23,17 @@ _REFUSED = {
         "take SpatialRod, or the straight beam that blade.beam() makes of it",
     ),
     "spanwise": ("property that varies along the span", "take Hybrid or PlanarRod"),
-    "beam.twist": ("turned sections", "take Hybrid or SpatialANCF"),
-    "pitch": ("turned sections", "take Hybrid or SpatialANCF"),
+    "beam.twist": ("turned sections", "take Hybrid or SpatialRod"),
+    "pitch": ("turned sections", "take Hybrid or SpatialRod"),
     "precone": (
         "motion of a coned beam",
-        "take SpatialANCF, or for frequencies Hybrid(n_stretch=0); else leave it out, which for "
+        "take SpatialRod, or for frequencies Hybrid(n_stretch=0); else leave it out, which for "
         "soft beams is the smaller error",
     ),
-    CONED_AND_MORE: ("equations of that", "take SpatialANCF"),
+    CONED_AND_MORE: ("equations of that", "take SpatialRod"),
     "root_springs": ("root that yields", "take Hybrid or PlanarRod"),
     "root_springs.in_plane": ("root that yields in plane", "take Hybrid or PlanarRod"),
-    "root_springs.flap": ("root that yields in flap", "take Hybrid or SpatialANCF"),
+    "root_springs.flap": ("root that yields in flap", "take Hybrid or SpatialRod"),
     "root_support": ("support of its root", "take SpatialRod, or root_springs=RootSprings(...)"),
     "tip_support": ("support of its tip", "take SpatialRod, or leave it out"),
     "tip_body": ("body at the tip", "take Hybrid or PlanarRod"),
@@ -45,8 +45,8 @@ _REFUSED = {
         "body at the tip of a full inertia",
         "take SpatialRod, or a TipBody, which has moments about the axes of its section alone",
     ),
-    "loads.tip_moment": ("moment at its tip", "take SpatialANCF, or leave it out"),
-    "loads.follows": ("load that turns with its sections", "take SpatialANCF, or leave it out"),
+    "loads.tip_moment": ("moment at its tip", "take SpatialRod, or leave it out"),
+    "loads.follows": ("load that turns with its sections", "take SpatialRod, or leave it out"),
     "beam.point_masses": ("masses at points of the beam", "take Hybrid or PlanarRod"),
     "loads.point_forces": (
         "forces on points of the beam",
@@ -61,7 +61,7 @@ _REFUSED |= dict.fromkeys(
     RATIOS, ("modes that last", "take Hybrid, or give a stiffness_coefficient")
 ) | {
     "damping.in_plane_damper": ("damper in plane", "take Hybrid or PlanarRod"),
-    "damping.flap_damper": ("damper in flap", "take Hybrid or SpatialANCF"),
+    "damping.flap_damper": ("damper in flap", "take Hybrid or SpatialRod"),
     "damping.section_coefficients": (
         "full sections",
         "take SpatialRod, or a stiffness_coefficient",

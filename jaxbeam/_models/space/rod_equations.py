@@ -32,7 +32,7 @@ from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
 from jaxbeam._rotor.loads import Loads, TipLoad
-from jaxbeam._rotor.motion import Hub
+from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._rotor.sections import AbstractSections, frames
 from jaxbeam._rotor.span import Span
 from jaxbeam._status import Status, first_broken
@@ -41,6 +41,7 @@ from jaxbeam._types import Matrix, Number, Triple, Vector
 _POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2
 _FEW = 4  # degrees below which forces have no polynomials to spare
+_TURN_ERROR = 0.02  # rad, of sections between nodes
 _HELD = 1e-13  # lowest eigenvalue of K, over its diagonal, of what is held at all
 
 
@@ -85,8 +86,10 @@ class RestingRod(Equations):
         matrices = self._small_motion(
             q, *matrices_with_derivatives((pair[0], pair[1]), (q, *given))
         )
-        unfolded = self.is_unfolded(q)
-        status = first_broken((share >= 1, Status.NOT_CONVERGED), (unfolded, Status.NO_EQUILIBRIUM))
+        status = first_broken(
+            (share >= 1, Status.NOT_CONVERGED), (self.is_in_range(q), Status.OUT_OF_RANGE),
+            (self.is_unfolded(q), Status.NO_EQUILIBRIUM),
+        )  # fmt: skip
         fixed, at = without_derivatives((self, q))
         return Rest(q, status, matrices, fixed.lacking_about(at), fixed.taken_along(at))
 
@@ -101,10 +104,11 @@ class RestingRod(Equations):
         """The motion of nodes as a rigid body with a root that yields."""
         return None if self.rod.root is None else self.rod.taken_along(q)
 
+    def is_in_range(self, q: Coordinates) -> Array:
+        return self.rod.turn_error(q) <= _TURN_ERROR
+
     def is_unfolded(self, q: Coordinates) -> Array:
-        tables = self.rod.tables
-        along = jnp.sum(bent(tables, *self.rod.nodes(q)).stretch * tables.tangent, -1)
-        return jnp.all(along > 0)
+        return self.rod.least_stretch(q) > 0
 
     def matrices_about(
         self, hub: Hub, q: Coordinates, tip_force: Any = None, span: Any = None
@@ -153,7 +157,7 @@ class RestingRod(Equations):
         if drag.mass_coefficient is not None:
             out = out + drag.mass_coefficient * self._by_places(q, self.rod.led(q, self.rod.mass))
         if drag.stiffness_coefficient is not None:
-            still = self._around(_at_rest(self.length), None, None)
+            still = self._around(spinning(0 * self.length), None, None)
             elastic = balance(self.rod, q, still).elastic
             out = out + drag.stiffness_coefficient * self._by_places(q, elastic)
         if drag.section_coefficients is not None:
@@ -393,8 +397,3 @@ class _Pace(eqx.Module):
     def __call__(self, places: np.ndarray) -> Float[Array, " p"]:
         _, slope = self.sections.axis_at(places)
         return jnp.sqrt(jnp.sum(slope**2, 1))
-
-
-def _at_rest(like: Number) -> Hub:
-    zero = jnp.zeros(3, like.dtype)
-    return Hub(zero, zero, zero, zero, zero)
