@@ -3,7 +3,7 @@
 Random spin-ups about axes inclined up to a right angle, in gravity and under a force that rises at
 the tip, across the plane, with and without hub and tip mass, slender and stout, soft and stiff in
 flap and in torsion, deflections from a thousandth to half the length, are given to
-`jb.choose_model`, and its choice is held against finer geometrically exact elements in space: for
+`jb.choose_model`, and its choice is held against geometrically exact rods of a higher degree: for
 the largest deflection in flap, for its course in time, and for frequencies at the speed reached.
 
     python studies/ladder_space.py [--quick] [--out FOLDER]
@@ -25,7 +25,7 @@ import jaxbeam as jb
 
 TOLERANCES = (1e-2, 1e-3)
 SHARES = np.linspace(0.0, 1.0, 61)  # of a run, where it is looked at
-TRUTH = 32  # elements
+TRUTH = 16  # degree
 LARGEST = 0.5  # deflection over length
 FLAP = 2
 LABELS = jb.labels(in_plane=1, flap=2)
@@ -120,7 +120,7 @@ def drawn(count: int, seed: int) -> tuple[list[Scene], np.ndarray]:
 
 def asked(kind: str, scene: Scene, size: float) -> ladder.Asked:
     rotor, question = situation(Scene(*map(jnp.asarray, scene)), kind)
-    richest = jb.SpatialRod(TRUTH) if question.moving else jb.SpatialRod(TRUTH // 2)
+    richest = jb.SpatialRod(TRUTH)
     return ladder.answered(kind, scene, question, rotor, richest, 1e-6, size)
 
 
@@ -141,7 +141,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
         except RuntimeError as error:  # half a turn within an element, or too many steps
             print(error, flush=True)
     print(
-        f"{len(known)} of {len(scenes)} scenes drawn and answered by {TRUTH} elements, "
+        f"{len(known)} of {len(scenes)} scenes drawn and answered by degree {TRUTH}, "
         f"{time.perf_counter() - began:.0f} s", flush=True,
     )  # fmt: skip
     outcomes: list[ladder.Outcome] = []

@@ -74,12 +74,8 @@ def about(model: jb.SpatialRod, thrust: Any, rpm: Any, **factors: Any) -> jb.res
 def state(model: jb.SpatialRod, thrust: Any, rpm: Any) -> jax.Array:
     """Displacement of the tip, in m, and its twist, in degrees."""
     rotor = blade()
-    start = jb.steady_start(
-        model, rotor, jb.ConstantSpeed(rpm * RPM), loads=pushed(thrust), throw=False
-    )
-    equations, tip = model.equations(rotor), np.ones(1)
-    twist = jnp.degrees(equations.torsion(start.q, tip))
-    return jnp.concatenate([equations.displacement(start.q, tip)[0], twist])
+    found = jb.steady(model, rotor, rpm * RPM, loads=pushed(thrust), throw=False)
+    return jnp.concatenate([found.tip, jnp.degrees(found.torsion(1.0))])
 
 
 def sensitivities(model: jb.SpatialRod) -> np.ndarray:
@@ -137,7 +133,7 @@ def draw(path: Path, thrusts: Any, states: Any, moved: Any, diagram: Any, slopes
 
 def main(quick: bool, out: Path | None) -> Path:
     began, out = time.perf_counter(), common.folder(out, "loaded_blade")
-    model = jb.SpatialRod(6 if quick else 16)
+    model = jb.SpatialRod(6 if quick else 12)
     thrusts = np.linspace(0.0, 400e3, 3 if quick else 9)
     rpm = np.linspace(0.0, 14.0, 3 if quick else 8)
     print(f"{model}: states and frequencies under {len(thrusts)} thrusts", flush=True)

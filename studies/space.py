@@ -7,7 +7,7 @@
    critical load over the ratio of stiffnesses, the way sideways as the load rises beyond it, and
    the way back as the beam is spun up.
 3. Spin-up about inclined axes to large deflections: how far hybrid, classical and von Karman
-   theories are from elements in space, and how their error goes with the deflection.
+   theories are from a rod in space, and how their error goes with the deflection.
 4. A filmstrip of one of these.
 
     python studies/space.py [--quick] [--out FOLDER]
@@ -57,9 +57,8 @@ def _deflected(model: Any) -> Any:
     """Of a rotor and many loads."""
 
     def of(rotor: jb.Rotor, loads: jb.Loads) -> Any:
-        state = jb.steady_start(model, rotor, STILL, loads=loads)
-        equations = model.equations(rotor)
-        return equations.tip(state.q), equations.torsion(state.q, np.ones(1))[0]
+        state = jb.steady(model, rotor, 0.0, loads=loads, throw=False)
+        return state.tip, state.torsion(1.0)[0]
 
     return jax.jit(jax.vmap(of, (None, 0)))
 
@@ -72,7 +71,7 @@ def across(angle: Any, size: Any) -> Any:
 
 def princeton(out: Path, quick: bool) -> None:
     """Tip displacement and twist over the angle of the load, and where each program differs."""
-    model, rows = jb.SpatialRod(4 if quick else 16), numbers("princeton_beam.csv")
+    model, rows = jb.SpatialRod(4 if quick else 8), numbers("princeton_beam.csv")
     figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
     header = ("source", "load_N", "angle_deg", "flap_m", "chord_m", "flap_ours_m", "chord_ours_m")
     table: list[tuple[Any, ...]] = []
@@ -117,7 +116,7 @@ def princeton(out: Path, quick: bool) -> None:
 
 
 def wing(quick: bool) -> None:
-    """What was measured of the wing, over what elements say."""
+    """What was measured of the wing, over what a rod says."""
 
     def weight(angle: Any) -> jb.Loads:
         return jb.Loads(gravity=across(np.pi / 2 - angle, GRAVITY))
@@ -174,7 +173,7 @@ def still(t: Any) -> Any:
 
 def buckling(out: Path, quick: bool) -> None:
     """Critical loads; then one run: a load that rises slowly beyond, and then a slow spin-up."""
-    model = jb.SpatialRod(2 if quick else 8)
+    model = jb.SpatialRod(4 if quick else 10)
     ratios = np.array([1e-3, 0.025, 0.05, 0.1, 0.15, 0.2])
     rotor, speeds = narrow(jnp.asarray(RATIO)), np.linspace(0.0, TOP, 9)
 
@@ -199,7 +198,7 @@ def buckling(out: Path, quick: bool) -> None:
 
     figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
     axes[0].axhline(4.0126, color="0.6", lw=1, label="4.0126 (Prandtl, Michell)")
-    axes[0].plot(ratios, loads / SIDEWAYS, "o-", color=BLUE, ms=4, lw=1.3, label="elements")
+    axes[0].plot(ratios, loads / SIDEWAYS, "o-", color=BLUE, ms=4, lw=1.3, label="rod")
     axes[0].set(xlabel="soft over stiff bending stiffness",
                 ylabel=r"critical load $P L^2 / (EI\,GJ)^{1/2}$")  # fmt: skip
     share = BEYOND * times[rising] / ramp
@@ -245,7 +244,7 @@ COLOURS = {"classical": ORANGE, "hybrid": BLUE, "von Karman": GREEN}
 
 def inclined(out: Path, quick: bool) -> jb.results.Simulation:
     """How wrong simpler theories are; returns the run of the largest deflection."""
-    judge = jb.SpatialRod(4 if quick else 16)
+    judge = jb.SpatialRod(6 if quick else 10)
     speeds = jnp.asarray(np.geomspace(0.1, 2.6, 4 if quick else 12))
     times = np.linspace(0.0, END, 121)
 
@@ -263,7 +262,7 @@ def inclined(out: Path, quick: bool) -> jb.results.Simulation:
     found = {name: np.asarray(runs(model).tip) for name, model in MODELS.items()}
     size = np.linalg.norm(exact[:, :, 1:], axis=2).max(1)
     figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    for name, tip in {"elements in space": exact, **found}.items():
+    for name, tip in {"rod in space": exact, **found}.items():
         look = {"color": COLOURS.get(name, "0.7"), "lw": 1.3 if name in found else 4}
         for c, style in ((1, "-"), (2, "--")):
             axes[0].plot(times, tip[-1, :, c], style, label=name if c == 1 else None, **look)

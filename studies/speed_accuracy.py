@@ -36,7 +36,7 @@ LAG, FLAP = "frequencies in the plane", "frequencies out of the plane"
 INCLINED = np.array([0.5, 0.0, np.sqrt(0.75)])
 SLOWER = 4.0  # times what is cheapest alone of all that do everywhere: in batches not looked at
 COLOURS = {
-    "PlanarRod": "tab:green", "SpatialRod": "tab:red", "SpatialRod": "tab:olive",
+    "PlanarRod": "tab:green", "SpatialRod": "tab:red",
     "ANCF": "tab:orange", "ChordANCF": "gold", "Hybrid": "tab:blue", "VonKarman": "tab:purple",
     "Classical": "tab:brown",
 }  # fmt: skip
@@ -70,16 +70,14 @@ TRIED = {  # the first two of each kind with --quick
         *each(MAGNUS, (jb.Classical, (3, 4, 0))),
     ],
     SPACE: each(
-        RODAS5P, (jb.SpatialRod, 8), (jb.SpatialRod, 6, 4, 8, 12), (jb.SpatialRod, 4, 16),
-        (jb.Hybrid, (0, 6, 6)),
+        RODAS5P, (jb.SpatialRod, 8, 6, 4, 12), (jb.Hybrid, (0, 6, 6)),
     ),
     LAG: each(
         None, (jb.Hybrid, (8, 16, 0)), (jb.PlanarRod, 10, 20), (jb.SpatialRod, 6, 8),
         (jb.Hybrid, (3, 6, 0), (5, 10, 0)), (jb.papers.ANCF, 10),
     ),
     FLAP: each(
-        None, (jb.Hybrid, (8, 16, 16)), (jb.SpatialRod, 8, 6), (jb.SpatialRod, 10, 20),
-        (jb.Hybrid, (3, 6, 6), (5, 10, 10)),
+        None, (jb.Hybrid, (8, 16, 16)), (jb.SpatialRod, 8, 6), (jb.Hybrid, (3, 6, 6), (5, 10, 10)),
     ),
 }  # fmt: skip
 

@@ -175,7 +175,7 @@ def figure_6(out: Path, models: Models, peaks: list[Row]) -> None:
 
 
 def figures_8_and_9(out: Path, models: Models, angles: list[float], peaks: list[Row]) -> None:
-    """Spin-up of a beam inclined to the axis, at one angle and at several; elements in space are
+    """Spin-up of a beam inclined to the axis, at one angle and at several; a rod in space is
     the judge."""
     # E is printed as 7e9, with which u3 would reach twice the length of the beam.
     example = Example(
@@ -244,7 +244,7 @@ def angle_sweep(out: Path, example: Example, models: Models, angles: list[float]
     print(
         "  Every angle below 90 degrees gives what Y describes: u2 swings about a value other than"
         f"\n    zero, u3 about zero (present method: mean at most {100 * off:.0f} % of the swing,"
-        f" and the\n    swing at most {100 * wrong:.0f} % off that of elements in space)."
+        f" and the\n    swing at most {100 * wrong:.0f} % off that of a rod in space)."
     )
 
 
