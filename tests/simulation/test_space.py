@@ -147,11 +147,9 @@ ONE, PLAIN = jb.SpatialRod(2), jb.Beam(1.0, 1.0, 1e4, 1.0, 0.5, torsional_stiffn
 def bent(moment, **more):
     """Axial displacement of the tip of one element under a moment in the plane, 0 where there is no
     steady state, and the status."""
-    rotor = jb.Rotor(PLAIN, **more)
     loads = jb.Loads(tip_moment=jnp.stack([0 * moment, 0 * moment, moment]))
-    start = jb.steady_start(ONE, rotor, jb.ConstantSpeed(0.0), loads=loads, throw=False)
-    tip = ONE.suited(rotor).equations(rotor).tip(start.q)
-    return jnp.where(start.status == jb.Status.OK, tip[0], 0.0), start.status
+    found = jb.steady(ONE, jb.Rotor(PLAIN, **more), 0.0, loads=loads, throw=False)
+    return jnp.where(found.status == jb.Status.OK, found.tip[0], 0.0), found.status
 
 
 FOLDING = jnp.array([1.0, 5.5, 20.0, 30.0, 50.0, 100.0])
