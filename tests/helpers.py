@@ -72,8 +72,8 @@ def name(value: object) -> str:
 
 
 def optimised(function: Callable) -> Callable:
-    """`jax.jit`, optimised: see tests/compilation.py."""
-    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 3})
+    """`jax.jit`, optimised as the package's own programs are: see tests/compilation.py."""
+    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 1})
 
 
 def environment(level: int | None = None) -> dict[str, str]:
