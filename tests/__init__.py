@@ -1,5 +1,8 @@
-"""Tests of the package, each worker of which takes one core: LAPACK, too, which waits for threads of
-its own by spinning. It reads this before anything imports it."""
+"""Tests of the package.
+
+Each worker has a core for itself, and so its LAPACK takes one thread: several would wait for one
+another by spinning. OpenBLAS reads this when NumPy is first imported.
+"""
 
 import os
 

@@ -268,8 +268,8 @@ class _RibbedElements(jb.papers.GreenANCF):
         )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [jb.PlanarRod(2), _RibbedElements(2)], ids=repr)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("model", [slow(jb.PlanarRod(2)), _RibbedElements(2)], ids=repr)
 def test_derivatives_of_elements_are_limits_of_differences(model):
     """Also where, in units of the beam, equations depend on more than those of the package."""
     some = cases().at[:, :3].add(0.05)  # what is not negative is not made so
