@@ -232,11 +232,13 @@ def campbell_figure(out: Path, quick: bool) -> None:
     common.save_figure(figure, out / "campbell.png", dpi=130)
     common.write_csv(out / "resonances.csv", ("R_over_L", "N", "mode", "harmonic", "gamma"), lines)
 
-    at, (by_hub, by_tip) = jax.value_and_grad(
-        lambda p: (
-            jb.crossing(
-                jb.Hybrid(0, 16, 0), rotor(p[0], p[1]), (2.0, 6.0), FIRST_THREE[0], 1.0
-            ).angular_speed
+    at, (by_hub, by_tip) = jax.jit(
+        jax.value_and_grad(
+            lambda p: (
+                jb.crossing(
+                    jb.Hybrid(0, 16, 0), rotor(p[0], p[1]), (2.0, 6.0), FIRST_THREE[0], 1.0
+                ).angular_speed
+            )
         )
     )(jnp.zeros(2))
     print(

@@ -14,7 +14,10 @@ OLD_EMITTERS = version("jaxlib").startswith("0.10.")
 
 
 def xla_flags(level: int) -> str:
-    """How far LLVM optimises, from 0 to 3; by the emitters that take half as long if there are."""
+    """How far LLVM optimises, from 0 to 3; by the emitters that take half as long if there are, and
+    in one piece: to cut a program into pieces for several cores takes a tenth of the time, and here
+    each core has programs of its own."""
     # Releases that do not know this flag end the process.
     emitters = ["--xla_cpu_use_fusion_emitters=false"] if OLD_EMITTERS else []
-    return " ".join([f"--xla_backend_optimization_level={level}", *emitters])
+    whole = "--xla_cpu_parallel_codegen_split_count=1"
+    return " ".join([f"--xla_backend_optimization_level={level}", whole, *emitters])

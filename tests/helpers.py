@@ -71,13 +71,13 @@ def name(value: object) -> str:
 
 
 def optimised(function: Callable) -> Callable:
-    """`jax.jit`, optimised: see tests/compilation.py."""
-    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 3})
+    """`jax.jit`, optimised as the package's own programs are: see tests/compilation.py."""
+    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 1})
 
 
 def environment(level: int | None = None) -> dict[str, str]:
-    """That of a user, without what tests set for themselves; but with this level of optimisation,
-    of which 1 compiles in half the time and runs as fast, or nearly."""
+    """That of a user, without what tests set for themselves but LAPACK's one thread; but with this
+    level of optimisation, of which 1 compiles in half the time and runs as fast, or nearly."""
     ours = "XLA_", "JAX_", "EQX_", "MPL", "NPROC"
     users = {key: value for key, value in os.environ.items() if not key.startswith(ours)}
     return users if level is None else users | {"XLA_FLAGS": xla_flags(level)}

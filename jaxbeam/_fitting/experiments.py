@@ -28,6 +28,7 @@ from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions, guarded_conditions
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import Wanted, choose, lowest_in_plane
+from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Direction, Label
@@ -230,12 +231,17 @@ class StaticData(Experiment):
 
     def predicted(self) -> Float[Array, " p"]:
         """Displacements at the equilibrium, NaN where none was found."""
-        given, rotor, speed, conditions = guarded_conditions(
-            self.model, self.rotor, self.angular_speed, Conditions(self.loads, NO_DAMPING)
-        )
-        q, status, *_ = conditions.state(self.model, rotor, speed)
-        value = self.model.equations(rotor).displacement(q, np.array(self.xi))[:, self.direction]
-        return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
+        return _static_displacements(self)
+
+
+@Program
+def _static_displacements(data: StaticData) -> Float[Array, " p"]:
+    given, rotor, speed, conditions = guarded_conditions(
+        data.model, data.rotor, data.angular_speed, Conditions(data.loads, NO_DAMPING)
+    )
+    q, status, *_ = conditions.state(data.model, rotor, speed)
+    value = data.model.equations(rotor).displacement(q, np.array(data.xi))[:, data.direction]
+    return jnp.where((given == Status.OK) & (status == Status.OK), value, jnp.nan)
 
 
 class ResonanceMargin(Experiment):

@@ -15,6 +15,7 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import Conditions
 from jaxbeam._modes.section_loads import modal_loads
 from jaxbeam._modes.shapes import ShapePolynomials, fit
+from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, Method, asked_with, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
 from jaxbeam._rotor.directions import Direction, Label
@@ -277,6 +278,7 @@ def _asked(modes: Modes) -> _Asked:
     return _Asked(modes.model, rotor, shape, modes.direction, fine)
 
 
+@Program
 @per_case
 def _polynomials(modes: Modes) -> ShapePolynomials:
     asked = _asked(modes)
@@ -293,11 +295,13 @@ def _polynomials(modes: Modes) -> ShapePolynomials:
     return ShapePolynomials(*nan_unless(bends & asked.fine, found))
 
 
+@Program
 @per_case
 def _mac_of_batch(other: Modes, modes: Modes) -> Float[Array, "k m"]:
     return _mac(modes, other)
 
 
+@Program
 @per_case
 def _mac(modes: Modes, other: Modes) -> Float[Array, "k m"]:
     first, second = _asked(modes), _asked(other)

@@ -55,7 +55,8 @@ def test_equations_in_lanes_are_those_of_each_case(model, rotor):
     q, v = (jnp.asarray(size * rng.normal(size=(n, CASES))) for _ in range(2))
     hub = Hub(*(jnp.asarray(rng.normal(size=(3, CASES))) for _ in range(5)))
     force = jnp.asarray(rng.normal(size=(3, CASES)))
-    each = [model.equations(r) for r in rotors]
+    equations_of = eqx.filter_jit(model.equations)
+    each = [equations_of(r) for r in rotors]
     # What lanes share has lanes of length one: here all but what the radius changes.
     kernels = [e.kernel for e in each]
     lanes = jax.tree.map(

@@ -9,7 +9,6 @@ import pytest
 import jaxbeam as jb
 from jaxbeam import SpatialRod
 from tests.beams import soft_tipped
-from tests.tiers import slow
 
 FEW = jb.Status.TOO_FEW_FUNCTIONS
 ROTOR = jb.Rotor(soft_tipped(), 1.0)
@@ -25,7 +24,7 @@ ROTOR = jb.Rotor(soft_tipped(), 1.0)
             ),
             id="a load that is a tenth of what it should be", marks=pytest.mark.slow,
         ),
-        slow(lambda r: jb.critical_speed(SpatialRod(), r, throw=False)),
+        lambda r: jb.critical_speed(SpatialRod(), r, throw=False),
         lambda r: jb.floquet(
             SpatialRod(), r, jb.motions.ModulatedSpeed(1.0, 0.1, 8.6), steps=2, throw=False
         ),

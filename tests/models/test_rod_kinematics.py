@@ -24,24 +24,24 @@ CASES = {
 }
 
 
-def equations_of(model, root, tip):
+def in_motion(model, root, tip):
     rotor = coupled().rotor
     rotor = jb.Rotor(rotor.beam, rotor.hub_radius, root_support=root, tip_support=tip)
-    model, rotor = model.suited(rotor).in_motion(rotor)
-    return model.equations(rotor)
+    return model.suited(rotor).in_motion(rotor)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_kinematics_of_a_stage(name):
     """u / g - A u - B z = f, of which `before` is the part of f and `rates` that of z; forces
     change by minus K N u."""
-    equations = equations_of(*CASES[name])
-    rod, rng = equations.rod, np.random.default_rng(3)
-    size = equations.mass.shape[0]
-    v, z, *hub = (jnp.asarray(rng.normal(size=n)) for n in (size, size, 3, 3, 3, 3, 3))
-    changes = [jnp.asarray(0.2 * rng.normal(size=rod.free.size)) for _ in range(2)]
+    model, rotor = in_motion(*CASES[name])
 
     def all_of_it():
+        equations = model.equations(rotor)
+        rod, rng = equations.rod, np.random.default_rng(3)
+        size = equations.mass.shape[0]
+        v, z, *hub = (jnp.asarray(rng.normal(size=n)) for n in (size, size, 3, 3, 3, 3, 3))
+        changes = [jnp.asarray(0.2 * rng.normal(size=rod.free.size)) for _ in range(2)]
         q = equations.rest
         for change in changes:
             q = rod.changed(q, change)

@@ -30,8 +30,8 @@ def test_a_batch_is_its_single_runs(model):
     """More cases than go ahead together, of which the longest takes many times the steps of the
     shortest; two of them fail, at once and on the way."""
     speeds = np.append(SPEEDS, [np.nan, 40.0])
-    tip, steps, status = optimised(jax.vmap(lambda s: run(model, s)))(speeds)
-    single = optimised(lambda s: run(model, s))
+    tip, steps, status = jax.jit(jax.vmap(lambda s: run(model, s)))(speeds)
+    single = jax.jit(lambda s: run(model, s))
     alone = [single(s) for s in speeds]
     np.testing.assert_array_equal(status, [a[2] for a in alone])
     assert (status[:40] == jb.Status.OK).all()

@@ -112,7 +112,7 @@ def timoshenko(slenderness, count):
         a[3, 0] = -(omega**2)  # Q' = -omega^2 rho A w
         return np.linalg.det(scipy.linalg.expm(a)[2:, 2:])
 
-    grid = np.linspace(0.5, 150.0, 1200)
+    grid = np.linspace(0.5, 150.0, 150)
     values = np.array([misfit(omega) for omega in grid])
     ends = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))[:count]
     return np.array([scipy.optimize.brentq(misfit, grid[i], grid[i + 1]) for i in ends])
