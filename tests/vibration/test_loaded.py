@@ -213,7 +213,7 @@ def test_a_column_under_a_force_along_the_span_that_turns_with_it():
     """40.05 EI / L^3 (H. Leipholz, Ingenieur-Archiv 32, 1963), in place of the 7.837 of a heavy
     column."""
     loads = jb.Loads(force_per_length=(-1.0, 0.0, 0.0), follows=True)
-    found = jb.critical_load(jb.SpatialRod(6), jb.Rotor(UNIT), loads)
+    found = jb.critical_load(jb.SpatialRod(8), jb.Rotor(UNIT), loads)
     np.testing.assert_allclose(found.factor, LEIPHOLZ, rtol=2e-5)
     assert found.frequency > 10
 
