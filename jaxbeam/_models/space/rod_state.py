@@ -35,7 +35,8 @@ _ROUNDING = 0.6  # or the resolution of the numbers to this power: 7e-5 in singl
 _LEFT = 1e-2  # of that is allowed to what is foreseen to be left after a change
 _NONE = 1e-9  # in the place of a change before the first
 _MOST = 30  # changes for one share of the loads
-_FAR = 1e3  # a change that leads nowhere, in lengths and rad
+_FAR = 1e3  # a change that leads nowhere, in lengths and rad,
+_SWING = 0.5  # and of a root that turns, by which a beam on a hinge might come to another state
 _LEAST = 1e-5  # share of the loads by which they rise at least
 _IN_ALL = 600  # changes, for all shares
 
@@ -158,6 +159,7 @@ def _settled(rod: Rod, around: Around) -> Settled:
     none = jnp.zeros(tables.stiffness.shape[:2], one.dtype)
     scale = jnp.asarray(np.resize([1.0] * 3 + [0.0] * 3, 6 * len(tables.place))[free])
     scale = jnp.where(scale > 0, 1 / rod.length, 1.0)
+    swings = np.flatnonzero((free >= 3) & (free < 6))  # turns of the root
     close = max(_CLOSE, float(jnp.finfo(one.dtype).eps) ** _ROUNDING)
 
     def body(now: _NewtonState) -> _NewtonState:
@@ -176,7 +178,8 @@ def _settled(rod: Rod, around: Around) -> Settled:
         # What is left after a change is less than it by as much as that is less than the one before
         # it, at least.
         ended = (size < close) | (size * size < _LEFT * close * now.before)
-        lost = ~ended & (~(size < _FAR) | (now.tries >= _MOST))
+        far = ~(size < _FAR) | jnp.any(jnp.abs(change[swings]) > _SWING)
+        lost = ~ended & (far | (now.tries >= _MOST))
 
         def pick(a: Any, b: Any, c: Any) -> Any:
             return jnp.where(rests, c, jnp.where(ended, a, jnp.where(lost, b, c)))
