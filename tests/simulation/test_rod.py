@@ -204,36 +204,67 @@ def test_the_order_of_constant_steps(solver):
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 5, atol=0.8)
 
 
+STIFF = uniform(1e9 * np.eye(6), np.diag([1.0, 1, 1, 2e-3, 1e-3, 1e-3]), 1.0).rotor
+
+
 @functools.cache
-def pendulum():
-    """A stiff bar on a hinge about a3, tilted about its own axis before that, let fall."""
+def pendulum(slides):
+    """A stiff bar on a hinge about a3, tilted about its own axis before that, let fall; along the
+    hinge, too, where it slides."""
 
     @jax.jit
     def fall(tilt, gravity):
-        hinge = Support(about_3=0.0, attitude=jnp.stack([tilt, 0 * tilt, 0 * tilt]))
-        rotor = uniform(1e9 * np.eye(6), np.diag([1.0, 1, 1, 2e-3, 1e-3, 1e-3]), 1.0).rotor
-        rotor = jb.Rotor(rotor.beam, root_support=hinge)
+        hinge = Support(
+            about_3=0.0, along_3=0.0 if slides else None,
+            attitude=jnp.stack([tilt, 0 * tilt, 0 * tilt]),
+        )  # fmt: skip
         return jb.simulate(
-            SpatialRod(2), rotor, STILL, np.linspace(0, 4, 9), loads=jb.Loads(gravity),
-            dt0=0.001, stepsize_controller=diffrax.ConstantStepSize(),
+            SpatialRod(2), jb.Rotor(STIFF.beam, root_support=hinge), STILL, np.linspace(0, 4, 9),
+            loads=jb.Loads(gravity), dt0=0.001, stepsize_controller=diffrax.ConstantStepSize(),
         )  # fmt: skip
 
     return fall
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("tilt", [0.0, 0.7])
-def test_a_pendulum(tilt):
-    """From the horizontal, as by elliptic functions, through some periods."""
-    g, times = 9.81, np.linspace(0, 4, 9)
+@pytest.mark.parametrize(("tilt", "slides"), [(0.0, False), (0.7, False), (0.7, True)])
+def test_a_pendulum(tilt, slides):
+    """From the horizontal, as by elliptic functions, through some periods; and along its hinge as
+    what falls freely."""
+    g, down, times = 9.81, 0.4 * slides, np.linspace(0, 4, 9)
     across = np.array([0.0, np.cos(tilt), np.sin(tilt)])  # the way it swings, up
-    run = pendulum()(tilt, -g * across)
+    hinge = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
+    run = pendulum(slides)(tilt, -g * across - down * hinge)
     length = (1 / 3 + 1e-3) / 0.5  # of the simple pendulum
     sn, *_ = ellipj(ellipk(0.5) - np.sqrt(g / length) * times, 0.5)
     angle = 2 * np.arcsin(np.sqrt(0.5) * sn)  # from straight down
     exact = np.sin(angle)[:, None] * np.eye(3)[0] - np.cos(angle)[:, None] * across
+    exact = exact - down * times[:, None] ** 2 / 2 * hinge
     tip = np.asarray(run.tip) + np.eye(3)[0]
     np.testing.assert_allclose(tip, exact, atol=5e-6)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("end", ["root_support", "tip_support"])
+def test_a_bar_on_a_smooth_plane(end):
+    """Let go by a hub that turns: its middle flies straight, and it turns on; held by either end,
+    neither of which is loaded."""
+    plane, times = Support(along_1=0.0, along_2=0.0, about_3=0.0), np.linspace(0, 2, 5)
+    free = {"root_support": FREE, "tip_support": None, end: plane}
+    rotor = jb.Rotor(STIFF.beam, 0.3, **free)
+    run = optimised(
+        lambda: jb.simulate(
+            SpatialRod(2), rotor, jb.ConstantSpeed(5.0), times, dt0=0.001,
+            stepsize_controller=diffrax.ConstantStepSize(),
+        )
+    )()  # fmt: skip
+    angle, middle = 5 * times, 0.8 * np.stack([0 * times + 1, 5 * times, 0 * times], 1)
+    along = np.stack([np.cos(angle), np.sin(angle), 0 * times], 1)
+    exact = np.stack([middle - along / 2, middle + along / 2], 1)
+    places = np.asarray(run.displacement([0.0, 1.0])) + np.array([[0.3], [1.3]]) * np.eye(3)[0]
+    attitude = np.asarray(jax.vmap(run.scene.motion.attitude)(run.times))
+    in_space = np.einsum("tij,tpj->tpi", attitude, places)
+    np.testing.assert_allclose(in_space, exact, atol=2e-7)
 
 
 VALUES = jnp.array(
