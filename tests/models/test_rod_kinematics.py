@@ -68,7 +68,7 @@ def test_kinematics_of_a_stage(name):
         moved = jax.jvp(lambda q: rod.nodes(q)[0], (q,), (equations.kinematics(q, v),))[1]
         attitude = rotation(rod.nodes(q)[1])
         velocity = jnp.einsum("nij,nj->ni", attitude, rod.of_velocities(v)[:, :3])
-        again = rod.placed(*rod.nodes(q))
+        again = rod.coordinates(*rod.nodes(q))
         return {
             "displacements": (moved, velocity),
             "there and back": (rod.nodes(again)[0], rod.nodes(q)[0]),
