@@ -169,6 +169,24 @@ def test_what_acts_at_the_hub():
     np.testing.assert_allclose(curved, moment[:, 1:], atol=1e-5 * size)
 
 
+@pytest.mark.exhaustive
+def test_a_cantilever_pushed_across():
+    """To two fifths of its length, by the default tolerance, against a finer rod by a tight one."""
+    beam = slender(8.0, 0.20196, 5.0326e6, 566.4, 566.4).rotor
+    loads = jb.Loads(tip_force=lambda t: jnp.sin(jnp.pi * t / 2) ** 2 * jnp.array([0, 6.0, 8.0]))
+    tips = [
+        optimised(
+            lambda model=model, control=control: jb.simulate(
+                model, beam, STILL, np.linspace(0, 2, 21), loads=loads, stepsize_controller=control
+            )
+        )().tip
+        for model, control in ((SpatialRod(), None), (SpatialRod(12), TIGHT))
+    ]  # fmt: skip
+    peak = np.abs(tips[1]).max()
+    assert peak > 3.2
+    np.testing.assert_allclose(*tips, atol=2e-6 * peak)
+
+
 SOLVERS = pytest.mark.parametrize(
     "solver", [jb.solvers.Rodas5P(), jb.solvers.ChordKvaerno5()], ids=lambda s: type(s).__name__
 )
