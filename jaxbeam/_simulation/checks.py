@@ -19,8 +19,6 @@ from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.first_look import refuse, stays_in_plane
 from jaxbeam._rotor.loads import Loads, in_plane, loads_in_range
 from jaxbeam._rotor.motion import Hub, Motion
-from jaxbeam._solvers.rodas import Rosenbrock
-from jaxbeam._solvers.steps import SecondOrderSolver
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Scalar, is_concrete
@@ -117,17 +115,6 @@ def checked_start(model: AbstractModel, start: Any) -> State:
         if part.shape != (n,):
             raise ValueError(f"start.{name} must have shape ({n},), got {part.shape}")
     return State(*parts)
-
-
-def check_kinematics(model: AbstractModel, solver: Any) -> None:
-    """Raise unless a solver knows coordinates whose rates are not the velocities."""
-    few = isinstance(solver, SecondOrderSolver) and not isinstance(solver, Rosenbrock)
-    if few and model.sizes[0] != model.sizes[1]:
-        raise ValueError(
-            f"solver: {type(solver).__name__} is for models whose velocities are the rates of "
-            f"their coordinates, and those of {type(model).__name__} are not: take Rodas5P or "
-            "Rodas4P, or a solver of diffrax"
-        )
 
 
 _KINDS = {

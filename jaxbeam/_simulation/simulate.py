@@ -23,7 +23,6 @@ from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._simulation.checks import (
     Seen,
     check_kinds,
-    check_kinematics,
     check_scene,
     checked_start,
     checked_times,
@@ -131,7 +130,6 @@ def simulate(
         solver=solver, stepsize_controller=stepsize_controller, saveat=saveat, adjoint=adjoint,
         event=event, progress_meter=progress_meter,
     )  # fmt: skip
-    check_kinematics(model, solver)
     jumps = motion.jump_times().size or loads.jump_times().size
     if isinstance(adjoint, diffrax.BacksolveAdjoint) and (solver is None or event or jumps):
         raise ValueError(

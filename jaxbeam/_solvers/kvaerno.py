@@ -7,19 +7,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
-from jaxbeam._numerics.linalg import inverse
+from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.steps import (
+    Linearised,
     SecondOrderSolver,
     StepPolynomial,
     combined,
     length,
     run_core,
-    step_inputs,
     step_result,
-    work_along,
 )
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number, Vector
@@ -35,6 +34,23 @@ def _rows(rows: Any) -> np.ndarray:
 
 _WEIGHT, _PREDICTOR = _rows(_TABLEAU.a_lower), _rows(_TABLEAU.a_predictor)
 _ERROR = np.asarray(_TABLEAU.b_error)
+_WHOLE = np.pad(_WEIGHT, ((1, 0), (0, 0))) + np.diag([0.0, *[_GAMMA] * 6])  # of every stage
+
+
+def _along() -> np.ndarray:
+    """Weights (4, 7) of stages, by s, ..., s^4, in the state along a step: of order 4, stages being
+    of order 2, and of order 5 at its end. What is stiff goes with the states at implicit stages
+    alone, since the rate at the start, by forces that may have jumped, is large of it."""
+    c, implicit = np.array([0.0, *_TIMES]), _WHOLE[1:]
+    of_start = np.array([1.0, *-np.linalg.solve(implicit[:, 1:], implicit[:, 0])])
+    terms = np.stack([c**0, c, c**2, _WHOLE @ c**2, c**3, of_start], 1)
+    values = np.zeros((4, 6))
+    values[[0, 1, 2, 3, 3], range(5)] = 1, 1 / 2, 1 / 3, 1 / 12, 1 / 4
+    least = values @ np.linalg.pinv(terms)
+    return least + (_WHOLE[-1] - least.sum(0)) / 4
+
+
+_ALONG = _along()
 
 
 class ChordKvaerno5(SecondOrderSolver):
@@ -42,11 +58,11 @@ class ChordKvaerno5(SecondOrderSolver):
 
     Each stage has `iterations` of them, an int >= 1.
 
-    With q = q~ + h g v and v = v~ + h g a, a stage solves M a = f(t, q, v) for a alone; all stages
-    and iterations share one matrix M + h g C + (h g)^2 K. The embedded error is filtered by it, and
-    dense output is the quintic through q, q' and q'' at both ends. Very accurate at fixed steps;
-    where steps are so long that the matrix ages, the embedded error sees little of what the
-    iterations leave: adaptive steps want more `iterations`, or `Rodas5P`.
+    With q = q~ + h g q' and v = v~ + h g v', a stage solves q' = kinematics(q, v) and
+    M v' = f(t, q, v); all stages and iterations share one matrix, M / (h g) + C + h g K where
+    q' = v. The embedded error is filtered by it, and dense output is of order 4. Very accurate at
+    fixed steps; where steps are so long that the matrix ages, the embedded error sees little of
+    what the iterations leave: adaptive steps want more `iterations`, or `Rodas5P`.
 
     A. Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage,
     BIT 44 (2004); coefficients from `diffrax.Kvaerno5`.
@@ -82,58 +98,54 @@ class ChordKvaerno5(SecondOrderSolver):
             a = jax.lax.cond(
                 made_jump, lambda: args.acceleration(t0, y0.q, y0.v), lambda: solver_state
             )
-        inputs, between = step_inputs(args, t0 + h * _TIMES, t0, h)
+        inputs = jax.vmap(args.inputs)(t0 + h * np.array([0.0, *_TIMES]))
         end, error, coefficients, work, last = run_core(
-            ChordKvaerno5._core, self, args, h, y0, a, args.inputs(t0), inputs, between
+            ChordKvaerno5._core, self, args, h, y0, a, inputs
         )
         return *step_result(y0, end, error, coefficients, work), last, diffrax.RESULTS.successful
 
     def _core(
-        self, system: SecondOrderSystem, h: Number, y0: State, a: Vector, x0: Any, inputs: Any,
-        between: Any,
-    ) -> tuple[Array, Array, Array, Array, Vector]:  # fmt: skip
-        """The end, error and polynomial of q and v side by side, the work, and the last q''."""
+        self, system: SecondOrderSystem, h: Number, y0: State, a: Vector, inputs: Any
+    ) -> tuple[Array, Array, Array, Array, Vector]:
+        """The end, error and polynomial of q and v side by side, the work, and the last v'."""
         q, v = y0.q, y0.v
         n, g = len(q), _GAMMA * h
-        k, c = system.tangents(x0, q, v)
-        solve = inverse(system.mass + g * c + g**2 * k)
+        x0, later = (jax.tree.map(part, inputs) for part in (lambda x: x[0], lambda x: x[1:]))
+        about = Linearised.of(system, q, v, g, system.tangents(x0, q, v))
         both = jnp.concatenate([q, v])
 
         def stage(done: Array, row: Any) -> tuple[Array, None]:
             i, rows, now = row
-            step, past = combined(rows, done)
+            step, guess = combined(rows, done)
             explicit = both + h * step
 
-            def at(a: Vector) -> tuple[Vector, Vector]:
-                rate = explicit[n:] + g * a
-                return explicit[:n] + g * rate, rate
+            def improve(rate: Array, _: None) -> tuple[Array, None]:
+                at = explicit + g * rate
+                at_q, at_v = at[:n], at[n:]
+                off_q = system.kinematics(at_q, at_v) - rate[:n]
+                off_v = system.force(now, at_q, at_v) - system.mass @ rate[n:]
+                return rate + about.change(off_q, off_v) / g, None
 
-            def improve(a: Vector, _: None) -> tuple[Vector, None]:
-                return a - solve @ (system.mass @ a - system.force(now, *at(a))), None
-
-            a, _ = jax.lax.scan(improve, past[n:], None, length=self.iterations)
-            new = jnp.concatenate([at(a)[1], a])
-            return jax.lax.dynamic_update_index_in_dim(done, new, i, 0), None
+            rate, _ = jax.lax.scan(improve, guess, None, length=self.iterations)
+            return jax.lax.dynamic_update_index_in_dim(done, rate, i, 0), None
 
         rows = jnp.asarray(np.stack([_WEIGHT, _PREDICTOR], 1), q.dtype)
-        start = padded(jnp.concatenate([v, a])[None], 0, 6)
-        done, _ = jax.lax.scan(stage, start, (jnp.arange(1, 7), rows, inputs))
+        start = padded(jnp.concatenate([system.kinematics(q, v), a])[None], 0, 6)
+        done, _ = jax.lax.scan(stage, start, (jnp.arange(1, 7), rows, later))
 
         # The last stage is the end of the step.
-        change, off = h * combined(np.stack([np.append(_WEIGHT[-1, :-1], _GAMMA), _ERROR]), done)
-        filtered = solve @ (system.mass @ off[n:] - g * (k @ off[:n]))
-        off = jnp.concatenate([off[:n] + g * filtered, filtered])
-        coefficients = _quintic(h, both, a, both + change, done[-1, n:])
-        work = work_along(system, between, h, y0, coefficients)
-        return both + change, off, coefficients, work, done[-1, n:]
+        change, off = h * combined(np.stack([_WHOLE[-1], _ERROR]), done)
+        off = about.change(off[:n] / g, system.mass @ off[n:] / g)
+        work = _work(system, inputs, h, both, done)
+        return both + change, off, h * combined(_ALONG, done), work, done[-1, n:]
 
 
-def _quintic(h: Number, y0: Array, a0: Vector, y1: Array, a1: Vector) -> Array:
-    """Hermite's polynomial: coefficients of s, ..., s^5 of q and v side by side."""
-    n = len(a0)
-    q0, v0, q1, v1 = y0[:n], h * y0[n:], y1[:n], h * y1[n:]
-    a0, a1 = h**2 * a0, h**2 * a1
-    d, e, f = q1 - q0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
-    q = [v0, a0 / 2, 10 * d - 4 * e + f / 2, -15 * d + 7 * e - f, 6 * d - 3 * e + f / 2]
-    v = [2 * q[1], 3 * q[2], 4 * q[3], 5 * q[4], jnp.zeros_like(d)]
-    return jnp.concatenate([jnp.stack(q), jnp.stack(v) / h], 1)
+def _work(
+    system: SecondOrderSystem, inputs: Any, h: Number, start: Array, done: Float[Array, "7 m *k"]
+) -> Float[Array, "4 *k"]:
+    """The work, by powers at stages."""
+    system, inputs, h, start, done = without_derivatives((system, inputs, h, start, done))
+    n = len(start) - system.mass.shape[0]
+    states = start[None] + h * combined(_WHOLE, done)
+    power = jax.vmap(lambda x, y: system.power(x, y[:n], y[n:]))(inputs, states)
+    return h * combined(_ALONG, power[:, None])[:, 0]

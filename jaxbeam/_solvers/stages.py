@@ -33,11 +33,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
-from jaxbeam._numerics.kinematics import Kinematics, Straight
+from jaxbeam._numerics.kinematics import Straight
 from jaxbeam._numerics.linalg import outer
 from jaxbeam._programs.lanes import compute_once, pairwise_sum, transposed
 from jaxbeam._programs.one_function import without_rules
-from jaxbeam._solvers.steps import combined
+from jaxbeam._solvers.steps import Linearised, combined
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Number, Scalar, Vector
 
@@ -69,9 +69,7 @@ class Tableau(NamedTuple):
 class Stages(NamedTuple):
     """The stages of a step."""
 
-    k: Any
-    kinematics: Kinematics
-    solve: Any  # A^-1
+    about: Linearised
     force_rate: Vector  # F'
     done: Float[Array, "s m *lanes"]  # U of q and v side by side
     at: Any  # S (s, m, *lanes), and P, if they are kept
@@ -87,8 +85,7 @@ def stages(
     n, both = len(q), jnp.concatenate([q, v])
     x0, input_rate = start
     k, c, force_rate = _beginning(system, x0, input_rate, q, v)
-    kinematics = system.stage_kinematics(q, v, g)
-    solve = kinematics.inverse(system.mass / g + c + kinematics.eliminated(k))
+    about = Linearised.of(system, q, v, g, (k, c))
 
     def stage(done: Array, row: Any) -> tuple[Array, Any]:
         i, rows, d, now = row
@@ -98,9 +95,7 @@ def stages(
         at = step[:n], step[n:]
         first = system.kinematics(*at) + past[:n]
         right = system.force(now, *at) + system.mass @ past[n:] + h * d * force_rate
-        z = solve @ (right - k @ kinematics.seen(kinematics.before(first)))
-        new = jnp.concatenate([kinematics.change(first, z), z])
-        done = jax.lax.dynamic_update_index_in_dim(done, new, i, 0)
+        done = jax.lax.dynamic_update_index_in_dim(done, about.change(first, right), i, 0)
         return done, (step, past) if every else None
 
     rows = jnp.asarray(np.stack([table.weight, table.coupling], 1), q.dtype)
@@ -110,7 +105,7 @@ def stages(
         jnp.zeros((count, *both.shape), q.dtype),
         (jnp.arange(count), rows, jnp.asarray(table.rate, q.dtype), inputs),
     )
-    return Stages(k, kinematics, solve, force_rate, done, *(began if every else (None, None)))
+    return Stages(about, force_rate, done, *(began if every else (None, None)))
 
 
 def _beginning(
@@ -146,7 +141,7 @@ def _back(table: Tableau, moving: Any, args: Any, found: Stages, out: Any) -> An
     # By what stages have in common
     mass, by_rate = args[0].mass, combined(table.rate[None], y)[0]
     shared = outer(mass, y, past[:, n:] - done[:, n:] / g), h * by_rate
-    plain = isinstance(found.kinematics, Straight)
+    plain = isinstance(found.about.kinematics, Straight)
     pull_back = _back_by_matrices if plain else _back_along
     more, to_start, by_q, by_v = pull_back(own, still, y0, shared, (y, e, done))
     by_past = later[1::2]
@@ -169,7 +164,7 @@ def _backwards(
     """Cotangents of S_i and P_i / h, in this order for each stage, and of the system by the forces
     of all; y_i, e_i and the cotangent of the inputs, of each."""
     system, h, y0 = args[:3]
-    n, s, kinematics = len(y0.q), len(to_done), found.kinematics
+    n, s, (k, kinematics, solve) = len(y0.q), len(to_done), found.about
 
     def rates(system: Any, own_x: Any, q: Vector, v: Vector, other_x: Any) -> tuple[Vector, Vector]:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
@@ -180,8 +175,8 @@ def _backwards(
         i, columns, to_u, at, x, other_x = row
         to_u = to_u + compute_once(combined(columns[None], later)[0])
         to_q, to_v = to_u[:n], to_u[n:]
-        y = (kinematics.led_back(to_q, y0.v) + to_v) @ found.solve
-        e = to_q - kinematics.seen_back(y @ found.k, y0.q)
+        y = (kinematics.led_back(to_q, y0.v) + to_v) @ solve
+        e = to_q - kinematics.seen_back(y @ k, y0.q)
         e = kinematics.before_back(e, y0.q)
         with transposed():
             _, pull = jax.vjp(

@@ -3,7 +3,7 @@
 import abc
 import functools
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, Self
 
 import diffrax
 import equinox as eqx
@@ -12,11 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._programs.kernel import Adjoint, in_reverse_mode, kernel
 from jaxbeam._programs.lanes import append_axes, sum_of_products
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Number
+from jaxbeam._types import Number, Vector
 
 _NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 _NODES, WEIGHTS = (1 + _NODES) / 2, WEIGHTS / 2
@@ -76,6 +77,37 @@ def length(t0: Any, t1: Any) -> Array:
     are thrown away; dividing by zero, or overflow in a long step, would still leave NaN in
     gradients."""
     return jnp.where(t1 == t0, 1e-9, t1 - t0)
+
+
+class Linearised(NamedTuple):
+    """A system about the state in which a step begins, for stages whose share of it is g.
+
+    With D, B and N of `Kinematics` (g, 1 and 1 where q' = v), changes u of coordinates and z of
+    velocities by rates f and forces F solve
+
+        u = D (f + B z),  A z = F - K N D f,   A = M / g + C + K N D B.
+    """
+
+    k: Any  # the tangent K
+    kinematics: Kinematics
+    solve: Any  # A^-1
+
+    @classmethod
+    def of(
+        cls, system: SecondOrderSystem, q: Vector, v: Vector, g: Number, tangents: tuple[Any, Any]
+    ) -> Self:
+        """The system about q and v, where it has the tangents K and C."""
+        k, c = tangents
+        kinematics = system.stage_kinematics(q, v, g)
+        return cls(
+            k, kinematics, kinematics.inverse(system.mass / g + c + kinematics.eliminated(k))
+        )
+
+    def change(self, rates: Vector, force: Vector) -> Array:
+        """The changes u and z, side by side, by rates of coordinates and a force."""
+        kinematics = self.kinematics
+        z = self.solve @ (force - self.k @ kinematics.seen(kinematics.before(rates)))
+        return jnp.concatenate([kinematics.change(rates, z), z])
 
 
 Core = Any  # a function of a solver, a system and arrays

@@ -346,9 +346,9 @@ def test_what_it_refuses():
     rotor = jb.Rotor(blade, 1.0)
     with pytest.raises(ValueError, match="blade: Hybrid has no full sections"):
         jb.modes(jb.Hybrid(), rotor, 1.0)
-    chord = jb.solvers.ChordKvaerno5()
-    with pytest.raises(ValueError, match="take Rodas5P or Rodas4P"):
-        jb.simulate(SpatialRod(), rotor, jb.ConstantSpeed(1.0), [0.0, 1.0], solver=chord)
+    exponential = jb.solvers.Magnus()
+    with pytest.raises(TypeError, match="Magnus needs forces that are linear"):
+        jb.simulate(SpatialRod(), rotor, jb.ConstantSpeed(1.0), [0.0, 1.0], solver=exponential)
     half = jb.Rotor(blade, 1.0, root_support=jb.blades.Support(along_1=0.0, about_2=0.0))
     with pytest.raises(ValueError, match="root_support: in motion in time an end that turns"):
         jb.simulate(SpatialRod(), half, jb.ConstantSpeed(1.0), [0.0, 1.0])

@@ -16,10 +16,14 @@ G = 0.37
 HINGED = Support(about_1=2.0, about_2=3.0, about_3=1.0, attitude=(0.2, -0.3, 0.5))
 GUIDED = Support(along_1=0.0, attitude=(0.1, 0.2, -0.3))
 LOOSE = Support(*(1.0,) * 6, attitude=(0.3, 0.1, 0.2))
+SLIDING = Support(along_3=0.0, about_3=1.0, attitude=(0.2, -0.3, 0.5))
+IN_A_PLANE = Support(along_1=1.0, along_2=0.0, about_3=0.0)
 CASES = {
     "clamped": (jb.SpatialRod(4), None, None),
     "three elements, hinged": (jb.SpatialRod(3, 3), HINGED, None),
     "guided at the tip": (jb.SpatialRod(3, 2), None, GUIDED),
+    "sliding along its hinge": (jb.SpatialRod(3), SLIDING, None),
+    "in a plane at the tip": (jb.SpatialRod(3), None, IN_A_PLANE),
     "loose at the root, a joint at the tip": (jb.SpatialRod(3), LOOSE, HINGED),
 }
 
@@ -64,7 +68,7 @@ def test_kinematics_of_a_stage(name):
         moved = jax.jvp(lambda q: rod.nodes(q)[0], (q,), (equations.kinematics(q, v),))[1]
         attitude = rotation(rod.nodes(q)[1])
         velocity = jnp.einsum("nij,nj->ni", attitude, rod.of_velocities(v)[:, :3])
-        again = rod.placed(*rod.nodes(q))
+        again = rod.coordinates(*rod.nodes(q))
         return {
             "displacements": (moved, velocity),
             "there and back": (rod.nodes(again)[0], rod.nodes(q)[0]),

@@ -170,8 +170,31 @@ def test_what_acts_at_the_hub():
 
 
 @pytest.mark.exhaustive
-def test_the_order_of_constant_steps():
-    """Of a soft bar that a hub has let go, turning five times."""
+def test_a_cantilever_pushed_across():
+    """To two fifths of its length, by the default tolerance, against a finer rod by a tight one."""
+    beam = slender(8.0, 0.20196, 5.0326e6, 566.4, 566.4).rotor
+    loads = jb.Loads(tip_force=lambda t: jnp.sin(jnp.pi * t / 2) ** 2 * jnp.array([0, 6.0, 8.0]))
+    tips = [
+        optimised(
+            lambda model=model, control=control: jb.simulate(
+                model, beam, STILL, np.linspace(0, 2, 21), loads=loads, stepsize_controller=control
+            )
+        )().tip
+        for model, control in ((SpatialRod(), None), (SpatialRod(12), TIGHT))
+    ]  # fmt: skip
+    peak = np.abs(tips[1]).max()
+    assert peak > 3.2
+    np.testing.assert_allclose(*tips, atol=2e-6 * peak)
+
+
+SOLVERS = pytest.mark.parametrize(
+    "solver", [jb.solvers.Rodas5P(), jb.solvers.ChordKvaerno5()], ids=lambda s: type(s).__name__
+)
+
+
+@functools.cache
+def let_go(solver):
+    """Ends of a soft bar that a hub has let go, turning five times, by the length of steps."""
     case = uniform(
         100 * np.eye(6), np.diag([1.0, 1, 1, 0.2, 0.1, 0.1]), 1.0, -0.5, root_support=FREE
     )
@@ -180,47 +203,86 @@ def test_the_order_of_constant_steps():
     @optimised
     def ends(step):
         run = jb.simulate(
-            SpatialRod(2), case.rotor, motion, np.linspace(0, 6, 4), dt0=step,
-            stepsize_controller=diffrax.ConstantStepSize(),
+            SpatialRod(2), case.rotor, motion, np.linspace(0, 6, 4), dt0=step, solver=solver,
+            stepsize_controller=diffrax.ConstantStepSize(), balance_tolerance=0.1,
         )  # fmt: skip
         return run.displacement([0.0, 1.0])
 
-    exact, *found = (np.asarray(ends(jnp.asarray(0.04 / 2**k))) for k in (6, 1, 2, 3))
+    return ends
+
+
+@pytest.mark.exhaustive
+@SOLVERS
+def test_the_order_of_constant_steps(solver):
+    """Against much shorter ones of a Rosenbrock method."""
+    exact = np.asarray(let_go(jb.solvers.Rodas5P())(jnp.asarray(0.04 / 2**6)))
+    found = [np.asarray(let_go(solver)(jnp.asarray(0.04 / 2**k))) for k in (1, 2, 3)]
     errors = [np.abs(one - exact).max() for one in found]
     assert errors[-1] < 1e-6
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 5, atol=0.8)
 
 
+STIFF = uniform(1e9 * np.eye(6), np.diag([1.0, 1, 1, 2e-3, 1e-3, 1e-3]), 1.0).rotor
+
+
 @functools.cache
-def pendulum():
-    """A stiff bar on a hinge about a3, tilted about its own axis before that, let fall."""
+def pendulum(slides):
+    """A stiff bar on a hinge about a3, tilted about its own axis before that, let fall; along the
+    hinge, too, where it slides."""
 
     @jax.jit
     def fall(tilt, gravity):
-        hinge = Support(about_3=0.0, attitude=jnp.stack([tilt, 0 * tilt, 0 * tilt]))
-        rotor = uniform(1e9 * np.eye(6), np.diag([1.0, 1, 1, 2e-3, 1e-3, 1e-3]), 1.0).rotor
-        rotor = jb.Rotor(rotor.beam, root_support=hinge)
+        hinge = Support(
+            about_3=0.0, along_3=0.0 if slides else None,
+            attitude=jnp.stack([tilt, 0 * tilt, 0 * tilt]),
+        )  # fmt: skip
         return jb.simulate(
-            SpatialRod(2), rotor, STILL, np.linspace(0, 4, 9), loads=jb.Loads(gravity),
-            dt0=0.001, stepsize_controller=diffrax.ConstantStepSize(),
+            SpatialRod(2), jb.Rotor(STIFF.beam, root_support=hinge), STILL, np.linspace(0, 4, 9),
+            loads=jb.Loads(gravity), dt0=0.001, stepsize_controller=diffrax.ConstantStepSize(),
         )  # fmt: skip
 
     return fall
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("tilt", [0.0, 0.7])
-def test_a_pendulum(tilt):
-    """From the horizontal, as by elliptic functions, through some periods."""
-    g, times = 9.81, np.linspace(0, 4, 9)
+@pytest.mark.parametrize(("tilt", "slides"), [(0.0, False), (0.7, False), (0.7, True)])
+def test_a_pendulum(tilt, slides):
+    """From the horizontal, as by elliptic functions, through some periods; and along its hinge as
+    what falls freely."""
+    g, down, times = 9.81, 0.4 * slides, np.linspace(0, 4, 9)
     across = np.array([0.0, np.cos(tilt), np.sin(tilt)])  # the way it swings, up
-    run = pendulum()(tilt, -g * across)
+    hinge = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
+    run = pendulum(slides)(tilt, -g * across - down * hinge)
     length = (1 / 3 + 1e-3) / 0.5  # of the simple pendulum
     sn, *_ = ellipj(ellipk(0.5) - np.sqrt(g / length) * times, 0.5)
     angle = 2 * np.arcsin(np.sqrt(0.5) * sn)  # from straight down
     exact = np.sin(angle)[:, None] * np.eye(3)[0] - np.cos(angle)[:, None] * across
+    exact = exact - down * times[:, None] ** 2 / 2 * hinge
     tip = np.asarray(run.tip) + np.eye(3)[0]
     np.testing.assert_allclose(tip, exact, atol=5e-6)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("end", ["root_support", "tip_support"])
+def test_a_bar_on_a_smooth_plane(end):
+    """Let go by a hub that turns: its middle flies straight, and it turns on; held by either end,
+    neither of which is loaded."""
+    plane, times = Support(along_1=0.0, along_2=0.0, about_3=0.0), np.linspace(0, 2, 5)
+    free = {"root_support": FREE, "tip_support": None, end: plane}
+    rotor = jb.Rotor(STIFF.beam, 0.3, **free)
+    run = optimised(
+        lambda: jb.simulate(
+            SpatialRod(2), rotor, jb.ConstantSpeed(5.0), times, dt0=0.001,
+            stepsize_controller=diffrax.ConstantStepSize(),
+        )
+    )()  # fmt: skip
+    angle, middle = 5 * times, 0.8 * np.stack([0 * times + 1, 5 * times, 0 * times], 1)
+    along = np.stack([np.cos(angle), np.sin(angle), 0 * times], 1)
+    exact = np.stack([middle - along / 2, middle + along / 2], 1)
+    places = np.asarray(run.displacement([0.0, 1.0])) + np.array([[0.3], [1.3]]) * np.eye(3)[0]
+    attitude = np.asarray(jax.vmap(run.scene.motion.attitude)(run.times))
+    in_space = np.einsum("tij,tpj->tpi", attitude, places)
+    np.testing.assert_allclose(in_space, exact, atol=2e-7)
 
 
 VALUES = jnp.array(
@@ -228,7 +290,7 @@ VALUES = jnp.array(
 )
 
 
-def outcome(p, adjoint=None):
+def outcome(p, solver, adjoint=None):
     """Tip and twist after a spin-up, by every number there is."""
     beam = jb.Beam(*p[:5], torsional_stiffness=p[5], polar_inertia=p[6])
     rotor = jb.Rotor(beam, p[7], p[8], pitch=p[9], precone=p[10])
@@ -240,21 +302,26 @@ def outcome(p, adjoint=None):
     run = jb.simulate(
         SpatialRod(3), rotor, motion, jnp.linspace(0.0, 0.4, 3), damping=jb.Damping(p[13], p[14]),
         loads=loads, stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01, max_steps=64,
-        adjoint=adjoint, throw=False,
+        solver=solver, adjoint=adjoint, throw=False,
     )  # fmt: skip
     return jnp.append(run.tip[-1], run.torsion(1.0)[-1])
 
 
 @pytest.mark.exhaustive
-def test_gradients_by_every_parameter():
+@SOLVERS
+def test_gradients_by_every_parameter(solver):
     """Both ways, against differences of the same discrete solution."""
+
+    def value(p, adjoint=None):
+        return outcome(p, solver, adjoint)
+
     push = jax.jit(
-        lambda along: jax.jvp(lambda p: outcome(p, diffrax.ForwardMode()), (VALUES,), (along,))[1]
+        lambda along: jax.jvp(lambda p: value(p, diffrax.ForwardMode()), (VALUES,), (along,))[1]
     )
     exact = np.stack([push(along) for along in jnp.eye(VALUES.size)], -1)
-    pull = jax.jit(lambda weights: jax.vjp(outcome, VALUES)[1](weights)[0])
+    pull = jax.jit(lambda weights: jax.vjp(value, VALUES)[1](weights)[0])
     back = np.stack([pull(weights) for weights in jnp.eye(4)])
-    numeric, size = finite_difference(jax.jit(outcome), VALUES), np.asarray(VALUES)
+    numeric, size = finite_difference(jax.jit(value), VALUES), np.asarray(VALUES)
     scale = np.abs(exact * size).max(1, keepdims=True)
     np.testing.assert_allclose(exact * size / scale, numeric * size / scale, rtol=0, atol=1e-7)
     np.testing.assert_allclose(back * size / scale, exact * size / scale, rtol=0, atol=2e-8)

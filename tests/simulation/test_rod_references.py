@@ -153,15 +153,15 @@ def turned(run, xi=0.5):
 
 
 @functools.cache
-def bar(sections):
+def bar(sections, solver=None):
     """Its run, by the speed and axis of a hub that lets it go, its middle on the axis; by constant
     steps, since it rings at first, under what turns with it."""
     inertia = np.diag([1.0, 1, 1, *sections])
     case = uniform(1e9 * np.eye(6), inertia, 1.0, -0.5, root_support=FREE)
     return optimised(
-        lambda speed, axis: jb.simulate(
-            SpatialRod(2), case.rotor, jb.ConstantSpeed(speed, axis), TIMES, dt0=0.002,
-            stepsize_controller=diffrax.ConstantStepSize(),
+        lambda speed, axis, step=0.002: jb.simulate(
+            SpatialRod(2), case.rotor, jb.ConstantSpeed(speed, axis), TIMES, dt0=step,
+            solver=solver, stepsize_controller=diffrax.ConstantStepSize(), balance_tolerance=0.1,
         )
     )  # fmt: skip
 
@@ -183,6 +183,16 @@ def test_precession_of_a_body_that_flies():
     exact = precession((0.2, 0.1 + 1 / 12), speed * axis, TIMES)
     found = turned(bar((0.2, 0.1, 0.1))(speed, axis))
     np.testing.assert_allclose(found, exact, atol=5e-7)
+
+
+@pytest.mark.exhaustive
+def test_implicit_stages_of_a_body_that_flies():
+    """Are of order 5, on turns that are far from small."""
+    axis, speed = np.array([0.6, 0.0, 0.8]), 5.0
+    exact = precession((0.2, 0.1 + 1 / 12), speed * axis, TIMES)
+    run = bar((0.2, 0.1, 0.1), jb.solvers.ChordKvaerno5())
+    errors = [np.abs(turned(run(speed, axis, 0.16 / 2**k)) - exact).max() for k in range(3)]
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 5, atol=0.3)
 
 
 def tumbling(inertia, start, times):
@@ -288,6 +298,13 @@ def momenta(equations, q, v):
     return jnp.sum(linear, 0), jnp.sum(angular + jnp.cross(rod.tables.place + u, linear), 0)
 
 
+def momenta_of(run):
+    """Those at all times."""
+    states = zip(run.state.q, run.state.v, strict=True)
+    found = [momenta(run.scene.equations, *pair) for pair in states]
+    return [np.stack(part) for part in zip(*found, strict=True)]
+
+
 @pytest.mark.exhaustive
 def test_what_a_flying_strand_keeps():
     """Its centre goes as the impulse says, and energy and momenta stay; no hub holds it."""
@@ -300,11 +317,41 @@ def test_what_a_flying_strand_keeps():
     speed = 1000 * 35 / 128 * DEAD[:3] / 10  # by the impulse, over the mass
     np.testing.assert_allclose(centre[after], (t[after, None] - 2.5) * speed, atol=3e-7)
     np.testing.assert_allclose(found.energy[after] / found.energy[-1], 1.0, atol=1e-7)
-    states = zip(found.state.q, found.state.v, strict=True)
-    kept = [momenta(found.scene.equations, *pair) for pair in states]
-    linear, angular = (np.stack(part)[after] for part in zip(*kept, strict=True))
+    linear, angular = (part[after] for part in momenta_of(found))
     np.testing.assert_allclose(linear, np.tile(10 * speed, (len(linear), 1)), atol=3e-8)
     np.testing.assert_allclose(angular, np.tile(angular[0], (len(angular), 1)), atol=2e-7)
     assert np.abs(found.hub_force).max() < 1e-10
     assert np.abs(found.hub_torque).max() < 1e-10
     assert np.abs(found.imbalance).max() < 1e-8
+
+
+@pytest.mark.exhaustive
+def test_the_strand_under_the_load_that_was_printed():
+    """Twice as much of it, in a triangle of five seconds: elements converge, and all is kept."""
+    times, dead = np.linspace(0, 10, 9), 2 * DEAD
+
+    def triangle(t):
+        return jnp.maximum(0.0, 200 * (1 - jnp.abs(t - 2.5) / 2.5))
+
+    loads = jb.Loads(
+        tip_force=lambda t: triangle(t) * dead[:3], tip_moment=lambda t: triangle(t) * dead[3:],
+        changes=[2.5, 5.0],
+    )  # fmt: skip
+    coarse, fine = (
+        optimised(
+            lambda model=model: jb.simulate(
+                model, STRAND.rotor, STILL, times, loads=loads,
+                stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-9),
+            )
+        )()
+        for model in (SpatialRod(6, 2), SpatialRod(8, 3))
+    )  # fmt: skip
+    ends = [np.asarray(run.displacement([0.0, 1.0])) for run in (coarse, fine)]
+    assert np.abs(ends[1]).max() > 30  # the centre goes (4, 3) m/s
+    np.testing.assert_allclose(*ends, atol=2e-3)
+    after = times >= 5.0
+    linear, angular = (part[after] for part in momenta_of(fine))
+    np.testing.assert_allclose(linear, np.tile(500 * dead[:3], (len(linear), 1)), atol=3e-9)
+    np.testing.assert_allclose(angular, np.tile(angular[0], (len(angular), 1)), atol=5e-8)
+    np.testing.assert_allclose(fine.energy[after] / fine.energy[-1], 1.0, atol=1e-8)
+    assert np.abs(fine.imbalance).max() < 1e-8

@@ -314,6 +314,34 @@ def test_an_acceleration_from_before_a_jump_is_not_used(jumped):
     np.testing.assert_allclose(end.q, 0.125, rtol=1e-12)
 
 
+class Sprung(jb.solvers.SecondOrderSystem):
+    """q'' = 1 - 1e8 q."""
+
+    mass: jax.Array
+
+    def force(self, t, q, v):
+        return 1 - 1e8 * q
+
+
+def test_what_is_stiff_after_a_jump():
+    """Along the first step from rest under a force, and in its end, it is where the force holds it,
+    or not far from that; the rate at the start would bring it some thousand times as far."""
+    solver, still = jb.solvers.ChordKvaerno5(), jb.solvers.State(jnp.zeros(1), jnp.zeros(1))
+    term, pushed = jb.solvers.SecondOrderSystem.term(solver), Sprung(jnp.eye(1))
+    span, held = (jnp.asarray(0.0), jnp.asarray(0.1)), 1e-8
+
+    @jax.jit
+    def step():
+        end, _, info, _, _ = solver.step(term, *span, still, pushed, jnp.ones(1), False)
+        along = solver.interpolation_cls(t0=span[0], t1=span[1], **info)
+        return end.q, jax.vmap(along.evaluate)(jnp.linspace(0, 0.1, 11))
+
+    end, along = step()
+    np.testing.assert_allclose(end, held, rtol=1e-2)
+    assert np.abs(along.q).max() < 3 * held
+    assert np.abs(along.v).max() < 30 * held / 0.1
+
+
 def test_iterations_are_checked():
     with pytest.raises(ValueError, match="iterations must be at least 1"):
         jb.solvers.ChordKvaerno5(iterations=0)

@@ -133,7 +133,7 @@ class SpatialRod(AbstractModel[Rotor]):
         so that inertia is constant: a rotation that is held beside two that are free is on a spring
         so stiff that it is as good as held.
 
-        Raises `ValueError` for an end that shifts in some ways and turns as well.
+        Raises `ValueError` for an end whose shifts have other ways once it has turned.
         """
         stiff = _STIFF * rotor.beam.mean.in_plane_bending_stiffness / rotor.beam.length
         given = []

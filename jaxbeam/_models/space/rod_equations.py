@@ -299,7 +299,7 @@ class RestingRod(Equations):
         it, by supports of the tip too: what is out of balance at ends without that."""
         u, p = self.rod.nodes(q)
         free = Rod(self.rod.tables, self.rod.mass, None, None, self.length)
-        q = free.placed(u, p)
+        q = free.coordinates(u, p)
         residual = balance(free, q, self._around(hub, tip_force, span)).residual
         force, moment = jnp.zeros((2, 3), q.dtype)
         for node in (0,) if self.rod.tip is None else (0, -1):

@@ -52,8 +52,8 @@ class RodEquations(RestingRod):
         return Moving.of(self.rod, q, self.rod.of_velocities(v), g)
 
     def as_velocities(self, q: Coordinates, change: Coordinates) -> Vector:
-        none = jnp.zeros_like(self.mass[0])
-        return self.stage_kinematics(q, none, jnp.ones_like(self.length)).seen(change)
+        state = bent(self.rod.tables, *self.rod.loose_nodes(q))
+        return self.rod.velocities_in(state, self.rod.quaternions(q), change)
 
     def displaced(self, q: Coordinates) -> Vector:
         u, p = self.rod.nodes(q)

@@ -20,11 +20,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_elements import Bent, bent, on_diagonal
-from jaxbeam._models.space.rod_nodes import Coordinates, Rod
-from jaxbeam._models.space.rod_places import kept, risen, summed
+from jaxbeam._models.space.rod_nodes import Coordinates, Rod, small_turns
+from jaxbeam._models.space.rod_places import rises, without_drift
 from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._numerics.linalg import Factors
-from jaxbeam._numerics.quaternions import conjugate, crossing, quaternion_product, rotation
+from jaxbeam._numerics.quaternions import crossing, quaternion_product, rotation
 from jaxbeam._types import Matrix, Number, Vector
 
 _Sixes = Float[Array, "nodes 6"]
@@ -78,7 +78,7 @@ class Moving(Kinematics):
         root, turns, strain = self.rod.parts(first)
         half = jnp.concatenate([jnp.zeros_like(self.w[:, :1]), self.w[:, 3:] / 2], 1)
         spun = self._own[:, None] * (turns / self.g + quaternion_product(turns, half))
-        about = self._turns(spun)
+        about = small_turns(self.p, spun)
         root = root + self.state.turns[0, 0] @ jnp.cross(about[0], self.w[0, :3])
         by_turns = jnp.einsum("egakt,ekt->ega", self.strained, self.rod.tables.of_elements(about))
         strain = jnp.einsum("egab,egb->ega", self.lasting, strain + by_turns)
@@ -88,14 +88,7 @@ class Moving(Kinematics):
         return self.rod.rates_in(self.state, self.p, self.rod.of_velocities(z))
 
     def seen(self, change: Vector) -> Vector:
-        (root, spun, strain), tables, state = self.rod.parts(change), self.rod.tables, self.state
-        turns = self._turns(spun)
-        about = jnp.einsum("egakt,ekt->ega", self.turned, tables.of_elements(turns))
-        slopes = strain + jnp.cross(about, state.stretch)
-        slopes = jnp.einsum("egba,egb->ega", state.inward, slopes)
-        moved = kept(tables, summed(tables, root, slopes), self.rod.held_tip)
-        inward = jnp.einsum("nba,nb->na", rotation(self.p), moved)
-        return self.rod.to_velocities(jnp.concatenate([inward, turns], 1))
+        return self.rod.velocities_in(self.state, self.p, change)
 
     def eliminated(self, stiffness: Matrix) -> Matrix:
         tables, state, (g, w) = self.rod.tables, self.state, (self.g, self.w)
@@ -114,7 +107,7 @@ class Moving(Kinematics):
         slopes = jnp.concatenate([moving, turning], -1)
         slopes = jnp.einsum("egba,egbkt->egakt", state.inward, slopes)
         first = jnp.concatenate([eye[0], -crossing(w[0, :3]) @ turns[0]], 1)
-        moved = self._along(g * state.turns[0, 0] @ first, risen(tables, slopes))
+        moved = self._along(g * state.turns[0, 0] @ first, rises(tables, slopes))
         moved = jnp.einsum("nba,nbm->nam", rotation(self.p), moved)
         turned = on_diagonal(jnp.pad(turns, ((0, 0), (3, 0), (3, 0)))).reshape(len(w), 6, -1)
         both = jnp.concatenate([moved, turned[:, 3:]], 1).reshape(6 * len(w), -1)
@@ -134,7 +127,7 @@ class Moving(Kinematics):
             more = jnp.broadcast_to(row, (len(part), *row.shape[1:]))
             rows.append(more.at[:, :, columns].add(part.reshape(len(part), 3, width)))
             row = rows[-1][-1:]
-        return kept(tables, jnp.concatenate(rows), self.rod.held_tip)
+        return without_drift(tables, jnp.concatenate(rows), self.rod.held_tip)
 
     def inverse(self, matrix: Matrix) -> Factors:
         return Factors.of(matrix)
@@ -142,8 +135,3 @@ class Moving(Kinematics):
     @property
     def _own(self) -> Float[Array, " nodes"]:
         return self.g**2 / (1 + self.g**2 * jnp.sum(self.w[:, 3:] ** 2, 1) / 4)
-
-    def _turns(self, spun: Float[Array, "nodes 4"]) -> Float[Array, "nodes 3"]:
-        """Small turns of nodes, in their axes, from changes of their quaternions."""
-        size = jnp.sum(self.p * self.p, 1, keepdims=True)
-        return 2 * quaternion_product(conjugate(self.p), spun)[:, 1:] / size

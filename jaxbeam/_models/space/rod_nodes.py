@@ -21,10 +21,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_elements import Bent, bent, on_diagonal
-from jaxbeam._models.space.rod_places import kept, placed, strained, stretching
+from jaxbeam._models.space.rod_places import (
+    displacements,
+    integrals,
+    strain_rates,
+    strains,
+    turning,
+    without_drift,
+)
 from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.quaternions import (
+    conjugate,
     crossing,
     normalised,
     quaternion_product,
@@ -65,7 +73,7 @@ class Rod(eqx.Module):
     def nodes(self, q: Coordinates) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 4"]]:
         """Displacements and quaternions of nodes, these of length one."""
         u, p = self.loose_nodes(q)
-        return kept(self.tables, u, self.held_tip), p
+        return without_drift(self.tables, u, self.held_tip), p
 
     def loose_nodes(
         self, q: Coordinates
@@ -73,7 +81,7 @@ class Rod(eqx.Module):
         """Displacements and quaternions of nodes where strains alone say where the tip is."""
         root, p, strain = self.parts(q)
         p = normalised(p + UPRIGHT[None])
-        return placed(self.tables, root, p, strain), p
+        return displacements(self.tables, root, p, strain), p
 
     def quaternions(self, q: Coordinates) -> Float[Array, "nodes 4"]:
         """Quaternions of nodes, of whatever length they have."""
@@ -115,9 +123,9 @@ class Rod(eqx.Module):
         first = jnp.concatenate([root[None], self.length * strain.reshape(-1, 3)])
         return jnp.concatenate([first, 2 * self.length * p], 1).reshape(-1)
 
-    def placed(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
+    def coordinates(self, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Coordinates:
         """Coordinates of displacements and quaternions."""
-        return self.joined(u[0], p - UPRIGHT[None], strained(self.tables, u, p))
+        return self.joined(u[0], p - UPRIGHT[None], strains(self.tables, u, p))
 
     @property
     def held_tip(self) -> Float[Array, "3 3"] | None:
@@ -131,7 +139,7 @@ class Rod(eqx.Module):
         u, p = self.nodes(q)
         every = self.spread(q, change)
         moved = u + jnp.einsum("nij,nj->ni", rotation(p), every[:, :3])
-        return self.placed(moved, rotated(p, every[:, 3:]))
+        return self.coordinates(moved, rotated(p, every[:, 3:]))
 
     def rates(self, q: Coordinates, change: Float[Array, " f"]) -> Coordinates:
         """The rates of coordinates q by small changes."""
@@ -147,8 +155,20 @@ class Rod(eqx.Module):
     ) -> Coordinates:
         """The rates of coordinates of a state whose quaternions p are of whatever length."""
         half = jnp.concatenate([jnp.zeros_like(p[:, :1]), rates[:, 3:] / 2], 1)
-        root, strain = state.turns[0, 0] @ rates[0, :3], stretching(self.tables, state, rates)
+        root, strain = state.turns[0, 0] @ rates[0, :3], strain_rates(self.tables, state, rates)
         return self.joined(root, quaternion_product(p, half), strain)
+
+    def velocities_in(
+        self, state: Bent, p: Float[Array, "nodes 4"], rates: Coordinates
+    ) -> Float[Array, " f"]:
+        """The velocities whose rates of coordinates are these, as in `rates_in`."""
+        (root, spun, strain), tables = self.parts(rates), self.tables
+        turns = small_turns(p, spun)
+        slopes = strain + jnp.cross(turning(tables, state, turns), state.stretch)
+        slopes = jnp.einsum("egba,egb->ega", state.inward, slopes)
+        moved = without_drift(tables, integrals(tables, root, slopes), self.held_tip)
+        inward = jnp.einsum("nba,nb->na", rotation(p), moved)
+        return self.to_velocities(jnp.concatenate([inward, turns], 1))
 
     def spread(self, q: Coordinates, change: Float[Array, " f"]) -> Float[Array, "nodes 6"]:
         """Changes of all nodes from those that are free."""
@@ -233,6 +253,14 @@ class Rod(eqx.Module):
         for node, _ in self.led_ends:
             by_node = by_node.at[node].set(jnp.eye(3), unique_indices=True)
         return by_node
+
+
+def small_turns(
+    p: Float[Array, "nodes 4"], change: Float[Array, "nodes 4"]
+) -> Float[Array, "nodes 3"]:
+    """Small turns of nodes, in their axes, from changes of quaternions of whatever length."""
+    size = jnp.sum(p * p, 1, keepdims=True)
+    return 2 * quaternion_product(conjugate(p), change)[:, 1:] / size
 
 
 def slot(node: int) -> slice:

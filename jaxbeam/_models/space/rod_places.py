@@ -31,29 +31,31 @@ def _integrals(degree: int) -> np.ndarray:
     return np.linalg.inv(lagrange(lobatto(degree), gauss(degree)[0])[1][:, 1:])
 
 
-def risen(tables: RodTables, slopes: Float[Array, "E p *k"]) -> Float[Array, "E p *k"]:
+def rises(tables: RodTables, slopes: Float[Array, "E p *k"]) -> Float[Array, "E p *k"]:
     """Rise of a function with these slopes by arc length at Gauss points, from the first node of
     each element to its others."""
     return jnp.einsum("ng,eg,eg...->en...", _integrals(tables.degree), tables.pace, slopes)
 
 
-def summed(tables: RodTables, first: Triple, slopes: _Points) -> _Nodes:
+def integrals(tables: RodTables, first: Triple, slopes: _Points) -> _Nodes:
     """Values at nodes of a function that begins so and has these slopes at Gauss points."""
-    each = risen(tables, slopes)
+    each = rises(tables, slopes)
     begin = jnp.concatenate([jnp.zeros_like(each[:1, -1]), jnp.cumsum(each[:-1, -1], 0)])
     inner = (begin[:, None] + each).reshape(-1, 3)
     return first[None] + jnp.concatenate([jnp.zeros_like(inner[:1]), inner])
 
 
-def placed(tables: RodTables, root: Triple, p: Float[Array, "nodes 4"], strain: _Points) -> _Nodes:
+def displacements(
+    tables: RodTables, root: Triple, p: Float[Array, "nodes 4"], strain: _Points
+) -> _Nodes:
     """Displacements of nodes, by that of the root, unit quaternions and strains."""
     q = jnp.asarray(tables.shapes) @ tables.of_elements(p)
     slopes = jnp.einsum("egij,egj->egi", turned_by(q), tables.tangent)
     slopes = slopes + jnp.einsum("egij,egj->egi", rotation(q), strain)
-    return summed(tables, root, slopes)
+    return integrals(tables, root, slopes)
 
 
-def kept(
+def without_drift(
     tables: RodTables, u: Float[Array, "nodes 3 *k"], held: Float[Array, "3 3"] | None
 ) -> Float[Array, "nodes 3 *k"]:
     """Displacements, or changes of them, less what grows evenly along the rod to that of the tip in
@@ -63,7 +65,7 @@ def kept(
     return u - jnp.einsum("n,ab,b...->na...", tables.node_places, held, u[-1])
 
 
-def strained(tables: RodTables, u: _Nodes, p: Float[Array, "nodes 4"]) -> _Points:
+def strains(tables: RodTables, u: _Nodes, p: Float[Array, "nodes 4"]) -> _Points:
     """Strains at Gauss points, by displacements and unit quaternions of nodes."""
     q = jnp.asarray(tables.shapes) @ tables.of_elements(p)
     back = conjugate(q)
@@ -71,14 +73,18 @@ def strained(tables: RodTables, u: _Nodes, p: Float[Array, "nodes 4"]) -> _Point
     return rise + jnp.einsum("egij,egj->egi", turned_by(back), tables.tangent)
 
 
-def stretching(tables: RodTables, state: Bent, rates: Float[Array, "nodes 6"]) -> _Points:
+def turning(tables: RodTables, state: Bent, turns: Float[Array, "nodes 3"]) -> _Points:
+    """The turns 2 vec(Q^-1 Q') of sections at Gauss points, in their axes, by those of nodes."""
+    leading = jnp.einsum("ekab,ekb->eka", state.leads, tables.of_elements(turns))
+    whole = jnp.asarray(tables.shapes) @ leading
+    return 2 * jnp.einsum("egab,egb->ega", state.seen[:, :, 1:], whole)
+
+
+def strain_rates(tables: RodTables, state: Bent, rates: Float[Array, "nodes 6"]) -> _Points:
     """Rates of strains at Gauss points where nodes move so, in axes that turn with them:
 
     eps' = R^T r' + 2 (x' + eps) x vec(Q^-1 Q'), the rates of r' and Q by those of nodes.
     """
-    rates = tables.of_elements(rates)
-    moving = jnp.einsum("ekab,ekb->eka", state.turns, rates[..., :3])
-    turning = jnp.einsum("ekab,ekb->eka", state.leads, rates[..., 3:])
+    moving = jnp.einsum("ekab,ekb->eka", state.turns, tables.of_elements(rates[:, :3]))
     rise = jnp.einsum("egab,egb->ega", state.inward, tables.rate @ moving)
-    about = jnp.einsum("egab,egb->ega", state.seen[:, :, 1:], jnp.asarray(tables.shapes) @ turning)
-    return rise + 2 * jnp.cross(state.stretch, about)
+    return rise + jnp.cross(state.stretch, turning(tables, state, rates[:, 3:]))

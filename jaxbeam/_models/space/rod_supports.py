@@ -185,14 +185,20 @@ def moving_end(name: str, end: Held | None, attitude: Any, stiff: Number) -> Sup
     """
     if end is None:
         return None
-    shifts, turns = (sum(way // 3 == part for way in end.ways) for part in (0, 1))
-    if turns and shifts not in (0, 3):
+    shifts = {way for way in end.ways if way < 3}
+    turns = [way - 3 for way in end.ways if way > 2]
+    # Rotations about one axis leave that axis, and the plane across it, where they are.
+    lasting: list[set[int]] = [set(), {0, 1, 2}]
+    if len(turns) == 1:
+        lasting += [set(turns), {0, 1, 2} - set(turns)]
+    if turns and shifts not in lasting:
         raise ValueError(
-            f"{name}: in motion in time an end that turns is free to shift in all ways or in none; "
-            "give a stiff spring instead of None to the ways in which it is held"
+            f"{name}: in motion in time an end that turns is free to shift in all ways or in none, "
+            "or, where it turns about one axis, along that or in all ways across: give a spring "
+            "instead of None to the ways in which it is held"
         )
     springs = end.springs
-    if turns == 2:
+    if len(turns) == 2:
         springs = (*springs[:3], *(stiff if spring is None else spring for spring in springs[3:]))
     return Support(**dict(zip(WAYS, springs, strict=True)), attitude=attitude)
 
