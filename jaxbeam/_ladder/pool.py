@@ -12,8 +12,9 @@ import numpy as np
 
 from jaxbeam._checks import real_scalar
 from jaxbeam._ladder.background import BackgroundCompiler
+from jaxbeam._ladder.deformed import straightened
 from jaxbeam._ladder.evaluate import UNKNOWN
-from jaxbeam._ladder.questions import Answer, Question, straightened
+from jaxbeam._ladder.questions import Answer, Question
 from jaxbeam._ladder.rungs import is_planar
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._rotor.beam import Rotor

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import check_kind, checked_speed, count_functions
+from jaxbeam._ladder.deformed import END, deformed_by, straightened, strained_most
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.loaded import checked_conditions
 from jaxbeam._models.contract.supports import borne
@@ -21,12 +22,11 @@ from jaxbeam._modes.modes import found_about
 from jaxbeam._modes.wanted import choose
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._rotor.blade import Blade
 from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._rotor.motion import Motion
-from jaxbeam._rotor.spanwise import along, at_root, beside_kinks
+from jaxbeam._rotor.spanwise import at_root
 from jaxbeam._simulation.checks import check_scene, checked_times, scene_status
 from jaxbeam._simulation.result import Simulation, checked_point
 from jaxbeam._simulation.simulate import adaptive, simulate
@@ -126,40 +126,6 @@ class Question(eqx.Module):
         """
 
 
-_END = (0.99, 1.0)  # places x / L between which the slope at the tip is taken
-
-
-def straightened(rotor: Rotor) -> Rotor:
-    """A rotor for theories of straight beams: that of a blade with the beam that is left of it, and
-    clamped where it is on supports."""
-    ends = (rotor.root_support, rotor.tip_support)
-    if any(end is not None for end in ends):
-        rotor = dataclasses.replace(rotor, root_support=None, tip_support=None)
-    if isinstance(rotor.beam, Blade):
-        rotor = dataclasses.replace(rotor, beam=rotor.beam.beam())
-    return rotor
-
-
-def _strained_most(rotor: Rotor) -> np.ndarray:
-    """Places x / L at which the largest strains may be: the root, and where the beam is weaker."""
-    beam = rotor.beam
-    return np.zeros(1) if beam.is_uniform else np.append(0.0, beside_kinks(beam.edges)[0])
-
-
-def _deformed(rotor: Rotor, ends: Array, strain: Array, curvature: Array) -> tuple[Array, ...]:
-    """`size`, `slope` and `constitutive_uncertainty` of an `Answer`, from displacements (T, 2, 3)
-    at `_END`, strains (T, p) and curvatures (T, p, 2) where the beam is strained most."""
-    beam, places = rotor.beam, _strained_most(rotor)
-    size = jnp.max(jnp.linalg.norm(ends[:, 1, 1:], axis=1)) / beam.length
-    rise = jnp.linalg.norm(ends[:, 1, 1:] - ends[:, 0, 1:], axis=1)
-    slope = jnp.max(rise) / ((_END[1] - _END[0]) * beam.length)
-    both = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
-    stiffness = jnp.stack([along(each, places) for each in both], 1)
-    stiffness = stiffness / along(beam.axial_stiffness, places)[:, None]
-    bent = jnp.sum(curvature**2 * stiffness[None], 2)
-    return size, slope, jnp.max(jnp.abs(strain)) + jnp.max(bent)
-
-
 class _InTime(Question):
     order: ClassVar[int] = 4
     motion: Motion
@@ -204,9 +170,9 @@ class _InTime(Question):
             balance_tolerance=jnp.maximum(1e-3, 10 * accuracy),  # type: ignore[arg-type]
         )  # fmt: skip
         value = self.read(model, rotor, run)
-        places = _strained_most(straight)
-        size, slope, law = _deformed(
-            straight, run.displacement(_END), run.strain(places), run.curvature(places)
+        places = strained_most(straight)
+        size, slope, law = deformed_by(
+            straight, run.displacement(END), run.strain(places), run.curvature(places)
         )
         scale = jnp.max(jnp.abs(value)) + jnp.zeros_like(value)
         numbers = (value, scale, size, slope, law)
@@ -367,9 +333,9 @@ class ModalFrequencies(Question):
         deformed: tuple[Array, ...] = (0 * speed, 0 * speed, jnp.abs(straight.steady_strain(speed)))
         if conditions is not None:
             assert system.state is not None
-            at, q, places = model.equations(rotor), system.state, _strained_most(straight)
-            seen = at.displacement(q, np.array(_END)), at.strain(q, places), at.curvature(q, places)
-            deformed = _deformed(straight, *(a[None] for a in seen))
+            at, q, places = model.equations(rotor), system.state, strained_most(straight)
+            seen = at.displacement(q, np.array(END)), at.strain(q, places), at.curvature(q, places)
+            deformed = deformed_by(straight, *(a[None] for a in seen))
         size, slope, law = nan_unless(found.status == Status.OK, deformed)
         # A mode that diverges where another theory has it vibrate must not pass as 0 of 0.
         tiny = 1e-9 * straight.beam.frequency_scale

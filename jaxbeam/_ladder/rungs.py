@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._ladder.questions import Question, checked_question, straightened
+from jaxbeam._ladder.deformed import straightened
+from jaxbeam._ladder.questions import Question, checked_question
 from jaxbeam._models.ancf.theories import PlanarRod
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_case
@@ -207,7 +208,8 @@ def scout_of(linear: list[AbstractModel], elements: list[AbstractModel]) -> Abst
 def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     """Rungs that may judge: coarser ones seldom do, and each would have to be compiled."""
     coarse = 2
-    if rotor.varies and isinstance(nonlinear[0], PlanarRod):
+    by_elements = nonlinear[0].is_reference and not isinstance(nonlinear[0], SpatialRod)
+    if rotor.varies and by_elements:
         coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 

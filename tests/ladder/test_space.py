@@ -133,9 +133,10 @@ def test_rods_alone_bear_blades_and_supports():
 
 def test_places_in_a_cone():
     """The axes of the hub are not those of the beam, for many points as for one."""
-    model = jb.SpatialRod(2)
-    equations = model.equations(rotor(precone=0.3))
-    q = jnp.linspace(-0.1, 0.1, len(model.directions))
+    coned = rotor(precone=0.3)
+    model = jb.SpatialRod(2).suited(coned)
+    equations = model.equations(coned)
+    q = jnp.linspace(-0.1, 0.1, model.sizes[0])
     tip = equations.displacement(q, np.array([1.0]))[0]
     np.testing.assert_allclose(equations.displacement(q, np.array([0.5, 1.0]))[1], tip, atol=1e-15)
     np.testing.assert_allclose(equations.displacement(q, np.ones(1))[0], tip, atol=1e-15)

@@ -40,7 +40,7 @@ from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 
 class _ANCF(CartesianModel):
-    supports = AS_BUILT | {"tip_body.flap_inertia"}
+    supports = AS_BUILT
     n_elements: int = eqx.field(static=True, default=10)
 
     def __check_init__(self) -> None:

@@ -37,10 +37,6 @@ _REFUSED = {
     "root_support": ("support of its root", "take SpatialRod, or root_springs=RootSprings(...)"),
     "tip_support": ("support of its tip", "take SpatialRod, or leave it out"),
     "tip_body": ("body at the tip", "take Hybrid or PlanarRod"),
-    "tip_body.flap_inertia": (
-        "body at the tip of two inertias across the beam",
-        "leave flap_inertia out, or take Hybrid",
-    ),
     "tip_body.centre_of_mass": (
         "body at the tip of a full inertia",
         "take SpatialRod, or a TipBody, which has moments about the axes of its section alone",
@@ -73,8 +69,8 @@ _NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N 
 # What all beams know.
 AS_BUILT = frozenset(
     {
-        "spanwise", "beam.point_masses", "tip_body", "loads.force_per_length",
-        "loads.point_forces",
+        "spanwise", "beam.point_masses", "tip_body", "tip_body.flap_inertia",
+        "loads.force_per_length", "loads.point_forces",
     }
 )  # fmt: skip
 ROOT_IN_PLANE = frozenset({"root_springs", "root_springs.in_plane", "damping.in_plane_damper"})

@@ -66,7 +66,7 @@ class _Modal(CartesianModel):
     zeros throughout.
     """
 
-    supports = AS_BUILT | ROOT_SPRINGS | TURNED | {"tip_body.flap_inertia"}
+    supports = AS_BUILT | ROOT_SPRINGS | TURNED
     n_stretch: int = eqx.field(static=True, default=10)
     n_in_plane: int = eqx.field(static=True, default=16)
     n_flap: int = eqx.field(static=True, default=16)

@@ -77,7 +77,7 @@ class SpatialRod(AbstractModel[Rotor]):
         AS_BUILT | ROOT_SPRINGS | SUPPORTS | TURNED
         | {
             "blade", "precone", CONED_AND_MORE, "loads.tip_moment", "loads.follows",
-            "beam.gyration", "tip_body.flap_inertia", "tip_body.centre_of_mass",
+            "beam.gyration", "tip_body.centre_of_mass",
             "damping.section_coefficients",
         }
     )  # fmt: skip
