@@ -34,7 +34,7 @@ def examples(number):
 BAD = 0.0, -1.0, math.nan, math.inf, -math.inf
 ABSURD = 1e-300, 1e-30, 1e30, 1e300  # and yet in range
 RULES = rules(jb.Beam) | OF_ROTOR | rules(jb.papers.SpringRotor)
-TWISTING = "torsional_stiffness", "polar_inertia"  # of elements in space
+TWISTING = "torsional_stiffness", "polar_inertia"  # of rods in space
 # What a parameter's status is called follows from its name.
 NAMED = {key: Status[f"INVALID_{key.upper()}"] for key in (*RULES, *TWISTING)}
 LEAST = {key: False if key in TWISTING else RULES[key]["zero"] for key in NAMED}

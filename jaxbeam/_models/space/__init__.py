@@ -1,1 +1,1 @@
-"""Finite elements in space, which bend both ways, twist and stretch."""
+"""The exact rod in space, which bends both ways, twists, shears and stretches."""

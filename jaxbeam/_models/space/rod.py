@@ -55,9 +55,10 @@ class SpatialRod(AbstractModel[Rotor]):
     known places beyond which sections are 300 times as soft as others, as at tips of real blades:
     one polynomial of the forces would have modes there that no blade has. Where numbers are traced
     `frequency_error` of `Modes` tells, and the status of all else (`TOO_FEW_FUNCTIONS`): take
-    elements, or `suited(rotor)` of a rotor whose numbers are known. Within an element rotations may
-    differ by less than half a turn; from the undeformed blade they may be of any size. Costs go
-    with the cube of the number of coordinates.
+    elements, or `suited(rotor)` of a rotor whose numbers are known. Rotations may be of any size;
+    where sections of one element turn against each other by more than its polynomials follow to
+    some 0.02 rad, 3 rad of degree 2 and 19 rad of degree 8, that is `OUT_OF_RANGE`. Costs go with
+    the cube of the number of coordinates.
 
     It takes all that a rotor and loads have (`Rotor`, `Loads`); loads that follow turn with the
     sections from axes of the undeformed beam. Runs whose forces in sections are by much in the
