@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.blocks import padded
+from jaxbeam._numerics.kinematics import Straight
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.steps import (
     Linearised,
@@ -112,6 +113,7 @@ class ChordKvaerno5(SecondOrderSolver):
         n, g = len(q), _GAMMA * h
         x0, later = (jax.tree.map(part, inputs) for part in (lambda x: x[0], lambda x: x[1:]))
         about = Linearised.of(system, q, v, g, system.tangents(x0, q, v))
+        plain = isinstance(about.kinematics, Straight)
         both = jnp.concatenate([q, v])
 
         def stage(done: Array, row: Any) -> tuple[Array, None]:
@@ -120,10 +122,15 @@ class ChordKvaerno5(SecondOrderSolver):
             explicit = both + h * step
 
             def improve(rate: Array, _: None) -> tuple[Array, None]:
+                if plain:  # q' = v holds in every iteration, and needs no product with K
+                    rate = jnp.concatenate([explicit[n:] + g * rate[n:], rate[n:]])
                 at = explicit + g * rate
                 at_q, at_v = at[:n], at[n:]
-                off_q = system.kinematics(at_q, at_v) - rate[:n]
                 off_v = system.force(now, at_q, at_v) - system.mass @ rate[n:]
+                if plain:
+                    change = about.solve @ off_v / g
+                    return rate + jnp.concatenate([g * change, change]), None
+                off_q = system.kinematics(at_q, at_v) - rate[:n]
                 return rate + about.change(off_q, off_v) / g, None
 
             rate, _ = jax.lax.scan(improve, guess, None, length=self.iterations)

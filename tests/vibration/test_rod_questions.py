@@ -103,3 +103,20 @@ def test_the_first_torsion_is_the_lowest():
         direction, number, share = (np.asarray(part) for part in labels(speed))
         np.testing.assert_array_equal(direction == torsion, share > 0.5)
         np.testing.assert_array_equal(number[share > 0.5], 1 + np.arange(np.sum(share > 0.5)))
+
+
+@pytest.mark.exhaustive
+def test_a_speed_that_is_modulated_at_twice_a_frequency():
+    """Flap grows as fast as by `Hybrid`, whose stretch does not shorten what rotates."""
+    beam = jb.Beam(1.0, 1.0, 1e5, 1.0, 0.6, torsional_stiffness=0.5, polar_inertia=1e-5)
+    asked, hybrid = jb.Rotor(beam, 0.3, 0.1), jb.Hybrid(0, 6, 6)
+    twice = 2 * jb.modes(hybrid, asked, 2.0, [FLAP]).frequency[0]
+    motion = jb.motions.ModulatedSpeed(2.0, 0.6, twice)
+    rates = [
+        jb.floquet(model, asked, motion, steps=2000).growth_rate
+        for model in (hybrid, SpatialRod(4))
+    ]
+    np.testing.assert_allclose(*rates, rtol=1e-2)
+    still = jb.floquet(SpatialRod(4), asked, jb.ConstantSpeed(2.0), np.pi, steps=500).multipliers
+    for each in jb.modes(SpatialRod(4), asked, 2.0, 4).eigenvalue:
+        assert np.abs(still - np.exp(each * np.pi)).min() < 3e-6

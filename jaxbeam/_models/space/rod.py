@@ -117,6 +117,9 @@ class SpatialRod(AbstractModel[Rotor]):
         nodes = (len(self._edges) - 1) * self.degree
         return 15 + 6 * nodes + 0.9 * nodes**2  # dense matrices, but half as many steps or fewer
 
+    def slow_modes(self, count: int) -> int:
+        return 2 * count // 3  # the highest third is of shear, of which a beam has hardly any
+
     @property
     def directions(self) -> tuple[Direction, ...]:
         return tuple(_OF_NODE[way % 6] for way in self._free)
