@@ -162,8 +162,10 @@ class _InTime(Question):
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
         straight = straightened(rotor)
-        atol = accuracy * self.resolved(straight, size) * straight.beam.length
-        controller = adaptive(accuracy, atol, self.times)
+        # What a model counts of its velocities says how much tighter its steps have to be.
+        rtol = accuracy * (model.step_tolerance / AbstractModel.step_tolerance)
+        atol = rtol * self.resolved(straight, size) * straight.beam.length
+        controller = adaptive(rtol, atol, self.times)
         run = simulate(
             model, rotor, self.motion, self.times, loads=self.loads, damping=self.damping,
             stepsize_controller=controller, max_steps=self.max_steps, throw=False,
