@@ -73,11 +73,12 @@ TRIED = {  # the first two of each kind with --quick
         RODAS5P, (jb.SpatialRod, 8, 6, 4, 12), (jb.Hybrid, (0, 6, 6)),
     ),
     LAG: each(
-        None, (jb.Hybrid, (8, 16, 0)), (jb.PlanarRod, 10, 20), (jb.SpatialRod, 6, 8),
+        None, (jb.Hybrid, (8, 16, 0)), (jb.PlanarRod, 10, 20), (jb.SpatialRod, 6, 8, 10),
         (jb.Hybrid, (3, 6, 0), (5, 10, 0)), (jb.papers.ANCF, 10),
     ),
     FLAP: each(
-        None, (jb.Hybrid, (8, 16, 16)), (jb.SpatialRod, 8, 6), (jb.Hybrid, (3, 6, 6), (5, 10, 10)),
+        None, (jb.Hybrid, (8, 16, 16)), (jb.SpatialRod, 8, 6, 10),
+        (jb.Hybrid, (3, 6, 6), (5, 10, 10)),
     ),
 }  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Beams as built in the modal models, against references that are computed without them."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -218,7 +219,7 @@ def test_a_body_at_the_tip_moves_as_one(pitch):
     along, across, up = mass * arms**2 / 3  # second moments
     body = jb.TipBody(mass, offset, along + across, across + up, along + up)
     rotor, model = jb.Rotor(beam, 0.4, pitch=pitch, tip_body=body), jb.Hybrid(2, 3, 3)
-    equations = model.equations(rotor)
+    equations = eqx.filter_jit(model.equations)(rotor)
     hub, q, v = random_state(model, 3, False)
     end = model.displacement(np.ones(1), rotor)[:, 0]
     # Slopes of what is smooth, along the beam.

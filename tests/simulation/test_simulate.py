@@ -687,11 +687,11 @@ def test_force_and_torque_of_the_hub_balance_power(model, rotor):
 
     motion = jb.motions.HubPose(lambda t: jnp.sin(t * a) + b * t**2, rotation)
     loads = jb.Loads(*load)
-    scene = jb.results.Scene(model, rotor, motion, loads, jb.Damping())
     q, v = jnp.asarray(0.05 * rng.normal(size=(2, len(model.directions))))
 
     @jax.jit
     def both(t):
+        scene = jb.results.Scene(model, rotor, motion, loads, jb.Damping())
         hub, y = scene.hub(t), jb.solvers.State(q, v)
         moving = jb.solvers.State(v, scene.acceleration(t, q, v))
         rate = jax.jvp(scene.total_energy, (t, y), (jnp.ones(()), moving))[1]

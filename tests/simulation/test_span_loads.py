@@ -50,15 +50,15 @@ def both(model):
 @pytest.mark.parametrize("model", [MODELS[-1], *map(exhaustive, MODELS[:-1])])
 def test_weight_as_a_force_along_the_span(model):
     """Forces, tangents, power and what the hub feels are those of gravity, in any state."""
-    scenes = [Scene(model, ROTOR, MOTION, loads, jb.Damping()) for loads in both(model)]
-    rng = np.random.default_rng(3)
-    n, t = len(model.directions), jnp.asarray(0.7)
-    state = State(*(0.05 * jnp.asarray(a) for a in rng.normal(size=(2, n))), jnp.zeros(()))
+    model, rng, t = model.suited(ROTOR), np.random.default_rng(3), jnp.asarray(0.7)
+    q, v = (0.05 * jnp.asarray(rng.normal(size=n)) for n in model.sizes)
+    state = State(q, v, jnp.zeros(()))
 
     @jax.jit
     def seen(q, v):
         found = []
-        for scene in scenes:
+        for loads in both(model):
+            scene = Scene(model, ROTOR, MOTION, loads, jb.Damping())
             x = scene.inputs(t)
             k = dense(scene.tangents(x, q, v)[0])
             found.append((scene.force(x, q, v), k, scene.power(x, q, v), scene.reaction(t, state)))
