@@ -319,9 +319,9 @@ loads = jb.Loads(tip_force=[0.0, 2.0, 3.0])
 def turning(tip_mass):
     rotor = jb.Rotor(stiff, 0.0, tip_mass, precone=0.05)
     motion, times = jb.SmoothSpinUp(4.0, 15.0), jnp.linspace(0.0, 20.0, 201)
-    return jb.simulate(jb.SpatialRod(6), rotor, motion, times, throw=False).peak()[0]
+    return jb.simulate(jb.SpatialRod(8), rotor, motion, times, throw=False).peak()[0]
 def bent(tip_mass):
-    return jb.modes(jb.SpatialRod(6), jb.Rotor(stiff, 0.0, tip_mass), 2.0, 3, loads=loads,
+    return jb.modes(jb.SpatialRod(8), jb.Rotor(stiff, 0.0, tip_mass), 2.0, 3, loads=loads,
                     throw=False).frequency[0]
 """
 # What is asked, and what comes before it.
