@@ -3,7 +3,7 @@
 The blade of the NREL 5-MW reference turbine at a pre-cone of 2.5 degrees, under a force per length
 across the plane of rotation that grows from zero at the root to the tip. How far it bends, how its
 frequencies move with the thrust and with the speed, what moves with them, and which number of the
-blade each depends on. Elements in space; the hybrid theory, linear about the straight beam, knows
+blade each depends on. By a rod in space; the hybrid theory, linear about the straight beam, knows
 nothing of it.
 
 The published table has no stiffness along the blade, none of torsion and no polar inertia: sections

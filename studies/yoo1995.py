@@ -3,7 +3,7 @@
 Spin-ups of a beam: abrupt and planar (Fig. 4), slow and planar (Fig. 6), about an axis to which the
 beam is inclined (Figs. 8, 9); then of the discrete analogue (Figs. 12-14). Y compares the present
 (hybrid) method with the classical linear one, C.L.C.; here the von Karman beam and geometrically
-exact elements (ANCF), in the plane or in space, say which of them is right, and how far. Misprints
+exact rods, in the plane or in space, say which of them is right, and how far. Misprints
 in the data and equations of Y are corrected. Units are SI.
 
     python studies/yoo1995.py [--quick] [--out FOLDER]

@@ -275,9 +275,10 @@ class PeakDeflection(_AtPoint):
 class RootStrain(_InTime):
     """Axial strain at the root, at `times` (T,) in s; errors over its largest.
 
-    The force of the hub along the undeformed beam over EA. Of models without stretch that is the
-    quasi-static strain; of elements it converges as deflections do, which their strain at a point
-    does not. `motion`, `loads`, `damping` and `max_steps` are those of `simulate`.
+    The force of the hub along the undeformed beam over EA, or where an end has a support the
+    tension there. Of models without stretch that is the quasi-static strain; of elements it
+    converges as deflections do, which their strain at a point does not. `motion`, `loads`,
+    `damping` and `max_steps` are those of `simulate`.
 
     Raises `ValueError` or `TypeError` for a malformed argument.
     """
@@ -287,11 +288,15 @@ class RootStrain(_InTime):
         return jnp.minimum(size, jnp.abs(rotor.steady_strain(self.speed())) + 1e-12)
 
     def read(self, model: AbstractModel, rotor: Rotor, run: Simulation) -> Vector:
+        stiffness = at_root(straightened(rotor).beam.axial_stiffness)
+        if rotor.root_support is not None or rotor.tip_support is not None:
+            # The hub gives what both ends give, and the root may have turned.
+            return run.section_force(0.0)[:, 0, 0] / stiffness
         force = run.hub_force[:, 0]
         if rotor.precone is not None:
             cos, sin = jnp.cos(rotor.precone), jnp.sin(rotor.precone)
             force = cos * force + sin * run.hub_force[:, 2]
-        return -force / at_root(straightened(rotor).beam.axial_stiffness)
+        return -force / stiffness
 
 
 class ModalFrequencies(Question):

@@ -61,8 +61,8 @@ class Beam(Parameters):
     Models in space ask how it twists: `torsional_stiffness` GJ in N m^2, > 0, and `polar_inertia`,
     that about the beam per length, in kg m, > 0; without it that of a solid section, rho (EI_zz +
     EI_yy) / EA. Where it is given modal theories have rotary inertia (but in cones), shared by both
-    ways of bending as stiffness is, as rods always have; elements leave it out. `point_masses` are
-    `PointMasses` between the ends.
+    ways of bending as stiffness is, as rods always have; planar elements leave it out.
+    `point_masses` are `PointMasses` between the ends.
 
     Raises `TypeError` for what is no real number, nor varies along the span as it may, and
     `ValueError` for what is not allowed; numbers that are traced are told of by a `Status` instead.

@@ -71,9 +71,9 @@ class TipBody(Parameters):
     | flap_inertia  | J_f    | as `inertia`, where the beam bends in flap; the  | kg m^2 | >= 0 or |
     |               |        | same unless it is given                          |        | None    |
 
-    With all but the mass zero it is a point (nearly, in elements, which hold a body by a stiff
-    spring). It turns with the end of the beam; its axes are those of the last section, which twist
-    and pitch turn.
+    With all but the mass zero it is a point (nearly, in planar elements, which hold a body by a
+    stiff spring). It turns with the end of the beam; its axes are those of the last section, which
+    twist and pitch turn.
 
     Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """

@@ -55,7 +55,8 @@ _SQUARINGS = 12  # steps of up to 160 periods of the fastest mode, which are too
 
 
 class Floquet(eqx.Module):
-    """Multipliers of n coordinates over one period.
+    """Multipliers of n coordinates over one period; of a beam by `SpatialRod` of two thirds of its
+    coordinates, without those of stiff shear.
 
     | field            | shape | unit |                                                         |
     |------------------|-------|------|---------------------------------------------------------|
@@ -291,7 +292,7 @@ class Reduced(NamedTuple):
         """The coordinates of the reduced problem: modes Phi and scales w^(1/2)."""
         m, _, k, _, _ = without_derivatives(self.matrices(self.mean_speed))
         phi = symmetric_modes(m, k, loose_motions(self.rotor)).T
-        phi = phi[:, : self.model.slow_modes(len(phi))]
+        phi = phi[:, : self.model.slow_modes(self.rotor, len(phi))]
         w2 = jnp.abs(jnp.sum(phi * (k @ phi), 0))
         slow = (2 * jnp.pi / without_derivatives(self.period)) ** 2 / 100
         return phi, jnp.maximum(w2, slow) ** 0.25

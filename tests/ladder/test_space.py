@@ -131,6 +131,16 @@ def test_rods_alone_bear_blades_and_supports():
             assert {type(model) for model in models} == {jb.SpatialRod}
 
 
+@pytest.mark.exhaustive
+def test_root_strain_of_a_bar_that_is_held_at_both_ends():
+    """int N dx = 0 with N' = -rho W^2 (R + x): N(0) = rho W^2 (R L / 2 + L^2 / 6)."""
+    asked = rotor(hub_radius=0.5, tip_support=jb.blades.Support())
+    question = jb.ladder.RootStrain(jb.SmoothSpinUp(0.3, 30.0), np.linspace(0.0, 33.0, 12))
+    found = truth(asked, question, 1e-4, 4)
+    strain = 0.3**2 * (0.5 / 2 + 1 / 6) / 200.0**2
+    np.testing.assert_allclose(found.value[-1], strain, rtol=1e-3)
+
+
 def test_places_in_a_cone():
     """The axes of the hub are not those of the beam, for many points as for one."""
     coned = rotor(precone=0.3)

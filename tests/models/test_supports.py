@@ -60,7 +60,7 @@ HAVING |= {
 HAVING["damping.section_coefficients"] = (
     jb.Rotor(TWISTING), {}, jb.Damping(section_coefficients=[0.1] * 6)
 )  # fmt: skip
-MODELS = [jb.Hybrid, jb.Classical, jb.VonKarman, *{type(m): 0 for m in ELEMENTS}, jb.SpatialRod,
+MODELS = [jb.Hybrid, jb.Classical, jb.VonKarman, *{type(m): 0 for m in ELEMENTS},
           jb.papers.SmallStrainANCF, SpatialRod]  # fmt: skip
 
 

@@ -23,8 +23,7 @@ from tests.helpers import (
 from tests.simulation.common import BLADE, ROTOR, RUNS, TIGHT
 from tests.tiers import exhaustive, slow
 
-# Elements in space want more of them, and have files of their own.
-BUILT = [(m, AS_BUILT) for m in YIELDING if not isinstance(m, jb.SpatialRod)]
+BUILT = [(m, AS_BUILT) for m in YIELDING]
 OFTEN = [model for model, _ in RUNS]
 
 

@@ -105,7 +105,7 @@ def test_step_back():
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "lanes"),
-    [(jb.PlanarRod(2), 3), (jb.papers.ANCF(2), 0), (jb.SpatialRod(2), 0)],
+    [(jb.PlanarRod(2), 3), (jb.papers.ANCF(2), 0)],
     ids=str,
 )
 def test_step_back_of_elements(model, lanes):

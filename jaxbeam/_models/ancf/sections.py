@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -18,7 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.ancf.energies import POINTS, WEIGHTS, Element, elongation, map_rows, rule
+from jaxbeam._models.ancf.energies import (
+    POINTS,
+    WEIGHTS,
+    Element,
+    Rule,
+    elongation,
+    map_rows,
+    rule,
+)
 from jaxbeam._models.ancf.nodes import assembled
 from jaxbeam._models.bases.basis import hermite
 from jaxbeam._models.contract.strained import EndSprings, Parts, holding
@@ -30,7 +38,6 @@ from jaxbeam._rotor.spanwise import Property, along
 from jaxbeam._types import Number
 
 Cuts = tuple[tuple[float, ...], ...]  # of each element its parts' edges, from 0 to 1
-ARule = TypeVar("ARule", bound=tuple[Any, ...])  # of quadrature, with arrays for fields
 
 
 @functools.lru_cache(maxsize=64)
@@ -53,7 +60,7 @@ def cuts(edges: tuple[float, ...], n_elements: int) -> Cuts:
 
 
 @functools.lru_cache(maxsize=64)
-def rules(parts: Cuts, rule: Callable[..., ARule]) -> ARule | None:
+def rules(parts: Cuts) -> Rule | None:
     """Quadratures of the parts of every element, with axes of elements and parts in front; None
     where elements are not cut."""
     if len(parts[0]) == 2:
@@ -64,8 +71,8 @@ def rules(parts: Cuts, rule: Callable[..., ARule]) -> ARule | None:
     return _stacked(every)
 
 
-def _stacked(some: list[ARule]) -> ARule:
-    return type(some[0])(*map(np.stack, zip(*some, strict=True)))
+def _stacked(some: list[Rule]) -> Rule:
+    return Rule(*map(np.stack, zip(*some, strict=True)))
 
 
 def each_element(function: Callable[..., Array], of: tuple[Any, ...], axes: int) -> Array:
@@ -80,13 +87,11 @@ def each_element(function: Callable[..., Array], of: tuple[Any, ...], axes: int)
     return jax.vmap(function)(*of)
 
 
-def gauss_points(
-    parts: Cuts, rule: tuple[np.ndarray, np.ndarray] = (POINTS, WEIGHTS)
-) -> tuple[np.ndarray, np.ndarray]:
+def gauss_points(parts: Cuts) -> tuple[np.ndarray, np.ndarray]:
     """Gauss points in the coordinate s of each element, and weights over x / L: (E, m, g)."""
     edges = np.asarray(parts)[..., None]
     sizes = np.diff(edges, axis=1)
-    return edges[:, :-1] + sizes * rule[0], sizes * rule[1] / len(parts)
+    return edges[:, :-1] + sizes * POINTS, sizes * WEIGHTS / len(parts)
 
 
 def at_points(value: Property, xi: Float[np.ndarray, "E m g"]) -> Float[Array, "E m g"]:
@@ -142,7 +147,7 @@ class Sections(eqx.Module):
         if self.parts is None:
             return each_element(lambda *local: function(self.law, self.mass, *local), local, 3)
         # Attached here, since lanes are behind the axes of the law's numbers only.
-        rule_of_parts = rules(self.parts, rule)
+        rule_of_parts = rules(self.parts)
         law: Any = self.law
         if rule_of_parts is not None:
             law = Parts(dataclasses.replace(law, part=rule_of_parts))

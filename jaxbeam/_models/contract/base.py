@@ -71,9 +71,9 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def directions(self) -> tuple[Direction, ...]:
         """Direction of each of the n coordinates."""
 
-    def slow_modes(self, count: int) -> int:
-        """The number of modes of so many that a speed that varies may move: all, unless the highest
-        are of what stands for something rigid."""
+    def slow_modes(self, rotor: TheRotor, count: int) -> int:
+        """The number of modes of a rotor, of so many, that a speed that varies may move: all,
+        unless the highest are of what stands for something rigid."""
         return count
 
     @property

@@ -364,7 +364,7 @@ class Equations(eqx.Module):
         return out
 
     def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Any, Any]:
-        """Derivatives of `damping`, as it enters `force`, by q and q', in runs: with `mass`; here
+        """Derivatives of `damping`, as it enters `force`, by q and q'; here
         for inertia that does not depend on q."""
         own: Any = self.mass
         k, c = 0 * own, 0 * own

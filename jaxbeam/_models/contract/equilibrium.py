@@ -73,5 +73,6 @@ def equilibrium(
     by_elements = isinstance(equations.mass, BlockTridiagonal)
     q, done = find_root(residual, rest, support=support, jacobian=jacobian if by_elements else None)
     q = equations.length * q
-    status = jnp.where(equations.is_unfolded(q), Status.OK, Status.NO_EQUILIBRIUM)
+    status = jnp.where(equations.is_in_range(q), Status.OK, Status.OUT_OF_RANGE)
+    status = jnp.where(equations.is_unfolded(q), status, Status.NO_EQUILIBRIUM)
     return Rest(q, jnp.where(done < 1, Status.NOT_CONVERGED, status))

@@ -98,7 +98,7 @@ class Strained(eqx.Module):
 
 
 class Parts(eqx.Module):
-    """An element, in the plane or in space, whose properties have kinks inside: the sum of its
+    """An element whose properties have kinks inside: the sum of its
     parts, each a rule that takes the coordinates of the whole element."""
 
     each: Any  # an element, whose arrays have a first axis, of parts

@@ -23,7 +23,7 @@ from jaxbeam._models.space.rod_edges import breaks_of, element_edges, soft_break
 from jaxbeam._models.space.rod_in_time import RodEquations
 from jaxbeam._models.space.rod_supports import ends_of, free_changes, moving_end
 from jaxbeam._models.space.rod_tables import node_rows
-from jaxbeam._rotor.beam import CONED_AND_MORE, Rotor
+from jaxbeam._rotor.beam import CONED_AND_MORE, Beam, Rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._types import Scalar
@@ -56,9 +56,9 @@ class SpatialRod(AbstractModel[Rotor]):
     one polynomial of the forces would have modes there that no blade has. Where numbers are traced
     `frequency_error` of `Modes` tells, and the status of all else (`TOO_FEW_FUNCTIONS`): take
     elements, or `suited(rotor)` of a rotor whose numbers are known. Rotations may be of any size;
-    where sections of one element turn against each other by more than its polynomials follow to
-    some 0.02 rad, 3 rad of degree 2 and 19 rad of degree 8, that is `OUT_OF_RANGE`. Costs go with
-    the cube of the number of coordinates.
+    where sections of one element turn against each other by more than its polynomials follow, by
+    an estimate of 0.02 rad (3 rad in all of degree 2, 19 of degree 8), that is `OUT_OF_RANGE`.
+    Costs go with the cube of the number of coordinates.
 
     It takes all that a rotor and loads have (`Rotor`, `Loads`); loads that follow turn with the
     sections from axes of the undeformed beam. Runs whose forces in sections are by much in the
@@ -117,8 +117,9 @@ class SpatialRod(AbstractModel[Rotor]):
         nodes = (len(self._edges) - 1) * self.degree
         return 15 + 6 * nodes + 0.9 * nodes**2  # dense matrices, but half as many steps or fewer
 
-    def slow_modes(self, count: int) -> int:
-        return 2 * count // 3  # the highest third is of shear, of which a beam has hardly any
+    def slow_modes(self, rotor: Rotor, count: int) -> int:
+        # The highest third is of shear, of which a beam has hardly any.
+        return 2 * count // 3 if isinstance(rotor.beam, Beam) else count
 
     @property
     def directions(self) -> tuple[Direction, ...]:

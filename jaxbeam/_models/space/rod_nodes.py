@@ -88,7 +88,7 @@ class Rod(eqx.Module):
         return self.parts(q)[1] + UPRIGHT[None]
 
     def turn_error(self, q: Coordinates) -> Scalar:
-        """The error of rotations between nodes, in rad, for want of a higher degree: what squares
+        """An estimate of the error of rotations between nodes, in rad: what squares
         of lengths of quaternions, which are one at nodes, lack there; 0.3 of it for degree 2."""
         p = jnp.asarray(self.tables.shapes) @ self.tables.of_elements(self.nodes(q)[1])
         return jnp.max(jnp.abs(1 - jnp.sum(p**2, -1)))

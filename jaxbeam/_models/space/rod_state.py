@@ -36,7 +36,7 @@ _LEFT = 1e-2  # of that is allowed to what is foreseen to be left after a change
 _NONE = 1e-9  # in the place of a change before the first
 _MOST = 30  # changes for one share of the loads
 _FAR = 1e3  # a change that leads nowhere, in lengths and rad,
-_SWING = 0.5  # and of a root that turns, by which a beam on a hinge might come to another state
+_SWING = 0.5  # and of a root, which turns by no more at once: else it might come to another state
 _LEAST = 1e-5  # share of the loads by which they rise at least
 _IN_ALL = 600  # changes, for all shares
 
@@ -170,6 +170,9 @@ def _settled(rod: Rod, around: Around) -> Settled:
         change = -solve(here.stiffness[np.ix_(free, free)], out)
         if rod.root is not None:  # which may be held by nothing, and need not be
             change = jnp.where(jnp.any(out != 0), change, 0.0)
+        swing = jnp.max(jnp.abs(change[swings]), initial=0.0)
+        part = jnp.minimum(1.0, _SWING / jnp.maximum(swing, _SWING))
+        change = part * change
         size = jnp.max(jnp.abs(scale * change))
         by_elements = tables.of_elements(rod.spread(now.q, change)).reshape(len(none), -1)
         strain = here.strain + jnp.einsum("eml,el->em", here.by_changes, by_elements)
@@ -177,9 +180,8 @@ def _settled(rod: Rod, around: Around) -> Settled:
         q = rod.changed(now.q, change)
         # What is left after a change is less than it by as much as that is less than the one before
         # it, at least.
-        ended = (size < close) | (size * size < _LEFT * close * now.before)
-        far = ~(size < _FAR) | jnp.any(jnp.abs(change[swings]) > _SWING)
-        lost = ~ended & (far | (now.tries >= _MOST))
+        ended = (size < close) | (size * size < _LEFT * close * now.before) & (part == 1)
+        lost = ~ended & (~(size < _FAR) | (now.tries >= _MOST))
 
         def pick(a: Any, b: Any, c: Any) -> Any:
             return jnp.where(rests, c, jnp.where(ended, a, jnp.where(lost, b, c)))
