@@ -11,6 +11,8 @@ from jaxbeam._numerics.linalg import BlockPairs
 from jaxbeam._numerics.loose import cholesky, lower_solve, settled, shift, unshifted
 from jaxbeam._programs.batches import one_by_one
 
+_ROOM = 1e-3  # of the square of a frequency of bending, which a shift may be
+
 
 def gyroscopic_eigenpairs(
     mass: Float[Array, "n n"], gyroscopic: Float[Array, "n n"], stiffness: Float[Array, "n n"],
@@ -92,11 +94,15 @@ def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
 
 
 def by_skew_settled(m: Array, gyro: Array, k: Array, free: int) -> Any:
-    """The eigenpairs of `by_skew`, where `free` motions may be held by nothing."""
+    """The eigenpairs of `by_skew`, where `free` motions may be held by nothing. Where what is stiff
+    asks for a shift that is not small beside the squares of frequencies of bending, a K that is not
+    positive definite would seem to be: that is not stable."""
 
     def found(more: Array) -> tuple[Array, Array, Array]:
         lam, x, stable = by_skew(m, gyro, k + more * m)
         moving = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
+        bending = jnp.sort(jnp.abs(lam))[min(free, len(k) - 1)]
+        stable &= more <= _ROOM * bending**2
         return unshifted(lam, more / moving.real, k, x, free), x, stable
 
     return settled(found, lambda: shift(m, k, free), free)

@@ -366,11 +366,10 @@ def test_printed_matrices():
 
 @pytest.mark.exhaustive
 def test_rods_in_space_tear_as_any_rod():
-    """By 12 degrees; by fewer, which do not follow so much stretch, that is told."""
+    """By degree 12: strains are of order one there, which lower ones do not follow."""
     beam = jb.Beam(5.0, 0.3, 4e6, 500.0, 300.0, torsional_stiffness=300.0)
     found = jb.critical_speed(jb.SpatialRod(12), jb.Rotor(beam, 0.3))
-    np.testing.assert_allclose(found.angular_speed, np.pi / 10 * np.sqrt(4e6 / 0.3), rtol=1e-4)
-    assert found.direction == jb.models.Direction.AXIAL
+    np.testing.assert_allclose(found.angular_speed, np.pi / 10 * np.sqrt(4e6 / 0.3), rtol=1e-9)
 
 
 @pytest.mark.slow

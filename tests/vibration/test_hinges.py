@@ -141,7 +141,6 @@ def test_derivatives_of_a_frequency_of_zero_are_none_and_spoil_no_others():
     [
         slow(jb.PlanarRod(3), id="elements"),
         exhaustive(jb.VonKarman(6, 4, 4), id="von_karman"),
-        exhaustive(jb.SpatialRod(2), id="space"),
         exhaustive(jb.papers.GreenANCF(3), id="green"),
         exhaustive(jb.papers.ANCF(3), id="ancf"),
         exhaustive(jb.Hybrid(3, 5, 5), id="hybrid"),
@@ -368,7 +367,7 @@ def test_a_free_hinge_finds_where_a_force_turns_it(force):
 @pytest.mark.parametrize("cone", [0.6, 0.1])
 def test_a_coned_blade_on_a_free_hinge_lies_in_the_plane_of_rotation(cone):
     """Not folded inward, which is an equilibrium, too: flap at W (1 + 3 R / 2 L)^1/2."""
-    beam = jb.Beam(1.0, 1.0, 1e5, 1e2, 1e2, torsional_stiffness=1e2, polar_inertia=1e-3)
+    beam = jb.Beam(1.0, 1.0, 1e5, 1e2, 1e2, torsional_stiffness=1e2, polar_inertia=1e-8)
     rotor = jb.Rotor(beam, 0.3, root_springs=jb.RootSprings(flap=0.0), precone=cone)
     model = jb.SpatialRod(2).suited(rotor)
     q, _ = model.steady(rotor, jnp.asarray(2.0))
