@@ -188,14 +188,9 @@ class _InTime(Question):
         return jnp.max(jnp.linalg.norm(spin, axis=1))
 
     def planar(self, rotor: Rotor) -> Array:
+        rotor, between = straightened(rotor), during(self.times)
         given, _ = scene_status(
-            _LEAST,
-            straightened(rotor),
-            self.motion,
-            self.loads,
-            self.damping,
-            self.times,
-            during(self.times),
+            _LEAST, rotor, self.motion, self.loads, self.damping, self.times, between
         )
         return given != Status.OUT_OF_PLANE
 

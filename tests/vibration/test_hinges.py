@@ -151,7 +151,6 @@ def test_every_theory_lets_a_hinge_turn(model):
     planar = jb.models.Direction.FLAP not in model.directions
     root = jb.RootSprings(0.0) if planar else FREE
     which = jb.labels(in_plane=1) if planar else jb.labels(in_plane=1, flap=1)
-    model = model
 
     @jax.jit
     def first(hub_radius, speed):

@@ -55,6 +55,19 @@ def test_quadratic_eigenpairs(kind):
     assert kind != "damped" or creeps.any()
 
 
+def test_a_shaft_that_whirls_beside_what_is_stiff():
+    """Beyond its critical speed w it swings at W + w and W - w in turning axes, where its stiffness
+    w^2 - W^2 is negative: that no shift makes it seem positive, however stiff all else is."""
+    w, turning = 1.0, 2.5
+    gyroscopic = np.zeros((4, 4))
+    gyroscopic[:2, :2] = 2 * turning * np.array([[0, -1], [1, 0]])
+    for stiffest in (1e6, 1e12, 1e17):
+        stiffness = np.diag([w**2 - turning**2, w**2 - turning**2, 200.0, stiffest])
+        matrices = map(jnp.asarray, (np.eye(4), gyroscopic, stiffness))
+        found, _ = quadratic_eigenpairs(*matrices, True, 2)
+        np.testing.assert_allclose(found[:2], [1.5j, 3.5j], atol=1e-9)
+
+
 def test_a_double_pendulum_under_a_force_that_follows():
     """With masses 2 m and m and springs c it flutters from (7/2 - 2^1/2) c / l on (H. Ziegler,
     Ingenieur-Archiv 20, 1952); and so by the springs."""

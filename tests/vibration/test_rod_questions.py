@@ -107,7 +107,7 @@ def test_the_first_torsion_is_the_lowest():
 
 @pytest.mark.exhaustive
 def test_a_speed_that_is_modulated_at_twice_a_frequency():
-    """Flap grows as fast as by `Hybrid`, whose stretch does not shorten what rotates."""
+    """Flap grows as fast as by `Hybrid`; at a constant speed multipliers are those of `modes`."""
     beam = jb.Beam(1.0, 1.0, 1e5, 1.0, 0.6, torsional_stiffness=0.5, polar_inertia=1e-5)
     asked, hybrid = jb.Rotor(beam, 0.3, 0.1), jb.Hybrid(0, 6, 6)
     twice = 2 * jb.modes(hybrid, asked, 2.0, [FLAP]).frequency[0]

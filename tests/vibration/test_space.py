@@ -80,8 +80,10 @@ def test_a_cone_bends_and_couples_as_in_the_modal_theory():
 
 @pytest.mark.exhaustive
 def test_participation_says_what_twists():
-    found = jb.modes(jb.SpatialRod(4), ROTOR, 0.0, jb.labels(in_plane=1, flap=1, torsion=1))
-    np.testing.assert_allclose(found.energy_share, np.eye(4)[[1, 2, 3]], atol=1e-5)
+    """Of sections whose spin hardly couples torsion with flap, in rotation."""
+    rotor = dataclasses.replace(ROTOR, beam=dataclasses.replace(BLADE, polar_inertia=1e-4))
+    found = jb.modes(jb.SpatialRod(4), rotor, 3.0, jb.labels(in_plane=1, flap=1, torsion=1))
+    np.testing.assert_allclose(found.energy_share, np.eye(4)[[1, 2, 3]], atol=2e-3)
 
 
 @pytest.mark.exhaustive
