@@ -13,6 +13,7 @@ from jax.extend.core import get_opaque_trace_state
 
 from jaxbeam._programs.structure import name_of
 from jaxbeam._programs.traced import Traces
+from jaxbeam._programs.transformed import Around, around, linear_program, linearized
 
 # XLA once had other emitters of code for the CPU, which take half as long for programs like ours
 # and make them as fast. The last releases of JAX for Python 3.11 have both; later ones know no
@@ -66,7 +67,7 @@ class Program:
         """The program of a call outside of all others, compiled well."""
         how = _known(_HASTE) | _known(_WELL)
         made = self._jit(self._whole, compiler_options=how) if how else self.part
-        return OuterProgram(made, self._traces, how)
+        return OuterProgram(made, self.part, self._traces, how)
 
     @functools.cached_property
     def quick(self) -> "OuterProgram":
@@ -75,7 +76,8 @@ class Program:
         if not how:
             return self.well
         how = _known(_HASTE) | how
-        return OuterProgram(self._jit(self._whole, compiler_options=how), self._traces, how)
+        made = self._jit(self._whole, compiler_options=how)
+        return OuterProgram(made, self.part, self._traces, how)
 
     def here(self, *args: Any, **kwargs: Any) -> Any:
         """The program that a call from here takes with these arguments; the call is counted."""
@@ -93,7 +95,13 @@ class Program:
         return self.quick if may_be_quick and self._made.get(kind, 0) < self._calls else self.well
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return self.here(*args, **kwargs)(*args, **kwargs)
+        if (transformations := around()) is None or self._jit is not eqx.filter_jit:
+            return self.here(*args, **kwargs)(*args, **kwargs)
+        kind = _kind((args, kwargs))
+        many = transformations.is_batched and not transformations.is_linearized
+        program = self.well if many else self._next(kind)
+        self._made[kind] = self._made.get(kind, 0) + 1
+        return program.transformed(transformations, args, kwargs)
 
     def enough(self, *args: Any, **kwargs: Any) -> None:
         """Let no call with arguments of this kind be quick any more: they take too long."""
@@ -102,7 +110,9 @@ class Program:
     def at_length(self, *args: Any, **kwargs: Any) -> Any:
         """The result of a call of which the caller knows that it takes long: by a program that is
         compiled well."""
-        return (self.part if _is_within() else self.well)(*args, **kwargs)
+        if (transformations := around()) is None or self._jit is not eqx.filter_jit:
+            return (self.part if _is_within() else self.well)(*args, **kwargs)
+        return self.well.transformed(transformations, args, kwargs)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
         """Compile the program that the next call with these arguments takes; not within other
@@ -119,14 +129,25 @@ class OuterProgram:
     """A program outside of all others, with options of the compiler: that which is kept between
     processes, if such are kept and it can be."""
 
-    def __init__(self, made: Any, traces: Traces, options: dict[str, Any]) -> None:
-        self._made, self._traces, self._options = made, traces, options
+    def __init__(self, made: Any, part: Any, traces: Traces, options: dict[str, Any]) -> None:
+        """`part` is the same program without options."""
+        self._made, self._part, self._traces, self._options = made, part, traces, options
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         traced, arrays = self._traces.of(args, kwargs)
         if traced is None:
             return self._made(*args, **kwargs)
         return traced.result(traced.program(self._options)(*arrays))
+
+    def transformed(self, transformations: Around, args: Any, kwargs: Any) -> Any:
+        """The result where transformations are applied, and no program is around them."""
+        if not transformations.is_linearized:
+            return self._made(*args, **kwargs)
+        return linearized(self._made, self._linear, args, kwargs)
+
+    @functools.cached_property
+    def _linear(self) -> Callable[..., Any]:
+        return linear_program(self._part, self._options)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
         """Compile the program for a call with these arguments."""
