@@ -176,16 +176,14 @@ def coned_system(
     by_root = jnp.tan(angle / 2) * cone.root_slopes[0][None] / length
     roll = length * span.up_to(dt_dx[:, None] * across) + by_root
     side = across_rate + dt_dx[:, None] * roll  # the curvature in the section's other direction
-    # The radial force over speed^2 of the mass beyond each point, and the tension: with that of
-    # the tip mass its component along the tangent.
+    # The radial force over speed^2 of the mass beyond each point, and the tension, with a tip mass.
     outward = span.beyond(dm / span.weight * distance)
     tension = speed**2 * (outward + tip_mass * at_tip) * cos[:, 0]
 
     def inertia(a: Any, b: Any, a_tip: Any, b_tip: Any) -> Any:
         return _over(dm, a, b) + tip_mass * a_tip[:, None] * b_tip[None]
 
-    dx = length * span.weight
-    excess = cone.lag - cone.flap
+    dx, excess = length * span.weight, cone.lag - cone.flap
     lag, flap = cone.springs()
     moment = -(speed**2) * cone.height(sin[:, 0], distance, at_tip)
     root_stiffness = lag_of_root(lag, moment, angle), flap
@@ -203,6 +201,7 @@ def coned_system(
         + springs[1]
     )  # fmt: skip
     coriolis = 2 * speed * inertia(y, x, y_tip, x_tip)
+    first_moment = jnp.sum(dm * distance) + tip_mass * at_tip
     block = jax.scipy.linalg.block_diag
     mass = block(m_lag, m_x + inertia(z, z, z_tip, z_tip))
     if least_mass := massless(shapes.basis, mass.dtype):
@@ -211,9 +210,7 @@ def coned_system(
         mass=mass,
         gyroscopic=jnp.block([[0 * m_lag, coriolis], [-coriolis.T, 0 * m_x]]),
         stiffness=block(k_lag, k_flap),
-        steady_strain=cone.strain(
-            tension, speed**2 * (jnp.sum(dm * distance) + tip_mass * at_tip), angle
-        ),
+        steady_strain=cone.strain(tension, speed**2 * first_moment, angle),
         status=status,
         directions=directions,
         coupling=coupling_groups(rotor),
