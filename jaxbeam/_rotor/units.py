@@ -1,4 +1,4 @@
-"""Units that files and people have, in those of the package."""
+"""Conversion of other units to SI."""
 
 import math
 from typing import Any
