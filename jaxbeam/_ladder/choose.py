@@ -42,10 +42,10 @@ from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
 
-INTEGRATION = 0.05  # of the tolerance, left to numerical integration
-JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may differ
+INTEGRATION = 0.05  # share of the tolerance left to numerical integration
+JUDGE = 1.0  # difference of the last two rungs of the judge that is allowed, over the tolerance
 LARGE = 0.1  # and where the scout fails
-_UNCONFIRMED = 0.25  # of the tolerance, which the first two rungs that agree may both be off
+_UNCONFIRMED = 0.25  # error, over the tolerance, that two rungs which agree first may both have
 # And any two: loads that set in at once shake high modes, whose errors fall but slowly.
 _LEAST = 0.05
 
@@ -143,7 +143,7 @@ def _none(
     status: Status, seen: Answer, beforehand: Indicators, tolerance: float,
     evidence: tuple[Evidence, ...],
 ) -> Choice:  # fmt: skip
-    """The result of a search without a choice, with the reason; `seen` is an answer that failed."""
+    """The result of a search without a choice, with the reason by `seen`, an answer that failed."""
     return Choice(
         rung=None,
         estimate=np.inf,
@@ -176,7 +176,7 @@ def _scouted(
 
 
 class _Asker:
-    """Asks rungs one question about one rotor, and keeps their answers."""
+    """A rotor and a question that rungs are asked, with the answers so far."""
 
     def __init__(
         self, question: Question, rotor: Rotor, accuracy: float, compiler: BackgroundCompiler
@@ -213,8 +213,8 @@ class _Asker:
 def _refined(
     ask: _Asker, elements: list[AbstractModel], tolerance: float
 ) -> tuple[AbstractModel, float]:
-    """The judge, refined until its answer stands still, and its possible error. Where a finer one
-    fails, the finest that another confirms."""
+    """The judge, refined until its answer changes by less than the tolerance, with its possible
+    error; where a finer one fails, the finest that another one confirms."""
     share = convergence_factor(ask.question, ask.rotor, elements[0])
     judge, left, before = elements[1], np.inf, np.inf
     for coarse, fine in itertools.pairwise(elements):
@@ -236,7 +236,7 @@ def _refined(
 
 @dataclasses.dataclass
 class _Trial:
-    """The trial of the rungs before the judge: what is known of their errors, and what became of
+    """The trial of the rungs before the judge: their errors as far as known, and the verdict on
     each.
 
     The judge may be off by `left`.
@@ -256,7 +256,8 @@ class _Trial:
 
     @property
     def constitutive_uncertainty(self) -> float:
-        """The change that another axial law might make, by the strains that the judge meets."""
+        """The change of the answer that another axial law might make, by the strains of the
+        judge."""
         return float(self.ask(self.judge).constitutive_uncertainty)
 
     def estimate(self, model: AbstractModel) -> float:
@@ -285,7 +286,7 @@ class _Trial:
             self.chosen = self.chosen or rung
 
     def in_vain(self, model: AbstractModel, before: list[AbstractModel]) -> str:
-        """The reason why a rung need not be asked; empty where there is none."""
+        """The reason why a rung need not be asked; empty if it has to be."""
         if why := ruled_out(model, self.beforehand, self.tolerance) or self.misses(model):
             return why
         stuck = len(before) > 1 and (
@@ -339,8 +340,8 @@ def _stretches(model: AbstractModel) -> bool:
 
 
 def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung | Answer:
-    """The rung to take where none is good enough: the least estimate, else the richest that has an
-    answer; where none has one, what the richest that was asked says."""
+    """The rung to take where none is good enough: that of the least estimate, else the richest with
+    an answer, else the richest that was asked, which failed."""
     answers = [e for e in evidence if np.isfinite(e.estimate)]
     if answers:
         return min(answers, key=lambda e: e.estimate).rung

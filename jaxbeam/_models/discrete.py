@@ -56,7 +56,7 @@ class _Discrete(AbstractModel[SpringRotor]):
 
 StrainLaw = Callable[
     [SpringRotor, Vector], tuple[Scalar, Scalar]
-]  # stretch and angle of the springs
+]  # strains of both springs: stretch, and angle
 
 
 class _Particle(Equations):

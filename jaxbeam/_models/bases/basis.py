@@ -129,8 +129,8 @@ class Polynomials(Basis):
         t = np.asarray(xi) ** (1 / self.grading)
         value, slope = self._integrated(n, xi, 1)[::-1]
         derivative = np.stack([p.deriv()(t) for p in self._highest(n)], -1)
-        # d/dxi = (dt/dxi) d/dt is infinite at the clamp for grading 2, where it is not needed: Gauss
-        # points are inside, and stretch has no energy of curvature.
+        # d/dxi = (dt/dxi) d/dt is infinite at the clamp for grading 2, where it is not needed:
+        # Gauss points are inside, and stretch has no energy of curvature.
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = t ** (1.0 - self.grading) / self.grading
             return Functions(value, slope, derivative * rate[:, None])

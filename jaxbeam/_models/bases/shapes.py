@@ -129,7 +129,7 @@ def _integrated(
     loads: LoadFunctions, strains: Sequence[Array], coordinates: Sequence[Array]
 ) -> tuple[Functions, EndValues]:
     """Values along the beam and at its ends, by integration of strains and curvatures: k columns
-    each axially, in plane and in flap. `coordinates` (n, k) of functions give slopes at the root."""
+    each axially, in plane and in flap. `coordinates` (n, k) say what the slopes at the root are."""
     span, (stretch, *bent) = loads.profile.span, strains
     root = jnp.concatenate([jnp.sum(q, 0) for q in _at_root(loads, coordinates)])
     # Strains are slopes of axial displacement; slopes of deflections are integrals of curvatures.
