@@ -19,7 +19,7 @@ Tree = TypeVar("Tree")
 
 
 def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
-    """The result of a public function, the last line of all that can fail.
+    """The result of a public function, or an error; the last call of all functions that can fail.
 
     With `throw` the result, or the exception that belongs to its `status` (of several the largest);
     `noted` adds the text of the result to that, where it says what is known nevertheless. Without
@@ -40,7 +40,7 @@ def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
 
 
 class InHertz:
-    """A result with a `frequency` in rad/s, which is told in Hz as well."""
+    """A result with a `frequency` in rad/s, given in Hz as well."""
 
     @property
     def frequency_hz(self) -> Any:

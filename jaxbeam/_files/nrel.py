@@ -110,8 +110,8 @@ def count_of(path: Path, line: int, name: str, text: str) -> int:
 def table_rows(
     path: Path, lines: Sequence[str], start: int, count: int, name: str, width: int
 ) -> list[Row]:
-    """The rows of a table, as many as a number of the file says, as Fortran reads them: a row may
-    go on in the next line, and what is behind its last entry is not read, unless it is a number."""
+    """The rows of a table, as many as the file states, read as by Fortran: a row may go on in the
+    next line, and text after its last entry is ignored, unless it is a number."""
     rows: list[Row] = []
     at = start
     while len(rows) < count:

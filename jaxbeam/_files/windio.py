@@ -94,7 +94,7 @@ def _parsed(path: Path, text: str) -> Any:
 
 
 def _first(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
-    """The blade of a file of version 1."""
+    """The blade of a file of version 1 of windIO."""
     keys: KeyPath = (*top, "elastic_properties_mb", "six_x_six")
     sections = _within(path, blade, keys, 2)
     shape: KeyPath = (*top, "outer_shape_bem")
@@ -118,7 +118,7 @@ def _first(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
 
 
 def _second(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
-    """The blade of a file of version 2."""
+    """The blade of a file of version 2 of windIO."""
     names = (*top, "reference_axis"), (*top, "outer_shape", "twist")
     parts = [(_within(path, blade, keys, 2), keys) for keys in names]
     axis = _axis(path, parts, FEATHER * math.pi / 180)
@@ -275,7 +275,7 @@ def _grid(path: Path, table: Any, keys: KeyPath) -> np.ndarray:
 
 
 def _table(path: Path, table: Any, keys: KeyPath) -> tuple[np.ndarray, np.ndarray]:
-    """A grid and the values there."""
+    """A grid and the values on it, found below keys of a table."""
     grid = _grid(path, table, keys)
     own = (*keys, "values")
     return grid, _numbers(path, _within(path, table, own, len(keys)), own, len(grid))

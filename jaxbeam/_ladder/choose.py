@@ -122,7 +122,7 @@ def _chosen(ask: "_Asker", tolerance: float, own: Sequence[AbstractModel]) -> Ch
         beforehand = eqx.tree_at(
             lambda k: k.timoshenko_reduction, beforehand, beforehand.timoshenko_reduction[:1]
         )
-    if linear and 0.3 * beforehand.size**2 <= tolerance:  # what linear theory leaves out as a rule
+    if linear and 0.3 * beforehand.size**2 <= tolerance:  # typical error of linear theory
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
         ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, beforehand, tolerance)][:1])
 
@@ -251,7 +251,8 @@ class _Trial:
     left: float
     estimates: dict[AbstractModel, float] = dataclasses.field(default_factory=dict)
     verdicts: dict[AbstractModel, str] = dataclasses.field(default_factory=dict)
-    tried: dict[Any, list[AbstractModel]] = dataclasses.field(default_factory=dict)  # by their kind
+    # Rungs that were asked, by kind of model.
+    tried: dict[Any, list[AbstractModel]] = dataclasses.field(default_factory=dict)
     chosen: Rung | None = None
 
     @property
@@ -268,7 +269,8 @@ class _Trial:
         return apart + self.left + law if np.isfinite(apart) else np.inf
 
     def look_at(self, rung: Rung, may_ask: bool) -> None:
-        """Give the verdict on a rung, which is asked only while none is chosen, and not in vain."""
+        """Give the verdict on a rung; it is asked only if none is chosen yet and `in_vain` has no
+        reason against it."""
         model = rung.model
         before = self.tried.setdefault((type(model), _stretches(model)), [])
         if may_ask and self.chosen is None and model not in self.estimates:
@@ -314,7 +316,7 @@ class _Trial:
         return ""
 
     def choice(self, rungs: list[Rung]) -> Choice:
-        """The choice, once all rungs were looked at."""
+        """The choice, after all rungs have a verdict."""
         estimates, verdicts = self.estimates, self.verdicts
         evidence = tuple(
             Evidence(r, estimates.get(r.model, np.nan), verdicts.get(r.model, NOT_NEEDED))

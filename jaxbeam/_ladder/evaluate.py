@@ -51,7 +51,7 @@ def answer_of(question: Question, *given: object) -> Answer:
     compiled program first, unless a run is longer than that is worth."""
     short = question.within(STEPS)
     answer: Answer
-    if _answer.here(short, *given) is _answer.quick is not _answer.well:
+    if _answer.for_call(short, *given) is _answer.quick is not _answer.well:
         answer = _answer.quick(short, *given)
         if short is question or answer.status != Status.MAX_STEPS:
             return answer

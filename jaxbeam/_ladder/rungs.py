@@ -33,7 +33,7 @@ from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
-DEGREES = (2, 3, 4, 6, 8, 12, 16, 24)  # of rods, which end elements where properties jump
+DEGREES = (2, 3, 4, 6, 8, 12, 16, 24)  # degrees of rods, whose elements end where properties jump
 # Error of von Karman beams over `Indicators.nonlinearity`; 0.8 to 1.2 in studies/validity.py.
 SPACE = 2.0
 
@@ -119,8 +119,8 @@ def rungs_of(
 ) -> list[Rung]:
     """The rungs of a question where it is known whether all stays in the plane."""
     linear, nonlinear = chains(question, rotor, planar)
-    judged = nonlinear[0].is_reference  # else von Karman beams are there already
-    # In a cone there is `Hybrid` without stretch alone, beside rods.
+    judged = nonlinear[0].is_reference  # without it von Karman beams are among the rungs already
+    # For a cone there are only `Hybrid` without stretch and rods.
     counts = question.functions if linear and rotor.precone is None else ()
     models: list[AbstractModel] = [Classical.of_size(n, rotor, planar) for n in counts if n < 8]
     models += [*linear, *nonlinear]
@@ -176,7 +176,7 @@ class Indicators(eqx.Module):
 def indicators(question: Question, rotor: Rotor) -> Indicators:
     """The indicators of a question and rotor, with size and slope infinite until a linear theory
     has answered."""
-    # Of a beam in a cone as if it lay in the plane, where the tension is no less.
+    # Indicators of a coned beam are those of one in the plane, whose tension is no less.
     rotor = straightened(rotor)
     rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
     speed = question.speed()
@@ -211,7 +211,8 @@ def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     coarse = 2
     by_elements = nonlinear[0].is_reference and not isinstance(nonlinear[0], SpatialRod)
     if rotor.varies and by_elements:
-        coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
+        # Index of the first number of elements of four or more.
+        coarse = sum(n < 4 for n in sizes_for(rotor))
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 
 

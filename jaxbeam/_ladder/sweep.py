@@ -239,7 +239,7 @@ def _representatives(
     """Places in `cases` far from each other in the ranks of parameters and of nonlinearity, the
     most nonlinear first: each is the one that is farthest from all before it."""
     columns = [c[cases][fine] for c in pool.columns.values()]
-    columns += 2 * [nonlinearity[fine]]  # which counts twice
+    columns += 2 * [nonlinearity[fine]]  # nonlinearity, with twice the weight of a parameter
     ranks = [np.unique(c, return_inverse=True)[1].astype(float) for c in columns]
     place = np.stack([r / max(r.max(), 1.0) for r in ranks], 1)
     chosen = [int(np.argmax(np.where(np.isfinite(nonlinearity[fine]), nonlinearity[fine], -1.0)))]

@@ -88,7 +88,7 @@ def bands_of(model: AbstractModel, most: ModeCounts, count: int) -> Bands | None
 class _Numbers(NamedTuple):
     """The numbers that modes depend on, in units of length, mass and EI_zz of the beam."""
 
-    speed: Number  # over sqrt(EI_zz / (rho L^4))
+    speed: Number  # speed over sqrt(EI_zz / (rho L^4))
     hub: Number  # R / L
     tip: Number  # m_t / (rho L)
     softness: Number  # EI_zz / (EA L^2)
@@ -386,9 +386,9 @@ def _placed(places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size:
     return out
 
 
-def _at_nodes(at: Functions) -> np.ndarray:
+def _at_nodes(functions: Functions) -> np.ndarray:
     """Values and slopes of functions at nodes, as rows in the order of coordinates of nodes."""
-    rows = np.stack([at.value, at.slope], 1)
+    rows = np.stack([functions.value, functions.slope], 1)
     return rows.reshape(-1, rows.shape[-1])
 
 

@@ -33,9 +33,9 @@ from jaxbeam._types import Number, Vector
 class UnitBeam(NamedTuple):
     """The four numbers that a beam depends on in units of itself; or derivatives of these."""
 
-    speed: Number  # over sqrt(EI / (rho L^4))
-    hub_radius: Number  # over L
-    tip_mass: Number  # over rho L
+    speed: Number  # speed over sqrt(EI / (rho L^4))
+    hub_radius: Number  # hub radius over L
+    tip_mass: Number  # tip mass over rho L
     axial_stiffness: Number  # EA L^2 / EI
 
 

@@ -69,11 +69,11 @@ def search(
         # Matrices are computed here again, so that XLA need not compute those of all cases.
         return complete(model.matrices(case[0], case[1]), case)
 
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Any:
+    def many(size: int, per_case: tuple[bool, ...], leaves: list[Array]) -> Any:
         def rows(leaves: list[Array]) -> Any:
-            return in_rows(from_case, size, _ROW, own, leaves)
+            return in_rows(from_case, size, _ROW, per_case, leaves)
 
-        at_once = jax.vmap(with_matrices, ([0 if varies else None for varies in own],))
+        at_once = jax.vmap(with_matrices, ([0 if varies else None for varies in per_case],))
         cpu = rows if reaches(size, _ROW + 1) else at_once
         return by_platform(leaves, cpu=cpu, default=at_once)
 
@@ -107,13 +107,13 @@ def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Q
         found = bands.lowest(rotor, speed, named)
         return (_as_found(model, found), found.state), is_certain(found)
 
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> _Found:
-        axes = [0 if varies else None for varies in own]
+    def many(size: int, per_case: tuple[bool, ...], leaves: list[Array]) -> _Found:
+        axes = [0 if varies else None for varies in per_case]
 
         def by_bands(leaves: list[Array]) -> _Found:
             def again(which: Array) -> _Found:
                 one_case = [
-                    a[which] if varies else a for a, varies in zip(leaves, own, strict=True)
+                    a[which] if varies else a for a, varies in zip(leaves, per_case, strict=True)
                 ]
                 _, (rotor, speed, wanted) = jax.tree.unflatten(tree, one_case)
                 # Matrices are computed here again, so that XLA need not compute those of all cases.

@@ -14,7 +14,7 @@ from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
 from jaxbeam._rotor.span import Span, on
 
 POWERS = np.arange(2, 7)
-_POINTS = 16  # of a fit, in each piece between kinks
+_POINTS = 16  # points of a fit in each piece between kinks
 
 
 class ShapePolynomials(NamedTuple):

@@ -36,7 +36,7 @@ class Entries(NamedTuple):
     x: Float[Array, "p n *lanes"]
     direction: Float[Array, "p *lanes"]
     number: Float[Array, "p *lanes"]
-    axial_share: Float[Array, "p *lanes"]  # of the kinetic energy
+    axial_share: Float[Array, "p *lanes"]  # share of kinetic energy in axial motion
     residual: Float[Array, "p *lanes"]
     certain: Float[Array, "p *lanes"]
 

@@ -108,7 +108,7 @@ class Pencil(NamedTuple):
     m: Band
     c: Band | None = None
 
-    def at(self, omega: Float[Array, "..."]) -> Band:
+    def matrix(self, omega: Float[Array, "..."]) -> Band:
         """The matrix D(omega)."""
         d = self.k - omega**2 * self.m
         return d if self.c is None else d + omega * self.c
@@ -146,7 +146,7 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
 
     def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
         i, omega, x, mx, cx, below, done = state
-        d, columns = factors(pencil.at(omega))
+        d, columns = factors(pencil.matrix(omega))
         right = cx - 2 * omega * mx
         new = solved(d, columns, right)
         new_mx, new_cx = times(pencil.m, new), times(pencil.c, new)

@@ -64,7 +64,7 @@ class Bracket(NamedTuple):
         return self.b[1] <= 0
 
     def ended(self, looks: Looks) -> Array:
-        """Whether there are evaluations left: a search that is over ended for another reason."""
+        """Whether evaluations are left: if so, a search that is over ended for another reason."""
         return self.tries < looks.many + _MORE
 
 

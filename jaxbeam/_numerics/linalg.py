@@ -171,7 +171,7 @@ class BlockPairs(NamedTuple):
     """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
 
     eigenvalue: Inexact[Array, " n"]
-    right: Inexact[Array, "n n"]  # rows
+    right: Inexact[Array, "n n"]  # eigenvectors as rows
     positive: Int[Array, ""]  # whether the axial stiffness is positive definite
 
 
@@ -348,7 +348,7 @@ def lowest_eigenpair(
 ) -> tuple[Float[Array, ""], Float[Array, " n"]]:
     """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
     f, inner = reduced(a, b)
-    y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # ascending
+    y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # eigenvalues in ascending order
     return mu[0], lower_solve(f, y[:, :1], transpose=True)[:, 0]
 
 

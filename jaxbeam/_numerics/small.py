@@ -119,6 +119,6 @@ def small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
 
 
 def written_out(rounds: int) -> int:
-    """The number of turns to unroll of a loop of so many: many on a GPU, one on a CPU, where
-    programs stay small."""
+    """The number of turns to unroll of a short loop: many on a GPU, one on a CPU, where programs
+    stay small."""
     return min(rounds, 16) if loops_are_dear() else 1

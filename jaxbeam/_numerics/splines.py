@@ -5,15 +5,15 @@ from jaxtyping import Float
 
 
 def spline_rows(
-    knots: Float[np.ndarray, " k"], at: Float[np.ndarray, " m"]
+    knots: Float[np.ndarray, " k"], places: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m k"]]:
     """Matrices from k values at increasing knots to the values, and to the slopes, at m places of
     the cubic spline through them. Its third derivative does not jump at the second knot and at the
     one before the last ("not a knot"). Two knots give a line, three a parabola."""
     count, gaps = len(knots), np.diff(knots)
-    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, count - 2)
+    left = np.clip(np.searchsorted(knots, places, side="right") - 1, 0, count - 2)
     gap = gaps[left]
-    t = ((at - knots[left]) / gap)[:, None]
+    t = ((places - knots[left]) / gap)[:, None]
     unit, slopes = np.eye(count), _slopes(knots)
     first, last = unit[left], unit[left + 1]
     start, end = (gap[:, None] * slopes[i] for i in (left, left + 1))

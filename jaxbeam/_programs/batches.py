@@ -44,28 +44,28 @@ def batchable(
 
     @function.def_vmap
     def rule(size: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
-        own = tuple(batched[0])
-        if not any(own):  # JAX calls this for values that cases share, with different derivatives
+        per_case = tuple(batched[0])
+        if not any(per_case):  # calls by JAX for derivatives alone
             return _shared(one, leaves)
-        found = unless(size, own, leaves) if unless else None
+        found = unless(size, per_case, leaves) if unless else None
         if found is not None:
             return found
-        out = _batch(many, size, own, apart, unless)(leaves)
+        out = _batch(many, size, per_case, apart, unless)(leaves)
         return out, jax.tree.map(lambda _: True, out)
 
     return function
 
 
 def _batch(
-    many: Many, size: int, own: tuple[bool, ...], apart: bool = False,
+    many: Many, size: int, per_case: tuple[bool, ...], apart: bool = False,
     unless: Otherwise | None = None,
 ) -> Callable[..., Any]:  # fmt: skip
-    function = custom_vmap(lambda leaves: many(size, own, leaves))
+    function = custom_vmap(lambda leaves: many(size, per_case, leaves))
 
     def as_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
-        each = zip(leaves, own, varies, strict=True)
+        each = zip(leaves, per_case, varies, strict=True)
         all_flat = [_flat(more, size, *one) for one in each]
-        moves = tuple(a or b for a, b in zip(own, varies, strict=True))
+        moves = tuple(a or b for a, b in zip(per_case, varies, strict=True))
         out = _batch(many, more * size, moves, apart, unless)(all_flat)
         return jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
 
@@ -73,7 +73,7 @@ def _batch(
         def each(moving: list[Array]) -> Any:
             rest = iter(moving)
             here = [next(rest) if v else a for a, v in zip(leaves, varies, strict=True)]
-            return many(size, own, here)
+            return many(size, per_case, here)
 
         def on_cpu(leaves: list[Array]) -> Any:
             return jax.lax.map(each, [a for a, v in zip(leaves, varies, strict=True) if v])
@@ -84,11 +84,11 @@ def _batch(
     def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
         varies = tuple(batched[0])
         if not any(varies):
-            return _shared(lambda leaves: many(size, own, leaves), leaves)
-        found = _case_by_case(unless, more, own, varies, leaves) if unless else None
+            return _shared(lambda leaves: many(size, per_case, leaves), leaves)
+        found = _case_by_case(unless, more, per_case, varies, leaves) if unless else None
         if found is not None:
             return found
-        shares = any(v and not o for v, o in zip(varies, own, strict=True))
+        shares = any(v and not o for v, o in zip(varies, per_case, strict=True))
         if apart and shares and reaches(size, _LARGE):
             out = _batch(in_turn, more, varies)(leaves)
         else:
@@ -113,11 +113,11 @@ def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None)
     def rule(size: int, batched: Any, *given: Array) -> tuple[Any, Any]:
         if not any(batched):
             return _shared(one, *given)
-        axes = [0 if own else None for own in batched]
+        axes = [0 if is_per_case else None for is_per_case in batched]
 
         def on_cpu(*given: Array) -> Any:
-            def each(own: list[Array]) -> Any:
-                moving = iter(own)
+            def each(leaves: list[Array]) -> Any:
+                moving = iter(leaves)
                 here = [
                     a if axis is None else next(moving) for a, axis in zip(given, axes, strict=True)
                 ]
@@ -144,11 +144,11 @@ def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None)
 
 
 def in_rows(
-    one: Callable[[list[Array]], Any], size: int, width: int, own: tuple[bool, ...],
+    one: Callable[[list[Array]], Any], size: int, width: int, per_case: tuple[bool, ...],
     leaves: list[Array],
 ) -> Any:  # fmt: skip
     """The results of a batch of `size` cases, `width` at a time, whose numbers fit into the cache.
-    `own` says which leaves have a value for each case."""
+    `per_case` says which leaves have a value for each case."""
     rows = -(-size // width)
     extra = rows * width - size
 
@@ -159,10 +159,10 @@ def in_rows(
 
     def row(moving: list[Array]) -> Any:
         rest = iter(moving)
-        here = [next(rest) if moves else a for a, moves in zip(leaves, own, strict=True)]
-        return jax.vmap(one, ([0 if moves else None for moves in own],))(here)
+        here = [next(rest) if moves else a for a, moves in zip(leaves, per_case, strict=True)]
+        return jax.vmap(one, ([0 if moves else None for moves in per_case],))(here)
 
-    moving = [cut(a) for a, moves in zip(leaves, own, strict=True) if moves]
+    moving = [cut(a) for a, moves in zip(leaves, per_case, strict=True) if moves]
     out = jax.lax.map(row, moving)
     return jax.tree.map(lambda a: a.reshape(rows * width, *a.shape[2:])[:size], out)
 
@@ -186,16 +186,16 @@ def _shared(function: Callable[..., Any], *given: Any) -> tuple[Any, Any]:
     return out, jax.tree.map(lambda _: False, out)
 
 
-def _flat(more: int, size: int, a: Array, own: bool, varies: bool) -> Array:
+def _flat(more: int, size: int, a: Array, per_case: bool, varies: bool) -> Array:
     """A leaf of a batch of batches, reshaped as one of a single batch."""
-    if not own:
+    if not per_case:
         return jnp.repeat(a, size, 0) if varies else a
     a = a if varies else jnp.broadcast_to(a, (more, *a.shape))
     return a.reshape(more * size, *a.shape[2:])
 
 
 def _case_by_case(
-    unless: Otherwise, more: int, own: tuple[bool, ...], varies: tuple[bool, ...],
+    unless: Otherwise, more: int, per_case: tuple[bool, ...], varies: tuple[bool, ...],
     leaves: list[Array],
 ) -> tuple[Any, Any] | None:  # fmt: skip
     """The results of `unless` for each case of a batch of batches, and which of them have a value
@@ -207,7 +207,7 @@ def _case_by_case(
         out, flags = unless(more, varies, leaves) or (None, None)
         return out
 
-    axes = [(1 if v else 0) if o else None for o, v in zip(own, varies, strict=True)]
+    axes = [(1 if v else 0) if o else None for o, v in zip(per_case, varies, strict=True)]
     out = jax.vmap(case, (axes,))(leaves)
     if flags is None:
         return None

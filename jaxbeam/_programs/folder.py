@@ -117,7 +117,7 @@ def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
     # JAX would warn of each program that it cannot write.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0 if writable else 1e9)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    compilation_cache.reset_cache()  # it may have looked for its folder already
+    compilation_cache.reset_cache()  # JAX's cache may have chosen its folder already
     _folder = ProgramFolder(path, traced if has_format else None)
     return path
 
@@ -183,7 +183,7 @@ def _decompress(said: bytes) -> None:
         zlib.decompress(said)
     elif importlib.util.find_spec("zstandard"):
         importlib.import_module("zstandard").ZstdDecompressor().decompress(said)
-    else:  # from Python 3.14 on
+    else:  # zstd is part of Python from 3.14 on
         importlib.import_module("compression.zstd").decompress(said)
 
 

@@ -43,12 +43,12 @@ def identity(function: Any) -> Any:
     what tells it from others from a method `kept_by`. Raises `NotKept` for all else: objects of
     other classes, other modules, and functions that read files.
     """
-    met: dict[int, tuple[int, Any]] = {}
+    seen: dict[int, tuple[int, Any]] = {}
 
     def other(value: Any) -> Any:
-        if id(value) in met:
-            return ["again", met[id(value)][0]]
-        met[id(value)] = len(met), value  # the value is held, so that no other gets its id
+        if id(value) in seen:
+            return ["again", seen[id(value)][0]]
+        seen[id(value)] = len(seen), value  # the value is held, so that no other gets its id
         if isinstance(value, _JITTED):
             return ["jit", encode(vars(value)["__wrapped__"], True)]
         if isinstance(value, types.FunctionType):

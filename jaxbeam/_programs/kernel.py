@@ -128,7 +128,8 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
 def _given_transpose(
     back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]
 ) -> Callable[..., Any]:
-    """The transpose as of `_maps`, by a function `back` that is given: `Adjoint.backwards`."""
+    """A transpose with the arguments of that of `_maps`, by a given function `back` as of
+    `Adjoint.backwards`."""
 
     def pull(still: list[Array], at: list[Array], out: Any, kept: Any) -> list[Array]:
         rest, moved = iter(still), iter(at)
@@ -286,10 +287,12 @@ def _in_rows(
 
     def row_results(row_leaves: list[Array]) -> Any:
         rest = iter(row_leaves)
-        out = one([next(rest) if own else a for a, own in zip(moved, moves, strict=True)])
+        out = one(
+            [next(rest) if moves_lane else a for a, moves_lane in zip(moved, moves, strict=True)]
+        )
         return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
 
-    row_leaves = [a for a, own in zip(moved, moves, strict=True) if own]
+    row_leaves = [a for a, moves_lane in zip(moved, moves, strict=True) if moves_lane]
     if rows == 1:
         # Without a loop, so that XLA can drop the transpositions between one kernel and the next.
         out = jax.tree.map(lambda a: a[None], row_results([a[0] for a in row_leaves]))

@@ -35,12 +35,12 @@ def loop(goes_on: GoesOn, step: StepFunction, fixed: Any, state: Any) -> Any:
 
     Differentiable in forward mode, to any order: rates are then a part of the state.
     """
-    (own, start), rest = eqx.partition((fixed, state), eqx.is_array)
-    given, own_tree = jax.tree.flatten(own)
+    (arrays, start), rest = eqx.partition((fixed, state), eqx.is_array)
+    given, arrays_tree = jax.tree.flatten(arrays)
     at, state_tree = jax.tree.flatten(start)
 
     def combined(given: _Leaves, at: _Leaves) -> Any:
-        trees = jax.tree.unflatten(own_tree, given), jax.tree.unflatten(state_tree, at)
+        trees = jax.tree.unflatten(arrays_tree, given), jax.tree.unflatten(state_tree, at)
         return eqx.combine(trees, rest)
 
     def more(given: _Leaves, at: _Leaves) -> Any:
@@ -74,10 +74,10 @@ def _loop(
 
     def carried(size: int, moves: tuple[bool, ...], leaves: _Leaves) -> Any:
         made = [riders.get(i, frozenset()) for i in range(len(leaves))]
-        moving = [by for by, moved in zip(made, moves, strict=True) if moved]
+        moving = [origins for origins, moved in zip(made, moves, strict=True) if moved]
         if not all(moving):
             return None
-        rides = [any(by <= own for by in moving) for own in made]
+        rides = [any(origins <= origin for origins in moving) for origin in made]
         return _batch_of_rates(size, moves, rides, more, once, leaves, count, riders)
 
     def many(size: int, moves: tuple[bool, ...], leaves: _Leaves) -> _Leaves:
@@ -120,19 +120,19 @@ def _batch_of_rates(
 ) -> tuple[_Leaves, list[bool]]:  # fmt: skip
     """The loop of a batch in which only rates differ between cases: that of one case, with `size`
     values of each leaf that `rides`."""
-    axes = [0 if own else None for own in rides]
+    axes = [0 if is_rate else None for is_rate in rides]
     every = jax.vmap(once, in_axes=(axes[:count], axes[count:]))
 
     def step(given: _Leaves, at: _Leaves) -> _Leaves:
         out = zip(every(given, at), rides[count:], strict=True)
-        return [a if own else a[0] for a, own in out]
+        return [a if is_rate else a[0] for a, is_rate in out]
 
     def goes_on(*now: _Leaves) -> Any:
         first = iter(rides)
         return more(*([a[0] if next(first) else a for a in part] for part in now))
 
     triples = zip(leaves, moves, rides, strict=True)
-    leaves = [_for_each_case(size, a, moved) if own else a for a, moved, own in triples]
+    leaves = [_for_each_case(size, a, moved) if is_rate else a for a, moved, is_rate in triples]
     return _loop(goes_on, step, leaves[:count], leaves[count:], riders), rides[count:]
 
 
@@ -141,7 +141,7 @@ def _with_rates(
 ) -> tuple[_Leaves, Any]:
     """The final state of the loop and its rates, which are carried along as parts of the state."""
     moving = [i for i, a in enumerate(leaves) if eqx.is_inexact_array(a)]
-    own = sum(i < count for i in moving)  # number of rates of `given`, which come after it
+    n_given = sum(i < count for i in moving)  # number of rates of `given`, which come after it
     states = len(leaves) - count
 
     def pushed(given: _Leaves, at: _Leaves) -> _Leaves:
@@ -152,7 +152,7 @@ def _with_rates(
             for i, a in zip(moving, some, strict=True):
                 every[i] = a
             out = once(every[:count], every[count:])
-            return [out[i - count] for i in moving[own:]], out
+            return [out[i - count] for i in moving[n_given:]], out
 
         _, rate, out = jax.jvp(by_moving, ([now[i] for i in moving],), (rate,), has_aux=True)
         return [*out, *rate]
@@ -160,14 +160,17 @@ def _with_rates(
     def goes_on(given: _Leaves, at: _Leaves) -> Any:
         return more(given[:count], at[:states])
 
-    given = [*leaves[:count], *(rates[i] for i in moving[:own])]
-    start = [*leaves[count:], *(rates[i] for i in moving[own:])]
+    given = [*leaves[:count], *(rates[i] for i in moving[:n_given])]
+    start = [*leaves[count:], *(rates[i] for i in moving[n_given:])]
     this = frozenset([len(frozenset().union(*riders.values()))])
-    old = {i if i < count else i + own: by for i, by in riders.items()}
-    places = [*range(count, count + own), *range(count + own + states, len(given) + len(start))]
+    old = {i if i < count else i + n_given: makers for i, makers in riders.items()}
+    places = [
+        *range(count, count + n_given),
+        *range(count + n_given + states, len(given) + len(start)),
+    ]
     new = {at: riders.get(i, this) | this for at, i in zip(places, moving, strict=True)}
     out = _loop(goes_on, pushed, given, start, old | new)
-    found = dict(zip(moving[own:], out[states:], strict=True))
+    found = dict(zip(moving[n_given:], out[states:], strict=True))
     none = jax.dtypes.float0
     return out[:states], [
         found.get(i, np.zeros(leaves[i].shape, none)) for i in range(count, len(leaves))
@@ -214,7 +217,7 @@ class _Ensemble:
 
         def exchange(now: Any) -> Any:
             """Store the result of one case that is done, and start the next one in its lane."""
-            done, who, coming, own, state, results = now
+            done, who, coming, lane_fixed, state, results = now
             lane = jnp.argmax(done)
             results = _put(results, [_row(a, lane) for a in state], who[lane])
             # When all cases have been started, the lane keeps its final state and belongs to no
@@ -226,16 +229,16 @@ class _Ensemble:
             pairs = zip(start, self.moves, strict=True)
             new = [_row(a, next_one) if moved else a for a, moved in pairs]
             new = [jnp.where(is_left, a, b) for a, b in zip(new, old, strict=True)]
-            own = _put(own, [_row(a, next_one) for a in fixed], lane)
+            lane_fixed = _put(lane_fixed, [_row(a, next_one) for a in fixed], lane)
             who = who.at[lane].set(jnp.where(is_left, coming, no_case))
             state = _put(state, new, lane)
-            return done.at[lane].set(False), who, coming + is_left, own, state, results
+            return done.at[lane].set(False), who, coming + is_left, lane_fixed, state, results
 
         def body(now: Any) -> Any:
-            who, coming, own, state, results = now
-            state = self.step(own, state)
-            done: Bool[Array, " w"] = ~self.goes_on(own, state) & (who < size)
-            now = done, who, coming, own, state, results
+            who, coming, lane_fixed, state, results = now
+            state = self.step(lane_fixed, state)
+            done: Bool[Array, " w"] = ~self.goes_on(lane_fixed, state) & (who < size)
+            now = done, who, coming, lane_fixed, state, results
             return jax.lax.while_loop(lambda now: jnp.any(now[0]), exchange, now)[1:]
 
         first = [a[:width] for a in fixed]

@@ -77,7 +77,7 @@ class Program:
         how = _known(_HASTE) | how
         return OuterProgram(self._jit(self._whole, compiler_options=how), self._traces, how)
 
-    def here(self, *args: Any, **kwargs: Any) -> Any:
+    def for_call(self, *args: Any, **kwargs: Any) -> Any:
         """The program that a call with these arguments uses, which depends on whether it comes from
         within another program; the call is counted."""
         if _is_within():
@@ -95,7 +95,7 @@ class Program:
         return self.quick if may_be_quick and self._made.get(kind, 0) < self._calls else self.well
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return self.here(*args, **kwargs)(*args, **kwargs)
+        return self.for_call(*args, **kwargs)(*args, **kwargs)
 
     def enough(self, *args: Any, **kwargs: Any) -> None:
         """Let all further calls with arguments of this kind use the well compiled program, since

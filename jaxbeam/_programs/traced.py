@@ -22,8 +22,8 @@ class TracedProgram(NamedTuple):
 
     exported: Any
     leaves: list[Any]  # leaves of the result, `_ArrayPlace` for arrays
-    structure: Any  # of the result
-    compiled: dict[Any, Callable[..., Any]]  # by options of the compiler
+    structure: Any  # structure of the result
+    compiled: dict[Any, Callable[..., Any]]  # programs by options of the compiler
 
     def program(self, options: dict[str, Any]) -> Any:
         """The program of arrays as a `jax.jit`, compiled with these options."""
@@ -34,7 +34,8 @@ class TracedProgram(NamedTuple):
             def call(*arrays: Any) -> Any:
                 return exported.call(*arrays)
 
-            call.__name__ = exported.fun_name  # as JAX calls what it compiles
+            # Name of the function, by which JAX names its program.
+            call.__name__ = exported.fun_name
             self.compiled[how] = jax.jit(call, compiler_options=options or None)
         return self.compiled[how]
 
@@ -98,7 +99,8 @@ class Traces:
         except (NotKept, NotImplementedError) as error:
             self._refused(error)
             return None
-        except Exception:  # by the function, whose call raises it again, or by unusual objects
+        # Raised by the function, whose call raises it again, or by unusual objects.
+        except Exception:
             return None
         if sources_stayed():
             program_folder.write(name, body)

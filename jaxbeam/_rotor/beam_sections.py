@@ -69,11 +69,11 @@ class BeamSections(AbstractSections):
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
         beam = self.beam
 
-        def at(value: Property) -> Array:
+        def values(value: Property) -> Array:
             return along(value, places)
 
-        mass, polar = at(beam.mass_per_length), polar_inertia(beam, at)
-        lag, flap = shared(polar, beam, at)
+        mass, polar = values(beam.mass_per_length), polar_inertia(beam, values)
+        lag, flap = shared(polar, beam, values)
         return _diagonal(mass, mass, mass, polar, flap, lag)
 
     def _stiffnesses(self, places: Places) -> tuple[Array, ...]:

@@ -266,7 +266,7 @@ class Blade(Parameters, AbstractSections):
         length: Any = weight @ jnp.sqrt(jnp.sum(slope**2, 1))
         return length
 
-    is_uniform = False  # as `Beam.is_uniform`
+    is_uniform = False  # a blade always counts as varying
     span_features = ("blade",)
 
     def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -312,7 +312,8 @@ class Blade(Parameters, AbstractSections):
         f = inverses(self.stiffness_at(beside_steps))
         about2, about3, coupling = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
         difference = about2 - about3
-        # Of the principal axes those nearest to axes of the section; these if bending is isotropic.
+        # Principal axes nearest to axes of the section, or these themselves if bending is
+        # isotropic.
         sign, isotropic = jnp.where(difference < 0, -1.0, 1.0), (coupling == 0) & (difference == 0)
         across, along = (
             jnp.where(isotropic, 0.0, sign * 2 * coupling),

@@ -11,9 +11,11 @@ from jaxbeam._types import is_concrete
 
 # Strains (or velocities) in the order along, two across, and about three axes: at another point of
 # the section they are those at the reference point, plus these matrices times its coordinates.
-_ALONG = np.zeros((2, 6, 6))  # of strains along, for the second and the third coordinate
+# Part of strains along the blade, for the second and the third coordinate.
+_ALONG = np.zeros((2, 6, 6))
 _ALONG[0, 0, 5], _ALONG[1, 0, 4] = -1.0, 1.0
-_ACROSS = np.zeros((2, 6, 6))  # of strains across, for the second and the third coordinate
+# Part of strains across the blade, for the second and the third coordinate.
+_ACROSS = np.zeros((2, 6, 6))
 _ACROSS[0, 2, 3], _ACROSS[1, 1, 3] = 1.0, -1.0
 # A turn of the axes across by an angle a is _KEPT + cos(a) _TURNED + sin(a) _MIXED.
 _KEPT = np.diag([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])

@@ -104,8 +104,8 @@ class Motion(eqx.Module):
     def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
         """The `Hub` at time t; `gravity` is in inertial components."""
         (velocity, spin), (rate, spin_rate) = self.velocities_and_rates(t)
-        pull = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
-        return Hub(velocity, spin, rate, spin_rate, pull)
+        hub_gravity = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
+        return Hub(velocity, spin, rate, spin_rate, hub_gravity)
 
     def velocities_and_rates(
         self, t: Scalar

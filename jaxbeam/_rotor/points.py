@@ -22,8 +22,8 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, along, at_ends, 
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_concrete
 
-WIDTH = 1e-6  # of a box, as a share of the span
-_DIGITS = 12  # to which ends of boxes are rounded, so that equal ones compare as equal
+WIDTH = 1e-6  # width of a box, over the length of the beam
+_DIGITS = 12  # digits to which ends of boxes are rounded, so that equal ones compare as equal
 
 
 class Boxes(eqx.Module):
@@ -34,7 +34,7 @@ class Boxes(eqx.Module):
     @classmethod
     def about(cls, places: Sequence[float]) -> Self:
         """The boxes, of width `WIDTH`, about places x / L."""
-        both = ((at - WIDTH / 2, at + WIDTH / 2) for at in places)
+        both = ((place - WIDTH / 2, place + WIDTH / 2) for place in places)
         return cls(tuple((round(a, _DIGITS), round(b, _DIGITS)) for a, b in both))
 
     @property
@@ -131,7 +131,7 @@ class WithPoints(AbstractSpanwise):
     """A mass per length with point masses, spread over boxes, as a property along the span."""
 
     beam: Property  # mass per length without points, kg/m
-    masses: Float[Array, " k"]  # over the length, kg/m
+    masses: Float[Array, " k"]  # point masses over the length of the beam, kg/m
     boxes: Boxes
     kinks: tuple[float, ...] = eqx.field(static=True)
     steps: tuple[float, ...] = eqx.field(static=True)

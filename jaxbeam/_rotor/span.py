@@ -22,7 +22,8 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, at_ends
 # Least number of segments along a beam, so that kinks of functions that are not declared do little
 # harm. Intervals of short tables are divided, also to follow stiffnesses that fall by decades.
 _FEWEST = 48
-_SHORT = 1e-4  # of the span: shorter segments, of steps and points, are not divided
+# Length, over that of the beam, below which segments (of steps and points) are not divided.
+_SHORT = 1e-4
 _STEEPEST = 8.0  # largest logarithm of the ratio of stiffnesses in a segment that points follow
 
 
@@ -46,7 +47,7 @@ class Span(eqx.Module):
     rate: Any  # (p,) d xi / dt
     steepness: Any  # (2, e) r_0 and r_1
     edges: tuple[float, ...] = eqx.field(static=True)
-    points: int = eqx.field(static=True)  # of each segment
+    points: int = eqx.field(static=True)  # number of points in each segment
 
     @classmethod
     def between(cls, edges: tuple[float, ...], points: int, steepness: Any = None) -> Self:

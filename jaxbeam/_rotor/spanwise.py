@@ -93,7 +93,7 @@ class Spanwise(AbstractSpanwise):
                 f"stations must go from 0 to 1 (x / L), got {places[0]:g} to {places[-1]:g}"
             )
         for i, step in enumerate(np.diff(places)):
-            if not step >= 0:  # or NaN
+            if not step >= 0:  # also for NaN
                 raise ValueError(
                     f"stations must not decrease, got {places[i]:g} and then {places[i + 1]:g} "
                     f"at number {i + 2}"
@@ -119,7 +119,7 @@ class Spanwise(AbstractSpanwise):
         left, _ = between(self.stations, (places[1:] + places[:-1]) / 2)
         gap = stations[left + 1] - stations[left]
         first, second = self.values[left], self.values[left + 1]
-        both = ((at - stations[left]) / gap for at in (places[:-1], places[1:]))
+        both = ((edge - stations[left]) / gap for edge in (places[:-1], places[1:]))
         start, end = (first * (1 - share) + second * share for share in both)
         return start, end
 

@@ -90,4 +90,4 @@ class Support(Parameters):
     @property
     def springs(self) -> tuple[Number | None, ...]:
         """Springs along and about the three axes, in the order of fields; None where rigid."""
-        return tuple(getattr(self, way) for way in WAYS)
+        return tuple(getattr(self, name) for name in WAYS)

@@ -5,7 +5,7 @@ from typing import Any
 
 from jaxbeam._checks import plain, real_array, real_scalar
 
-_RPM = math.pi / 30  # rad/s
+_RPM = math.pi / 30  # one turn per minute in rad/s
 
 
 def rpm(speed: Any) -> Any:

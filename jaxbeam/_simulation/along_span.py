@@ -18,7 +18,7 @@ from jaxbeam._types import Scalar, Triple, Vector
 
 
 class Instant(NamedTuple):
-    """A scene at one time."""
+    """A scene at one time, with the state of the beam."""
 
     scene: Scene
     rotor: AnyRotor | None

@@ -24,7 +24,7 @@ def first_short(program: Program, max_steps: int | None, *given: Any) -> Simulat
     few = STEPS if max_steps is None else min(STEPS, max_steps)
     seen = not (ours and saveat is None and event is None and meter is None)
     result: Simulation
-    if not seen and program.here(*given, few) is program.quick is not program.well:
+    if not seen and program.for_call(*given, few) is program.quick is not program.well:
         result = program.quick(*given, few)
         if few == max_steps or result.status != Status.MAX_STEPS:
             stats = {**result.solution.stats, "max_steps": max_steps}

@@ -32,7 +32,7 @@ class _Followed(eqx.Module):
 
     wanted: Scalar  # end of the next step as the controller wants it
     inner: Any
-    velocities: Float[Array, " 6"]  # of the hub, at the end of the last accepted step
+    velocities: Float[Array, " 6"]  # velocities of the hub at the end of the last accepted step
     # Change of velocities so far that the integral of their rates does not explain.
     missed: Float[Array, " 6"]
     speed: Scalar
@@ -102,7 +102,8 @@ class _Following(diffrax.AbstractStepSizeController):
         speed = jnp.maximum(state.speed, jnp.max(jnp.abs(velocities)))
         off, rounding = jnp.max(jnp.abs(mismatch)), float(jnp.finfo(h.dtype).eps)
         shortest = h <= jnp.maximum(_SHORTEST * step_limits.duration, step_limits.pauses.near)
-        unknown = step_limits.rounding * jnp.max(jnp.abs(rate))  # by rounding of times
+        # Change of velocity by rounding of times.
+        unknown = step_limits.rounding * jnp.max(jnp.abs(rate))
         seen = shortest | (off <= (_MISMATCH + 32 * rounding) * speed + unknown)
         missed = state.missed + mismatch
 

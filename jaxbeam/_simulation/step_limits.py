@@ -56,11 +56,11 @@ class StepLimits(eqx.Module):
 
     rounding: Scalar  # rounding of times by the clock of motion and loads, s
     spacing: Scalar  # spacing of the samples, s
-    longest_step: Float[Array, "64 3"]  # in each cell of `_longest_step`, in s
+    longest_step: Float[Array, "64 3"]  # longest step in each cell, as of `_longest_step`
     pauses: Pauses  # declared times at which steps end
     at_rest: Scalar  # longest step while the beam is still at rest, s
     quick: Scalar  # between declared times closer than this the beam hardly moves, s
-    velocities: Float[Array, " 6"]  # of the hub at the start, after a jump there, m/s
+    velocities: Float[Array, " 6"]  # velocities of the hub at the start, after a jump there, m/s
     speed: Scalar  # largest velocity of the hub, m/s
     measure: Matrix | None  # see `Equations.velocity_measure`
 

@@ -256,7 +256,7 @@ class Reduced(NamedTuple):
 
     @property
     def rows(self) -> np.ndarray:
-        """Indices of the coordinates that are looked at."""
+        """Indices of the coordinates of this coupling group."""
         return np.flatnonzero([f in self.directions for f in self.model.directions])
 
     def matrices(self, speed: Scalar) -> tuple[Matrix, Matrix, Matrix, Matrix, Code]:
@@ -301,13 +301,14 @@ class Reduced(NamedTuple):
         return phi, jnp.maximum(w2, slow) ** 0.25
 
     def monodromy(self, steps: int, fewer: int | None = None) -> "Monodromy":
-        """The matrices that take (x, y) through the period by so many steps, and by fewer."""
+        """The matrices that take (x, y) through a period, by `steps` steps and by `fewer`."""
         phi, root = self.coordinates
         n = root.size
 
         def rate(t: Scalar) -> Matrix:
             m, g, k, d, _ = self.matrices(self.speed(t))
-            m, g, k, d = (phi.T @ a @ phi for a in (m, g, k, d))  # m is the unit matrix, but has
+            # M is the unit matrix, but with derivatives.
+            m, g, k, d = (phi.T @ a @ phi for a in (m, g, k, d))
             light = inverse(m)
             rotation = light @ (g / 2)
             press = g / 2 + d

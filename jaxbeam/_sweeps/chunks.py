@@ -87,7 +87,7 @@ class Work(NamedTuple):
             case[lanes] = lanes
             filled = jax.device_put({name: c[case] for name, c in columns.items()}, device)
             result = batched(function, filled)
-            refuse_traced(result)  # for traced numbers that the function reads from outside
+            refuse_traced(result)  # raises for traced numbers that the function reads from outside
             found = named(jax.device_get(result))
             kept = {name: np.asarray(leaf, self.specs[name].dtype) for name, leaf in found.items()}
             return {name: leaf[lanes] for name, leaf in kept.items()}

@@ -105,7 +105,7 @@ class ResultFolder(_Chunks):
         super().__init__(n, chunk)
         self.folder, self.mark, self.specs = folder, mark, specs
         self.errors = self._finished()
-        self.computed: dict[int, bool] = {}  # for each chunk that was put, false if it was given up
+        self.computed: dict[int, bool] = {}  # chunks that were put; false for those given up
 
     def missing(self) -> list[int]:
         """Numbers of the chunks without complete results."""
@@ -131,7 +131,7 @@ class ResultFolder(_Chunks):
         self.errors[number], self.computed[number] = errors, part.computed
 
     def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
-        """Results, mapped from their files as they are looked at, and messages of all cases."""
+        """Results, as arrays mapped from their files, and messages of all cases."""
         if self.computed:  # other processes may have written meanwhile
             self._must_be_ours()
             given_up = [k for k, computed in self.computed.items() if not computed]

@@ -132,7 +132,7 @@ class _Job(NamedTuple):
     cases: Cases
     chunk: int
     devices: tuple[jax.Device | None, ...]
-    executor: Any  # in the place of devices; None: devices
+    executor: Any  # executor in the place of devices; None: devices are used
     folder: Path | None
     dims: Dims
 

@@ -55,8 +55,8 @@ class Engineering(Element):
     tears = True
 
     def strains(self, e: LocalGradients) -> Strains:
-        at = self._bent(e)
-        return at.strain, at.angle_rate
+        bent = self._bent(e)
+        return bent.strain, bent.angle_rate
 
     def force(self, e: LocalGradients) -> LocalGradients:
         bent = self._bent(e)
@@ -157,10 +157,10 @@ class Engineering(Element):
 class _Bent(NamedTuple):
     """The deformed axis at the Gauss points, in the symbols of `Engineering`."""
 
-    strain: Float[Array, "g *lanes"]  # |r'| - 1
+    strain: Float[Array, "g *lanes"]  # axial strain |r'| - 1
     size: Float[Array, "g *lanes"]  # |r'|
-    square: Float[Array, "g *lanes"]  # s
+    square: Float[Array, "g *lanes"]  # s = r'.r'
     along: Float[Array, "2 g *lanes"]  # r'
-    back: Float[Array, "2 g *lanes"]  # t
-    curved_normal: Float[Array, "2 g *lanes"]  # J r''
-    angle_rate: Float[Array, "g *lanes"]  # phi'
+    back: Float[Array, "2 g *lanes"]  # t = -J r'
+    curved_normal: Float[Array, "2 g *lanes"]  # J r'', J the turn by a right angle from a2 to a1
+    angle_rate: Float[Array, "g *lanes"]  # phi', rate of the angle of the tangent

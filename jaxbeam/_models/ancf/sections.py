@@ -201,7 +201,7 @@ class PlanarEnds(EndSprings):
     hundredths of h / L.
     """
 
-    spring: Number | None  # of the root, N m / rad; None: clamped
+    spring: Number | None  # stiffness of the spring at the root, N m / rad; None: clamped
     hold: Number | None  # 10 n EA L, J; None: no body
 
     def __init__(self, rotor: Rotor, axial_stiffness: Number, n_elements: int) -> None:

@@ -68,7 +68,8 @@ class _Nodal(_ANCF):
 
     supports = _ANCF.supports | ROOT_IN_PLANE
     element: ClassVar[type[Element]]
-    _yields: bool = eqx.field(static=True, default=False, kw_only=True)  # which `suited` sets
+    # Whether the root yields; set by `suited`.
+    _yields: bool = eqx.field(static=True, default=False, kw_only=True)
 
     @property
     def directions(self) -> tuple[Direction, ...]:

@@ -37,7 +37,7 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
 
-FunctionCounts = tuple[int, int, int]  # of axial, in-plane and flap functions
+FunctionCounts = tuple[int, int, int]  # numbers of axial, in-plane and flap functions
 _FALLS = 6.0  # weights of loads fall with this power of the number of their polynomial
 _MORE = 5  # points of a segment beyond those for polynomials
 
@@ -53,7 +53,7 @@ class Kind:
     """Static choices of a model about its functions."""
 
     counts: FunctionCounts
-    grading: int  # of polynomials
+    grading: int  # grading of polynomials: they are polynomials of x^(1/grading)
     points: int  # number of functions whose products the points of integration are exact for
     arc_length: bool  # whether axial functions are stretch by N / EA, not polynomials
 

@@ -234,7 +234,7 @@ def _forms(case: _Case, turning: _Turning, x: Shape) -> tuple[Array, Array | Non
 
 
 def _left_out(case: _Case, turning: _Turning, x: Shape, square: Array, eigenvalue: Array) -> Shape:
-    """The shape d that functions leave out: see the module's docstring."""
+    """The shape d that functions leave out of modes x, by its curvature d'' = C m - k."""
     profile, span, length = case.profile, case.span, case.rotor.beam.length
     swings, drags = square - case.speed**2, 2 * case.speed * eigenvalue
 

@@ -62,7 +62,7 @@ class Equations(eqx.Module):
 
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal | SmallMatrix]
     rigid_moments: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X the distance from the axis
-    length: eqx.AbstractVar[Number]  # of the beam, a scale of displacements, m
+    length: eqx.AbstractVar[Number]  # length of the beam, a scale of displacements, m
     tip_radius: eqx.AbstractVar[Number]  # distance of the undeformed tip from the axis, m
     energy_scale: eqx.AbstractVar[Number]  # a scale of energies, such as EI / L, J
 

@@ -130,7 +130,7 @@ class SpanLoad(eqx.Module):
         return cls(integral, _Density(loads, integral.pace(equations.length), places))
 
     def __call__(self, t: Scalar) -> AbstractSpanForce:
-        """The generalised force at time t."""
+        """The generalised force of the force along the span at time t."""
         return self.integral.generalised_force(self.density(t))
 
 

@@ -108,7 +108,7 @@ class FunctionSpanIntegral(AbstractSpanIntegral):
 
     @property
     def span(self) -> Span:
-        """The points of integration."""
+        """The span of the rule's points of integration."""
         out: Span = self.model.functions_from.rule(self.model.products, self.edges)
         return out
 

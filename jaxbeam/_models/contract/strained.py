@@ -45,7 +45,7 @@ class Strained(eqx.Module):
 
     @abc.abstractmethod
     def force(self, e: Array) -> Array:
-        """The elastic force."""
+        """The elastic force at coordinates e."""
 
     @transposed(on=False)
     def force_rate(self, e: Array, rate: Array) -> Array:

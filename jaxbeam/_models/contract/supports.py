@@ -86,9 +86,9 @@ class Neglects(NamedTuple):
     """Typical relative errors of a theory, each over a number that they are in proportion to. All
     are zero where nothing is known."""
 
-    stiffening: float = 0.0  # over the stiffening ratio
-    deflection: float = 0.0  # over the square of deflection over length
-    strain: float = 0.0  # over the steady strain
+    stiffening: float = 0.0  # error over the stiffening ratio
+    deflection: float = 0.0  # error over the square of deflection over length
+    strain: float = 0.0  # error over the steady strain
 
 
 def borne(model: type[Any], *, moving: bool = True) -> frozenset[str]:

@@ -224,7 +224,7 @@ class CartesianEquations(Equations):
         return matvec(append_axes(self.model.one_hot, vector.ndim - 1), vector)
 
     def _gram_product(self, *pairs: tuple[LaneMatrix, Vector]) -> Vector:
-        """The sum of [B] G q of the module's docstring over pairs (B, q), direction by direction:
+        """The sum of [B] G q, [B] G as of `inertial`, over pairs (B, q), direction by direction:
         the rows of G of one direction need one row of B."""
         out, start = [], 0
         for c, count in enumerate(self.model.counts):
@@ -241,7 +241,8 @@ class CartesianEquations(Equations):
         return FunctionSpanIntegral(functions.value, functions.slope, self.length, model, edges)
 
     def inertial(self, b: Float[Array, "3 3 *#lanes"]) -> Matrix:
-        """[B] G of the module's docstring."""
+        """The matrix [B] G with the entries B_cd G_ab, for coordinates a and b of directions c and
+        d."""
         one_hot = append_axes(self.model.one_hot, b.ndim - 2)
         return matmul(matmul(one_hot, b), one_hot.swapaxes(0, 1)) * self.gram
 
@@ -354,7 +355,7 @@ class CartesianEquations(Equations):
         return out - jnp.sum(slope[:, 1:] ** 2, 1)[:, None] / 2 * np.eye(3)[:1]
 
     def end(self, q: Vector) -> Triple:
-        """The unit vector e of the class's docstring."""
+        """The unit vector along the end of the beam, to first order a1 + f'(L) q / L."""
         slope = self._vector(self.shape_integrals.tip_slope * q) / self.length
         across = slope * np.array([0.0, 1.0, 1.0])
         short = 0.0 if self.stiffening is None else pairwise_sum(across * across) / 2

@@ -56,10 +56,10 @@ class _Cone(NamedTuple):
 
     rotor: Rotor
     span: Span
-    mass: Float[Array, " p"]  # of each point, kg
+    mass: Float[Array, " p"]  # mass of each point, kg
     lag: Float[Array, " p"]  # EI_zz, N m^2
     flap: Float[Array, " p"]  # EI_yy, N m^2
-    bending: tuple[Functions, Functions]  # in plane and in flap, for angles by slopes
+    bending: tuple[Functions, Functions]  # functions in plane and in flap, whose slopes are angles
     root_slopes: tuple[Vector, Vector]  # slopes of these functions at the root
 
     @classmethod

@@ -223,15 +223,15 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, 
         return jnp.where(alone > 0, jnp.maximum(both / jnp.where(alone > 0, alone, 1.0), 1.0), 1.0)
 
     def needed(weights: Array, matters: Array) -> Array:
-        pulls = weights @ np.array([0.0, 1.0, 1.0, 0.5])
-        stiff = np.array(counts).reshape(*(1,) * (pulls.ndim - 1), -1) ** 2 * weights[..., 0]
-        return jnp.any(matters) & jnp.any(pulls > stiff)
+        tension = weights @ np.array([0.0, 1.0, 1.0, 0.5])
+        stiff = np.array(counts).reshape(*(1,) * (tension.ndim - 1), -1) ** 2 * weights[..., 0]
+        return jnp.any(matters) & jnp.any(tension > stiff)
 
     def solver(weights: Array, residuals: Array, matters: Array) -> Array:
         ones = jnp.ones((len(counts), residuals.shape[1] // 2), residuals.dtype)
 
         def enlarged() -> Array:
-            if len(set(counts)) == 1:  # what is alike is compiled once
+            if len(set(counts)) == 1:  # equal counts share one program
                 return jax.lax.map(
                     lambda case: direction_ratios(case[0], case[1], counts[0]), (weights, residuals)
                 )
@@ -240,17 +240,17 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, 
 
         return jax.lax.cond(needed(weights, matters), enlarged, lambda: ones)
 
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Array:
-        """The factors of a batch, whose cases are not even looked at one by one where none needs
-        it."""
+    def many(size: int, per_case: tuple[bool, ...], leaves: list[Array]) -> Array:
+        """The factors of a batch; in batches without a case that needs them, they are ones without
+        a look at single cases."""
         weights, residuals, matters = leaves
         ones = jnp.ones((size, len(counts), residuals.shape[-2] // 2), residuals.dtype)
 
         def each(moving: list[Array]) -> Array:
             rest = iter(moving)
-            return solver(*(next(rest) if o else a for a, o in zip(leaves, own, strict=True)))
+            return solver(*(next(rest) if o else a for a, o in zip(leaves, per_case, strict=True)))
 
-        moving = [a for a, o in zip(leaves, own, strict=True) if o]
+        moving = [a for a, o in zip(leaves, per_case, strict=True) if o]
         return jax.lax.cond(
             needed(weights, matters), lambda: jax.lax.map(each, moving), lambda: ones
         )
@@ -264,7 +264,8 @@ _FAR = 64  # functions beyond those of a model: they see layers of a ten thousan
 
 @functools.lru_cache(maxsize=64)
 def _products(grading: int, size: int) -> Float[np.ndarray, "4 n n"]:
-    """Products of so many functions, of curvatures and by the three parts of tension."""
+    """Integrals of products of `size` functions: of curvatures, and of slopes with the three parts
+    of tension."""
     t, w = legendre.leggauss(grading * (size + 4))
     xi, rate = ((1 + t) / 2) ** grading, grading * ((1 + t) / 2) ** (grading - 1) / 2
     root = np.sqrt(w * rate)[:, None]
@@ -283,5 +284,5 @@ def _stiffness(rotor: Rotor) -> tuple[Float[Array, " 3"], Any]:
     in_plane, flap = beam.in_plane_bending_stiffness / cubed, beam.flap_bending_stiffness / cubed
     axes = None if rotor.pitch is None else (jnp.cos(rotor.pitch), jnp.sin(rotor.pitch))
     bending, across = in_beam_axes(in_plane, flap, axes)
-    own = jnp.broadcast_arrays(beam.axial_stiffness / beam.length, *bending)
-    return jnp.stack(own), 0.0 if across is None else across
+    stiffness = jnp.broadcast_arrays(beam.axial_stiffness / beam.length, *bending)
+    return jnp.stack(stiffness), 0.0 if across is None else across

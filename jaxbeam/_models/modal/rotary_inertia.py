@@ -171,16 +171,16 @@ class RotaryInertia(eqx.Module):
         )
 
     def momentum(
-        self, at: Functions, length: Number, span: Span, moments: SecondMoments, q: Vector,
+        self, functions: Functions, length: Number, span: Span, moments: SecondMoments, q: Vector,
         v: Vector, spin: Triple,
     ) -> Float[Array, "p 3"]:  # fmt: skip
         """Angular momentum per length of sections about their centres at the points of a span, by
-        their second moments and the functions `at` these points."""
+        their second moments and the functions there."""
         bending = one_hots(self.counts)[:, 1:]
-        curvature = jnp.where(bending.any(1), at.curvature, 0.0)
+        curvature = jnp.where(bending.any(1), functions.curvature, 0.0)
 
         def turned_directors(q: Vector) -> Array:
-            lag, flap = (at.slope @ (bending * q[:, None]) / length).T
+            lag, flap = (functions.slope @ (bending * q[:, None]) / length).T
             if self.winding is None:
                 return directors(lag, flap, None)
             by_lag, by_flap = (curvature @ (bending * q[:, None]) / length).T
@@ -196,7 +196,8 @@ class RotaryInertia(eqx.Module):
         return jnp.asarray(append_axes(np.eye(3), some.ndim)) * jnp.ones_like(some)
 
     def _constant(self, b: Array) -> Vector:
-        """c(B) of the module's docstring."""
+        """Derivatives c(B), by coordinates, of sum E_kl d_k.B a_l with directors d_k to first
+        order."""
         rows = append_axes(one_hots(self.counts)[:, 1:], b.ndim - 2)
         each = zip(self.slopes, constant(b), strict=True)
         terms = [s * (rows[:, 0] * c[0] + rows[:, 1] * c[1]) for s, c in each if s is not None]
@@ -214,7 +215,8 @@ class RotaryInertia(eqx.Module):
         return functools.reduce(jnp.add, terms)
 
     def _second_order(self, b: Array) -> Matrix | float:
-        """P(B) of the module's docstring."""
+        """Second derivatives P(B), by coordinates, of sum E_kl d_k.B a_l with directors d_k to
+        second order."""
         if self.winding is None:
             return 0.0
         out = self._from_products(second_order(b))
