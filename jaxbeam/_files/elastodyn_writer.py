@@ -14,7 +14,8 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise
 from jaxbeam._types import is_concrete
 
 _STEP = 1e-9  # distance, over L, of two stations of the file that are one step of a beam
-_MORE = np.linspace(0.0, 1.0, 51)  # stations for properties that are not linear between their own
+# More stations, for properties that are not linear between stations
+_MORE = np.linspace(0.0, 1.0, 51)
 _TUNING = [("FlStTunr(1)", 1), ("FlStTunr(2)", 1), ("AdjBlMs", 1), ("AdjFlSt", 1), ("AdjEdSt", 1)]
 _PITCH_AXIS = 0.25  # needed by aerodynamics alone
 

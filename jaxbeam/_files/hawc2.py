@@ -228,8 +228,8 @@ def _axis(path: Path, body: _MainBody) -> Axis:
 def _warn_of_side(path: Path, table: np.ndarray) -> None:
     """Warn where the line of half chords seems to be on the wrong side of the pitch axis.
 
-    Off the axis of pitch by x along a chord that is turned by the twist a half chord is off by x
-    tan(twist) in y; what is smooth besides is prebend.
+    Where the chord is turned by the twist, a half chord that is x off the pitch axis along the
+    chord is x tan(twist) off it in y. Smooth offsets besides are prebend.
     """
     x, y, z, twist = table.T
     along = x * np.tan(np.deg2rad(twist))

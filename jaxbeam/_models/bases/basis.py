@@ -78,7 +78,7 @@ class Basis(abc.ABC):
         return "function"
 
     def towards(self, direction: Direction) -> "Basis":
-        """The basis of the bending functions in one direction."""
+        """The basis for bending in one direction: itself, unless functions differ by direction."""
         return self
 
 
