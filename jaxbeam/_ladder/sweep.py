@@ -34,7 +34,7 @@ _SAFETY = 1.5
 # Ratio of a rung's error to its distance from the rung below, where nothing else is known.
 _RATIO = 0.25
 _NOISE = 0.1  # differences below this share of the tolerance count as noise
-_SMALL = 0.1  # share of the tolerance below which errors of linear theory are no evidence
+_SMALL = 0.1  # nonlinearity over the tolerance up to which linear theory itself counts as exact
 _START = 0.5  # typical error of the first rung that is asked, over the tolerance
 
 

@@ -196,9 +196,9 @@ def _displacements(
     becomes the displacement that it makes in a mode with one period between two corners of the
     motion, a time `apart` (s).
 
-    What has corners sets all modes in motion, those too that no step between two corners resolves.
-    Their displacements are small, but not their velocities; and of these a table whose samples are
-    slower than they are knows nothing. Of slower modes the error of the displacement tells.
+    A motion with corners excites all modes, also those that no step between two corners resolves.
+    These have small displacements but large velocities, about which a table with slower samples
+    says nothing. Errors of slower modes show in the error of the displacement.
     """
     equations, per_rate = scene.equations, apart / (2 * np.pi)
     mass = equations.rigid_moments[0]

@@ -90,8 +90,8 @@ class Pauses(eqx.Module):
 
     def apart(self, t: Scalar) -> Scalar:
         """The longest of the distances between the declared times about t and of those next to
-        these: a pulse is short, but not what follows it. Before the first and after the last of
-        them the run begins and ends. Infinite for fewer times than a table has."""
+        these: a pulse is short, but not what follows it. The beginning of the run, at zero, and its
+        end count as declared times here. Infinite for fewer times than a table has."""
         most = self.first.size - 1
         if most < _FEW:
             return jnp.full_like(t, jnp.inf)

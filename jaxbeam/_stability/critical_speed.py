@@ -155,9 +155,10 @@ def _resolved(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Bool[Arra
     """Whether a model's own number of functions is enough to say that bending gives way at this
     speed, or not below it.
 
-    What points outwards never gives way. Before the axis, or in a cone, it may at any speed, where
-    tension nearly holds it: the little that is left is known a hundred times worse than a
-    frequency, so that functions have to follow layers four times as thin.
+    A beam that points outwards never gives way by bending. One inside the axis (a negative hub
+    radius) or in a cone may, where tension nearly cancels its stiffness: the remainder has a
+    relative error a hundred times that of a frequency, so that functions have to be enough for
+    boundary layers four times as thin.
     """
     if not isinstance(rotor, Rotor) or Direction.IN_PLANE not in model.directions:
         return jnp.ones((), bool)
