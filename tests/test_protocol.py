@@ -26,7 +26,7 @@ BEAM = jb.Beam.from_slenderness(70.0)
 ROTOR = jb.Rotor(BEAM, 0.1, 0.3)
 FIRST = jb.labels(in_plane=1)
 TIMES = jnp.linspace(0.0, 4.0, 5)
-SHORT_BLADE = jb.blades.Blade.from_beam(jb.Beam(1.0, 1.0, 1e4, 1.0, 2.0, torsional_stiffness=1.0))
+SHORT_BLADE = jb.blades.Blade.of(jb.Beam(1.0, 1.0, 1e4, 1.0, 2.0, torsional_stiffness=1.0))
 
 
 class Failing(NamedTuple):

@@ -161,5 +161,5 @@ def _values(value: Any, at: np.ndarray, side: int) -> np.ndarray:
         return np.where(first <= last, values[np.clip(own, 0, places.size - 1)], between)
     if isinstance(value, AbstractSpanwise):
         beside = np.clip(at + 1e-12 * side, 0.0, 1.0)  # a property has no value at a kink
-        return np.asarray(value.values_at(beside))
+        return np.asarray(value.at(beside))
     return np.full(at.size, float(value))

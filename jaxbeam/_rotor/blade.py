@@ -166,7 +166,7 @@ class Blade(Parameters, AbstractSections):
             self.gyration = jnp.broadcast_to(radius, (count,))
 
     @classmethod
-    def from_beam(cls, beam: Beam, stations: Sequence[float] | None = None) -> Self:
+    def of(cls, beam: Beam, stations: Sequence[float] | None = None) -> Self:
         """The blade that has the properties of a `Beam`: straight, with diagonal sections.
 
         `stations` (n,) are places of sections and of points of the axis: by default those of the

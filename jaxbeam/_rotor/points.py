@@ -144,7 +144,7 @@ class WithPoints(AbstractSpanwise):
         self.kinks = tuple(sorted({*kinks, *self.boxes.kinks}))
         self.steps = tuple(sorted({*steps, *self.boxes.kinks}))
 
-    def values_at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
+    def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         return along(self.beam, xi) + self.boxes.density(np.asarray(xi, float)) @ self.masses
 
     def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:

@@ -34,20 +34,20 @@ class AbstractSpanwise(eqx.Module):
     steps: eqx.AbstractVar[tuple[float, ...]]  # kinks at which it may jump
 
     @abc.abstractmethod
-    def values_at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
+    def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         """Values at places xi = x / L, none of which is a kink."""
 
     def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:
         """Values at places s, from 0 to 1, of each segment between edges, among which all kinks
         must be."""
         places = np.asarray(edges)
-        return self.values_at(
-            (places[:-1, None] + np.diff(places)[:, None] * s).reshape(-1)
-        ).reshape(s.shape)
+        return self.at((places[:-1, None] + np.diff(places)[:, None] * s).reshape(-1)).reshape(
+            s.shape
+        )
 
     def ends(self, edges: tuple[float, ...]) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
         """Values just after the start and just before the end of every segment between edges."""
-        first, last = (self.values_at(xi) for xi in beside_kinks(edges))
+        first, last = (self.at(xi) for xi in beside_kinks(edges))
         return first, last
 
     @abc.abstractmethod
@@ -106,7 +106,7 @@ class Spanwise(AbstractSpanwise):
         self.kinks = tuple(sorted(set(self.stations[1:-1])))
         self.steps = tuple(places[1:][np.diff(places) == 0].tolist())
 
-    def values_at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
+    def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         left, share = between(self.stations, np.asarray(xi, float))
         return self.values[left] * (1 - share) + self.values[left + 1] * share
 
@@ -159,7 +159,7 @@ class SpanwiseFunction(AbstractSpanwise):
         self.function, self.kinks = function, tuple(places.tolist())
         self.steps = self.kinks  # it may jump at any of them
 
-    def values_at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
+    def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         with jax.ensure_compile_time_eval():  # concrete places, so that the function may use NumPy
             points = jnp.asarray(xi)
         with traceable("function"):
@@ -173,7 +173,7 @@ class SpanwiseFunction(AbstractSpanwise):
 
     def samples(self) -> Float[Array, " k"]:
         edges = (0.0, *self.kinks, 1.0)
-        return self.values_at(points_within(edges)[0])
+        return self.at(points_within(edges)[0])
 
 
 Property = Any  # Scalar | AbstractSpanwise, left to users as they gave it
@@ -182,13 +182,13 @@ Property = Any  # Scalar | AbstractSpanwise, left to users as they gave it
 def along(value: Property, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
     """Values of a property at places xi = x / L, none of which is a kink."""
     if isinstance(value, AbstractSpanwise):
-        return value.values_at(xi)
+        return value.at(xi)
     return jnp.broadcast_to(value, np.shape(xi))
 
 
 def at_root(value: Property) -> Scalar:
     """The value of a property at the root."""
-    return value.values_at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
+    return value.at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
 
 
 def mean(value: Property) -> Number:
@@ -196,7 +196,7 @@ def mean(value: Property) -> Number:
     if not isinstance(value, AbstractSpanwise):
         return value
     xi, weight = points_within((0.0, *value.kinks, 1.0))
-    return jnp.asarray(weight) @ value.values_at(xi)
+    return jnp.asarray(weight) @ value.at(xi)
 
 
 @functools.lru_cache(maxsize=64)

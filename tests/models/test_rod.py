@@ -328,19 +328,17 @@ def test_twist_between_sections():
     uneven = jb.Spanwise([0, 0.2, 0.4, 1], [0.5, 0.1, 0, 0])
     given = 8.0, 0.2, 5e6, 566.0, 400.0
     beam = jb.Beam(*given, twist=uneven, torsional_stiffness=200.0, polar_inertia=0.01)
-    blade, xi = Blade.from_beam(beam), np.linspace(0.05, 0.95, 19)
-    np.testing.assert_allclose(blade.twist_at(xi), uneven.values_at(xi), atol=3e-4)
+    blade, xi = Blade.of(beam), np.linspace(0.05, 0.95, 19)
+    np.testing.assert_allclose(blade.twist_at(xi), uneven.at(xi), atol=3e-4)
     twist = [0.3, 0.05, 0, 0.1, 0.2, 0]
     axis = 3 * np.linspace(0, 1, 6)[:, None] * np.eye(3)[0]
     blade = Blade([0, 1], [BOX] * 2, [UNIT] * 2, axis, twist)
     plain = Blade([0, 1], [BOX] * 2, [UNIT] * 2, axis)
-    turned = blade.beam().twist.values_at(np.linspace(0, 1, 6)) - plain.beam().twist.values_at(
-        np.array([0.5])
-    )
+    turned = blade.beam().twist.at(np.linspace(0, 1, 6)) - plain.beam().twist.at(np.array([0.5]))
     np.testing.assert_allclose(turned, twist, atol=1e-9)
     steps = jb.Spanwise([0, 0.4, 0.4, 1], [0.5, 0.1, 0, 0])
     with pytest.raises(ValueError, match="does not jump"):
-        Blade.from_beam(jb.Beam(*given, twist=steps, torsional_stiffness=200.0))
+        Blade.of(jb.Beam(*given, twist=steps, torsional_stiffness=200.0))
 
 
 def test_what_it_refuses():
@@ -367,12 +365,12 @@ def test_blades_and_beams():
         8.0, jb.Spanwise(at, [3.0, 2.0, 1.0, 1.0]), 5e6, 566.0, jb.Spanwise([0, 1], [400.0, 300.0]),
         twist=jb.Spanwise([0, 1], [0.2, 0.0]), torsional_stiffness=200.0, polar_inertia=0.01,
     )  # fmt: skip
-    blade = Blade.from_beam(beam)
+    blade = Blade.of(beam)
     again = blade.beam()
     xi = np.array([0.1, 0.29, 0.31, 0.8])
     for name in ("mass_per_length", "flap_bending_stiffness", "twist", "axial_stiffness"):
         own, other = (
-            value.values_at(xi) if isinstance(value, jb.Spanwise) else value
+            value.at(xi) if isinstance(value, jb.Spanwise) else value
             for value in (getattr(beam, name), getattr(again, name))
         )
         np.testing.assert_allclose(other, own, rtol=1e-9)

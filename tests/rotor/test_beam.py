@@ -248,7 +248,7 @@ def test_a_function_of_the_span_may_hold_functions_of_its_own():
 
     layer = SpanwiseFunction(Layer(jnp.asarray(0.5), jnp.square))
     rotor = jb.Rotor(jb.Beam(**GOOD | {"mass_per_length": layer}))
-    found = jax.jit(lambda r: (r, r.beam.mass_per_length.values_at(np.ones(1))))(rotor)
+    found = jax.jit(lambda r: (r, r.beam.mass_per_length.at(np.ones(1))))(rotor)
     np.testing.assert_allclose(found[1], 1.25)
     assert jax.tree.structure(found[0]) == jax.tree.structure(rotor)
 

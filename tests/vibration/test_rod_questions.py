@@ -13,7 +13,7 @@ from jaxbeam import SpatialRod
 from jaxbeam.blades import Blade
 
 BEAM = jb.Beam(8.0, 0.2, 5e9, 566.0, 400.0, torsional_stiffness=200.0, polar_inertia=1e-6)
-BLADE = Blade.from_beam(BEAM)
+BLADE = Blade.of(BEAM)
 ROD, HYBRID = SpatialRod(6), jb.Hybrid(4, 6, 6)
 WHICH = jb.labels(in_plane=1, flap=1)
 FLAP = WHICH[1]

@@ -181,7 +181,7 @@ def test_a_file_that_is_written_reads_as_the_same_beam(tmp_path):
         "flap_bending_stiffness",
         "twist",
     ):
-        values = (getattr(beam, name).values_at(xi) for beam in (read.beam, BLADE))
+        values = (getattr(beam, name).at(xi) for beam in (read.beam, BLADE))
         np.testing.assert_allclose(*values, rtol=1e-8, atol=1e-12)
     said = dict(reversed(line.split()[:2]) for line in path.read_text().splitlines()[3:] if line)
     for name, row in (("BldFl1Sh", rows[0]), ("BldFl2Sh", rows[1]), ("BldEdgSh", edge)):
@@ -218,7 +218,7 @@ def test_stations_that_differ_by_rounding_are_written_once(stations, also, writt
     read = read_blade(path, length=50.0, axial_stiffness=1e9).beam
     xi = np.array([0.0, 2e-8, 0.1, 0.29999999, 0.30000001, 0.9, 1.0 - 2e-8, 1.0])
     for name in ("mass_per_length", "twist"):
-        there, wanted = (getattr(b, name).values_at(xi) for b in (read, beam))
+        there, wanted = (getattr(b, name).at(xi) for b in (read, beam))
         np.testing.assert_allclose(there, wanted, rtol=1e-7, atol=1e-8)
 
 
@@ -253,5 +253,5 @@ def test_what_cannot_be_written_is_said(tmp_path):
     assert not path.exists()
     write(title="BlFract BMassDen")  # as the titles of columns
     np.testing.assert_allclose(
-        read_blade(path, length=2.0, axial_stiffness=1e7).beam.mass_per_length.values_at(XI), 3.0
+        read_blade(path, length=2.0, axial_stiffness=1e7).beam.mass_per_length.at(XI), 3.0
     )

@@ -276,7 +276,7 @@ def axial_bending(model: _ANCF, rotor: Rotor) -> Matrix:
     if isinstance(stiffness, AbstractSpanwise):
         rule = model.functions_from.rule(n, (0.0, *stiffness.kinks, 1.0))
         curvature = model.functions_from.stretch(n, rule.xi).curvature
-        block = curvature.T @ ((rule.weight * stiffness.values_at(rule.xi))[:, None] * curvature)
+        block = curvature.T @ ((rule.weight * stiffness.at(rule.xi))[:, None] * curvature)
         return jnp.pad(block / beam.length**3, (0, others))
     out = np.zeros((len(model.directions),) * 2)
     out[:n, :n] = stretch_integrals(model.functions_from, n).curvature
